@@ -1,0 +1,1 @@
+"""A simulated Clearpath Husky, and the controller that drives it to the pillar."""

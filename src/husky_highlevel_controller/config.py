@@ -1,0 +1,74 @@
+"""Parameters become typed records.
+
+In: a mapping from the parameter server or a YAML file. Out: frozen records.
+Must not know: ROS.
+
+A record's fields with `metadata` are parameters: "min" and "max" bound them, "help" says what they are. A
+field that is itself a record is a nested namespace. Other fields are not for users.
+"""
+
+from __future__ import annotations
+
+import typing
+from dataclasses import Field, fields, is_dataclass
+from math import isfinite
+from typing import Any, Dict, List, Mapping, Set, Type
+
+from husky_highlevel_controller.datatypes import HuskyError
+
+
+class ConfigError(HuskyError):
+    """A parameter that is missing, unknown, or not allowed."""
+
+
+def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[Any]:
+    """Make one instance of each record class from one flat set of parameters.
+
+    Args:
+        values: parameter names and values; nested records are nested mappings.
+        source: where they come from, for error texts: a file or a namespace ending in '/'.
+        *records: dataclasses.
+
+    Raises:
+        ConfigError: a parameter is missing, unknown to all records, of the wrong type or out of range.
+    """
+    known: Set[str] = set()
+    made = []
+    for record in records:
+        hints = typing.get_type_hints(record)
+        taken: Dict[str, Any] = {}
+        for item in _parameters(record):
+            known.add(item.name)
+            if item.name not in values:
+                raise ConfigError(
+                    f"{source}{item.name} is missing ({item.metadata.get('help', 'a namespace')})"
+                )
+            taken[item.name] = _checked(values[item.name], item, hints[item.name], source)
+        made.append(record(**taken))
+    unknown = sorted(set(values) - known)
+    if unknown:
+        raise ConfigError(f"{source}{unknown[0]} is not a parameter; there are: {', '.join(sorted(known))}")
+    return made
+
+
+def _parameters(record: Type) -> List[Field]:
+    return [item for item in fields(record) if item.metadata]
+
+
+def _checked(value: Any, item: Field, kind: Type, source: str) -> Any:
+    name = source + item.name
+    if is_dataclass(kind):
+        if not isinstance(value, Mapping):
+            raise ConfigError(f"{name} = {value!r} is not a set of parameters")
+        return read_config(value, name + "/", kind)[0]
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)  # YAML's 1 is a fine 1.0
+    if type(value) is not kind:
+        raise ConfigError(f"{name} = {value!r} is not a {kind.__name__} ({item.metadata['help']})")
+    if kind in (int, float):
+        least, most = item.metadata["min"], item.metadata["max"]
+        if not (isfinite(value) and least <= value <= most):
+            raise ConfigError(f"{name} = {value} is out of range {least}..{most} ({item.metadata['help']})")
+    if kind is str and not value:
+        raise ConfigError(f"{name} is empty ({item.metadata['help']})")
+    return value

@@ -1,0 +1,200 @@
+"""The records that travel between modules: numbers with names, units and frames.
+
+In: nothing. Out: frozen records; small vectors are tuples, scans are read-only arrays.
+Must not know: ROS, PyBullet, files.
+
+SI units and REP 103 axes (x forward, y left, z up) throughout; quaternions are xyzw.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Optional, Tuple, Union
+
+import numpy as np
+
+Vector3 = Tuple[float, float, float]
+Quaternion = Tuple[float, float, float, float]
+Rgba = Tuple[float, float, float, float]
+
+
+class HuskyError(Exception):
+    """Base of every error this package raises on bad input; its text is meant for the user."""
+
+
+# ---------------------------------------------------------------------------- poses and motion
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A pose in space: of which frame, in which frame, says the variable's name."""
+
+    position: Vector3 = (0.0, 0.0, 0.0)  # [m]
+    quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Pose2D:
+    """A pose on the ground plane."""
+
+    x: float = 0.0  # [m]
+    y: float = 0.0  # [m]
+    yaw: float = 0.0  # [rad], counter-clockwise
+
+
+@dataclass(frozen=True)
+class Twist2D:
+    """A velocity of base_link, expressed in base_link."""
+
+    linear: float = 0.0  # [m/s], forward
+    angular: float = 0.0  # [rad/s], counter-clockwise
+
+
+STOP = Twist2D()
+
+
+# ---------------------------------------------------------------------------- world
+
+
+@dataclass(frozen=True)
+class Box:
+    size: Vector3  # [m], full edge lengths
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    radius: float  # [m]
+    length: float  # [m], along the part's z axis, centred
+
+
+@dataclass(frozen=True)
+class Sphere:
+    radius: float  # [m]
+
+
+@dataclass(frozen=True)
+class Plane:
+    normal: Vector3  # unit vector in the part's frame; collides as an infinite half space
+    size: Tuple[float, float]  # [m], only what is drawn of it
+
+
+Shape = Union[Box, Cylinder, Sphere, Plane]
+
+
+@dataclass(frozen=True)
+class Part:
+    """One shape of a thing."""
+
+    shape: Shape
+    pose_in_thing: Pose = Pose()
+    rgba: Rgba = (0.7, 0.7, 0.7, 1.0)  # each 0..1
+
+
+@dataclass(frozen=True)
+class Thing:
+    """One rigid body of the world."""
+
+    name: str
+    pose_in_world: Pose
+    collisions: Tuple[Part, ...]  # what it is made of for physics and the lidar
+    visuals: Tuple[Part, ...]  # what is drawn of it
+    mass: float = 0.0  # [kg]; 0 = static, never moves
+
+
+@dataclass(frozen=True)
+class World:
+    name: str
+    things: Tuple[Thing, ...]
+    gravity: Vector3 = (0.0, 0.0, -9.8)  # [m/s^2], in the world
+
+
+# ---------------------------------------------------------------------------- what the robot senses
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One sweep of a planar lidar (sensor_msgs/LaserScan without the header's clothes)."""
+
+    stamp: float  # [s]
+    frame: str
+    angle_min: float  # [rad], of beam 0 in `frame`
+    angle_max: float  # [rad], of the last beam
+    range_min: float  # [m]
+    range_max: float  # [m]
+    ranges: np.ndarray  # (N,) [m]; REP 117: too close -inf, no return +inf, invalid NaN
+
+    @property
+    def angle_increment(self) -> float:
+        """Step between beams in rad; (max - min) / (N - 1), or 0 for fewer than two beams."""
+        return (self.angle_max - self.angle_min) / max(len(self.ranges) - 1, 1)
+
+    @property
+    def bearings(self) -> np.ndarray:
+        """Angle of every beam in `frame`, (N,) [rad]."""
+        return np.linspace(self.angle_min, self.angle_max, len(self.ranges))
+
+    @property
+    def valid(self) -> np.ndarray:
+        """Mask of the beams that measured something, (N,) bool: range_min <= r <= range_max (REP 117)."""
+        with np.errstate(invalid="ignore"):
+            return (self.ranges >= self.range_min) & (self.ranges <= self.range_max)
+
+
+@dataclass(frozen=True)
+class WheelState:
+    """The four wheels, in the order of `names`."""
+
+    names: Tuple[str, ...]  # joint names
+    angles: Tuple[float, ...]  # [rad], not wrapped
+    speeds: Tuple[float, ...]  # [rad/s]
+    efforts: Tuple[float, ...]  # [N m], by the motor
+
+
+@dataclass(frozen=True)
+class RobotState:
+    """The truth about base_link."""
+
+    pose_in_world: Pose
+    velocity_in_base: Vector3  # [m/s], of base_link's origin
+    angular_velocity_in_base: Vector3  # [rad/s]
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The simulated robot at one instant."""
+
+    stamp: float  # [s] of simulated time
+    robot: RobotState
+    wheels: WheelState
+    odometry: Odometry
+    touched: Tuple[str, ...] = ()  # names of the things the robot touches with anything but its wheels
+    scan: Optional[Scan] = None  # None between two scan periods
+
+
+@dataclass(frozen=True)
+class Odometry:
+    """Dead reckoning: where the robot believes it is."""
+
+    pose_base_in_odom: Pose2D = Pose2D()
+    twist_in_base: Twist2D = STOP
+
+
+@dataclass(frozen=True)
+class Pillar:
+    """A pillar seen in one scan."""
+
+    x: float  # [m], centre, in the laser's frame
+    y: float  # [m], centre, in the laser's frame
+    radius: float  # [m]
+    beams: int  # how many beams it rests on
+    residual: float  # [m], root mean square distance of the beams' end points from the circle
+
+    @property
+    def bearing(self) -> float:
+        """Direction of the centre in the laser's frame [rad]."""
+        return float(np.arctan2(self.y, self.x))
+
+    @property
+    def distance(self) -> float:
+        """From the laser to the pillar's near surface [m]."""
+        return float(np.hypot(self.x, self.y)) - self.radius

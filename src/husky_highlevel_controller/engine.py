@@ -1,0 +1,271 @@
+"""PyBullet, in this package's words: a world of things, and one robot with four driven wheels.
+
+In: records. Out: records. This is the only module that talks to PyBullet.
+Must not know: ROS, commands, sensors, what time it is.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import tempfile
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+import pybullet
+
+from husky_highlevel_controller.datatypes import (
+    Box,
+    Cylinder,
+    HuskyError,
+    Part,
+    Plane,
+    Pose,
+    Sphere,
+    Thing,
+    Vector3,
+    WheelState,
+)
+from husky_highlevel_controller.geometry import compose, inverse
+from husky_highlevel_controller.robot import RobotModel
+
+log = logging.getLogger("rosout.engine")  # a child of rospy's logger: reaches /rosout without rospy
+
+_BASE = -1  # Bullet's index of the base link
+_WHEEL_TORQUE = 1000.0  # [N m], so that the wheels do as they are told (Gazebo: ideal velocity interface)
+_SOLVER_ITERATIONS = 20  # instead of 50: the same motion to 0.1 %, in half the time
+_LIFT_FROM = 1e-3  # [m], what is sunk deeper into the ground is put on top of it
+_URDF_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
+
+
+class PlacementError(HuskyError):
+    """Something cannot be put into the world as asked."""
+
+
+class Touch(NamedTuple):
+    """One point where the robot touches something."""
+
+    thing: str
+    wheel: Optional[int]  # index of the wheel that touches; None for the rest of the robot
+    point_in_world: Vector3  # [m]
+    normal_in_world: Vector3  # unit, from the thing to the robot
+    force: float  # [N], along the normal
+
+
+class Engine:
+    """A Bullet physics server, in this process and without a window."""
+
+    def __init__(self, dt: float) -> None:
+        """Start a server that steps `dt` s at a time."""
+        self._dt = dt
+        self._client = pybullet.connect(pybullet.DIRECT)
+        if self._client < 0:
+            raise HuskyError("PyBullet did not start a physics server")
+
+    def close(self) -> None:
+        """Give the server's memory back; the engine is of no use afterwards."""
+        pybullet.disconnect(self._client)
+
+    def clear(self, gravity: Vector3) -> None:
+        """Begin again with an empty world."""
+        pybullet.resetSimulation(physicsClientId=self._client)
+        pybullet.setGravity(*gravity, physicsClientId=self._client)
+        pybullet.setPhysicsEngineParameter(
+            fixedTimeStep=self._dt,
+            numSolverIterations=_SOLVER_ITERATIONS,
+            deterministicOverlappingPairs=1,
+            physicsClientId=self._client,
+        )
+        self._names: Dict[int, str] = {}  # of every body but the robot
+        self._bodies: Dict[str, int] = {}
+        self._planes: List[int] = []
+        self._inertial_in_body: Dict[int, Pose] = {}  # Bullet's poses are those of the inertial frame
+
+    # ------------------------------------------------------------------ things
+
+    def add_thing(self, thing: Thing) -> None:
+        """Put a thing into the world; one that can move and is sunk into the ground is stood on it.
+
+        Raises:
+            PlacementError: it is a plane that can move.
+        """
+        solids = []
+        for part in thing.collisions:
+            if isinstance(part.shape, Plane):  # Bullet takes no plane into a compound
+                self._add_plane(thing, part.shape.normal, part.pose_in_thing)
+            else:
+                solids.append(part)
+        if solids:
+            shape, center = _compound(solids, self._client), Pose(_center_of(solids))
+            body = self._add_body(thing.name, shape, thing.mass, thing.pose_in_world, center)
+            if thing.mass > 0.0:
+                self._lift_out_of_the_ground(body)
+
+    def pose_of(self, name: str) -> Pose:
+        """Where a thing is now, in the world.
+
+        Raises:
+            PlacementError: there is no thing of that name.
+        """
+        if name not in self._bodies:
+            raise PlacementError(f"no thing named '{name}'; there are: {', '.join(sorted(self._bodies))}")
+        return self._pose(self._bodies[name])
+
+    def _pose(self, body: int) -> Pose:
+        position, quat = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
+        return compose(Pose(position, quat), inverse(self._inertial_in_body[body]))
+
+    def _add_plane(self, thing: Thing, normal: Vector3, pose_in_thing: Pose) -> None:
+        if thing.mass > 0.0:
+            raise PlacementError(f"'{thing.name}' is a plane that can move ({thing.mass} kg); make it static")
+        shape = pybullet.createCollisionShape(
+            pybullet.GEOM_PLANE, planeNormal=normal, physicsClientId=self._client
+        )
+        pose = compose(thing.pose_in_world, pose_in_thing)
+        plane = self._add_body(thing.name, shape, 0.0, pose, Pose())
+        self._inertial_in_body[plane] = pose_in_thing
+        self._planes.append(plane)
+
+    def _add_body(self, name: str, shape: int, mass: float, pose: Pose, inertial_in_body: Pose) -> int:
+        body: int = pybullet.createMultiBody(
+            baseMass=mass,
+            baseCollisionShapeIndex=shape,
+            basePosition=pose.position,
+            baseOrientation=pose.quat_xyzw,
+            baseInertialFramePosition=inertial_in_body.position,
+            baseInertialFrameOrientation=inertial_in_body.quat_xyzw,
+            physicsClientId=self._client,
+        )
+        if body < 0:
+            raise PlacementError(f"PyBullet refused '{name}' at {pose.position}")
+        self._names[body], self._bodies[name] = name, body
+        self._inertial_in_body[body] = inertial_in_body
+        return body
+
+    def _lift_out_of_the_ground(self, body: int) -> None:
+        """Stand a movable body on the plane it was put into; Bullet would fling it into the air."""
+        for plane in self._planes:
+            points = pybullet.getClosestPoints(body, plane, 0.0, physicsClientId=self._client)
+            depth, normal = max(((-point[8], point[7]) for point in points), default=(0.0, ()))
+            if depth > _LIFT_FROM:
+                position, quat = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
+                lifted = [a + depth * n for a, n in zip(position, normal)]
+                pybullet.resetBasePositionAndOrientation(body, lifted, quat, physicsClientId=self._client)
+                names = self._names[body], self._names[plane]
+                log.info("'%s' was sunk %.2f m into '%s' and now stands on it", names[0], depth, names[1])
+
+    # ------------------------------------------------------------------ robot
+
+    def add_robot(self, model: RobotModel, pose: Pose) -> None:
+        """Put the robot into the world with base_link at `pose`."""
+        # Bullet reads URDFs from files only, and caches them by name: hence a new name every time
+        handle, path = tempfile.mkstemp(suffix=".urdf")
+        try:
+            with os.fdopen(handle, "w") as file:
+                file.write(model.physics_urdf)
+            self._robot = pybullet.loadURDF(path, flags=_URDF_FLAGS, physicsClientId=self._client)
+        finally:
+            os.remove(path)
+        links = range(pybullet.getNumJoints(self._robot, physicsClientId=self._client))
+        infos = [pybullet.getJointInfo(self._robot, link, physicsClientId=self._client) for link in links]
+        names = [info[1].decode() for info in infos]
+        self._wheel_names = tuple(wheel.joint for wheel in model.wheels)
+        self._wheels = [names.index(name) for name in self._wheel_names]
+        for link in (_BASE, *links):
+            # no grip of Bullet's own at the wheels (traction.py has it), nothing that slows the robot down
+            grip = {"lateralFriction": 0.0} if link in self._wheels else {}
+            pybullet.changeDynamics(
+                self._robot, link, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
+                physicsClientId=self._client, **grip,
+            )  # fmt: skip
+        info = pybullet.getDynamicsInfo(self._robot, _BASE, physicsClientId=self._client)
+        self._inertial_in_body[self._robot] = Pose(info[3], info[4])
+        start = compose(pose, self._inertial_in_body[self._robot])
+        pybullet.resetBasePositionAndOrientation(
+            self._robot, start.position, start.quat_xyzw, physicsClientId=self._client
+        )
+
+    def robot_motion(self) -> Tuple[Pose, Vector3, Vector3]:
+        """Pose of base_link, velocity of the base's centre of mass [m/s] and spin [rad/s], in the world."""
+        velocity, spin = pybullet.getBaseVelocity(self._robot, physicsClientId=self._client)
+        return self._pose(self._robot), velocity, spin
+
+    def robot_com(self) -> Vector3:
+        """Centre of mass of the base, in base_link [m]: whose velocity `robot_motion` tells."""
+        return self._inertial_in_body[self._robot].position
+
+    def robot_touches(self) -> List[Touch]:
+        """Every point where something presses on the robot."""
+        contacts = pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client)
+        wheel_of = {link: wheel for wheel, link in enumerate(self._wheels)}
+        return [
+            Touch(self._names[other], wheel_of.get(link), point, normal, force)
+            for _, _, other, link, _, point, _, normal, _, force, *_ in contacts
+            if force > 0.0
+        ]
+
+    def wheels(self) -> WheelState:
+        """Angles, speeds and torques of the wheels."""
+        states = pybullet.getJointStates(self._robot, self._wheels, physicsClientId=self._client)
+        angles, speeds, _, torques = zip(*states)
+        return WheelState(self._wheel_names, angles, speeds, torques)
+
+    def drive_wheels(self, speeds: Sequence[float]) -> None:
+        """Let the motors hold these speeds [rad/s]."""
+        pybullet.setJointMotorControlArray(
+            self._robot,
+            self._wheels,
+            pybullet.VELOCITY_CONTROL,
+            targetVelocities=speeds,
+            forces=[_WHEEL_TORQUE] * len(self._wheels),
+            physicsClientId=self._client,
+        )
+
+    def push_robot(self, force_in_world: Vector3, point_in_world: Vector3) -> None:
+        """Push the robot's body during the next step, at a point [N, m]."""
+        pybullet.applyExternalForce(
+            self._robot,
+            _BASE,
+            force_in_world,
+            point_in_world,
+            pybullet.WORLD_FRAME,
+            physicsClientId=self._client,
+        )
+
+    def step(self) -> None:
+        """Let the world go on by one step."""
+        pybullet.stepSimulation(physicsClientId=self._client)
+
+
+def _center_of(parts: Sequence[Part]) -> Vector3:
+    """Centre of mass of solid parts of one density, in their thing's frame [m]."""
+    volumes = np.array([_volume(part) for part in parts])
+    x, y, z = (volumes / volumes.sum() @ np.array([part.pose_in_thing.position for part in parts])).tolist()
+    return (x, y, z)
+
+
+def _volume(part: Part) -> float:
+    shape = part.shape
+    if isinstance(shape, Box):
+        return float(np.prod(shape.size))
+    if isinstance(shape, Cylinder):
+        return np.pi * shape.radius**2 * shape.length
+    if isinstance(shape, Sphere):
+        return 4.0 / 3.0 * np.pi * shape.radius**3
+    raise TypeError(f"{shape} has no volume")
+
+
+def _compound(parts: Sequence[Part], client: int) -> int:
+    """One Bullet shape of several parts; a cylinder is a true cylinder, not a hull of polygons."""
+    kinds = {Box: pybullet.GEOM_BOX, Cylinder: pybullet.GEOM_CYLINDER, Sphere: pybullet.GEOM_SPHERE}
+    shapes = [part.shape for part in parts]
+    shape: int = pybullet.createCollisionShapeArray(
+        shapeTypes=[kinds[type(shape)] for shape in shapes],
+        radii=[getattr(shape, "radius", 0.0) for shape in shapes],
+        lengths=[getattr(shape, "length", 0.0) for shape in shapes],
+        halfExtents=[[edge / 2.0 for edge in getattr(shape, "size", (0.0, 0.0, 0.0))] for shape in shapes],
+        collisionFramePositions=[part.pose_in_thing.position for part in parts],
+        collisionFrameOrientations=[part.pose_in_thing.quat_xyzw for part in parts],
+        physicsClientId=client,
+    )
+    return shape

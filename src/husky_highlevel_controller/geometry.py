@@ -1,0 +1,124 @@
+"""Rotations and poses in plane and space.
+
+In: numbers. Out: numbers. Must not know: ROS, PyBullet.
+Quaternions are xyzw; roll-pitch-yaw is the URDF/SDF convention (fixed axes x, y, z: R = Rz Ry Rx).
+"""
+
+from __future__ import annotations
+
+from math import atan2, cos, pi, sin
+from typing import Sequence
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import Pose, Pose2D, Quaternion, Twist2D, Vector3
+
+
+def wrap_angle(angle: float) -> float:
+    """The same direction in (-pi, pi] [rad]."""
+    wrapped = (angle + pi) % (2.0 * pi) - pi
+    return pi if wrapped == -pi else wrapped
+
+
+def quat_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Quaternion of fixed-axis roll, pitch, yaw [rad]."""
+    cr, sr = cos(roll / 2), sin(roll / 2)
+    cp, sp = cos(pitch / 2), sin(pitch / 2)
+    cy, sy = cos(yaw / 2), sin(yaw / 2)
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
+def quat_multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """The rotation `b` followed by `a` (a * b)."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def quat_inverse(quat: Quaternion) -> Quaternion:
+    """Inverse of a unit quaternion."""
+    x, y, z, w = quat
+    return (-x, -y, -z, w)
+
+
+def rotate(quat: Quaternion, vector: Sequence[float]) -> Vector3:
+    """The vector turned by a unit quaternion."""
+    qx, qy, qz, qw = quat
+    vx, vy, vz = vector
+    tx = 2.0 * (qy * vz - qz * vy)
+    ty = 2.0 * (qz * vx - qx * vz)
+    tz = 2.0 * (qx * vy - qy * vx)
+    return (
+        vx + qw * tx + qy * tz - qz * ty,
+        vy + qw * ty + qz * tx - qx * tz,
+        vz + qw * tz + qx * ty - qy * tx,
+    )
+
+
+def matrix_from_quat(quat: Quaternion) -> np.ndarray:
+    """Rotation matrix (3, 3) of a unit quaternion; its columns are the turned axes."""
+    return np.array([rotate(quat, axis) for axis in np.eye(3).tolist()]).T
+
+
+def yaw_from_quat(quat: Quaternion) -> float:
+    """Heading of the turned x axis on the ground plane [rad]."""
+    x, y, z, w = quat
+    return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def compose(pose_b_in_a: Pose, pose_c_in_b: Pose) -> Pose:
+    """pose_c_in_a."""
+    moved = rotate(pose_b_in_a.quat_xyzw, pose_c_in_b.position)
+    x, y, z = pose_b_in_a.position
+    return Pose(
+        (x + moved[0], y + moved[1], z + moved[2]),
+        quat_multiply(pose_b_in_a.quat_xyzw, pose_c_in_b.quat_xyzw),
+    )
+
+
+def inverse(pose_b_in_a: Pose) -> Pose:
+    """pose_a_in_b."""
+    back = quat_inverse(pose_b_in_a.quat_xyzw)
+    x, y, z = rotate(back, pose_b_in_a.position)
+    return Pose((-x, -y, -z), back)
+
+
+def transform_point(pose_b_in_a: Pose, point_in_b: Sequence[float]) -> Vector3:
+    """point_in_a."""
+    dx, dy, dz = rotate(pose_b_in_a.quat_xyzw, point_in_b)
+    x, y, z = pose_b_in_a.position
+    return (x + dx, y + dy, z + dz)
+
+
+def pose_from_2d(pose: Pose2D, z: float = 0.0) -> Pose:
+    """The pose in space of a pose on the ground, `z` m above it."""
+    return Pose((pose.x, pose.y, z), quat_from_rpy(0.0, 0.0, pose.yaw))
+
+
+def pose_to_2d(pose: Pose) -> Pose2D:
+    """A pose in space seen from above."""
+    return Pose2D(pose.position[0], pose.position[1], yaw_from_quat(pose.quat_xyzw))
+
+
+def advance(pose: Pose2D, twist_in_base: Twist2D, duration: float) -> Pose2D:
+    """Where a constant twist leads in `duration` s: exactly along the arc."""
+    turn = twist_in_base.angular * duration
+    # sin(a)/a and (1-cos(a))/a, by series where the quotient loses its digits
+    if abs(turn) < 1e-4:
+        along, across = 1.0 - turn * turn / 6.0, turn / 2.0
+    else:
+        along, across = sin(turn) / turn, (1.0 - cos(turn)) / turn
+    length = twist_in_base.linear * duration
+    dx, dy = length * along, length * across
+    c, s = cos(pose.yaw), sin(pose.yaw)
+    return Pose2D(pose.x + c * dx - s * dy, pose.y + s * dx + c * dy, wrap_angle(pose.yaw + turn))

@@ -1,0 +1,155 @@
+"""The border: records become ROS messages, and messages become records.
+
+In and out: records and messages. Must not know: nodes, topics, rospy.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from genpy import Duration, Time
+from geometry_msgs.msg import Point, Quaternion, TransformStamped, Twist, Vector3
+from nav_msgs.msg import Odometry as OdometryMsg
+from sensor_msgs.msg import JointState, LaserScan
+from std_msgs.msg import ColorRGBA, Header
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker
+
+from husky_highlevel_controller.datatypes import (
+    Odometry,
+    Pose,
+    RobotState,
+    Scan,
+    Twist2D,
+    WheelState,
+)
+from husky_highlevel_controller.geometry import pose_from_2d
+
+# Diagonals as husky_control/config/control.yaml publishes them (x, y, z, roll, pitch, yaw)
+ODOMETRY_COVARIANCE = tuple(np.diag([0.001] * 5 + [0.03]).ravel().tolist())
+
+
+def time_to_msg(seconds: float) -> Time:
+    """ROS time, rounded to the nanosecond: 0.02 s stays 20000000 ns."""
+    return Time(*divmod(round(seconds * 1e9), 1_000_000_000))
+
+
+def header(stamp: float, frame: str) -> Header:
+    """A header without a sequence number; the publisher counts."""
+    return Header(stamp=time_to_msg(stamp), frame_id=frame)
+
+
+def scan_to_msg(scan: Scan) -> LaserScan:
+    """As gazebo_ros_laser fills it: no time between beams or scans, intensities all 0."""
+    return LaserScan(
+        header=header(scan.stamp, scan.frame),
+        angle_min=scan.angle_min,
+        angle_max=scan.angle_max,
+        angle_increment=scan.angle_increment,
+        range_min=scan.range_min,
+        range_max=scan.range_max,
+        ranges=scan.ranges.tolist(),
+        intensities=[0.0] * len(scan.ranges),
+    )
+
+
+def scan_from_msg(msg: LaserScan) -> Scan:
+    """The scan of anyone's lidar; the last beam's angle follows from the increment, not from angle_max."""
+    ranges = np.array(msg.ranges, dtype=float)
+    ranges.setflags(write=False)
+    return Scan(
+        stamp=msg.header.stamp.to_sec(),
+        frame=msg.header.frame_id,
+        angle_min=msg.angle_min,
+        angle_max=msg.angle_min + msg.angle_increment * max(len(ranges) - 1, 0),
+        range_min=msg.range_min,
+        range_max=msg.range_max,
+        ranges=ranges,
+    )
+
+
+def twist_to_msg(twist: Twist2D) -> Twist:
+    """A planar twist as geometry_msgs/Twist."""
+    return Twist(linear=Vector3(twist.linear, 0.0, 0.0), angular=Vector3(0.0, 0.0, twist.angular))
+
+
+def twist_from_msg(msg: Twist) -> Twist2D:
+    """The two components a skid-steer robot can follow."""
+    return Twist2D(msg.linear.x, msg.angular.z)
+
+
+def wheels_to_msg(wheels: WheelState, stamp: float) -> JointState:
+    """The wheels' joint states."""
+    return JointState(
+        header=header(stamp, ""),
+        name=wheels.names,
+        position=wheels.angles,
+        velocity=wheels.speeds,
+        effort=wheels.efforts,
+    )
+
+
+def odometry_to_msg(odometry: Odometry, stamp: float, odom: str, base: str) -> OdometryMsg:
+    """Pose in odom, twist in base (REP 105)."""
+    msg = _odometry(stamp, odom, base, pose_from_2d(odometry.pose_base_in_odom))
+    msg.twist.twist = twist_to_msg(odometry.twist_in_base)
+    msg.pose.covariance = msg.twist.covariance = ODOMETRY_COVARIANCE
+    return msg
+
+
+def truth_to_msg(robot: RobotState, stamp: float, world: str, base: str) -> OdometryMsg:
+    """The true pose in the world, the true twist in base, without covariance."""
+    msg = _odometry(stamp, world, base, robot.pose_in_world)
+    msg.twist.twist = Twist(Vector3(*robot.velocity_in_base), Vector3(*robot.angular_velocity_in_base))
+    return msg
+
+
+def _odometry(stamp: float, frame: str, child: str, pose: Pose) -> OdometryMsg:
+    msg = OdometryMsg(header=header(stamp, frame), child_frame_id=child)
+    msg.pose.pose.position = Point(*pose.position)
+    msg.pose.pose.orientation = Quaternion(*pose.quat_xyzw)
+    return msg
+
+
+def tree_to_msg(pose_child_in_parent: Pose, stamp: float, parent: str, child: str) -> TFMessage:
+    """A pose as one branch of the TF tree."""
+    return TFMessage([transform_to_msg(pose_child_in_parent, stamp, parent, child)])
+
+
+def transform_to_msg(pose_child_in_parent: Pose, stamp: float, parent: str, child: str) -> TransformStamped:
+    """A pose as the transform that tf2 wants."""
+    msg = TransformStamped(header=header(stamp, parent), child_frame_id=child)
+    msg.transform.translation = Vector3(*pose_child_in_parent.position)
+    msg.transform.rotation = Quaternion(*pose_child_in_parent.quat_xyzw)
+    return msg
+
+
+def pose_from_transform(msg: TransformStamped) -> Pose:
+    """The pose of the child frame in the parent frame."""
+    t, r = msg.transform.translation, msg.transform.rotation
+    return Pose((t.x, t.y, t.z), (r.x, r.y, r.z, r.w))
+
+
+DRAWN_HEIGHT = 0.8  # [m], about the scan plane; a planar scan cannot see how tall a pillar is
+
+
+def pillar_to_marker(
+    center: Point, radius: float, stamp: float, frame: str, namespace: str, color: ColorRGBA
+) -> Marker:
+    """A cylinder that stands at the pillar's centre."""
+    marker = _marker(stamp, frame, namespace, Marker.ADD)
+    marker.type = Marker.CYLINDER
+    marker.pose.position = center
+    marker.scale = Vector3(2.0 * radius, 2.0 * radius, DRAWN_HEIGHT)
+    marker.color = color
+    return marker
+
+
+def no_marker(stamp: float, frame: str, namespace: str) -> Marker:
+    """Take a marker away."""
+    return _marker(stamp, frame, namespace, Marker.DELETE)
+
+
+def _marker(stamp: float, frame: str, namespace: str, action: int) -> Marker:
+    marker = Marker(header=header(stamp, frame), ns=namespace, id=0, action=action, lifetime=Duration(0))
+    marker.pose.orientation.w = 1.0  # an all-zero quaternion is not a rotation
+    return marker

@@ -1,0 +1,44 @@
+"""How every node of this package starts, publishes and ends."""
+
+from __future__ import annotations
+
+import faulthandler
+import sys
+from typing import Any, Callable, Protocol
+
+import rospy
+
+from husky_highlevel_controller.datatypes import HuskyError
+
+
+def publish(publisher: rospy.Publisher, message: Any) -> None:
+    """Publish, but not after the node was told to end: a callback may still be at work then."""
+    try:
+        publisher.publish(message)
+    except rospy.ROSException:
+        if not rospy.is_shutdown():
+            raise
+
+
+class Runnable(Protocol):
+    """A node that is set up by its constructor."""
+
+    def run(self) -> None:
+        """Work until the node is shut down."""
+
+
+def run_node(name: str, make: Callable[[], Runnable]) -> None:
+    """Make and run a node; bad input ends it with a message and exit code 1, a signal with 0.
+
+    With the argument --debug it logs at DEBUG level and shows a stack trace should the engine crash.
+    """
+    debug = "--debug" in rospy.myargv()
+    if debug:
+        faulthandler.enable()
+    rospy.init_node(name, log_level=rospy.DEBUG if debug else rospy.INFO)
+    try:
+        make().run()
+    except HuskyError as error:
+        rospy.logfatal(str(error))
+        rospy.signal_shutdown("bad input")
+        sys.exit(1)

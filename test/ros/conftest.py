@@ -1,0 +1,55 @@
+"""Lets pytest run the .test files here, each by rostest with a master of its own."""
+
+import os
+import re
+import signal
+import subprocess
+
+import pytest
+
+WALL_LIMIT = 240  # [s], for a rostest that hangs in spite of its own time limits
+HERE = os.path.dirname(__file__)
+ROSTEST_SCRIPTS = [name[:-5] for name in os.listdir(HERE) if name.endswith(".test")]
+collect_ignore = [f"test_{promise}.py" for promise in ROSTEST_SCRIPTS]
+
+
+def pytest_collect_file(parent, file_path):
+    if file_path.suffix == ".test":
+        return RosTestFile.from_parent(parent, path=file_path)
+    return None
+
+
+class RosTestFile(pytest.File):
+    def collect(self):
+        yield RosTestItem.from_parent(self, name=self.path.stem)
+
+
+class RosTestItem(pytest.Item):
+    def runtest(self):
+        process = subprocess.Popen(
+            ["rostest", "--text", str(self.path)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            output, _ = process.communicate(timeout=WALL_LIMIT)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            output = process.communicate()[0] + f"\nended after {WALL_LIMIT} s\n"
+        ran = re.search(r"TESTS: (\d+)", output)
+        if process.returncode != 0 or not ran or ran.group(1) == "0":
+            raise RosTestFailure(output)
+
+    def repr_failure(self, excinfo, style=None):
+        if isinstance(excinfo.value, RosTestFailure):
+            return str(excinfo.value)
+        return super().repr_failure(excinfo, style)
+
+    def reportinfo(self):
+        return self.path, 0, self.path.name
+
+
+class RosTestFailure(Exception):
+    """What rostest printed."""

@@ -1,0 +1,47 @@
+#!/usr/bin/env python3
+"""The Husky arrives at the pillar, touches nothing, and marks the pillar where it is."""
+
+from math import hypot
+
+from geometry_msgs.msg import Twist
+from harness import RosTest, run
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Log
+from sensor_msgs.msg import LaserScan
+from visualization_msgs.msg import Marker
+
+PILLAR, RADIUS, STOP_DISTANCE = (20.0, 5.0), 0.2, 0.4
+
+
+class DrivesToPillar(RosTest):
+    def test_arrives_in_front_of_the_pillar(self):
+        truth = self.remember("ground_truth/odom", Odometry)
+        scans = self.remember("front/scan", LaserScan)
+        markers = self.remember("husky_highlevel_controller/visualization_marker", Marker)
+        commands = self.remember("cmd_vel", Twist)
+        log = self.remember("rosout", Log)
+
+        self.wait_until(lambda: any("arrived" in line.msg for line in log), "it says it arrived", 60.0)
+        self.wait(1.0)
+
+        self.assertEqual(commands[-1], Twist(), "it stands still once it has arrived")
+        self.assertLess(abs(truth[-1].twist.twist.linear.x), 1e-3)
+        nearest = min(r for r in scans[-1].ranges if r > 0.0)
+        self.assertAlmostEqual(nearest, STOP_DISTANCE, delta=0.05)
+
+        closest = min(hypot(m.pose.pose.position.x - 20.0, m.pose.pose.position.y - 5.0) for m in truth)
+        self.assertGreater(closest, 0.4937 + RADIUS, "no part of the robot is where the pillar is")
+
+        in_odom = [m for m in markers if m.header.frame_id == "odom" and m.action == Marker.ADD]
+        self.assertGreater(len(in_odom), 500, "the pillar is marked all the way")
+        for marker in in_odom:
+            at = marker.pose.position
+            self.assertLess(hypot(at.x - PILLAR[0], at.y - PILLAR[1]), 0.10)
+            self.assertEqual(marker.pose.orientation.w, 1.0)
+        in_laser = [m for m in markers if m.header.frame_id == "front_laser" and m.action == Marker.ADD]
+        self.assertGreater(len(in_laser), 500)
+        self.assertNotEqual({m.ns for m in in_odom}, {m.ns for m in in_laser})
+
+
+if __name__ == "__main__":
+    run(DrivesToPillar)

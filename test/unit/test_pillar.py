@@ -1,0 +1,305 @@
+"""The pillar in a scan: found, measured, and not mistaken for something else."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from math import cos, hypot, inf, nan, pi, sin
+from typing import Tuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import SICK, Lidar, any_angle, box, cast, look, room, scan_of
+
+from husky_highlevel_controller.datatypes import Scan
+from husky_highlevel_controller.pillar import PillarConfig, cluster, find_pillars
+
+CONFIG = PillarConfig()
+
+
+def at(distance: float, bearing: float) -> Tuple[float, float, float]:
+    """The usual pillar, as a circle."""
+    return distance * cos(bearing), distance * sin(bearing), 0.2
+
+
+def only(scan: Scan, config: PillarConfig = CONFIG):
+    pillars = find_pillars(scan, config)
+    assert len(pillars) == 1, pillars
+    return pillars[0]
+
+
+# ---------------------------------------------------------------------------- found and measured
+
+
+def test_the_pillar_of_the_exercise_as_the_real_simulator_scans_it():
+    # Gazebo 11 with husky 0.6.10, single-pillar world, robot at the origin: three beams of 720
+    ranges = np.full(720, inf)
+    ranges[321:324] = 20.1020, 20.0986, 20.2421
+    pillar = only(scan_of(ranges))
+    assert hypot(pillar.x, pillar.y) == pytest.approx(20.289, abs=0.005)
+    assert pillar.bearing == pytest.approx(-0.249, abs=0.0005)
+    assert pillar.beams == 3
+
+
+def test_the_distance_is_to_the_near_surface_and_the_place_is_the_centre():
+    pillar = only(look([at(5.0, 0.3)]))
+    assert pillar.distance == pytest.approx(4.8, abs=0.002)
+    assert hypot(pillar.x, pillar.y) == pytest.approx(5.0, abs=0.002)
+    assert pillar.radius == pytest.approx(0.2, abs=0.002)
+
+
+def test_pillars_come_nearest_first():
+    scan = look([at(9.0, -1.0), at(3.0, 0.5), at(6.0, 2.0)])
+    assert [round(p.distance, 1) for p in find_pillars(scan, CONFIG)] == [2.8, 5.8, 8.8]
+
+
+@pytest.mark.parametrize(
+    ("noise", "least_found", "error_p95", "scenes"),
+    [(0.001, 0.995, 0.02, 600), (0.01, 0.99, 0.04, 300), (0.03, 0.95, 0.10, 300)],
+)
+def test_reach(noise, least_found, error_p95, scenes):
+    rng, found, errors = np.random.default_rng(5), [], []
+    while len(found) < scenes:
+        x, y, radius = at(rng.uniform(0.6, 25.0), rng.uniform(-2.3, 2.3))
+        ranges, seen = cast([(x, y, radius)])
+        if (seen == 0).sum() < 3:
+            continue
+        pillars = find_pillars(scan_of(ranges + rng.normal(0.0, noise, SICK.beams)), CONFIG)
+        error = min((hypot(p.x - x, p.y - y) for p in pillars), default=inf)
+        found.append(error < 0.2)
+        errors += [error] if error < 0.2 else []
+    assert np.mean(found) >= least_found
+    assert np.quantile(errors, 0.95) <= error_p95
+
+
+@pytest.mark.parametrize(
+    ("lidar", "distance"),
+    [
+        (Lidar(beams=180), 4.0),
+        (Lidar(beams=541), 15.0),
+        (Lidar(beams=5000, range_max=80.0), 40.0),
+        (Lidar(beams=5000), 0.5),
+        (Lidar(beams=360, angle_max=pi), 6.0),
+        (Lidar(beams=720, range_max=20.0), 12.0),
+    ],
+)
+def test_any_lidar_will_do(lidar, distance):
+    rng = np.random.default_rng(1)
+    for bearing in np.linspace(-2.2, 2.2, 23):
+        x, y, _ = at(distance, bearing)
+        pillar = only(look([(x, y, 0.2)], lidar=lidar, rng=rng))
+        assert hypot(pillar.x - x, pillar.y - y) < 0.02
+
+
+def test_two_beams_far_away_make_a_pillar_of_the_expected_radius():
+    x, y, _ = at(24.0, 0.0)
+    scan = look([(x, y, 0.2)])
+    assert scan.valid.sum() == 2
+    pillar = only(scan)
+    assert hypot(pillar.x - x, pillar.y - y) < 0.02
+    assert pillar.radius == pytest.approx(0.2, abs=0.005)
+
+
+def test_another_radius_is_looked_for_when_asked():
+    config = PillarConfig(pillar_radius=1.0)
+    scan = look([(10.0, 2.0, 1.0), (5.0, -2.0, 0.2)], rng=np.random.default_rng(3))
+    assert only(scan, config).radius == pytest.approx(1.0, abs=0.02)
+    assert only(scan).radius == pytest.approx(0.2, abs=0.02)
+
+
+@given(distance=st.floats(0.7, 18.0), bearing=st.floats(-2.0, 2.0))
+@settings(derandomize=True, max_examples=40, deadline=None)
+def test_a_mirrored_scene_has_mirrored_pillars(distance, bearing):
+    scan = look([at(distance, bearing)], rng=np.random.default_rng(7))
+    one, other = only(scan), only(scan_of(scan.ranges[::-1]))
+    assert (other.x, other.y) == (pytest.approx(one.x, abs=1e-6), pytest.approx(-one.y, abs=1e-6))
+
+
+@given(distance=st.floats(0.7, 18.0), bearing=st.floats(-1.5, 1.5), steps=st.integers(-90, 90))
+@settings(derandomize=True, max_examples=40, deadline=None)
+def test_turning_the_scene_by_whole_beams_turns_the_pillar(distance, bearing, steps):
+    scan = look([at(distance, bearing)])
+    turned = scan_of(np.roll(scan.ranges, steps))
+    one, other = only(scan), only(turned)
+    assert other.bearing - one.bearing == pytest.approx(steps * scan.angle_increment, abs=1e-6)
+    assert other.distance == pytest.approx(one.distance, abs=1e-6)
+
+
+def test_a_scan_that_turns_the_other_way_shows_the_same_pillar():
+    scan = look([at(5.0, 0.7)])
+    back = Scan(0.0, "laser", scan.angle_max, scan.angle_min, 0.1, 30.0, scan.ranges[::-1])
+    one, other = only(scan), only(back)
+    assert (other.x, other.y) == (pytest.approx(one.x, abs=1e-6), pytest.approx(one.y, abs=1e-6))
+
+
+# ---------------------------------------------------------------------------- in company
+
+
+def test_a_partly_hidden_pillar_is_measured_by_what_shows():
+    for hidden in (0.25, 0.4, 0.55):  # share of its width behind a box
+        edge = -0.2 + 0.4 * hidden
+        screen = box(3.0, edge * 0.6 - 0.5, 0.0, 0.1, 1.0)
+        x, y = 5.0, 0.0
+        assert 5 <= (cast([(x, y, 0.2)], screen)[1] == 0).sum() <= 9  # of 12
+        pillar = only(look([(x, y, 0.2)], screen, rng=np.random.default_rng(2)))
+        assert hypot(pillar.x - x, pillar.y - y) < 0.03
+
+
+def test_a_pillar_cut_by_the_edge_of_view_is_measured_by_what_shows():
+    x, y, _ = at(4.0, SICK.angle_max - 0.01)
+    pillar = only(look([(x, y, 0.2)], rng=np.random.default_rng(2)))
+    assert hypot(pillar.x - x, pillar.y - y) < 0.03
+
+
+def test_a_thin_post_in_front_does_not_make_two_pillars_of_one():
+    x, y, _ = at(3.0, 0.2)
+    pillar = only(look([(x, y, 0.2), (1.5 * cos(0.21), 1.5 * sin(0.21), 0.02)], rng=np.random.default_rng(2)))
+    assert hypot(pillar.x - x, pillar.y - y) < 0.03
+
+
+def test_the_nearest_return_on_a_wall_is_not_the_pillar():
+    walls = ((2.0, -9.0, 2.0, -1.0), (-3.0, 3.0, 9.0, 3.0))
+    pillar = only(look([at(6.0, 0.1)], walls, rng=np.random.default_rng(2)))
+    assert hypot(pillar.x - 6.0 * cos(0.1), pillar.y - 6.0 * sin(0.1)) < 0.02
+
+
+def test_a_pillar_in_a_furnished_room_is_the_only_one():
+    furniture = box(3.0, 2.0, 0.4, 0.4, 0.4) + box(4.0, -2.0, 1.1, 0.5, 0.3) + box(2.0, 3.0, 0.0, 1.0, 0.4)
+    for yaw in np.linspace(0.0, 1.5, 7):
+        scan = look(
+            [at(5.0, 0.0), (2.0, -2.0, 0.05)], furniture + room(16.0, yaw), rng=np.random.default_rng(2)
+        )
+        assert only(scan).distance == pytest.approx(4.8, abs=0.01)
+
+
+def test_speckle_dropouts_and_the_own_body_hardly_ever_hide_it():
+    rng, seen = np.random.default_rng(4), 0
+    for _ in range(100):
+        ranges = look([at(5.0, 0.4)], rng=rng).ranges.copy()
+        ranges[rng.choice(720, 6)] = rng.uniform(0.2, 29.0, 6)
+        ranges[rng.choice(720, 20)] = nan
+        ranges[rng.choice(720, 3)] = -inf
+        ranges[[0, 1, 2, 3, 717, 718, 719]] = 0.155
+        seen += any(abs(p.distance - 4.8) < 0.05 for p in find_pillars(scan_of(ranges), CONFIG))
+    assert seen >= 97
+
+
+# ---------------------------------------------------------------------------- nothing there
+
+
+@pytest.mark.parametrize("nothing", [inf, -inf, nan, 0.0, -1.0, 99.0])
+def test_a_scan_of_nothing_shows_nothing(nothing):
+    # an index of the smallest range would be 0 here: a pillar at -135 degrees
+    scan = Scan(0.0, "laser", -2.35619, 2.35619, 0.1, 30.0, np.full(720, nothing))
+    assert find_pillars(scan, CONFIG) == []
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3])
+def test_a_scan_of_hardly_any_beams_shows_nothing(count):
+    for edge in (0.0, 0.001):
+        assert find_pillars(Scan(0.0, "laser", -edge, edge, 0.1, 30.0, np.full(count, 5.0)), CONFIG) == []
+
+
+@given(
+    kinds=st.lists(
+        st.sampled_from([inf, -inf, nan, 0.0, 0.1, 0.155, 3.0, 3.01, 3.1, 20.0, 30.0]), max_size=60
+    )
+)
+@settings(derandomize=True, max_examples=200, deadline=None)
+def test_garbage_never_raises_and_never_makes_numbers_that_are_none(kinds):
+    scan = Scan(0.0, "laser", -2.35619, 2.35619, 0.1, 30.0, np.array(kinds, dtype=float))
+    for pillar in find_pillars(scan, CONFIG):
+        assert np.isfinite([pillar.x, pillar.y, pillar.radius, pillar.residual]).all()
+        assert abs(pillar.radius - CONFIG.pillar_radius) <= CONFIG.radius_tolerance
+
+
+def test_ground_seen_by_a_pitching_robot_is_no_pillar():
+    bearings = np.linspace(-2.35619, 2.35619, 720)
+    for pitch in np.radians(np.linspace(0.9, 15.0, 30)):
+        with np.errstate(divide="ignore"):
+            ground = 0.44023 / (np.sin(pitch) * np.cos(bearings))  # lidar height: Husky URDF, 0.6.10
+        ranges = np.where((ground > 0.0) & (ground < 30.0), ground, inf)
+        noise = np.random.default_rng(1).normal(0.0, 0.001, 720)
+        assert find_pillars(scan_of(ranges + noise), CONFIG) == []
+
+
+def test_a_wall_seen_through_a_gap_is_no_pillar():
+    for width in np.linspace(0.05, 0.5, 19):
+        screens = ((2.0, -5.0, 2.0, -width / 2.0), (2.0, width / 2.0, 2.0, 5.0))
+        for yaw in (-0.5, 0.0, 0.8):
+            dx, dy = 20.0 * sin(yaw), 20.0 * cos(yaw)
+            wall = ((4.0 - dx, -dy, 4.0 + dx, dy),)
+            scan = look([], screens + wall, rng=np.random.default_rng(1))
+            assert find_pillars(scan, CONFIG) == []
+
+
+@pytest.mark.parametrize("radius", [0.03, 0.05, 0.1, 0.13, 0.28, 0.3, 0.5])
+def test_a_column_of_another_radius_is_no_pillar(radius):
+    rng = np.random.default_rng(6)
+    for distance in np.linspace(radius + 0.4, 1.2 + 18.0 * radius, 40):
+        scan = look([(distance, 0.1, radius)], rng=rng)
+        if scan.valid.sum() >= 8:
+            assert find_pillars(scan, CONFIG) == [], distance
+
+
+def test_a_niche_as_round_as_a_pillar_is_none():
+    bow = np.linspace(-1.4, 1.4, 30)
+    x, y = 3.0 + 0.2 * np.cos(bow), 0.2 * np.sin(bow)
+    niche = tuple(zip(x[:-1], y[:-1], x[1:], y[1:]))
+    assert find_pillars(look([], niche, rng=np.random.default_rng(1)), CONFIG) == []
+
+
+def test_a_rough_thing_is_refused_by_a_strict_residual():
+    scan = look([at(3.0, 0.0)], noise=0.02, rng=np.random.default_rng(1))
+    assert only(scan).distance == pytest.approx(2.8, abs=0.03)
+    assert find_pillars(scan, PillarConfig(max_residual=0.01)) == []
+
+
+def test_boxes_walls_corners_posts_and_speckle_are_no_pillars():
+    rng, wrong, scenes = np.random.default_rng(8), [], 600
+    for _ in range(scenes):
+        segments, circles = [], []
+        for _ in range(rng.integers(1, 4)):
+            x, y, _ = at(rng.uniform(0.8, 18.0), rng.uniform(-2.3, 2.3))
+            kind, yaw = rng.integers(5), any_angle(rng)
+            if kind == 0:
+                segments += box(x, y, yaw, rng.uniform(0.1, 1.5), rng.uniform(0.1, 1.5))
+            elif kind == 1:
+                segments += box(x, y, yaw, rng.uniform(0.1, 8.0), 0.01)
+            elif kind == 2:
+                other = yaw + rng.uniform(0.8, 2.4)
+                segments += [(x, y, x + 2.0 * cos(turn), y + 2.0 * sin(turn)) for turn in (yaw, other)]
+            elif kind == 3:
+                circles += [(x, y, 0.05), (x - 1.6 * sin(yaw), y + 1.6 * cos(yaw), 0.05)]
+            else:
+                segments += room(rng.uniform(4.0, 40.0), yaw)
+        ranges = cast(circles, segments)[0] + rng.normal(0.0, 0.001, SICK.beams)
+        speckle = rng.random(SICK.beams) < 0.005
+        ranges = np.where(speckle, rng.uniform(0.2, 29.0, SICK.beams), ranges)
+        wrong += [p for p in find_pillars(scan_of(ranges), CONFIG) if p.beams >= 8]
+    assert len(wrong) <= 0.001 * scenes, wrong
+
+
+# ---------------------------------------------------------------------------- its parts
+
+
+def test_runs_end_where_the_range_jumps_by_more_than_a_pillar_could():
+    scan = look([at(3.0, 0.0)], ((-9.0, -9.0, -9.0, 9.0), (4.0, -9.0, 4.0, 9.0)))
+    beams, starts, counts = cluster(scan, CONFIG)
+    assert counts.sum() == len(beams)
+    pillar_run = [(scan.ranges[beams[s : s + n]] < 3.0).all() for s, n in zip(starts, counts)]
+    assert pillar_run == [False, True, False]
+
+
+def test_one_missing_beam_does_not_split_a_run():
+    scan = look([at(3.0, 0.0)])
+    ranges = scan.ranges.copy()
+    ranges[360] = nan
+    assert len(cluster(scan_of(ranges), CONFIG)[1]) == 1
+
+
+def test_every_setting_declares_a_range_that_holds_its_default():
+    for setting in fields(PillarConfig):
+        assert setting.metadata["min"] <= setting.default <= setting.metadata["max"], setting.name
+        assert setting.metadata["help"]
