@@ -4,6 +4,8 @@ import os
 import re
 import signal
 import subprocess
+import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -26,12 +28,18 @@ class RosTestFile(pytest.File):
 
 class RosTestItem(pytest.Item):
     def runtest(self):
+        with tempfile.TemporaryDirectory() as folder:
+            self.run_rostest(Path(folder))
+
+    def run_rostest(self, folder):
+        # not with --text, which makes rostest exit with 0 whatever happens
         process = subprocess.Popen(
-            ["rostest", "--text", str(self.path)],
+            ["rostest", str(self.path)],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             start_new_session=True,
+            env={**os.environ, "ROS_LOG_DIR": str(folder / "log"), "ROS_TEST_RESULTS_DIR": str(folder / "results")},
         )
         try:
             output, _ = process.communicate(timeout=WALL_LIMIT)
@@ -40,7 +48,8 @@ class RosTestItem(pytest.Item):
             output = process.communicate()[0] + f"\nended after {WALL_LIMIT} s\n"
         ran = re.search(r"TESTS: (\d+)", output)
         if process.returncode != 0 or not ran or ran.group(1) == "0":
-            raise RosTestFailure(output)
+            logs = [path for kind in ("results/**/*.xml", "log/**/*-stdout.log") for path in folder.glob(kind)]
+            raise RosTestFailure("\n".join([output, *(f"--- {path.name}\n{path.read_text()}" for path in logs)]))
 
     def repr_failure(self, excinfo, style=None):
         if isinstance(excinfo.value, RosTestFailure):

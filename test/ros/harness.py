@@ -17,10 +17,11 @@ class RosTest(unittest.TestCase):
         rospy.init_node("test")
 
     def remember(self, topic, kind):
-        """A list that grows with every message of a topic."""
+        """A list that grows with every message of a topic, which somebody publishes."""
         messages = []
         subscriber = rospy.Subscriber(topic, kind, messages.append, queue_size=1000, tcp_nodelay=True)
         self.addCleanup(subscriber.unregister)
+        self.wait_until(subscriber.get_num_connections, f"somebody publishes {topic}")
         return messages
 
     def wait_until(self, condition, what, simulated=30.0):

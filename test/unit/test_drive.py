@@ -139,7 +139,9 @@ def test_a_command_after_a_timeout_counts_again():
     assert run(drive, 2.0, 0.2)[-1] == Twist2D(-0.2, 1.0)
 
 
-@pytest.mark.parametrize("nonsense", [Twist2D(nan, 0.0), Twist2D(0.0, nan), Twist2D(inf, 0.0), Twist2D(0.0, -inf)])
+@pytest.mark.parametrize(
+    "nonsense", [Twist2D(nan, 0.0), Twist2D(0.0, nan), Twist2D(inf, 0.0), Twist2D(0.0, -inf)]
+)
 def test_a_command_that_is_no_number_is_refused_and_the_previous_stays_in_force(nonsense):
     drive = commanded(Twist2D(0.3, 0.6))
     with pytest.raises(CommandError, match=r"linear\.x = .*(nan|inf)|angular\.z = .*(nan|inf)"):

@@ -179,7 +179,9 @@ def test_backing_up_returns_to_the_start(start, twist, duration):
 
 
 def test_straight_ahead_goes_where_the_nose_points():
-    assert_same_pose_2d(advance(Pose2D(1.0, 2.0, pi / 2.0), Twist2D(0.5, 0.0), 4.0), Pose2D(1.0, 4.0, pi / 2.0))
+    assert_same_pose_2d(
+        advance(Pose2D(1.0, 2.0, pi / 2.0), Twist2D(0.5, 0.0), 4.0), Pose2D(1.0, 4.0, pi / 2.0)
+    )
 
 
 def test_a_quarter_circle_to_the_left_ends_one_radius_ahead_and_one_to_the_left():

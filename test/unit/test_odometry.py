@@ -14,10 +14,11 @@ from husky_highlevel_controller.geometry import advance, wrap_angle
 from husky_highlevel_controller.odometry import advance_odometry
 
 CONFIG = DriveConfig()
+ORIGIN = Pose2D()
 LAW = settings(derandomize=True, deadline=None, max_examples=60)
 
 
-def drive(twist, yaw_rate, duration, start=Pose2D(), steps=50):
+def drive(twist, yaw_rate, duration, start=ORIGIN, steps=50):
     """The odometry of a robot whose wheels turn for `twist` while its gyro feels `yaw_rate`."""
     odometry = Odometry(start)
     for _ in range(steps):

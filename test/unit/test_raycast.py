@@ -21,6 +21,7 @@ from husky_highlevel_controller.raycast import cast_rays, make_scene
 
 Placed = List[Tuple[Shape, Pose]]
 
+ORIGIN = Pose()
 ALL_ROUND = np.linspace(-pi, pi, 121)
 REACH = 12.0  # [m]
 LAW = settings(derandomize=True, deadline=None, max_examples=60)
@@ -49,7 +50,7 @@ def worlds(*shapes, most=6):
     return st.lists(st.tuples(st.one_of(*shapes), level_poses), max_size=most)
 
 
-def cast(world: Placed, laser: Pose = Pose(), bearings=ALL_ROUND, reach: float = REACH) -> np.ndarray:
+def cast(world: Placed, laser: Pose = ORIGIN, bearings=ALL_ROUND, reach: float = REACH) -> np.ndarray:
     return cast_rays(make_scene(world), laser, np.asarray(bearings, dtype=float), reach)
 
 
@@ -154,9 +155,7 @@ def bullet_casts(client: int, world: Placed, starts: np.ndarray, directions: np.
         else:
             size = {"shapeType": pybullet.GEOM_PLANE, "planeNormal": shape.normal}
         collision = pybullet.createCollisionShape(physicsClientId=client, **size)
-        pybullet.createMultiBody(
-            0.0, collision, -1, pose.position, pose.quat_xyzw, physicsClientId=client
-        )
+        pybullet.createMultiBody(0.0, collision, -1, pose.position, pose.quat_xyzw, physicsClientId=client)
     ends = starts + REACH * directions
     hits = pybullet.rayTestBatch(starts.tolist(), ends.tolist(), physicsClientId=client)
     return np.array([REACH * hit[2] if hit[0] >= 0 else np.inf for hit in hits])

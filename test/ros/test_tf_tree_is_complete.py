@@ -1,0 +1,66 @@
+#!/usr/bin/env python3
+"""TF ties every frame of the Noetic Husky to odom, each by its published parent."""
+
+import tf2_ros
+from harness import RosTest, run
+from rospy import Time
+from tf2_msgs.msg import TFMessage
+
+PARENT = {
+    "base_link": "odom",
+    "base_footprint": "base_link",
+    "inertial_link": "base_link",
+    "imu_link": "base_link",
+    "front_left_wheel_link": "base_link",
+    "front_right_wheel_link": "base_link",
+    "rear_left_wheel_link": "base_link",
+    "rear_right_wheel_link": "base_link",
+    "top_chassis_link": "base_link",
+    "front_bumper_link": "base_link",
+    "rear_bumper_link": "base_link",
+    "user_rail_link": "base_link",
+    "top_plate_link": "base_link",
+    "top_plate_front_link": "top_plate_link",
+    "top_plate_rear_link": "top_plate_link",
+    "front_laser_mount": "top_plate_link",
+    "front_laser": "front_laser_mount",
+}
+
+
+class TfTreeIsComplete(RosTest):
+    def test_every_frame_has_its_parent(self):
+        moving = self.remember("tf", TFMessage)
+        fixed = self.remember("tf_static", TFMessage)
+
+        def parents():
+            transforms = [t for msg in moving + fixed for t in msg.transforms]
+            return {t.child_frame_id: t.header.frame_id for t in transforms}
+
+        self.wait_until(lambda: set(PARENT) <= set(parents()), "all frames are there")
+        self.assertEqual(parents(), PARENT)
+
+    def test_the_lidar_hangs_upside_down_where_the_husky_has_it(self):
+        buffer = tf2_ros.Buffer()
+        listener = tf2_ros.TransformListener(buffer)
+        self.wait_until(lambda: buffer.can_transform("base_link", "front_laser", Time()), "TF is there")
+        pose = buffer.lookup_transform("base_link", "front_laser", Time()).transform
+        self.assertAlmostEqual(pose.translation.x, 0.3370, places=4)
+        self.assertAlmostEqual(pose.translation.y, 0.0, places=6)
+        self.assertAlmostEqual(pose.translation.z, 0.30795, places=4)
+        self.assertAlmostEqual(abs(pose.rotation.x), 1.0, places=6)
+        listener.unregister()
+
+    def test_odom_to_base_link_comes_at_50_hz(self):
+        moving = self.remember("tf", TFMessage)
+
+        def stamps():
+            transforms = [t for msg in list(moving) for t in msg.transforms]
+            return [t.header.stamp.to_sec() for t in transforms if t.child_frame_id == "base_link"]
+
+        self.wait_until(lambda: len(stamps()) > 100, "there are 100 transforms")
+        ticks = [round(t / 0.02, 6) for t in stamps()]
+        self.assertEqual(ticks, [ticks[0] + i for i in range(len(ticks))])
+
+
+if __name__ == "__main__":
+    run(TfTreeIsComplete)

@@ -1,0 +1,186 @@
+"""Parameters become records, or an error that names parameter and value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, is_dataclass
+from math import inf, nan
+from pathlib import Path
+from typing import get_type_hints
+
+import pytest
+import yaml
+
+from husky_highlevel_controller.config import ConfigError, read_config
+from husky_highlevel_controller.control import ControlConfig
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.lidar import LidarConfig
+from husky_highlevel_controller.pillar import PillarConfig
+from husky_highlevel_controller.simulation import SimulatorConfig
+
+CONFIG_FOLDER = Path(__file__).parents[2] / "config"
+
+
+@dataclass(frozen=True)
+class Wheel:
+    radius: float = field(default=0.1, metadata={"min": 0.01, "max": 1.0, "help": "of the tyre [m]"})
+
+
+@dataclass(frozen=True)
+class Cart:
+    speed: float = field(default=0.5, metadata={"min": -1.0, "max": 1.0, "help": "cruising [m/s]"})
+    wheels: int = field(default=4, metadata={"min": 1, "max": 18, "help": "how many"})
+    name: str = field(default="cart", metadata={"help": "what it is called"})
+    loud: bool = field(default=False, metadata={"help": "with a horn"})
+    wheel: Wheel = field(default_factory=Wheel, metadata={"help": "each wheel"})
+    secret: float = 7.0  # no metadata: not a parameter
+
+
+@dataclass(frozen=True)
+class Driver:
+    age: int = field(default=30, metadata={"min": 18, "max": 99, "help": "in years"})
+
+
+GOOD = {"speed": 0.25, "wheels": 6, "name": "trolley", "loud": True, "wheel": {"radius": 0.3}}
+
+
+def read(**changes):
+    return read_config({**GOOD, **changes}, "/cart/", Cart)[0]
+
+
+def assert_refused(*words, **changes):
+    with pytest.raises(ConfigError) as caught:
+        read(**changes)
+    for word in words:
+        assert word in str(caught.value)
+
+
+# ---------------------------------------------------------------------------- what is right
+
+
+def test_good_parameters_become_a_record():
+    assert read() == Cart(0.25, 6, "trolley", True, Wheel(0.3))
+
+
+def test_a_whole_number_is_a_fine_float():
+    speed = read(speed=1).speed
+    assert (speed, type(speed)) == (1.0, float)
+
+
+@pytest.mark.parametrize("speed", [-1.0, 1.0])
+def test_the_limits_themselves_are_allowed(speed):
+    assert read(speed=speed).speed == speed
+
+
+def test_several_records_share_one_set_of_parameters():
+    cart, driver = read_config({**GOOD, "age": 40}, "/cart/", Cart, Driver)
+    assert (cart.name, driver.age) == ("trolley", 40)
+
+
+# ---------------------------------------------------------------------------- what is wrong
+
+
+def test_an_unknown_parameter_is_named_with_those_there_are():
+    assert_refused("/cart/sped is not a parameter", "speed", "wheels", "name", "loud", "wheel", sped=0.5)
+
+
+def test_a_field_that_is_not_for_users_cannot_be_set():
+    assert_refused("/cart/secret is not a parameter", secret=8.0)
+
+
+def test_a_parameter_known_to_no_record_is_refused_even_when_several_are_read():
+    with pytest.raises(ConfigError, match=r"/cart/tea is not a parameter.*age.*speed"):
+        read_config({**GOOD, "age": 40, "tea": 1}, "/cart/", Cart, Driver)
+
+
+@pytest.mark.parametrize("name", sorted(GOOD))
+def test_a_missing_parameter_is_named_with_what_it_is(name):
+    values = {key: value for key, value in GOOD.items() if key != name}
+    with pytest.raises(ConfigError, match=f"^/cart/{name} is missing") as caught:
+        read_config(values, "/cart/", Cart)
+    (meaning,) = (item.metadata["help"] for item in fields(Cart) if item.name == name)
+    assert meaning in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "kind"),
+    [
+        ("speed", "0.5", "float"),
+        ("speed", True, "float"),
+        ("speed", None, "float"),
+        ("speed", [0.5], "float"),
+        ("wheels", 4.0, "int"),
+        ("wheels", True, "int"),
+        ("wheels", "four", "int"),
+        ("loud", 1, "bool"),
+        ("loud", "true", "bool"),
+        ("name", 5, "str"),
+    ],
+)
+def test_a_value_of_the_wrong_type_is_refused_by_name_value_and_type(name, value, kind):
+    assert_refused(f"/cart/{name} = {value!r}", f"not a {kind}", **{name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "limits"),
+    [
+        ("speed", 1.001, "-1.0..1.0"),
+        ("speed", -2, "-1.0..1.0"),
+        ("speed", nan, "-1.0..1.0"),
+        ("speed", inf, "-1.0..1.0"),
+        ("speed", -inf, "-1.0..1.0"),
+        ("wheels", 0, "1..18"),
+        ("wheels", 19, "1..18"),
+    ],
+)
+def test_a_value_out_of_range_is_refused_by_name_value_and_range(name, value, limits):
+    assert_refused(f"/cart/{name} = {value}", limits, **{name: value})
+
+
+def test_infinity_is_refused_even_where_the_range_has_no_end():
+    @dataclass(frozen=True)
+    class Endless:
+        length: float = field(default=1.0, metadata={"min": -inf, "max": inf, "help": "[m]"})
+
+    for value in (nan, inf):
+        with pytest.raises(ConfigError, match=r"length = (nan|inf) is out of range"):
+            read_config({"length": value}, "", Endless)
+
+
+def test_an_empty_text_is_refused():
+    assert_refused("/cart/name is empty", name="")
+
+
+def test_what_is_wrong_in_a_nested_record_is_named_by_its_whole_path():
+    assert_refused("/cart/wheel/radius = 2.0", "0.01..1.0", wheel={"radius": 2.0})
+    assert_refused("/cart/wheel/radius is missing", wheel={})
+    assert_refused("/cart/wheel/width is not a parameter", wheel={"radius": 0.3, "width": 0.1})
+
+
+@pytest.mark.parametrize("value", [0.3, "0.3", None, [0.3]])
+def test_a_plain_value_where_a_set_of_parameters_belongs_is_refused(value):
+    assert_refused("/cart/wheel", repr(value), wheel=value)
+
+
+def test_a_config_error_is_one_of_this_package_s():
+    assert issubclass(ConfigError, HuskyError)
+
+
+# ---------------------------------------------------------------------------- this package's own
+
+
+def test_simulator_yaml_holds_the_simulator_s_defaults():
+    values = yaml.safe_load((CONFIG_FOLDER / "simulator.yaml").read_text())
+    assert read_config(values, "simulator.yaml: ", SimulatorConfig) == [SimulatorConfig()]
+
+
+@pytest.mark.parametrize("record", [SimulatorConfig, LidarConfig, ControlConfig, PillarConfig])
+def test_every_parameter_says_what_it_is_and_its_default_is_allowed(record):
+    hints = get_type_hints(record)
+    parameters = [item for item in fields(record) if item.metadata]
+    assert parameters
+    for item in parameters:
+        assert item.metadata["help"], item.name
+        if hints[item.name] in (int, float):
+            assert item.metadata["min"] <= getattr(record(), item.name) <= item.metadata["max"], item.name
+        else:
+            assert is_dataclass(hints[item.name]), item.name
