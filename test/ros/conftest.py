@@ -39,7 +39,11 @@ class RosTestItem(pytest.Item):
             stderr=subprocess.STDOUT,
             text=True,
             start_new_session=True,
-            env={**os.environ, "ROS_LOG_DIR": str(folder / "log"), "ROS_TEST_RESULTS_DIR": str(folder / "results")},
+            env={
+                **os.environ,
+                "ROS_LOG_DIR": str(folder / "log"),
+                "ROS_TEST_RESULTS_DIR": str(folder / "results"),
+            },
         )
         try:
             output, _ = process.communicate(timeout=WALL_LIMIT)
@@ -48,11 +52,15 @@ class RosTestItem(pytest.Item):
             output = process.communicate()[0] + f"\nended after {WALL_LIMIT} s\n"
         ran = re.search(r"TESTS: (\d+)", output)
         if process.returncode != 0 or not ran or ran.group(1) == "0":
-            logs = [path for kind in ("results/**/*.xml", "log/**/*-stdout.log") for path in folder.glob(kind)]
-            raise RosTestFailure("\n".join([output, *(f"--- {path.name}\n{path.read_text()}" for path in logs)]))
+            logs = [
+                path for kind in ("results/**/*.xml", "log/**/*-stdout.log") for path in folder.glob(kind)
+            ]
+            raise RosTestError(
+                "\n".join([output, *(f"--- {path.name}\n{path.read_text()}" for path in logs)])
+            )
 
     def repr_failure(self, excinfo, style=None):
-        if isinstance(excinfo.value, RosTestFailure):
+        if isinstance(excinfo.value, RosTestError):
             return str(excinfo.value)
         return super().repr_failure(excinfo, style)
 
@@ -60,5 +68,5 @@ class RosTestItem(pytest.Item):
         return self.path, 0, self.path.name
 
 
-class RosTestFailure(Exception):
+class RosTestError(Exception):
     """What rostest printed."""

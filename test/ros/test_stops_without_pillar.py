@@ -46,7 +46,10 @@ class StopsWithoutPillar(RosTest):
         super().setUpClass()
         cls.static = tf2_ros.StaticTransformBroadcaster()
         tree = []
-        for parent, child, x, roll in (("odom", "base_link", 0.0, 0.0), ("base_link", "front_laser", 0.3, 1.0)):
+        for parent, child, x, roll in (
+            ("odom", "base_link", 0.0, 0.0),
+            ("base_link", "front_laser", 0.3, 1.0),
+        ):
             transform = TransformStamped()
             transform.header.frame_id, transform.child_frame_id = parent, child
             transform.transform.translation.x = x

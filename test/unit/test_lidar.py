@@ -78,10 +78,10 @@ def test_beams_are_cast_where_the_scan_says_they_point_and_as_far_as_it_reaches(
     assert reach == 30.0
 
 
-@pytest.mark.parametrize("array", [bearings(SICK), look(circle(5.0, 0.0, 0.2)).ranges])
-def test_nobody_can_write_into_a_scan(array):
+@pytest.mark.parametrize("make", [lambda: bearings(SICK), lambda: look(circle(5.0, 0.0, 0.2)).ranges])
+def test_nobody_can_write_into_a_scan(make):
     with pytest.raises(ValueError, match="read-only"):
-        array[0] = 1.0
+        make()[0] = 1.0
 
 
 # ---------------------------------------------------------------------------- limits (REP 117)

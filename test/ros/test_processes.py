@@ -1,0 +1,277 @@
+"""Nodes and launch files as processes: how they start, what they say when they cannot, how they end."""
+
+import contextlib
+import os
+import re
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+from xmlrpc.client import ServerProxy
+
+import pytest
+
+from husky_highlevel_controller.description import robot_description, share_folder
+
+PACKAGE = "husky_highlevel_controller"
+SHARE = share_folder()
+DEADLINE = 60.0  # [s], for anything that hangs
+LAUNCH_FILES = ("controller.launch", "simulator.launch")
+
+
+def wait_until(condition, what):
+    end = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < end, f"waited {DEADLINE} s until {what}"
+        time.sleep(0.05)
+
+
+class Process:
+    """A process with its output in a file, in a session of its own."""
+
+    def __init__(self, command, folder, env):
+        self.log = folder / f"{len(list(folder.iterdir()))}.log"
+        with self.log.open("w") as file:
+            self.popen = subprocess.Popen(
+                command, stdout=file, stderr=subprocess.STDOUT, env=env, start_new_session=True
+            )
+
+    @property
+    def output(self):
+        return self.log.read_text()
+
+    def wait(self):
+        try:
+            return self.popen.wait(DEADLINE)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"still running after {DEADLINE} s: {self.output}") from None
+
+    def says(self, words):
+        wait_until(lambda: words in self.output or self.popen.poll() is not None, f"it says {words!r}")
+        assert words in self.output, self.output
+
+
+class Ros:
+    """A ROS network of its own."""
+
+    def __init__(self, folder):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        uri = f"http://127.0.0.1:{self.port}"
+        self.env = {
+            **os.environ,
+            "ROS_MASTER_URI": uri,
+            "ROS_IP": "127.0.0.1",
+            "ROS_LOG_DIR": str(folder / "log"),
+        }
+        self.env.pop("DISPLAY", None)
+        self.folder, self.uri, self.processes = folder, uri, []
+
+    def start(self, *command, **env):
+        self.processes.append(Process(command, self.folder, {**self.env, **env}))
+        return self.processes[-1]
+
+    def roslaunch(self, file, *arguments, **env):
+        return self.start("roslaunch", "-p", str(self.port), PACKAGE, file, "gui:=false", *arguments, **env)
+
+    def master(self, call, *arguments):
+        """What the master answers to a call of its API."""
+        with ServerProxy(self.uri) as proxy:
+            return getattr(proxy, call)("/test", *arguments)[2]
+
+    def left(self):
+        """Every process of this network that still runs, wherever roslaunch has put it."""
+        mark = f"ROS_MASTER_URI={self.uri}".encode()
+        found = []
+        for process in self.processes:
+            process.popen.poll()  # or it would be there as a zombie
+        for entry in Path("/proc").glob("[0-9]*"):
+            try:
+                if any(item.rstrip(b"/") == mark for item in (entry / "environ").read_bytes().split(b"\0")):
+                    found.append(int(entry.name))
+            except OSError:  # it has just ended
+                continue
+        return found
+
+    def end(self):
+        for pid in self.left():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        for process in self.processes:
+            process.popen.wait()
+
+    def subscriptions(self, node):
+        """The topics a node subscribes to; empty while there is no master."""
+        try:
+            _, subscribers, _ = self.master("getSystemState")
+        except OSError:
+            return set()
+        return {topic for topic, nodes in subscribers if node in nodes}
+
+
+@pytest.fixture
+def ros(tmp_path):
+    network = Ros(tmp_path)
+    yield network
+    network.end()
+
+
+@pytest.fixture(scope="module")
+def core(tmp_path_factory):
+    """A running master, for several tests."""
+    network = Ros(tmp_path_factory.mktemp("core"))
+    network.start("roscore", "-p", str(network.port)).says("started core service")
+    yield network
+    network.end()
+
+
+# ---------------------------------------------------------------------------- starting
+
+
+ARGUMENTS = [
+    "world_name:=empty.world",
+    "laser_enabled:=false",
+    "laser_tower:=false",
+    "kinect_enabled:=false",
+    "paused:=true",
+    "use_sim_time:=false",
+    "headless:=true",
+    "debug:=true",
+    "real_time_factor:=3.5",
+    "x:=1.5",
+    "y:=-2",
+    "yaw:=3",
+    "seed:=7",
+    "rviz:=false",
+]
+
+
+@pytest.mark.parametrize("file", LAUNCH_FILES)
+def test_a_launch_file_starts_with_every_argument_and_documents_it(file, ros):
+    documented = subprocess.run(
+        ["roslaunch", "--ros-args", PACKAGE, file], env=ros.env, capture_output=True, text=True, check=True
+    ).stdout
+    names = set(re.findall(r"^  (\w+)", documented, re.MULTILINE))
+    assert names == {argument.split(":=")[0] for argument in ARGUMENTS} | {"gui"}
+    assert documented.count('default "') == len(names), "every argument has a default"
+    assert not re.search(r"^  \w+ .*\): *$", documented, re.MULTILINE)
+
+    launched = ros.roslaunch(file, *ARGUMENTS)
+    launched.says("simulating 'default' with 1 things, physics at 200 Hz, paused")
+    assert "ERROR" not in launched.output, launched.output
+    assert "has died" not in launched.output, launched.output
+
+
+def test_start_pose_and_seed_reach_the_simulation(ros):
+    launched = ros.roslaunch("simulator.launch", "x:=1.5", "y:=-2.0", "yaw:=0.5", "real_time_factor:=0")
+    launched.says("simulating")
+    echo = ros.start("rostopic", "echo", "-n", "1", "/ground_truth/odom/pose/pose")
+    assert echo.wait() == 0
+    x, y, _, _, _, sin_half_yaw, _ = (float(word) for word in re.findall(r"[xyzw]: (\S+)", echo.output))
+    assert (x, y, sin_half_yaw) == (
+        pytest.approx(1.5, abs=1e-3),
+        pytest.approx(-2.0, abs=1e-3),
+        pytest.approx(0.2474, abs=1e-3),
+    )
+
+
+def test_a_machine_too_slow_is_told_the_factor_reached(ros):
+    launched = ros.roslaunch("simulator.launch", "real_time_factor:=1000")
+    launched.says("this machine is too slow for real_time_factor 1000: reached ")
+
+
+# ---------------------------------------------------------------------------- bad input
+
+
+def start_node(core, executable, name, config, parameters):
+    """A node with the parameters its launch file sets, some of them changed; None leaves one out."""
+    core.master("deleteParam", name)
+    assert core.start("rosparam", "load", f"{SHARE}/config/{config}", name).wait() == 0
+    for key, value in parameters.items():
+        if value is not None:
+            core.master("setParam", f"{name}/{key}", value)
+    return core.start("rosrun", PACKAGE, executable)
+
+
+def start_simulator(core, **changes):
+    parameters = {
+        "world_name": "singlePillar.world", "x": 0.0, "y": 0.0, "yaw": 0.0, "seed": 0,
+        "real_time_factor": 1.0, "paused": False, "kinect_enabled": False, **changes,
+    }  # fmt: skip
+    core.master("setParam", "/robot_description", parameters.pop("/robot_description", robot_description()))
+    return start_node(core, "husky_simulator", "/husky_simulator", "simulator.yaml", parameters)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("world_name", "nowhere.world"), "no world 'nowhere.world'; looked in "),
+        (("seed", None), "/husky_simulator/seed is missing"),
+        (("real_time_factor", -1.0), "/husky_simulator/real_time_factor = -1.0 is out of range 0.0..1000.0"),
+        (("physics_rate", 210), "50 Hz does not divide physics_rate = 210 Hz"),
+        (("lidar/beams", "many"), "/husky_simulator/lidar/beams = 'many' is not a int"),
+        (("colour", "red"), "/husky_simulator/colour is not a parameter; there are: "),
+        (("kinect_enabled", True), "kinect_enabled = True: there is no depth camera yet"),
+        (("/robot_description", "<robot/>"), "no link 'base_link'"),
+    ],
+)
+def test_the_simulator_ends_on_bad_input_and_names_it(change, words, core):
+    process = start_simulator(core, **dict([change]))
+    assert process.wait() == 1, process.output
+    assert words in process.output
+    assert "Traceback" not in process.output
+
+
+def test_a_broken_world_is_named_with_line_and_value(core, tmp_path):
+    world = tmp_path / "broken.world"
+    world.write_text(
+        """<sdf version="1.6"><world name="w"><model name="pillar"><link name="link"><collision name="c">
+        <geometry><cylinder><radius>-0.2</radius><length>2</length></cylinder></geometry>
+        </collision></link></model></world></sdf>"""
+    )
+    process = start_simulator(core, world_name=str(world))
+    assert process.wait() == 1, process.output
+    assert f"{world}:2: model 'pillar'" in process.output
+    assert "'-0.2'" in process.output
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("p_gain_vel", -1.0), "/husky_highlevel_controller/p_gain_vel = -1.0 is out of range"),
+        (("stop_distance", "near"), "/husky_highlevel_controller/stop_distance = 'near' is not a float"),
+        (("scan_topic_name", None), "/husky_highlevel_controller/scan_topic_name is missing"),
+        (("p_gain", 1.0), "/husky_highlevel_controller/p_gain is not a parameter"),
+    ],
+)
+def test_the_controller_ends_on_a_bad_parameter_and_names_it(change, words, core):
+    parameters = dict([("scan_topic_name", "/front/scan"), ("scan_topic_queue_size", 1), change])
+    process = start_node(
+        core, "husky_controller", "/husky_highlevel_controller", "controller.yaml", parameters
+    )
+    assert process.wait() == 1, process.output
+    assert words in process.output
+
+
+# ---------------------------------------------------------------------------- ending
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_everything(how, ros):
+    launched = ros.roslaunch("controller.launch")
+    launched.says("driving to the pillar")
+    launched.popen.send_signal(how)
+    wait_until(lambda: not ros.left(), "everything has ended")
+    assert "escalating" not in launched.output, launched.output  # roslaunch had to ask once only
+    assert "Traceback" not in launched.output, launched.output
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_a_node_ended_by_a_signal_exits_with_0(how, core):
+    process = start_simulator(core)
+    process.says("simulating")
+    process.popen.send_signal(how)
+    assert process.wait() == 0, process.output
+    assert "Traceback" not in process.output, process.output

@@ -1,0 +1,323 @@
+"""The simulated Husky: what its motion, grip and lidar mean, and that it repeats itself."""
+
+from dataclasses import replace
+from math import cos, hypot, inf, nan, pi, radians, sin, sqrt
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller.datatypes import (
+    Box,
+    Cylinder,
+    HuskyError,
+    Part,
+    Plane,
+    Pose,
+    Pose2D,
+    Sphere,
+    Thing,
+    Twist2D,
+    World,
+)
+from husky_highlevel_controller.description import robot_description, share_folder
+from husky_highlevel_controller.drive import CommandError
+from husky_highlevel_controller.engine import PlacementError
+from husky_highlevel_controller.geometry import quat_from_rpy, yaw_from_quat
+from husky_highlevel_controller.robot import robot_model
+from husky_highlevel_controller.simulation import Simulation, SimulatorConfig, steps_per
+from husky_highlevel_controller.world import load_world
+
+HUSKY = robot_model(robot_description(meshes=""))
+BLIND = robot_model(robot_description(meshes="", laser_enabled=False))
+PILLAR_WORLD = load_world(share_folder() / "worlds" / "singlePillar.world")
+START = Pose2D()
+
+
+def thing(name, shape, x=0.0, y=0.0, z=0.0, rpy=(0.0, 0.0, 0.0), mass=0.0):
+    return Thing(name, Pose((x, y, z), quat_from_rpy(*rpy)), (Part(shape),), (), mass)
+
+
+GROUND = thing("ground", Plane((0.0, 0.0, 1.0), (100.0, 100.0)))
+
+
+@pytest.fixture
+def simulate():
+    """Makes simulations and closes them."""
+    made = []
+
+    def make(*things, robot=BLIND, start=START, seed=0, config=None, ground=GROUND):
+        world = things[0] if things and isinstance(things[0], World) else World("w", (ground, *things))
+        made.append(Simulation(world, robot, config or SimulatorConfig(), start, seed))
+        return made[-1]
+
+    yield make
+    for simulation in made:
+        simulation.close()
+
+
+def drive(simulation, seconds, linear=0.0, angular=0.0):
+    """Command all the time; every snapshot."""
+    snapshots = []
+    for step in range(round(seconds / simulation.dt)):
+        if step % 20 == 0:
+            simulation.command(Twist2D(linear, angular))
+        snapshots.append(simulation.step())
+    return snapshots
+
+
+def place(snapshot):
+    x, y, _ = snapshot.robot.pose_in_world.position
+    return x, y, yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)
+
+
+# ---------------------------------------------------------------------------- motion
+
+
+COMMANDS = [(v, w) for v in (0.0, 0.5, 1.0) for w in (0.25, -0.25, 0.5, -0.5, 1.0, -1.0)]
+
+
+@pytest.mark.parametrize(("linear", "angular"), COMMANDS)
+def test_it_turns_as_commanded_without_ripple(linear, angular, simulate):
+    simulation = simulate()
+    drive(simulation, 1.0)
+    steady = drive(simulation, 6.0, linear, angular)[400:]
+    rates = np.array([snapshot.robot.angular_velocity_in_base[2] for snapshot in steady])
+    assert 0.95 < rates.mean() / angular < 1.06
+    assert rates.std() / abs(rates.mean()) < 0.01
+
+
+@pytest.mark.parametrize("angular", [0.25, -0.25, 0.5, -0.5, 1.0, -1.0, 2.0])
+def test_turning_in_place_stays_in_place(angular, simulate):
+    simulation = simulate()
+    before = place(drive(simulation, 1.0)[-1])
+    after = place(drive(simulation, 6.0, 0.0, angular)[-1])
+    assert hypot(after[0] - before[0], after[1] - before[1]) < 0.2
+
+
+@pytest.mark.parametrize("linear", [1.0, 0.5, -0.5])
+def test_straight_is_straight(linear, simulate):
+    simulation = simulate()
+    drive(simulation, 1.0)
+    snapshots = drive(simulation, 10.0, linear)
+    lateral = [abs(snapshot.robot.velocity_in_base[1]) for snapshot in snapshots]
+    assert max(lateral) < 1e-3
+    assert snapshots[-1].robot.velocity_in_base[0] == pytest.approx(linear, rel=0.005)
+    x, y, yaw = place(snapshots[-1])
+    assert x == pytest.approx(linear * 10.0, abs=0.2)
+    assert abs(y) < 0.01
+    assert abs(yaw) < 1e-3
+
+
+def test_it_drives_the_same_way_whichever_way_it_faces(simulate):
+    """Bullet's own friction has its axes fixed in the world."""
+    ends = []
+    for yaw in (0.0, 0.4, 1.0, pi / 2):
+        simulation = simulate(start=Pose2D(yaw=yaw))
+        drive(simulation, 1.0)
+        x, y, _ = place(drive(simulation, 4.0, 0.5, 0.5)[-1])
+        ends.append((x * cos(yaw) + y * sin(yaw), y * cos(yaw) - x * sin(yaw)))
+    assert np.ptp(np.array(ends), axis=0) == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
+def test_standing_it_neither_creeps_nor_shivers(simulate):
+    simulation = simulate()
+    before = drive(simulation, 2.0)[-1].robot.pose_in_world
+    poses = [snapshot.robot.pose_in_world for snapshot in drive(simulation, 60.0)[::50]]
+    away = np.array([pose.position for pose in poses]) - before.position
+    turned = np.array([pose.quat_xyzw for pose in poses]) - before.quat_xyzw
+    assert np.abs(away).max() < 1e-4
+    assert 2.0 * np.abs(turned).max() < 1e-4
+
+
+@pytest.mark.parametrize("heading", [0.0, 90.0, 37.0])
+def test_parked_on_a_ramp_it_stays(heading, simulate):
+    slope = radians(5.0)
+    tilt = (slope * sin(radians(heading)), slope * cos(radians(heading)), 0.0)
+    ramp = thing("ramp", Plane((0.0, 0.0, 1.0), (9.0, 9.0)), rpy=tilt)
+    simulation = simulate(ground=ramp)
+    before = np.array(drive(simulation, 3.0)[-1].robot.pose_in_world.position)
+    after = np.array(drive(simulation, 20.0)[-1].robot.pose_in_world.position)
+    assert np.linalg.norm(after - before) / 20.0 < 1e-3
+
+
+def test_it_climbs_a_ramp(simulate):
+    ramp = thing("ramp", Box((6.0, 3.0, 0.2)), x=4.5, z=0.25, rpy=(0.0, -radians(7.0), 0.0))
+    snapshots = drive(simulate(ramp), 6.0, 0.8)
+    assert snapshots[-1].robot.pose_in_world.position[2] > 0.3
+    assert snapshots[-1].robot.velocity_in_base[0] == pytest.approx(0.8, rel=0.05)
+
+
+def test_a_wheel_in_the_air_has_no_grip(simulate):
+    """On a block under its belly the robot spins its wheels and goes nowhere."""
+    block = thing("block", Box((0.4, 0.3, 0.3)), z=0.15)
+    simulation = simulate(block)
+    before = place(drive(simulation, 1.0)[-1])
+    snapshots = drive(simulation, 2.0, 1.0)
+    after = place(snapshots[-1])
+    assert hypot(after[0] - before[0], after[1] - before[1]) < 0.3
+    assert min(snapshots[-1].wheels.speeds) > 5.0
+    assert snapshots[-1].touched == ("block",)
+
+
+def test_it_brakes_when_commands_stop(simulate):
+    simulation = simulate()
+    drive(simulation, 2.0, 1.0)
+    snapshots = [simulation.step() for _ in range(160)]
+    speeds = [snapshot.robot.velocity_in_base[0] for snapshot in snapshots]
+    assert speeds[20] == pytest.approx(1.0, abs=0.02), "0.1 s later it still drives"
+    assert abs(speeds[-1]) < 1e-3, "0.8 s later it stands"
+
+
+def test_a_bad_command_is_refused_and_the_one_before_stays(simulate):
+    simulation = simulate()
+    drive(simulation, 1.0, 0.5)
+    for bad in (Twist2D(nan, 0.0), Twist2D(0.0, inf)):
+        with pytest.raises(CommandError, match="not finite"):
+            simulation.command(bad)
+    assert simulation.step().robot.velocity_in_base[0] == pytest.approx(0.5, rel=0.02)
+
+
+def test_it_pushes_a_box_and_says_what_it_touches(simulate):
+    simulation = simulate(thing("box", Box((0.3, 0.3, 0.3)), x=1.5, z=0.15, mass=2.0))
+    snapshots = drive(simulation, 4.0, 0.5)
+    assert snapshots[0].touched == ()
+    assert ("box",) in {snapshot.touched for snapshot in snapshots}
+    assert simulation.pose_of("box").position[0] > 2.0
+
+
+def test_a_static_pillar_stops_it(simulate):
+    simulation = simulate(thing("pillar", Cylinder(0.2, 2.0), x=2.0, z=1.0))
+    x, _, _ = place(drive(simulation, 5.0, 0.5)[-1])
+    assert x == pytest.approx(2.0 - 0.2 - 0.4937, abs=0.02)
+
+
+# ---------------------------------------------------------------------------- world
+
+
+def test_the_course_s_sunk_pillar_stands_where_it_should(simulate):
+    simulation = simulate(PILLAR_WORLD)
+    for _ in range(2000):
+        simulation.step()
+    pose = simulation.pose_of("unit_cylinder")
+    assert pose.position == pytest.approx((20.0, 5.0, 1.0), abs=1e-3)
+    assert abs(pose.quat_xyzw[3]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_thing_stays_whole_when_its_shape_is_off_its_origin(simulate):
+    parts = (Part(Box((0.2, 0.2, 0.2)), Pose((1.0, 0.0, 0.1))), Part(Sphere(0.1), Pose((1.0, 0.5, 0.1))))
+    dumbbell = Thing("dumbbell", Pose((3.0, 0.0, 0.0)), parts, (), 1.0)
+    simulation = simulate(dumbbell)
+    assert simulation.pose_of("dumbbell").position == pytest.approx((3.0, 0.0, 0.0))
+    drive(simulation, 2.0)
+    assert simulation.pose_of("dumbbell").position == pytest.approx((3.0, 0.0, 0.0), abs=5e-3)
+
+
+def test_a_plane_that_could_move_is_refused(simulate):
+    with pytest.raises(PlacementError, match=r"'tray' is a plane that can move \(1.0 kg\)"):
+        simulate(thing("tray", Plane((0.0, 0.0, 1.0), (1.0, 1.0)), mass=1.0))
+
+
+def test_an_unknown_thing_is_answered_with_those_there_are(simulate):
+    with pytest.raises(PlacementError, match="no thing named 'pilar'; there are: ground, pillar"):
+        simulate(thing("pillar", Sphere(0.1))).pose_of("pilar")
+
+
+# ---------------------------------------------------------------------------- lidar
+
+
+def scans(simulation, count):
+    found = []
+    while len(found) < count:
+        scan = simulation.step().scan
+        if scan is not None:
+            found.append(scan)
+    return found
+
+
+def test_at_the_start_three_beams_hit_the_pillar_as_the_closed_form_says(simulate):
+    simulation = simulate(PILLAR_WORLD, robot=HUSKY)
+    for scan in scans(simulation, 100)[50:]:
+        hits = np.flatnonzero(scan.ranges < inf).tolist()
+        assert hits in ([321, 322, 323], [320, 321, 322, 323], [321, 322])
+        for beam in (321, 322):
+            bearing = -scan.bearings[beam]  # the lidar hangs upside-down
+            dx, dy = 20.0 - 0.3370, 5.0
+            along, across = dx * cos(bearing) + dy * sin(bearing), dy * cos(bearing) - dx * sin(bearing)
+            assert scan.ranges[beam] == pytest.approx(along - sqrt(0.2**2 - across**2), abs=0.006)
+    assert scan.frame == "front_laser"
+
+
+def test_scans_come_at_their_rate_with_the_noise_asked_for(simulate):
+    wall = thing("wall", Box((0.2, 40.0, 2.0)), x=5.1, z=1.0)
+    simulation = simulate(wall, robot=HUSKY)
+    found = scans(simulation, 300)
+    assert np.diff([scan.stamp for scan in found]) == pytest.approx(0.02)
+    ahead = np.array([scan.ranges[355:365] for scan in found[50:]])
+    assert ahead.std(axis=0) == pytest.approx(0.001, rel=0.2)
+
+
+@pytest.mark.parametrize("angular", [0.0, 1.0])
+def test_it_never_sees_itself(angular, simulate):
+    simulation = simulate(robot=HUSKY)
+    for snapshot in drive(simulation, 3.0, 0.5, angular):
+        assert snapshot.scan is None or np.all(snapshot.scan.ranges == inf)
+
+
+def test_without_a_lidar_there_is_no_scan(simulate):
+    assert all(snapshot.scan is None for snapshot in drive(simulate(), 0.5))
+
+
+def test_a_pillar_to_the_left_is_at_a_negative_angle(simulate):
+    simulation = simulate(thing("pillar", Cylinder(0.2, 2.0), x=3.0, y=3.0, z=1.0), robot=HUSKY)
+    (scan,) = scans(simulation, 1)
+    assert scan.bearings[np.argmin(scan.ranges)] < -0.7
+
+
+# ---------------------------------------------------------------------------- repetition and rates
+
+
+def trace(simulation):
+    """A run with noise, turning, and a thing to push, as bytes."""
+    rows = []
+    for snapshot in drive(simulation, 4.0, 0.7, 0.3):
+        rows += [*snapshot.robot.pose_in_world.position, *snapshot.robot.pose_in_world.quat_xyzw]
+        rows += [] if snapshot.scan is None else snapshot.scan.ranges.tolist()
+    return np.array(rows).tobytes()
+
+
+def test_the_same_seed_gives_the_same_run_to_the_last_bit(simulate):
+    box = thing("box", Box((0.3, 0.3, 1.0)), x=1.5, y=0.4, z=0.5, mass=2.0)
+    first, second = (trace(simulate(box, robot=HUSKY, seed=5)) for _ in range(2))
+    assert first == second
+    assert trace(simulate(box, robot=HUSKY, seed=6)) != first
+
+
+def test_a_reset_gives_the_first_run_again_to_the_last_bit(simulate):
+    simulation = simulate(
+        thing("box", Box((0.3, 0.3, 1.0)), x=1.5, y=0.4, z=0.5, mass=2.0), robot=HUSKY, seed=5
+    )
+    first = trace(simulation)
+    simulation.reset(START, 5)
+    assert simulation.stamp == 0.0
+    assert trace(simulation) == first
+
+
+@pytest.mark.parametrize(("rate", "steps"), [(50, 4), (200, 1), (1, 200), (40, 5)])
+def test_periods_are_whole_numbers_of_steps(rate, steps):
+    assert steps_per(rate, 200, "scan_rate") == steps
+
+
+@pytest.mark.parametrize("rate", [60, 201, 400, 150])
+def test_a_period_that_is_not_a_multiple_of_the_step_is_refused(rate, simulate):
+    with pytest.raises(HuskyError, match=f"scan_rate = {rate} Hz does not divide physics_rate = 200 Hz"):
+        simulate(config=replace(SimulatorConfig(), scan_rate=rate))
+
+
+def test_the_odometry_knows_the_way_but_not_where_the_odom_frame_lies(simulate):
+    simulation = simulate(start=Pose2D(3.0, -2.0, 1.0))
+    x, y, yaw = place(drive(simulation, 5.0, 0.8, 0.2)[-1])
+    believed = simulation.step().odometry.pose_base_in_odom
+    dx, dy = x - 3.0, y + 2.0
+    assert believed.x == pytest.approx(dx * cos(1.0) + dy * sin(1.0), abs=0.1)
+    assert believed.y == pytest.approx(dy * cos(1.0) - dx * sin(1.0), abs=0.1)
+    assert believed.yaw == pytest.approx(yaw - 1.0, abs=0.01)
