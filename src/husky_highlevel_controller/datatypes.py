@@ -126,7 +126,8 @@ class Scan:
     @property
     def angle_increment(self) -> float:
         """Step between beams in rad; (max - min) / (N - 1), or 0 for fewer than two beams."""
-        return (self.angle_max - self.angle_min) / max(len(self.ranges) - 1, 1)
+        steps = len(self.ranges) - 1
+        return (self.angle_max - self.angle_min) / steps if steps > 0 else 0.0
 
     @property
     def bearings(self) -> np.ndarray:

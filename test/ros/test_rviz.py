@@ -1,0 +1,69 @@
+"""RViz, under a virtual screen: it shows robot, scan, frames and marker, without complaint."""
+
+import subprocess
+
+import numpy as np
+import pytest
+from test_processes import PACKAGE, Ros, wait_until
+
+SIZE = (1300, 850)
+SHOWN = {
+    "/front/scan",
+    "/tf",
+    "/tf_static",
+    "/odometry/filtered",
+    f"/{PACKAGE}/visualization_marker",
+}
+# what to look for in the picture (RViz shades its colours)
+COLORS = {
+    "the Husky's yellow": lambda r, g, b: (r > 120) & (g > 90) & (g < 0.85 * r) & (b < 0.4 * r),
+    "the scan's magenta": lambda r, g, b: (r > 150) & (g < 0.5 * r) & (b > 0.8 * r),
+    "the marker's orange": lambda r, g, b: (r > 120) & (g > 0.3 * r) & (g < 0.6 * r) & (b < 0.3 * r),
+}
+
+
+class Screen:
+    """A virtual screen whose pixels can be looked at."""
+
+    def __init__(self, ros):
+        self.memory = ros.folder / "Xvfb_screen0"
+        geometry = f"{SIZE[0]}x{SIZE[1]}x24"
+        xvfb = ros.start("Xvfb", "-displayfd", "1", "-screen", "0", geometry, "-fbdir", str(ros.folder))
+        wait_until(lambda: xvfb.output.strip().isdigit(), "Xvfb has a display")
+        self.display = f":{xvfb.output.strip()}"
+        ros.start("openbox", DISPLAY=self.display)
+
+    def pixels(self):
+        """(height, width, 3) of red, green, blue."""
+        data = self.memory.read_bytes()  # X's own dump format, XWD: a header of big-endian words
+        header = np.frombuffer(data, ">u4", 25)
+        offset, (width, height), row = int(header[0] + 12 * header[19]), header[4:6].tolist(), int(header[12])
+        rows = np.frombuffer(data, np.uint8, row * height, offset).reshape(height, row)
+        return rows[:, : 4 * width].reshape(height, width, 4)[:, :, 2::-1].astype(float)
+
+    def shows(self, color):
+        red, green, blue = np.moveaxis(self.pixels(), 2, 0)
+        return int(COLORS[color](red, green, blue)[60:, 400:].sum())
+
+
+@pytest.fixture
+def ros(tmp_path):
+    network = Ros(tmp_path)
+    yield network
+    network.end()
+
+
+def test_rviz_shows_robot_scan_frames_and_marker(ros):
+    screen = Screen(ros)
+    launched = ros.start(
+        "roslaunch", "-p", str(ros.port), PACKAGE, "controller.launch", DISPLAY=screen.display
+    )
+    launched.says("driving to the pillar")
+    wait_until(lambda: ros.subscriptions("/rviz") >= SHOWN, f"rviz subscribes to {SHOWN}")
+    for color in COLORS:
+        wait_until(lambda color=color: screen.shows(color) > 30, f"{color} is to be seen")
+    log = subprocess.run(
+        ["grep", "-rhE", r"ERROR|WARN", str(ros.folder / "log")], capture_output=True, text=True
+    )
+    complaints = [line for line in log.stdout.splitlines() if "rviz" in line]
+    assert complaints == []
