@@ -19,7 +19,7 @@ BODY = {
     "world", "sdf", "shapes", "description", "simulation", "engine", "traction", "drive", "lidar", "raycast",
     "odometry",
 }  # fmt: skip
-BRAIN = {"pillar", "control"}
+BRAIN = {"pillar", "fitting", "control"}
 ROS = {"rospy", "tf2_ros", "roslib", "rosgraph", "genpy", "rospkg", "dynamic_reconfigure"}
 CLOCKS = {"time", "datetime", "threading", "random"}
 
