@@ -33,6 +33,7 @@ from husky_highlevel_controller.world import find_world, load_world
 WORLD, ODOM, BASE = "world", "odom", "base_link"
 STATE_RATE = 50  # [Hz] of odometry, TF and joint states, as on the Husky
 CLOCK_RATE = 100  # [Hz]
+QUEUE = 200  # messages kept for a subscriber that is busy; one that hangs must not hold the world
 PAUSE_PERIOD = 0.05  # [s] of wall time between two looks at whether the pause is over
 
 
@@ -75,12 +76,12 @@ class SimulatorNode:
             self._running.set()
         self._commands: Deque[Twist] = deque(maxlen=1000)
 
-        self._clock = rospy.Publisher("/clock", Clock, queue_size=10)
-        self._scan = rospy.Publisher("front/scan", LaserScan, queue_size=10)
-        self._joints = rospy.Publisher("joint_states", JointState, queue_size=10)
-        self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=10)
-        self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=10)
-        self._transforms = rospy.Publisher("/tf", TFMessage, queue_size=100)
+        self._clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
+        self._scan = rospy.Publisher("front/scan", LaserScan, queue_size=QUEUE)
+        self._joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
+        self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=QUEUE)
+        self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
+        self._transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         rospy.Subscriber("cmd_vel", Twist, self._commands.append, queue_size=10, tcp_nodelay=True)
         rospy.Service("gazebo/pause_physics", Empty, self._pause)
         rospy.Service("gazebo/unpause_physics", Empty, self._unpause)

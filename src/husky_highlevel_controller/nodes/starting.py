@@ -32,6 +32,7 @@ def run_node(name: str, make: Callable[[], Runnable]) -> None:
 
     With the argument --debug it logs at DEBUG level and shows a stack trace should the engine crash.
     """
+    sys.stdout.reconfigure(line_buffering=True)  # a log that is piped is seen line by line
     debug = "--debug" in rospy.myargv()
     if debug:
         faulthandler.enable()
