@@ -15,7 +15,7 @@ def publish(publisher: rospy.Publisher, message: Any) -> None:
     """Publish, but not after the node was told to end: a callback may still be at work then."""
     try:
         publisher.publish(message)
-    except rospy.ROSException:
+    except (rospy.ROSException, ValueError):  # ValueError: its buffer is closed already
         if not rospy.is_shutdown():
             raise
 
