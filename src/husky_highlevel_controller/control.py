@@ -1,7 +1,6 @@
-"""Drives to a pillar and stops in front of it.
+"""The laws of the drive to a pillar, and when it is reached.
 
-In: where the pillar is, seen from base_link, and what the robot was doing.
-Out: the twist to command, and what the robot does now.
+In: where the pillar is, seen from base_link. Out: the twist to command.
 Must not know: ROS, PyBullet, scans, time.
 
 Two proportional laws: forward speed from the distance still to go, turning rate from the bearing.
@@ -10,17 +9,21 @@ Two proportional laws: forward speed from the distance still to go, turning rate
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
-from math import atan2, cos, hypot, isfinite
-from typing import Optional, Tuple
+from math import atan2, cos, hypot
+from typing import Tuple
 
-from husky_highlevel_controller.datatypes import STOP, Pillar, Pose, Twist2D
-from husky_highlevel_controller.geometry import transform_point
+from husky_highlevel_controller.datatypes import Pose, Twist2D
+
+# Half length and half width of the Husky's hull about base_link [m] (Husky URDF, husky_description 0.6.10)
+HULL_X, HULL_Y = 0.9874 / 2.0, 0.5709 / 2.0
+TOUCH_SPEED = 0.1  # [m/s], fastest towards something that is going to be touched
+TOUCH_LEAST_SPEED = 0.04  # [m/s], a proportional law alone would never quite get there
+TOUCH_SLOW_FROM = 0.25  # [m] before the touch; room to brake from 1.0 m/s at 3.0 m/s^2
 
 
 @dataclass(frozen=True)
 class ControlConfig:
-    """Gains and limits of the drive to the pillar.
+    """Gains and limits of the drive to the pillar, and of the search for it.
 
     The default gains brake from 1.0 m/s with at most 2 m/s^2 and forgive 0.1 s of delay without swinging;
     the robot's own limits are 1.0 m/s, 3.0 m/s^2, 2.0 rad/s, 6.0 rad/s^2 (husky_control 0.6.10).
@@ -37,9 +40,9 @@ class ControlConfig:
     stop_distance: float = field(
         default=0.4,
         metadata={
-            "min": 0.1,
+            "min": 0.0,
             "max": 10.0,
-            "help": "where to stop, from the lidar to the pillar's surface [m]",
+            "help": "where to stop, from the lidar to the pillar's surface; 0: touch it [m]",
         },
     )
     max_linear: float = field(
@@ -52,26 +55,27 @@ class ControlConfig:
         default=0.01,
         metadata={"min": 0.001, "max": 0.09, "help": "how near to stop_distance counts as arrived [m]"},
     )
-
-
-RESUME_ERROR = 0.10  # [m], further than this from where it should stand an arrived robot drives again
-
-
-class Phase(Enum):
-    """What the robot is doing."""
-
-    WAITING = "waiting"  # there is no pillar
-    DRIVING = "driving"
-    ARRIVED = "arrived"
+    search: bool = field(
+        default=True,
+        metadata={"help": "turn and drive to look for a pillar never seen or lost; false: stand still"},
+    )
+    search_rate: float = field(
+        default=0.5, metadata={"min": 0.05, "max": 2.0, "help": "turning rate of the search [rad/s]"}
+    )
+    search_radius_step: float = field(
+        default=1.5, metadata={"min": 0.1, "max": 10.0, "help": "by which the search widens each round [m]"}
+    )
 
 
 @dataclass(frozen=True)
 class Target:
-    """The pillar as the controller needs it."""
+    """The pillar as the control needs it."""
 
     x: float  # [m], centre, in base_link
     y: float  # [m], centre, in base_link
+    radius: float  # [m]
     distance: float  # [m], from the lidar to the pillar's near surface, as a scan reads it
+    gap: float  # [m], from the robot's hull to the pillar's surface
 
     @property
     def bearing(self) -> float:
@@ -79,30 +83,28 @@ class Target:
         return atan2(self.y, self.x)
 
 
-def target_from_pillar(pillar: Pillar, pose_laser_in_base: Pose) -> Target:
-    """The target that a pillar is, whichever way up the lidar is mounted."""
-    x, y, _ = transform_point(pose_laser_in_base, (pillar.x, pillar.y, 0.0))
-    return Target(x, y, hypot(pillar.x, pillar.y) - pillar.radius)
-
-
-def advance(phase: Phase, target: Optional[Target], config: ControlConfig) -> Tuple[Phase, Twist2D]:
-    """Decide on one scan.
+def target_at(center_in_base: Tuple[float, float], radius: float, laser_in_base: Pose) -> Target:
+    """The target that a pillar is, whichever way up the lidar is mounted.
 
     Args:
-        phase: what the robot was doing, WAITING at first.
-        target: the pillar in this scan; None, or one that is not a number, means there is none.
-        config: gains and limits.
-
-    Returns:
-        What the robot does now, and the velocity to command. It stands still unless it is DRIVING.
+        center_in_base: of the pillar [m].
+        radius: of the pillar [m].
+        laser_in_base: where the lidar is.
     """
-    if target is None or not isfinite(target.x + target.y + target.distance):
-        return Phase.WAITING, STOP
-    to_go = target.distance - config.stop_distance
-    near_enough = RESUME_ERROR if phase is Phase.ARRIVED else config.arrival_tolerance
-    if to_go <= near_enough:
-        return Phase.ARRIVED, STOP
-    return Phase.DRIVING, steer(target, config)
+    x, y = center_in_base
+    distance = hypot(x - laser_in_base.position[0], y - laser_in_base.position[1]) - radius
+    gap = hypot(max(abs(x) - HULL_X, 0.0), max(abs(y) - HULL_Y, 0.0)) - radius
+    return Target(x, y, radius, distance, gap)
+
+
+def to_go(target: Target, config: ControlConfig) -> float:
+    """Distance to the stop point, or to the touch where the hull is in the way of that [m]."""
+    return min(target.distance - config.stop_distance, target.gap)
+
+
+def to_be_touched(target: Target, config: ControlConfig) -> bool:
+    """Whether the hull meets the pillar before the lidar is at the stop distance."""
+    return target.gap < target.distance - config.stop_distance
 
 
 def steer(target: Target, config: ControlConfig) -> Twist2D:
@@ -115,10 +117,18 @@ def steer(target: Target, config: ControlConfig) -> Twist2D:
     Returns:
         The velocity to command, in base_link.
     """
-    linear = config.p_gain_vel * (target.distance - config.stop_distance)
-    facing = max(cos(target.bearing), 0.0)
-    angular = config.p_gain_ang * target.bearing
+    speed = config.p_gain_vel * to_go(target, config)
+    if config.p_gain_vel > 0.0 and to_be_touched(target, config):
+        speed = max(speed, TOUCH_LEAST_SPEED)
+        if target.gap < TOUCH_SLOW_FROM:
+            speed = min(speed, TOUCH_SPEED)
+    return heading_twist(target.bearing, min(max(speed, 0.0), config.max_linear), config)
+
+
+def heading_twist(bearing: float, speed: float, config: ControlConfig) -> Twist2D:
+    """Turn to a bearing [rad] and drive at a speed [m/s], the less the farther it is off."""
+    angular = config.p_gain_ang * bearing
     return Twist2D(
-        linear=facing * min(max(linear, 0.0), config.max_linear),
+        linear=max(cos(bearing), 0.0) * speed,
         angular=min(max(angular, -config.max_angular), config.max_angular),
     )

@@ -161,6 +161,16 @@ class RobotState:
 
 
 @dataclass(frozen=True)
+class ImuSample:
+    """What an inertial measurement unit tells; on the Husky along base_link's axes."""
+
+    stamp: float  # [s]
+    quat_xyzw: Quaternion  # how the sensor stands in a level frame, whose heading is anybody's choice
+    angular_velocity: Vector3  # [rad/s], along the sensor's axes
+    specific_force: Vector3  # [m/s^2], along the sensor's axes: at rest 9.8 upwards (REP 145)
+
+
+@dataclass(frozen=True)
 class Snapshot:
     """The simulated robot at one instant."""
 
@@ -170,6 +180,7 @@ class Snapshot:
     odometry: Odometry
     touched: Tuple[str, ...] = ()  # names of the things the robot touches with anything but its wheels
     scan: Optional[Scan] = None  # None between two scan periods
+    imu: Optional[ImuSample] = None  # None between two of its periods
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,20 @@ In and out: records and messages. Must not know: nodes, topics, rospy.
 
 from __future__ import annotations
 
+from math import hypot
+from typing import Sequence
+
 import numpy as np
 from genpy import Duration, Time
 from geometry_msgs.msg import Point, Quaternion, TransformStamped, Twist, Vector3
 from nav_msgs.msg import Odometry as OdometryMsg
-from sensor_msgs.msg import JointState, LaserScan
+from sensor_msgs.msg import Imu, JointState, LaserScan
 from std_msgs.msg import ColorRGBA, Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
 from husky_highlevel_controller.datatypes import (
+    ImuSample,
     Odometry,
     Pose,
     RobotState,
@@ -144,6 +148,50 @@ def pillar_to_marker(
     return marker
 
 
+def disc_to_marker(
+    center: Point, radius: float, stamp: float, frame: str, namespace: str, color: ColorRGBA
+) -> Marker:
+    """A flat disc that lies about a point."""
+    marker = pillar_to_marker(center, radius, stamp, frame, namespace, color)
+    marker.scale.z = 0.02
+    return marker
+
+
+def ball_to_marker(
+    center: Point, radius: float, stamp: float, frame: str, namespace: str, color: ColorRGBA
+) -> Marker:
+    """A small sphere at a point."""
+    marker = pillar_to_marker(center, radius, stamp, frame, namespace, color)
+    marker.type = Marker.SPHERE
+    marker.scale.z = 2.0 * radius
+    return marker
+
+
+def line_to_marker(
+    points: Sequence[Point], width: float, stamp: float, frame: str, namespace: str, color: ColorRGBA
+) -> Marker:
+    """A line from point to point."""
+    marker = _marker(stamp, frame, namespace, Marker.ADD)
+    marker.type = Marker.LINE_STRIP
+    marker.points = list(points)
+    marker.scale.x = width
+    marker.color = color
+    return marker
+
+
+def text_to_marker(
+    text: str, position: Point, height: float, stamp: float, frame: str, namespace: str, color: ColorRGBA
+) -> Marker:
+    """Words that always face whoever looks, each letter `height` m tall."""
+    marker = _marker(stamp, frame, namespace, Marker.ADD)
+    marker.type = Marker.TEXT_VIEW_FACING
+    marker.text = text
+    marker.pose.position = position
+    marker.scale.z = height
+    marker.color = color
+    return marker
+
+
 def no_marker(stamp: float, frame: str, namespace: str) -> Marker:
     """Take a marker away."""
     return _marker(stamp, frame, namespace, Marker.DELETE)
@@ -153,3 +201,30 @@ def _marker(stamp: float, frame: str, namespace: str, action: int) -> Marker:
     marker = Marker(header=header(stamp, frame), ns=namespace, id=0, action=action, lifetime=Duration(0))
     marker.pose.orientation.w = 1.0  # an all-zero quaternion is not a rotation
     return marker
+
+
+# ---------------------------------------------------------------------------- IMU
+
+# As the Husky's plugin publishes it: roll and pitch follow from the accelerometer's noise, (0.005 / 9.8)^2;
+# those of rates and accelerations are all 0, which means unknown (REP 145)
+IMU_ORIENTATION_COVARIANCE = tuple(np.diag([(0.005 / 9.8) ** 2] * 2 + [0.0]).ravel().tolist())
+
+
+def imu_to_msg(sample: ImuSample, frame: str) -> Imu:
+    """What an IMU tells, along the axes of `frame`."""
+    return Imu(
+        header=header(sample.stamp, frame),
+        orientation=Quaternion(*sample.quat_xyzw),
+        orientation_covariance=IMU_ORIENTATION_COVARIANCE,
+        angular_velocity=Vector3(*sample.angular_velocity),
+        linear_acceleration=Vector3(*sample.specific_force),
+    )
+
+
+def imu_from_msg(msg: Imu) -> ImuSample:
+    """What anyone's IMU tells; one that does not know how it stands is taken to stand level."""
+    q, w, f = msg.orientation, msg.angular_velocity, msg.linear_acceleration
+    length = hypot(q.x, q.y, q.z, q.w)
+    level = msg.orientation_covariance[0] == -1.0 or not length > 0.5  # REP 145; zeros and NaN say it as well
+    quat = (0.0, 0.0, 0.0, 1.0) if level else (q.x / length, q.y / length, q.z / length, q.w / length)
+    return ImuSample(msg.header.stamp.to_sec(), quat, (w.x, w.y, w.z), (f.x, f.y, f.z))

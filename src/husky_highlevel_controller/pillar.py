@@ -67,6 +67,13 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
     if runs is None:
         return []
     circles = fit_circles(runs, config.pillar_radius, config.range_noise)
+    round_ones = (
+        (circles.residual <= config.max_residual)
+        & (np.abs(circles.radius - config.pillar_radius) <= config.radius_tolerance)
+        & (np.abs(circles.free_radius - config.pillar_radius) <= config.radius_tolerance + circles.free_slack)
+    )
+    if not round_ones.any():
+        return []
     line, corner = straight_misfits(runs)
     floor = runs.beams * config.range_noise**2
 
@@ -76,9 +83,7 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
 
     missing, hidden = _silhouette(scan, circles, config)
     good = (
-        (circles.residual <= config.max_residual)
-        & (np.abs(circles.radius - config.pillar_radius) <= config.radius_tolerance)
-        & (np.abs(circles.free_radius - config.pillar_radius) <= config.radius_tolerance + circles.free_slack)
+        round_ones
         & (lead(line, 2) < np.where(hidden > 0, -_HIDDEN_ODDS, _LINE_ODDS))
         & (lead(corner, 5) < _CORNER_ODDS * runs.beams)
         & (missing <= runs.beams // 10)

@@ -15,6 +15,7 @@ import numpy as np
 
 from husky_highlevel_controller.datatypes import (
     HuskyError,
+    ImuSample,
     Odometry,
     Plane,
     Pose,
@@ -36,6 +37,7 @@ from husky_highlevel_controller.geometry import (
     rotate,
     transform_point,
 )
+from husky_highlevel_controller.imu import ImuConfig, measure
 from husky_highlevel_controller.lidar import LidarConfig, sweep
 from husky_highlevel_controller.odometry import advance_odometry
 from husky_highlevel_controller.raycast import cast_rays, make_scene
@@ -43,6 +45,7 @@ from husky_highlevel_controller.robot import RobotModel
 from husky_highlevel_controller.traction import Contact, TractionConfig, ground_forces
 
 LOAD_SMOOTHING = 0.02  # [s], low-pass on the wheels' normal forces: the solver's are rough
+IMU_STREAM = 1  # of the seed: the IMU draws from a stream of its own, so that it does not shift the lidar's
 SUPPORT_SLOPE = 0.5  # a wheel stands on what pushes it up at least steeply (cosine), and bumps into the rest
 
 
@@ -55,6 +58,8 @@ class SimulatorConfig:
     )
     scan_rate: int = field(default=50, metadata={"min": 1, "max": 200, "help": "scans a second [Hz]"})
     lidar: LidarConfig = field(default_factory=LidarConfig, metadata={"help": "the lidar"})
+    imu_rate: int = field(default=50, metadata={"min": 1, "max": 1000, "help": "IMU samples a second [Hz]"})
+    imu: ImuConfig = field(default_factory=ImuConfig, metadata={"help": "the inertial measurement unit"})
     drive: DriveConfig = field(default_factory=DriveConfig)
     traction: TractionConfig = field(default_factory=TractionConfig)
 
@@ -95,6 +100,7 @@ class Simulation:
         self.config = replace(config, drive=replace(config.drive, **geometry))
         self.dt = 1.0 / config.physics_rate
         self._scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
+        self._imu_steps = steps_per(config.imu_rate, config.physics_rate, "imu_rate")
         self._world, self._robot = world, robot
         self._laser_in_base = robot.fixed_poses.get(robot.laser_frame)
         self._drive = Drive(self.config.drive)
@@ -109,6 +115,7 @@ class Simulation:
         """Back to the beginning, with the robot at `start`: the stamp starts at 0 again."""
         self._steps = 0
         self._rng = np.random.default_rng(seed)
+        self._imu_rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(IMU_STREAM,)))
         self._drive.reset()
         self._odometry = Odometry()
         self._engine.clear(self._world.gravity)
@@ -119,7 +126,7 @@ class Simulation:
         self._engine.add_robot(self._robot, pose_from_2d(start, wheels[0].radius - wheels[0].position[2]))
         self._loads = [0.0] * len(wheels)
         self._footprints = [(w.position[0], w.position[1], w.position[2] - w.radius) for w in wheels]
-        self._state = self._observe_robot()
+        self._state = self._felt = self._observe_robot()
 
     @property
     def stamp(self) -> float:
@@ -139,7 +146,7 @@ class Simulation:
         return self._engine.pose_of(name)
 
     def step(self) -> Snapshot:
-        """Advance one physics step; at the end of every scan period the snapshot holds a scan."""
+        """Advance one physics step; at the end of a sensor's period the snapshot holds its sample."""
         left, right = wheel_speeds(self._drive.update(self.stamp, self.dt), self.config.drive)
         self._engine.drive_wheels((left, right, left, right))
         self._hold_the_ground((left, right, left, right))
@@ -155,7 +162,8 @@ class Simulation:
         scan = None
         if self._laser_in_base is not None and self._steps % self._scan_steps == 0:
             scan = self._sweep(self._laser_in_base)
-        return Snapshot(self.stamp, self._state, wheels, self._odometry, touched, scan)
+        imu = self._feel() if self._steps % self._imu_steps == 0 else None
+        return Snapshot(self.stamp, self._state, wheels, self._odometry, touched, scan, imu)
 
     # ------------------------------------------------------------------ wheels on the ground
 
@@ -236,3 +244,10 @@ class Simulation:
         pose = compose(self._state.pose_in_world, laser_in_base)
         frame = self._robot.laser_frame
         return sweep(partial(cast_rays, self._scene), pose, self.config.lidar, self._rng, self.stamp, frame)
+
+    # ------------------------------------------------------------------ IMU
+
+    def _feel(self) -> ImuSample:
+        before, self._felt = self._felt, self._state
+        period, gravity = self._imu_steps * self.dt, self._world.gravity
+        return measure(before, self._state, period, gravity, self.config.imu, self._imu_rng, self.stamp)

@@ -143,6 +143,7 @@ ARGUMENTS = [
     "x:=1.5",
     "y:=-2",
     "yaw:=3",
+    "lockstep:=false",
     "seed:=7",
     "rviz:=false",
 ]
@@ -154,11 +155,12 @@ def test_a_launch_file_starts_with_every_argument_and_documents_it(file, ros):
         ["roslaunch", "--ros-args", PACKAGE, file], env=ros.env, capture_output=True, text=True, check=True
     ).stdout
     names = set(re.findall(r"^  (\w+)", documented, re.MULTILINE))
-    assert names == {argument.split(":=")[0] for argument in ARGUMENTS} | {"gui"}
+    arguments = [*ARGUMENTS, "naive:=false"] if file == "controller.launch" else ARGUMENTS
+    assert names == {argument.split(":=")[0] for argument in arguments} | {"gui"}
     assert documented.count('default "') == len(names), "every argument has a default"
     assert not re.search(r"^  \w+ .*\): *$", documented, re.MULTILINE)
 
-    launched = ros.roslaunch(file, *ARGUMENTS)
+    launched = ros.roslaunch(file, *arguments)
     launched.says("simulating 'default' with 1 things, physics at 200 Hz, paused")
     assert "ERROR" not in launched.output, launched.output
     assert "has died" not in launched.output, launched.output
@@ -198,7 +200,7 @@ def start_node(core, executable, name, config, parameters):
 def start_simulator(core, **changes):
     parameters = {
         "world_name": "singlePillar.world", "x": 0.0, "y": 0.0, "yaw": 0.0, "seed": 0,
-        "real_time_factor": 1.0, "paused": False, "kinect_enabled": False, **changes,
+        "real_time_factor": 1.0, "lockstep": False, "paused": False, "kinect_enabled": False, **changes,
     }  # fmt: skip
     core.master("setParam", "/robot_description", parameters.pop("/robot_description", robot_description()))
     return start_node(core, "husky_simulator", "/husky_simulator", "simulator.yaml", parameters)

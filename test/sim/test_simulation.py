@@ -203,6 +203,29 @@ def test_the_course_s_sunk_pillar_stands_where_it_should(simulate):
     assert abs(pose.quat_xyzw[3]) == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("world", sorted((share_folder() / "worlds").iterdir()), ids=lambda path: path.stem)
+def test_the_robot_stands_untouched_at_the_start_of_every_world(world, simulate):
+    last = drive(simulate(load_world(world)), 2.0)[-1]
+    assert last.touched == ()
+    assert last.robot.pose_in_world.position == pytest.approx((0.0, 0.0, 0.1323), abs=1e-3)
+
+
+def test_the_lidar_sees_both_goals_of_the_football_field_and_nothing_else(simulate):
+    simulation = simulate(load_world(share_folder() / "worlds" / "robocup14_spl_field.world"), robot=HUSKY)
+    (scan,) = scans(simulation, 1)
+    seen = scan.ranges[np.isfinite(scan.ranges)]
+    assert len(seen) > 50
+    assert 4.0 < seen.min() < 4.4
+    assert seen.max() < 5.5
+
+
+def test_it_climbs_the_ramp_onto_the_platform(simulate):
+    ramp = simulate(load_world(share_folder() / "worlds" / "ramp.world"))
+    last = drive(ramp, 9.0, 0.8)[-1]
+    assert last.robot.pose_in_world.position[2] == pytest.approx(0.485 + 0.1323, abs=2e-3)
+    assert last.touched == ()
+
+
 def test_a_thing_stays_whole_when_its_shape_is_off_its_origin(simulate):
     parts = (Part(Box((0.2, 0.2, 0.2)), Pose((1.0, 0.0, 0.1))), Part(Sphere(0.1), Pose((1.0, 0.5, 0.1))))
     dumbbell = Thing("dumbbell", Pose((3.0, 0.0, 0.0)), parts, (), 1.0)

@@ -1,76 +1,30 @@
-"""Scans of flat scenes in closed form: circles and straight pieces, no physics engine."""
+"""What the unit tests of the controller see and drive: flat scenes and a robot without physics."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from math import cos, pi, sin
-from typing import Optional, Sequence, Tuple
+from dataclasses import replace
+from math import pi
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.datatypes import Scan
+from husky_highlevel_controller.behaviour import Decision, Memory, View, decide
+from husky_highlevel_controller.control import ControlConfig
+from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Scan, Twist2D
+from husky_highlevel_controller.geometry import (
+    advance,
+    compose,
+    inverse,
+    pose_from_2d,
+    quat_from_rpy,
+    transform_point,
+)
+from husky_highlevel_controller.pillar import PillarConfig
+from husky_highlevel_controller.scenarios import SICK, Circle, Lidar, Segment, cast, scan_of
 
-Circle = Tuple[float, float, float]  # x, y, radius [m], in the laser's frame
-Segment = Tuple[float, float, float, float]  # x1, y1, x2, y2 [m], in the laser's frame
-
-
-@dataclass(frozen=True)
-class Lidar:
-    """The reference lidar unless told otherwise (SICK LMS1xx description, lms1xx 0.3.0)."""
-
-    beams: int = 720
-    angle_max: float = 2.35619  # [rad], and minus that on the other side
-    range_min: float = 0.1  # [m]
-    range_max: float = 30.0  # [m]
-
-
-SICK = Lidar()
-
-
-def box(x: float, y: float, yaw: float, length: float, width: float) -> Tuple[Segment, ...]:
-    """The four sides of a rectangle centred at (x, y)."""
-    corners = [
-        (
-            x + cos(yaw) * a * length / 2 - sin(yaw) * b * width / 2,
-            y + sin(yaw) * a * length / 2 + cos(yaw) * b * width / 2,
-        )
-        for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))
-    ]
-    return tuple(corners[i] + corners[(i + 1) % 4] for i in range(4))
-
-
-def cast(
-    circles: Sequence[Circle] = (), segments: Sequence[Segment] = (), lidar: Lidar = SICK
-) -> Tuple[np.ndarray, np.ndarray]:
-    """Distance to the first thing each beam meets, (N,) [m], and which it is, (N,).
-
-    Circles are numbered first, then segments; nothing is inf and -1.
-    """
-    bearings = np.linspace(-lidar.angle_max, lidar.angle_max, lidar.beams)
-    c, s = np.cos(bearings), np.sin(bearings)
-    hits = [np.full(lidar.beams, np.inf)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for x, y, radius in circles:
-            along, across = x * c + y * s, x * s - y * c
-            near = along - np.sqrt(radius**2 - across**2)
-            hits.append(np.where(near > 0.0, near, np.inf))
-        for x1, y1, x2, y2 in segments:
-            dx, dy = x2 - x1, y2 - y1
-            cross = c * dy - s * dx
-            distance, share = (x1 * dy - y1 * dx) / cross, (x1 * s - y1 * c) / cross
-            hits.append(np.where((distance > 0.0) & (share >= 0.0) & (share <= 1.0), distance, np.inf))
-    table = np.array(hits)
-    return table.min(axis=0), table.argmin(axis=0) - 1
-
-
-def scan_of(ranges: np.ndarray, lidar: Lidar = SICK) -> Scan:
-    """The numbers as a scan, too far and too close marked as REP 117 says."""
-    ranges = np.asarray(ranges, dtype=float)
-    with np.errstate(invalid="ignore"):
-        ranges = np.where(ranges >= lidar.range_max, np.inf, ranges)
-        ranges = np.where(ranges <= lidar.range_min, -np.inf, ranges)
-    edge = lidar.angle_max
-    return Scan(0.0, "front_laser", -edge, edge, lidar.range_min, lidar.range_max, ranges)
+# of the lidar in base_link (Husky URDF, husky_description 0.6.10): as it hangs, and as it could stand
+UPSIDE_DOWN = Pose((0.337, 0.0, 0.30795), quat_from_rpy(pi, 0.0, 0.0))
+UPRIGHT = Pose((0.3568, 0.0, 0.28785))
 
 
 def look(
@@ -87,11 +41,67 @@ def look(
     return scan_of(ranges, lidar)
 
 
-def room(size: float, yaw: float, x: float = 0.0, y: float = 0.0) -> Tuple[Segment, ...]:
-    """Four walls around the lidar."""
-    return box(x, y, yaw, size, size)
+class Step(NamedTuple):
+    """One scan of a drive."""
+
+    time: float
+    pose: Pose2D
+    decision: Decision
 
 
-def any_angle(rng: np.random.Generator) -> float:
-    """A direction [rad]."""
-    return float(rng.uniform(-pi, pi))
+class Toy:
+    """A unicycle with the Husky's limits in a flat world; odom is the world.
+
+    Commands are obeyed a scan late, or two where scans are many. Things may be changed between two drives.
+    """
+
+    def __init__(
+        self,
+        circles: Sequence[Circle] = (),
+        segments: Sequence[Segment] = (),
+        pose: Optional[Pose2D] = None,
+        laser_in_base: Optional[Pose] = UPSIDE_DOWN,
+        control: Optional[ControlConfig] = None,
+        seed: Optional[int] = None,
+        period: float = 0.02,
+        **changes: object,
+    ) -> None:
+        self.circles, self.segments = list(circles), list(segments)
+        self.pose, self.twist = pose or Pose2D(), STOP
+        self.laser_in_base = laser_in_base
+        self.control = control or replace(ControlConfig(), **changes)
+        self.rng = None if seed is None else np.random.default_rng(seed)
+        self.knows_odom, self.enabled = True, True
+        self.time, self.memory = 0.0, Memory()
+        self.period = period  # [s] between scans
+        self.queue: List[Twist2D] = [STOP, STOP] if period < 0.03 else [STOP]
+
+    def scan(self) -> Scan:
+        """What the lidar sees now."""
+        to_laser = inverse(compose(pose_from_2d(self.pose), self.laser_in_base or UPSIDE_DOWN))
+
+        def seen(x: float, y: float) -> Tuple[float, float]:
+            return transform_point(to_laser, (x, y, 0.0))[:2]
+
+        circles = [(*seen(x, y), radius) for x, y, radius in self.circles]
+        segments = [(*seen(x1, y1), *seen(x2, y2)) for x1, y1, x2, y2 in self.segments]
+        return replace(look(circles, segments, rng=self.rng), stamp=self.time)
+
+    def step(self) -> Step:
+        """One scan, one decision, and the motion until the next."""
+        view = View(self.scan(), self.laser_in_base, self.pose if self.knows_odom else None)
+        self.memory, decision = decide(self.memory, view, self.enabled, self.control, PillarConfig())
+        step = Step(self.time, self.pose, decision)
+        self.queue.append(decision.twist)
+        wanted, period = self.queue.pop(0), self.period
+        dv, dw = 3.0 * period, 6.0 * period
+        linear = min(max(wanted.linear, self.twist.linear - dv), self.twist.linear + dv)
+        angular = min(max(wanted.angular, self.twist.angular - dw), self.twist.angular + dw)
+        self.twist = Twist2D(linear, angular)
+        self.pose = advance(self.pose, self.twist, period)
+        self.time = round(self.time + period, 6)
+        return step
+
+    def drive(self, seconds: float) -> List[Step]:
+        """Go on for a while."""
+        return [self.step() for _ in range(round(seconds / self.period))]

@@ -196,3 +196,41 @@ def test_taking_a_marker_away_names_the_same_marker():
     gone = over_the_wire(messages.no_marker(2.6, "odom", "pillar"))
     assert gone.action == Marker.DELETE
     assert (gone.ns, gone.id) == (shown.ns, shown.id)
+
+
+# what RViz needs of each kind: visualization_msgs 1.13, display types of rviz 1.14
+EACH_KIND = {
+    Marker.CYLINDER: messages.disc_to_marker(Point(1.0, 2.0, 0.0), 0.3, 2.5, "odom", "it", ColorRGBA()),
+    Marker.SPHERE: messages.ball_to_marker(Point(1.0, 2.0, 0.0), 0.3, 2.5, "odom", "it", ColorRGBA()),
+    Marker.LINE_STRIP: messages.line_to_marker(
+        [Point(1.0, 2.0, 0.0), Point(3.0, 4.0, 0.0)], 0.05, 2.5, "odom", "it", ColorRGBA()
+    ),
+    Marker.TEXT_VIEW_FACING: messages.text_to_marker(
+        "words", Point(1.0, 2.0, 0.0), 0.25, 2.5, "odom", "it", ColorRGBA()
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", EACH_KIND)
+def test_a_marker_of_any_kind_has_type_place_name_and_a_rotation(kind):
+    msg = over_the_wire(EACH_KIND[kind])
+    assert (msg.type, msg.action, msg.ns) == (kind, Marker.ADD, "it")
+    assert (msg.header.frame_id, msg.header.stamp.to_sec()) == ("odom", 2.5)
+    assert xyzw(msg.pose.orientation) == (0.0, 0.0, 0.0, 1.0)
+    if kind != Marker.LINE_STRIP:  # its points say where it is
+        assert xyz(msg.pose.position) == (1.0, 2.0, 0.0)
+
+
+def test_sizes_are_where_rviz_looks_for_them():
+    scale = {kind: xyz(msg.scale) for kind, msg in EACH_KIND.items()}
+    assert scale[Marker.CYLINDER][:2] == (0.6, 0.6)
+    assert 0.0 < scale[Marker.CYLINDER][2] < 0.05, "a disc is flat"
+    assert scale[Marker.SPHERE] == (0.6, 0.6, 0.6)
+    assert scale[Marker.LINE_STRIP][0] == 0.05
+    assert scale[Marker.TEXT_VIEW_FACING][2] == 0.25
+
+
+def test_a_line_keeps_its_points_and_a_text_its_words():
+    line, text = EACH_KIND[Marker.LINE_STRIP], EACH_KIND[Marker.TEXT_VIEW_FACING]
+    assert [xyz(point) for point in over_the_wire(line).points] == [(1.0, 2.0, 0.0), (3.0, 4.0, 0.0)]
+    assert over_the_wire(text).text == "words"

@@ -10,10 +10,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import SICK, Lidar, any_angle, box, cast, look, room, scan_of
+from scenes import look
 
 from husky_highlevel_controller.datatypes import Scan
 from husky_highlevel_controller.pillar import PillarConfig, cluster, find_pillars
+from husky_highlevel_controller.scenarios import (
+    SICK,
+    Lidar,
+    bare_scene,
+    box,
+    cast,
+    pillar_scene,
+    room,
+    scan_of,
+)
 
 CONFIG = PillarConfig()
 
@@ -55,22 +65,23 @@ def test_pillars_come_nearest_first():
 
 
 @pytest.mark.parametrize(
-    ("noise", "least_found", "error_p95", "scenes"),
-    [(0.001, 0.995, 0.02, 600), (0.01, 0.99, 0.04, 300), (0.03, 0.95, 0.10, 300)],
+    ("noise", "clutter", "least_found", "error_p95"),
+    [
+        (0.001, False, 0.995, 0.02),
+        (0.001, True, 0.99, 0.02),
+        (0.01, False, 0.99, 0.04),
+        (0.03, False, 0.95, 0.1),
+    ],
 )
-def test_reach(noise, least_found, error_p95, scenes):
-    rng, found, errors = np.random.default_rng(5), [], []
-    while len(found) < scenes:
-        x, y, radius = at(rng.uniform(0.6, 25.0), rng.uniform(-2.3, 2.3))
-        ranges, seen = cast([(x, y, radius)])
-        if (seen == 0).sum() < 3:
-            continue
-        pillars = find_pillars(scan_of(ranges + rng.normal(0.0, noise, SICK.beams)), CONFIG)
-        error = min((hypot(p.x - x, p.y - y) for p in pillars), default=inf)
-        found.append(error < 0.2)
-        errors += [error] if error < 0.2 else []
-    assert np.mean(found) >= least_found
-    assert np.quantile(errors, 0.95) <= error_p95
+def test_reach(noise, clutter, least_found, error_p95):
+    errors = []
+    for number in range(300):
+        scene = pillar_scene(number, 5, noise, clutter)
+        x, y, _ = scene.pillar
+        errors.append(min((hypot(p.x - x, p.y - y) for p in find_pillars(scene.scan, CONFIG)), default=inf))
+    found = [error for error in errors if error < 0.2]
+    assert len(found) >= least_found * len(errors)
+    assert np.quantile(found, 0.95) <= error_p95
 
 
 @pytest.mark.parametrize(
@@ -257,28 +268,9 @@ def test_a_rough_thing_is_refused_by_a_strict_residual():
 
 
 def test_boxes_walls_corners_posts_and_speckle_are_no_pillars():
-    rng, wrong, scenes = np.random.default_rng(8), [], 600
-    for _ in range(scenes):
-        segments, circles = [], []
-        for _ in range(rng.integers(1, 4)):
-            x, y, _ = at(rng.uniform(0.8, 18.0), rng.uniform(-2.3, 2.3))
-            kind, yaw = rng.integers(5), any_angle(rng)
-            if kind == 0:
-                segments += box(x, y, yaw, rng.uniform(0.1, 1.5), rng.uniform(0.1, 1.5))
-            elif kind == 1:
-                segments += box(x, y, yaw, rng.uniform(0.1, 8.0), 0.01)
-            elif kind == 2:
-                other = yaw + rng.uniform(0.8, 2.4)
-                segments += [(x, y, x + 2.0 * cos(turn), y + 2.0 * sin(turn)) for turn in (yaw, other)]
-            elif kind == 3:
-                circles += [(x, y, 0.05), (x - 1.6 * sin(yaw), y + 1.6 * cos(yaw), 0.05)]
-            else:
-                segments += room(rng.uniform(4.0, 40.0), yaw)
-        ranges = cast(circles, segments)[0] + rng.normal(0.0, 0.001, SICK.beams)
-        speckle = rng.random(SICK.beams) < 0.005
-        ranges = np.where(speckle, rng.uniform(0.2, 29.0, SICK.beams), ranges)
-        wrong += [p for p in find_pillars(scan_of(ranges), CONFIG) if p.beams >= 8]
-    assert len(wrong) <= 0.001 * scenes, wrong
+    found = [find_pillars(bare_scene(number, seed=8).scan, CONFIG) for number in range(400)]
+    wrong = [pillar for pillars in found for pillar in pillars if pillar.beams >= 8]
+    assert not wrong
 
 
 # ---------------------------------------------------------------------------- its parts

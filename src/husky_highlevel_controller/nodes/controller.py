@@ -1,31 +1,38 @@
-"""The pillar controller as a ROS node; README.md lists its topics and parameters."""
+"""The pillar controller as a ROS node; README.md lists its topics, services and parameters."""
 
 from __future__ import annotations
 
+import threading
+import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Deque, Optional, Tuple
+from typing import Any, Deque, Optional
 
+import rosgraph.names
 import rospy
 import tf2_ros
-from geometry_msgs.msg import Point, Twist
+from geometry_msgs.msg import TransformStamped, Twist
 from sensor_msgs.msg import LaserScan
-from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import Marker
+from std_msgs.msg import Bool
+from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
 from husky_highlevel_controller import messages
-from husky_highlevel_controller.config import read_config
-from husky_highlevel_controller.control import ControlConfig, Phase, advance, target_from_pillar
-from husky_highlevel_controller.datatypes import STOP, Pillar, Pose, Scan
-from husky_highlevel_controller.geometry import transform_point
+from husky_highlevel_controller.behaviour import Decision, Memory, Phase, View, decide
+from husky_highlevel_controller.config import ConfigError, read_config
+from husky_highlevel_controller.control import ControlConfig
+from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D
+from husky_highlevel_controller.geometry import pose_to_2d
+from husky_highlevel_controller.nodes.diagnostics import Diagnostics, Health
+from husky_highlevel_controller.nodes.display import BASE, ODOM, Display
 from husky_highlevel_controller.nodes.starting import publish, run_node
-from husky_highlevel_controller.pillar import PillarConfig, find_pillars
+from husky_highlevel_controller.nodes.tuning import Tuning
+from husky_highlevel_controller.pillar import PillarConfig
 
-ODOM, BASE = "odom", "base_link"
-IN_ODOM, IN_LASER = "pillar_in_odom", "pillar_in_laser"  # namespaces of the two markers
-COLORS = {IN_ODOM: ColorRGBA(1.0, 0.45, 0.0, 0.9), IN_LASER: ColorRGBA(0.0, 0.6, 1.0, 0.4)}
 REPORT_PERIOD = 5.0  # [s] between two lines of what the scan holds
 PATIENCE = 50  # scans that may have to do without a transform before that is worth a word
+MOUNT_PATIENCE = 2.0  # [s] of wall time that the first scan waits for how the lidar is mounted
+TF_PATIENCE = 0.05  # [s] of wall time that the transform of a scan's moment may be late
+TF_GLANCE = 0.001  # [s] of wall time between two looks for it
 
 
 @dataclass(frozen=True)
@@ -38,24 +45,52 @@ class ScanTopicConfig:
     )
 
 
-class ControllerNode:
-    """Answers every scan with a velocity command, and shows where the pillar is."""
+@dataclass(frozen=True)
+class StartStopConfig:
+    """Who lets the robot drive."""
 
-    def __init__(self) -> None:
-        topic, self._control, self._looks = read_config(
-            rospy.get_param("~", {}), rospy.get_name() + "/", ScanTopicConfig, ControlConfig, PillarConfig
+    start_stop_service_name: str = field(
+        default="~start_stop", metadata={"help": "service that starts (true) and stops (false) the robot"}
+    )
+    start_enabled: bool = field(default=True, metadata={"help": "drive from the start, unasked"})
+
+
+class ControllerNode:
+    """Answers every scan with a velocity command, and shows what it makes of it."""
+
+    def __init__(self, tunable: Any) -> None:
+        """Read the parameters, join the network.
+
+        Args:
+            tunable: the module that catkin makes from cfg/Controller.cfg.
+        """
+        namespace = rospy.get_name() + "/"
+        topic, switch, control, looks = read_config(
+            rospy.get_param("~", {}), namespace, ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig
         )
-        self._phase = Phase.WAITING
-        self._started_at: Optional[float] = None
-        self._scans_without_base = 0
-        self._shown = False
-        self._told_missing = False
-        self._unplaced: Deque[Tuple[Scan, Pillar]] = deque(maxlen=PATIENCE)
+        service = switch.start_stop_service_name
+        if not rosgraph.names.is_legal_name(service):
+            raise ConfigError(
+                f"{namespace}start_stop_service_name = {service!r} is no ROS name; try '~start_stop'"
+            )
+        self._enabled = switch.start_enabled
+        self._memory = Memory()
+        self._deciding = threading.Lock()  # so that nothing but zero follows a stop
+        self._arrived: Optional[bool] = None
+        self._seen, self._reason = "unknown", ""
+        self._scans_unplaced = 0
+        self._given_up_at: Optional[rospy.Time] = None
+        self._stamps: Deque[float] = deque(maxlen=PATIENCE)
+        self._laser_frame = ""
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
-        self._markers = rospy.Publisher("~visualization_marker", Marker, queue_size=10)
+        self._announcement = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
+        self._display = Display()
+        self._tuning = Tuning(tunable, control, looks)
+        self._diagnostics = Diagnostics(self._examine)
         rospy.on_shutdown(self._stop)
+        rospy.Service(service, SetBool, self._on_start_stop)
         rospy.Subscriber(
             topic.scan_topic_name,
             LaserScan,
@@ -64,6 +99,10 @@ class ControllerNode:
             tcp_nodelay=True,
         )
         rospy.loginfo("waiting for scans on %s", rospy.resolve_name(topic.scan_topic_name))
+        if not self._enabled:
+            rospy.loginfo(
+                "standing still until told to start: rosservice call %s true", rospy.resolve_name(service)
+            )
 
     def run(self) -> None:
         """Work until the node is shut down."""
@@ -72,88 +111,136 @@ class ControllerNode:
     def _stop(self) -> None:
         publish(self._velocity, messages.twist_to_msg(STOP))
 
+    def _on_start_stop(self, request: SetBoolRequest) -> SetBoolResponse:
+        with self._deciding:
+            already = self._enabled is request.data
+            self._enabled = request.data
+            if not request.data:
+                self._stop()
+        now = "driving to the pillar" if request.data else "standing still until told to start"
+        message = f"{'already ' if already else ''}{now}"
+        rospy.loginfo("%s: %s", "started" if request.data else "stopped", message)
+        return SetBoolResponse(True, message)
+
     def _on_scan(self, msg: LaserScan) -> None:
         scan = messages.scan_from_msg(msg)
-        if self._started_at is None:
-            self._started_at = scan.stamp
-        pillar = next(iter(find_pillars(scan, self._looks)), None)
-        laser_in_base = self._pose(scan.frame, BASE)
-        self._scans_without_base = 0 if laser_in_base else self._scans_without_base + 1
-        if self._scans_without_base > PATIENCE:
+        view = View(scan, self._laser_in_base(scan.frame), self._base_in_odom(scan.stamp))
+        with self._deciding:
+            control, looks = self._tuning.records
+            before = self._memory
+            self._memory, decision = decide(before, view, self._enabled, control, looks)
+            publish(self._velocity, messages.twist_to_msg(decision.twist))
+        self._stamps.append(scan.stamp)
+        self._tell(view, before, decision, control)
+        self._announce(decision.phase is Phase.ARRIVED)
+        self._display.show(view, decision, control.stop_distance)
+
+    # ------------------------------------------------------------------------ TF
+
+    def _laser_in_base(self, frame: str) -> Optional[Pose]:
+        end = time.monotonic() + MOUNT_PATIENCE
+        found = self._lookup(BASE, frame)
+        while not found and not self._laser_frame and time.monotonic() < end:
+            time.sleep(TF_GLANCE)  # at the first scan only; robot_state_publisher may start a little later
+            found = self._lookup(BASE, frame)
+        self._laser_frame = frame
+        self._scans_unplaced = 0 if found else self._scans_unplaced + 1
+        if self._scans_unplaced > PATIENCE:
             rospy.logwarn_throttle(
                 REPORT_PERIOD,
-                f"no transform from '{scan.frame}' to '{BASE}', so the robot stands still; "
+                f"no transform from '{frame}' to '{BASE}', so the robot stands still; "
                 "is robot_state_publisher running?",
             )
-        target = None
-        if pillar is not None and laser_in_base is not None:
-            target = target_from_pillar(pillar, laser_in_base)
-        before = self._phase
-        self._phase, twist = advance(before, target, self._control)
-        publish(self._velocity, messages.twist_to_msg(twist))
-        self._tell(scan, pillar, before)
-        self._show(scan, pillar)
+        return messages.pose_from_transform(found) if found else None
 
-    def _pose(self, child: str, parent: str, stamp: Optional[float] = None) -> Optional[Pose]:
-        """Pose of one frame in another, at a time or (None) the latest; None where TF does not know it."""
-        time = rospy.Time() if stamp is None else messages.time_to_msg(stamp)
+    def _base_in_odom(self, stamp: float) -> Optional[Pose2D]:
+        """Where the robot was at a scan's moment; TF travels by another road and may come a little later.
+
+        Waited for by the wall's clock, since ROS time may stand still until this scan is answered. Where it
+        does not come the latest pose has to do; None where TF knows none.
+        """
+        moment = messages.time_to_msg(stamp)
+        end = time.monotonic() + TF_PATIENCE
+        while True:
+            exact = self._lookup(ODOM, BASE, moment)
+            latest = exact or self._lookup(ODOM, BASE)
+            if exact or latest is None or latest.header.stamp >= moment:
+                break
+            if latest.header.stamp == self._given_up_at or time.monotonic() > end:
+                self._given_up_at = latest.header.stamp  # odometry that stands still is waited for only once
+                break
+            time.sleep(TF_GLANCE)
+        return pose_to_2d(messages.pose_from_transform(latest)) if latest else None
+
+    def _lookup(
+        self, parent: str, child: str, moment: Optional[rospy.Time] = None
+    ) -> Optional[TransformStamped]:
+        """What TF knows, at a moment or (None) the latest; never waits."""
         try:
-            # no timeout: a callback that waits for TF hangs while the clock stands still
-            return messages.pose_from_transform(self._transforms.lookup_transform(parent, child, time))
+            return self._transforms.lookup_transform(parent, child, moment or rospy.Time())
         except tf2_ros.TransformException:
             return None
 
-    def _tell(self, scan: Scan, pillar: Optional[Pillar], before: Phase) -> None:
+    # ------------------------------------------------------------------------ words
+
+    def _tell(self, view: View, before: Memory, decision: Decision, control: ControlConfig) -> None:
         """Log what changed, and now and then what the scan holds."""
+        scan, pillar, phase = view.scan, decision.pillar, decision.phase
+        self._seen = "seen" if pillar else "remembered" if decision.estimate else "unknown"
         nearest = scan.ranges[scan.valid]
-        if pillar is not None:
+        twist = decision.twist
+        rospy.logdebug(
+            f"scan {scan.stamp:.2f}: {phase.value}, {twist.linear:.2f} m/s, {twist.angular:.2f} rad/s; "
+            f"{len(nearest)} returns; {decision.reason}"
+        )
+        if pillar is not None and phase is Phase.DRIVING:
             rospy.loginfo_throttle(
                 REPORT_PERIOD,
                 f"smallest range {nearest.min():.3f} m; pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, "
                 f"angle {pillar.bearing:.3f} rad in {scan.frame}",
             )
-        if self._phase is before and (self._phase is not Phase.WAITING or self._told_missing):
+        same = phase is before.phase and (phase is not Phase.WAITING or decision.reason == self._reason)
+        self._reason = decision.reason
+        if same:
             return
-        if self._phase is Phase.ARRIVED and pillar is not None:
+        if phase is Phase.ARRIVED and pillar is not None:
+            taken = scan.stamp - (self._memory.started_at or 0.0)
             rospy.loginfo(
-                f"arrived after {scan.stamp - (self._started_at or 0.0):.2f} s of simulated time, "
-                f"{pillar.distance:.3f} m from the pillar (stop_distance {self._control.stop_distance:g} m)"
+                f"arrived after {taken:.2f} s of simulated time, {pillar.distance:.3f} m from the pillar "
+                f"(stop_distance {control.stop_distance:g} m)"
             )
-        elif self._phase is Phase.DRIVING and pillar is not None:
-            rospy.loginfo(f"driving to the pillar, {pillar.distance:.2f} m away")
-        elif pillar is None:
-            what = (
-                f"none of its {len(nearest)} returns" if len(nearest) else "it has no valid range, so nothing"
-            )
-            rospy.logwarn(f"no pillar in the scan ({what} looks like one): the robot stands still")
-        self._told_missing = self._phase is Phase.WAITING and pillar is None
+        elif phase is Phase.DRIVING:
+            rospy.loginfo(f"{decision.reason}, {decision.distance_error:.2f} m to go")
+        elif phase is Phase.SEARCHING:
+            rospy.loginfo(decision.reason)
+        elif phase is Phase.WAITING and view.laser_in_base is not None:
+            remedy = "is odometry running?" if control.search else "set it to true, or turn the robot"
+            rospy.logwarn(f"{decision.reason}; {remedy}")
 
-    def _show(self, scan: Scan, pillar: Optional[Pillar]) -> None:
-        """Mark the pillar in the laser's frame at once, and in odom as soon as TF knows the scan's moment."""
-        if pillar is None:
-            self._unplaced.clear()
-            if self._shown:
-                publish(self._markers, messages.no_marker(scan.stamp, scan.frame, IN_LASER))
-                publish(self._markers, messages.no_marker(scan.stamp, ODOM, IN_ODOM))
-            self._shown = False
-            return
-        self._shown = True
-        self._mark(Point(pillar.x, pillar.y, 0.0), pillar.radius, scan.stamp, scan.frame, IN_LASER)
-        self._unplaced.append((scan, pillar))
-        while self._unplaced:
-            seen_scan, seen = self._unplaced[0]
-            laser_in_odom = self._pose(seen_scan.frame, ODOM, seen_scan.stamp)
-            if laser_in_odom is None:  # TF travels by another road and may come a little later
-                break
-            center = Point(*transform_point(laser_in_odom, (seen.x, seen.y, 0.0)))
-            self._mark(center, seen.radius, seen_scan.stamp, ODOM, IN_ODOM)
-            self._unplaced.popleft()
+    def _announce(self, arrived: bool) -> None:
+        """Say on ~arrived what has changed."""
+        if arrived is not self._arrived:
+            publish(self._announcement, Bool(arrived))
+        self._arrived = arrived
 
-    def _mark(self, center: Point, radius: float, stamp: float, frame: str, namespace: str) -> None:
-        color = COLORS[namespace]
-        publish(self._markers, messages.pillar_to_marker(center, radius, stamp, frame, namespace, color))
+    def _examine(self) -> Health:
+        """How it goes, for /diagnostics."""
+        now, stamps = rospy.get_time(), list(self._stamps)
+        latest = self._lookup(ODOM, BASE)
+        span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
+        return Health(
+            scan_age=now - stamps[-1] if stamps else None,
+            scan_rate=(len(stamps) - 1) / span if span > 0.0 else None,
+            tf_age=now - latest.header.stamp.to_sec() if latest else None,
+            mounted=self._lookup(BASE, self._laser_frame) is not None,
+            phase=self._memory.phase,
+            pillar=self._seen,
+        )
 
 
 def main() -> None:
     """Run the node."""
-    run_node("husky_highlevel_controller", ControllerNode)
+    # only a built workspace has it, and tests read this module without one
+    from husky_highlevel_controller.cfg import ControllerConfig
+
+    run_node("husky_highlevel_controller", lambda: ControllerNode(ControllerConfig))

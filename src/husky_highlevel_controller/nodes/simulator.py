@@ -14,7 +14,7 @@ import rospy
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState, LaserScan
+from sensor_msgs.msg import Imu, JointState, LaserScan
 from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
 from tf2_msgs.msg import TFMessage
 
@@ -24,6 +24,7 @@ from husky_highlevel_controller.datatypes import Pose2D, Snapshot
 from husky_highlevel_controller.description import share_folder
 from husky_highlevel_controller.drive import CommandError
 from husky_highlevel_controller.geometry import pose_from_2d
+from husky_highlevel_controller.nodes.lockstep import Lockstep
 from husky_highlevel_controller.nodes.starting import publish, run_node
 from husky_highlevel_controller.pacing import Pacer
 from husky_highlevel_controller.robot import robot_model
@@ -50,6 +51,7 @@ class StartConfig:
         default=1.0, metadata={"min": 0.0, "max": 1000.0, "help": "pace; 0 = as fast as it goes"}
     )
     paused: bool = field(default=False, metadata={"help": "wait for gazebo/unpause_physics"})
+    lockstep: bool = field(default=False, metadata={"help": "wait for the command that answers a scan"})
     kinect_enabled: bool = field(default=False, metadata={"help": "with a depth camera"})
 
 
@@ -79,10 +81,12 @@ class SimulatorNode:
         self._clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
         self._scan = rospy.Publisher("front/scan", LaserScan, queue_size=QUEUE)
         self._joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
+        self._imu = rospy.Publisher("imu/data", Imu, queue_size=QUEUE)
         self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=QUEUE)
         self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
-        rospy.Subscriber("cmd_vel", Twist, self._commands.append, queue_size=10, tcp_nodelay=True)
+        self._lockstep = Lockstep(start.lockstep)
+        self._input = rospy.Subscriber("cmd_vel", Twist, self._on_command, queue_size=10, tcp_nodelay=True)
         rospy.Service("gazebo/pause_physics", Empty, self._pause)
         rospy.Service("gazebo/unpause_physics", Empty, self._unpause)
         rospy.loginfo(
@@ -102,6 +106,7 @@ class SimulatorNode:
     def run(self) -> None:
         """Simulate until the node is shut down."""
         stamp = self._simulation.stamp
+        self._lockstep.wait_for_partner(self._scan, self._input, lambda: self._publish_clock(stamp))
         pacer = Pacer(self._start.real_time_factor, stamp, time.monotonic())
         step = 0
         while not rospy.is_shutdown():
@@ -117,6 +122,10 @@ class SimulatorNode:
             if step % self._clock_steps == 0:
                 self._keep_pace(pacer, stamp)
         self._simulation.close()
+
+    def _on_command(self, msg: Twist) -> None:
+        self._commands.append(msg)
+        self._lockstep.answer()
 
     def _take_commands(self) -> None:
         while self._commands:
@@ -135,8 +144,12 @@ class SimulatorNode:
             _offer(self._joints, messages.wheels_to_msg, snapshot.wheels, stamp)
             _offer(self._odometry, messages.odometry_to_msg, snapshot.odometry, stamp, ODOM, BASE)
             _offer(self._truth, messages.truth_to_msg, snapshot.robot, stamp, WORLD, BASE)
+        if snapshot.imu is not None:
+            _offer(self._imu, messages.imu_to_msg, snapshot.imu, BASE)
         if snapshot.scan is not None:
+            self._lockstep.expect_answer()
             _offer(self._scan, messages.scan_to_msg, snapshot.scan)
+            self._lockstep.wait_for_answer()
 
     def _publish_clock(self, stamp: float) -> None:
         _offer(self._clock, lambda: Clock(messages.time_to_msg(stamp)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import faulthandler
 import sys
+from io import TextIOWrapper
 from typing import Any, Callable, Protocol
 
 import rospy
@@ -32,7 +33,8 @@ def run_node(name: str, make: Callable[[], Runnable]) -> None:
 
     With the argument --debug it logs at DEBUG level and shows a stack trace should the engine crash.
     """
-    sys.stdout.reconfigure(line_buffering=True)  # a log that is piped is seen line by line
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)  # a log that is piped is seen line by line
     debug = "--debug" in rospy.myargv()
     if debug:
         faulthandler.enable()

@@ -1,0 +1,83 @@
+"""Tells /diagnostics once a simulated second how the controller fares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Callable, List, Optional, Tuple
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from husky_highlevel_controller.behaviour import Phase
+from husky_highlevel_controller.nodes.starting import publish
+
+PERIOD = 1.0  # [s] of ROS time
+OLD, TOO_OLD = 0.5, 2.0  # [s], age of a scan or of odom's transform that is worth a warning, an error
+
+
+@dataclass(frozen=True)
+class Health:
+    """What there is to tell."""
+
+    scan_age: Optional[float]  # [s], None before the first scan
+    scan_rate: Optional[float]  # [Hz], by the stamps of the last scans; None for fewer than two
+    tf_age: Optional[float]  # [s], of the latest odom -> base_link; None where there is none
+    mounted: bool  # does TF know where the lidar is?
+    phase: Phase
+    pillar: str  # "seen", "remembered" or "unknown"
+
+
+def judge(health: Health) -> Tuple[int, str]:
+    """How bad it is, and the sentence that says what to do."""
+    if health.scan_age is None or health.scan_age > TOO_OLD:
+        return DiagnosticStatus.ERROR, "no scans: is the lidar on, and ~scan_topic_name its topic?"
+    if not health.mounted:
+        return (
+            DiagnosticStatus.ERROR,
+            "no transform from lidar to base_link: is robot_state_publisher on?",
+        )
+    if health.tf_age is None or health.tf_age > TOO_OLD:
+        return DiagnosticStatus.ERROR, "no transform from odom to base_link: is odometry on?"
+    if health.scan_age > OLD:
+        return DiagnosticStatus.WARN, "scans come late"
+    if health.tf_age > OLD:
+        return DiagnosticStatus.WARN, "odometry comes late"
+    if health.pillar == "unknown" and health.phase is not Phase.STOPPED:
+        return DiagnosticStatus.WARN, f"{health.phase.value}: no pillar"
+    return DiagnosticStatus.OK, health.phase.value
+
+
+class Diagnostics:
+    """A timer that asks how the controller fares, and tells it."""
+
+    def __init__(self, examine: Callable[[], Health]) -> None:
+        self._examine = examine
+        self._publisher = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
+        # reset: the clock runs backwards when the simulator is started again
+        self._timer = rospy.Timer(rospy.Duration(PERIOD), self._tell, reset=True)
+
+    def _tell(self, _event: rospy.timer.TimerEvent) -> None:
+        if self._publisher.get_num_connections() == 0:
+            return
+        health = self._examine()
+        level, message = judge(health)
+        status = DiagnosticStatus(
+            level=level, name=rospy.get_name().strip("/"), message=message, hardware_id="husky"
+        )
+        status.values = _values(health)
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = rospy.Time.now()
+        publish(self._publisher, array)
+
+
+def _values(health: Health) -> List[KeyValue]:
+    def number(value: Optional[float], unit: str) -> str:
+        return "none" if value is None else f"{value:.3f} {unit}"
+
+    return [
+        KeyValue("scan age", number(health.scan_age, "s")),
+        KeyValue("scan rate", number(health.scan_rate, "Hz")),
+        KeyValue("TF age", number(health.tf_age, "s")),
+        KeyValue("state", health.phase.value),
+        KeyValue("pillar", health.pillar),
+    ]

@@ -1,0 +1,173 @@
+"""Follows one pillar from scan to scan, and remembers where it is.
+
+In: the pillars of a scan, and where the lidar was. Out: the one that is followed, and what is believed of it.
+Must not know: ROS, PyBullet, what the robot does about it.
+
+The first pillar seen, or the nearest of several, is followed until it proves to be none: its place is in
+view, nothing hides it, and yet no pillar is there. A place that was given up is believed again only when more
+beams fall on it, that is, from nearer by.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from math import asin, atan2, hypot, pi, sqrt
+from typing import List, Optional, Tuple
+
+from husky_highlevel_controller.datatypes import Pillar, Pose, Scan
+from husky_highlevel_controller.geometry import inverse, transform_point
+
+PATIENCE = 0.5  # [s], this long a place may look empty before it is given up
+_HIDDEN_DOUBT = 0.1  # of a second, what a second counts in which a near place is hidden
+_AT_PLACE = 2.0  # [m] from the lidar: a place this near should be seen
+_MANY_BEAMS = 8  # a pillar of so many is believed, whatever was there before
+_LONGEST_PERIOD = 0.1  # [s], a gap between scans counts as no longer than this
+_DRIFT = 0.02  # [m/sqrt(s)], how fast a place in odom becomes uncertain
+_GATE, _GATE_SHARE = 0.5, 0.03  # [m] and share of the distance, how far a pillar may be from where it was
+_KEPT_DROPS = 8  # places given up that are remembered
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The pillar, remembered."""
+
+    x: float  # [m], centre, in odom
+    y: float  # [m], centre, in odom
+    radius: float  # [m]
+    deviation: float  # [m], standard deviation of the centre
+    seen_at: float  # [s], stamp of the last scan that showed it
+
+
+class Sight(Enum):
+    """What a scan says about a remembered place."""
+
+    SEEN = "seen"
+    OUT_OF_VIEW = "out of view"
+    HIDDEN = "hidden"  # by something nearer
+    EMPTY = "empty"  # no pillar there, though one would be seen
+    UNKNOWN = "unknown"  # nothing is remembered
+
+
+@dataclass(frozen=True)
+class Track:
+    """One pillar followed."""
+
+    estimate: Optional[Estimate] = None
+    doubt: float = 0.0  # [s] that its place looked empty, less those that showed it
+    beams: int = 0  # most that a scan had on it
+    updated_at: float = 0.0  # [s]
+    dropped: Tuple[Tuple[float, float, int], ...] = ()  # places given up: x, y in odom [m]; beams they had
+
+
+def follow(
+    track: Track, pillars: List[Pillar], scan: Scan, laser_in_odom: Pose, patient: bool = False
+) -> Tuple[Track, Optional[Pillar], Sight]:
+    """Find the followed pillar in a scan, or begin to follow one.
+
+    Args:
+        track: what is believed so far.
+        pillars: those in the scan, nearest first.
+        scan: the scan.
+        laser_in_odom: where the lidar was.
+        patient: not to doubt a near place because something hides it.
+
+    Returns:
+        What is believed now, the followed pillar if the scan shows it, and how its place looks.
+    """
+    period = min(max(scan.stamp - track.updated_at, 0.0), _LONGEST_PERIOD)
+    track = replace(track, updated_at=scan.stamp)
+    if track.estimate is not None:
+        pillar = _match(track.estimate, pillars, scan.stamp, laser_in_odom)
+        if pillar is not None:
+            return _seen(track, pillar, period, scan, laser_in_odom), pillar, Sight.SEEN
+        sight = look_at(track.estimate, scan, laser_in_odom)
+        weight = _weight(sight, track.estimate, laser_in_odom, patient)
+        doubted = replace(track, doubt=track.doubt + weight * period)
+        if doubted.doubt <= PATIENCE:
+            return doubted, None, sight
+        track = _give_up(doubted)
+    for pillar in pillars:
+        x, y, _ = transform_point(laser_in_odom, (pillar.x, pillar.y, 0.0))
+        if all(hypot(x - dx, y - dy) > _GATE or pillar.beams > beams for dx, dy, beams in track.dropped):
+            return _seen(track, pillar, period, scan, laser_in_odom), pillar, Sight.SEEN
+    return track, None, Sight.UNKNOWN
+
+
+def aged(estimate: Estimate, stamp: float) -> Estimate:
+    """The estimate as certain as it still is at `stamp` [s]."""
+    return replace(estimate, deviation=_deviation_at(estimate, stamp))
+
+
+def _weight(sight: Sight, estimate: Estimate, laser_in_odom: Pose, patient: bool) -> float:
+    """How much a second in which the pillar is not seen counts against it."""
+    if sight is Sight.EMPTY:
+        return 1.0
+    x, y, _ = laser_in_odom.position
+    near = hypot(estimate.x - x, estimate.y - y) < _AT_PLACE
+    return _HIDDEN_DOUBT if sight is Sight.HIDDEN and near and not patient else 0.0
+
+
+def _give_up(track: Track) -> Track:
+    """Without the estimate, but knowing where it was."""
+    assert track.estimate is not None
+    place = (track.estimate.x, track.estimate.y, min(track.beams, _MANY_BEAMS - 1))
+    return Track(updated_at=track.updated_at, dropped=(*track.dropped[1 - _KEPT_DROPS :], place))
+
+
+def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Sight:
+    """What the beams that should meet a remembered pillar say about it."""
+    step = scan.angle_increment
+    x, y, _ = transform_point(inverse(laser_in_odom), (estimate.x, estimate.y, laser_in_odom.position[2]))
+    distance = hypot(x, y)
+    if step == 0.0 or distance - estimate.radius > scan.range_max:
+        return Sight.OUT_OF_VIEW
+    half = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)  # in beams
+    middle = (atan2(y, x) - scan.angle_min) / step % (2.0 * pi / abs(step))
+    first, last = int(middle - half + 1.0), int(middle + half)
+    if first < 1 or last > len(scan.ranges) - 2 or last <= first:  # cut by the edge, or too far to judge
+        return Sight.OUT_OF_VIEW
+    slack = min(0.05 + 0.1 * distance, 0.3) + 2.0 * estimate.deviation
+    nearest_expected = max(distance - estimate.radius - slack, scan.range_min)
+    readings = scan.ranges[first : last + 1].tolist()
+    beyond = sum(reading >= nearest_expected for reading in readings)
+    return Sight.EMPTY if 2 * beyond > len(readings) else Sight.HIDDEN
+
+
+def _match(estimate: Estimate, pillars: List[Pillar], stamp: float, laser_in_odom: Pose) -> Optional[Pillar]:
+    """The pillar nearest to where the followed one was, if near enough."""
+    deviation = _deviation_at(estimate, stamp)
+    best, best_off = None, 1.0
+    for pillar in pillars:
+        x, y, _ = transform_point(laser_in_odom, (pillar.x, pillar.y, 0.0))
+        gate = _GATE + _GATE_SHARE * hypot(pillar.x, pillar.y) + 3.0 * min(deviation, 0.3)
+        off = hypot(x - estimate.x, y - estimate.y) / gate
+        if off < best_off:
+            best, best_off = pillar, off
+    return best
+
+
+def _seen(track: Track, pillar: Pillar, period: float, scan: Scan, laser_in_odom: Pose) -> Track:
+    """Believe a bit more of what is seen; the weights are those of a Kalman filter."""
+    x, y, _ = transform_point(laser_in_odom, (pillar.x, pillar.y, 0.0))
+    radius = pillar.radius
+    # a quarter of the spacing of the beams, and what noise leaves
+    variance = (0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)) ** 2
+    old = track.estimate
+    if old is not None:
+        before = _deviation_at(old, scan.stamp) ** 2
+        gain = before / (before + variance)
+        x, y = old.x + gain * (x - old.x), old.y + gain * (y - old.y)
+        radius = old.radius + gain * (radius - old.radius)
+        variance *= gain
+    return replace(
+        track,
+        estimate=Estimate(x, y, radius, sqrt(variance), scan.stamp),
+        doubt=max(track.doubt - 2.0 * period, 0.0),
+        beams=max(track.beams, pillar.beams),
+    )
+
+
+def _deviation_at(estimate: Estimate, stamp: float) -> float:
+    """Standard deviation of the place, grown since it was seen [m]."""
+    return sqrt(estimate.deviation**2 + _DRIFT**2 * max(stamp - estimate.seen_at, 0.0))

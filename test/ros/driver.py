@@ -1,0 +1,46 @@
+"""A driver that looks at nothing, and obeys a start/stop service as the controller does."""
+
+import rospy
+from geometry_msgs.msg import Twist
+from harness import twist
+from nav_msgs.msg import Odometry
+from std_srvs.srv import SetBool, SetBoolResponse
+
+NOSE, POST, RADIUS = 0.4937, 2.0, 0.2  # [m], half the Husky's length; where the post is, how thick
+
+
+class Driver:
+    """Commands one twist, all the time, until it is stopped."""
+
+    def __init__(self):
+        self.stops = 0
+        self._command = None
+        self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        rospy.Subscriber("ground_truth/odom", Odometry, self._on_odometry, queue_size=1, tcp_nodelay=True)
+
+    def offer_service(self):
+        rospy.Service("driver/start_stop", SetBool, self._on_start_stop)
+
+    def drive(self, linear=0.0, angular=0.0):
+        self._command = twist(linear, angular)
+
+    def _on_odometry(self, _msg):
+        command = self._command
+        if command is not None:
+            self._velocity.publish(command)
+
+    def _on_start_stop(self, request):
+        assert not request.data, "a guard only ever stops"
+        self.stops += 1
+        self._command = None
+        self._velocity.publish(twist())
+        return SetBoolResponse(True, "stopped")
+
+
+def speed(msg):
+    return msg.twist.twist.linear.x
+
+
+def gap(msg):
+    """Between the robot's nose and the post, for a robot that looks straight at it [m]."""
+    return POST - RADIUS - NOSE - msg.pose.pose.position.x

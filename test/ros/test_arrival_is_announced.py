@@ -1,0 +1,46 @@
+#!/usr/bin/env python3
+"""Arriving is said once, in the log and on a latched topic; so is that the robot has left again."""
+
+from harness import run
+from player import NODE, Player, pillar_ahead
+from rosgraph_msgs.msg import Log
+from std_msgs.msg import Bool
+
+
+class ArrivalIsAnnounced(Player):
+    def test_each_arrival_is_announced_once(self):
+        arrived = self.remember(f"{NODE}/arrived", Bool)
+        log = self.remember("rosout", Log)
+
+        def announced():
+            return [msg.data for msg in arrived]
+
+        for distance in (1.0, 0.8, 0.6, 0.5, 0.45):
+            self.answer(pillar_ahead(distance))
+        self.wait_until(lambda: announced() == [False], "it is on its way")
+        for distance in (0.405, 0.404, 0.406, 0.405, 0.404):
+            self.answer(pillar_ahead(distance))
+        self.wait_until(lambda: announced() == [False, True], "it has arrived")
+
+        late = self.remember(f"{NODE}/arrived", Bool)
+        self.wait_until(lambda: [msg.data for msg in late] == [True], "who joins late is told as well")
+
+        for distance in (0.6, 0.8, 0.8):
+            self.answer(pillar_ahead(distance))
+        self.wait_until(lambda: announced() == [False, True, False], "the pillar has moved away")
+        for distance in (0.6, 0.405, 0.405, 0.405):
+            self.answer(pillar_ahead(distance))
+        self.wait_until(lambda: announced() == [False, True, False, True], "it has arrived again")
+
+        said = [line.msg for line in log if line.level == Log.INFO and line.msg.startswith("arrived after")]
+        self.wait_until(lambda: len(self.arrivals(log)) == 2, "the log has two arrivals")
+        self.assertIn("(stop_distance 0.4 m)", self.arrivals(log)[0])
+        self.assertRegex(self.arrivals(log)[0], r"after 0\.50 s of simulated time, 0\.40\d m from the pillar")
+        self.assertLessEqual(len(said), 2)
+
+    def arrivals(self, log):
+        return [line.msg for line in list(log) if line.level == Log.INFO and "arrived after" in line.msg]
+
+
+if __name__ == "__main__":
+    run(ArrivalIsAnnounced)

@@ -1,0 +1,51 @@
+#!/usr/bin/env python3
+"""/diagnostics says once a second how the controller fares: OK, WARN or ERROR, with figures and a remedy."""
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from harness import run, stamp
+from player import NODE, NOTHING, PERIOD, Player, pillar_ahead
+
+
+class DiagnosticsTell(Player):
+    def setUp(self):
+        super().setUp()
+        self.told = self.remember("/diagnostics", DiagnosticArray)
+
+    def last(self):
+        return self.told[-1].status[0] if self.told else DiagnosticStatus(level=-1)
+
+    def play_now(self, condition, ranges, what):
+        """Scans of the present, for those who look at their age."""
+
+        def met():
+            Player.moment = rospy.get_time() - PERIOD
+            self.answer(ranges)
+            return condition()
+
+        self.wait_until(met, what)
+
+    def test_they_follow_what_happens(self):
+        self.wait_until(lambda: self.last().level == DiagnosticStatus.ERROR, "there are no scans yet")
+        self.assertEqual(self.last().name, NODE)
+        self.assertIn("no scans", self.last().message)
+
+        self.play_now(lambda: self.last().level == DiagnosticStatus.OK, pillar_ahead(3.0), "all is well")
+        values = {item.key: item.value for item in self.last().values}
+        self.assertEqual((values["state"], values["pillar"]), ("driving", "seen"))
+        self.assertRegex(values["scan age"], r"^-?\d+\.\d+ s$")
+        self.assertRegex(values["scan rate"], r"^\d+\.\d+ Hz$")
+        self.assertRegex(values["TF age"], r"^-?\d+\.\d+ s$")
+
+        self.play_now(lambda: self.last().level == DiagnosticStatus.WARN, NOTHING, "there is no pillar")
+        self.assertIn("no pillar", self.last().message)
+
+        # and the scans end
+        self.wait_until(lambda: self.last().level == DiagnosticStatus.ERROR, "scans are missed")
+        self.assertIn("no scans", self.last().message)
+        stamps = [stamp(array) for array in self.told]
+        self.assertGreater(min(b - a for a, b in zip(stamps, stamps[1:])), 0.5, "once a second")
+
+
+if __name__ == "__main__":
+    run(DiagnosticsTell)

@@ -1,0 +1,35 @@
+#!/usr/bin/env python3
+"""Without a transform from the lidar to base_link the robot stands still, and the log says what it lacks."""
+
+import rospy
+import tf2_ros
+from geometry_msgs.msg import Twist
+from harness import run
+from player import LASER_X, Player, pillar_ahead, transform
+from rosgraph_msgs.msg import Log
+
+
+class WaitsForTransforms(Player):
+    frame = "another_laser"
+
+    def test_it_stands_still_until_the_lidar_has_a_place(self):
+        log = self.remember("rosout", Log)
+
+        def warned():
+            return [line.msg for line in list(log) if line.level == Log.WARN and "transform" in line.msg]
+
+        for _ in range(20):
+            self.assertEqual(self.answer(pillar_ahead(3.0)), Twist())
+        self.assertEqual(warned(), [], "TF may take a moment: that is no reason for a warning")
+        self.play_until(warned, pillar_ahead(3.0), "it warns")
+        self.assertEqual(self.commands[-1], Twist())
+        self.assertIn("'another_laser' to 'base_link'", warned()[0])
+        self.assertIn("robot_state_publisher", warned()[0], "it says what would help")
+
+        place = transform("base_link", "another_laser", rospy.Time(), x=LASER_X)
+        tf2_ros.StaticTransformBroadcaster().sendTransform([place])
+        self.play_until(lambda: self.commands[-1].linear.x > 0.5, pillar_ahead(3.0), "it drives")
+
+
+if __name__ == "__main__":
+    run(WaitsForTransforms)

@@ -1,0 +1,169 @@
+"""The controller drives the simulated Husky: what the course asks for, and random starts."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from math import cos, hypot, sin
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller import evaluate
+from husky_highlevel_controller.behaviour import Phase
+from husky_highlevel_controller.control import ControlConfig
+from husky_highlevel_controller.datatypes import Cylinder, Part, Pose, Pose2D, Thing
+from husky_highlevel_controller.description import robot_description
+from husky_highlevel_controller.evaluate import COURSE_GAINS, TOUCHING, center_error, false_pillars, run
+from husky_highlevel_controller.robot import robot_model
+from husky_highlevel_controller.rollout import rollout
+from husky_highlevel_controller.scenarios import course_scenario, random_starts
+
+DEFAULT = ControlConfig()
+COURSE = course_scenario()
+NEAR = replace(COURSE, start=Pose2D(15.0, 4.0, 0.0))  # five metres before the pillar
+
+
+def from_lidar(trace, row=-1):
+    """True distance from the lidar to the pillar's surface."""
+    (x, y, yaw), (pillar_x, pillar_y) = trace.poses[row], trace.pillars[row]
+    return hypot(pillar_x - x - 0.337 * cos(yaw), pillar_y - y - 0.337 * sin(yaw)) - 0.2
+
+
+# ---------------------------------------------------------------------------- the course
+
+
+def test_from_the_course_s_start_it_arrives_nearly_as_fast_as_it_could():
+    result = run(DEFAULT, COURSE)
+    assert result.good
+    assert result.ratio <= 1.15
+    assert result.crossings <= 2
+
+
+def test_the_course_s_gains_work_too():
+    result = run(COURSE_GAINS, NEAR)
+    assert result.good
+    assert result.crossings <= 2
+
+
+@pytest.mark.parametrize("gains", [{}, {"p_gain_vel": 0.1, "p_gain_ang": 0.4}])
+def test_stop_distance_zero_hits_the_pillar_gently_and_stops(gains):
+    control = replace(TOUCHING, **gains)
+    trace = rollout(NEAR, control, settle=3.0)
+    ((touched_at, name),) = trace.touches
+    assert name == "unit_cylinder"
+    assert trace.arrived_at == pytest.approx(touched_at, abs=0.3)
+    at_touch = trace.times.searchsorted(touched_at)
+    speed = np.hypot(*(trace.poses[at_touch, :2] - trace.poses[at_touch - 1, :2])) / 0.02
+    assert speed < 0.11
+    assert np.hypot(*(trace.pillars[-1] - trace.pillars[0])) < 0.02, "touched, not run over"
+    assert run(control, NEAR).gap < 0.005
+
+
+def test_with_the_lidar_upright_it_arrives_as_well():
+    upright = robot_model(robot_description(meshes="", laser_tower=False))
+    trace = rollout(NEAR, robot=upright)
+    assert trace.arrived_at is not None
+    assert trace.touched == ()
+    assert trace.distance_errors[-1] == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("scenario", random_starts(8, seed=3), ids=lambda scenario: scenario.name)
+def test_from_a_random_start_it_arrives_without_a_touch(scenario):
+    result = run(DEFAULT, scenario)
+    assert result.good, result
+    assert result.crossings <= 2
+
+
+# ---------------------------------------------------------------------------- a trace
+
+
+def test_a_trace_tells_what_happened():
+    trace = rollout(NEAR)
+    rows = len(trace.times)
+    assert np.diff(trace.times) == pytest.approx(0.02)
+    assert (trace.poses.shape, trace.twists.shape, trace.estimates.shape) == ((rows, 3), (rows, 2), (rows, 2))
+    assert trace.poses[0] == pytest.approx((15.0, 4.0, 0.0), abs=0.01)
+    # odom starts where the robot does; what the robot remembers is where the pillar is
+    assert trace.estimates[-1] == pytest.approx((5.0, 1.0), abs=0.05)
+    assert trace.nearest[-1] == pytest.approx(from_lidar(trace), abs=0.01)
+    assert trace.distance_errors[-1] == pytest.approx(from_lidar(trace) - 0.4, abs=0.005)
+    assert [trace.phases[0], trace.phases[-1]] == [Phase.DRIVING, Phase.ARRIVED]
+    assert [event.split(":")[0] for _, event in trace.events] == ["driving", "arrived"]
+    assert trace.events[-1][0] == trace.arrived_at
+    assert trace.times[-1] == pytest.approx(trace.arrived_at + 1.0, abs=0.021)
+    with pytest.raises(ValueError, match="read-only"):
+        trace.poses[0, 0] = 1.0
+
+
+def test_a_run_that_does_not_arrive_says_so():
+    trace = rollout(NEAR, seconds=2.0)
+    assert trace.arrived_at is None
+    assert trace.times[-1] == pytest.approx(2.0)
+
+
+def test_a_thing_in_the_way_that_is_touched_is_named():
+    # too low for the lidar
+    step = Thing("step", Pose((17.0, 4.4, 0.1)), (Part(Cylinder(0.5, 0.2)),), ())
+    world = replace(COURSE.world, things=(*COURSE.world.things, step))
+    assert "step" in rollout(replace(NEAR, world=world), seconds=4.0).touched
+
+
+def test_the_same_scenario_gives_the_same_trace_to_the_last_bit():
+    first, second = (rollout(NEAR, seconds=3.0) for _ in range(2))
+    assert first.poses.tobytes() == second.poses.tobytes()
+    other = rollout(replace(NEAR, seed=1), seconds=3.0)
+    assert other.poses.tobytes() != first.poses.tobytes()
+
+
+# ---------------------------------------------------------------------------- the evaluation
+
+
+def test_random_starts_are_as_far_away_as_they_should_be_and_face_anywhere():
+    scenarios = random_starts(300, seed=1)
+    distances = [hypot(20.0 - one.start.x, 5.0 - one.start.y) for one in scenarios]
+    assert 2.0 <= min(distances) < 3.0
+    assert 24.0 < max(distances) <= 25.0
+    assert np.ptp([one.start.yaw for one in scenarios]) > 6.0
+    assert random_starts(2, seed=1) == scenarios[:2]
+    assert random_starts(2, seed=2) != scenarios[:2]
+
+
+def test_a_number_of_a_seed_is_always_the_same_scene():
+    assert center_error(5, 1, True) == center_error(5, 1, True)
+    assert center_error(5, 1, True) != center_error(5, 2, True)
+    assert false_pillars(5, 1) == 0
+
+
+def test_the_figures_do_not_depend_on_the_number_of_processes(capfd, monkeypatch):
+    monkeypatch.setattr(evaluate, "course_scenario", lambda seed: replace(NEAR, seed=seed))
+    tables = []
+    for jobs in ("1", "2"):
+        with pytest.raises(SystemExit, match="1"):  # over so short a way the ramps weigh too much
+            evaluate.main(["--seed", "2", "--scenes", "60", "--starts", "1", "--jobs", jobs])
+        captured = capfd.readouterr()
+        tables.append(captured.out)
+        assert "random starts: 1/1" in captured.err
+    assert tables[0] == tables[1]
+    missed = [line for line in tables[0].splitlines() if "MISSED" in line]
+    assert [line.split("  ")[1] for line in missed] == ["time to arrival over the bound"]
+
+
+def test_a_figure_that_is_missed_is_marked_and_ends_the_command_with_1(capfd, monkeypatch):
+    monkeypatch.setattr(evaluate, "evaluate", lambda *_: [("t", [evaluate.Figure("f", 3.0, "cm", most=2.0)])])
+    with pytest.raises(SystemExit, match="1"):
+        evaluate.main([])
+    assert "MISSED" in capfd.readouterr().out
+
+
+def test_the_command_explains_itself():
+    script = Path(__file__).parents[2] / "scripts" / "evaluate"
+    source = Path(__file__).parents[2] / "src"
+    answer = subprocess.run(
+        [sys.executable, script, "--help"], env={"PYTHONPATH": str(source)}, capture_output=True, text=True
+    )
+    assert answer.returncode == 0
+    for option in ("--seed", "--scenes", "--starts", "--jobs"):
+        assert option in answer.stdout
