@@ -187,16 +187,18 @@ def _act(
         missing = f"no transform from '{view.scan.frame}' to base_link"
         return Phase.WAITING, STOP, f"{missing}: standing still; is robot_state_publisher running?", None
     if not (view.scan.valid | (view.scan.ranges == inf)).any():  # no beam, or NaN or too close for all
-        return Phase.WAITING, STOP, "no pillar in the scan (it has no valid range): standing still", None
+        reason = "no pillar in the scan (it has no valid range): standing still; is the lidar covered?"
+        return Phase.WAITING, STOP, reason, None
     points = near_points(view.scan, view.laser_in_base, target if pillar_seen else None)
     if target is not None and (pillar_seen or control.search):
         return (*_drive(memory, target, pillar_seen, sight, points, control), None)
     nothing = "none of its returns looks like one" if view.scan.valid.any() else "it has no valid range"
     nothing = f"no pillar in the scan ({nothing})"
     if not control.search:
-        return Phase.WAITING, STOP, f"{nothing}: standing still, because ~search is false", None
+        return Phase.WAITING, STOP, f"{nothing}: standing still; set ~search to true, or turn the robot", None
     if view.base_in_odom is None:
-        return Phase.WAITING, STOP, f"{nothing}, and no transform to odom to search by: standing still", None
+        reason = f"{nothing}, and no transform to odom to search by: standing still; is odometry running?"
+        return Phase.WAITING, STOP, reason, None
     search, twist = search_on(memory.search or Search(), view.base_in_odom, points, control)
     how = "turning to look around" if search.to_turn > 0.0 else "driving a widening search"
     return Phase.SEARCHING, twist, f"{nothing}: {how}", search

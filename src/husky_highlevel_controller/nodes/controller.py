@@ -30,8 +30,8 @@ from husky_highlevel_controller.pillar import PillarConfig
 
 REPORT_PERIOD = 5.0  # [s] between two lines of what the scan holds
 PATIENCE = 50  # scans that may have to do without a transform before that is worth a word
-MOUNT_PATIENCE = 2.0  # [s] of wall time that the first scan waits for how the lidar is mounted
-TF_PATIENCE = 0.05  # [s] of wall time that the transform of a scan's moment may be late
+START_PATIENCE = 2.0  # [s] of wall time that the first scan waits for TF
+TF_PATIENCE = 0.5  # [s] of wall time that the transform of a scan's moment may be late
 TF_GLANCE = 0.001  # [s] of wall time between two looks for it
 
 
@@ -124,6 +124,8 @@ class ControllerNode:
 
     def _on_scan(self, msg: LaserScan) -> None:
         scan = messages.scan_from_msg(msg)
+        if not self._stamps:
+            self._wait_for_tf(scan.frame)
         view = View(scan, self._laser_in_base(scan.frame), self._base_in_odom(scan.stamp))
         with self._deciding:
             control, looks = self._tuning.records
@@ -137,13 +139,15 @@ class ControllerNode:
 
     # ------------------------------------------------------------------------ TF
 
+    def _wait_for_tf(self, frame: str) -> None:
+        """Let TF get going before the first scan is answered: a run in lockstep always starts the same way."""
+        end = time.monotonic() + START_PATIENCE
+        while not (self._lookup(BASE, frame) and self._lookup(ODOM, BASE)) and time.monotonic() < end:
+            time.sleep(TF_GLANCE)
+
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
-        end = time.monotonic() + MOUNT_PATIENCE
-        found = self._lookup(BASE, frame)
-        while not found and not self._laser_frame and time.monotonic() < end:
-            time.sleep(TF_GLANCE)  # at the first scan only; robot_state_publisher may start a little later
-            found = self._lookup(BASE, frame)
         self._laser_frame = frame
+        found = self._lookup(BASE, frame)
         self._scans_unplaced = 0 if found else self._scans_unplaced + 1
         if self._scans_unplaced > PATIENCE:
             rospy.logwarn_throttle(
@@ -214,8 +218,7 @@ class ControllerNode:
         elif phase is Phase.SEARCHING:
             rospy.loginfo(decision.reason)
         elif phase is Phase.WAITING and view.laser_in_base is not None:
-            remedy = "is odometry running?" if control.search else "set it to true, or turn the robot"
-            rospy.logwarn(f"{decision.reason}; {remedy}")
+            rospy.logwarn(decision.reason)
 
     def _announce(self, arrived: bool) -> None:
         """Say on ~arrived what has changed."""
