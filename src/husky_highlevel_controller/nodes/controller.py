@@ -140,7 +140,7 @@ class ControllerNode:
     # ------------------------------------------------------------------------ TF
 
     def _wait_for_tf(self, frame: str) -> None:
-        """Let TF get going before the first scan is answered: a run in lockstep always starts the same way."""
+        """Let TF get going before the first scan is answered: lockstep runs then all start alike."""
         end = time.monotonic() + START_PATIENCE
         while not (self._lookup(BASE, frame) and self._lookup(ODOM, BASE)) and time.monotonic() < end:
             time.sleep(TF_GLANCE)
