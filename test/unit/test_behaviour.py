@@ -293,7 +293,7 @@ def test_with_search_off_it_stands_still_until_it_sees_a_pillar():
     assert phases(steps) == [Phase.WAITING]
     assert {step.decision.twist for step in steps} == {STOP}
     assert "it has no valid range" in steps[0].decision.reason
-    assert "search is false" in steps[0].decision.reason
+    assert "set ~search to true" in steps[0].decision.reason
     toy.circles = [(6.0, 0.0, 0.2)]
     assert toy.drive(2.0)[-1].decision.twist.linear == 1.0
     pillars, toy.circles = toy.circles, []
