@@ -10,10 +10,12 @@ from defusedxml import ElementTree
 from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.control import ControlConfig
 from husky_highlevel_controller.description import share_folder
+from husky_highlevel_controller.imu import ImuConfig
 from husky_highlevel_controller.lidar import LidarConfig
 from husky_highlevel_controller.nodes.controller import ScanTopicConfig, StartStopConfig
 from husky_highlevel_controller.nodes.display import ESTIMATE, IN_LASER, IN_ODOM, PATH, STATE, TARGET
 from husky_highlevel_controller.pillar import PillarConfig
+from husky_highlevel_controller.safety import CrashConfig, ProximityConfig
 
 SHARE = share_folder()
 README = (SHARE / "README.md").read_text()
@@ -41,15 +43,19 @@ def test_every_launch_argument_has_a_row(file):
         named(argument.get("name"), default)
 
 
-@pytest.mark.parametrize("record", [ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig])
-def test_every_parameter_of_the_controller_has_a_row(record):
+NODE_RECORDS = [ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig, ProximityConfig, CrashConfig]
+
+
+@pytest.mark.parametrize("record", NODE_RECORDS)
+def test_every_parameter_of_a_node_has_a_row(record):
     for parameter in fields(record):
         named(f"~{parameter.name}", parameter.default)
 
 
-def test_every_parameter_of_the_lidar_has_a_row():
-    for parameter in fields(LidarConfig):
-        named(f"~lidar/{parameter.name}", parameter.default)
+@pytest.mark.parametrize(("namespace", "record"), [("lidar", LidarConfig), ("imu", ImuConfig)])
+def test_every_parameter_of_a_sensor_has_a_row(namespace, record):
+    for parameter in fields(record):
+        named(f"~{namespace}/{parameter.name}", parameter.default)
 
 
 def test_the_controller_s_yaml_says_what_the_code_says():
