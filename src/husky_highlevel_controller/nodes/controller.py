@@ -30,8 +30,8 @@ from husky_highlevel_controller.pillar import PillarConfig
 
 REPORT_PERIOD = 5.0  # [s] between two lines of what the scan holds
 PATIENCE = 50  # scans that may have to do without a transform before that is worth a word
-START_PATIENCE = 2.0  # [s] of wall time that the first scan waits for TF
-TF_PATIENCE = 0.5  # [s] of wall time that the transform of a scan's moment may be late
+START_PATIENCE = 4.0  # [s] of wall time that the first scan waits for TF
+TF_PATIENCE = 2.0  # [s] of wall time that the transform of a scan's moment may be late
 TF_GLANCE = 0.001  # [s] of wall time between two looks for it
 
 

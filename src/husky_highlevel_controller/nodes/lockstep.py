@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Callable
+from typing import Callable, Sequence
 
+import rosgraph
 import rospy
 
 PARTNER_DEADLINE = 30.0  # [s] of wall time for a controller to join
@@ -28,15 +29,31 @@ class Lockstep:
         self._answered.set()
 
     def wait_for_partner(
-        self, scans: rospy.Publisher, commands: rospy.Subscriber, meanwhile: Callable[[], None]
+        self,
+        needed: Sequence[rospy.Publisher],
+        commands: rospy.Subscriber,
+        others: Sequence[rospy.Publisher],
+        meanwhile: Callable[[], None],
     ) -> None:
-        """Wait until somebody listens to the scans and sends commands, doing `meanwhile` now and then."""
+        """Wait until every `needed` topic has a listener and commands have a sender, doing `meanwhile`.
+
+        Whoever has subscribed to one of these topics or of the `others` must be connected by then: a
+        transform that is lost at the beginning would make the run another one.
+        """
+        master = rosgraph.Master(rospy.get_name())
 
         def joined() -> bool:
             meanwhile()
-            return bool(scans.get_num_connections() and commands.get_num_connections())
+            if not all(connected.get_num_connections() for connected in (*needed, commands)):
+                return False
+            subscribed = {topic: len(nodes) for topic, nodes in master.getSystemState()[1]}
+            return all(
+                publisher.get_num_connections() >= subscribed.get(publisher.resolved_name, 0)
+                for publisher in (*needed, *others)
+            )
 
-        failing = f"nobody listens to {scans.resolved_name} and sends {commands.resolved_name}"
+        names = " and ".join(publisher.resolved_name for publisher in needed)
+        failing = f"nobody listens to {names} and sends {commands.resolved_name}"
         self._wait(joined, PARTNER_DEADLINE, failing)
 
     def expect_answer(self) -> None:

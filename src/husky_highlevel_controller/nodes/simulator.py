@@ -106,7 +106,9 @@ class SimulatorNode:
     def run(self) -> None:
         """Simulate until the node is shut down."""
         stamp = self._simulation.stamp
-        self._lockstep.wait_for_partner(self._scan, self._input, lambda: self._publish_clock(stamp))
+        # the scans' listener answers, that of the joint states sends the robot's frames
+        needed, others = [self._scan, self._joints], [self._clock, self._transforms]
+        self._lockstep.wait_for_partner(needed, self._input, others, lambda: self._publish_clock(stamp))
         pacer = Pacer(self._start.real_time_factor, stamp, time.monotonic())
         step = 0
         while not rospy.is_shutdown():
