@@ -62,7 +62,7 @@ def scan_from_msg(msg: LaserScan) -> Scan:
     ranges.setflags(write=False)
     return Scan(
         stamp=msg.header.stamp.to_sec(),
-        frame=msg.header.frame_id,
+        frame=msg.header.frame_id.lstrip("/"),  # tf2 knows no leading slash, older drivers send one
         angle_min=msg.angle_min,
         angle_max=msg.angle_min + msg.angle_increment * max(len(ranges) - 1, 0),
         range_min=msg.range_min,

@@ -52,6 +52,12 @@ def xyzw(it):
 
 @LAW
 @given(st.integers(0, 10**7), st.sampled_from([50, 100, 200, 240, 1000]))
+def test_a_frame_with_a_leading_slash_is_one_that_tf2_knows():
+    msg = LaserScan()
+    msg.header.frame_id = "/base_laser"
+    assert messages.scan_from_msg(msg).frame == "base_laser"
+
+
 def test_a_stamp_is_the_nearest_nanosecond_so_that_steps_never_drift(step, rate):
     stamp = messages.time_to_msg(step / rate)
     assert stamp.to_nsec() == round(step * 10**9 / rate)
