@@ -52,12 +52,6 @@ def xyzw(it):
 
 @LAW
 @given(st.integers(0, 10**7), st.sampled_from([50, 100, 200, 240, 1000]))
-def test_a_frame_with_a_leading_slash_is_one_that_tf2_knows():
-    msg = LaserScan()
-    msg.header.frame_id = "/base_laser"
-    assert messages.scan_from_msg(msg).frame == "base_laser"
-
-
 def test_a_stamp_is_the_nearest_nanosecond_so_that_steps_never_drift(step, rate):
     stamp = messages.time_to_msg(step / rate)
     assert stamp.to_nsec() == round(step * 10**9 / rate)
@@ -240,3 +234,9 @@ def test_a_line_keeps_its_points_and_a_text_its_words():
     line, text = EACH_KIND[Marker.LINE_STRIP], EACH_KIND[Marker.TEXT_VIEW_FACING]
     assert [xyz(point) for point in over_the_wire(line).points] == [(1.0, 2.0, 0.0), (3.0, 4.0, 0.0)]
     assert over_the_wire(text).text == "words"
+
+
+def test_a_frame_with_a_leading_slash_is_one_that_tf2_knows():
+    msg = LaserScan()
+    msg.header.frame_id = "/base_laser"
+    assert messages.scan_from_msg(msg).frame == "base_laser"
