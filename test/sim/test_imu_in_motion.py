@@ -5,36 +5,22 @@ from math import cos, inf, radians, sin
 
 import numpy as np
 import pytest
+from stage import BLIND, GROUND, HUSKY, drive, thing
 
 from husky_highlevel_controller.datatypes import (
     Box,
     Cylinder,
     HuskyError,
-    Part,
     Plane,
-    Pose,
     Pose2D,
-    Thing,
-    Twist2D,
     World,
 )
-from husky_highlevel_controller.description import robot_description
-from husky_highlevel_controller.geometry import quat_from_rpy, rotate
+from husky_highlevel_controller.geometry import rotate
 from husky_highlevel_controller.imu import ImuConfig
-from husky_highlevel_controller.robot import robot_model
 from husky_highlevel_controller.safety import CrashConfig, crashed
 from husky_highlevel_controller.simulation import Simulation, SimulatorConfig
 
-HUSKY = robot_model(robot_description(meshes=""))
-BLIND = robot_model(robot_description(meshes="", laser_enabled=False))
 QUIET = replace(SimulatorConfig(), imu=ImuConfig(acceleration_noise=0.0, rate_noise=0.0))
-
-
-def thing(name, shape, x=0.0, y=0.0, z=0.0, rpy=(0.0, 0.0, 0.0), mass=0.0):
-    return Thing(name, Pose((x, y, z), quat_from_rpy(*rpy)), (Part(shape),), (), mass)
-
-
-GROUND = thing("ground", Plane((0.0, 0.0, 1.0), (100.0, 100.0)))
 
 
 @pytest.fixture
@@ -49,16 +35,6 @@ def simulate():
     yield make
     for simulation in made:
         simulation.close()
-
-
-def drive(simulation, seconds, linear=0.0, angular=0.0):
-    """Command all the time; every snapshot."""
-    snapshots = []
-    for step in range(round(seconds / simulation.dt)):
-        if step % 20 == 0:
-            simulation.command(Twist2D(linear, angular))
-        snapshots.append(simulation.step())
-    return snapshots
 
 
 def samples(*args, **kwargs):

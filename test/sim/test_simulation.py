@@ -5,6 +5,7 @@ from math import cos, hypot, inf, nan, pi, radians, sin, sqrt
 
 import numpy as np
 import pytest
+from stage import BLIND, GROUND, HUSKY, drive, thing
 
 from husky_highlevel_controller.datatypes import (
     Box,
@@ -19,25 +20,15 @@ from husky_highlevel_controller.datatypes import (
     Twist2D,
     World,
 )
-from husky_highlevel_controller.description import robot_description, share_folder
+from husky_highlevel_controller.description import share_folder
 from husky_highlevel_controller.drive import CommandError
 from husky_highlevel_controller.engine import PlacementError
-from husky_highlevel_controller.geometry import quat_from_rpy, yaw_from_quat
-from husky_highlevel_controller.robot import robot_model
+from husky_highlevel_controller.geometry import yaw_from_quat
 from husky_highlevel_controller.simulation import Simulation, SimulatorConfig, steps_per
 from husky_highlevel_controller.world import load_world
 
-HUSKY = robot_model(robot_description(meshes=""))
-BLIND = robot_model(robot_description(meshes="", laser_enabled=False))
 PILLAR_WORLD = load_world(share_folder() / "worlds" / "singlePillar.world")
 START = Pose2D()
-
-
-def thing(name, shape, x=0.0, y=0.0, z=0.0, rpy=(0.0, 0.0, 0.0), mass=0.0):
-    return Thing(name, Pose((x, y, z), quat_from_rpy(*rpy)), (Part(shape),), (), mass)
-
-
-GROUND = thing("ground", Plane((0.0, 0.0, 1.0), (100.0, 100.0)))
 
 
 @pytest.fixture
@@ -53,16 +44,6 @@ def simulate():
     yield make
     for simulation in made:
         simulation.close()
-
-
-def drive(simulation, seconds, linear=0.0, angular=0.0):
-    """Command all the time; every snapshot."""
-    snapshots = []
-    for step in range(round(seconds / simulation.dt)):
-        if step % 20 == 0:
-            simulation.command(Twist2D(linear, angular))
-        snapshots.append(simulation.step())
-    return snapshots
 
 
 def place(snapshot):
