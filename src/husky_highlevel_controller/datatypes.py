@@ -171,16 +171,14 @@ class ImuSample:
 
 
 @dataclass(frozen=True)
-class Snapshot:
-    """The simulated robot at one instant."""
+class GpsFix:
+    """What a satellite receiver tells, on the WGS 84 ellipsoid."""
 
-    stamp: float  # [s] of simulated time
-    robot: RobotState
-    wheels: WheelState
-    odometry: Odometry
-    touched: Tuple[str, ...] = ()  # names of the things the robot touches with anything but its wheels
-    scan: Optional[Scan] = None  # None between two scan periods
-    imu: Optional[ImuSample] = None  # None between two of its periods
+    stamp: float  # [s]
+    latitude: float  # [deg], north positive
+    longitude: float  # [deg], east positive
+    altitude: float  # [m]
+    velocity: Vector3  # [m/s], towards north, west and up
 
 
 @dataclass(frozen=True)
@@ -189,6 +187,22 @@ class Odometry:
 
     pose_base_in_odom: Pose2D = Pose2D()
     twist_in_base: Twist2D = STOP
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The simulated robot at one instant."""
+
+    stamp: float  # [s] of simulated time
+    robot: RobotState
+    wheels: WheelState
+    command: Twist2D  # what the wheels are told, within the limits
+    wheel_odometry: Odometry  # from the wheels alone
+    odometry: Odometry  # from the wheels and the gyro
+    touched: Tuple[str, ...] = ()  # names of the things the robot touches but does not stand on
+    scan: Optional[Scan] = None  # None between two scan periods
+    imu: Optional[ImuSample] = None  # None between two of its periods
+    gps: Optional[GpsFix] = None  # None between two of its periods
 
 
 @dataclass(frozen=True)

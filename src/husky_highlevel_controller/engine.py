@@ -29,12 +29,15 @@ from husky_highlevel_controller.datatypes import (
 from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.robot import RobotModel
 
+ROBOT = "husky"  # the robot's name among the things
+
 log = logging.getLogger("rosout.engine")  # a child of rospy's logger: reaches /rosout without rospy
 
 _BASE = -1  # Bullet's index of the base link
 _WHEEL_TORQUE = 1000.0  # [N m], so that the wheels do as they are told (Gazebo: ideal velocity interface)
 _SOLVER_ITERATIONS = 20  # instead of 50: the same motion to 0.1 %, in half the time
 _LIFT_FROM = 1e-3  # [m], what is sunk deeper into the ground is put on top of it
+_TOO_DEEP = 1e-3  # [m], what reaches farther into another body stands inside it
 _URDF_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
 
 
@@ -76,8 +79,9 @@ class Engine:
             deterministicOverlappingPairs=1,
             physicsClientId=self._client,
         )
-        self._names: Dict[int, str] = {}  # of every body but the robot
-        self._bodies: Dict[str, int] = {}
+        self._names: Dict[int, str] = {}
+        self._bodies: Dict[str, List[int]] = {}
+        self._shapes: Dict[int, int] = {}
         self._planes: List[int] = []
         self._inertial_in_body: Dict[int, Pose] = {}  # Bullet's poses are those of the inertial frame
 
@@ -87,8 +91,10 @@ class Engine:
         """Put a thing into the world; one that can move and is sunk into the ground is stood on it.
 
         Raises:
-            PlacementError: it is a plane that can move.
+            PlacementError: it is a plane that can move, or has the robot's name.
         """
+        if thing.name == ROBOT:
+            raise PlacementError(f"a thing is named '{ROBOT}', as the robot is; give it another name")
         solids = []
         for part in thing.collisions:
             if isinstance(part.shape, Plane):  # Bullet takes no plane into a compound
@@ -101,15 +107,59 @@ class Engine:
             if thing.mass > 0.0:
                 self._lift_out_of_the_ground(body)
 
-    def pose_of(self, name: str) -> Pose:
-        """Where a thing is now, in the world.
+    def remove_thing(self, name: str) -> None:
+        """Take a thing out of the world."""
+        for body in self._bodies.pop(name):
+            pybullet.removeBody(body, physicsClientId=self._client)
+            pybullet.removeCollisionShape(self._shapes.pop(body), physicsClientId=self._client)
+            del self._names[body], self._inertial_in_body[body]
+            if body in self._planes:
+                self._planes.remove(body)
+
+    def move_thing(self, name: str, pose_in_world: Pose) -> None:
+        """Put a thing somewhere else, at rest.
 
         Raises:
-            PlacementError: there is no thing of that name.
+            PlacementError: it is a plane.
         """
-        if name not in self._bodies:
-            raise PlacementError(f"no thing named '{name}'; there are: {', '.join(sorted(self._bodies))}")
-        return self._pose(self._bodies[name])
+        (*planes, body) = self._bodies[name]
+        if planes or body in self._planes:
+            raise PlacementError(f"'{name}' is a plane, which stays where it is")
+        self._put(body, pose_in_world)
+        if pybullet.getDynamicsInfo(body, _BASE, physicsClientId=self._client)[0] > 0.0:
+            self._lift_out_of_the_ground(body)
+
+    def _put(self, body: int, pose_in_world: Pose) -> None:
+        pose = compose(pose_in_world, self._inertial_in_body[body])
+        pybullet.resetBasePositionAndOrientation(
+            body, pose.position, pose.quat_xyzw, physicsClientId=self._client
+        )
+        pybullet.resetBaseVelocity(body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), physicsClientId=self._client)
+
+    def check_room(self, name: str) -> None:
+        """Make sure that a thing, or the robot, stands in free space; planes do not count.
+
+        Raises:
+            PlacementError: it reaches into something else.
+        """
+        pybullet.performCollisionDetection(physicsClientId=self._client)  # where every body is by now
+        own = self._bodies[name]
+        for body in own:
+            links = range(_BASE, pybullet.getNumJoints(body, physicsClientId=self._client))
+            boxes = [pybullet.getAABB(body, link, physicsClientId=self._client) for link in links]
+            near = {
+                other
+                for box in boxes
+                for other, _ in pybullet.getOverlappingObjects(*box, physicsClientId=self._client) or ()
+            }
+            for other in sorted(near.difference(own, self._planes)):
+                points = pybullet.getClosestPoints(body, other, 0.0, physicsClientId=self._client)
+                if any(point[8] < -_TOO_DEEP for point in points):
+                    raise PlacementError(f"'{name}' would stand inside '{self._names[other]}'")
+
+    def pose_of(self, name: str) -> Pose:
+        """Where a thing is now, in the world."""
+        return self._pose(self._bodies[name][-1])
 
     def _pose(self, body: int) -> Pose:
         position, quat = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
@@ -138,7 +188,8 @@ class Engine:
         )
         if body < 0:
             raise PlacementError(f"PyBullet refused '{name}' at {pose.position}")
-        self._names[body], self._bodies[name] = name, body
+        self._names[body], self._shapes[body] = name, shape
+        self._bodies.setdefault(name, []).append(body)
         self._inertial_in_body[body] = inertial_in_body
         return body
 
@@ -157,7 +208,11 @@ class Engine:
     # ------------------------------------------------------------------ robot
 
     def add_robot(self, model: RobotModel, pose: Pose) -> None:
-        """Put the robot into the world with base_link at `pose`."""
+        """Put the robot into the world with base_link at `pose`.
+
+        Raises:
+            PlacementError: something stands there.
+        """
         # Bullet reads URDFs from files only, and caches them by name: hence a new name every time
         handle, path = tempfile.mkstemp(suffix=".urdf")
         try:
@@ -180,10 +235,26 @@ class Engine:
             )  # fmt: skip
         info = pybullet.getDynamicsInfo(self._robot, _BASE, physicsClientId=self._client)
         self._inertial_in_body[self._robot] = Pose(info[3], info[4])
-        start = compose(pose, self._inertial_in_body[self._robot])
-        pybullet.resetBasePositionAndOrientation(
-            self._robot, start.position, start.quat_xyzw, physicsClientId=self._client
-        )
+        self._names[self._robot], self._bodies[ROBOT] = ROBOT, [self._robot]
+        self._put(self._robot, pose)
+        self.check_room(ROBOT)
+
+    def move_robot(self, pose: Pose) -> None:
+        """Put the robot somewhere else, at rest, with base_link at `pose`.
+
+        Raises:
+            PlacementError: something stands there; the robot stays where it is.
+        """
+        before = self._pose(self._robot)
+        self._put(self._robot, pose)
+        try:
+            self.check_room(ROBOT)
+        except PlacementError:
+            self._put(self._robot, before)
+            raise
+        for wheel in self._wheels:
+            angle = pybullet.getJointState(self._robot, wheel, physicsClientId=self._client)[0]
+            pybullet.resetJointState(self._robot, wheel, angle, 0.0, physicsClientId=self._client)
 
     def robot_motion(self) -> Tuple[Pose, Vector3, Vector3]:
         """Pose of base_link, velocity of the base's centre of mass [m/s] and spin [rad/s], in the world."""

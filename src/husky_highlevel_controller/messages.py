@@ -10,14 +10,24 @@ from typing import Sequence
 
 import numpy as np
 from genpy import Duration, Time
-from geometry_msgs.msg import Point, Quaternion, TransformStamped, Twist, Vector3
+from geometry_msgs.msg import (
+    Point,
+    Quaternion,
+    TransformStamped,
+    Twist,
+    TwistStamped,
+    Vector3,
+    Vector3Stamped,
+)
+from geometry_msgs.msg import Pose as PoseMsg
 from nav_msgs.msg import Odometry as OdometryMsg
-from sensor_msgs.msg import Imu, JointState, LaserScan
+from sensor_msgs.msg import Imu, JointState, LaserScan, NavSatFix, NavSatStatus
 from std_msgs.msg import ColorRGBA, Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
 from husky_highlevel_controller.datatypes import (
+    GpsFix,
     ImuSample,
     Odometry,
     Pose,
@@ -81,6 +91,11 @@ def twist_from_msg(msg: Twist) -> Twist2D:
     return Twist2D(msg.linear.x, msg.angular.z)
 
 
+def twist_to_stamped_msg(twist: Twist2D, stamp: float) -> TwistStamped:
+    """A planar twist and when it was in force; without a frame, as diff_drive_controller sends it."""
+    return TwistStamped(header=header(stamp, ""), twist=twist_to_msg(twist))
+
+
 def wheels_to_msg(wheels: WheelState, stamp: float) -> JointState:
     """The wheels' joint states."""
     return JointState(
@@ -109,8 +124,7 @@ def truth_to_msg(robot: RobotState, stamp: float, world: str, base: str) -> Odom
 
 def _odometry(stamp: float, frame: str, child: str, pose: Pose) -> OdometryMsg:
     msg = OdometryMsg(header=header(stamp, frame), child_frame_id=child)
-    msg.pose.pose.position = Point(*pose.position)
-    msg.pose.pose.orientation = Quaternion(*pose.quat_xyzw)
+    msg.pose.pose = pose_to_msg(pose)
     return msg
 
 
@@ -131,6 +145,17 @@ def pose_from_transform(msg: TransformStamped) -> Pose:
     """The pose of the child frame in the parent frame."""
     t, r = msg.transform.translation, msg.transform.rotation
     return Pose((t.x, t.y, t.z), (r.x, r.y, r.z, r.w))
+
+
+def pose_to_msg(pose: Pose) -> PoseMsg:
+    """A pose in space."""
+    return PoseMsg(Point(*pose.position), Quaternion(*pose.quat_xyzw))
+
+
+def pose_from_msg(msg: PoseMsg) -> Pose:
+    """A pose in space, as it was sent: its numbers are not looked at."""
+    p, q = msg.position, msg.orientation
+    return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
 
 
 DRAWN_HEIGHT = 0.8  # [m], about the scan plane; a planar scan cannot see how tall a pillar is
@@ -228,3 +253,24 @@ def imu_from_msg(msg: Imu) -> ImuSample:
     level = msg.orientation_covariance[0] == -1.0 or not length > 0.5  # REP 145; zeros and NaN say it as well
     quat = (0.0, 0.0, 0.0, 1.0) if level else (q.x / length, q.y / length, q.z / length, q.w / length)
     return ImuSample(msg.header.stamp.to_sec(), quat, (w.x, w.y, w.z), (f.x, f.y, f.z))
+
+
+# ---------------------------------------------------------------------------- GPS
+
+
+def fix_to_msg(fix: GpsFix, drift: float, frame: str) -> NavSatFix:
+    """Where on Earth, as hector_gazebo's receiver says it: the covariance holds the square of `drift` [m]."""
+    return NavSatFix(
+        header=header(fix.stamp, frame),
+        status=NavSatStatus(status=NavSatStatus.STATUS_FIX),
+        latitude=fix.latitude,
+        longitude=fix.longitude,
+        altitude=fix.altitude,
+        position_covariance=tuple(np.diag([drift**2] * 3).ravel().tolist()),
+        position_covariance_type=NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN,
+    )
+
+
+def fix_velocity_to_msg(fix: GpsFix, frame: str) -> Vector3Stamped:
+    """How fast towards north, west and up; `frame` is only where the receiver sits."""
+    return Vector3Stamped(header=header(fix.stamp, frame), vector=Vector3(*fix.velocity))

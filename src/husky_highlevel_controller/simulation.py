@@ -9,44 +9,38 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import isclose
-from typing import List, Sequence, Tuple
+from typing import Mapping, Optional, Sequence
 
 import numpy as np
 
+from husky_highlevel_controller.chassis import Chassis
 from husky_highlevel_controller.datatypes import (
+    GpsFix,
     HuskyError,
     ImuSample,
     Odometry,
-    Plane,
     Pose,
     Pose2D,
-    RobotState,
     Scan,
     Snapshot,
+    Thing,
     Twist2D,
-    Vector3,
     World,
 )
-from husky_highlevel_controller.drive import Drive, DriveConfig, wheel_speeds
-from husky_highlevel_controller.engine import Engine
-from husky_highlevel_controller.geometry import (
-    compose,
-    inverse,
-    pose_from_2d,
-    quat_inverse,
-    rotate,
-    transform_point,
-)
+from husky_highlevel_controller.drive import Drive, DriveConfig, twist_of_wheels, wheel_speeds
+from husky_highlevel_controller.engine import ROBOT, Engine
+from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d
+from husky_highlevel_controller.gps import Gps, GpsConfig
 from husky_highlevel_controller.imu import ImuConfig, measure
 from husky_highlevel_controller.lidar import LidarConfig, sweep
 from husky_highlevel_controller.odometry import advance_odometry
-from husky_highlevel_controller.raycast import cast_rays, make_scene
+from husky_highlevel_controller.raycast import cast_rays
 from husky_highlevel_controller.robot import RobotModel
-from husky_highlevel_controller.traction import Contact, TractionConfig, ground_forces
+from husky_highlevel_controller.scenery import Scenery
+from husky_highlevel_controller.traction import TractionConfig
 
-LOAD_SMOOTHING = 0.02  # [s], low-pass on the wheels' normal forces: the solver's are rough
-IMU_STREAM = 1  # of the seed: the IMU draws from a stream of its own, so that it does not shift the lidar's
-SUPPORT_SLOPE = 0.5  # a wheel stands on what pushes it up at least steeply (cosine), and bumps into the rest
+# of the seed: each draws from a stream of its own, so that none shifts another's; the lidar's is the seed's
+IMU_STREAM, GPS_STREAM = 1, 2
 
 
 @dataclass(frozen=True)
@@ -60,6 +54,8 @@ class SimulatorConfig:
     lidar: LidarConfig = field(default_factory=LidarConfig, metadata={"help": "the lidar"})
     imu_rate: int = field(default=50, metadata={"min": 1, "max": 1000, "help": "IMU samples a second [Hz]"})
     imu: ImuConfig = field(default_factory=ImuConfig, metadata={"help": "the inertial measurement unit"})
+    gps_rate: int = field(default=40, metadata={"min": 1, "max": 200, "help": "fixes a second [Hz]"})
+    gps: GpsConfig = field(default_factory=GpsConfig, metadata={"help": "the satellite receiver"})
     drive: DriveConfig = field(default_factory=DriveConfig)
     traction: TractionConfig = field(default_factory=TractionConfig)
 
@@ -93,7 +89,7 @@ class Simulation:
 
         Raises:
             HuskyError: a period is not a multiple of the physics step.
-            PlacementError: a thing cannot be simulated, such as a movable plane.
+            PlacementError: a thing cannot be simulated (a movable plane), or stands where the robot starts.
         """
         left, right = robot.wheels[0], robot.wheels[1]
         geometry = {"wheel_separation": left.position[1] - right.position[1], "wheel_radius": left.radius}
@@ -101,36 +97,52 @@ class Simulation:
         self.dt = 1.0 / config.physics_rate
         self._scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
         self._imu_steps = steps_per(config.imu_rate, config.physics_rate, "imu_rate")
+        self._gps_steps = steps_per(config.gps_rate, config.physics_rate, "gps_rate")
         self._world, self._robot = world, robot
+        self._start, self._seed = start, seed
         self._laser_in_base = robot.fixed_poses.get(robot.laser_frame)
         self._drive = Drive(self.config.drive)
         self._engine = Engine(self.dt)
-        self.reset(start, seed)
+        self._scenery = Scenery(self._engine)
+        self._chassis = Chassis(self._engine, robot, config.traction, self.dt)
+        self._steps_before = self._steps = 0
+        self.reset()
 
     def close(self) -> None:
         """Give the engine's memory back."""
         self._engine.close()
 
-    def reset(self, start: Pose2D, seed: int) -> None:
-        """Back to the beginning, with the robot at `start`: the stamp starts at 0 again."""
+    def reset(self, start: Optional[Pose2D] = None, seed: Optional[int] = None) -> None:
+        """Back to the beginning, as if made anew; only the stamp runs on.
+
+        Args:
+            start: where the robot starts; None: where it started before.
+            seed: of all noise; None: the one before.
+        """
+        self._start = self._start if start is None else start
+        self._seed = self._seed if seed is None else seed
+        self._steps_before += self._steps
         self._steps = 0
-        self._rng = np.random.default_rng(seed)
-        self._imu_rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(IMU_STREAM,)))
+        self._lidar_rng = np.random.default_rng(self._seed)
+        self._imu_rng, gps_rng = (
+            np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(stream,)))
+            for stream in (IMU_STREAM, GPS_STREAM)
+        )
+        self._gps = Gps(self.config.gps, self._gps_steps * self.dt, gps_rng)
         self._drive.reset()
-        self._odometry = Odometry()
+        self._gyro, self._wheel_odometry, self._odometry = 0.0, Odometry(), Odometry()
         self._engine.clear(self._world.gravity)
-        for thing in self._world.things:
-            self._engine.add_thing(thing)
-        self._show_to_the_lidar()
-        wheels = self._robot.wheels
-        self._engine.add_robot(self._robot, pose_from_2d(start, wheels[0].radius - wheels[0].position[2]))
-        self._loads = [0.0] * len(wheels)
-        self._footprints = [(w.position[0], w.position[1], w.position[2] - w.radius) for w in wheels]
-        self._state = self._felt = self._observe_robot()
+        self._scenery.furnish(self._world.things)
+        self._chassis.place(self._chassis.on_ground(pose_from_2d(self._start)), self._world.gravity)
+        self._felt = self._chassis.state
 
     @property
     def stamp(self) -> float:
-        """Simulated time [s]."""
+        """Simulated time [s]; it never goes back."""
+        return (self._steps_before + self._steps) / self.config.physics_rate
+
+    @property
+    def _since_reset(self) -> float:
         return self._steps / self.config.physics_rate
 
     def command(self, twist: Twist2D) -> None:
@@ -139,115 +151,106 @@ class Simulation:
         Raises:
             CommandError: it is not finite; the one before stays in force.
         """
-        self._drive.command(twist, self.stamp)
-
-    def pose_of(self, name: str) -> Pose:
-        """Where a thing is now, in the world; PlacementError if there is none of that name."""
-        return self._engine.pose_of(name)
+        self._drive.command(twist, self._since_reset)
 
     def step(self) -> Snapshot:
         """Advance one physics step; at the end of a sensor's period the snapshot holds its sample."""
-        left, right = wheel_speeds(self._drive.update(self.stamp, self.dt), self.config.drive)
-        self._engine.drive_wheels((left, right, left, right))
-        self._hold_the_ground((left, right, left, right))
+        command, drive = self._drive.update(self._since_reset, self.dt), self.config.drive
+        left, right = wheel_speeds(command, drive)
+        self._chassis.drive((left, right, left, right))
         self._engine.step()
         self._steps += 1
 
-        self._state = self._observe_robot()
-        touched = self._observe_touches()
-        wheels = self._engine.wheels()
-        left, right = (wheels.speeds[0] + wheels.speeds[2]) / 2.0, (wheels.speeds[1] + wheels.speeds[3]) / 2.0
-        yaw_rate = self._state.angular_velocity_in_base[2]
-        self._odometry = advance_odometry(self._odometry, left, right, yaw_rate, self.dt, self.config.drive)
-        scan = None
-        if self._laser_in_base is not None and self._steps % self._scan_steps == 0:
-            scan = self._sweep(self._laser_in_base)
+        state = self._chassis.observe()
+        touched = self._chassis.feel()
         imu = self._feel() if self._steps % self._imu_steps == 0 else None
-        return Snapshot(self.stamp, self._state, wheels, self._odometry, touched, scan, imu)
-
-    # ------------------------------------------------------------------ wheels on the ground
-
-    def _hold_the_ground(self, speeds: Tuple[float, float, float, float]) -> None:
-        """Push the robot as the ground does during the next step."""
-        robot, state = self._robot, self._state
-        quat, com = state.pose_in_world.quat_xyzw, robot.total_com
-        contacts = [
-            Contact(point[0] - com[0], point[1] - com[1], load, speed * wheel.radius)
-            for point, load, speed, wheel in zip(self._footprints, self._loads, speeds, robot.wheels)
-        ]
-        (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
-        gravity = rotate(quat_inverse(quat), self._world.gravity)
-        forces = ground_forces(
-            contacts,
-            velocity=(vx - yaw_rate * com[1], vy + yaw_rate * com[0], yaw_rate),
-            external=(robot.total_mass * gravity[0], robot.total_mass * gravity[1]),
-            mass=robot.total_mass,
-            yaw_inertia=robot.total_yaw_inertia,
-            dt=self.dt,
-            config=self.config.traction,
+        wheels = self._engine.wheels()
+        rolled = twist_of_wheels(
+            (wheels.speeds[0] + wheels.speeds[2]) / 2.0, (wheels.speeds[1] + wheels.speeds[3]) / 2.0, drive
         )
-        for point, load, (along, across) in zip(self._footprints, self._loads, forces):
-            if load > 0.0:
-                self._engine.push_robot(
-                    rotate(quat, (along, across, 0.0)), transform_point(state.pose_in_world, point)
-                )
+        self._wheel_odometry = advance_odometry(self._wheel_odometry, rolled, self.dt)
+        fused = Twist2D(rolled.linear, self._gyro)
+        self._odometry = advance_odometry(self._odometry, fused, self.dt)
+        return Snapshot(
+            self.stamp,
+            state,
+            wheels,
+            command,
+            self._wheel_odometry,
+            self._odometry,
+            touched,
+            scan=self._sweep() if self._steps % self._scan_steps == 0 else None,
+            imu=imu,
+            gps=self._locate() if self._steps % self._gps_steps == 0 else None,
+        )
 
-    def _observe_robot(self) -> RobotState:
-        pose, velocity, spin = self._engine.robot_motion()
-        to_base = quat_inverse(pose.quat_xyzw)
-        (vx, vy, vz), (wx, wy, wz) = rotate(to_base, velocity), rotate(to_base, spin)
-        x, y, z = self._engine.robot_com()
-        # v(base_link) = v(com) - w x com
-        at_base = (vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x))
-        return RobotState(pose, at_base, (wx, wy, wz))
+    # ------------------------------------------------------------------ sensors
 
-    def _observe_touches(self) -> Tuple[str, ...]:
-        """Note each wheel's load and footprint; tell what the robot touches but does not stand on."""
-        up = rotate(self._state.pose_in_world.quat_xyzw, (0.0, 0.0, 1.0))
-        underfoot: List[List[Tuple[float, Vector3]]] = [[] for _ in self._loads]
-        touched = set()
-        for touch in self._engine.robot_touches():
-            support = sum(a * b for a, b in zip(touch.normal_in_world, up))
-            if touch.wheel is None or support < SUPPORT_SLOPE:
-                touched.add(touch.thing)
-            else:
-                underfoot[touch.wheel].append((touch.force * support, touch.point_in_world))
-        for wheel, points in enumerate(underfoot):
-            self._note_footprint(wheel, points)
-        return tuple(sorted(touched))
-
-    def _note_footprint(self, wheel: int, points: Sequence[Tuple[float, Vector3]]) -> None:
-        load = sum(force for force, _ in points)
-        if load <= 0.0:
-            self._loads[wheel] = 0.0  # in the air: no grip, at once
-            return
-        self._loads[wheel] += (load - self._loads[wheel]) * self.dt / (self.dt + LOAD_SMOOTHING)
-        x, y, z = (sum(force * point[axis] for force, point in points) / load for axis in range(3))
-        self._footprints[wheel] = transform_point(inverse(self._state.pose_in_world), (x, y, z))
-
-    # ------------------------------------------------------------------ lidar
-
-    def _show_to_the_lidar(self) -> None:
-        """Make the lidar's scene: every part of every thing, but nothing of the robot."""
-        parts = [(thing, part) for thing in self._world.things for part in thing.collisions]
-        shapes = [
-            (part.shape, compose(self._engine.pose_of(thing.name), part.pose_in_thing))
-            for thing, part in parts
-        ]
-        self._scene = make_scene(shapes)
-        solids = [(thing, part) for thing, part in parts if not isinstance(part.shape, Plane)]
-        self._movable = [(i, thing.name, part) for i, (thing, part) in enumerate(solids) if thing.mass > 0.0]
-
-    def _sweep(self, laser_in_base: Pose) -> Scan:
-        for index, name, part in self._movable:
-            self._scene.move(index, compose(self._engine.pose_of(name), part.pose_in_thing))
-        pose = compose(self._state.pose_in_world, laser_in_base)
+    def _sweep(self) -> Optional[Scan]:
+        if self._laser_in_base is None:
+            return None
+        rays = partial(cast_rays, self._scenery.scene())
+        pose = compose(self._chassis.state.pose_in_world, self._laser_in_base)
         frame = self._robot.laser_frame
-        return sweep(partial(cast_rays, self._scene), pose, self.config.lidar, self._rng, self.stamp, frame)
-
-    # ------------------------------------------------------------------ IMU
+        return sweep(rays, pose, self.config.lidar, self._lidar_rng, self.stamp, frame)
 
     def _feel(self) -> ImuSample:
-        before, self._felt = self._felt, self._state
+        before, self._felt = self._felt, self._chassis.state
         period, gravity = self._imu_steps * self.dt, self._world.gravity
-        return measure(before, self._state, period, gravity, self.config.imu, self._imu_rng, self.stamp)
+        sample = measure(before, self._felt, period, gravity, self.config.imu, self._imu_rng, self.stamp)
+        self._gyro = sample.angular_velocity[2]
+        return sample
+
+    def _locate(self) -> GpsFix:
+        return self._gps.locate(self._chassis.state, self.stamp)
+
+    # ------------------------------------------------------------------ the world
+
+    @property
+    def things(self) -> Mapping[str, Thing]:
+        """Everything but the robot, by name; a thing's own pose is where it was put."""
+        return self._scenery.things
+
+    def pose_of(self, name: str) -> Pose:
+        """Where a thing is now, in the world; PlacementError if there is none of that name."""
+        return self._scenery.pose_of(name)
+
+    @property
+    def pose_world_in_odom(self) -> Pose:
+        """Where the world lies for someone who trusts `odometry`; odom is level and as high as base_link."""
+        height = self._chassis.on_ground(Pose()).position[2]
+        base_in_odom = pose_from_2d(self._odometry.pose_base_in_odom)
+        base_in_world = pose_from_2d(pose_to_2d(self._chassis.state.pose_in_world), height)
+        return compose(base_in_odom, inverse(base_in_world))
+
+    def spawn(self, things: Sequence[Thing]) -> None:
+        """Put new things into the world, all or none; PlacementError where there is no room or no name."""
+        self._scenery.add(things)
+
+    def delete(self, name: str) -> None:
+        """Take a thing, or the things of a model, out of the world; PlacementError if there is none."""
+        self._scenery.delete(name)
+
+    def move(self, name: str, pose_in_world: Pose) -> None:
+        """Put a thing, or the robot's wheels, somewhere else, at rest.
+
+        The odometry of a robot that is moved goes along, so that odom stays where it is in the world.
+
+        Raises:
+            PlacementError: there is none of that name, or something stands there; then it stays where it is.
+        """
+        if name != ROBOT:
+            self._scenery.move(name, pose_in_world)
+            return
+        world_in_odom = self.pose_world_in_odom
+        self._chassis.move(self._chassis.on_ground(pose_in_world))
+        self._felt = self._chassis.state
+        self._drive.reset()
+        self._gyro = 0.0
+        base_in_odom = compose(world_in_odom, self._chassis.state.pose_in_world)
+        self._odometry = Odometry(pose_to_2d(base_in_odom))
+
+    def put_back(self) -> None:
+        """Put the robot and every thing back to where they were put first, at rest."""
+        self._scenery.put_back()
+        self.move(ROBOT, pose_from_2d(self._start))

@@ -13,7 +13,7 @@ import logging
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Iterator, Optional, Sequence, Union
+from typing import Iterator, List, Optional, Sequence, Union
 
 from husky_highlevel_controller.datatypes import (
     Part,
@@ -61,6 +61,25 @@ def parse_world(text: str, source: str) -> World:
     return _parse(text, source)
 
 
+def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Thing]:
+    """Read the text of an SDF model, called `name`, and put it at a pose in the world.
+
+    Raises:
+        WorldError: the text is broken.
+    """
+    load = Load()
+    try:
+        model = open_sdf(text, f"model_xml of '{name}'", load).required("model")
+        model.element.set("name", name)
+        things = list(_read_model(model, _Parent(pose_in_world=pose_in_world)))
+    except RecursionError:
+        raise WorldError(f"model_xml of '{name}': models are nested too deeply") from None
+    _tell_notes(load)
+    if not any(thing.collisions for thing in things):
+        raise WorldError(f"model_xml of '{name}': nothing in it has a collision shape")
+    return things
+
+
 def find_world(name: str, folders: Sequence[Path]) -> Path:
     """The file that a world's name means: an absolute path, or relative to one of `folders`.
 
@@ -86,10 +105,14 @@ def _parse(data: Union[str, bytes], source: str) -> World:
         read = World(world.named(), tuple(_things_in(world, _Parent())), _gravity(world))
     except RecursionError:
         raise WorldError(f"{source}: models are nested too deeply") from None
+    _tell_notes(load)
+    return read
+
+
+def _tell_notes(load: Load) -> None:
     for sentence, places in load.notes.items():
         more = f" and {len(places) - 3} more" if len(places) > 3 else ""
         log.warning("%s: %s%s", sentence, "; ".join(places[:3]), more)
-    return read
 
 
 # ---------------------------------------------------------------------------- models and links

@@ -9,11 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from husky_highlevel_controller.datatypes import Odometry, Pose2D, Twist2D
-from husky_highlevel_controller.drive import DriveConfig, wheel_speeds
 from husky_highlevel_controller.geometry import advance, wrap_angle
 from husky_highlevel_controller.odometry import advance_odometry
 
-CONFIG = DriveConfig()
 ORIGIN = Pose2D()
 LAW = settings(derandomize=True, deadline=None, max_examples=60)
 
@@ -22,9 +20,7 @@ def drive(twist, yaw_rate, duration, start=ORIGIN, steps=50):
     """The odometry of a robot whose wheels turn for `twist` while its gyro feels `yaw_rate`."""
     odometry = Odometry(start)
     for _ in range(steps):
-        odometry = advance_odometry(
-            odometry, *wheel_speeds(twist, CONFIG), yaw_rate, duration / steps, CONFIG
-        )
+        odometry = advance_odometry(odometry, Twist2D(twist.linear, yaw_rate), duration / steps)
     return odometry
 
 

@@ -11,7 +11,7 @@ import rospy
 
 PARTNER_DEADLINE = 30.0  # [s] of wall time for a controller to join
 ANSWER_DEADLINE = 5.0  # [s] of wall time for it to answer a scan
-GLANCE = 0.05  # [s] of wall time between two looks at whether the node is to end
+GLANCE = 0.05  # [s] of wall time between two looks at what else is to be done
 
 
 class Lockstep:
@@ -60,10 +60,15 @@ class Lockstep:
         """Call before a scan is published: what was answered so far does not count."""
         self._answered.clear()
 
-    def wait_for_answer(self) -> None:
-        """Wait until a command has arrived since `expect_answer`."""
+    def wait_for_answer(self, meanwhile: Callable[[], None]) -> None:
+        """Wait until a command has arrived since `expect_answer`, doing `meanwhile`: requests may be made."""
+
+        def answered() -> bool:
+            meanwhile()
+            return self._answered.wait(GLANCE)
+
         if self._on and not self._answered.is_set():
-            self._wait(lambda: self._answered.wait(GLANCE), ANSWER_DEADLINE, "no command answers the scan")
+            self._wait(answered, ANSWER_DEADLINE, "no command answers the scan")
 
     def _wait(self, done: Callable[[], bool], deadline: float, failing: str) -> None:
         end = time.monotonic() + deadline

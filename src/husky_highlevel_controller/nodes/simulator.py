@@ -3,38 +3,32 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
-from collections import deque
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Deque, List
+from typing import Any, Callable, List
 
 import rospy
-from geometry_msgs.msg import Twist
-from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu, JointState, LaserScan
-from std_srvs.srv import Empty, EmptyRequest, EmptyResponse
-from tf2_msgs.msg import TFMessage
+from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
-from husky_highlevel_controller import messages
 from husky_highlevel_controller.config import ConfigError, read_config
-from husky_highlevel_controller.datatypes import Pose2D, Snapshot
+from husky_highlevel_controller.datatypes import HuskyError, Pose2D
 from husky_highlevel_controller.description import share_folder
 from husky_highlevel_controller.drive import CommandError
-from husky_highlevel_controller.geometry import pose_from_2d
+from husky_highlevel_controller.nodes.commands import Commands
 from husky_highlevel_controller.nodes.lockstep import Lockstep
-from husky_highlevel_controller.nodes.starting import publish, run_node
+from husky_highlevel_controller.nodes.outputs import Outputs
+from husky_highlevel_controller.nodes.requests import Requests
+from husky_highlevel_controller.nodes.starting import run_node
+from husky_highlevel_controller.nodes.world_services import WorldServices, ask
 from husky_highlevel_controller.pacing import Pacer
 from husky_highlevel_controller.robot import robot_model
-from husky_highlevel_controller.simulation import Simulation, SimulatorConfig, steps_per
+from husky_highlevel_controller.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.srv import StepWorld, StepWorldRequest, StepWorldResponse
 from husky_highlevel_controller.world import find_world, load_world
 
-WORLD, ODOM, BASE = "world", "odom", "base_link"
-STATE_RATE = 50  # [Hz] of odometry, TF and joint states, as on the Husky
-CLOCK_RATE = 100  # [Hz]
-QUEUE = 200  # messages kept for a subscriber that is busy; one that hangs must not hold the world
+MOST_STEPS = 100_000  # in one request
 PAUSE_PERIOD = 0.05  # [s] of wall time between two looks at whether the pause is over
 
 
@@ -47,6 +41,7 @@ class StartConfig:
     y: float = field(default=0.0, metadata={"min": -1e4, "max": 1e4, "help": "start pose in the world [m]"})
     yaw: float = field(default=0.0, metadata={"min": -7.0, "max": 7.0, "help": "start heading [rad]"})
     seed: int = field(default=0, metadata={"min": 0, "max": 2**31 - 1, "help": "of all noise"})
+    laser_frame: str = field(default="front_laser", metadata={"help": "where the lidar's beams start"})
     real_time_factor: float = field(
         default=1.0, metadata={"min": 0.0, "max": 1000.0, "help": "pace; 0 = as fast as it goes"}
     )
@@ -67,28 +62,15 @@ class SimulatorNode:
                 f"{rospy.get_name()}/kinect_enabled = True: there is no depth camera yet; "
                 "launch with kinect_enabled:=false"
             )
-        self._start = start
-        self._state_steps = steps_per(STATE_RATE, config.physics_rate, "the rate of odometry")
-        self._clock_steps = steps_per(CLOCK_RATE, config.physics_rate, "the rate of /clock")
+        self._start, self._paused = start, start.paused
+        self._outputs = Outputs(config)
         world = load_world(find_world(start.world_name, _world_folders()))
-        robot = robot_model(self._robot_description())
+        robot = robot_model(self._robot_description(), start.laser_frame)
         self._simulation = Simulation(world, robot, config, Pose2D(start.x, start.y, start.yaw), start.seed)
-        self._running = threading.Event()
-        if not start.paused:
-            self._running.set()
-        self._commands: Deque[Twist] = deque(maxlen=1000)
-
-        self._clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
-        self._scan = rospy.Publisher("front/scan", LaserScan, queue_size=QUEUE)
-        self._joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
-        self._imu = rospy.Publisher("imu/data", Imu, queue_size=QUEUE)
-        self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=QUEUE)
-        self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
-        self._transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         self._lockstep = Lockstep(start.lockstep)
-        self._input = rospy.Subscriber("cmd_vel", Twist, self._on_command, queue_size=10, tcp_nodelay=True)
-        rospy.Service("gazebo/pause_physics", Empty, self._pause)
-        rospy.Service("gazebo/unpause_physics", Empty, self._unpause)
+        self._commands = Commands(self._lockstep.answer)
+        self._requests = Requests()
+        self._offer_services()
         rospy.loginfo(
             "simulating '%s' with %d things, physics at %d Hz%s",
             world.name, len(world.things), config.physics_rate, ", paused" if start.paused else "",
@@ -105,75 +87,102 @@ class SimulatorNode:
 
     def run(self) -> None:
         """Simulate until the node is shut down."""
-        stamp = self._simulation.stamp
+        outputs, stamp = self._outputs, self._simulation.stamp
         # the scans' listener answers, that of the joint states sends the robot's frames
-        needed, others = [self._scan, self._joints], [self._clock, self._transforms]
-        self._lockstep.wait_for_partner(needed, self._input, others, lambda: self._publish_clock(stamp))
-        pacer = Pacer(self._start.real_time_factor, stamp, time.monotonic())
-        step = 0
+        needed, others = [outputs.scan, outputs.joints], [outputs.clock, outputs.transforms]
+        self._lockstep.wait_for_partner(
+            needed, self._commands.main, others, lambda: outputs.publish_clock(stamp)
+        )
+        self._pacer = Pacer(self._start.real_time_factor, stamp, time.monotonic())
         while not rospy.is_shutdown():
-            if not self._running.is_set():
-                self._publish_clock(stamp)  # whoever joins now still learns the time
-                self._running.wait(PAUSE_PERIOD)
-                pacer.restart(stamp, time.monotonic())
-                continue
-            self._take_commands()
-            snapshot = self._simulation.step()
-            stamp, step = snapshot.stamp, step + 1
-            self._publish(snapshot, step)
-            if step % self._clock_steps == 0:
-                self._keep_pace(pacer, stamp)
+            self._requests.serve(PAUSE_PERIOD if self._paused else 0.0)
+            if self._paused:
+                stamp = self._simulation.stamp
+                outputs.publish_clock(stamp)  # whoever joins now still learns the time
+                self._pacer.restart(stamp, time.monotonic())
+            else:
+                self._advance()
+                self._keep_pace()
         self._simulation.close()
 
-    def _on_command(self, msg: Twist) -> None:
-        self._commands.append(msg)
-        self._lockstep.answer()
-
-    def _take_commands(self) -> None:
-        while self._commands:
+    def _advance(self) -> None:
+        """One step of the physics, and its messages."""
+        for twist in self._commands.take(self._simulation.stamp):
             try:
-                self._simulation.command(messages.twist_from_msg(self._commands.popleft()))
+                self._simulation.command(twist)
             except CommandError as error:
                 rospy.logwarn_throttle(1.0, f"{rospy.resolve_name('cmd_vel')}: {error}")
-
-    def _publish(self, snapshot: Snapshot, step: int) -> None:
-        stamp = snapshot.stamp
-        if step % self._clock_steps == 0:
-            self._publish_clock(stamp)
-        if step % self._state_steps == 0:
-            base_in_odom = pose_from_2d(snapshot.odometry.pose_base_in_odom)
-            _offer(self._transforms, messages.tree_to_msg, base_in_odom, stamp, ODOM, BASE)
-            _offer(self._joints, messages.wheels_to_msg, snapshot.wheels, stamp)
-            _offer(self._odometry, messages.odometry_to_msg, snapshot.odometry, stamp, ODOM, BASE)
-            _offer(self._truth, messages.truth_to_msg, snapshot.robot, stamp, WORLD, BASE)
-        if snapshot.imu is not None:
-            _offer(self._imu, messages.imu_to_msg, snapshot.imu, BASE)
+        snapshot = self._simulation.step()
+        self._outputs.publish(snapshot)
         if snapshot.scan is not None:
             self._lockstep.expect_answer()
-            _offer(self._scan, messages.scan_to_msg, snapshot.scan)
-            self._lockstep.wait_for_answer()
+            self._outputs.publish_scan(snapshot.scan)
+            self._lockstep.wait_for_answer(self._requests.serve)
 
-    def _publish_clock(self, stamp: float) -> None:
-        _offer(self._clock, lambda: Clock(messages.time_to_msg(stamp)))
-
-    def _keep_pace(self, pacer: Pacer, stamp: float) -> None:
-        now = time.monotonic()
-        reached = pacer.lag(stamp, now)
+    def _keep_pace(self) -> None:
+        if not self._outputs.clock_was_published:
+            return
+        stamp, now = self._simulation.stamp, time.monotonic()
+        reached = self._pacer.lag(stamp, now)
         if reached is not None:
             rospy.logwarn_throttle(
                 10.0,
                 f"this machine is too slow for real_time_factor {self._start.real_time_factor:g}: "
                 f"reached {reached:.2f}; nothing is dropped, simulated time just passes more slowly",
             )
-        time.sleep(pacer.delay(stamp, now))
+        time.sleep(self._pacer.delay(stamp, now))
 
-    def _pause(self, _request: EmptyRequest) -> EmptyResponse:
-        self._running.clear()
+    # ------------------------------------------------------------------ services
+
+    def _offer_services(self) -> None:
+        self._world_services = WorldServices(self._simulation, self._requests)
+        for name, gazebo_name, work in (
+            ("pause", "pause_physics", self._pause),
+            ("resume", "unpause_physics", self._resume),
+            ("reset", "reset_simulation", self._reset),
+            ("reset_world", "reset_world", self._put_back),
+        ):
+            # Gazebo's answer with nothing; ours with a sentence
+            rospy.Service(f"gazebo/{gazebo_name}", Empty, partial(self._on_empty, work))
+            rospy.Service(f"~{name}", Trigger, partial(self._on_trigger, work))
+        rospy.Service("~step", StepWorld, self._on_step)
+
+    def _pause(self) -> str:
+        self._paused = True
+        return f"paused at {self._simulation.stamp:.3f} s"
+
+    def _resume(self) -> str:
+        self._paused = False
+        return f"running from {self._simulation.stamp:.3f} s"
+
+    def _reset(self) -> str:
+        self._simulation.reset()
+        self._outputs.reset()
+        self._commands.forget()
+        return f"the world is as it was at the start; time runs on from {self._simulation.stamp:.3f} s"
+
+    def _put_back(self) -> str:
+        self._simulation.put_back()
+        return "the robot and every object stand where they were put first"
+
+    def _step(self, steps: int) -> str:
+        if not self._paused:
+            raise HuskyError("the world is running; pause it before you step it")
+        if not 1 <= steps <= MOST_STEPS:
+            raise HuskyError(f"steps = {steps} is not within 1..{MOST_STEPS}")
+        for _ in range(steps):
+            self._advance()
+        return f"{steps} steps; it is now {self._simulation.stamp:.3f} s"
+
+    def _on_empty(self, work: Callable[[], str], _request: Any) -> EmptyResponse:
+        ask(self._requests, work)
         return EmptyResponse()
 
-    def _unpause(self, _request: EmptyRequest) -> EmptyResponse:
-        self._running.set()
-        return EmptyResponse()
+    def _on_trigger(self, work: Callable[[], str], _request: Any) -> TriggerResponse:
+        return TriggerResponse(*ask(self._requests, work))
+
+    def _on_step(self, request: StepWorldRequest) -> StepWorldResponse:
+        return StepWorldResponse(*ask(self._requests, lambda: self._step(request.steps)))
 
 
 def _world_folders() -> List[Path]:
@@ -181,12 +190,6 @@ def _world_folders() -> List[Path]:
     share = share_folder()
     gazebo = os.environ.get("GAZEBO_RESOURCE_PATH", "").split(os.pathsep)
     return [share / "worlds", share, *(Path(folder) for folder in gazebo if folder)]
-
-
-def _offer(publisher: rospy.Publisher, make: Callable[..., Any], *args: Any) -> None:
-    """Publish what somebody listens to; do not even make what nobody does."""
-    if publisher.get_num_connections():
-        publish(publisher, make(*args))
 
 
 def main() -> None:

@@ -1,0 +1,67 @@
+"""The satellite receiver on the Husky.
+
+In: the true motion of base_link. Out: a `GpsFix`.
+Must not know: ROS, PyBullet.
+
+Numbers: husky_description 0.6.10, husky.urdf.xacro: the world's origin lies at 49.9 N 8.9 E, x points east
+(reference heading 90 degrees) and the position drifts by 0.1 mm, as a Gauss-Markov process an hour long
+(hector_gazebo_plugins' default). Its velocities are along north, west and up. The radii are WGS 84's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import cos, degrees, exp, radians, sin, sqrt
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import GpsFix, RobotState
+from husky_highlevel_controller.geometry import rotate
+
+EQUATORIAL_RADIUS, FLATTENING = 6378137.0, 1.0 / 298.257223563  # [m], WGS 84
+DRIFT_TIME = 3600.0  # [s]
+
+
+@dataclass(frozen=True)
+class GpsConfig:
+    """Where the world lies on Earth, and how good the receiver is; defaults are the Noetic Husky's."""
+
+    latitude: float = field(
+        default=49.9, metadata={"min": -89.0, "max": 89.0, "help": "of the world's origin [deg]"}
+    )
+    longitude: float = field(
+        default=8.9, metadata={"min": -180.0, "max": 180.0, "help": "of the world's origin [deg]"}
+    )
+    drift: float = field(
+        default=0.0001, metadata={"min": 0.0, "max": 100.0, "help": "of the position, on each axis [m]"}
+    )
+
+
+class Gps:
+    """A receiver whose error wanders slowly."""
+
+    def __init__(self, config: GpsConfig, period: float, rng: np.random.Generator) -> None:
+        """A receiver that is asked every `period` s."""
+        self._config, self._rng = config, rng
+        self._kept = exp(-period / DRIFT_TIME)
+        self._error = config.drift * rng.standard_normal(3)
+        phi = radians(config.latitude)
+        eccentricity2 = FLATTENING * (2.0 - FLATTENING)
+        curvature = 1.0 - eccentricity2 * sin(phi) ** 2
+        self._north_radius = EQUATORIAL_RADIUS * (1.0 - eccentricity2) / curvature**1.5
+        self._east_radius = EQUATORIAL_RADIUS * cos(phi) / sqrt(curvature)
+
+    def locate(self, robot: RobotState, stamp: float) -> GpsFix:
+        """The fix one period after the last one, at `stamp` [s]."""
+        fresh = self._config.drift * sqrt(1.0 - self._kept**2)
+        self._error = self._kept * self._error + fresh * self._rng.standard_normal(3)
+        x, y, z = robot.pose_in_world.position
+        east, north, up = np.add((x, y, z), self._error)
+        vx, vy, vz = rotate(robot.pose_in_world.quat_xyzw, robot.velocity_in_base)
+        return GpsFix(
+            stamp,
+            self._config.latitude + degrees(north / self._north_radius),
+            self._config.longitude + degrees(east / self._east_radius),
+            float(up),
+            (vy, -vx, vz),
+        )
