@@ -69,6 +69,7 @@ class Memory:
     phase: Phase = Phase.WAITING
     track: Track = field(default_factory=Track)
     search: Optional[Search] = None  # while searching
+    at_pillar: bool = False  # it has arrived, and not left since
     close_at: Optional[float] = None  # [s], since when it has been close to what it is going to touch
     started_at: Optional[float] = None  # [s], stamp of the first scan, or the first after a stop
     updated_at: float = -inf  # [s], stamp of the last scan
@@ -84,6 +85,7 @@ class Decision:
     """What to do now, and why."""
 
     phase: Phase
+    at_pillar: bool  # it has arrived, and not left since: also while it is told to stand still there
     twist: Twist2D
     pillar: Optional[Pillar]  # that is followed and seen in this scan, in the laser's frame
     estimate: Optional[Estimate]  # what is remembered, in odom
@@ -119,14 +121,22 @@ def decide(
     target = _target(memory, view, pillar)
     memory = replace(memory, close_at=_close_at(memory, target, stamp, control))
     phase, twist, reason, search = _act(memory, view, target, pillar is not None, sight, enabled, control)
-    memory = replace(memory, phase=phase, search=search, started_at=memory.started_at if enabled else None)
+    left = to_go(target, control) if target else nan
+    memory = replace(
+        memory,
+        phase=phase,
+        at_pillar=phase is Phase.ARRIVED or (memory.at_pillar and left <= RESUME_ERROR),
+        search=search,
+        started_at=memory.started_at if enabled else None,
+    )
     decision = Decision(
         phase,
+        memory.at_pillar,
         twist,
         pillar,
         aged(memory.estimate, stamp) if memory.estimate else None,
         (target.x, target.y) if target else None,
-        to_go(target, control) if target else nan,
+        left,
         target.bearing if target else nan,
         reason,
     )

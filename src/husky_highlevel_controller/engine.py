@@ -21,6 +21,7 @@ from husky_highlevel_controller.datatypes import (
     Part,
     Plane,
     Pose,
+    Shape,
     Sphere,
     Thing,
     Vector3,
@@ -81,7 +82,7 @@ class Engine:
         )
         self._names: Dict[int, str] = {}
         self._bodies: Dict[str, List[int]] = {}
-        self._shapes: Dict[int, int] = {}
+        self._shapes: Dict[Tuple[Tuple[Shape, Pose], ...], int] = {}
         self._planes: List[int] = []
         self._inertial_in_body: Dict[int, Pose] = {}  # Bullet's poses are those of the inertial frame
 
@@ -102,7 +103,7 @@ class Engine:
             else:
                 solids.append(part)
         if solids:
-            shape, center = _compound(solids, self._client), Pose(_center_of(solids))
+            shape, center = self._shape_of(solids), Pose(_center_of(solids))
             body = self._add_body(thing.name, shape, thing.mass, thing.pose_in_world, center)
             if thing.mass > 0.0:
                 self._lift_out_of_the_ground(body)
@@ -111,7 +112,6 @@ class Engine:
         """Take a thing out of the world."""
         for body in self._bodies.pop(name):
             pybullet.removeBody(body, physicsClientId=self._client)
-            pybullet.removeCollisionShape(self._shapes.pop(body), physicsClientId=self._client)
             del self._names[body], self._inertial_in_body[body]
             if body in self._planes:
                 self._planes.remove(body)
@@ -188,10 +188,17 @@ class Engine:
         )
         if body < 0:
             raise PlacementError(f"PyBullet refused '{name}' at {pose.position}")
-        self._names[body], self._shapes[body] = name, shape
+        self._names[body] = name
         self._bodies.setdefault(name, []).append(body)
         self._inertial_in_body[body] = inertial_in_body
         return body
+
+    def _shape_of(self, solids: Sequence[Part]) -> int:
+        """Bullet's shape; equal ones share it, because Bullet frees none before the next `clear`."""
+        key = tuple((part.shape, part.pose_in_thing) for part in solids)
+        if key not in self._shapes:
+            self._shapes[key] = _compound(solids, self._client)
+        return self._shapes[key]
 
     def _lift_out_of_the_ground(self, body: int) -> None:
         """Stand a movable body on the plane it was put into; Bullet would fling it into the air."""

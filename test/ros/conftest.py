@@ -8,11 +8,20 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from network import Ros
 
 WALL_LIMIT = 240  # [s], for a rostest that hangs in spite of its own time limits
 HERE = os.path.dirname(__file__)
 ROSTEST_SCRIPTS = [name[:-5] for name in os.listdir(HERE) if name.endswith(".test")]
 collect_ignore = [f"test_{promise}.py" for promise in ROSTEST_SCRIPTS]
+
+
+@pytest.fixture
+def ros(tmp_path):
+    """A ROS network of its own."""
+    network = Ros(tmp_path)
+    yield network
+    network.end()
 
 
 def pytest_collect_file(parent, file_path):

@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Arriving is said once, in the log and on a latched topic; so is that the robot has left again."""
 
+import rospy
 from harness import run
 from player import NODE, Player, pillar_ahead
 from rosgraph_msgs.msg import Log
 from std_msgs.msg import Bool
+from std_srvs.srv import SetBool
 
 
 class ArrivalIsAnnounced(Player):
@@ -37,6 +39,29 @@ class ArrivalIsAnnounced(Player):
         self.assertIn("(stop_distance 0.4 m)", self.arrivals(log)[0])
         self.assertRegex(self.arrivals(log)[0], r"after 0\.50 s of simulated time, 0\.40\d m from the pillar")
         self.assertLessEqual(len(said), 2)
+
+    def test_stop_and_start_at_the_pillar_are_no_arrival(self):
+        arrived = self.remember(f"{NODE}/arrived", Bool)
+        log = self.remember("rosout", Log)
+        start = rospy.Time.now()
+        for _ in range(3):
+            self.answer(pillar_ahead(0.405))
+        self.wait_until(lambda: arrived and arrived[-1].data, "it has arrived")
+        told = len(arrived)
+        service = rospy.ServiceProxy(f"{NODE}/start_stop", SetBool)
+        for wanted in (False, True, False, True):
+            service(wanted)
+            for _ in range(3):
+                self.answer(pillar_ahead(0.405))
+
+        def said():
+            return [line.msg for line in list(log) if line.header.stamp >= start and "already" in line.msg]
+
+        self.wait_until(lambda: len(said()) == 2, "it says that it is there already")
+        self.assertEqual(len(arrived), told, "it has not left")
+        service(False)
+        self.play_until(lambda: not arrived[-1].data, pillar_ahead(0.8), "it was carried away")
+        service(True)
 
     def arrivals(self, log):
         return [line.msg for line in list(log) if line.level == Log.INFO and "arrived after" in line.msg]

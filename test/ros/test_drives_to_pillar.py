@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The Husky arrives at the pillar, touches nothing, and marks the pillar where it is."""
 
-from math import hypot
+from math import asin, hypot
 
 from geometry_msgs.msg import Twist
 from harness import RosTest, run
@@ -19,6 +19,7 @@ class DrivesToPillar(RosTest):
         scans = self.remember("front/scan", LaserScan)
         markers = self.remember("husky_highlevel_controller/visualization_marker", Marker)
         commands = self.remember("cmd_vel", Twist)
+        filtered = self.remember("odometry/filtered", Odometry)
         log = self.remember("rosout", Log)
 
         self.wait_until(lambda: any("arrived" in line.msg for line in log), "it says it arrived", 60.0)
@@ -31,6 +32,12 @@ class DrivesToPillar(RosTest):
 
         closest = min(hypot(m.pose.pose.position.x - 20.0, m.pose.pose.position.y - 5.0) for m in truth)
         self.assertGreater(closest, 0.4937 + RADIUS, "no part of the robot is where the pillar is")
+
+        true, believed = truth[-1].pose.pose, filtered[-1].pose.pose
+        away = hypot(true.position.x - believed.position.x, true.position.y - believed.position.y)
+        self.assertLess(away, 0.10, "odometry/filtered knows where it is")
+        turned = 2.0 * (asin(true.orientation.z) - asin(believed.orientation.z))
+        self.assertLess(abs(turned), 0.02)
 
         in_odom = [m for m in markers if m.header.frame_id == "odom" and m.action == Marker.ADD]
         self.assertGreater(len(in_odom), 500, "the pillar is marked all the way")

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_processes import Ros, wait_until
+from network import Ros, wait_until
 
 RECORDER = str(Path(__file__).with_name("record_truth.py"))
 END = 24.0  # [s] of simulated time: the robot has arrived

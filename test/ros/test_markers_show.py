@@ -91,6 +91,10 @@ class MarkersShow(Player):
         for marker in self.single:
             if marker.ns == "pillar_in_odom":
                 self.assert_near(place(marker), PILLAR)
+        in_laser = [m for m in self.single if m.ns == "pillar_in_laser"][-1]
+        self.assertEqual(in_laser.header.frame_id, "front_laser", "it is where the lidar sees it")
+        x, y = self.in_base(*PILLAR)
+        self.assert_near(place(in_laser), (x - LASER_X, -y))
 
     def test_3_pillar_and_error_are_numbers_to_plot(self):
         self.drive()

@@ -1,121 +1,16 @@
 """Nodes and launch files as processes: how they start, what they say when they cannot, how they end."""
 
-import contextlib
-import os
 import re
 import signal
-import socket
 import subprocess
-import time
-from pathlib import Path
-from xmlrpc.client import ServerProxy
 
 import pytest
+from network import PACKAGE, Ros, wait_until
 
 from husky_highlevel_controller.description import robot_description, share_folder
 
-PACKAGE = "husky_highlevel_controller"
 SHARE = share_folder()
-DEADLINE = 60.0  # [s], for anything that hangs
 LAUNCH_FILES = ("controller.launch", "simulator.launch")
-
-
-def wait_until(condition, what):
-    end = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < end, f"waited {DEADLINE} s until {what}"
-        time.sleep(0.05)
-
-
-class Process:
-    """A process with its output in a file, in a session of its own."""
-
-    def __init__(self, command, folder, env):
-        self.log = folder / f"{len(list(folder.iterdir()))}.log"
-        with self.log.open("w") as file:
-            self.popen = subprocess.Popen(
-                command, stdout=file, stderr=subprocess.STDOUT, env=env, start_new_session=True
-            )
-
-    @property
-    def output(self):
-        return self.log.read_text()
-
-    def wait(self):
-        try:
-            return self.popen.wait(DEADLINE)
-        except subprocess.TimeoutExpired:
-            raise AssertionError(f"still running after {DEADLINE} s: {self.output}") from None
-
-    def says(self, words):
-        wait_until(lambda: words in self.output or self.popen.poll() is not None, f"it says {words!r}")
-        assert words in self.output, self.output
-
-
-class Ros:
-    """A ROS network of its own."""
-
-    def __init__(self, folder):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
-        uri = f"http://127.0.0.1:{self.port}"
-        self.env = {
-            **os.environ,
-            "ROS_MASTER_URI": uri,
-            "ROS_IP": "127.0.0.1",
-            "ROS_LOG_DIR": str(folder / "log"),
-        }
-        self.env.pop("DISPLAY", None)
-        self.folder, self.uri, self.processes = folder, uri, []
-
-    def start(self, *command, **env):
-        self.processes.append(Process(command, self.folder, {**self.env, **env}))
-        return self.processes[-1]
-
-    def roslaunch(self, file, *arguments, **env):
-        return self.start("roslaunch", "-p", str(self.port), PACKAGE, file, "gui:=false", *arguments, **env)
-
-    def master(self, call, *arguments):
-        """What the master answers to a call of its API."""
-        with ServerProxy(self.uri) as proxy:
-            return getattr(proxy, call)("/test", *arguments)[2]
-
-    def left(self):
-        """Every process of this network that still runs, wherever roslaunch has put it."""
-        mark = f"ROS_MASTER_URI={self.uri}".encode()
-        found = []
-        for process in self.processes:
-            process.popen.poll()  # or it would be there as a zombie
-        for entry in Path("/proc").glob("[0-9]*"):
-            try:
-                if any(item.rstrip(b"/") == mark for item in (entry / "environ").read_bytes().split(b"\0")):
-                    found.append(int(entry.name))
-            except OSError:  # it has just ended
-                continue
-        return found
-
-    def end(self):
-        for pid in self.left():
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
-        for process in self.processes:
-            process.popen.wait()
-
-    def subscriptions(self, node):
-        """The topics a node subscribes to; empty while there is no master."""
-        try:
-            _, subscribers, _ = self.master("getSystemState")
-        except OSError:
-            return set()
-        return {topic for topic, nodes in subscribers if node in nodes}
-
-
-@pytest.fixture
-def ros(tmp_path):
-    network = Ros(tmp_path)
-    yield network
-    network.end()
 
 
 @pytest.fixture(scope="module")
@@ -134,6 +29,8 @@ ARGUMENTS = [
     "world_name:=empty.world",
     "laser_enabled:=false",
     "laser_tower:=false",
+    "laser_topic:=scan",
+    "laser_prefix:=base",
     "kinect_enabled:=false",
     "paused:=true",
     "use_sim_time:=false",
@@ -164,6 +61,26 @@ def test_a_launch_file_starts_with_every_argument_and_documents_it(file, ros):
     launched.says("simulating 'default' with 1 things, physics at 200 Hz, paused")
     assert "ERROR" not in launched.output, launched.output
     assert "has died" not in launched.output, launched.output
+
+
+def test_the_environment_of_the_husky_s_own_launch_files_places_the_lidar(ros):
+    lidar = {"TOWER": "0", "TOPIC": "rear/scan", "PREFIX": "rear"}
+    environment = {f"HUSKY_LMS1XX_{name}": value for name, value in lidar.items()}
+    ros.roslaunch("simulator.launch", **environment).says("simulating")
+    echo = ros.start("rostopic", "echo", "-n", "1", "--noarr", "/rear/scan")
+    assert echo.wait() == 0
+    assert 'frame_id: "rear_laser"' in echo.output
+    frames = ros.start("rostopic", "echo", "-n", "1", "/tf_static")
+    assert frames.wait() == 0
+    upright = frames.output.partition('child_frame_id: "rear_laser"')[2]
+    assert [float(value) for value in re.findall(r": (\S+)", upright)[:7]] == [0.055, 0, 0.0365, 0, 0, 0, 1]
+
+
+def test_the_environment_can_take_the_lidar_away(ros):
+    launched = ros.roslaunch("simulator.launch", HUSKY_LMS1XX_ENABLED="0")
+    launched.says("simulating")
+    assert "rear_laser" not in ros.master("getParam", "/robot_description")
+    assert "front_laser" not in ros.master("getParam", "/robot_description")
 
 
 def test_start_pose_and_seed_reach_the_simulation(ros):
@@ -200,7 +117,8 @@ def start_node(core, executable, name, config, parameters):
 def start_simulator(core, **changes):
     parameters = {
         "world_name": "singlePillar.world", "x": 0.0, "y": 0.0, "yaw": 0.0, "seed": 0,
-        "real_time_factor": 1.0, "lockstep": False, "paused": False, "kinect_enabled": False, **changes,
+        "real_time_factor": 1.0, "lockstep": False, "paused": False, "kinect_enabled": False,
+        "laser_frame": "front_laser", **changes,
     }  # fmt: skip
     core.master("setParam", "/robot_description", parameters.pop("/robot_description", robot_description()))
     return start_node(core, "husky_simulator", "/husky_simulator", "simulator.yaml", parameters)

@@ -3,8 +3,7 @@
 import subprocess
 
 import numpy as np
-import pytest
-from test_processes import PACKAGE, Ros, wait_until
+from network import PACKAGE, wait_until
 
 SIZE = (1300, 850)
 SHOWN = {
@@ -44,13 +43,6 @@ class Screen:
     def shows(self, color):
         red, green, blue = np.moveaxis(self.pixels(), 2, 0)
         return int(COLORS[color](red, green, blue)[60:, 400:].sum())
-
-
-@pytest.fixture
-def ros(tmp_path):
-    network = Ros(tmp_path)
-    yield network
-    network.end()
 
 
 def test_rviz_shows_robot_scan_frames_and_marker(ros):

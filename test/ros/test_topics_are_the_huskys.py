@@ -1,26 +1,53 @@
 #!/usr/bin/env python3
-"""State comes as on the Husky: types, frames, 50 Hz, and a twist in base_link however the robot stands."""
+"""Everything comes as on the Husky: types, frames, rates, and a twist in base_link however it stands."""
 
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, TwistStamped, Vector3Stamped
 from harness import RosTest, run, stamp, twist
+from husky_highlevel_controller.msg import Bumps
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState, LaserScan, NavSatFix
+from tf2_msgs.msg import TFMessage
 
 WHEELS = ["front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"]
 
+TOPICS = {  # type, frame, rate [Hz]
+    "front/scan": (LaserScan, "front_laser", 50),
+    "imu/data": (Imu, "base_link", 50),
+    "navsat/fix": (NavSatFix, "base_link", 40),
+    "navsat/vel": (Vector3Stamped, "base_link", 40),
+    "joint_states": (JointState, "", 50),
+    "husky_velocity_controller/odom": (Odometry, "odom", 50),
+    "husky_velocity_controller/cmd_vel_out": (TwistStamped, "", 50),
+    "odometry/filtered": (Odometry, "odom", 50),
+    "ground_truth/odom": (Odometry, "world", 50),
+    "bumps": (Bumps, "base_link", 50),
+}
+
 
 class TopicsAreTheHuskys(RosTest):
-    def test_odometry_and_joint_states_come_at_50_hz(self):
-        topics = {"odometry/filtered": Odometry, "joint_states": JointState, "ground_truth/odom": Odometry}
-        received = {topic: self.remember(topic, kind) for topic, kind in topics.items()}
+    def test_every_topic_comes_at_its_rate_in_its_frame(self):
+        received = {topic: self.remember(topic, kind) for topic, (kind, _, _) in TOPICS.items()}
         self.wait_until(lambda: min(map(len, received.values())) > 100, "there are 100 of each")
-        for topic, messages in received.items():
-            ticks = [round(stamp(msg) / 0.02, 6) for msg in messages]
+        for topic, (_, frame, rate) in TOPICS.items():
+            messages = list(received[topic])
+            ticks = [round(stamp(msg) * rate, 6) for msg in messages]
             self.assertEqual(ticks, [ticks[0] + i for i in range(len(ticks))], topic)
-        odometry, joints = received["odometry/filtered"][0], received["joint_states"][0]
-        self.assertEqual((odometry.header.frame_id, odometry.child_frame_id), ("odom", "base_link"))
-        self.assertEqual(list(joints.name), WHEELS)
+            self.assertEqual({msg.header.frame_id for msg in messages}, {frame}, topic)
+            if hasattr(messages[0], "child_frame_id"):
+                self.assertEqual(messages[0].child_frame_id, "base_link", topic)
+        self.assertEqual(list(received["joint_states"][0].name), WHEELS)
+        wheels = received["husky_velocity_controller/odom"][0]
+        for covariance in (wheels.pose.covariance, wheels.twist.covariance):
+            self.assertEqual([covariance[i * 7] for i in range(6)], [0.001] * 5 + [0.03])
+
+    def test_only_one_node_tells_where_the_robot_is_in_odom(self):
+        transforms = self.remember("tf", TFMessage)
+        self.wait_until(lambda: len(transforms) > 200, "there are transforms")
+        told = [t for msg in transforms for t in msg.transforms if t.child_frame_id == "base_link"]
+        self.assertEqual({t.header.frame_id for t in told}, {"odom"})
+        stamps = [t.header.stamp for t in told]
+        self.assertEqual(len(stamps), len(set(stamps)))
 
     def test_the_clock_never_runs_backwards(self):
         clock = self.remember("clock", Clock)

@@ -134,7 +134,7 @@ def test_the_distance_is_the_same_whichever_way_up_the_lidar_hangs():
 
 
 @pytest.mark.parametrize("gain", ["p_gain_vel", "p_gain_ang"])
-@pytest.mark.parametrize("bad", [-0.1, nan, inf])
+@pytest.mark.parametrize("bad", [-0.1, 10.1, nan, inf])
 def test_a_gain_that_cannot_work_is_refused_by_name(gain, bad):
     values = {**asdict(CONFIG), gain: bad}
     with pytest.raises(HuskyError, match=f"~{gain} = {bad}"):

@@ -10,6 +10,7 @@ from defusedxml import ElementTree
 from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.control import ControlConfig
 from husky_highlevel_controller.description import share_folder
+from husky_highlevel_controller.gps import GpsConfig
 from husky_highlevel_controller.imu import ImuConfig
 from husky_highlevel_controller.lidar import LidarConfig
 from husky_highlevel_controller.nodes.controller import ScanTopicConfig, StartStopConfig
@@ -40,7 +41,7 @@ def test_every_launch_argument_has_a_row(file):
         default = argument.get("default")
         if argument.get("name") in ("rviz", "world_name"):  # told in words
             default = ""
-        named(argument.get("name"), default)
+        named(argument.get("name"), re.sub(r"\$\(optenv (\w+) (\S+)\)", r"`$\1`, else `\2`", default))
 
 
 NODE_RECORDS = [ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig, ProximityConfig, CrashConfig]
@@ -52,7 +53,9 @@ def test_every_parameter_of_a_node_has_a_row(record):
         named(f"~{parameter.name}", parameter.default)
 
 
-@pytest.mark.parametrize(("namespace", "record"), [("lidar", LidarConfig), ("imu", ImuConfig)])
+@pytest.mark.parametrize(
+    ("namespace", "record"), [("lidar", LidarConfig), ("imu", ImuConfig), ("gps", GpsConfig)]
+)
 def test_every_parameter_of_a_sensor_has_a_row(namespace, record):
     for parameter in fields(record):
         named(f"~{namespace}/{parameter.name}", parameter.default)
@@ -66,7 +69,9 @@ def test_the_controller_s_yaml_says_what_the_code_says():
     assert (switch, control, looks) == (StartStopConfig(), ControlConfig(), PillarConfig())
 
 
-@pytest.mark.parametrize("node", ["simulator", "controller", "display", "diagnostics"])
+@pytest.mark.parametrize(
+    "node", ["outputs", "commands", "world_services", "simulator", "controller", "display", "diagnostics"]
+)
 def test_every_topic_and_service_has_a_row(node):
     source = (SHARE / "src/husky_highlevel_controller/nodes" / f"{node}.py").read_text()
     names = re.findall(r'rospy\.(?:Publisher|Subscriber|Service)\(\s*"([^"]+)"', source)

@@ -119,12 +119,13 @@ def test_what_the_robot_passes_at_a_distance_does_not_matter():
     assert verdict(beside, linear=1.0, angular=-1.0) is None
 
 
+@pytest.mark.parametrize("laser", [UPSIDE_DOWN, UPRIGHT])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_curve_is_followed(side):
+def test_a_curve_is_followed_whichever_way_up_the_lidar_is(side, laser):
     in_the_curve = post(0.75, side * 0.52)
-    assert verdict(in_the_curve, linear=0.9, angular=side * 0.9) is not None
-    assert verdict(in_the_curve, linear=0.9) is None
-    assert verdict(in_the_curve, linear=0.9, angular=side * -0.9) is None
+    assert verdict(in_the_curve, linear=0.9, angular=side * 0.9, laser=laser) is not None
+    assert verdict(in_the_curve, linear=0.9, laser=laser) is None
+    assert verdict(in_the_curve, linear=0.9, angular=side * -0.9, laser=laser) is None
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

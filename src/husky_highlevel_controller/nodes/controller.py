@@ -6,7 +6,7 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any, Deque, Optional
+from typing import Any, Deque, Optional, Tuple
 
 import rosgraph.names
 import rospy
@@ -28,7 +28,7 @@ from husky_highlevel_controller.nodes.starting import publish, run_node
 from husky_highlevel_controller.nodes.tuning import Tuning
 from husky_highlevel_controller.pillar import PillarConfig
 
-REPORT_PERIOD = 5.0  # [s] between two lines of what the scan holds
+REPORT_PERIOD = 5.0  # [s] between two complaints about the same
 PATIENCE = 50  # scans that may have to do without a transform before that is worth a word
 START_PATIENCE = 4.0  # [s] of wall time that the first scan waits for TF
 TF_PATIENCE = 2.0  # [s] of wall time that the transform of a scan's moment may be late
@@ -134,7 +134,7 @@ class ControllerNode:
             publish(self._velocity, messages.twist_to_msg(decision.twist))
         self._stamps.append(scan.stamp)
         self._tell(view, before, decision, control)
-        self._announce(decision.phase is Phase.ARRIVED)
+        self._announce(decision.at_pillar)
         self._display.show(view, decision, control.stop_distance)
 
     # ------------------------------------------------------------------------ TF
@@ -188,33 +188,33 @@ class ControllerNode:
     # ------------------------------------------------------------------------ words
 
     def _tell(self, view: View, before: Memory, decision: Decision, control: ControlConfig) -> None:
-        """Log what changed, and now and then what the scan holds."""
+        """Log what a scan holds at DEBUG level, and what changed at INFO level, or WARN with the remedy."""
         scan, pillar, phase = view.scan, decision.pillar, decision.phase
         self._seen = "seen" if pillar else "remembered" if decision.estimate else "unknown"
         nearest = scan.ranges[scan.valid]
         twist = decision.twist
+        seen = f"smallest range {nearest.min():.3f} m" if len(nearest) else "no valid range"
+        if pillar is not None:
+            seen += f", pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, angle {pillar.bearing:.3f} rad"
         rospy.logdebug(
             f"scan {scan.stamp:.2f}: {phase.value}, {twist.linear:.2f} m/s, {twist.angular:.2f} rad/s; "
-            f"{len(nearest)} returns; {decision.reason}"
+            f"{seen} in {scan.frame}; {decision.reason}"
         )
-        if pillar is not None and phase is Phase.DRIVING:
-            rospy.loginfo_throttle(
-                REPORT_PERIOD,
-                f"smallest range {nearest.min():.3f} m; pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, "
-                f"angle {pillar.bearing:.3f} rad in {scan.frame}",
-            )
-        same = phase is before.phase and (phase is not Phase.WAITING or decision.reason == self._reason)
+        changed = _stage(self._memory) != _stage(before)
+        changed |= phase is Phase.WAITING and decision.reason != self._reason
         self._reason = decision.reason
-        if same:
+        if not changed:
             return
-        if phase is Phase.ARRIVED and pillar is not None:
+        if phase is Phase.ARRIVED and pillar is not None and before.at_pillar:
+            rospy.loginfo(f"at the pillar already, {pillar.distance:.3f} m from it")
+        elif phase is Phase.ARRIVED and pillar is not None:
             taken = scan.stamp - (self._memory.started_at or 0.0)
             rospy.loginfo(
                 f"arrived after {taken:.2f} s of simulated time, {pillar.distance:.3f} m from the pillar "
                 f"(stop_distance {control.stop_distance:g} m)"
             )
         elif phase is Phase.DRIVING:
-            rospy.loginfo(f"{decision.reason}, {decision.distance_error:.2f} m to go")
+            rospy.loginfo(f"{decision.reason}, {decision.distance_error:.2f} m to go; {seen} in {scan.frame}")
         elif phase is Phase.SEARCHING:
             rospy.loginfo(decision.reason)
         elif phase is Phase.WAITING and view.laser_in_base is not None:
@@ -239,6 +239,11 @@ class ControllerNode:
             phase=self._memory.phase,
             pillar=self._seen,
         )
+
+
+def _stage(memory: Memory) -> Tuple[Phase, bool]:
+    """What is worth a line in the log when it changes; the legs of a search are one stage."""
+    return memory.phase, memory.search is not None and memory.search.leg > 0
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ ODOM, BASE = "odom", "base_link"
 IN_ODOM, IN_LASER = "pillar_in_odom", "pillar_in_laser"
 ESTIMATE, PATH, TARGET, STATE = "estimate", "path", "target", "state"
 COLORS = {
-    IN_ODOM: ColorRGBA(1.0, 0.45, 0.0, 0.9),
+    IN_ODOM: ColorRGBA(1.0, 0.45, 0.0, 1.0),  # solid, or RViz draws it over the others at some angles
     IN_LASER: ColorRGBA(0.0, 0.6, 1.0, 0.8),
     ESTIMATE: ColorRGBA(0.2, 0.9, 0.3, 0.5),
     PATH: ColorRGBA(0.3, 0.7, 1.0, 1.0),

@@ -1,0 +1,104 @@
+"""ROS networks of their own, for the tests that start and kill processes."""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+from xmlrpc.client import ServerProxy
+
+PACKAGE = "husky_highlevel_controller"
+DEADLINE = 60.0  # [s], for anything that hangs
+
+
+def wait_until(condition, what):
+    end = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < end, f"waited {DEADLINE} s until {what}"
+        time.sleep(0.05)
+
+
+class Process:
+    """A process with its output in a file, in a session of its own."""
+
+    def __init__(self, command, folder, env):
+        self.log = folder / f"{len(list(folder.iterdir()))}.log"
+        with self.log.open("w") as file:
+            self.popen = subprocess.Popen(
+                command, stdout=file, stderr=subprocess.STDOUT, env=env, start_new_session=True
+            )
+
+    @property
+    def output(self):
+        return self.log.read_text()
+
+    def wait(self):
+        try:
+            return self.popen.wait(DEADLINE)
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"still running after {DEADLINE} s: {self.output}") from None
+
+    def says(self, words):
+        wait_until(lambda: words in self.output or self.popen.poll() is not None, f"it says {words!r}")
+        assert words in self.output, self.output
+
+
+class Ros:
+    """A ROS network of its own."""
+
+    def __init__(self, folder):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.port = free.getsockname()[1]
+        uri = f"http://127.0.0.1:{self.port}"
+        self.env = {
+            **os.environ,
+            "ROS_MASTER_URI": uri,
+            "ROS_IP": "127.0.0.1",
+            "ROS_LOG_DIR": str(folder / "log"),
+        }
+        self.env.pop("DISPLAY", None)
+        self.folder, self.uri, self.processes = folder, uri, []
+
+    def start(self, *command, **env):
+        self.processes.append(Process(command, self.folder, {**self.env, **env}))
+        return self.processes[-1]
+
+    def roslaunch(self, file, *arguments, **env):
+        return self.start("roslaunch", "-p", str(self.port), PACKAGE, file, "gui:=false", *arguments, **env)
+
+    def master(self, call, *arguments):
+        """What the master answers to a call of its API."""
+        with ServerProxy(self.uri) as proxy:
+            return getattr(proxy, call)("/test", *arguments)[2]
+
+    def left(self):
+        """Every process of this network that still runs, wherever roslaunch has put it."""
+        mark = f"ROS_MASTER_URI={self.uri}".encode()
+        found = []
+        for process in self.processes:
+            process.popen.poll()  # or it would be there as a zombie
+        for entry in Path("/proc").glob("[0-9]*"):
+            try:
+                if any(item.rstrip(b"/") == mark for item in (entry / "environ").read_bytes().split(b"\0")):
+                    found.append(int(entry.name))
+            except OSError:  # it has just ended
+                continue
+        return found
+
+    def end(self):
+        for pid in self.left():
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        for process in self.processes:
+            process.popen.wait()
+
+    def subscriptions(self, node):
+        """The topics a node subscribes to; empty while there is no master."""
+        try:
+            _, subscribers, _ = self.master("getSystemState")
+        except OSError:
+            return set()
+        return {topic for topic, nodes in subscribers if node in nodes}

@@ -1,0 +1,106 @@
+"""What goes wrong in a laboratory: processes die, hang and flood, and the rest goes on."""
+
+import os
+import re
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+from network import PACKAGE, wait_until
+
+from husky_highlevel_controller.description import share_folder
+
+CONTROLLER = "husky_highlevel_controller"
+PESTERER = str(Path(__file__).with_name("pesterer.py"))
+
+
+def pids(ros, executable):
+    """Processes of a network by what they run."""
+    return [
+        pid
+        for pid in ros.left()
+        if any(
+            word.endswith(f"/{executable}".encode())
+            for word in Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+        )
+    ]
+
+
+def start_simulator(ros, *arguments):
+    launched = ros.roslaunch("simulator.launch", *arguments)
+    launched.says("simulating")
+    return launched
+
+
+def start_controller(ros):
+    config = f"{share_folder()}/config/controller.yaml"
+    assert ros.start("rosparam", "load", config, f"/{CONTROLLER}").wait() == 0
+    for name, value in (("scan_topic_name", "/front/scan"), ("scan_topic_queue_size", 1)):
+        ros.master("setParam", f"/{CONTROLLER}/{name}", value)
+    return ros.start("rosrun", PACKAGE, "husky_controller")
+
+
+def pester(ros, *arguments):
+    """Run pesterer.py to its end; what it found out."""
+    process = ros.start(sys.executable, PESTERER, *arguments)
+    assert process.wait() == 0, process.output
+    return process.output
+
+
+def test_a_controller_that_dies_leaves_a_robot_that_brakes_and_a_new_one_drives_on(ros):
+    start_simulator(ros, "real_time_factor:=3")
+    first = start_controller(ros)
+    first.says("driving to the pillar")
+    assert "it drives" in pester(ros, "speed", "0.9", "it drives")
+    for pid in pids(ros, "husky_controller"):
+        os.kill(pid, signal.SIGKILL)
+    assert "it stands" in pester(ros, "speed", "0.0", "it stands")
+    second = start_controller(ros)
+    second.says("arrived after")
+
+
+def test_a_simulator_that_is_killed_and_started_again_finds_the_same_controller_driving(ros):
+    ros.start("roscore", "-p", str(ros.port)).says("started core service")
+    start_simulator(ros, "real_time_factor:=3")
+    controller = start_controller(ros)
+    controller.says("driving to the pillar")
+    pester(ros, "time", "6.0")
+    for pid in pids(ros, "husky_simulator"):
+        os.kill(pid, signal.SIGKILL)
+    wait_until(lambda: not pids(ros, "robot_state_publisher"), "its launch has ended")
+    start_simulator(ros, "real_time_factor:=3", "y:=2.0")  # where time begins at 0 again
+    controller.says("arrived after")
+    assert controller.popen.poll() is None, "the controller lives on"
+    assert "Traceback" not in controller.output, controller.output
+
+
+def test_a_subscriber_that_hangs_does_not_hold_the_world(ros):
+    start_simulator(ros, "real_time_factor:=0")
+    hanging = ros.start("rostopic", "echo", "/front/scan")
+    hanging.says("angle_min")
+    os.kill(hanging.popen.pid, signal.SIGSTOP)
+    now = float(pester(ros, "time", "0.0"))
+    assert float(pester(ros, "time", str(now + 60.0))) >= now + 60.0
+    os.kill(hanging.popen.pid, signal.SIGCONT)
+
+
+def test_a_thousand_commands_a_second_are_obeyed_as_one(ros):
+    start_simulator(ros)
+    lines = pester(ros, "flood", "1000")
+    sent, speed = (float(word) for word in re.findall(r"[-+.e\d]+", lines)[-2:])
+    assert sent > 1000
+    assert speed == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_thousand_objects_come_and_go_without_a_leak(ros):
+    start_simulator(ros, "world_name:=empty.world", "paused:=true")
+    (pid,) = pids(ros, "husky_simulator")
+
+    def memory():  # [kB]
+        return int(re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{pid}/status").read_text()).group(1))
+
+    pester(ros, "objects", "1000")
+    before = memory()
+    assert "1 objects" in pester(ros, "objects", "1000"), "the ground is left"
+    assert memory() - before < 3000, "[kB]; a thousand that stay take about 13 MB"
