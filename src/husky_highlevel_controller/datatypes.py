@@ -181,6 +181,15 @@ class GpsFix:
     velocity: Vector3  # [m/s], towards north, west and up
 
 
+@dataclass(frozen=True, eq=False)
+class DepthImage:
+    """What a depth camera sees."""
+
+    stamp: float  # [s]
+    frame: str  # optical: z forward, x to the right, y down
+    depth: np.ndarray  # (height, width) float32 [m], along z; NaN where nothing was seen
+
+
 @dataclass(frozen=True)
 class Odometry:
     """Dead reckoning: where the robot believes it is."""

@@ -49,6 +49,7 @@ def robot_description(
     laser_enabled: bool = True,
     laser_tower: bool = True,
     laser_prefix: str = "front",
+    kinect_enabled: bool = False,
     meshes: Optional[str] = None,
 ) -> str:
     """Expand the Husky's xacro into URDF text.
@@ -57,6 +58,7 @@ def robot_description(
         laser_enabled: whether there is a lidar.
         laser_tower: upside-down, as on the real robot; False is upright.
         laser_prefix: its frames are <prefix>_laser_mount and <prefix>_laser.
+        kinect_enabled: whether there is a depth camera on an arch.
         meshes: URI of the folder of meshes; empty for plain shapes, None for those that come with PyBullet.
 
     Raises:
@@ -74,6 +76,7 @@ def robot_description(
         "laser_enabled": str(laser_enabled).lower(),
         "laser_tower": str(laser_tower).lower(),
         "laser_prefix": laser_prefix,
+        "kinect_enabled": str(kinect_enabled).lower(),
         "meshes": mesh_folder() if meshes is None else meshes,
     }
     source = share_folder() / "urdf" / "husky.urdf.xacro"
@@ -92,15 +95,16 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
 
 def _parse_arguments(arguments: Sequence[str]) -> dict:
     switches = {"true": True, "1": True, "false": False, "0": False}
+    flags = ("laser_enabled", "laser_tower", "kinect_enabled")
     parsed: dict = {}
     for argument in arguments:
         name, separator, value = argument.partition(":=")
-        if not separator or name not in ("laser_enabled", "laser_tower", "laser_prefix", "meshes"):
+        if not separator or name not in (*flags, "laser_prefix", "meshes"):
             raise DescriptionError(
                 f"unknown argument '{argument}'; there are laser_enabled:=true|false laser_tower:=true|false "
-                "laser_prefix:=NAME meshes:=URI"
+                "laser_prefix:=NAME kinect_enabled:=true|false meshes:=URI"
             )
-        if name in ("laser_enabled", "laser_tower"):
+        if name in flags:
             if value.lower() not in switches:
                 raise DescriptionError(f"{name} is '{value}'; use true or false (or 1 or 0)")
             parsed[name] = switches[value.lower()]

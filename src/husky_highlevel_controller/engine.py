@@ -9,11 +9,13 @@ from __future__ import annotations
 import logging
 import os
 import tempfile
+from math import degrees
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 import pybullet
 
+from husky_highlevel_controller.camera import CameraConfig
 from husky_highlevel_controller.datatypes import (
     Box,
     Cylinder,
@@ -27,7 +29,7 @@ from husky_highlevel_controller.datatypes import (
     Vector3,
     WheelState,
 )
-from husky_highlevel_controller.geometry import compose, inverse
+from husky_highlevel_controller.geometry import compose, inverse, rotate, transform_point
 from husky_highlevel_controller.robot import RobotModel
 
 ROBOT = "husky"  # the robot's name among the things
@@ -128,6 +130,33 @@ class Engine:
         self._put(body, pose_in_world)
         if pybullet.getDynamicsInfo(body, _BASE, physicsClientId=self._client)[0] > 0.0:
             self._lift_out_of_the_ground(body)
+
+    def show_thing(self, name: str, pose_in_world: Pose) -> None:
+        """Put a thing somewhere else, wherever that is: for a world that is only looked at."""
+        self._put(self._bodies[name][-1], pose_in_world)
+
+    def depth_buffer(self, pose_camera_in_world: Pose, camera: CameraConfig) -> np.ndarray:
+        """What a camera sees, as OpenGL's depth, (height, width) in 0..1; its frame is optical."""
+        eye = pose_camera_in_world.position
+        view = pybullet.computeViewMatrix(
+            eye,
+            transform_point(pose_camera_in_world, (0.0, 0.0, 1.0)),
+            rotate(pose_camera_in_world.quat_xyzw, (0.0, -1.0, 0.0)),
+        )
+        projection = pybullet.computeProjectionMatrixFOV(
+            degrees(camera.vertical_field_of_view), camera.width / camera.height, camera.near, camera.far
+        )
+        _, _, _, depth, _ = pybullet.getCameraImage(
+            camera.width,
+            camera.height,
+            view,
+            projection,
+            shadow=0,
+            flags=pybullet.ER_NO_SEGMENTATION_MASK,
+            renderer=pybullet.ER_TINY_RENDERER,
+            physicsClientId=self._client,
+        )
+        return np.reshape(depth, (camera.height, camera.width))
 
     def _put(self, body: int, pose_in_world: Pose) -> None:
         pose = compose(pose_in_world, self._inertial_in_body[body])

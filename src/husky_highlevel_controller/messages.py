@@ -21,12 +21,24 @@ from geometry_msgs.msg import (
 )
 from geometry_msgs.msg import Pose as PoseMsg
 from nav_msgs.msg import Odometry as OdometryMsg
-from sensor_msgs.msg import Imu, JointState, LaserScan, NavSatFix, NavSatStatus
+from sensor_msgs.msg import (
+    CameraInfo,
+    Image,
+    Imu,
+    JointState,
+    LaserScan,
+    NavSatFix,
+    NavSatStatus,
+    PointCloud2,
+    PointField,
+)
 from std_msgs.msg import ColorRGBA, Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
+from husky_highlevel_controller.camera import CameraConfig
 from husky_highlevel_controller.datatypes import (
+    DepthImage,
     GpsFix,
     ImuSample,
     Odometry,
@@ -253,6 +265,57 @@ def imu_from_msg(msg: Imu) -> ImuSample:
     level = msg.orientation_covariance[0] == -1.0 or not length > 0.5  # REP 145; zeros and NaN say it as well
     quat = (0.0, 0.0, 0.0, 1.0) if level else (q.x / length, q.y / length, q.z / length, q.w / length)
     return ImuSample(msg.header.stamp.to_sec(), quat, (w.x, w.y, w.z), (f.x, f.y, f.z))
+
+
+# ---------------------------------------------------------------------------- depth camera
+
+
+def camera_info_to_msg(camera: CameraConfig, stamp: float, frame: str) -> CameraInfo:
+    """A pinhole without distortion."""
+    f, (u, v) = camera.focal_length, camera.center
+    return CameraInfo(
+        header=header(stamp, frame),
+        height=camera.height,
+        width=camera.width,
+        distortion_model="plumb_bob",
+        D=[0.0] * 5,
+        K=[f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0],
+        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        P=[f, 0.0, u, 0.0, 0.0, f, v, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def depth_to_msg(image: DepthImage) -> Image:
+    """Metres as 32-bit floats (REP 118)."""
+    height, width = image.depth.shape
+    return Image(
+        header=header(image.stamp, image.frame),
+        height=height,
+        width=width,
+        encoding="32FC1",
+        is_bigendian=False,
+        step=4 * width,
+        data=image.depth.astype("<f4").tobytes(),
+    )
+
+
+def points_to_msg(points: np.ndarray, stamp: float, frame: str) -> PointCloud2:
+    """Points (height, width, 3) [m], a row of the cloud for each of the image; NaN where nothing was seen."""
+    height, width, _ = points.shape
+    return PointCloud2(
+        header=header(stamp, frame),
+        height=height,
+        width=width,
+        fields=[
+            PointField(name=axis, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+            for i, axis in enumerate("xyz")
+        ],
+        is_bigendian=False,
+        point_step=12,
+        row_step=12 * width,
+        data=points.astype("<f4").tobytes(),
+        is_dense=False,
+    )
 
 
 # ---------------------------------------------------------------------------- GPS

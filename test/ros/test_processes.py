@@ -133,7 +133,10 @@ def start_simulator(core, **changes):
         (("physics_rate", 210), "50 Hz does not divide physics_rate = 210 Hz"),
         (("lidar/beams", "many"), "/husky_simulator/lidar/beams = 'many' is not a int"),
         (("colour", "red"), "/husky_simulator/colour is not a parameter; there are: "),
-        (("kinect_enabled", True), "kinect_enabled = True: there is no depth camera yet"),
+        (
+            ("kinect_enabled", True),
+            "kinect_enabled = True, but robot_description has no 'camera_frame_optical'",
+        ),
         (("/robot_description", "<robot/>"), "no link 'base_link'"),
     ],
 )

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from defusedxml import ElementTree
 
+from husky_highlevel_controller.camera import CameraConfig
 from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.control import ControlConfig
 from husky_highlevel_controller.description import share_folder
@@ -70,7 +71,17 @@ def test_the_controller_s_yaml_says_what_the_code_says():
 
 
 @pytest.mark.parametrize(
-    "node", ["outputs", "commands", "world_services", "simulator", "controller", "display", "diagnostics"]
+    "node",
+    [
+        "outputs",
+        "depth_camera",
+        "commands",
+        "world_services",
+        "simulator",
+        "controller",
+        "display",
+        "diagnostics",
+    ],
 )
 def test_every_topic_and_service_has_a_row(node):
     source = (SHARE / "src/husky_highlevel_controller/nodes" / f"{node}.py").read_text()

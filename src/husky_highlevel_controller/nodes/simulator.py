@@ -12,19 +12,21 @@ from typing import Any, Callable, List
 import rospy
 from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
+from husky_highlevel_controller.camera import CameraConfig
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
 from husky_highlevel_controller.description import share_folder
 from husky_highlevel_controller.drive import CommandError
 from husky_highlevel_controller.nodes.commands import Commands
+from husky_highlevel_controller.nodes.depth_camera import FRAME, DepthCamera
 from husky_highlevel_controller.nodes.lockstep import Lockstep
 from husky_highlevel_controller.nodes.outputs import Outputs
 from husky_highlevel_controller.nodes.requests import Requests
 from husky_highlevel_controller.nodes.starting import run_node
 from husky_highlevel_controller.nodes.world_services import WorldServices, ask
 from husky_highlevel_controller.pacing import Pacer
-from husky_highlevel_controller.robot import robot_model
-from husky_highlevel_controller.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.robot import RobotModel, robot_model
+from husky_highlevel_controller.simulation import Simulation, SimulatorConfig, steps_per
 from husky_highlevel_controller.srv import StepWorld, StepWorldRequest, StepWorldResponse
 from husky_highlevel_controller.world import find_world, load_world
 
@@ -48,6 +50,8 @@ class StartConfig:
     paused: bool = field(default=False, metadata={"help": "wait for gazebo/unpause_physics"})
     lockstep: bool = field(default=False, metadata={"help": "wait for the command that answers a scan"})
     kinect_enabled: bool = field(default=False, metadata={"help": "with a depth camera"})
+    camera_rate: int = field(default=10, metadata={"min": 1, "max": 50, "help": "depth images a second [Hz]"})
+    camera: CameraConfig = field(default_factory=CameraConfig, metadata={"help": "the depth camera"})
 
 
 class SimulatorNode:
@@ -57,16 +61,12 @@ class SimulatorNode:
         start, config = read_config(
             rospy.get_param("~", {}), rospy.get_name() + "/", StartConfig, SimulatorConfig
         )
-        if start.kinect_enabled:
-            raise ConfigError(
-                f"{rospy.get_name()}/kinect_enabled = True: there is no depth camera yet; "
-                "launch with kinect_enabled:=false"
-            )
         self._start, self._paused = start, start.paused
         self._outputs = Outputs(config)
         world = load_world(find_world(start.world_name, _world_folders()))
         robot = robot_model(self._robot_description(), start.laser_frame)
         self._simulation = Simulation(world, robot, config, Pose2D(start.x, start.y, start.yaw), start.seed)
+        self._camera = self._make_camera(robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(start.lockstep)
         self._commands = Commands(self._lockstep.answer)
         self._requests = Requests()
@@ -84,6 +84,14 @@ class SimulatorNode:
                 f"{rospy.resolve_name('robot_description')} is missing (URDF text of the robot)"
             )
         return str(rospy.get_param(name))
+
+    def _make_camera(self, robot: RobotModel, config: SimulatorConfig) -> DepthCamera:
+        if FRAME not in robot.fixed_poses:
+            raise ConfigError(
+                f"{rospy.get_name()}/kinect_enabled = True, but robot_description has no '{FRAME}'"
+            )
+        steps = steps_per(self._start.camera_rate, config.physics_rate, "camera_rate")
+        return DepthCamera(self._start.camera, robot.fixed_poses[FRAME], steps, self._start.lockstep)
 
     def run(self) -> None:
         """Simulate until the node is shut down."""
@@ -103,6 +111,8 @@ class SimulatorNode:
             else:
                 self._advance()
                 self._keep_pace()
+        if self._camera:
+            self._camera.close()
         self._simulation.close()
 
     def _advance(self) -> None:
@@ -114,6 +124,8 @@ class SimulatorNode:
                 rospy.logwarn_throttle(1.0, f"{rospy.resolve_name('cmd_vel')}: {error}")
         snapshot = self._simulation.step()
         self._outputs.publish(snapshot)
+        if self._camera:
+            self._camera.update(self._simulation, snapshot)
         if snapshot.scan is not None:
             self._lockstep.expect_answer()
             self._outputs.publish_scan(snapshot.scan)
