@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -34,11 +35,11 @@ class Process:
     def output(self):
         return self.log.read_text()
 
-    def wait(self):
+    def wait(self, deadline=DEADLINE):
         try:
-            return self.popen.wait(DEADLINE)
+            return self.popen.wait(deadline)
         except subprocess.TimeoutExpired:
-            raise AssertionError(f"still running after {DEADLINE} s: {self.output}") from None
+            raise AssertionError(f"still running after {deadline} s: {self.output}") from None
 
     def says(self, words):
         wait_until(lambda: words in self.output or self.popen.poll() is not None, f"it says {words!r}")
@@ -102,3 +103,8 @@ class Ros:
         except OSError:
             return set()
         return {topic for topic, nodes in subscribers if node in nodes}
+
+
+def memory(pid):
+    """Resident memory of a process [kB]."""
+    return int(re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{pid}/status").read_text()).group(1))

@@ -3,6 +3,9 @@
 speed V WORDS: wait until the robot drives at V m/s, then print WORDS.
 time T:        wait until simulated time is T s, then print it.
 flood N:       send N commands a second for two simulated seconds, then print how many, and the speed.
+drive T PID:   answer every scan with a command until simulated time is T s, then print how many scans there
+               were, by how much the memory of process PID has grown since second 10 [kB], and every gap
+               between two scans [ms].
 objects N:     spawn N objects and delete them, then print what is left.
 """
 
@@ -13,6 +16,8 @@ import rospy
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from husky_highlevel_controller.srv import DeleteObject, ListObjects, SpawnObject
 from nav_msgs.msg import Odometry
+from network import memory
+from sensor_msgs.msg import LaserScan
 
 DEADLINE = 60.0  # [s]
 
@@ -49,6 +54,26 @@ def flood(rate):
     print(sent, speed())
 
 
+def drive(end, pid):
+    velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
+    stamps, sizes = [], []
+
+    def answer(scan):
+        stamps.append(scan.header.stamp)
+        if len(stamps) in (500, round(float(end) * 50)):
+            sizes.append(memory(pid))
+        turning = 0.5 if len(stamps) % 1000 < 500 else -0.4
+        velocity.publish(Twist(Vector3(0.7, 0.0, 0.0), Vector3(0.0, 0.0, turning)))
+
+    rospy.Subscriber("front/scan", LaserScan, answer, queue_size=100, tcp_nodelay=True)
+    limit = time.monotonic() + DEADLINE + float(end)
+    while len(sizes) < 2:
+        assert time.monotonic() < limit, f"simulated time never was {end} s"
+        time.sleep(0.05)
+    gaps = {(b - a).to_nsec() / 1e6 for a, b in zip(stamps, stamps[1:])}
+    print(len(stamps), sizes[1] - sizes[0], *gaps)
+
+
 def spawn_and_delete(count):
     names = [f"thing_{i}" for i in range(int(count))]
     rospy.wait_for_service("husky_simulator/list", DEADLINE)
@@ -67,6 +92,10 @@ def spawn_and_delete(count):
 
 if __name__ == "__main__":
     rospy.init_node("pesterer", anonymous=True)
-    {"speed": wait_for_speed, "time": wait_for_time, "flood": flood, "objects": spawn_and_delete}[
-        sys.argv[1]
-    ](*sys.argv[2:])
+    {
+        "speed": wait_for_speed,
+        "time": wait_for_time,
+        "flood": flood,
+        "drive": drive,
+        "objects": spawn_and_delete,
+    }[sys.argv[1]](*sys.argv[2:])

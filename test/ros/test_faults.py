@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from network import PACKAGE, wait_until
+from network import PACKAGE, memory, wait_until
 
 from husky_highlevel_controller.description import share_folder
 
@@ -44,7 +44,7 @@ def start_controller(ros):
 def pester(ros, *arguments):
     """Run pesterer.py to its end; what it found out."""
     process = ros.start(sys.executable, PESTERER, *arguments)
-    assert process.wait() == 0, process.output
+    assert process.wait(3600.0) == 0, process.output  # it has deadlines of its own
     return process.output
 
 
@@ -97,10 +97,17 @@ def test_a_thousand_objects_come_and_go_without_a_leak(ros):
     start_simulator(ros, "world_name:=empty.world", "paused:=true")
     (pid,) = pids(ros, "husky_simulator")
 
-    def memory():  # [kB]
-        return int(re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{pid}/status").read_text()).group(1))
-
     pester(ros, "objects", "1000")
-    before = memory()
+    before = memory(pid)
     assert "1 objects" in pester(ros, "objects", "1000"), "the ground is left"
-    assert memory() - before < 3000, "[kB]; a thousand that stay take about 13 MB"
+    assert memory(pid) - before < 3000, "[kB]; a thousand that stay take about 13 MB"
+
+
+@pytest.mark.parametrize("seconds", [60, pytest.param(3600, marks=pytest.mark.slow)])
+def test_an_hour_of_driving_misses_no_scan_and_takes_no_memory(seconds, ros):
+    start_simulator(ros, "real_time_factor:=0", "lockstep:=true", "world_name:=empty.world")
+    (pid,) = pids(ros, "husky_simulator")
+    count, growth, gap = (float(word) for word in pester(ros, "drive", str(seconds), str(pid)).split())
+    assert count >= seconds * 50
+    assert gap == 20.0, "ms, and no other gap"
+    assert growth < 2000
