@@ -6,11 +6,11 @@ Must not know: ROS, PyBullet, sensors, commands.
 
 from __future__ import annotations
 
-from typing import List, Sequence, Tuple
+from typing import Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import Pose, RobotState, Vector3
 from husky_highlevel_controller.engine import Engine
-from husky_highlevel_controller.geometry import compose, inverse, quat_inverse, rotate, transform_point
+from husky_highlevel_controller.geometry import Axes, axes_from_quat, compose
 from husky_highlevel_controller.robot import RobotModel
 from husky_highlevel_controller.traction import Contact, TractionConfig, ground_forces
 
@@ -23,6 +23,7 @@ class Chassis:
 
     def __init__(self, engine: Engine, robot: RobotModel, traction: TractionConfig, dt: float) -> None:
         self._engine, self._robot, self._traction, self._dt = engine, robot, traction, dt
+        self._radii = [wheel.radius for wheel in robot.wheels]
 
     def place(self, pose_base_in_world: Pose, gravity: Vector3) -> None:
         """Put the robot into an engine that has none."""
@@ -53,9 +54,9 @@ class Chassis:
     def observe(self) -> RobotState:
         """Look where the robot is and how it moves; kept as `state`."""
         pose, velocity, spin = self._engine.robot_motion()
-        to_base = quat_inverse(pose.quat_xyzw)
-        (vx, vy, vz), (wx, wy, wz) = rotate(to_base, velocity), rotate(to_base, spin)
-        x, y, z = self._engine.robot_com()
+        self._axes = axes_from_quat(pose.quat_xyzw)
+        (vx, vy, vz), (wx, wy, wz) = (_onto(self._axes, v) for v in (velocity, spin))
+        x, y, z = self._engine.robot_com
         # v(base_link) = v(com) - w x com
         at_base = (vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x))
         self.state = RobotState(pose, at_base, (wx, wy, wz))
@@ -65,48 +66,66 @@ class Chassis:
         """Turn the wheels at these speeds [rad/s], and push the robot as the ground does, for one step."""
         self._engine.drive_wheels(speeds)
         robot, state = self._robot, self.state
-        quat, com = state.pose_in_world.quat_xyzw, robot.total_com
+        com_x, com_y, _ = robot.total_com
         contacts = [
-            Contact(point[0] - com[0], point[1] - com[1], load, speed * wheel.radius)
-            for point, load, speed, wheel in zip(self._footprints, self._loads, speeds, robot.wheels)
+            Contact(point[0] - com_x, point[1] - com_y, load, speed * radius)
+            for point, load, speed, radius in zip(self._footprints, self._loads, speeds, self._radii)
         ]
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
-        gravity = rotate(quat_inverse(quat), self._gravity)
+        pull_x, pull_y, _ = _onto(self._axes, self._gravity)
         forces = ground_forces(
             contacts,
-            velocity=(vx - yaw_rate * com[1], vy + yaw_rate * com[0], yaw_rate),
-            external=(robot.total_mass * gravity[0], robot.total_mass * gravity[1]),
+            velocity=(vx - yaw_rate * com_y, vy + yaw_rate * com_x, yaw_rate),
+            external=(robot.total_mass * pull_x, robot.total_mass * pull_y),
             mass=robot.total_mass,
             yaw_inertia=robot.total_yaw_inertia,
             dt=self._dt,
             config=self._traction,
         )
-        for point, load, (along, across) in zip(self._footprints, self._loads, forces):
+        ahead, left, up = self._axes
+        px, py, pz = state.pose_in_world.position
+        for (x, y, z), load, (along, across) in zip(self._footprints, self._loads, forces):
             if load > 0.0:
                 self._engine.push_robot(
-                    rotate(quat, (along, across, 0.0)), transform_point(state.pose_in_world, point)
+                    (
+                        along * ahead[0] + across * left[0],
+                        along * ahead[1] + across * left[1],
+                        along * ahead[2] + across * left[2],
+                    ),
+                    (
+                        px + x * ahead[0] + y * left[0] + z * up[0],
+                        py + x * ahead[1] + y * left[1] + z * up[1],
+                        pz + x * ahead[2] + y * left[2] + z * up[2],
+                    ),
                 )
 
     def feel(self) -> Tuple[str, ...]:
         """Note each wheel's load and footprint; tell what the robot touches but does not stand on."""
-        up = rotate(self.state.pose_in_world.quat_xyzw, (0.0, 0.0, 1.0))
-        underfoot: List[List[Tuple[float, Vector3]]] = [[] for _ in self._loads]
+        ux, uy, uz = self._axes[2]
+        underfoot = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]  # load [N], and load times point [N m]
         touched = set()
-        for touch in self._engine.robot_touches():
-            support = sum(a * b for a, b in zip(touch.normal_in_world, up))
-            if touch.wheel is None or support < SUPPORT_SLOPE:
-                touched.add(touch.thing)
-            else:
-                underfoot[touch.wheel].append((touch.force * support, touch.point_in_world))
-        for wheel, points in enumerate(underfoot):
-            self._note_footprint(wheel, points)
+        for thing, wheel, (x, y, z), (nx, ny, nz), force in self._engine.robot_touches():
+            support = nx * ux + ny * uy + nz * uz
+            if wheel is None or support < SUPPORT_SLOPE:
+                touched.add(thing)
+                continue
+            load, sums = force * support, underfoot[wheel]
+            sums[0] += load
+            sums[1] += load * x
+            sums[2] += load * y
+            sums[3] += load * z
+        px, py, pz = self.state.pose_in_world.position
+        for wheel, (load, x, y, z) in enumerate(underfoot):
+            if load <= 0.0:
+                self._loads[wheel] = 0.0  # in the air: no grip, at once
+                continue
+            self._loads[wheel] += (load - self._loads[wheel]) * self._dt / (self._dt + LOAD_SMOOTHING)
+            self._footprints[wheel] = _onto(self._axes, (x / load - px, y / load - py, z / load - pz))
         return tuple(sorted(touched))
 
-    def _note_footprint(self, wheel: int, points: Sequence[Tuple[float, Vector3]]) -> None:
-        load = sum(force for force, _ in points)
-        if load <= 0.0:
-            self._loads[wheel] = 0.0  # in the air: no grip, at once
-            return
-        self._loads[wheel] += (load - self._loads[wheel]) * self._dt / (self._dt + LOAD_SMOOTHING)
-        x, y, z = (sum(force * point[axis] for force, point in points) / load for axis in range(3))
-        self._footprints[wheel] = transform_point(inverse(self.state.pose_in_world), (x, y, z))
+
+def _onto(axes: Axes, vector: Vector3) -> Vector3:
+    """A vector of the world, along a body's axes."""
+    x, y, z = vector
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes
+    return (ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z)

@@ -204,7 +204,7 @@ class Snapshot:
 
     stamp: float  # [s] of simulated time
     robot: RobotState
-    wheels: WheelState
+    wheels: WheelState  # as of the last odometry period, as both odometries
     command: Twist2D  # what the wheels are told, within the limits
     wheel_odometry: Odometry  # from the wheels alone
     odometry: Odometry  # from the wheels and the gyro

@@ -91,5 +91,7 @@ class Drive:
     def update(self, now: float, dt: float) -> Twist2D:
         """Advance by `dt` to `now` [s]; a command older than the timeout counts as a stop, within limits."""
         expired = now - self._commanded_at > self._config.timeout
-        self.output = limit(STOP if expired else self._command, self.output, dt, self._config)
+        target = STOP if expired else self._command
+        if target != self.output:
+            self.output = limit(target, self.output, dt, self._config)
         return self.output

@@ -87,6 +87,7 @@ class Engine:
         self._shapes: Dict[Tuple[Tuple[Shape, Pose], ...], int] = {}
         self._planes: List[int] = []
         self._inertial_in_body: Dict[int, Pose] = {}  # Bullet's poses are those of the inertial frame
+        self._body_in_inertial: Dict[int, Pose] = {}
 
     # ------------------------------------------------------------------ things
 
@@ -114,7 +115,7 @@ class Engine:
         """Take a thing out of the world."""
         for body in self._bodies.pop(name):
             pybullet.removeBody(body, physicsClientId=self._client)
-            del self._names[body], self._inertial_in_body[body]
+            del self._names[body], self._inertial_in_body[body], self._body_in_inertial[body]
             if body in self._planes:
                 self._planes.remove(body)
 
@@ -192,7 +193,7 @@ class Engine:
 
     def _pose(self, body: int) -> Pose:
         position, quat = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
-        return compose(Pose(position, quat), inverse(self._inertial_in_body[body]))
+        return compose(Pose(position, quat), self._body_in_inertial[body])
 
     def _add_plane(self, thing: Thing, normal: Vector3, pose_in_thing: Pose) -> None:
         if thing.mass > 0.0:
@@ -202,7 +203,7 @@ class Engine:
         )
         pose = compose(thing.pose_in_world, pose_in_thing)
         plane = self._add_body(thing.name, shape, 0.0, pose, Pose())
-        self._inertial_in_body[plane] = pose_in_thing
+        self._note_inertial_frame(plane, pose_in_thing)
         self._planes.append(plane)
 
     def _add_body(self, name: str, shape: int, mass: float, pose: Pose, inertial_in_body: Pose) -> int:
@@ -219,8 +220,14 @@ class Engine:
             raise PlacementError(f"PyBullet refused '{name}' at {pose.position}")
         self._names[body] = name
         self._bodies.setdefault(name, []).append(body)
-        self._inertial_in_body[body] = inertial_in_body
+        self._note_inertial_frame(body, inertial_in_body)
         return body
+
+    def _note_inertial_frame(self, body: int, inertial_in_body: Pose) -> None:
+        self._inertial_in_body[body], self._body_in_inertial[body] = (
+            inertial_in_body,
+            inverse(inertial_in_body),
+        )
 
     def _shape_of(self, solids: Sequence[Part]) -> int:
         """Bullet's shape; equal ones share it, because Bullet frees none before the next `clear`."""
@@ -262,6 +269,8 @@ class Engine:
         names = [info[1].decode() for info in infos]
         self._wheel_names = tuple(wheel.joint for wheel in model.wheels)
         self._wheels = [names.index(name) for name in self._wheel_names]
+        self._wheel_targets: Sequence[float] = ()
+        self._wheel_of = {link: wheel for wheel, link in enumerate(self._wheels)}
         for link in (_BASE, *links):
             # no grip of Bullet's own at the wheels (traction.py has it), nothing that slows the robot down
             grip = {"lateralFriction": 0.0} if link in self._wheels else {}
@@ -270,7 +279,8 @@ class Engine:
                 physicsClientId=self._client, **grip,
             )  # fmt: skip
         info = pybullet.getDynamicsInfo(self._robot, _BASE, physicsClientId=self._client)
-        self._inertial_in_body[self._robot] = Pose(info[3], info[4])
+        self._note_inertial_frame(self._robot, Pose(info[3], info[4]))
+        self._robot_com: Vector3 = info[3]
         self._names[self._robot], self._bodies[ROBOT] = ROBOT, [self._robot]
         self._put(self._robot, pose)
         self.check_room(ROBOT)
@@ -297,16 +307,17 @@ class Engine:
         velocity, spin = pybullet.getBaseVelocity(self._robot, physicsClientId=self._client)
         return self._pose(self._robot), velocity, spin
 
+    @property
     def robot_com(self) -> Vector3:
         """Centre of mass of the base, in base_link [m]: whose velocity `robot_motion` tells."""
-        return self._inertial_in_body[self._robot].position
+        return self._robot_com
 
     def robot_touches(self) -> List[Touch]:
         """Every point where something presses on the robot."""
         contacts = pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client)
-        wheel_of = {link: wheel for wheel, link in enumerate(self._wheels)}
+        names, wheel_of = self._names, self._wheel_of
         return [
-            Touch(self._names[other], wheel_of.get(link), point, normal, force)
+            Touch(names[other], wheel_of.get(link), point, normal, force)
             for _, _, other, link, _, point, _, normal, _, force, *_ in contacts
             if force > 0.0
         ]
@@ -319,6 +330,9 @@ class Engine:
 
     def drive_wheels(self, speeds: Sequence[float]) -> None:
         """Let the motors hold these speeds [rad/s]."""
+        if speeds == self._wheel_targets:
+            return
+        self._wheel_targets = speeds
         pybullet.setJointMotorControlArray(
             self._robot,
             self._wheels,

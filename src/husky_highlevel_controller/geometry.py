@@ -7,11 +7,13 @@ Quaternions are xyzw; roll-pitch-yaw is the URDF/SDF convention (fixed axes x, y
 from __future__ import annotations
 
 from math import atan2, cos, pi, sin
-from typing import Sequence
+from typing import Sequence, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.datatypes import Pose, Pose2D, Quaternion, Twist2D, Vector3
+
+Axes = Tuple[Vector3, Vector3, Vector3]  # unit vectors along a body's x, y and z, in the world
 
 
 def wrap_angle(angle: float) -> float:
@@ -67,7 +69,24 @@ def rotate(quat: Quaternion, vector: Sequence[float]) -> Vector3:
 
 def matrix_from_quat(quat: Quaternion) -> np.ndarray:
     """Rotation matrix (3, 3) of a unit quaternion; its columns are the turned axes."""
-    return np.array([rotate(quat, axis) for axis in np.eye(3).tolist()]).T
+    x, y, z, w = quat
+    return np.array(
+        (
+            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+            (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+            (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+        )
+    )
+
+
+def axes_from_quat(quat: Quaternion) -> Axes:
+    """The turned x, y and z axes: the columns of `matrix_from_quat`, without the price of an array."""
+    x, y, z, w = quat
+    return (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
+        (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
+        (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
 
 
 def yaw_from_quat(quat: Quaternion) -> float:

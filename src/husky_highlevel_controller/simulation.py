@@ -41,6 +41,7 @@ from husky_highlevel_controller.traction import TractionConfig
 
 # of the seed: each draws from a stream of its own, so that none shifts another's; the lidar's is the seed's
 IMU_STREAM, GPS_STREAM = 1, 2
+ODOMETRY_RATE = 50  # [Hz], as on the Husky; besides, odometry is fresh whenever there is a scan
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,7 @@ class Simulation:
         self.dt = 1.0 / config.physics_rate
         self._scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
         self._imu_steps = steps_per(config.imu_rate, config.physics_rate, "imu_rate")
+        self._odometry_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         self._gps_steps = steps_per(config.gps_rate, config.physics_rate, "gps_rate")
         self._world, self._robot = world, robot
         self._start, self._seed = start, seed
@@ -135,6 +137,7 @@ class Simulation:
         self._scenery.furnish(self._world.things)
         self._chassis.place(self._chassis.on_ground(pose_from_2d(self._start)), self._world.gravity)
         self._felt = self._chassis.state
+        self._wheels, self._reckoned = self._engine.wheels(), 0
 
     @property
     def stamp(self) -> float:
@@ -155,8 +158,8 @@ class Simulation:
 
     def step(self) -> Snapshot:
         """Advance one physics step; at the end of a sensor's period the snapshot holds its sample."""
-        command, drive = self._drive.update(self._since_reset, self.dt), self.config.drive
-        left, right = wheel_speeds(command, drive)
+        command = self._drive.update(self._since_reset, self.dt)
+        left, right = wheel_speeds(command, self.config.drive)
         self._chassis.drive((left, right, left, right))
         self._engine.step()
         self._steps += 1
@@ -164,27 +167,36 @@ class Simulation:
         state = self._chassis.observe()
         touched = self._chassis.feel()
         imu = self._feel() if self._steps % self._imu_steps == 0 else None
-        wheels = self._engine.wheels()
-        rolled = twist_of_wheels(
-            (wheels.speeds[0] + wheels.speeds[2]) / 2.0, (wheels.speeds[1] + wheels.speeds[3]) / 2.0, drive
-        )
-        self._wheel_odometry = advance_odometry(self._wheel_odometry, rolled, self.dt)
-        fused = Twist2D(rolled.linear, self._gyro)
-        self._odometry = advance_odometry(self._odometry, fused, self.dt)
+        scans = self._steps % self._scan_steps == 0
+        if scans or self._steps % self._odometry_steps == 0:
+            self._reckon()
         return Snapshot(
             self.stamp,
             state,
-            wheels,
+            self._wheels,
             command,
             self._wheel_odometry,
             self._odometry,
             touched,
-            scan=self._sweep() if self._steps % self._scan_steps == 0 else None,
+            scan=self._sweep() if scans else None,
             imu=imu,
             gps=self._locate() if self._steps % self._gps_steps == 0 else None,
         )
 
     # ------------------------------------------------------------------ sensors
+
+    def _reckon(self) -> None:
+        """Read the wheels, and advance both odometries by what they have turned since the last time."""
+        before, self._wheels = self._wheels, self._engine.wheels()
+        duration = (self._steps - self._reckoned) * self.dt
+        self._reckoned = self._steps
+        a, b, c, d = (
+            (now - then) / duration for now, then in zip(self._wheels.angles, before.angles)
+        )  # mean speeds
+        rolled = twist_of_wheels((a + c) / 2.0, (b + d) / 2.0, self.config.drive)
+        self._wheel_odometry = advance_odometry(self._wheel_odometry, rolled, duration)
+        fused = Twist2D(rolled.linear, self._gyro)
+        self._odometry = advance_odometry(self._odometry, fused, duration)
 
     def _sweep(self) -> Optional[Scan]:
         if self._laser_in_base is None:

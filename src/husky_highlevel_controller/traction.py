@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import hypot
-from typing import List, Sequence, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import Vector3
 
@@ -45,8 +45,7 @@ class TractionConfig:
     slip_speed: float = 0.01  # vs [m/s]; a robot parked on a slope creeps at about tan(slope) * vs
 
 
-@dataclass(frozen=True)
-class Contact:
+class Contact(NamedTuple):
     """Where one wheel touches the ground."""
 
     x: float  # [m], from the robot's centre of mass, along base_link's x
@@ -75,38 +74,32 @@ def ground_forces(
         dt: the step [s].
         config: the tyres.
     """
+    vx, vy, yaw_rate = velocity
     share = mass * STANDARD_GRAVITY / 4.0
-    ks = [_stiffness(contact, velocity, share, config) for contact in contacts]
 
     # [[a, 0, b], [0, a, c], [b, c, d]] u+ = (px, py, pw)
     a, b, c, d = mass, 0.0, 0.0, yaw_inertia
-    px = mass * velocity[0] + dt * external[0]
-    py = mass * velocity[1] + dt * external[1]
-    pw = yaw_inertia * velocity[2]
-    for k, contact in zip(ks, contacts):
-        x, y, kdt = contact.x, contact.y, k * dt
+    px = mass * vx + dt * external[0]
+    py = mass * vy + dt * external[1]
+    pw = yaw_inertia * yaw_rate
+    ks = []
+    for contact in contacts:
+        x, y, load, surface_speed = contact.x, contact.y, contact.load, contact.surface_speed
+        k = 0.0
+        if load > 0.0:
+            slip = hypot(vx - yaw_rate * y - surface_speed, vy + yaw_rate * x, config.slip_speed)
+            k = config.friction * load * (load / share) ** LOAD_SENSITIVITY / slip
+        ks.append(k)
+        kdt = k * dt
         a += kdt
         b -= kdt * y
         c += kdt * x
         d += kdt * (x * x + y * y)
-        px += kdt * contact.surface_speed
-        pw -= kdt * contact.surface_speed * y
+        px += kdt * surface_speed
+        pw -= kdt * surface_speed * y
     yaw_rate = (pw - (b * px + c * py) / a) / (d - (b * b + c * c) / a)
-    after = ((px - b * yaw_rate) / a, (py - c * yaw_rate) / a, yaw_rate)
-
-    slips = [_slip(contact, after) for contact in contacts]
-    return [(-k * slip_x, -k * slip_y) for k, (slip_x, slip_y) in zip(ks, slips)]
-
-
-def _slip(contact: Contact, velocity: Vector3) -> Vector2:
-    """How fast the tread moves over the ground, in base_link [m/s]."""
-    vx, vy, yaw_rate = velocity
-    return (vx - yaw_rate * contact.y - contact.surface_speed, vy + yaw_rate * contact.x)
-
-
-def _stiffness(contact: Contact, velocity: Vector3, share: float, config: TractionConfig) -> float:
-    """The k of the contact's force -k s [N s/m]."""
-    if contact.load <= 0.0:
-        return 0.0
-    most = config.friction * contact.load * (contact.load / share) ** LOAD_SENSITIVITY
-    return most / hypot(*_slip(contact, velocity), config.slip_speed)
+    vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / a  # after the step
+    return [
+        (-k * (vx - yaw_rate * contact.y - contact.surface_speed), -k * (vy + yaw_rate * contact.x))
+        for k, contact in zip(ks, contacts)
+    ]

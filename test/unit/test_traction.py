@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import hypot, radians, sin, tan
 
 import pytest
@@ -95,11 +94,11 @@ def kinetic_energy(velocity):
 @LAW
 @given(contacts_of_a_robot, velocities, pulls, periods, configs)
 def test_a_wheel_in_the_air_gets_no_force(contacts, velocity, external, dt, config):
-    lifted = [replace(contacts[0], load=0.0), replace(contacts[1], load=-3.0), *contacts[2:]]
+    lifted = [contacts[0]._replace(load=0.0), contacts[1]._replace(load=-3.0), *contacts[2:]]
     forces = forces_on(lifted, velocity, external, dt, config)
     assert forces[:2] == [(0.0, 0.0), (0.0, 0.0)]
     # nor does what its tread does matter to the others
-    idle = [replace(contact, surface_speed=0.0) for contact in lifted[:2]]
+    idle = [contact._replace(surface_speed=0.0) for contact in lifted[:2]]
     assert forces_on([*idle, *contacts[2:]], velocity, external, dt, config)[2:] == forces[2:]
 
 
@@ -119,7 +118,7 @@ def test_friction_opposes_the_slip_and_never_drives_it(contacts, velocity, exter
 def test_a_mirrored_robot_feels_mirrored_forces(contacts, velocity, external, dt, config):
     forces = forces_on(contacts, velocity, external, dt, config)
     mirrored = forces_on(
-        [replace(contact, y=-contact.y) for contact in contacts],
+        [contact._replace(y=-contact.y) for contact in contacts],
         (velocity[0], -velocity[1], -velocity[2]),
         (external[0], -external[1]),
         dt,
@@ -138,7 +137,7 @@ def test_no_wheel_holds_more_than_its_load_allows_at_any_instant(contacts, veloc
 @LAW
 @given(contacts_of_a_robot, velocities, periods, configs)
 def test_wheels_at_rest_only_take_energy_away(contacts, velocity, dt, config):
-    contacts = [replace(contact, surface_speed=0.0) for contact in contacts]
+    contacts = [contact._replace(surface_speed=0.0) for contact in contacts]
     passed = drive(contacts, 10 * dt, velocity, dt=dt, config=config)
     energies = [kinetic_energy(v) for v in (velocity, *passed)]
     # base_link turns within the step: that moves the velocity by the square of a small angle

@@ -16,10 +16,9 @@ from husky_highlevel_controller.datatypes import Scan, Snapshot
 from husky_highlevel_controller.geometry import pose_from_2d
 from husky_highlevel_controller.msg import Bumps
 from husky_highlevel_controller.nodes.starting import publish
-from husky_highlevel_controller.simulation import SimulatorConfig, steps_per
+from husky_highlevel_controller.simulation import ODOMETRY_RATE, SimulatorConfig, steps_per
 
 WORLD, ODOM, BASE = "world", "odom", "base_link"
-STATE_RATE = 50  # [Hz] of odometry, TF and joint states, as on the Husky
 CLOCK_RATE = 100  # [Hz]
 QUEUE = 200  # messages kept for a subscriber that is busy; one that hangs must not hold the world
 
@@ -29,7 +28,7 @@ class Outputs:
 
     def __init__(self, config: SimulatorConfig) -> None:
         """Raises HuskyError where a rate does not divide that of the physics."""
-        self._state_steps = steps_per(STATE_RATE, config.physics_rate, "the rate of odometry")
+        self._state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         self._clock_steps = steps_per(CLOCK_RATE, config.physics_rate, "the rate of /clock")
         self._drift = config.gps.drift
         self._bumped: Set[str] = set()
