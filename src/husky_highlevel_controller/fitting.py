@@ -53,20 +53,23 @@ def fit_circles(runs: Runs, radius: float, noise: float) -> Circles:
         radius: what is expected [m].
         noise: differences in range not worth explaining [m].
     """
-    guess = np.stack([runs.near + radius, np.zeros_like(runs.near), np.full_like(runs.near, radius)], axis=1)
-    mean = guess
+    mean = np.zeros((len(runs.near), 3))
+    mean[:, 0], mean[:, 2] = runs.near + radius, radius
+    guess = mean
     weight = np.array([_LEAST_WEIGHT, _PLACE_WEIGHT, _RADIUS_WEIGHT])
     prior = np.diag(weight)
-    beam = np.stack([np.cos(runs.angles), np.sin(runs.angles)])
-    ends = runs.ranges * beam
+    beam = np.stack([np.cos(runs.angles), np.sin(runs.angles)], axis=1)
+    ends = runs.ranges[:, None] * beam
     for _ in range(_MAX_ITERATIONS):
         products, _ = _circle_products(guess, ends, beam, runs.mask)
         gradient = products[:, :3, 3] + weight * (guess - mean)
         change = np.linalg.solve(products[:, :3, :3] + prior, gradient[:, :, None])[:, :, 0]
-        change = np.minimum(np.maximum(change, -radius), radius)
+        largest = np.abs(change).max()
+        if largest > radius:
+            change = np.minimum(np.maximum(change, -radius), radius)
         guess = guess - change
         guess[:, 2] = np.maximum(guess[:, 2], 0.1 * radius)
-        if np.abs(change).max() < _SETTLED:
+        if largest < _SETTLED:
             break
     products, error = _circle_products(guess, ends, beam, runs.mask)
     shift, slack = _free_radius(products, runs.beams, noise)
@@ -84,18 +87,17 @@ def fit_circles(runs: Runs, radius: float, noise: float) -> Circles:
 def _circle_products(
     circle: np.ndarray, ends: np.ndarray, beam: np.ndarray, mask: np.ndarray
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """Weighted products (K, 4, 4) of derivatives and error, and the errors (K, M).
+    """Weighted products (K, 4, 4) of derivatives and error, and the errors (K, M), of ends (K, 2, M).
 
     The error is the distance from the circle [m]; its derivatives are by the centre's x, y and the radius.
     """
-    x, y, radius = circle.T[:, :, None]
-    dx, dy = ends[0] - x, ends[1] - y
-    rho = np.sqrt(dx * dx + dy * dy)
-    dx, dy = dx / rho, dy / rho
-    cosine = -(dx * beam[0] + dy * beam[1])
-    error = rho - radius
-    columns = np.empty((len(circle), 4, error.shape[1]))
-    columns[:, 0], columns[:, 1], columns[:, 2], columns[:, 3] = -dx, -dy, -1.0, error
+    columns = np.empty((len(circle), 4, ends.shape[2]))
+    inwards = np.subtract(circle[:, :2, None], ends, out=columns[:, :2])
+    rho = np.sqrt(inwards[:, 0] * inwards[:, 0] + inwards[:, 1] * inwards[:, 1])
+    inwards /= rho[:, None]
+    cosine = inwards[:, 0] * beam[:, 0] + inwards[:, 1] * beam[:, 1]
+    error = rho - circle[:, 2:]
+    columns[:, 2], columns[:, 3] = -1.0, error
     columns *= (mask / np.maximum(cosine, _MIN_COSINE))[:, None]
     return columns @ columns.transpose(0, 2, 1), error
 
@@ -121,13 +123,17 @@ def straight_misfits(runs: Runs) -> Tuple[np.ndarray, np.ndarray]:
     depth = runs.ranges * np.cos(runs.angles)
     across, inverse = scale * np.tan(runs.angles), scale - scale**2 / depth
     weight = runs.mask * (runs.ranges * depth / scale**2) ** 2
-    terms = np.stack([np.ones_like(across), across, inverse, across**2, across * inverse, inverse**2])
-    left = np.cumsum(weight * terms, axis=2)
-    whole = left[:, :, -1:]
+    terms = np.empty((6, *across.shape))
+    terms[0], terms[1], terms[2] = 1.0, across, inverse
+    terms[3:5], terms[5] = across * terms[1:3], inverse * inverse
+    terms *= weight
+    sums = np.empty((6, 2, *across.shape))  # of the beams up to the cut, and of those behind it
+    left = np.cumsum(terms, axis=2, out=sums[:, 0])
+    np.subtract(left[:, :, -1:], left, out=sums[:, 1])
+    misfits = _line_misfit(sums)
     cut = np.arange(1, runs.ranges.shape[1] + 1)
     fits = (cut < runs.beams[:, None]) & (runs.beams[:, None] > 5)
-    both = np.where(fits, _line_misfit(left) + _line_misfit(whole - left), np.inf)
-    return _line_misfit(whole)[:, 0], both.min(axis=1)
+    return misfits[0, :, -1], np.where(fits, misfits[0] + misfits[1], np.inf).min(axis=1)
 
 
 def _line_misfit(sums: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ Numbers: LMS1xx 0.3.0, urdf/sick_lms1xx.urdf.xacro; edge cases as gazebo_ros_las
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Callable
 
 import numpy as np
@@ -35,6 +36,7 @@ class LidarConfig:
     noise: float = field(default=0.001, metadata={"min": 0.0, "max": 1.0, "help": "standard deviation [m]"})
 
 
+@lru_cache(maxsize=8)
 def bearings(config: LidarConfig) -> np.ndarray:
     """Angles of the beams in the laser's frame, (N,) [rad], read-only."""
     angles = np.linspace(-config.angle_max, config.angle_max, config.beams)
@@ -53,8 +55,11 @@ def sweep(
     """One scan at one instant: misses are +inf and too close is -inf, both without noise (REP 117)."""
     ranges = cast_rays(pose_laser_in_world, bearings(config), config.range_max)
     # one draw per beam whatever it hits: the noise of a beam never depends on the other beams
-    noisy = np.clip(ranges + rng.normal(0.0, config.noise, len(ranges)), config.range_min, config.range_max)
-    noisy = np.where(ranges >= config.range_max, np.inf, noisy)
-    noisy = np.where(ranges <= config.range_min, -np.inf, noisy)
+    noisy = rng.normal(0.0, config.noise, len(ranges))
+    noisy += ranges
+    np.maximum(noisy, config.range_min, out=noisy)
+    np.minimum(noisy, config.range_max, out=noisy)
+    noisy[ranges >= config.range_max] = np.inf
+    noisy[ranges <= config.range_min] = -np.inf
     noisy.setflags(write=False)
     return Scan(stamp, frame, -config.angle_max, config.angle_max, config.range_min, config.range_max, noisy)

@@ -11,6 +11,7 @@ lets them pass. All runs of a scan are judged at once, one row each.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import cos, inf, log, sin
 from typing import List, Optional, Tuple
 
 import numpy as np
@@ -67,31 +68,45 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
     if runs is None:
         return []
     circles = fit_circles(runs, config.pillar_radius, config.range_noise)
-    round_ones = (
+    round_ones = np.flatnonzero(
         (circles.residual <= config.max_residual)
         & (np.abs(circles.radius - config.pillar_radius) <= config.radius_tolerance)
         & (np.abs(circles.free_radius - config.pillar_radius) <= config.radius_tolerance + circles.free_slack)
     )
-    if not round_ones.any():
+    if not len(round_ones):
         return []
-    line, corner = straight_misfits(runs)
-    floor = runs.beams * config.range_noise**2
-
-    def lead(rival: np.ndarray, spent: int) -> np.ndarray:
-        spare = np.maximum(runs.beams - spent, 1)
-        return spare * (np.log(circles.misfit + floor) - np.log(rival + floor))
-
-    missing, hidden = _silhouette(scan, circles, config)
-    good = (
-        round_ones
-        & (lead(line, 2) < np.where(hidden > 0, -_HIDDEN_ODDS, _LINE_ODDS))
-        & (lead(corner, 5) < _CORNER_ODDS * runs.beams)
-        & (missing <= runs.beams // 10)
-    )
-    x, y = circles.distance * np.cos(circles.bearing), circles.distance * np.sin(circles.bearing)
-    table = np.stack([x, y, circles.radius, runs.beams, circles.residual], axis=1)[good].tolist()
-    pillars = [Pillar(x, y, radius, int(beams), residual) for x, y, radius, beams, residual in table]
+    if len(round_ones) < len(runs.beams):
+        runs = Runs(*(each[round_ones] for each in runs))
+        circles = Circles(*(each[round_ones] for each in circles))
+    pillars = [
+        Pillar(distance * cos(bearing), distance * sin(bearing), radius, beams, residual)
+        for distance, bearing, radius, residual, beams, good in zip(
+            circles.distance.tolist(), circles.bearing.tolist(), circles.radius.tolist(),
+            circles.residual.tolist(), runs.beams.tolist(), _stand_out(scan, runs, circles, config),
+        )
+        if good
+    ]  # fmt: skip
     return sorted(_distinct(pillars), key=lambda pillar: pillar.distance)
+
+
+def _stand_out(scan: Scan, runs: Runs, circles: Circles, config: PillarConfig) -> List[bool]:
+    """Which circles explain their beams better than straight things would, and are framed as a pillar is."""
+
+    def lead(circle: float, rival: float, spent: int, beams: int) -> float:
+        floor = beams * config.range_noise**2
+        return max(beams - spent, 1) * log((circle + floor) / (rival + floor))
+
+    good = []
+    for beams, circle, line, corner, missing, hidden in zip(
+        runs.beams.tolist(), circles.misfit.tolist(),
+        *(each.tolist() for each in (*straight_misfits(runs), *_silhouette(scan, circles, config))),
+    ):  # fmt: skip
+        good.append(
+            lead(circle, line, 2, beams) < (-_HIDDEN_ODDS if hidden > 0 else _LINE_ODDS)
+            and (corner == inf or lead(circle, corner, 5, beams) < _CORNER_ODDS * beams)
+            and missing <= beams // 10
+        )
+    return good
 
 
 def cluster(scan: Scan, config: PillarConfig) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -128,8 +143,8 @@ def cluster(scan: Scan, config: PillarConfig) -> Tuple[np.ndarray, np.ndarray, n
     if len(speckle):
         beams = np.delete(beams, speckle)
         breaks = apart(beams[:-1], beams[1:])
-    starts = np.concatenate(([0], 1 + np.flatnonzero(breaks)))
-    return beams, starts, np.diff(np.append(starts, len(beams)))
+    edges = np.concatenate(([0], 1 + np.flatnonzero(breaks), [len(beams)]))
+    return beams, edges[:-1], edges[1:] - edges[:-1]
 
 
 def _plausible(
@@ -170,12 +185,12 @@ def _silhouette(scan: Scan, circles: Circles, config: PillarConfig) -> Tuple[np.
     inner = np.maximum(0.9 * circles.radius - 2.0 * circles.residual, 0.0)
     half = np.arcsin(np.minimum(inner / np.maximum(circles.distance, 1e-9), 1.0))
     centre = np.rint((circles.bearing - scan.angle_min) / step).astype(int)
-    reach = int(np.max(half) / abs(step)) + 1
+    reach = int(half.max() / abs(step)) + 1
     index = centre[:, None] + np.arange(-reach, reach + 1)
     psi = scan.angle_min + index * step - circles.bearing[:, None]
     should = np.abs(psi) <= half[:, None]
     inside = (index >= 0) & (index < len(scan.ranges))
-    ranges = np.where(inside, scan.ranges[np.clip(index, 0, len(scan.ranges) - 1)], np.nan)
+    ranges = np.where(inside, scan.ranges.take(index, mode="clip"), np.nan)
     across = np.minimum(np.abs(circles.distance[:, None] * np.sin(psi)), circles.radius[:, None])
     predicted = circles.distance[:, None] * np.cos(psi) - np.sqrt(circles.radius[:, None] ** 2 - across**2)
     slack = 4.0 * config.max_residual

@@ -11,7 +11,8 @@ not with beams times shapes.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import List, Sequence, Tuple
+from math import hypot, pi
+from typing import Iterable, List, Sequence, Tuple
 
 import numpy as np
 
@@ -86,84 +87,117 @@ def cast_rays(scene: Scene, pose_laser_in_world: Pose, bearings: np.ndarray, rea
         bearings: (N,) [rad], ascending, within [-pi, pi].
         reach: [m].
     """
+    # parallel to a face: inf, or more than a float holds; beside a disc: nan
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        return _cast_rays(scene, pose_laser_in_world, bearings, reach)
+
+
+def _cast_rays(scene: Scene, pose_laser_in_world: Pose, bearings: np.ndarray, reach: float) -> np.ndarray:
     origin = np.array(pose_laser_in_world.position)
     turn = matrix_from_quat(pose_laser_in_world.quat_xyzw)
-    beams = np.column_stack([np.cos(bearings), np.sin(bearings)])
     distances = np.full(len(bearings), np.inf)
     for point, normal in scene.planes:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            along = (normal @ (point - origin)) / (beams @ (turn.T @ normal)[:2])
-        np.minimum(distances, np.where(along >= 0.0, along, np.inf), out=distances)
+        height, (x, y, _) = float(normal @ (point - origin)), (normal @ turn).tolist()
+        if abs(height) <= hypot(x, y) * reach:  # or no beam gets there, as none of a level laser to the floor
+            along = height / (x * np.cos(bearings) + y * np.sin(bearings))
+            np.minimum(distances, along, out=distances, where=along >= 0.0)
 
     centers = (scene.positions - origin) @ turn  # in the laser's frame
-    solid, beam = _pairs(centers, scene.bounds, bearings, reach)
-    if len(solid):
-        to_shape = np.einsum("mji,jk->mik", scene.rotations, turn)  # laser to shape
-        starts = np.einsum("mij,mj->mi", to_shape, -centers)
-        directions = np.einsum("pij,pj->pi", to_shape[solid][:, :, :2], beams[beam])
-        entries = _enter(scene.kinds[solid], scene.sizes[solid], starts[solid], directions)
-        np.minimum.at(distances, beam, entries)
-    return np.where(distances <= reach, distances, np.inf)
-
-
-def _pairs(
-    centers: np.ndarray, bounds: np.ndarray, bearings: np.ndarray, reach: float
-) -> Tuple[np.ndarray, np.ndarray]:
-    """Indices (P,) of shapes and beams that may meet, judged by the ball around each shape."""
-    across = np.abs(centers[:, 2])
-    flat = np.hypot(centers[:, 0], centers[:, 1])
-    near = np.flatnonzero((across <= bounds) & (flat - bounds <= reach))
-    flat, radius = (
-        flat[near],
-        np.sqrt(bounds[near] ** 2 - across[near] ** 2),
-    )  # the ball, cut by the scan plane
-    middle = np.arctan2(centers[near, 1], centers[near, 0])
-    half = np.where(flat > radius, np.arcsin(np.minimum(radius / np.maximum(flat, 1e-9), 1.0)), np.pi)
-    # a ball behind the laser may reach over the seam at +-pi: look there too
-    near = np.concatenate([near, near, near])
-    middle = np.concatenate([middle, middle - 2.0 * np.pi, middle + 2.0 * np.pi])
-    half = np.concatenate([half, half, half]) + 1e-9
-    first = np.searchsorted(bearings, middle - half)
-    count = np.searchsorted(bearings, middle + half, side="right") - first
-    solid = np.repeat(near, count)
-    offsets = np.arange(len(solid)) - np.repeat(np.cumsum(count) - count, count)
-    return solid, np.repeat(first, count) + offsets
-
-
-def _enter(kinds: np.ndarray, sizes: np.ndarray, starts: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Where each ray (P, 3) enters its shape, in the shape's own frame; (P,) [m], +inf for a miss."""
-    enter, leave = np.full(len(kinds), -np.inf), np.full(len(kinds), np.inf)
-    for axes, applies in (
-        ((0,), kinds == BOX),
-        ((1,), kinds == BOX),
-        ((2,), kinds != SPHERE),
-        ((0, 1), kinds == CYLINDER),
-        ((0, 1, 2), kinds == SPHERE),
-    ):
-        chosen = np.flatnonzero(applies)
+    near, first, count = _candidates(centers, scene.bounds, bearings, reach)
+    kinds = scene.kinds[near]
+    for kind in (BOX, CYLINDER, SPHERE):
+        chosen = np.flatnonzero(kinds == kind)
         if len(chosen):
-            columns = list(axes)
-            near, far = _inside(
-                starts[chosen][:, columns], directions[chosen][:, columns], sizes[chosen, axes[0]]
-            )
-            enter[chosen] = np.maximum(enter[chosen], near)
-            leave[chosen] = np.minimum(leave[chosen], far)
+            solid, (owner, beam) = near[chosen], _pairs(first[chosen], count[chosen])
+            entries = _enter(kind, scene, solid, centers[solid], turn, owner, bearings[beam])
+            np.minimum.at(distances, beam, entries)
+    distances[distances > reach] = np.inf
+    return distances
+
+
+Indices = np.ndarray
+
+
+def _candidates(
+    centers: np.ndarray, bounds: np.ndarray, bearings: np.ndarray, reach: float
+) -> Tuple[Indices, Indices, Indices]:
+    """Shapes that beams may meet (K,), judged by the ball around each, the first such beam, and how many."""
+    x, y, across = centers.T
+    flat, square = np.hypot(x, y), bounds * bounds - across * across  # the ball is cut by the scan plane
+    near = np.flatnonzero((square >= 0.0) & (flat - bounds <= reach))
+    flat, radius = flat[near], np.sqrt(square[near])
+    half = np.arcsin(np.minimum(radius / flat, 1.0)) + 1e-9
+    half[flat <= radius] = pi + 1e-9  # the laser is inside the ball
+    middle = np.arctan2(y[near], x[near])
+    low, high = middle - half, middle + half
+    # a ball behind the laser may reach over the seam at +-pi: look there too
+    for over, round_trip in ((np.flatnonzero(low < -pi), 2.0 * pi), (np.flatnonzero(high > pi), -2.0 * pi)):
+        if len(over):
+            near = np.concatenate([near, near[over]])
+            low, high = (np.concatenate([end, end[over] + round_trip]) for end in (low, high))
+    first = bearings.searchsorted(low)
+    count = bearings.searchsorted(high, side="right") - first
+    met = np.flatnonzero(count)
+    return near[met], first[met], count[met]
+
+
+def _pairs(first: Indices, count: Indices) -> Tuple[Indices, Indices]:
+    """Every beam of every shape: the shape's row (P,), and the beam (P,)."""
+    owner = np.repeat(np.arange(len(count)), count)
+    return owner, np.arange(len(owner)) + (first - count.cumsum() + count)[owner]
+
+
+def _enter(
+    kind: int,
+    scene: Scene,
+    solid: Indices,
+    centers: np.ndarray,
+    turn: np.ndarray,
+    owner: Indices,
+    bearings: np.ndarray,
+) -> np.ndarray:
+    """Where beams (P,) enter the solid shapes (K,) that they are paired with; (P,) [m], +inf for a miss."""
+    sizes, beams = scene.sizes[solid].T, (np.cos(bearings), np.sin(bearings))
+    if kind == SPHERE:  # is the same from everywhere: no need for a frame of its own
+        across = centers[:, 2]
+        enter, leave = _disc(-centers.T[:2, owner], beams, (sizes[0] ** 2 - across**2)[owner])
+    else:
+        to_shape = scene.rotations[solid].transpose(0, 2, 1) @ turn
+        starts = (to_shape @ -centers[:, :, None])[:, :, 0].T[:, owner]
+        axes = to_shape.transpose(2, 1, 0)[:2, :, owner]  # the laser's x and y, in each shape's frame
+        directions = beams[0] * axes[0] + beams[1] * axes[1]
+        flat = slice(0 if kind == BOX else 2, 3)  # axes along which the shape lies between two planes
+        enter, leave = _slabs(starts[flat], directions[flat], sizes[flat, owner])
+        if kind == CYLINDER:
+            near, far = _disc(starts[:2], directions[:2], (sizes[0] ** 2)[owner])
+            enter, leave = np.maximum(enter, near), np.minimum(leave, far)
     return np.where((enter <= leave) & (leave >= 0.0), np.maximum(enter, 0.0), np.inf)
 
 
-def _inside(start: np.ndarray, direction: np.ndarray, radius: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
-    """Between which t |start + t direction| <= radius: a slab, disc or ball, by the number of columns."""
-    a = np.einsum("pi,pi->p", direction, direction)
-    b = np.einsum("pi,pi->p", start, direction)
-    # perpendicular offset from the middle rather than b^2 - ac, which loses its digits far away
-    with np.errstate(divide="ignore", invalid="ignore"):
-        closest = -b / a
-        offset = start + closest[:, None] * direction
-        square = radius**2 - np.einsum("pi,pi->p", offset, offset)
-        half = np.sqrt(square / a)
-    within = np.einsum("pi,pi->p", start, start) <= radius**2
+Span = Tuple[np.ndarray, np.ndarray]  # (P,) between which t a ray is inside [m]; nan or reversed: nowhere
+
+
+def _slabs(starts: np.ndarray, directions: np.ndarray, halves: np.ndarray) -> Span:
+    """Between which t |start + t direction| <= half on every axis (A, P)."""
+    inverse = 1.0 / directions
+    middle, half = -starts * inverse, np.abs(halves * inverse)
+    near, far = middle - half, middle + half
+    parallel = np.abs(directions) < 1e-9
+    if parallel.any():
+        outside = np.where(np.abs(starts) <= halves, -np.inf, np.inf)
+        near, far = np.where(parallel, outside, near), np.where(parallel, -outside, far)
+    return near.max(axis=0), far.min(axis=0)
+
+
+def _disc(start: Iterable[np.ndarray], direction: Iterable[np.ndarray], square: np.ndarray) -> Span:
+    """Between which t (start + t direction)^2 <= square, in a plane."""
+    (x, y), (dx, dy) = start, direction
+    a = dx * dx + dy * dy
+    aside = x * dy - y * dx  # this and not b^2 - ac, which loses its digits far away
+    closest, half = -(x * dx + y * dy) / a, np.sqrt((square - aside * aside / a) / a)
+    near, far = closest - half, closest + half
     parallel = a < 1e-18
-    miss = np.where(parallel, ~within, square < 0.0)
-    near = np.where(miss, np.inf, np.where(parallel, -np.inf, closest - half))
-    far = np.where(miss, -np.inf, np.where(parallel, np.inf, closest + half))
+    if parallel.any():
+        outside = np.where(x * x + y * y <= square, -np.inf, np.inf)
+        near, far = np.where(parallel, outside, near), np.where(parallel, -outside, far)
     return near, far

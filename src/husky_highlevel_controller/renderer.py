@@ -50,7 +50,7 @@ class Renderer:
         self.busy = True
 
     def take(self, patience: Optional[float] = 0.0) -> Optional[np.ndarray]:
-        """The depth buffer begun last, (height, width) in 0..1; None if it is not there after `patience` s."""
+        """The depth buffer begun last, (height, width) in 0..1; None if there is none after `patience` s."""
         if not self.busy or not self._pipe.poll(patience):
             return None
         self.busy = False

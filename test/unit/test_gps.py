@@ -25,7 +25,7 @@ def test_the_world_s_origin_is_where_the_husky_s_is():
 
 
 def test_x_is_east_and_y_is_north():
-    """One degree is 111.2 km north at 49.9 degrees, and 71.8 km east (published length of a degree, WGS 84)."""
+    """One degree is 111.2 km north at 49.9 degrees, and 71.8 km east (published)."""
     east, north = locate(position=(1000.0, 0.0, 0.0)), locate(position=(0.0, 1000.0, 0.0))
     assert (east.latitude, north.longitude) == (49.9, 8.9)
     assert east.longitude - 8.9 == pytest.approx(1000.0 / 71.8e3, rel=2e-3)

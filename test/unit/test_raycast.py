@@ -11,6 +11,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from husky_highlevel_controller import raycast
 from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Pose, Shape, Sphere
 from husky_highlevel_controller.geometry import (
     compose,
@@ -367,3 +368,60 @@ def test_a_shape_that_moved_is_seen_where_it_is_now():
     scene = make_scene([(Sphere(0.5), at(5.0)), floor, (Box((1.0, 4.0, 1.0)), at(0.0, 5.0))])
     scene.move(1, at(3.0, yaw=pi / 2.0))  # the box, second of the solid shapes
     assert cast_rays(scene, Pose(), np.array([0.0, pi / 2.0]), REACH) == pytest.approx([1.0, inf])
+
+
+# ---------------------------------------------------------------------------- what is left out
+
+
+def some_field(seed: int, count: int) -> Placed:
+    """Objects that stand or lie about on a square of 100 m, on a floor."""
+    rng = np.random.default_rng(seed)
+    field: Placed = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0))]
+    for number in range(count):
+        a, b, c = rng.uniform(0.1, 1.5, 3)
+        shape = [Box((a, b, c)), Cylinder(a / 2.0, b), Sphere(a / 2.0)][number % 3]
+        x, y = rng.uniform(-50.0, 50.0, 2)
+        turned = rng.uniform(-pi, pi, 3) if rng.random() < 0.3 else (0.0, 0.0, rng.uniform(-pi, pi))
+        field.append((shape, at(x, y, rng.uniform(0.0, 0.8), *turned)))
+    return field
+
+
+FIELD = some_field(seed=4, count=1000)
+SICK = np.linspace(-2.35619, 2.35619, 720)
+
+
+def every_pair(centers, _bounds, bearings, _reach):
+    """Every beam may meet every shape."""
+    shapes = np.arange(len(centers))
+    return shapes, np.zeros_like(shapes), np.full_like(shapes, len(bearings))
+
+
+def test_what_is_left_out_among_a_thousand_objects_would_not_have_been_seen(monkeypatch):
+    @settings(LAW, max_examples=20)
+    @given(
+        st.builds(
+            Pose,
+            st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(0.2, 0.8)),
+            st.builds(quat_from_rpy, st.one_of(tilts, st.just(pi)), tilts, angles),
+        ),
+        st.sampled_from([SICK[::6], ALL_ROUND]),
+    )
+    def hold(laser, bearings):
+        got = cast(FIELD, laser, bearings, 30.0)
+        with monkeypatch.context() as patch:
+            patch.setattr(raycast, "_candidates", every_pair)
+            assert_same_ranges(got, cast(FIELD, laser, bearings, 30.0))
+
+    hold()
+
+
+def test_a_field_of_a_thousand_objects_is_full_of_things_to_see():
+    seen = np.isfinite(cast(FIELD, at(0.0, z=0.4), SICK, 30.0))
+    assert 100 < seen.sum() < 700
+
+
+def test_a_floor_is_met_as_far_as_the_reach_by_a_laser_that_hardly_looks_down():
+    floor = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0))]
+    for distance, seen in ((0.999 * REACH, 0.999 * REACH), (1.001 * REACH, inf)):
+        laser = at(0.0, z=0.5, pitch=float(np.arcsin(0.5 / distance)))
+        assert cast(floor, laser, [0.0]) == pytest.approx([seen])

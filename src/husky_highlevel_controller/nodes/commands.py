@@ -30,9 +30,11 @@ class Commands:
         self._mux = CommandMux()
         self._passed = rospy.Publisher(DIRECT, Twist, queue_size=QUEUE)
         subscribers = {
-            topic: rospy.Subscriber(topic, Twist, partial(self._on_twist, topic), queue_size=10, tcp_nodelay=True)
+            topic: rospy.Subscriber(
+                topic, Twist, partial(self._on_twist, topic), queue_size=10, tcp_nodelay=True
+            )
             for topic in (*INPUTS, DIRECT)
-        }  # fmt: skip
+        }
         self.main: rospy.Subscriber = subscribers[MAIN]
         rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=10)
 

@@ -12,6 +12,7 @@ import rosgraph.names
 import rospy
 import tf2_ros
 from geometry_msgs.msg import TransformStamped, Twist
+from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
@@ -32,7 +33,7 @@ REPORT_PERIOD = 5.0  # [s] between two complaints about the same
 PATIENCE = 50  # scans that may have to do without a transform before that is worth a word
 START_PATIENCE = 4.0  # [s] of wall time that the first scan waits for TF
 TF_PATIENCE = 2.0  # [s] of wall time that the transform of a scan's moment may be late
-TF_GLANCE = 0.001  # [s] of wall time between two looks for it
+TF_GLANCE = 0.0001  # [s] of wall time between two looks for it
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ class ControllerNode:
         rospy.Service(service, SetBool, self._on_start_stop)
         rospy.Subscriber(
             topic.scan_topic_name,
-            LaserScan,
+            numpy_msg(LaserScan),
             self._on_scan,
             queue_size=topic.scan_topic_queue_size,
             tcp_nodelay=True,

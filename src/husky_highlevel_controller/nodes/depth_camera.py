@@ -20,7 +20,7 @@ QUEUE = 2  # images are large
 
 
 class DepthCamera:
-    """Starts an image when one is due, and publishes it when it is drawn; one that comes too late is left out."""
+    """Starts an image when one is due, publishes it when it is drawn; one that comes too late is left out."""
 
     def __init__(self, config: CameraConfig, pose_in_base: Pose, steps: int, wait: bool) -> None:
         """A camera that is due every `steps` steps; with `wait` the simulation waits for each image."""

@@ -10,6 +10,7 @@ from typing import Any, Callable, Protocol
 import rospy
 
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.nodes.prompt import send_promptly
 
 
 def publish(publisher: rospy.Publisher, message: Any) -> None:
@@ -38,6 +39,7 @@ def run_node(name: str, make: Callable[[], Runnable]) -> None:
     debug = "--debug" in rospy.myargv()
     if debug:
         faulthandler.enable()
+    send_promptly()
     rospy.init_node(name, log_level=rospy.DEBUG if debug else rospy.INFO)
     try:
         make().run()

@@ -1,0 +1,89 @@
+"""How fast the package is, beside what one could compare it with: `./dev bench`.
+
+Every figure is measured by turns with its yardstick, so that what else the machine does falls on both; the
+ratios are what to look at.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+import time
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Dict, List
+
+from figures import FIGURES
+from rows import SHORT, Effort, Row
+
+
+def machine() -> Dict[str, object]:
+    """What the figures were measured on."""
+    models = [
+        line.split(": ")[1] for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line
+    ]
+    memory = Path("/proc/meminfo").read_text().split()[1]
+    return {
+        "cpu": models[0] if models else platform.machine(),
+        "cores": os.cpu_count(),
+        "memory_gb": round(int(memory) * 1024 / 1e9, 1),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "numpy": version("numpy"),
+        "pybullet": version("pybullet"),
+        "load": os.getloadavg()[0],
+    }
+
+
+def table(rows: List[Row]) -> str:
+    """The rows as Markdown, which reads well on a terminal too."""
+    cells = [("figure", "ours", "yardstick", "ratio", "reach", "")]
+    cells += [
+        (
+            row.what,
+            f"{row.ours:.3g} {row.unit}",
+            f"{row.yardstick:.3g} ({row.against})",
+            f"{row.ratio:.2f}",
+            row.reach,
+            "" if row.met is None else "yes" if row.met else "NO",
+        )
+        for row in rows
+    ]
+    widths = [max(map(len, column)) for column in zip(*cells)]
+    lines = ["| " + " | ".join(map(str.ljust, line, widths)) + " |" for line in cells]
+    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure, print, write."""
+    parser = argparse.ArgumentParser(prog="./dev bench", description=__doc__)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write every run's figures there")
+    parser.add_argument("--only", action="append", choices=list(FIGURES), metavar="NAME",
+                        help=f"of {', '.join(FIGURES)}; may be given again")  # fmt: skip
+    parser.add_argument("--short", action="store_true", help="only see that it works; the times mean nothing")
+    parser.add_argument("--repeats", type=int, help=f"runs of each figure (default: {Effort().repeats})")
+    wanted = parser.parse_args()
+    effort = SHORT if wanted.short else Effort()
+    if wanted.repeats:
+        effort = Effort(**{**asdict(effort), "repeats": wanted.repeats})
+    found, host, rows = {}, machine(), []
+    for name in wanted.only or FIGURES:
+        begin = time.monotonic()
+        found[name] = FIGURES[name](effort)
+        rows += found[name]
+        print(f"{name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
+    print(", ".join(f"{key} {value}" for key, value in host.items()) + "\n")
+    print(table(rows))
+    if wanted.json:
+        figures = {name: [asdict(row) for row in each] for name, each in found.items()}
+        document = {"machine": host, "effort": asdict(effort), "figures": figures}
+        wanted.json.write_text(json.dumps(document, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""The figures of whole runs: each measures this package and its yardstick by turns, and compares them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Callable, Dict, Iterator, List, Tuple
+
+import numpy as np
+from growth import growth
+from network import HERE, Network, cpu_seconds, peak_megabytes
+from rows import Effort, Row, compare, reaching
+from yardsticks import bare_loop
+
+from husky_highlevel_controller.rollout import rollout
+from husky_highlevel_controller.scenarios import course_scenario
+
+WARM_UP = 1.0  # [s] of simulated time that does not count
+READY = (
+    "<launch><node pkg='rostopic' type='rostopic' name='ready' "
+    "args='pub -r 50 /front/scan sensor_msgs/LaserScan {}'/></launch>"
+)
+CONTROLLER = """<launch>
+  <node pkg="husky_highlevel_controller" type="husky_controller" name="controller">
+    <rosparam command="load" file="$(find husky_highlevel_controller)/config/controller.yaml"/>
+    <param name="scan_topic_name" value="/front/scan"/>
+    <param name="scan_topic_queue_size" value="1"/>
+  </node>
+</launch>"""
+
+
+@contextmanager
+def network() -> Iterator[Network]:
+    """A ROS network whose processes and files are gone afterwards."""
+    with tempfile.TemporaryDirectory() as folder, Network(Path(folder)) as made:
+        yield made
+
+
+# ---------------------------------------------------------------------------- whole runs
+
+
+def _stack(effort: Effort, lockstep: bool) -> Dict[str, Any]:
+    with network() as ros:
+        probe = ros.probe("scans", str(WARM_UP), str(WARM_UP + effort.simulated))
+        ros.launch("controller.launch", "real_time_factor:=0", f"lockstep:={lockstep}".lower())
+        return ros.read(probe)
+
+
+def _against_bare(what: str, effort: Effort, lockstep: bool, least: float) -> List[Row]:
+    runs, complete = [], True
+    for _ in range(effort.repeats):
+        bare = bare_loop(effort.simulated)["factor"]
+        found = _stack(effort, lockstep)
+        complete = complete and found["every"]
+        runs.append((found["factor"], bare))
+    row = compare(what, "x real time", runs, "bare loop")
+    every = "every scan delivered" if complete else "SCANS LOST"
+    return [reaching(row, f">= {least} bare, {every}", row.ratio if complete else 0.0, least=least)]
+
+
+def fast(effort: Effort) -> List[Row]:
+    """The headless ROS stack as fast as it goes."""
+    return _against_bare("ROS stack, as fast as it goes", effort, False, 1.5)
+
+
+def lockstep(effort: Effort) -> List[Row]:
+    """The same, every scan answered before time goes on."""
+    return _against_bare("ROS stack, lockstep", effort, True, 1.1)
+
+
+def without_ros(effort: Effort) -> List[Row]:
+    """The rollout, by CPU time: on one core."""
+    runs, tuned = [], []
+    rollout(course_scenario(), seconds=WARM_UP)
+    for _ in range(effort.repeats):
+        begin = time.process_time()
+        trace = rollout(course_scenario(), seconds=effort.simulated)
+        factor = float(trace.times[-1]) / (time.process_time() - begin)
+        runs.append((factor, 1.0 / bare_loop(effort.simulated)["cpu"]))
+        tuned.append((factor, 1.0 / bare_loop(effort.simulated, tuned=True)["cpu"]))
+    row = compare("rollout, one core", "x real time", runs, "bare loop")
+    other = compare("rollout, one core", "x real time", tuned, "bare loop, tuned by hand")
+    return [reaching(row, ">= 3 bare", row.ratio, least=3.0), other]
+
+
+def real_time(effort: Effort) -> List[Row]:
+    """What the simulator and the controller take of the CPU at real time; and the simulator's memory."""
+    runs: Dict[str, List[Tuple[float, float]]] = {"both": [], "simulator": [], "controller": [], "memory": []}
+    for _ in range(effort.repeats):
+        bare = _bare_process(effort.real)
+        with network() as ros:
+            warm = ros.probe("scans", str(WARM_UP), str(2 * WARM_UP))
+            ros.launch("controller.launch", "real_time_factor:=1")
+            ros.read(warm)
+            pids = {"simulator": ros.pid("husky_simulator"), "controller": ros.pid("husky_controller")}
+            before, begin = {name: cpu_seconds(pid) for name, pid in pids.items()}, time.monotonic()
+            time.sleep(effort.real)
+            share = {name: cpu_seconds(pid) - before[name] for name, pid in pids.items()}
+            took = time.monotonic() - begin
+            for name, used in {**share, "both": sum(share.values())}.items():
+                runs[name].append((used / took, bare["cpu"]))
+            runs["memory"].append((peak_megabytes(pids["simulator"]), bare["memory"]))
+    both, memory = runs.pop("both"), runs.pop("memory")
+    row = compare("real time: simulator + controller", "CPU s per s", both, "bare loop")
+    rows = [reaching(row, "<= 0.10", row.ours, most=0.10)]
+    rows += [compare(f"real time: {name}", "CPU s per s", found, "bare loop") for name, found in runs.items()]
+    row = compare("simulator's peak memory", "MB", memory, "bare loop")
+    return [*rows, reaching(row, "<= 130", row.ours, most=130.0)]
+
+
+def _bare_process(seconds: float) -> Dict[str, float]:
+    with tempfile.TemporaryDirectory() as folder:
+        result = Path(folder) / "bare.json"
+        subprocess.run([sys.executable, str(HERE / "yardsticks.py"), str(result), str(seconds)], check=True,
+                       stdout=subprocess.DEVNULL)  # fmt: skip
+        found: Dict[str, float] = json.loads(result.read_text())
+        return found
+
+
+def start(effort: Effort) -> List[Row]:
+    """From roslaunch to the first scan, where a master runs; the first run warms the file cache."""
+
+    def first(launch: Callable[[Network], None]) -> float:
+        with network() as ros:
+            probe = ros.probe("first")
+            ros.wait(["rostopic", "info", "/front/scan"])  # the probe has joined
+            begin = time.monotonic()
+            launch(ros)
+            return float(ros.read(probe)["first"]) - begin
+
+    def ours(ros: Network) -> None:
+        ros.launch("controller.launch", "real_time_factor:=1")
+
+    def empty(ros: Network) -> None:
+        ros.launch_text(READY)
+
+    runs = [(first(ours), first(empty)) for _ in range(effort.repeats + 1)][1:]
+    row = compare("launch to first scan", "s", runs, "roslaunch of one rostopic pub")
+    return [reaching(row, "<= 1.5", row.ours, most=1.5)]
+
+
+def latency(effort: Effort) -> List[Row]:
+    """From a scan to its command, against a node that answers with an empty one."""
+
+    def answered(join: Callable[[Network], None]) -> List[float]:
+        with network() as ros:
+            probe = ros.probe("latency", str(effort.scans))
+            join(ros)
+            found: List[float] = ros.read(probe)["latencies"]
+            return found
+
+    def controller(ros: Network) -> None:
+        ros.launch_text(CONTROLLER)
+
+    def empty(ros: Network) -> None:
+        ros.probe("answer")
+
+    times = [(answered(controller), answered(empty)) for _ in range(effort.repeats)]
+    rows = []
+    for share in (50, 99):
+        runs = [tuple(1e3 * float(np.percentile(each, share)) for each in pair) for pair in times]
+        row = compare(f"scan to cmd_vel, p{share}", "ms", [(a, b) for a, b in runs], "empty Twist")
+        rows.append(reaching(row, "<= 1.5 empty", row.ratio, most=1.5))
+    return rows
+
+
+FIGURES: Dict[str, Callable[[Effort], List[Row]]] = {
+    "fast": fast,
+    "lockstep": lockstep,
+    "rollout": without_ros,
+    "real_time": real_time,
+    "start": start,
+    "latency": latency,
+    "growth": growth,
+}

@@ -1,0 +1,81 @@
+"""How the cost of a scan grows, with beams and with objects."""
+
+from __future__ import annotations
+
+import time
+from statistics import median
+from typing import Callable, Dict, List, Tuple
+
+import numpy as np
+from rows import Effort, Row, compare, reaching
+from yardsticks import BulletRays
+
+from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, Shape, Sphere
+from husky_highlevel_controller.geometry import quat_from_rpy
+from husky_highlevel_controller.lidar import LidarConfig, bearings, sweep
+from husky_highlevel_controller.raycast import cast_rays, make_scene
+
+
+def growth(effort: Effort) -> List[Row]:
+    """What a scan costs, by beams and by objects, against Bullet's rays; a twentieth of the objects move."""
+    rows = []
+    cases = [("mixed", 100, beams) for beams in (180, 720, 2880, 10000)]
+    cases += [(kind, count, 720) for kind in KINDS for count in (1, 10, 100, 1000)]
+    for kind, count, beams in cases:
+        if count > effort.most_objects or beams > effort.most_beams:
+            continue
+        row = _scan_cost(kind, count, beams, effort.repeats)
+        if (count, beams) == (1000, 720):
+            row = reaching(row, "<= 2", row.ours, most=2.0)
+        rows.append(row)
+    return rows
+
+
+KINDS: Dict[str, Tuple[Shape, ...]] = {
+    "boxes": (Box((0.5, 0.8, 1.2)),),
+    "cylinders": (Cylinder(0.3, 1.2),),
+    "mixed": (Box((0.5, 0.8, 1.2)), Cylinder(0.3, 1.2), Sphere(0.6)),
+}
+
+
+def field_of(kind: str, count: int, seed: int = 0) -> List[Tuple[Shape, Pose]]:
+    """Objects that stand about on a square of 100 m, with the robot's place in the middle kept free."""
+    rng = np.random.default_rng(seed)
+    field: List[Tuple[Shape, Pose]] = []
+    while len(field) < count:
+        (x, y), yaw = rng.uniform(-50.0, 50.0, 2).tolist(), float(rng.uniform(-np.pi, np.pi))
+        if np.hypot(x, y) > 2.0:
+            shape = KINDS[kind][len(field) % len(KINDS[kind])]
+            field.append((shape, Pose((x, y, 0.6), quat_from_rpy(0.0, 0.0, yaw))))
+    return field
+
+
+def _scan_cost(kind: str, count: int, beams: int, repeats: int) -> Row:
+    field, lidar, rng = field_of(kind, count), LidarConfig(beams=beams), np.random.default_rng(1)
+    scene, bullet, angles = make_scene(field), BulletRays(field), bearings(lidar)
+    pose = Pose((0.0, 0.0, 0.44), quat_from_rpy(np.pi, 0.0, 0.0))
+
+    def ours() -> None:
+        for index in range(0, count, 20):
+            scene.move(index, field[index][1])
+        sweep(lambda *rays: cast_rays(scene, *rays), pose, lidar, rng, 0.0, "laser")
+
+    def theirs() -> None:
+        bullet.scan(pose, angles, lidar.range_max)
+
+    runs = [(_milliseconds(ours), _milliseconds(theirs)) for _ in range(repeats)]
+    bullet.close()
+    what = f"scan of {beams} beams, {count} {kind}"
+    return compare(what, "ms", runs, "rayTestBatch")
+
+
+def _milliseconds(call: Callable[[], None]) -> float:
+    """The median of some calls, after one that warms up."""
+    call()
+    times = []
+    end = time.perf_counter() + 0.05
+    while len(times) < 5 or time.perf_counter() < end:
+        begin = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - begin)
+    return 1e3 * median(times)

@@ -1,0 +1,151 @@
+"""Nodes of the benchmark, each a process of its own: `probe.py RESULT.json first|scans|latency|answer ...`.
+
+first            say when the first scan was received, by the machine's monotonic clock
+scans FROM TO    receive every scan and say how fast simulated time passed from one stamp to the other [s]
+latency SCANS    send recorded scans at 50 Hz and time the commands that answer them
+answer           answer every scan with an empty command: the least that a controller can do
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import struct
+import time
+from pathlib import Path
+from threading import Event
+from typing import Any, Dict, List, Tuple
+
+import rospy
+from geometry_msgs.msg import Twist
+from sensor_msgs.msg import LaserScan
+from tf2_msgs.msg import TFMessage
+
+from husky_highlevel_controller import messages
+from husky_highlevel_controller.datatypes import Snapshot, Twist2D
+from husky_highlevel_controller.geometry import pose_from_2d
+from husky_highlevel_controller.rollout import husky
+from husky_highlevel_controller.scenarios import course_scenario
+from husky_highlevel_controller.simulation import Simulation, SimulatorConfig
+
+PERIOD = 0.02  # [s] between two scans
+PATIENCE = 1.0  # [s] of wall time for the answer to one scan
+Arrival = Tuple[float, float]  # stamp of a scan, and when it was received [s]
+
+
+def first() -> Dict[str, Any]:
+    """Receive one scan."""
+    rospy.wait_for_message("/front/scan", rospy.AnyMsg)
+    return {"first": time.monotonic()}
+
+
+def scans(start: float, end: float) -> Dict[str, Any]:
+    """Receive scans until the stamp `end`; unread but for their stamps, to take little from the others."""
+    arrivals: List[Arrival] = []
+    done = Event()
+
+    def receive(msg: rospy.AnyMsg) -> None:
+        now = time.monotonic()
+        _, seconds, nanoseconds = struct.unpack_from("<III", msg._buff)
+        arrivals.append((seconds + nanoseconds * 1e-9, now))
+        if arrivals[-1][0] >= end:
+            done.set()
+
+    # rospy keeps what it has not read yet when the queue is not limited
+    rospy.Subscriber("/front/scan", rospy.AnyMsg, receive, tcp_nodelay=True)
+    done.wait()
+    within = [(stamp, wall) for stamp, wall in arrivals if start - PERIOD / 2 <= stamp <= end + PERIOD / 2]
+    stamps = [stamp for stamp, _ in within]
+    gaps = [after - before for before, after in zip(stamps, stamps[1:])]
+    span, took = stamps[-1] - stamps[0], within[-1][1] - within[0][1]
+    return {
+        "factor": span / took,
+        "scans": len(within),
+        "every": all(abs(gap - PERIOD) < 1e-6 for gap in gaps) and abs(stamps[0] - start) < 1e-6,
+    }
+
+
+def latency(count: int) -> Dict[str, Any]:
+    """Send one recorded scan after another, and TF before each; how long each took to be answered [s]."""
+    snapshots = recorded(count)
+    answered = Event()
+    answers: List[float] = []
+
+    def receive(_: Twist) -> None:
+        answers.append(time.monotonic())
+        answered.set()
+
+    rospy.Subscriber("/cmd_vel", Twist, receive, tcp_nodelay=True)
+    fixed = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
+    tree = rospy.Publisher("/tf", TFMessage, queue_size=10)
+    scan = rospy.Publisher("/front/scan", LaserScan, queue_size=10)
+    robot = husky()
+    fixed.publish(
+        messages.tree_to_msg(robot.fixed_poses[robot.laser_frame], 0.0, "base_link", robot.laser_frame)
+    )
+    while not scan.get_num_connections() and not rospy.is_shutdown():
+        time.sleep(PERIOD)
+    times: List[float] = []
+    for snapshot in snapshots:
+        begin = time.monotonic()
+        base_in_odom = pose_from_2d(snapshot.odometry.pose_base_in_odom)
+        tree.publish(messages.tree_to_msg(base_in_odom, snapshot.stamp, "odom", "base_link"))
+        assert snapshot.scan is not None
+        msg = messages.scan_to_msg(snapshot.scan)
+        answered.clear()
+        sent = time.monotonic()
+        scan.publish(msg)
+        if answered.wait(PATIENCE):
+            times.append(answers[-1] - sent)
+        time.sleep(max(begin + PERIOD - time.monotonic(), 0.0))
+    return {"latencies": times[len(times) // 10 :], "missing": count - len(times)}  # the first ones warm up
+
+
+def recorded(count: int) -> List[Snapshot]:
+    """What the robot sees on its way to the course's pillar, scan by scan."""
+    course = course_scenario()
+    simulation = Simulation(course.world, husky(), SimulatorConfig(), course.start, course.seed)
+    found: List[Snapshot] = []
+    while len(found) < count:
+        simulation.command(Twist2D(1.0, 0.0))
+        snapshot = simulation.step()
+        if snapshot.scan is not None:
+            found.append(snapshot)
+    simulation.close()
+    return found
+
+
+def answer() -> None:
+    """The yardstick of the controller's latency."""
+    velocity = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
+    rospy.Subscriber(
+        "/front/scan", LaserScan, lambda _: velocity.publish(Twist()), queue_size=1, tcp_nodelay=True
+    )
+    rospy.spin()
+
+
+def main() -> None:
+    """Run one of the nodes."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("result", type=Path)
+    parser.add_argument("node", choices=["first", "scans", "latency", "answer"])
+    parser.add_argument("numbers", type=float, nargs="*")
+    wanted = parser.parse_args()
+    rospy.init_node(f"bench_{wanted.node}", anonymous=True, disable_rosout=True)
+    if wanted.node == "answer":
+        answer()
+        return
+    if wanted.node == "first":
+        figures = first()
+    elif wanted.node == "scans":
+        figures = scans(*wanted.numbers)
+    else:
+        figures = latency(int(wanted.numbers[0]))
+    partial = wanted.result.with_suffix(".part")
+    partial.write_text(json.dumps(figures))
+    os.replace(partial, wanted.result)  # whoever waits for it never reads half of it
+
+
+if __name__ == "__main__":
+    main()

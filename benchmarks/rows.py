@@ -1,0 +1,51 @@
+"""What the benchmark tells: one figure beside its yardstick, and whether it is what was hoped for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from statistics import median
+from typing import List, Optional, Sequence, Tuple
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How long to measure."""
+
+    repeats: int = 5
+    simulated: float = 20.0  # [s], of the fast runs
+    real: float = 10.0  # [s], of the run at real time
+    scans: int = 250  # that the controller is to answer, each time
+    most_objects: int = 1000
+    most_beams: int = 10000
+
+
+SHORT = Effort(repeats=1, simulated=2.0, real=2.0, scans=50, most_objects=10, most_beams=720)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure beside its yardstick; medians."""
+
+    what: str
+    unit: str
+    ours: float
+    yardstick: float
+    against: str  # what the yardstick is
+    ratio: float  # the median of the runs' own ratios, ours to the yardstick
+    reach: str = ""  # what was hoped for
+    met: Optional[bool] = None  # whether it was reached
+    runs: List[Tuple[float, float]] = field(default_factory=list)  # (ours, yardstick), in the order measured
+
+
+def compare(what: str, unit: str, runs: Sequence[Tuple[float, float]], against: str) -> Row:
+    """A row of what was measured by turns: (ours, yardstick) of each run."""
+    ours, yardsticks = zip(*runs)
+    ratio = median(a / b for a, b in runs)
+    return Row(what, unit, median(ours), median(yardsticks), against, ratio, runs=list(runs))
+
+
+def reaching(row: Row, text: str, value: float, least: float = -np.inf, most: float = np.inf) -> Row:
+    """The row, and whether `value` is what was hoped for."""
+    return Row(**{**row.__dict__, "reach": text, "met": bool(least <= value <= most)})
