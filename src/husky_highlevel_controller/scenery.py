@@ -45,7 +45,8 @@ class Scenery:
                     raise PlacementError(f"there is a thing named '{thing.name}' already")
                 self._put(thing)
                 added.append(thing.name)
-                self._engine.check_room(thing.name)
+                if thing.collisions:
+                    self._engine.check_room(thing.name)
         except PlacementError:
             for name in added:
                 self._drop(name)
@@ -73,8 +74,8 @@ class Scenery:
             self._drop(member)
 
     def _drop(self, name: str) -> None:
-        self._engine.remove_thing(name)
-        del self._things[name]
+        if self._things.pop(name).collisions:
+            self._engine.remove_thing(name)
         self._stale = True
 
     def move(self, name: str, pose_in_world: Pose) -> None:
@@ -84,6 +85,8 @@ class Scenery:
             PlacementError: there is none of that name, or something stands there; then it stays where it is.
         """
         before = self.pose_of(name)
+        if not self._things[name].collisions:
+            raise PlacementError(f"'{name}' is only drawn, and stays where it is")
         self._engine.move_thing(name, pose_in_world)
         self._stale = True
         try:
@@ -95,14 +98,15 @@ class Scenery:
     def put_back(self) -> None:
         """Put every thing back to where it was put first."""
         for thing in self._things.values():
-            if thing.mass > 0.0:
+            if thing.mass > 0.0 and thing.collisions:
                 self._engine.move_thing(thing.name, thing.pose_in_world)
 
     def pose_of(self, name: str) -> Pose:
         """Where a thing is now, in the world; PlacementError if there is none of that name."""
         if name not in self._things:
             raise self._unknown(name)
-        return self._engine.pose_of(name)
+        thing = self._things[name]
+        return self._engine.pose_of(name) if thing.collisions else thing.pose_in_world
 
     def _unknown(self, name: str) -> PlacementError:
         return PlacementError(f"no thing named '{name}'; there are: {', '.join(sorted(self._things))}")

@@ -1,5 +1,6 @@
 """The world changes under way: objects come, go and are moved, and so is the robot."""
 
+from dataclasses import replace
 from math import hypot, inf
 
 import numpy as np
@@ -203,3 +204,15 @@ def test_a_thousand_things_come_and_go_and_leave_no_body_behind(simulate):
         simulation.delete(f"t{i}")
     assert set(simulation.things) == {"ground"}
     assert ahead(simulation) == inf
+
+
+def test_what_is_only_drawn_is_listed_and_deleted_but_does_not_move(simulate):
+    lines = replace(thing("lines", Box((1.0, 0.1, 0.1)), x=2.0), collisions=())
+    simulation = simulate(lines)
+    assert simulation.pose_of("lines") == lines.pose_in_world
+    with pytest.raises(PlacementError, match="'lines' is only drawn"):
+        simulation.move("lines", Pose((5.0, 0.0, 0.5), UPRIGHT))
+    simulation.put_back()
+    simulation.delete("lines")
+    simulation.spawn([lines])
+    assert set(simulation.things) == {"ground", "lines"}

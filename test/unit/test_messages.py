@@ -14,7 +14,7 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from husky_highlevel_controller import messages
+from husky_highlevel_controller import drawing, messages
 from husky_highlevel_controller.datatypes import (
     Odometry,
     Pose,
@@ -179,7 +179,7 @@ def test_joint_states_keep_each_wheel_s_numbers_with_its_name():
 
 def test_a_pillar_s_marker_is_an_upright_cylinder_as_wide_as_the_pillar():
     color = ColorRGBA(0.1, 0.2, 0.3, 1.0)
-    msg = over_the_wire(messages.pillar_to_marker(Point(1.0, 2.0, 0.4), 0.2, 2.5, "odom", "pillar", color))
+    msg = over_the_wire(drawing.pillar_to_marker(Point(1.0, 2.0, 0.4), 0.2, 2.5, "odom", "pillar", color))
     assert (msg.action, msg.type) == (Marker.ADD, Marker.CYLINDER)
     assert (msg.header.frame_id, msg.header.stamp.to_sec(), msg.ns) == ("odom", 2.5, "pillar")
     assert xyz(msg.pose.position) == (1.0, 2.0, 0.4)
@@ -192,20 +192,20 @@ def test_a_pillar_s_marker_is_an_upright_cylinder_as_wide_as_the_pillar():
 
 
 def test_taking_a_marker_away_names_the_same_marker():
-    shown = messages.pillar_to_marker(Point(), 0.2, 2.5, "odom", "pillar", ColorRGBA())
-    gone = over_the_wire(messages.no_marker(2.6, "odom", "pillar"))
+    shown = drawing.pillar_to_marker(Point(), 0.2, 2.5, "odom", "pillar", ColorRGBA())
+    gone = over_the_wire(drawing.no_marker(2.6, "odom", "pillar"))
     assert gone.action == Marker.DELETE
     assert (gone.ns, gone.id) == (shown.ns, shown.id)
 
 
 # what RViz needs of each kind: visualization_msgs 1.13, display types of rviz 1.14
 EACH_KIND = {
-    Marker.CYLINDER: messages.disc_to_marker(Point(1.0, 2.0, 0.0), 0.3, 2.5, "odom", "it", ColorRGBA()),
-    Marker.SPHERE: messages.ball_to_marker(Point(1.0, 2.0, 0.0), 0.3, 2.5, "odom", "it", ColorRGBA()),
-    Marker.LINE_STRIP: messages.line_to_marker(
+    Marker.CYLINDER: drawing.disc_to_marker(Point(1.0, 2.0, 0.0), 0.3, 2.5, "odom", "it", ColorRGBA()),
+    Marker.SPHERE: drawing.ball_to_marker(Point(1.0, 2.0, 0.0), 0.3, 2.5, "odom", "it", ColorRGBA()),
+    Marker.LINE_STRIP: drawing.line_to_marker(
         [Point(1.0, 2.0, 0.0), Point(3.0, 4.0, 0.0)], 0.05, 2.5, "odom", "it", ColorRGBA()
     ),
-    Marker.TEXT_VIEW_FACING: messages.text_to_marker(
+    Marker.TEXT_VIEW_FACING: drawing.text_to_marker(
         "words", Point(1.0, 2.0, 0.0), 0.25, 2.5, "odom", "it", ColorRGBA()
     ),
 }

@@ -7,7 +7,6 @@ import pytest
 import yaml
 from defusedxml import ElementTree
 
-from husky_highlevel_controller.camera import CameraConfig
 from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.control import ControlConfig
 from husky_highlevel_controller.description import share_folder

@@ -11,7 +11,7 @@ from geometry_msgs.msg import Point, PointStamped, Vector3, Vector3Stamped
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from husky_highlevel_controller import messages
+from husky_highlevel_controller import drawing, messages
 from husky_highlevel_controller.behaviour import Decision, Phase, View
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.geometry import compose, pose_from_2d, transform_point
@@ -83,12 +83,12 @@ class Display:
     def _path_marker(self, stamp: float) -> List[Marker]:
         if len(self._path) < 2:
             return []
-        return [messages.line_to_marker(self._path, 0.04, stamp, ODOM, PATH, COLORS[PATH])]
+        return [drawing.line_to_marker(self._path, 0.04, stamp, ODOM, PATH, COLORS[PATH])]
 
     def _deleting(self, publisher: rospy.Publisher, markers: List[Marker], stamp: float) -> List[Marker]:
         """The markers, and orders to take away those that were shown before and are not among them."""
         now = {marker.ns for marker in markers}
-        gone = [messages.no_marker(stamp, BASE, namespace) for namespace in self._shown[publisher] - now]
+        gone = [drawing.no_marker(stamp, BASE, namespace) for namespace in self._shown[publisher] - now]
         self._shown[publisher] = now
         return markers + gone
 
@@ -112,13 +112,13 @@ def _pillar_markers(view: View, decision: Decision) -> List[Marker]:
     # in the laser's frame a collar in the scan's plane, so that it can be told from the one in odom
     center, color = Point(pillar.x, pillar.y, 0.0), COLORS[IN_LASER]
     markers = [
-        messages.disc_to_marker(center, COLLAR * pillar.radius, stamp, view.scan.frame, IN_LASER, color)
+        drawing.disc_to_marker(center, COLLAR * pillar.radius, stamp, view.scan.frame, IN_LASER, color)
     ]
     if view.base_in_odom is not None and view.laser_in_base is not None:
         laser_in_odom = compose(pose_from_2d(view.base_in_odom), view.laser_in_base)
         center = Point(*transform_point(laser_in_odom, (pillar.x, pillar.y, 0.0)))
         color = COLORS[IN_ODOM]
-        markers.append(messages.pillar_to_marker(center, pillar.radius, stamp, ODOM, IN_ODOM, color))
+        markers.append(drawing.pillar_to_marker(center, pillar.radius, stamp, ODOM, IN_ODOM, color))
     return markers
 
 
@@ -131,14 +131,14 @@ def _thoughts(view: View, decision: Decision, stop_distance: float) -> List[Mark
         estimate = decision.estimate
         spread = estimate.radius + max(2.0 * estimate.deviation, LEAST_SPREAD)
         center = Point(estimate.x, estimate.y, 0.0)
-        markers.append(messages.disc_to_marker(center, spread, stamp, ODOM, ESTIMATE, COLORS[ESTIMATE]))
+        markers.append(drawing.disc_to_marker(center, spread, stamp, ODOM, ESTIMATE, COLORS[ESTIMATE]))
         if decision.target_in_base is not None and view.laser_in_base is not None:
             goal = _stop_point(view, decision, stop_distance + estimate.radius)
-            markers.append(messages.ball_to_marker(goal, 0.08, stamp, BASE, TARGET, COLORS[TARGET]))
+            markers.append(drawing.ball_to_marker(goal, 0.08, stamp, BASE, TARGET, COLORS[TARGET]))
     if decision.target_in_base is not None:
         text += f", {decision.distance_error:.2f} m to go"
     above = Point(0.0, 0.0, TEXT_ABOVE)
-    markers.append(messages.text_to_marker(text, above, 0.25, stamp, BASE, STATE, COLORS[STATE]))
+    markers.append(drawing.text_to_marker(text, above, 0.25, stamp, BASE, STATE, COLORS[STATE]))
     return markers
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import select
 import socket
 import threading
-from typing import Any, Optional
+from typing import Any, List, Optional
 
 import rospy.topics
 from rospy.impl.tcpros_pubsub import QueuedConnection
@@ -18,6 +18,8 @@ from rospy.impl.tcpros_pubsub import QueuedConnection
 
 class PromptConnection(QueuedConnection):
     """rospy's queue, which is passed by as long as there is nothing in it and the socket has room."""
+
+    _queue: List[bytes]
 
     def __init__(self, connection: Any, queue_size: int) -> None:
         self._turn = threading.Lock()  # of writing to the socket

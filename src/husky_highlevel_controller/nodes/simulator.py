@@ -23,6 +23,7 @@ from husky_highlevel_controller.nodes.lockstep import Lockstep
 from husky_highlevel_controller.nodes.outputs import Outputs
 from husky_highlevel_controller.nodes.requests import Requests
 from husky_highlevel_controller.nodes.starting import run_node
+from husky_highlevel_controller.nodes.world_display import WorldDisplay
 from husky_highlevel_controller.nodes.world_services import WorldServices, ask
 from husky_highlevel_controller.pacing import Pacer
 from husky_highlevel_controller.robot import RobotModel, robot_model
@@ -108,6 +109,7 @@ class SimulatorNode:
                 stamp = self._simulation.stamp
                 outputs.publish_clock(stamp)  # whoever joins now still learns the time
                 self._pacer.restart(stamp, time.monotonic())
+                self._display.refresh()
             else:
                 self._advance()
                 self._keep_pace()
@@ -124,6 +126,7 @@ class SimulatorNode:
                 rospy.logwarn_throttle(1.0, f"{rospy.resolve_name('cmd_vel')}: {error}")
         snapshot = self._simulation.step()
         self._outputs.publish(snapshot)
+        self._display.update(snapshot.stamp)
         if self._camera:
             self._camera.update(self._simulation, snapshot)
         if snapshot.scan is not None:
@@ -148,6 +151,7 @@ class SimulatorNode:
 
     def _offer_services(self) -> None:
         self._world_services = WorldServices(self._simulation, self._requests)
+        self._display = WorldDisplay(self._simulation, self._requests)
         for name, gazebo_name, work in (
             ("pause", "pause_physics", self._pause),
             ("resume", "unpause_physics", self._resume),

@@ -1,0 +1,94 @@
+"""A ROS network of its own for whatever runs in it, and the end of all that does.
+
+In: programs to start. Out: processes that talk to one master. Must not know: what the programs are.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Dict, List, Optional, Sequence, Type
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.processes import Process, end_all, wait
+
+START_DEADLINE = 60.0  # [s] of wall time for a program of ours to be up
+
+
+class MarkingError(HuskyError):
+    """Marking itself does not work here; nobody's submission is to blame."""
+
+
+class Network:
+    """A ROS master of its own, in a folder of its own; when it closes, nobody who talks to it is left."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self.processes: List[Process] = []
+        try:
+            self._start_master()
+        except BaseException:
+            self.close()
+            raise
+
+    def _start_master(self) -> None:
+        for _ in range(10):  # another program may take the port before we do
+            with socket.socket() as free:
+                free.bind(("127.0.0.1", 0))
+                self.port = free.getsockname()[1]
+            self.uri = f"http://127.0.0.1:{self.port}"
+            master = self.start("master", ["rosmaster", "--core", "-p", str(self.port)])
+            if wait(partial(_decided, master, self.port), START_DEADLINE) and master.running:
+                return
+        raise MarkingError("rosmaster does not start: " + self.processes[-1].output.strip()[-300:])
+
+    def variables(self) -> Dict[str, str]:
+        """What makes a program talk to this master."""
+        return {
+            "ROS_MASTER_URI": self.uri,
+            "ROS_IP": "127.0.0.1",
+            "ROS_LOG_DIR": str(self.folder / "log"),
+            "ROS_HOME": str(self.folder / "ros_home"),
+            "PYTHONUNBUFFERED": "1",
+            "ROSCONSOLE_STDOUT_LINE_BUFFERED": "1",
+        }
+
+    def start(
+        self, name: str, command: Sequence[str], env: Optional[Dict[str, str]] = None, stranger: bool = False,
+        **more: str,
+    ) -> Process:  # fmt: skip
+        """Start a program; `more` are further variables of its environment."""
+        env = {**(os.environ if env is None else env), **self.variables(), **more}
+        for unwanted in ("DISPLAY", "ROS_HOSTNAME", "ROS_NAMESPACE", "WAYLAND_DISPLAY"):
+            if unwanted not in more:
+                env.pop(unwanted, None)
+        process = Process(command, self.folder / f"{name}.log", env, self.folder, stranger)
+        self.processes.append(process)
+        return process
+
+    def close(self) -> None:
+        """End everything."""
+        left = end_all(self.processes, "ROS_MASTER_URI", self.uri)
+        if left:
+            raise MarkingError(f"processes {left} cannot be ended")
+
+    def __enter__(self) -> Network:
+        return self
+
+    def __exit__(
+        self,
+        kind: Optional[Type[BaseException]],
+        error: Optional[BaseException],
+        traceback: Optional[TracebackType],
+    ) -> None:
+        self.close()
+
+
+def _decided(master: Process, port: int) -> bool:
+    """Whether it has ended, or listens."""
+    with socket.socket() as probe:
+        return not master.running or probe.connect_ex(("127.0.0.1", port)) == 0

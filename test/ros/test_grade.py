@@ -1,0 +1,169 @@
+"""Marking, as a teacher sees it: good and bad controllers get exactly what they deserve, and all end."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from defusedxml import ElementTree
+from test_processes import wait_until
+
+from husky_highlevel_controller.grade import Marking
+from husky_highlevel_controller.marking import Rules, Submission
+from husky_highlevel_controller.processes import with_variable
+
+SUBMISSIONS = Path(__file__).parents[1] / "submissions"
+sys.path.insert(0, str(SUBMISSIONS))
+from packages import make_package  # noqa: E402 - lives beside the submissions
+
+GRADE = ["rosrun", "husky_highlevel_controller", "grade"]
+REFERENCE = ["--launch", "husky_highlevel_controller", "controller.launch"]
+QUICK = ["--trials", "1", "--deadline", "25", "--pace", "8"]
+JOBS = 3
+
+# points of: drives towards it, reaches it, RViz, marker's place, marker in RViz; and words that must be said
+DESERVED = {
+    "complete": ((20, 30, 20, 20, 10), ["odom, stamp 0: right 100 %", "robot model, laser scan to be seen"]),
+    "marks_the_origin": ((20, 30, 20, 0, 0), ["right 0 % of", ", 0.13), the pillar at (20.00, 5.00)"]),
+    "crashes": ((10, 0, 0, 0, 0), ["ends during the drive (exit code 1): ZeroDivisionError", "stops short"]),
+    "hangs": ((10, 0, 0, 0, 0), ["does not answer every scan", "stops short: nearest 14."]),
+    "never_publishes": ((0, 0, 0, 0, 0), ["the robot never moves", "does not answer every scan"]),
+    "floods": ((20, 30, 0, 0, 0), ["it floods cmd_vel: "]),
+    "drives_away": ((0, 0, 0, 0, 0), ["drives away: "]),
+    "spins": ((0, 0, 0, 0, 0), ["turns round "]),
+    "stops_short": ((20, 0, 0, 0, 0), ["stops short: nearest 2."]),
+    "rams": ((20, 20, 0, 0, 0), ["rams the pillar at 1.0"]),
+    "imports_what_is_missing": ((0, 0, 0, 0, 0), ["ModuleNotFoundError: No module named 'no_such_package'"]),
+    "needs_a_missing_package": (
+        (20, 30, 0, 0, 0),
+        ["package 'no_such_package' is missing; the <include> that needs it is left out", "stands "],
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def handed_in(tmp_path_factory):
+    """A folder of packages that run without a build, and the environment that finds them."""
+    folder = tmp_path_factory.mktemp("class")
+    for name in [*DESERVED, "prints_ranges"]:
+        make_package(name, folder)
+    return folder, {**os.environ, "ROS_PACKAGE_PATH": f"{folder}:{os.environ['ROS_PACKAGE_PATH']}"}
+
+
+@pytest.fixture(scope="module")
+def results(handed_in, tmp_path_factory):
+    """Every submission, marked, by two at a time."""
+    folder, env = handed_in
+    out = tmp_path_factory.mktemp("out")
+    marking = Marking(Rules(deadline=25.0, pace=8.0), seed=0, trials=1)
+
+    def mark(name):
+        (launch,) = (folder / name / "launch").iterdir()
+        return marking.mark(Submission(("--launch", name, launch.name), env), name, out / name)
+
+    with ThreadPoolExecutor(JOBS) as pool:
+        return dict(zip(DESERVED, pool.map(mark, DESERVED)))
+
+
+def grade(*arguments, env=None):
+    return subprocess.run(
+        [*GRADE, *map(str, arguments)], env=env, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize("name", DESERVED)
+def test_everybody_gets_what_they_deserve_and_is_told_why(name, results):
+    points, words = DESERVED[name]
+    result = results[name]
+    assert tuple(item.points for item in result.items) == points, result
+    said = "\n".join([*(item.evidence for item in result.items), *result.notes])
+    for each in words:
+        assert each in said
+
+
+def test_nobody_is_left_of_them(results):
+    assert results
+    running = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if path.exists()]
+    assert not [line for line in running if b"hidden_by_hangs" in line or b"marking_recorder" in line]
+
+
+def test_the_reference_gets_100_from_several_starts(tmp_path):
+    done = grade(*REFERENCE, "--trials", "2", "--deadline", "40", "--seed", "7", "--out", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "100/100" in done.stdout
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert (result["points"], result["most"], result["full"]) == (100.0, 100.0, True)
+    (suite,) = ElementTree.parse(tmp_path / "junit.xml").getroot()
+    assert (suite.get("tests"), suite.get("failures")) == ("5", "0")
+    for picture in ("drive.png", "rviz.png"):
+        assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_start_and_stop_service_of_exercise_5(tmp_path):
+    done = grade(*REFERENCE, "--exercise", "5", "--pace", "4", "--out", tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "stands after 2 of 2 calls" in done.stdout
+    assert "drives after 2 of 2 calls" in done.stdout
+
+
+def test_the_printed_ranges_of_exercise_2(handed_in, tmp_path):
+    done = grade(
+        "--node", "prints_ranges", "controller", "--exercise", "2", "--pace", "4", "--out", tmp_path,
+        env=handed_in[1],
+    )  # fmt: skip
+    assert done.returncode == 1, done.stdout + done.stderr
+    points = [item["points"] for item in json.loads((tmp_path / "result.json").read_text())["items"]]
+    assert points == [40.0, None, 15.0, 0.0]
+
+
+def test_a_node_for_an_older_husky(handed_in, tmp_path):
+    make_package("complete", tmp_path / "older")
+    for path in (tmp_path / "older").rglob("*.rviz"):
+        path.unlink()
+    env = {**handed_in[1], "ROS_PACKAGE_PATH": f"{tmp_path / 'older'}:{os.environ['ROS_PACKAGE_PATH']}"}
+    done = grade(
+        "--node", "complete", "controller", "_scan_topic:=/scan", "--husky", "melodic", *QUICK,
+        "--out", tmp_path / "out", env=env,
+    )  # fmt: skip
+    points = [item["points"] for item in json.loads((tmp_path / "out" / "result.json").read_text())["items"]]
+    assert points == [20.0, 30.0, 0.0, 20.0, 0.0], done.stdout
+
+
+def test_a_file_that_is_not_there_is_told(tmp_path):
+    done = grade("--launch", "no_such_package", "a.launch", "--out", tmp_path)
+    assert done.returncode == 1, done.stderr
+    assert "no_such_package" in done.stdout
+
+
+def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
+    for name in ("crashes", "drives_in_cpp", "needs_a_missing_package"):
+        make_package(name, tmp_path / "class")
+    out = tmp_path / "out"
+    command = [*GRADE, "--all", str(tmp_path / "class"), "--jobs", str(JOBS), *QUICK, "--out", str(out)]
+    # the first result, then Ctrl-C
+    first = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    wait_until(lambda: list(out.glob("*/result.json")), "one submission is marked")
+    first.send_signal(signal.SIGINT)
+    printed, _ = first.communicate(timeout=60)
+    assert first.returncode == 2, printed
+    assert "goes on from here" in printed
+    for place in out.glob("*/drive_*/assignment.json"):
+        assert not with_variable("ROS_LOG_DIR", str(place.parent / "log"))
+    done = {path: path.stat().st_mtime_ns for path in out.glob("*/result.json")}
+    assert 1 <= len(done) < 3
+
+    second = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert second.returncode == 1, second.stdout + second.stderr
+    assert {path: path.stat().st_mtime_ns for path in done} == done, "what was marked is not marked again"
+    rows = [line.split(",") for line in (out / "results.csv").read_text().splitlines()]
+    assert [row[0] for row in rows[1:]] == ["crashes", "drives_in_cpp", "needs_a_missing_package"]
+    assert [row[6] for row in rows[1:]] == ["10", "70", "50"]
+    assert (out / "index.html").read_text().count("data:image/png;base64,") == 3
+    assert (
+        "it does not build: package 'no_such_package' is missing"
+        in second.stdout + (out / "results.csv").read_text()
+    )
