@@ -47,6 +47,14 @@ class CameraConfig:
         return (self.width - 1) / 2.0, (self.height - 1) / 2.0
 
 
+@dataclass(frozen=True)
+class CameraSetup:
+    """A camera at work."""
+
+    camera_rate: int = field(default=10, metadata={"min": 1, "max": 50, "help": "depth images a second [Hz]"})
+    camera: CameraConfig = field(default_factory=CameraConfig, metadata={"help": "the depth camera"})
+
+
 def image_of(buffer: np.ndarray, config: CameraConfig, stamp: float, frame: str) -> DepthImage:
     """What an OpenGL depth buffer shows, (height, width) in 0..1; NaN where nothing is near."""
     near, far = config.near, config.far

@@ -59,6 +59,8 @@ def drive(end, pid):
     stamps, sizes = [], []
 
     def answer(scan):
+        if len(sizes) == 2:
+            return  # the node is about to end
         stamps.append(scan.header.stamp)
         if len(stamps) in (500, round(float(end) * 50)):
             sizes.append(memory(pid))

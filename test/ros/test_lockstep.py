@@ -68,3 +68,19 @@ def test_a_controller_that_never_answers_holds_the_clock_only_until_a_deadline(n
     echo = ros.start("rostopic", "echo", "-n", "300", "/clock")
     assert echo.wait() == 0
     wait_until(lambda: launched.output.count("running free") == 1, "it says so once")
+
+
+def test_a_first_answer_that_is_lost_is_asked_for_again(network):
+    ros = network("late")
+    launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
+    deaf_at_first = (
+        "import rospy; from sensor_msgs.msg import LaserScan; from geometry_msgs.msg import Twist;"
+        "rospy.init_node('late'); out = rospy.Publisher('cmd_vel', Twist, queue_size=1); seen = [];"
+        "answer = lambda scan: seen.append(scan) or len(seen) == 1 or out.publish(Twist());"
+        "rospy.Subscriber('front/scan', LaserScan, answer); rospy.spin()"
+    )
+    ros.start(sys.executable, "-c", deaf_at_first)
+    launched.says("simulating")
+    echo = ros.start("rostopic", "echo", "-n", "300", "/clock")
+    assert echo.wait() == 0
+    assert "running free" not in launched.output, launched.output

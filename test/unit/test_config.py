@@ -10,6 +10,7 @@ from typing import get_type_hints
 import pytest
 import yaml
 
+from husky_highlevel_controller.camera import CameraConfig, CameraSetup
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.control import ControlConfig
 from husky_highlevel_controller.datatypes import HuskyError
@@ -170,10 +171,15 @@ def test_a_config_error_is_one_of_this_package_s():
 
 def test_simulator_yaml_holds_the_simulator_s_defaults():
     values = yaml.safe_load((CONFIG_FOLDER / "simulator.yaml").read_text())
-    assert read_config(values, "simulator.yaml: ", SimulatorConfig) == [SimulatorConfig()]
+    assert read_config(values, "simulator.yaml: ", SimulatorConfig, CameraSetup) == [
+        SimulatorConfig(),
+        CameraSetup(),
+    ]
 
 
-@pytest.mark.parametrize("record", [SimulatorConfig, LidarConfig, ControlConfig, PillarConfig])
+@pytest.mark.parametrize(
+    "record", [SimulatorConfig, CameraSetup, CameraConfig, LidarConfig, ControlConfig, PillarConfig]
+)
 def test_every_parameter_says_what_it_is_and_its_default_is_allowed(record):
     hints = get_type_hints(record)
     parameters = [item for item in fields(record) if item.metadata]

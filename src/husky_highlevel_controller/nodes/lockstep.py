@@ -11,6 +11,7 @@ import rospy
 
 PARTNER_DEADLINE = 30.0  # [s] of wall time for a controller to join
 ANSWER_DEADLINE = 5.0  # [s] of wall time for it to answer a scan
+PATIENCE = 1.0  # [s] of wall time for the first answer before the question is put again
 GLANCE = 0.05  # [s] of wall time between two looks at what else is to be done
 
 
@@ -21,11 +22,12 @@ class Lockstep:
     """
 
     def __init__(self, wanted: bool) -> None:
-        self._on = wanted
+        self._on, self._begun = wanted, False
         self._answered = threading.Event()
 
     def answer(self) -> None:
         """Note that a command has arrived; any thread may call this."""
+        self._begun = True
         self._answered.set()
 
     def wait_for_partner(
@@ -60,11 +62,20 @@ class Lockstep:
         """Call before a scan is published: what was answered so far does not count."""
         self._answered.clear()
 
-    def wait_for_answer(self, meanwhile: Callable[[], None]) -> None:
-        """Wait until a command has arrived since `expect_answer`, doing `meanwhile`: requests may be made."""
+    def wait_for_answer(self, meanwhile: Callable[[], None], ask_again: Callable[[], None]) -> None:
+        """Wait until a command has arrived since `expect_answer`, doing `meanwhile`: requests may be made.
+
+        A controller's very first command may be lost, while its publisher learns of us: until one has come,
+        the scan is sent again.
+        """
+        asked = time.monotonic()
 
         def answered() -> bool:
+            nonlocal asked
             meanwhile()
+            if not self._begun and time.monotonic() - asked > PATIENCE:
+                asked = time.monotonic()
+                ask_again()
             return self._answered.wait(GLANCE)
 
         if self._on and not self._answered.is_set():

@@ -12,7 +12,7 @@ from typing import Any, Callable, List
 import rospy
 from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
-from husky_highlevel_controller.camera import CameraConfig
+from husky_highlevel_controller.camera import CameraSetup
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
 from husky_highlevel_controller.description import share_folder
@@ -51,23 +51,21 @@ class StartConfig:
     paused: bool = field(default=False, metadata={"help": "wait for gazebo/unpause_physics"})
     lockstep: bool = field(default=False, metadata={"help": "wait for the command that answers a scan"})
     kinect_enabled: bool = field(default=False, metadata={"help": "with a depth camera"})
-    camera_rate: int = field(default=10, metadata={"min": 1, "max": 50, "help": "depth images a second [Hz]"})
-    camera: CameraConfig = field(default_factory=CameraConfig, metadata={"help": "the depth camera"})
 
 
 class SimulatorNode:
     """Owns the engine in the thread that calls `run`; callbacks only leave notes for it."""
 
     def __init__(self) -> None:
-        start, config = read_config(
-            rospy.get_param("~", {}), rospy.get_name() + "/", StartConfig, SimulatorConfig
+        start, config, camera = read_config(
+            rospy.get_param("~", {}), rospy.get_name() + "/", StartConfig, SimulatorConfig, CameraSetup
         )
         self._start, self._paused = start, start.paused
         self._outputs = Outputs(config)
         world = load_world(find_world(start.world_name, _world_folders()))
         robot = robot_model(self._robot_description(), start.laser_frame)
         self._simulation = Simulation(world, robot, config, Pose2D(start.x, start.y, start.yaw), start.seed)
-        self._camera = self._make_camera(robot, config) if start.kinect_enabled else None
+        self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(start.lockstep)
         self._commands = Commands(self._lockstep.answer)
         self._requests = Requests()
@@ -86,13 +84,13 @@ class SimulatorNode:
             )
         return str(rospy.get_param(name))
 
-    def _make_camera(self, robot: RobotModel, config: SimulatorConfig) -> DepthCamera:
+    def _make_camera(self, setup: CameraSetup, robot: RobotModel, config: SimulatorConfig) -> DepthCamera:
         if FRAME not in robot.fixed_poses:
             raise ConfigError(
                 f"{rospy.get_name()}/kinect_enabled = True, but robot_description has no '{FRAME}'"
             )
-        steps = steps_per(self._start.camera_rate, config.physics_rate, "camera_rate")
-        return DepthCamera(self._start.camera, robot.fixed_poses[FRAME], steps, self._start.lockstep)
+        steps = steps_per(setup.camera_rate, config.physics_rate, "camera_rate")
+        return DepthCamera(setup.camera, robot.fixed_poses[FRAME], steps, self._start.lockstep)
 
     def run(self) -> None:
         """Simulate until the node is shut down."""
@@ -130,9 +128,10 @@ class SimulatorNode:
         if self._camera:
             self._camera.update(self._simulation, snapshot)
         if snapshot.scan is not None:
+            send = partial(self._outputs.publish_scan, snapshot.scan)
             self._lockstep.expect_answer()
-            self._outputs.publish_scan(snapshot.scan)
-            self._lockstep.wait_for_answer(self._requests.serve)
+            send()
+            self._lockstep.wait_for_answer(self._requests.serve, ask_again=send)
 
     def _keep_pace(self) -> None:
         if not self._outputs.clock_was_published:
