@@ -9,6 +9,7 @@ import contextlib
 import os
 import signal
 import subprocess
+import sys
 import threading
 import time
 from functools import lru_cache
@@ -32,7 +33,10 @@ _NAMESPACE = [
     "--fork",
     "--kill-child=SIGKILL",
     "--mount-proc",
+    "--",
 ]
+# elsewhere somebody who keeps them together; by its path, because a stranger's package may have our name
+_REAPER = [sys.executable, str(Path(__file__).with_name("reaper.py"))]
 
 
 @lru_cache(maxsize=1)
@@ -52,10 +56,11 @@ class Process:
         self, command: Sequence[str], log: Path, env: Dict[str, str], folder: Path, stranger: bool = False
     ) -> None:
         self.log = log
+        apart = stranger and namespaces()
+        self._reaped = stranger and not apart
         if stranger:
-            apart = namespaces()
             command = ["prlimit", *LIMITS, *[MANY] * apart, "stdbuf", "-oL", *command]
-            command = [*_NAMESPACE, "--", *command] if apart else command
+            command = [*(_NAMESPACE if apart else _REAPER), *command]
         self.popen = subprocess.Popen(
             list(command),
             stdin=subprocess.DEVNULL,
@@ -107,7 +112,11 @@ class Process:
             self.popen.send_signal(signal.SIGINT)
 
     def kill(self) -> None:
-        """End it and its session at once; in a namespace, everything in there ends with it."""
+        """End it and its session at once; of a stranger, everybody that it ever started."""
+        if self._reaped:
+            self.popen.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self.popen.wait(END_DEADLINE)
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.popen.pid, signal.SIGKILL)
         with contextlib.suppress(subprocess.TimeoutExpired):

@@ -1,13 +1,15 @@
 """The drives of a marking, the folder of a class, RViz's configurations, and strangers' processes."""
 
+import contextlib
 import os
 import sys
 from math import atan2, hypot
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from husky_highlevel_controller import rviz_view
+from husky_highlevel_controller import processes, rviz_view
 from husky_highlevel_controller.class_marking import build_error, find_entry, find_packages, fingerprint
 from husky_highlevel_controller.geometry import wrap_angle
 from husky_highlevel_controller.grade import parse
@@ -19,7 +21,6 @@ from husky_highlevel_controller.processes import (
     end_all,
     namespaces,
     wait,
-    with_variable,
 )
 from husky_highlevel_controller.trials import draw_trials, rviz_world, trial_world
 from husky_highlevel_controller.world import load_world
@@ -218,20 +219,40 @@ for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
 if os.fork() == 0:
     os.setsid()
     if os.fork() == 0:
-        open("hidden", "w").write("x")
-        time.sleep(1000)
+        os.execve("/usr/bin/tail", ["a_hidden_child", "-f", "/dev/null"], {})
     os._exit(0)
 time.sleep(1000)
 """
 
 
-def test_nobody_is_left_of_a_stranger_that_hides_its_children(tmp_path):
+def hidden():
+    """Processes that call themselves by the name that HIDDEN gives them."""
+    lines = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            lines.append(path.read_bytes())
+    return [line for line in lines if line.startswith(b"a_hidden_child\0")]
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_nobody_is_left_of_a_stranger_that_hides_its_children(apart, tmp_path, monkeypatch):
+    """With process namespaces and without: the child has no parent, no session and no environment of ours."""
+    if apart and not namespaces():
+        pytest.skip("this machine makes no process namespaces")
+    monkeypatch.setattr(processes, "namespaces", lambda: apart)
     process = run(tmp_path, HIDDEN, WHOSE="a test's")
-    assert wait((tmp_path / "hidden").exists, 30.0)
-    assert len(with_variable("WHOSE", "a test's")) >= 2
+    assert wait(hidden, 30.0)
     assert end_all([process], "WHOSE", "a test's") == []
-    assert with_variable("WHOSE", "a test's") == []
+    assert hidden() == []
     assert not process.running
+
+
+def test_without_namespaces_what_a_stranger_leaves_behind_ends_with_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(processes, "namespaces", lambda: False)
+    process = run(tmp_path, HIDDEN.replace("time.sleep(1000)\n", "raise SystemExit(3)\n"))
+    assert wait(lambda: not process.running, 30.0)
+    assert process.popen.returncode == 3
+    assert hidden() == []
 
 
 @pytest.mark.skipif(not namespaces(), reason="this machine makes no process namespaces")
