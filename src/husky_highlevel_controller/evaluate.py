@@ -1,13 +1,12 @@
 """Measures the controller: one command, one table, the same figures for the same seed.
 
-In: counts and a seed. Out: a table on standard output, progress on standard error.
+In: counts and a seed. Out: a table on standard output; on a terminal, progress on standard error.
 Must not know: ROS.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import dataclass
 from functools import partial
 from math import cos, hypot, inf, nan, pi, sin
@@ -15,6 +14,7 @@ from multiprocessing import get_context
 from typing import Callable, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
+from tqdm import tqdm
 
 from husky_highlevel_controller.control import HULL_X, ControlConfig
 from husky_highlevel_controller.drive import DriveConfig
@@ -248,15 +248,11 @@ def evaluate(seed: int, scenes: int, starts: int, jobs: int) -> List[Tuple[str, 
 
 
 def work(task: Callable, items: Iterable, jobs: int, title: str) -> list:
-    """The task's result for each item, in order, by several processes; counts on standard error."""
-    items, results = list(items), []
+    """The task's result for each item, in order, by several processes; on a terminal with a progress bar."""
+    items = list(items)
     with get_context("fork").Pool(jobs) as pool:
-        for result in pool.imap(task, items, chunksize=max(1, min(50, len(items) // (4 * jobs)))):
-            results.append(result)
-            if len(results) == len(items) or len(results) % max(1, len(items) // 100) == 0:
-                print(f"\r{title}: {len(results)}/{len(items)}", end="", file=sys.stderr, flush=True)
-    print(file=sys.stderr)
-    return results
+        results = pool.imap(task, items, chunksize=max(1, min(50, len(items) // (4 * jobs))))
+        return list(tqdm(results, title, total=len(items), disable=None))
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:

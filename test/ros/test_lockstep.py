@@ -38,6 +38,16 @@ def drive(ros, *arguments):
     return {int(stamp): pose for stamp, pose in rows}
 
 
+def start_controller(ros, answer):
+    """A node whose answer to every scan is an expression."""
+    script = (
+        "import rospy; from sensor_msgs.msg import LaserScan; from geometry_msgs.msg import Twist;"
+        "rospy.init_node('it'); seen = []; velocity = rospy.Publisher('cmd_vel', Twist, queue_size=1);"
+        f"rospy.Subscriber('front/scan', LaserScan, lambda scan: {answer}); rospy.spin()"
+    )
+    ros.start(sys.executable, "-c", script)
+
+
 def test_two_runs_are_the_same_to_the_last_bit_on_a_busy_machine_too(network):
     first = drive(network("first"))
     busy = network("busy")
@@ -58,12 +68,7 @@ def test_another_seed_is_another_run(network):
 def test_a_controller_that_never_answers_holds_the_clock_only_until_a_deadline(network):
     ros = network("silent")
     launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
-    silent = (
-        "import rospy; from sensor_msgs.msg import LaserScan; from geometry_msgs.msg import Twist;"
-        "rospy.init_node('silent'); rospy.Publisher('cmd_vel', Twist, queue_size=1);"
-        "rospy.Subscriber('front/scan', LaserScan, lambda scan: None); rospy.spin()"
-    )
-    ros.start(sys.executable, "-c", silent)
+    start_controller(ros, "None")
     launched.says("no command answers the scan; running free from now on")
     echo = ros.start("rostopic", "echo", "-n", "300", "/clock")
     assert echo.wait() == 0
@@ -73,13 +78,7 @@ def test_a_controller_that_never_answers_holds_the_clock_only_until_a_deadline(n
 def test_a_first_answer_that_is_lost_is_asked_for_again(network):
     ros = network("late")
     launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
-    deaf_at_first = (
-        "import rospy; from sensor_msgs.msg import LaserScan; from geometry_msgs.msg import Twist;"
-        "rospy.init_node('late'); out = rospy.Publisher('cmd_vel', Twist, queue_size=1); seen = [];"
-        "answer = lambda scan: seen.append(scan) or len(seen) == 1 or out.publish(Twist());"
-        "rospy.Subscriber('front/scan', LaserScan, answer); rospy.spin()"
-    )
-    ros.start(sys.executable, "-c", deaf_at_first)
+    start_controller(ros, "seen.append(scan) or len(seen) == 1 or velocity.publish(Twist())")
     launched.says("simulating")
     echo = ros.start("rostopic", "echo", "-n", "300", "/clock")
     assert echo.wait() == 0

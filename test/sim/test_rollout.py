@@ -145,7 +145,7 @@ def test_the_figures_do_not_depend_on_the_number_of_processes(capfd, monkeypatch
             evaluate.main(["--seed", "2", "--scenes", "60", "--starts", "1", "--jobs", jobs])
         captured = capfd.readouterr()
         tables.append(captured.out)
-        assert "random starts: 1/1" in captured.err
+        assert "starts" not in captured.err, "progress is for a terminal"
     assert tables[0] == tables[1]
     missed = [line for line in tables[0].splitlines() if "MISSED" in line]
     assert [line.split("  ")[1] for line in missed] == ["time to arrival over the bound"]
