@@ -79,6 +79,8 @@ def main() -> None:
         print(f"{name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
     print(", ".join(f"{key} {value}" for key, value in host.items()) + "\n")
     print(table(rows))
+    if wanted.short:
+        print("\nA short run: it works, but its figures mean nothing.")
     if wanted.json:
         figures = {name: [asdict(row) for row in each] for name, each in found.items()}
         document = {"machine": host, "effort": asdict(effort), "figures": figures}

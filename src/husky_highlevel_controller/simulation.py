@@ -28,7 +28,7 @@ from husky_highlevel_controller.datatypes import (
     World,
 )
 from husky_highlevel_controller.drive import Drive, DriveConfig, twist_of_wheels, wheel_speeds
-from husky_highlevel_controller.engine import ROBOT, Engine
+from husky_highlevel_controller.engine import ROBOT, Engine, PlacementError
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d
 from husky_highlevel_controller.gps import Gps, GpsConfig
 from husky_highlevel_controller.imu import ImuConfig, measure
@@ -241,6 +241,8 @@ class Simulation:
 
     def delete(self, name: str) -> None:
         """Take a thing, or the things of a model, out of the world; PlacementError if there is none."""
+        if name == ROBOT:
+            raise PlacementError(f"'{ROBOT}' is the robot, which stays")
         self._scenery.delete(name)
 
     def move(self, name: str, pose_in_world: Pose) -> None:

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 from defusedxml import ElementTree
-from test_processes import wait_until
+from network import wait_until
 
 from husky_highlevel_controller.grade import Marking
-from husky_highlevel_controller.marking import Rules, Submission
+from husky_highlevel_controller.marking import Rules, Submission, plan
 from husky_highlevel_controller.processes import with_variable
 
 SUBMISSIONS = Path(__file__).parents[1] / "submissions"
@@ -167,3 +167,12 @@ def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
         "it does not build: package 'no_such_package' is missing"
         in second.stdout + (out / "results.csv").read_text()
     )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "node"), [([], "husky_controller"), (["naive:=true"], "naive_controller")]
+)
+def test_a_launch_file_gets_its_arguments(arguments, node, tmp_path):
+    what = ("--launch", "husky_highlevel_controller", "controller.launch", *arguments)
+    planned = plan(Submission(what), tmp_path)
+    assert planned.nodes == (f"husky_highlevel_controller/{node}",)

@@ -133,6 +133,8 @@ def test_what_cannot_be_moved_there_stays_where_it_is(simulate):
             simulation.move(name, Pose())
     with pytest.raises(PlacementError, match="no thing named 'ghost'; there are: box, ground, post"):
         simulation.delete("ghost")
+    with pytest.raises(PlacementError, match="'husky' is the robot, which stays"):
+        simulation.delete("husky")
 
 
 # ---------------------------------------------------------------------------- the robot

@@ -55,6 +55,10 @@ class Lockstep:
             )
 
         names = " and ".join(publisher.resolved_name for publisher in needed)
+        if self._on:
+            rospy.loginfo(
+                f"lockstep: time waits until somebody listens to {names} and sends {commands.resolved_name}"
+            )
         failing = f"nobody listens to {names} and sends {commands.resolved_name}"
         self._wait(joined, PARTNER_DEADLINE, failing)
 

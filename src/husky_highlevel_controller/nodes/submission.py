@@ -12,7 +12,7 @@ import os
 import re
 import sys
 from pathlib import Path
-from typing import Any, List, Optional, Tuple
+from typing import Any, List, Optional
 from xml.sax.saxutils import quoteattr
 
 import roslaunch
@@ -106,7 +106,7 @@ def load(what: List[str], reporter: Reporter, taken: List[str]) -> roslaunch.con
         words += f'type={quoteattr(name)} args={quoteattr(" ".join(arguments))} output="screen"/></launch>'
         loader.load_string(words, config, verbose=False)
     else:
-        (file,), arguments = _resolve(package, name, arguments)
+        (file, *_) = roslaunch.rlutil.resolve_launch_arguments([package, name])
         loader.load(file, config, argv=["roslaunch", *arguments], verbose=False)
     config.assign_machines()
     kept, left_out, rviz = [], [], []
@@ -130,11 +130,6 @@ def load(what: List[str], reporter: Reporter, taken: List[str]) -> roslaunch.con
     nodes = [f"{node.package}/{node.type}" for node in kept]
     reporter.tell("plan", nodes=nodes, left_out=sorted(set(left_out)), rviz=rviz)
     return config
-
-
-def _resolve(package: str, name: str, arguments: List[str]) -> Tuple[List[str], List[str]]:
-    files = roslaunch.rlutil.resolve_launch_arguments([package, name, *arguments])
-    return files[:1], files[1:]
 
 
 class Parent(roslaunch.parent.ROSLaunchParent):
