@@ -94,26 +94,28 @@ class SimulatorNode:
 
     def run(self) -> None:
         """Simulate until the node is shut down."""
-        outputs, stamp = self._outputs, self._simulation.stamp
+        outputs, simulation = self._outputs, self._simulation
         # the scans' listener answers, that of the joint states sends the robot's frames
         needed, others = [outputs.scan, outputs.joints], [outputs.clock, outputs.transforms]
-        self._lockstep.wait_for_partner(
-            needed, self._commands.main, others, lambda: outputs.publish_clock(stamp)
-        )
-        self._pacer = Pacer(self._start.real_time_factor, stamp, time.monotonic())
+
+        def meanwhile() -> None:
+            self._requests.serve()
+            outputs.publish_clock(simulation.stamp)
+
+        self._lockstep.wait_for_partner(needed, self._commands.main, others, meanwhile)
+        self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
         while not rospy.is_shutdown():
             self._requests.serve(PAUSE_PERIOD if self._paused else 0.0)
             if self._paused:
-                stamp = self._simulation.stamp
-                outputs.publish_clock(stamp)  # whoever joins now still learns the time
-                self._pacer.restart(stamp, time.monotonic())
+                outputs.publish_clock(simulation.stamp)  # whoever joins now still learns the time
+                self._pacer.restart(simulation.stamp, time.monotonic())
                 self._display.refresh()
             else:
                 self._advance()
                 self._keep_pace()
         if self._camera:
             self._camera.close()
-        self._simulation.close()
+        simulation.close()
 
     def _advance(self) -> None:
         """One step of the physics, and its messages."""
@@ -186,6 +188,8 @@ class SimulatorNode:
         if not 1 <= steps <= MOST_STEPS:
             raise HuskyError(f"steps = {steps} is not within 1..{MOST_STEPS}")
         for _ in range(steps):
+            if rospy.is_shutdown():
+                raise HuskyError("the simulator ends")
             self._advance()
         return f"{steps} steps; it is now {self._simulation.stamp:.3f} s"
 
