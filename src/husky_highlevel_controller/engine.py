@@ -280,7 +280,9 @@ class Engine:
             )  # fmt: skip
         info = pybullet.getDynamicsInfo(self._robot, _BASE, physicsClientId=self._client)
         self._note_inertial_frame(self._robot, Pose(info[3], info[4]))
-        self._robot_com: Vector3 = info[3]
+        self.robot_com: Vector3 = info[
+            3
+        ]  # [m], of the base, in base_link: whose velocity `robot_motion` tells
         self._names[self._robot], self._bodies[ROBOT] = ROBOT, [self._robot]
         self._put(self._robot, pose)
         self.check_room(ROBOT)
@@ -306,11 +308,6 @@ class Engine:
         """Pose of base_link, velocity of the base's centre of mass [m/s] and spin [rad/s], in the world."""
         velocity, spin = pybullet.getBaseVelocity(self._robot, physicsClientId=self._client)
         return self._pose(self._robot), velocity, spin
-
-    @property
-    def robot_com(self) -> Vector3:
-        """Centre of mass of the base, in base_link [m]: whose velocity `robot_motion` tells."""
-        return self._robot_com
 
     def robot_touches(self) -> List[Touch]:
         """Every point where something presses on the robot."""

@@ -28,7 +28,7 @@ class Scenery:
 
     def furnish(self, things: Sequence[Thing]) -> None:
         """Put the things of a world into an empty engine."""
-        self._things = {}
+        self._things, self._stale = {}, True
         for thing in things:
             self._put(thing)
 

@@ -218,3 +218,9 @@ def test_what_is_only_drawn_is_listed_and_deleted_but_does_not_move(simulate):
     simulation.delete("lines")
     simulation.spawn([lines])
     assert set(simulation.things) == {"ground", "lines"}
+
+
+def test_in_a_world_with_nothing_in_it_nothing_is_seen():
+    simulation = Simulation(World("w", ()), HUSKY, EXACT, Pose2D(), 1)
+    assert ahead(simulation) == inf
+    simulation.close()

@@ -24,12 +24,12 @@ from husky_highlevel_controller.datatypes import Box, Part, Pose, Thing, Vector3
 from husky_highlevel_controller.engine import ROBOT
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d
 from husky_highlevel_controller.nodes.object_markers import DELETE, thing_to_msg, upwards
+from husky_highlevel_controller.nodes.outputs import ODOM
 from husky_highlevel_controller.nodes.requests import Requests
 from husky_highlevel_controller.nodes.world_services import ask
 from husky_highlevel_controller.objects import ObjectError, checked, checked_pose
 from husky_highlevel_controller.simulation import Simulation
 
-ODOM = "odom"
 PERIOD = 0.1  # [s] of simulated time between two looks at what has moved
 TIPPED = 0.1  # [rad]; what tips more is drawn anew
 NOTICED = 0.001  # [m]; what moved less is not sent again

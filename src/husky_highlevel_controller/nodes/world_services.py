@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, List
+from typing import Callable, List, Tuple
 
 import rospy
 from geometry_msgs.msg import Pose as PoseMsg
@@ -10,6 +10,7 @@ from geometry_msgs.msg import Pose as PoseMsg
 from husky_highlevel_controller import messages
 from husky_highlevel_controller.datatypes import HuskyError, Pose, Thing
 from husky_highlevel_controller.geometry import compose, inverse
+from husky_highlevel_controller.nodes.outputs import ODOM, WORLD
 from husky_highlevel_controller.nodes.requests import Requests
 from husky_highlevel_controller.objects import ObjectError, checked, checked_pose, make_object
 from husky_highlevel_controller.simulation import Simulation
@@ -29,8 +30,6 @@ from husky_highlevel_controller.srv import (
 )
 from husky_highlevel_controller.world import parse_model
 
-WORLD, ODOM = "world", "odom"
-
 
 class WorldServices:
     """Each answers success and a sentence; a request that is refused changes nothing."""
@@ -42,19 +41,16 @@ class WorldServices:
         rospy.Service("~move", MoveObject, self._on_move)
         rospy.Service("~list", ListObjects, self._on_list)
 
-    def spawn(self, request: SpawnObjectRequest) -> str:
-        """Put an object into the world; for the thread that owns the simulation, as all of these."""
+    def _spawn(self, request: SpawnObjectRequest) -> str:
         pose = self._in_world(request.initial_pose, request.reference_frame)
         self._simulation.spawn(_things(request, pose))
         return f"'{request.model_name}' is there"
 
-    def delete(self, name: str) -> str:
-        """Take an object out of the world."""
+    def _delete(self, name: str) -> str:
         self._simulation.delete(name)
         return f"'{name}' is gone"
 
-    def move(self, request: MoveObjectRequest) -> str:
-        """Put an object or the robot somewhere else."""
+    def _move(self, request: MoveObjectRequest) -> str:
         pose = self._in_world(request.pose, request.reference_frame)
         self._simulation.move(request.model_name, pose)
         return f"'{request.model_name}' has moved"
@@ -79,13 +75,13 @@ class WorldServices:
     # ------------------------------------------------------------------ callbacks
 
     def _on_spawn(self, request: SpawnObjectRequest) -> SpawnObjectResponse:
-        return SpawnObjectResponse(*self._ask(lambda: self.spawn(request)))
+        return SpawnObjectResponse(*ask(self._requests, lambda: self._spawn(request)))
 
     def _on_delete(self, request: DeleteObjectRequest) -> DeleteObjectResponse:
-        return DeleteObjectResponse(*self._ask(lambda: self.delete(request.model_name)))
+        return DeleteObjectResponse(*ask(self._requests, lambda: self._delete(request.model_name)))
 
     def _on_move(self, request: MoveObjectRequest) -> MoveObjectResponse:
-        return MoveObjectResponse(*self._ask(lambda: self.move(request)))
+        return MoveObjectResponse(*ask(self._requests, lambda: self._move(request)))
 
     def _on_list(self, request: ListObjectsRequest) -> ListObjectsResponse:
         try:
@@ -94,11 +90,8 @@ class WorldServices:
         except HuskyError as error:
             return ListObjectsResponse(False, str(error), [], [])
 
-    def _ask(self, work: Callable[[], str]) -> Any:
-        return ask(self._requests, work)
 
-
-def ask(requests: Requests, work: Callable[[], str]) -> Any:
+def ask(requests: Requests, work: Callable[[], str]) -> Tuple[bool, str]:
     """Success and a sentence; a refusal is also logged."""
     try:
         return True, requests.ask(work)
