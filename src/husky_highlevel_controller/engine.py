@@ -280,9 +280,8 @@ class Engine:
             )  # fmt: skip
         info = pybullet.getDynamicsInfo(self._robot, _BASE, physicsClientId=self._client)
         self._note_inertial_frame(self._robot, Pose(info[3], info[4]))
-        self.robot_com: Vector3 = info[
-            3
-        ]  # [m], of the base, in base_link: whose velocity `robot_motion` tells
+        # centre of mass of the base, in base_link [m]: whose velocity `robot_motion` tells
+        self.robot_com: Vector3 = info[3]
         self._names[self._robot], self._bodies[ROBOT] = ROBOT, [self._robot]
         self._put(self._robot, pose)
         self.check_room(ROBOT)
