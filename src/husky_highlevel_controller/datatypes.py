@@ -9,6 +9,8 @@ SI units and REP 103 axes (x forward, y left, z up) throughout; quaternions are 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import atan2, hypot
 from typing import Optional, Tuple, Union
 
 import numpy as np
@@ -134,11 +136,10 @@ class Scan:
         """Angle of every beam in `frame`, (N,) [rad]."""
         return np.linspace(self.angle_min, self.angle_max, len(self.ranges))
 
-    @property
+    @cached_property
     def valid(self) -> np.ndarray:
         """Mask of the beams that measured something, (N,) bool: range_min <= r <= range_max (REP 117)."""
-        with np.errstate(invalid="ignore"):
-            return (self.ranges >= self.range_min) & (self.ranges <= self.range_max)
+        return (self.ranges >= self.range_min) & (self.ranges <= self.range_max)
 
 
 @dataclass(frozen=True)
@@ -227,9 +228,9 @@ class Pillar:
     @property
     def bearing(self) -> float:
         """Direction of the centre in the laser's frame [rad]."""
-        return float(np.arctan2(self.y, self.x))
+        return atan2(self.y, self.x)
 
     @property
     def distance(self) -> float:
         """From the laser to the pillar's near surface [m]."""
-        return float(np.hypot(self.x, self.y)) - self.radius
+        return hypot(self.x, self.y) - self.radius

@@ -1,144 +1,181 @@
-"""Fits circles, lines and corners to runs of beams, all runs at once.
+"""Fits a circle, a line and a corner to a run of beams.
 
-In: `Runs`. Out: `Circles`, and how well straight things would do.
+In: a `Run`. Out: a `Circle`, and how well straight things would do.
 Must not know: ROS, PyBullet, what counts as a pillar besides its radius.
+
+All sums over beams are matrix products made once; what is iterated after that are a few plain numbers.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple, Tuple
+from math import hypot, sqrt
+from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
 _RADIUS_WEIGHT = 0.6  # the expected radius counts as much as this many beams
 _PLACE_WEIGHT = 1e-3  # and so little that the centre is on the line of sight
 _LEAST_WEIGHT = 1e-6  # keeps the equations solvable
+_FREE_WEIGHT = 1e-4  # the same where nothing is expected of the radius
 _MIN_COSINE = 0.3  # of incidence; grazing beams weigh no more than this one
-_MAX_ITERATIONS = 6
-_SETTLED = 1e-4  # [m], a smaller step of the fit is the last
+_MAX_WEIGHINGS = 4
+_WEIGHED = 0.01  # share of the radius; weights are good for a centre that moves no farther
+_MAX_ITERATIONS = 8
+_SETTLED = 1e-6  # [m], a smaller step of the fit is the last
+
+Matrix3 = Tuple[Tuple[float, float, float], Tuple[float, float, float], Tuple[float, float, float]]
 
 
-class Runs(NamedTuple):
-    """Runs of beams, one a row, padded on the right; angles are relative to the middle of the run."""
+class Run(NamedTuple):
+    """Neighbouring beams that may lie on one thing (M of them)."""
 
-    middle: np.ndarray  # (K,) [rad], bearing in the laser's frame
-    near: np.ndarray  # (K,) [m], shortest range
-    ranges: np.ndarray  # (K, M) [m]; padded with the first
-    angles: np.ndarray  # (K, M) [rad]
-    mask: np.ndarray  # (K, M) float, 1 where there is a beam
-    beams: np.ndarray  # (K,), how many
+    beams: np.ndarray  # (M,), which ones of the scan, ascending
+    near: float  # [m], shortest range
+    ranges: np.ndarray  # (M,) [m]
+    directions: np.ndarray  # (2, M), unit vectors; x points half-way between the first and the last beam
 
 
-class Circles(NamedTuple):
-    """Fitted circles, one a row."""
+class Circle(NamedTuple):
+    """A fitted circle."""
 
-    distance: np.ndarray  # (K,) [m], from the laser to the centre
-    bearing: np.ndarray  # (K,) [rad], of the centre, continuous with the scan's bearings
-    radius: np.ndarray  # (K,) [m]
-    free_radius: np.ndarray  # (K,) [m], what the beams alone would make it
-    free_slack: np.ndarray  # (K,) [m], how far that may be wrong
-    residual: np.ndarray  # (K,) [m], root mean square distance of the end points
-    misfit: np.ndarray  # (K,) [m^2], sum of squares in the direction of the beams
+    x: float  # [m], centre, along the run's middle
+    y: float  # [m], centre, across it
+    radius: float  # [m]
+    free_radius: float  # [m], what the beams alone would make it
+    free_slack: float  # [m], how far that may be wrong
+    residual: float  # [m], root mean square distance of the end points
+    misfit: float  # [m^2], sum of squares in the direction of the beams
 
 
-def fit_circles(runs: Runs, radius: float, noise: float) -> Circles:
-    """Most probable circle of each run, given the expected radius.
+def fit_circle(run: Run, radius: float, noise: float) -> Circle:
+    """Most probable circle, given the expected radius.
 
     Range noise acts along the beam, so a distance from the circle counts as much as the range would have to
     change (distance over the cosine of incidence). Where beams are few the radius stays as expected and the
-    depth profile gives the place; where they are many they decide alone. Gauss-Newton, all runs at once.
+    depth profile gives the place; where they are many they decide alone.
+
+    The distance of a point p from the circle is taken as (|p - c|^2 - r^2) / 2r: the same to first order, and
+    linear in (px, py, 1, |p|^2), so that the weighted products of those are all that is asked of the beams.
 
     Args:
-        runs: of the beams.
+        run: of the beams.
         radius: what is expected [m].
         noise: differences in range not worth explaining [m].
     """
-    mean = np.zeros((len(runs.near), 3))
-    mean[:, 0], mean[:, 2] = runs.near + radius, radius
-    guess = mean
-    weight = np.array([_LEAST_WEIGHT, _PLACE_WEIGHT, _RADIUS_WEIGHT])
-    prior = np.diag(weight)
-    beam = np.stack([np.cos(runs.angles), np.sin(runs.angles)], axis=1)
-    ends = runs.ranges[:, None] * beam
-    for _ in range(_MAX_ITERATIONS):
-        products, _ = _circle_products(guess, ends, beam, runs.mask)
-        gradient = products[:, :3, 3] + weight * (guess - mean)
-        change = np.linalg.solve(products[:, :3, :3] + prior, gradient[:, :, None])[:, :, 0]
-        largest = np.abs(change).max()
-        if largest > radius:
-            change = np.minimum(np.maximum(change, -radius), radius)
-        guess = guess - change
-        guess[:, 2] = np.maximum(guess[:, 2], 0.1 * radius)
-        if largest < _SETTLED:
+    reach = run.near + radius
+    basis = np.ones((4, len(run.ranges)))  # px, py, 1, |p|^2, from a centre on the line of sight
+    points = np.multiply(run.ranges, run.directions, out=basis[:2])
+    points[0] -= reach
+    np.einsum("ij,ij->j", points, points, out=basis[3])
+
+    x, y, r = 0.0, 0.0, radius
+    for _ in range(_MAX_WEIGHINGS):
+        # how far each beam passes from the centre, as a share of the radius, is the sine of incidence
+        sine = np.dot((-y / r, (reach + x) / r), run.directions)
+        square = np.maximum(1.0 - sine * sine, _MIN_COSINE**2)
+        moments = (basis / square) @ basis.T
+        before_x, before_y = x, y
+        x, y, r, error, products = _settle(moments, x, y, r, radius)
+        if hypot(x - before_x, y - before_y) < _WEIGHED * radius:
             break
-    products, error = _circle_products(guess, ends, beam, runs.mask)
-    shift, slack = _free_radius(products, runs.beams, noise)
-    return Circles(
-        distance=np.hypot(guess[:, 0], guess[:, 1]),
-        bearing=runs.middle + np.arctan2(guess[:, 1], guess[:, 0]),
-        radius=guess[:, 2],
-        free_radius=guess[:, 2] + shift,
+    distances = np.dot(error, basis)
+    shift, slack = _free_radius(products, len(run.ranges), noise)
+    return Circle(
+        x=reach + x,
+        y=y,
+        radius=r,
+        free_radius=r + shift,
         free_slack=slack,
-        residual=np.sqrt((runs.mask * error**2).sum(axis=1) / runs.beams),
-        misfit=products[:, 3, 3],
+        residual=sqrt(float(distances @ distances) / len(run.ranges)),
+        misfit=products[3][3],
     )
 
 
-def _circle_products(
-    circle: np.ndarray, ends: np.ndarray, beam: np.ndarray, mask: np.ndarray
-) -> Tuple[np.ndarray, np.ndarray]:
-    """Weighted products (K, 4, 4) of derivatives and error, and the errors (K, M), of ends (K, 2, M).
+def _settle(
+    moments: np.ndarray, x: float, y: float, r: float, expected: float
+) -> Tuple[float, float, float, Sequence[float], List[List[float]]]:
+    """Gauss-Newton from (x, y, r) on products (4, 4) of px, py, 1, |p|^2.
 
-    The error is the distance from the circle [m]; its derivatives are by the centre's x, y and the radius.
+    Returns:
+        Centre and radius [m], the distance from that circle as a form of px, py, 1, |p|^2, and the products
+        (4, 4) of its derivatives by x, y, r and itself.
     """
-    columns = np.empty((len(circle), 4, ends.shape[2]))
-    inwards = np.subtract(circle[:, :2, None], ends, out=columns[:, :2])
-    rho = np.sqrt(inwards[:, 0] * inwards[:, 0] + inwards[:, 1] * inwards[:, 1])
-    inwards /= rho[:, None]
-    cosine = inwards[:, 0] * beam[:, 0] + inwards[:, 1] * beam[:, 1]
-    error = rho - circle[:, 2:]
-    columns[:, 2], columns[:, 3] = -1.0, error
-    columns *= (mask / np.maximum(cosine, _MIN_COSINE))[:, None]
-    return columns @ columns.transpose(0, 2, 1), error
+    for _ in range(_MAX_ITERATIONS):
+        error = (-x / r, -y / r, (x * x + y * y - r * r) / (2.0 * r), 0.5 / r)
+        forms = np.array(
+            ((-1.0 / r, 0.0, x / r, 0.0), (0.0, -1.0 / r, y / r, 0.0), (0.0, 0.0, -1.0, 0.0), error)
+        )
+        products = (forms @ moments @ forms.T).tolist()
+        (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
+        inverse = _inverse(xx + _LEAST_WEIGHT, xy, xr, yy + _PLACE_WEIGHT, yr, rr + _RADIUS_WEIGHT)
+        dx, dy, dr = _apply(
+            inverse, (xe + _LEAST_WEIGHT * x, ye + _PLACE_WEIGHT * y, re + _RADIUS_WEIGHT * (r - expected))
+        )
+        longest = max(abs(dx), abs(dy), abs(dr))
+        if longest < _SETTLED:
+            break
+        step = min(1.0, expected / longest)
+        x, y, r = x - step * dx, y - step * dy, max(r - step * dr, 0.1 * expected)
+    return x, y, r, error, products
 
 
-def _free_radius(products: np.ndarray, count: np.ndarray, noise: float) -> Tuple[np.ndarray, np.ndarray]:
-    """How much the beams alone would change the radius (K,), and how far that may be wrong (K,) [m]."""
-    gradient = products[:, :3, 3]
-    covariance = np.linalg.inv(products[:, :3, :3] + np.diag([_LEAST_WEIGHT, 1e-4, 1e-4]))
-    change = (covariance @ gradient[:, :, None])[:, :, 0]
-    spare = np.maximum(count - 3, 1e-3)
-    variance = np.maximum(products[:, 3, 3] - (change * gradient).sum(axis=1), 0.0) / spare
-    spread = np.sqrt((variance + noise**2) * covariance[:, 2, 2])
-    return -change[:, 2], (2.0 + 4.0 / spare) * spread  # the factor follows Student's distribution
+def _free_radius(products: List[List[float]], count: int, noise: float) -> Tuple[float, float]:
+    """How much the beams alone would change the radius, and how far that may be wrong [m]."""
+    (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), (_, _, _, ee) = products
+    covariance = _inverse(xx + _LEAST_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
+    dx, dy, dr = _apply(covariance, (xe, ye, re))
+    spare = max(count - 3, 1e-3)
+    variance = max(ee - (dx * xe + dy * ye + dr * re), 0.0) / spare
+    spread = sqrt((variance + noise**2) * covariance[2][2])
+    return -dr, (2.0 + 4.0 / spare) * spread  # the factor follows Student's distribution
 
 
-def straight_misfits(runs: Runs) -> Tuple[np.ndarray, np.ndarray]:
-    """Sums of squares along the beams of the best line (K,) and the best two lines (K,) [m^2].
+def _inverse(a: float, b: float, c: float, d: float, e: float, f: float) -> Matrix3:
+    """Inverse of the symmetric matrix [[a, b, c], [b, d, e], [c, e, f]]."""
+    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
+    bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
+    scale = 1.0 / (a * aa + b * ab + c * ac)
+    aa, ab, ac, bb, bc, cc = aa * scale, ab * scale, ac * scale, bb * scale, bc * scale, cc * scale
+    return (aa, ab, ac), (ab, bb, bc), (ac, bc, cc)
 
-    The inverse range of a straight wall is linear in the cosine and sine of the beam, so that the sums of all
-    ways to cut a run in two come from running sums.
-    """
-    scale = (runs.ranges * runs.mask).sum(axis=1, keepdims=True) / runs.beams[:, None]
-    depth = runs.ranges * np.cos(runs.angles)
-    across, inverse = scale * np.tan(runs.angles), scale - scale**2 / depth
-    weight = runs.mask * (runs.ranges * depth / scale**2) ** 2
-    terms = np.empty((6, *across.shape))
-    terms[0], terms[1], terms[2] = 1.0, across, inverse
-    terms[3:5], terms[5] = across * terms[1:3], inverse * inverse
-    terms *= weight
-    sums = np.empty((6, 2, *across.shape))  # of the beams up to the cut, and of those behind it
-    left = np.cumsum(terms, axis=2, out=sums[:, 0])
-    np.subtract(left[:, :, -1:], left, out=sums[:, 1])
-    misfits = _line_misfit(sums)
-    cut = np.arange(1, runs.ranges.shape[1] + 1)
-    fits = (cut < runs.beams[:, None]) & (runs.beams[:, None] > 5)
-    return misfits[0, :, -1], np.where(fits, misfits[0] + misfits[1], np.inf).min(axis=1)
+
+def _apply(matrix: Matrix3, vector: Tuple[float, float, float]) -> Tuple[float, float, float]:
+    x, y, z = vector
+    (a, b, c), (d, e, f), (g, h, i) = matrix
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+
+
+# ---------------------------------------------------------------------------- straight things
+
+# The inverse range of a straight wall is linear in the cosine and sine of the beam, 1 / r = a cos + b sin.
+# Times r^2, so that it counts along the beam: r = a r^2 cos + b r^2 sin.
+
+
+def line_misfit(run: Run) -> float:
+    """Sum of squares along the beams of the best line [m^2]."""
+    terms = _terms(run)
+    u, v, w = (terms @ terms.T).tolist()
+    return float(_line_misfit(np.array((u[0], u[1], v[1], u[2], v[2], w[2]))))
+
+
+def corner_misfit(run: Run) -> float:
+    """Sum of squares along the beams of the best two lines, one for each side of a cut [m^2]."""
+    terms = _terms(run)
+    left = np.cumsum(terms[[0, 0, 1, 0, 1, 2]] * terms[[0, 1, 1, 2, 2, 2]], axis=1)
+    right = left[:, -1:] - left
+    return float((_line_misfit(left[:, :-1]) + _line_misfit(right[:, :-1])).min())
+
+
+def _terms(run: Run) -> np.ndarray:
+    """r^2 cos, r^2 sin and r, (3, M)."""
+    terms = np.empty((3, len(run.ranges)))
+    np.multiply(run.directions, run.ranges * run.ranges, out=terms[:2])
+    terms[2] = run.ranges
+    return terms
 
 
 def _line_misfit(sums: np.ndarray) -> np.ndarray:
-    """Sum of squares left by a line, from the weighted sums of 1, x, y, x^2, xy, y^2."""
-    n, x, y, xx, xy, yy = sums
-    n = np.maximum(n, 1e-12)
-    spread = np.maximum(xx - x * x / n, 1e-12)
-    return np.maximum(yy - y * y / n - (xy - x * y / n) ** 2 / spread, 0.0)
+    """Sum of squares left by r = a u + b v, from the sums of uu, uv, vv, ur, vr, rr, (6, ...)."""
+    uu, uv, vv, ur, vr, rr = sums
+    spread = np.maximum(uu * vv - uv * uv, 1e-9 * uu * vv)
+    return np.maximum(rr - (vv * ur * ur - 2.0 * uv * ur * vr + uu * vr * vr) / spread, 0.0)

@@ -5,19 +5,20 @@ Must not know: ROS, PyBullet, how the lidar is mounted, what the robot does next
 
 A pillar is not the nearest return. It is a run of neighbouring beams that lie on a circle of the expected
 radius, look more like a circle than like straight walls, and are framed by beams that pass where a pillar
-lets them pass. All runs of a scan are judged at once, one row each.
+lets them pass.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import cos, inf, log, sin
-from typing import List, Optional, Tuple
+from functools import lru_cache
+from math import asin, atan2, ceil, cos, floor, hypot, log, nan, sin, sqrt
+from typing import Callable, List, Optional, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.datatypes import Pillar, Scan
-from husky_highlevel_controller.fitting import Circles, Runs, fit_circles, straight_misfits
+from husky_highlevel_controller.fitting import Circle, Run, corner_misfit, fit_circle, line_misfit
 
 
 @dataclass(frozen=True)
@@ -63,53 +64,17 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
         Pillars in the laser's frame; empty when there is none. Those of few beams (far away) may turn out
         to be something else from nearer by.
     """
-    beams, starts, counts = cluster(scan, config)
-    runs = _plausible(scan, config, beams, starts, counts)
-    if runs is None:
-        return []
-    circles = fit_circles(runs, config.pillar_radius, config.range_noise)
-    round_ones = np.flatnonzero(
-        (circles.residual <= config.max_residual)
-        & (np.abs(circles.radius - config.pillar_radius) <= config.radius_tolerance)
-        & (np.abs(circles.free_radius - config.pillar_radius) <= config.radius_tolerance + circles.free_slack)
-    )
-    if not len(round_ones):
-        return []
-    if len(round_ones) < len(runs.beams):
-        runs = Runs(*(each[round_ones] for each in runs))
-        circles = Circles(*(each[round_ones] for each in circles))
-    pillars = [
-        Pillar(distance * cos(bearing), distance * sin(bearing), radius, beams, residual)
-        for distance, bearing, radius, residual, beams, good in zip(
-            circles.distance.tolist(), circles.bearing.tolist(), circles.radius.tolist(),
-            circles.residual.tolist(), runs.beams.tolist(), _stand_out(scan, runs, circles, config),
-        )
-        if good
-    ]  # fmt: skip
+    beams, bounds = cluster(scan, config)
+    pillars = []
+    for start, stop in bounds:
+        run = _plausible(scan, config, beams[start:stop]) if stop - start >= config.min_beams else None
+        pillar = _judge(scan, config, run) if run is not None else None
+        if pillar is not None:
+            pillars.append(pillar)
     return sorted(_distinct(pillars), key=lambda pillar: pillar.distance)
 
 
-def _stand_out(scan: Scan, runs: Runs, circles: Circles, config: PillarConfig) -> List[bool]:
-    """Which circles explain their beams better than straight things would, and are framed as a pillar is."""
-
-    def lead(circle: float, rival: float, spent: int, beams: int) -> float:
-        floor = beams * config.range_noise**2
-        return max(beams - spent, 1) * log((circle + floor) / (rival + floor))
-
-    good = []
-    for beams, circle, line, corner, missing, hidden in zip(
-        runs.beams.tolist(), circles.misfit.tolist(),
-        *(each.tolist() for each in (*straight_misfits(runs), *_silhouette(scan, circles, config))),
-    ):  # fmt: skip
-        good.append(
-            lead(circle, line, 2, beams) < (-_HIDDEN_ODDS if hidden > 0 else _LINE_ODDS)
-            and (corner == inf or lead(circle, corner, 5, beams) < _CORNER_ODDS * beams)
-            and missing <= beams // 10
-        )
-    return good
-
-
-def cluster(scan: Scan, config: PillarConfig) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+def cluster(scan: Scan, config: PillarConfig) -> Tuple[np.ndarray, List[Tuple[int, int]]]:
     """Split the valid beams into runs that may lie on one thing.
 
     Args:
@@ -117,92 +82,124 @@ def cluster(scan: Scan, config: PillarConfig) -> Tuple[np.ndarray, np.ndarray, n
         config: the pillar's size says how far apart neighbours may be.
 
     Returns:
-        The beams that belong to runs (V,), where in them each run starts (K,), and its length (K,).
+        The beams that belong to runs (V,), and where in them each run starts and stops.
     """
-    ranges, step = scan.ranges, abs(scan.angle_increment)
-    largest = config.pillar_radius + config.radius_tolerance
+    beams = np.flatnonzero(scan.valid)
+    breaks, speckle = _breaks(scan, config, beams)
+    if speckle:
+        beams = np.delete(beams, speckle)
+        breaks, _ = _breaks(scan, config, beams)
+    return beams, list(zip([0, *breaks], [*breaks, len(beams)])) if len(beams) else []
 
-    def apart(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        near = np.minimum(ranges[left], ranges[right])
-        spacing = (right - left) * step * near
+
+def _breaks(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Tuple[List[int], List[int]]:
+    """Where in `beams` another thing begins; and single beams that others pass by on both sides."""
+    ranges, step = scan.ranges[beams], abs(scan.angle_increment)
+    largest, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
+    suspects = np.flatnonzero((np.abs(ranges[1:] - ranges[:-1]) > rough) | (beams[1:] - beams[:-1] > 1))
+    if not len(suspects):
+        return [], []
+    depths, indices = ranges.tolist(), beams.tolist()
+
+    def apart(left: int, right: int) -> bool:
+        between = indices[right] - indices[left]
+        spacing = between * step * min(depths[left], depths[right])
         # depth of a circle between its edge and a beam one spacing further in: no two neighbours differ more
-        depth = np.sqrt(np.maximum(2.0 * largest - spacing, 0.0) * spacing)
-        depth = np.where(spacing < largest, depth, largest) + 2.0 * config.max_residual
+        depth = sqrt((2.0 * largest - spacing) * spacing) if spacing < largest else largest
         return (
-            (np.abs(ranges[right] - ranges[left]) > depth)
-            | (spacing > 2.0 * largest)
-            | (right - left > _MAX_SKIPPED + 1)
+            abs(depths[right] - depths[left]) > depth + rough
+            or spacing > 2.0 * largest
+            or between > _MAX_SKIPPED + 1
         )
 
-    beams = np.flatnonzero(scan.valid)
-    if not len(beams):
-        return beams, beams, beams
-    breaks = apart(beams[:-1], beams[1:])
-    alone = 1 + np.flatnonzero(breaks[:-1] & breaks[1:])
-    speckle = alone[~apart(beams[alone - 1], beams[alone + 1])]
-    if len(speckle):
-        beams = np.delete(beams, speckle)
-        breaks = apart(beams[:-1], beams[1:])
-    edges = np.concatenate(([0], 1 + np.flatnonzero(breaks), [len(beams)]))
-    return beams, edges[:-1], edges[1:] - edges[:-1]
+    breaks = [left + 1 for left in suspects.tolist() if apart(left, left + 1)]
+    alone = [start for start, stop in zip(breaks, breaks[1:]) if stop == start + 1]
+    return breaks, [beam for beam in alone if not apart(beam - 1, beam + 1)]
 
 
-def _plausible(
-    scan: Scan, config: PillarConfig, beams: np.ndarray, starts: np.ndarray, counts: np.ndarray
-) -> Optional[Runs]:
-    """The runs no wider and no deeper than a pillar there would be; None when there is none."""
-    if not len(beams) or scan.angle_increment == 0.0:
-        return None
-    step, ranges = scan.angle_increment, scan.ranges[beams]
+def _plausible(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Optional[Run]:
+    """The run of these beams, if it is no wider and no deeper than a pillar there would be."""
+    ranges, step = scan.ranges[beams], abs(scan.angle_increment)
     largest = config.pillar_radius + config.radius_tolerance
-    near, far = np.minimum.reduceat(ranges, starts), np.maximum.reduceat(ranges, starts)
-    width = (beams[starts + counts - 1] - beams[starts]) * abs(step)
-    keep = np.flatnonzero(
-        (counts >= config.min_beams)
-        & (width <= 2.0 * np.arcsin(largest / (near + largest)) + abs(step))
-        & (far - near <= largest + 4.0 * config.max_residual)
-    )
-    if not len(keep):
+    near, first, last = float(ranges.min()), int(beams[0]), int(beams[-1])
+    if (
+        (last - first) * step > 2.0 * asin(largest / (near + largest)) + step
+        or ranges.max() - near > largest + 4.0 * config.max_residual
+        or near * step > 2.0 * largest  # beams so far apart tell nothing
+        or step == 0.0
+    ):
         return None
-    starts, counts = starts[keep], counts[keep]
-    column = np.arange(counts.max())
-    mask = column < counts[:, None]
-    index = beams[np.where(mask, starts[:, None] + column, starts[:, None])]
-    middle = 0.5 * (index[:, 0] + beams[starts + counts - 1])
-    return Runs(
-        middle=scan.angle_min + middle * step,
-        near=near[keep],
-        ranges=scan.ranges[index],
-        angles=(index - middle[:, None]) * step,
-        mask=mask.astype(float),
-        beams=counts,
+    directions = _directions(scan.angle_increment, len(scan.ranges))
+    return Run(beams, near, ranges, directions[:, 2 * beams - (first + last)])
+
+
+@lru_cache(maxsize=4)
+def _directions(step: float, count: int) -> np.ndarray:
+    """Unit vectors at half steps from -count to count, (2, 2 count); index 0 is ahead, negative ones work."""
+    angles = 0.5 * step * np.concatenate([np.arange(count), np.arange(-count, 0)])
+    return np.stack([np.cos(angles), np.sin(angles)])
+
+
+def _judge(scan: Scan, config: PillarConfig, run: Run) -> Optional[Pillar]:
+    """The pillar that a run is, if it is one."""
+    circle = fit_circle(run, config.pillar_radius, config.range_noise)
+    off, free_off = circle.radius - config.pillar_radius, circle.free_radius - config.pillar_radius
+    if (
+        circle.x <= run.near  # a niche is as round
+        or circle.residual > config.max_residual
+        or abs(off) > config.radius_tolerance
+        or abs(free_off) > config.radius_tolerance + circle.free_slack
+        or not _stands_out(scan, config, run, circle)
+    ):
+        return None
+    middle = scan.angle_min + 0.5 * int(run.beams[0] + run.beams[-1]) * scan.angle_increment
+    c, s = cos(middle), sin(middle)
+    x, y = c * circle.x - s * circle.y, s * circle.x + c * circle.y
+    return Pillar(x, y, circle.radius, len(run.beams), circle.residual)
+
+
+def _stands_out(scan: Scan, config: PillarConfig, run: Run, circle: Circle) -> bool:
+    """Whether a circle explains its beams better than straight things would, and is framed as a pillar is."""
+    beams = len(run.beams)
+    missing, hidden = _silhouette(scan, config, run, circle)
+    noise = beams * config.range_noise**2
+
+    def loses(rival: Callable[[Run], float], spent: int, odds: float) -> bool:
+        def lead(misfit: float) -> float:
+            return max(beams - spent, 1) * log((circle.misfit + noise) / (misfit + noise))
+
+        return lead(0.0) >= odds and lead(rival(run)) >= odds  # mostly not even a perfect rival would win
+
+    return (
+        missing <= beams // 10
+        and not loses(line_misfit, 2, -_HIDDEN_ODDS if hidden else _LINE_ODDS)
+        and not (beams > 5 and loses(corner_misfit, 5, _CORNER_ODDS * beams))
     )
 
 
-def _silhouette(scan: Scan, circles: Circles, config: PillarConfig) -> Tuple[np.ndarray, np.ndarray]:
-    """Beams that should have met each circle: how many passed through it (K,), how many are hidden (K,)."""
-    step = scan.angle_increment
-    inner = np.maximum(0.9 * circles.radius - 2.0 * circles.residual, 0.0)
-    half = np.arcsin(np.minimum(inner / np.maximum(circles.distance, 1e-9), 1.0))
-    centre = np.rint((circles.bearing - scan.angle_min) / step).astype(int)
-    reach = int(half.max() / abs(step)) + 1
-    index = centre[:, None] + np.arange(-reach, reach + 1)
-    psi = scan.angle_min + index * step - circles.bearing[:, None]
-    should = np.abs(psi) <= half[:, None]
-    inside = (index >= 0) & (index < len(scan.ranges))
-    ranges = np.where(inside, scan.ranges.take(index, mode="clip"), np.nan)
-    across = np.minimum(np.abs(circles.distance[:, None] * np.sin(psi)), circles.radius[:, None])
-    predicted = circles.distance[:, None] * np.cos(psi) - np.sqrt(circles.radius[:, None] ** 2 - across**2)
-    slack = 4.0 * config.max_residual
-    beside = np.abs(psi) <= half[:, None] + abs(step)
-    seen = ranges >= predicted - slack
-    return (should & (ranges > predicted + slack)).sum(axis=1), (beside & ~seen).sum(axis=1)
+def _silhouette(scan: Scan, config: PillarConfig, run: Run, circle: Circle) -> Tuple[int, int]:
+    """Of the beams that should have met a circle and are not its own: how many pass through, are hidden."""
+    step, beams = abs(scan.angle_increment), run.beams.tolist()
+    distance = hypot(circle.x, circle.y)
+    inner = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)
+    half = asin(min(inner / max(distance, 1e-9), 1.0))
+    centre = 0.5 * (beams[0] + beams[-1]) + atan2(circle.y, circle.x) / step
+    reach, slack = half / step + 1.0, 4.0 * config.max_residual
+    missing = hidden = 0
+    for beam in set(range(ceil(centre - reach), floor(centre + reach) + 1)).difference(beams):
+        psi = (beam - centre) * step
+        across = min(abs(distance * sin(psi)), circle.radius)
+        expected = distance * cos(psi) - sqrt(circle.radius**2 - across**2)
+        reading = float(scan.ranges[beam]) if 0 <= beam < len(scan.ranges) else nan
+        missing += abs(psi) <= half and reading > expected + slack
+        hidden += not reading >= expected - slack
+    return missing, hidden
 
 
 def _distinct(pillars: List[Pillar]) -> List[Pillar]:
     """Without those that stand inside another of more beams (one pillar seen in two pieces)."""
     kept: List[Pillar] = []
     for one in sorted(pillars, key=lambda pillar: -pillar.beams):
-        if all(np.hypot(one.x - other.x, one.y - other.y) > other.radius for other in kept):
+        if all(hypot(one.x - other.x, one.y - other.y) > other.radius for other in kept):
             kept.append(one)
     return kept
