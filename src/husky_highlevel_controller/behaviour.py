@@ -114,12 +114,15 @@ def decide(
     stamp = view.scan.stamp
     if stamp < memory.updated_at:
         memory = Memory()
-    memory = replace(memory, updated_at=stamp)
-    if enabled and memory.started_at is None:
-        memory = replace(memory, started_at=stamp)
-    memory, pillar, sight = _look(memory, view, find_pillars(view.scan, looks))
-    target = _target(memory, view, pillar)
-    memory = replace(memory, close_at=_close_at(memory, target, stamp, control))
+    track, pillar, sight = _look(memory, view, find_pillars(view.scan, looks))
+    target = _target(track.estimate, view, pillar)
+    memory = replace(
+        memory,
+        track=track,
+        close_at=_close_at(memory, target, stamp, control),
+        started_at=stamp if enabled and memory.started_at is None else memory.started_at,
+        updated_at=stamp,
+    )
     phase, twist, reason, search = _act(memory, view, target, pillar is not None, sight, enabled, control)
     left = to_go(target, control) if target else nan
     memory = replace(
@@ -143,29 +146,27 @@ def decide(
     return memory, decision
 
 
-def _look(memory: Memory, view: View, pillars: List[Pillar]) -> Tuple[Memory, Optional[Pillar], Sight]:
+def _look(memory: Memory, view: View, pillars: List[Pillar]) -> Tuple[Track, Optional[Pillar], Sight]:
     """Follow the pillar; without a place in odom, whichever is nearest in this scan."""
     if view.laser_in_base is None or view.base_in_odom is None:
-        return memory, (pillars[0] if pillars else None), Sight.UNKNOWN
+        return memory.track, (pillars[0] if pillars else None), Sight.UNKNOWN
     laser_in_odom = compose(pose_from_2d(view.base_in_odom), view.laser_in_base)
-    track, pillar, sight = follow(
-        memory.track, pillars, view.scan, laser_in_odom, patient=memory.phase is Phase.ARRIVED
-    )
-    return replace(memory, track=track), pillar, sight
+    patient = memory.phase is Phase.ARRIVED
+    return follow(memory.track, pillars, view.scan, laser_in_odom, patient)
 
 
-def _target(memory: Memory, view: View, pillar: Optional[Pillar]) -> Optional[Target]:
+def _target(estimate: Optional[Estimate], view: View, pillar: Optional[Pillar]) -> Optional[Target]:
     """The pillar as it is seen, or else as it is remembered."""
     if view.laser_in_base is None:
         return None
     if pillar is not None:
         x, y, _ = transform_point(view.laser_in_base, (pillar.x, pillar.y, 0.0))
         return target_at((x, y), pillar.radius, view.laser_in_base)
-    if memory.estimate is None or view.base_in_odom is None:
+    if estimate is None or view.base_in_odom is None:
         return None
-    place_in_odom = (memory.estimate.x, memory.estimate.y, 0.0)
+    place_in_odom = (estimate.x, estimate.y, 0.0)
     x, y, _ = transform_point(inverse(pose_from_2d(view.base_in_odom)), place_in_odom)
-    return target_at((x, y), memory.estimate.radius, view.laser_in_base)
+    return target_at((x, y), estimate.radius, view.laser_in_base)
 
 
 def _close_at(
@@ -196,13 +197,14 @@ def _act(
     if view.laser_in_base is None:
         missing = f"no transform from '{view.scan.frame}' to base_link"
         return Phase.WAITING, STOP, f"{missing}: standing still; is robot_state_publisher running?", None
-    if not (view.scan.valid | (view.scan.ranges == inf)).any():  # no beam, or NaN or too close for all
+    measured = view.scan.valid.any()
+    if not measured and not (view.scan.ranges == inf).any():  # no beam, or NaN or too close for all
         reason = "no pillar in the scan (it has no valid range): standing still; is the lidar covered?"
         return Phase.WAITING, STOP, reason, None
     points = near_points(view.scan, view.laser_in_base, target if pillar_seen else None)
     if target is not None and (pillar_seen or control.search):
         return (*_drive(memory, target, pillar_seen, sight, points, control), None)
-    nothing = "none of its returns looks like one" if view.scan.valid.any() else "it has no valid range"
+    nothing = "none of its returns looks like one" if measured else "it has no valid range"
     nothing = f"no pillar in the scan ({nothing})"
     if not control.search:
         return Phase.WAITING, STOP, f"{nothing}: standing still; set ~search to true, or turn the robot", None

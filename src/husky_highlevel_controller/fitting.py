@@ -19,7 +19,7 @@ _LEAST_WEIGHT = 1e-6  # keeps the equations solvable
 _FREE_WEIGHT = 1e-4  # the same where nothing is expected of the radius
 _MIN_COSINE = 0.3  # of incidence; grazing beams weigh no more than this one
 _MAX_WEIGHINGS = 4
-_WEIGHED = 0.01  # share of the radius; weights are good for a centre that moves no farther
+_WEIGHED = 0.1  # share of the radius; weights are good for a centre that moves no farther
 _MAX_ITERATIONS = 8
 _SETTLED = 1e-6  # [m], a smaller step of the fit is the last
 

@@ -79,8 +79,7 @@ def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target]) -> np
     Returns:
         End points of beams without those on the robot itself and those that have no neighbour (speckle).
     """
-    with np.errstate(invalid="ignore"):
-        near = np.flatnonzero((scan.ranges < _REACH) & (scan.ranges >= scan.range_min))
+    near = np.flatnonzero((scan.ranges < _REACH) & (scan.ranges >= scan.range_min))
     if not len(near):
         return np.empty((0, 2))
     company = (np.diff(near) <= 2) & (np.abs(np.diff(scan.ranges[near])) < _SAME_THING)

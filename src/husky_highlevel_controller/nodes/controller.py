@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import deque
@@ -21,7 +22,7 @@ from husky_highlevel_controller import messages
 from husky_highlevel_controller.behaviour import Decision, Memory, Phase, View, decide
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.control import ControlConfig
-from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D
+from husky_highlevel_controller.datatypes import STOP, Pillar, Pose, Pose2D, Scan
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.nodes.diagnostics import Diagnostics, Health
 from husky_highlevel_controller.nodes.display import BASE, ODOM, Display
@@ -29,11 +30,13 @@ from husky_highlevel_controller.nodes.starting import publish, run_node
 from husky_highlevel_controller.nodes.tuning import Tuning
 from husky_highlevel_controller.pillar import PillarConfig
 
+LOG = logging.getLogger("rosout")  # rospy's own; asked before a line is made that hardly anybody reads
 REPORT_PERIOD = 5.0  # [s] between two complaints about the same
 PATIENCE = 50  # scans that may have to do without a transform before that is worth a word
 START_PATIENCE = 4.0  # [s] of wall time that the first scan waits for TF
 TF_PATIENCE = 2.0  # [s] of wall time that the transform of a scan's moment may be late
 TF_GLANCE = 0.0001  # [s] of wall time between two looks for it
+GLANCE = 0.1  # [s] of wall time between two looks at whether /diagnostics is due
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ class ControllerNode:
         self._stamps: Deque[float] = deque(maxlen=PATIENCE)
         self._laser_frame = ""
         self._transforms = tf2_ros.Buffer()
-        self._listener = tf2_ros.TransformListener(self._transforms)
+        self._listener = tf2_ros.TransformListener(self._transforms, tcp_nodelay=True)
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._announcement = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
         self._display = Display()
@@ -107,7 +110,9 @@ class ControllerNode:
 
     def run(self) -> None:
         """Work until the node is shut down."""
-        rospy.spin()
+        while not rospy.is_shutdown():
+            self._diagnostics.update()
+            time.sleep(GLANCE)
 
     def _stop(self) -> None:
         publish(self._velocity, messages.twist_to_msg(STOP))
@@ -182,7 +187,7 @@ class ControllerNode:
     ) -> Optional[TransformStamped]:
         """What TF knows, at a moment or (None) the latest; never waits."""
         try:
-            return self._transforms.lookup_transform(parent, child, moment or rospy.Time())
+            return self._transforms.lookup_transform_core(parent, child, moment or rospy.Time())
         except tf2_ros.TransformException:
             return None
 
@@ -192,15 +197,12 @@ class ControllerNode:
         """Log what a scan holds at DEBUG level, and what changed at INFO level, or WARN with the remedy."""
         scan, pillar, phase = view.scan, decision.pillar, decision.phase
         self._seen = "seen" if pillar else "remembered" if decision.estimate else "unknown"
-        nearest = scan.ranges[scan.valid]
-        twist = decision.twist
-        seen = f"smallest range {nearest.min():.3f} m" if len(nearest) else "no valid range"
-        if pillar is not None:
-            seen += f", pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, angle {pillar.bearing:.3f} rad"
-        rospy.logdebug(
-            f"scan {scan.stamp:.2f}: {phase.value}, {twist.linear:.2f} m/s, {twist.angular:.2f} rad/s; "
-            f"{seen} in {scan.frame}; {decision.reason}"
-        )
+        if LOG.isEnabledFor(logging.DEBUG):
+            twist = decision.twist
+            rospy.logdebug(
+                f"scan {scan.stamp:.2f}: {phase.value}, {twist.linear:.2f} m/s, {twist.angular:.2f} rad/s; "
+                f"{_seen(scan, pillar)}; {decision.reason}"
+            )
         changed = _stage(self._memory) != _stage(before)
         changed |= phase is Phase.WAITING and decision.reason != self._reason
         self._reason = decision.reason
@@ -215,7 +217,8 @@ class ControllerNode:
                 f"(stop_distance {control.stop_distance:g} m)"
             )
         elif phase is Phase.DRIVING:
-            rospy.loginfo(f"{decision.reason}, {decision.distance_error:.2f} m to go; {seen} in {scan.frame}")
+            to_go = f"{decision.distance_error:.2f} m to go"
+            rospy.loginfo(f"{decision.reason}, {to_go}; {_seen(scan, pillar)}")
         elif phase is Phase.SEARCHING:
             rospy.loginfo(decision.reason)
         elif phase is Phase.WAITING and view.laser_in_base is not None:
@@ -240,6 +243,14 @@ class ControllerNode:
             phase=self._memory.phase,
             pillar=self._seen,
         )
+
+
+def _seen(scan: Scan, pillar: Optional[Pillar]) -> str:
+    nearest = scan.ranges[scan.valid]
+    seen = f"smallest range {nearest.min():.3f} m" if len(nearest) else "no valid range"
+    if pillar is not None:
+        seen += f", pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, angle {pillar.bearing:.3f} rad"
+    return f"{seen} in {scan.frame}"
 
 
 def _stage(memory: Memory) -> Tuple[Phase, bool]:

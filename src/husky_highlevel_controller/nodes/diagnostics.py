@@ -48,17 +48,23 @@ def judge(health: Health) -> Tuple[int, str]:
 
 
 class Diagnostics:
-    """A timer that asks how the controller fares, and tells it."""
+    """Asks how the controller fares, and tells it; a rospy.Timer would wake at every tick of the clock."""
 
     def __init__(self, examine: Callable[[], Health]) -> None:
         self._examine = examine
         self._publisher = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
-        # reset: the clock runs backwards when the simulator is started again
-        self._timer = rospy.Timer(rospy.Duration(PERIOD), self._tell, reset=True)
+        self._told_at = 0.0
 
-    def _tell(self, _event: rospy.timer.TimerEvent) -> None:
-        if self._publisher.get_num_connections() == 0:
+    def update(self) -> None:
+        """Tell it if a period is over; to be called now and then."""
+        now = rospy.get_time()
+        if 0.0 <= now - self._told_at < PERIOD:  # less: the simulator was started again
             return
+        self._told_at = now
+        if self._publisher.get_num_connections():
+            self._tell()
+
+    def _tell(self) -> None:
         health = self._examine()
         level, message = judge(health)
         status = DiagnosticStatus(
