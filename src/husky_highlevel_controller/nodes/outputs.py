@@ -19,7 +19,7 @@ from husky_highlevel_controller.nodes.starting import publish
 from husky_highlevel_controller.simulation import ODOMETRY_RATE, SimulatorConfig, steps_per
 
 WORLD, ODOM, BASE = "world", "odom", "base_link"
-CLOCK_RATE = 100  # [Hz]
+CLOCK_RATE = 50  # [Hz], as that of scans and odometry; besides, the clock is told with every scan
 QUEUE = 200  # messages kept for a subscriber that is busy; one that hangs must not hold the world
 
 
@@ -31,6 +31,7 @@ class Outputs:
         self._state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         self._clock_steps = steps_per(CLOCK_RATE, config.physics_rate, "the rate of /clock")
         self._drift = config.gps.drift
+        self._tells_time = bool(rospy.get_param("/use_sim_time", False))
         self._bumped: Set[str] = set()
         self.clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
@@ -54,13 +55,22 @@ class Outputs:
         self.clock_was_published = False
 
     def publish(self, snapshot: Snapshot) -> None:
-        """Publish what is due one step after the snapshot before; all but the scan."""
+        """Publish what is due one step after the snapshot before.
+
+        The time goes first, then the robot's place and the scan: whoever answers scans waits for no more.
+        """
         self._step += 1
-        self.clock_was_published = self._step % self._clock_steps == 0
+        self.clock_was_published = snapshot.scan is not None or self._step % self._clock_steps == 0
         if self.clock_was_published:
             self.publish_clock(snapshot.stamp)
+        state = self._step % self._state_steps == 0
+        if state:
+            base_in_odom = pose_from_2d(snapshot.odometry.pose_base_in_odom)
+            _offer(self.transforms, messages.tree_to_msg, base_in_odom, snapshot.stamp, ODOM, BASE)
+        if snapshot.scan is not None:
+            self.publish_scan(snapshot.scan)
         self._bumped.update(snapshot.touched)
-        if self._step % self._state_steps == 0:
+        if state:
             self._publish_state(snapshot)
         if snapshot.imu is not None:
             _offer(self._imu, messages.imu_to_msg, snapshot.imu, BASE)
@@ -74,8 +84,6 @@ class Outputs:
 
     def _publish_state(self, snapshot: Snapshot) -> None:
         stamp = snapshot.stamp
-        base_in_odom = pose_from_2d(snapshot.odometry.pose_base_in_odom)
-        _offer(self.transforms, messages.tree_to_msg, base_in_odom, stamp, ODOM, BASE)
         _offer(self.joints, messages.wheels_to_msg, snapshot.wheels, stamp)
         _offer(self._odometry, messages.odometry_to_msg, snapshot.odometry, stamp, ODOM, BASE)
         wheels = snapshot.wheel_odometry
@@ -86,8 +94,11 @@ class Outputs:
         self._bumped.clear()
 
     def publish_clock(self, stamp: float) -> None:
-        """Tell what time it is [s]."""
-        _offer(self.clock, lambda: Clock(messages.time_to_msg(stamp)))
+        """Tell what time it is [s], this node first, which does not listen to itself."""
+        now = messages.time_to_msg(stamp)
+        if self._tells_time:  # and wake nobody: here no thread waits for a moment
+            rospy.rostime._rostime_current = rospy.Time(now.secs, now.nsecs)
+        _offer(self.clock, Clock, now)
 
 
 def _offer(publisher: rospy.Publisher, make: Callable[..., Any], *args: Any) -> None:

@@ -125,14 +125,13 @@ class SimulatorNode:
             except CommandError as error:
                 rospy.logwarn_throttle(1.0, f"{rospy.resolve_name('cmd_vel')}: {error}")
         snapshot = self._simulation.step()
+        self._lockstep.expect_answer()
         self._outputs.publish(snapshot)
         self._display.update(snapshot.stamp)
         if self._camera:
             self._camera.update(self._simulation, snapshot)
         if snapshot.scan is not None:
             send = partial(self._outputs.publish_scan, snapshot.scan)
-            self._lockstep.expect_answer()
-            send()
             self._lockstep.wait_for_answer(self._requests.serve, ask_again=send)
 
     def _keep_pace(self) -> None:
@@ -213,4 +212,4 @@ def _world_folders() -> List[Path]:
 
 def main() -> None:
     """Run the node."""
-    run_node("husky_simulator", SimulatorNode)
+    run_node("husky_simulator", SimulatorNode, listen_to_clock=False)

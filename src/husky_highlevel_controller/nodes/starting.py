@@ -29,10 +29,11 @@ class Runnable(Protocol):
         """Work until the node is shut down."""
 
 
-def run_node(name: str, make: Callable[[], Runnable]) -> None:
+def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = True) -> None:
     """Make and run a node; bad input ends it with a message and exit code 1, a signal with 0.
 
-    With the argument --debug it logs at DEBUG level and shows a stack trace should the engine crash.
+    With the argument --debug it logs at DEBUG level and shows a stack trace should the engine crash. A node
+    that tells the time itself need not listen to /clock.
     """
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)  # a log that is piped is seen line by line
@@ -40,7 +41,8 @@ def run_node(name: str, make: Callable[[], Runnable]) -> None:
     if debug:
         faulthandler.enable()
     send_promptly()
-    rospy.init_node(name, log_level=rospy.DEBUG if debug else rospy.INFO)
+    level = rospy.DEBUG if debug else rospy.INFO
+    rospy.init_node(name, log_level=level, disable_rostime=not listen_to_clock)
     try:
         make().run()
     except HuskyError as error:
