@@ -62,44 +62,44 @@ def fit_circle(run: Run, radius: float, noise: float) -> Circle:
         radius: what is expected [m].
         noise: differences in range not worth explaining [m].
     """
-    reach = run.near + radius
-    basis = np.ones((4, len(run.ranges)))  # px, py, 1, |p|^2, from a centre on the line of sight
-    points = np.multiply(run.ranges, run.directions, out=basis[:2])
-    points[0] -= reach
-    np.einsum("ij,ij->j", points, points, out=basis[3])
+    basis = np.empty((4, len(run.ranges)))
+    np.multiply(run.ranges, run.directions, out=basis[:2])
+    basis[2] = 1.0
+    np.multiply(run.ranges, run.ranges, out=basis[3])
 
-    x, y, r = 0.0, 0.0, radius
+    x, y, r = run.near + radius, 0.0, radius
     for _ in range(_MAX_WEIGHINGS):
         # how far each beam passes from the centre, as a share of the radius, is the sine of incidence
-        sine = np.dot((-y / r, (reach + x) / r), run.directions)
+        sine = np.array((-y / r, x / r)) @ run.directions
         square = np.maximum(1.0 - sine * sine, _MIN_COSINE**2)
         moments = (basis / square) @ basis.T
         before_x, before_y = x, y
-        x, y, r, error, products = _settle(moments, x, y, r, radius)
+        x, y, r, error, products = _settle(moments, x, y, r, (run.near + radius, 0.0, radius))
         if hypot(x - before_x, y - before_y) < _WEIGHED * radius:
             break
-    distances = np.dot(error, basis)
+    distances = np.array(error) @ basis
     shift, slack = _free_radius(products, len(run.ranges), noise)
     return Circle(
-        x=reach + x,
+        x=x,
         y=y,
         radius=r,
         free_radius=r + shift,
         free_slack=slack,
         residual=sqrt(float(distances @ distances) / len(run.ranges)),
-        misfit=products[3][3],
+        misfit=max(products[3][3], 0.0),
     )
 
 
 def _settle(
-    moments: np.ndarray, x: float, y: float, r: float, expected: float
+    moments: np.ndarray, x: float, y: float, r: float, expected: Tuple[float, float, float]
 ) -> Tuple[float, float, float, Sequence[float], List[List[float]]]:
-    """Gauss-Newton from (x, y, r) on products (4, 4) of px, py, 1, |p|^2.
+    """Gauss-Newton from (x, y, r) on products (4, 4) of px, py, 1, |p|^2, given what is expected.
 
     Returns:
         Centre and radius [m], the distance from that circle as a form of px, py, 1, |p|^2, and the products
         (4, 4) of its derivatives by x, y, r and itself.
     """
+    expected_x, expected_y, expected_r = expected
     for _ in range(_MAX_ITERATIONS):
         error = (-x / r, -y / r, (x * x + y * y - r * r) / (2.0 * r), 0.5 / r)
         forms = np.array(
@@ -109,13 +109,18 @@ def _settle(
         (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
         inverse = _inverse(xx + _LEAST_WEIGHT, xy, xr, yy + _PLACE_WEIGHT, yr, rr + _RADIUS_WEIGHT)
         dx, dy, dr = _apply(
-            inverse, (xe + _LEAST_WEIGHT * x, ye + _PLACE_WEIGHT * y, re + _RADIUS_WEIGHT * (r - expected))
+            inverse,
+            (
+                xe + _LEAST_WEIGHT * (x - expected_x),
+                ye + _PLACE_WEIGHT * (y - expected_y),
+                re + _RADIUS_WEIGHT * (r - expected_r),
+            ),
         )
         longest = max(abs(dx), abs(dy), abs(dr))
         if longest < _SETTLED:
             break
-        step = min(1.0, expected / longest)
-        x, y, r = x - step * dx, y - step * dy, max(r - step * dr, 0.1 * expected)
+        step = min(1.0, expected_r / longest)
+        x, y, r = x - step * dx, y - step * dy, max(r - step * dr, 0.1 * expected_r)
     return x, y, r, error, products
 
 

@@ -84,7 +84,7 @@ def cluster(scan: Scan, config: PillarConfig) -> Tuple[np.ndarray, List[Tuple[in
     Returns:
         The beams that belong to runs (V,), and where in them each run starts and stops.
     """
-    beams = np.flatnonzero(scan.valid)
+    (beams,) = scan.valid.nonzero()
     breaks, speckle = _breaks(scan, config, beams)
     if speckle:
         beams = np.delete(beams, speckle)
@@ -96,7 +96,7 @@ def _breaks(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Tuple[List[i
     """Where in `beams` another thing begins; and single beams that others pass by on both sides."""
     ranges, step = scan.ranges[beams], abs(scan.angle_increment)
     largest, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
-    suspects = np.flatnonzero((np.abs(ranges[1:] - ranges[:-1]) > rough) | (beams[1:] - beams[:-1] > 1))
+    (suspects,) = ((np.abs(ranges[1:] - ranges[:-1]) > rough) | (beams[1:] - beams[:-1] > 1)).nonzero()
     if not len(suspects):
         return [], []
     depths, indices = ranges.tolist(), beams.tolist()
@@ -121,10 +121,11 @@ def _plausible(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Optional[
     """The run of these beams, if it is no wider and no deeper than a pillar there would be."""
     ranges, step = scan.ranges[beams], abs(scan.angle_increment)
     largest = config.pillar_radius + config.radius_tolerance
-    near, first, last = float(ranges.min()), int(beams[0]), int(beams[-1])
+    depths, first, last = ranges.tolist(), int(beams[0]), int(beams[-1])
+    near = min(depths)
     if (
         (last - first) * step > 2.0 * asin(largest / (near + largest)) + step
-        or ranges.max() - near > largest + 4.0 * config.max_residual
+        or max(depths) - near > largest + 4.0 * config.max_residual
         or near * step > 2.0 * largest  # beams so far apart tell nothing
         or step == 0.0
     ):
