@@ -9,10 +9,9 @@ be seen (searching.py).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from enum import Enum
 from math import inf, nan
-from typing import List, Optional, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -53,8 +52,7 @@ class Phase(Enum):
     STOPPED = "stopped"  # told to stand still
 
 
-@dataclass(frozen=True)
-class View:
+class View(NamedTuple):
     """All that is known at one scan."""
 
     scan: Scan
@@ -62,12 +60,11 @@ class View:
     base_in_odom: Optional[Pose2D]  # at the scan's stamp; None where TF does not know
 
 
-@dataclass(frozen=True)
-class Memory:
+class Memory(NamedTuple):
     """Whatever is needed from scan to scan."""
 
     phase: Phase = Phase.WAITING
-    track: Track = field(default_factory=Track)
+    track: Track = Track()
     search: Optional[Search] = None  # while searching
     at_pillar: bool = False  # it has arrived, and not left since
     close_at: Optional[float] = None  # [s], since when it has been close to what it is going to touch
@@ -80,8 +77,7 @@ class Memory:
         return self.track.estimate
 
 
-@dataclass(frozen=True)
-class Decision:
+class Decision(NamedTuple):
     """What to do now, and why."""
 
     phase: Phase
@@ -116,8 +112,7 @@ def decide(
         memory = Memory()
     track, pillar, sight = _look(memory, view, find_pillars(view.scan, looks))
     target = _target(track.estimate, view, pillar)
-    memory = replace(
-        memory,
+    memory = memory._replace(
         track=track,
         close_at=_close_at(memory, target, stamp, control),
         started_at=stamp if enabled and memory.started_at is None else memory.started_at,
@@ -125,8 +120,7 @@ def decide(
     )
     phase, twist, reason, search = _act(memory, view, target, pillar is not None, sight, enabled, control)
     left = to_go(target, control) if target else nan
-    memory = replace(
-        memory,
+    memory = memory._replace(
         phase=phase,
         at_pillar=phase is Phase.ARRIVED or (memory.at_pillar and left <= RESUME_ERROR),
         search=search,
@@ -197,7 +191,7 @@ def _act(
     if view.laser_in_base is None:
         missing = f"no transform from '{view.scan.frame}' to base_link"
         return Phase.WAITING, STOP, f"{missing}: standing still; is robot_state_publisher running?", None
-    measured = view.scan.valid.any()
+    measured = pillar_seen or view.scan.valid.any()
     if not measured and not (view.scan.ranges == inf).any():  # no beam, or NaN or too close for all
         reason = "no pillar in the scan (it has no valid range): standing still; is the lidar covered?"
         return Phase.WAITING, STOP, reason, None

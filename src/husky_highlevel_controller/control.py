@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import atan2, cos, hypot
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 from husky_highlevel_controller.datatypes import Pose, Twist2D
 
@@ -67,8 +67,7 @@ class ControlConfig:
     )
 
 
-@dataclass(frozen=True)
-class Target:
+class Target(NamedTuple):
     """The pillar as the control needs it."""
 
     x: float  # [m], centre, in base_link

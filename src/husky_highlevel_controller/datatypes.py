@@ -1,6 +1,7 @@
 """The records that travel between modules: numbers with names, units and frames.
 
-In: nothing. Out: frozen records; small vectors are tuples, scans are read-only arrays.
+In: nothing. Out: immutable records, those of every step as tuples, which are made faster; scans are read-only
+arrays.
 Must not know: ROS, PyBullet, files.
 
 SI units and REP 103 axes (x forward, y left, z up) throughout; quaternions are xyzw.
@@ -11,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import atan2, hypot
-from typing import Optional, Tuple, Union
+from typing import NamedTuple, Optional, Tuple, Union
 
 import numpy as np
 
@@ -27,16 +28,17 @@ class HuskyError(Exception):
 # ---------------------------------------------------------------------------- poses and motion
 
 
-@dataclass(frozen=True)
-class Pose:
+class Pose(NamedTuple):
     """A pose in space: of which frame, in which frame, says the variable's name."""
 
     position: Vector3 = (0.0, 0.0, 0.0)  # [m]
     quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
-@dataclass(frozen=True)
-class Pose2D:
+IDENTITY = Pose()
+
+
+class Pose2D(NamedTuple):
     """A pose on the ground plane."""
 
     x: float = 0.0  # [m]
@@ -44,8 +46,7 @@ class Pose2D:
     yaw: float = 0.0  # [rad], counter-clockwise
 
 
-@dataclass(frozen=True)
-class Twist2D:
+class Twist2D(NamedTuple):
     """A velocity of base_link, expressed in base_link."""
 
     linear: float = 0.0  # [m/s], forward
@@ -88,7 +89,7 @@ class Part:
     """One shape of a thing."""
 
     shape: Shape
-    pose_in_thing: Pose = Pose()
+    pose_in_thing: Pose = IDENTITY
     rgba: Rgba = (0.7, 0.7, 0.7, 1.0)  # each 0..1
 
 
@@ -142,8 +143,7 @@ class Scan:
         return (self.ranges >= self.range_min) & (self.ranges <= self.range_max)
 
 
-@dataclass(frozen=True)
-class WheelState:
+class WheelState(NamedTuple):
     """The four wheels, in the order of `names`."""
 
     names: Tuple[str, ...]  # joint names
@@ -152,8 +152,7 @@ class WheelState:
     efforts: Tuple[float, ...]  # [N m], by the motor
 
 
-@dataclass(frozen=True)
-class RobotState:
+class RobotState(NamedTuple):
     """The truth about base_link."""
 
     pose_in_world: Pose
@@ -161,8 +160,7 @@ class RobotState:
     angular_velocity_in_base: Vector3  # [rad/s]
 
 
-@dataclass(frozen=True)
-class ImuSample:
+class ImuSample(NamedTuple):
     """What an inertial measurement unit tells; on the Husky along base_link's axes."""
 
     stamp: float  # [s]
@@ -171,8 +169,7 @@ class ImuSample:
     specific_force: Vector3  # [m/s^2], along the sensor's axes: at rest 9.8 upwards (REP 145)
 
 
-@dataclass(frozen=True)
-class GpsFix:
+class GpsFix(NamedTuple):
     """What a satellite receiver tells, on the WGS 84 ellipsoid."""
 
     stamp: float  # [s]
@@ -191,16 +188,14 @@ class DepthImage:
     depth: np.ndarray  # (height, width) float32 [m], along z; NaN where nothing was seen
 
 
-@dataclass(frozen=True)
-class Odometry:
+class Odometry(NamedTuple):
     """Dead reckoning: where the robot believes it is."""
 
     pose_base_in_odom: Pose2D = Pose2D()
     twist_in_base: Twist2D = STOP
 
 
-@dataclass(frozen=True)
-class Snapshot:
+class Snapshot(NamedTuple):
     """The simulated robot at one instant."""
 
     stamp: float  # [s] of simulated time
@@ -215,8 +210,7 @@ class Snapshot:
     gps: Optional[GpsFix] = None  # None between two of its periods
 
 
-@dataclass(frozen=True)
-class Pillar:
+class Pillar(NamedTuple):
     """A pillar seen in one scan."""
 
     x: float  # [m], centre, in the laser's frame

@@ -60,6 +60,7 @@ def sweep(
     np.maximum(noisy, config.range_min, out=noisy)
     np.minimum(noisy, config.range_max, out=noisy)
     noisy[ranges >= config.range_max] = np.inf
-    noisy[ranges <= config.range_min] = -np.inf
+    if ranges.min() <= config.range_min:  # seldom
+        noisy[ranges <= config.range_min] = -np.inf
     noisy.setflags(write=False)
     return Scan(stamp, frame, -config.angle_max, config.angle_max, config.range_min, config.range_max, noisy)

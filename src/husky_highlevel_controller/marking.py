@@ -12,7 +12,7 @@ import re
 import signal
 import subprocess
 import sys
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Dict, List, Sequence, Tuple
@@ -191,7 +191,7 @@ def drive(submission: Submission, trial: Trial, rules: Rules, folder: Path) -> R
         )  # fmt: skip
         output, assignment = folder / "recording.json", folder / "assignment.json"
         task = {
-            "output": str(output), "start": astuple(trial.start), "pillar": trial.pillar,
+            "output": str(output), "start": trial.start, "pillar": trial.pillar,
             "deadline": rules.deadline, "scan_topic": rules.scan_topic, "exercise": rules.exercise,
             "ours": our_nodes(),
         }  # fmt: skip

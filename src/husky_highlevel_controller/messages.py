@@ -93,7 +93,7 @@ def scan_from_msg(msg: LaserScan) -> Scan:
 
 def twist_to_msg(twist: Twist2D) -> Twist:
     """A planar twist as geometry_msgs/Twist."""
-    return Twist(linear=Vector3(twist.linear, 0.0, 0.0), angular=Vector3(0.0, 0.0, twist.angular))
+    return Twist(Vector3(twist.linear, 0.0, 0.0), Vector3(0.0, 0.0, twist.angular))
 
 
 def twist_from_msg(msg: Twist) -> Twist2D:

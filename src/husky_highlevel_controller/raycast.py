@@ -6,63 +6,79 @@ Must not know: ROS, PyBullet, noise.
 Bullet's own rays see a cylinder through its collision margin: a pillar of 0.2 m at 20 m is a beam too wide
 and its flank 2 cm off. Here every shape is exact, and the time grows with the beams that may hit something,
 not with beams times shapes.
+
+A call of NumPy costs about the same for one number as for a hundred. So a few shapes are met one by one, each
+prepared in plain numbers and met by a slice of the beams; many are met all at once. Both share the formulas.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot, pi
-from typing import Iterable, List, Sequence, Tuple
+from functools import lru_cache
+from math import asin, atan2, hypot, inf, pi, sqrt
+from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Pose, Shape, Sphere
-from husky_highlevel_controller.geometry import matrix_from_quat
+from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Pose, Shape, Sphere, Vector3
+from husky_highlevel_controller.geometry import Axes, axes_from_quat, rotate
+from husky_highlevel_controller.intersections import BOX, CYLINDER, FORMULAS, SPHERE, dot, enter_flank
 
-BOX, CYLINDER, SPHERE = 0, 1, 2
+FEW = 10  # up to so many solid shapes are met one by one
+
+Indices = np.ndarray
+
+
+class Solid(NamedTuple):
+    """One solid shape of a scene, in plain numbers."""
+
+    kind: int  # BOX, CYLINDER or SPHERE
+    size: Vector3  # [m], half the edges of the box around it, along its own axes
+    bound: float  # [m], radius of the ball around it
+    position: Vector3  # [m], its centre in the world
+    axes: Sequence[Vector3]  # its own x, y and z, in the world
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """What rays can hit. The sizes never change; the poses may be moved."""
 
-    kinds: np.ndarray  # (M,) BOX, CYLINDER or SPHERE
-    sizes: np.ndarray  # (M, 3) [m], half the edges of the box around each shape, along its own axes
-    bounds: np.ndarray  # (M,) [m], radius of the ball around each shape
-    positions: np.ndarray  # (M, 3) [m], centres in the world
-    rotations: np.ndarray  # (M, 3, 3), shape to world
-    planes: Tuple[Tuple[np.ndarray, np.ndarray], ...]  # (point, unit normal) of each plane, in the world
+    solids: List[Solid]  # (M,)
+    planes: Tuple[Tuple[Vector3, Vector3], ...]  # (point, unit normal) of each plane, in the world
+    # the same solids as arrays
+    kinds: np.ndarray  # (M,)
+    sizes: np.ndarray  # (M, 3)
+    bounds: np.ndarray  # (M,)
+    positions: np.ndarray  # (M, 3)
+    axes: np.ndarray  # (M, 3, 3), an axis in each row
 
     def move(self, index: int, pose_in_world: Pose) -> None:
         """Put a solid shape somewhere else."""
-        self.positions[index] = pose_in_world.position
-        self.rotations[index] = matrix_from_quat(pose_in_world.quat_xyzw)
+        position, axes = pose_in_world.position, axes_from_quat(pose_in_world.quat_xyzw)
+        self.solids[index] = self.solids[index]._replace(position=position, axes=axes)
+        self.positions[index], self.axes[index] = position, axes
 
 
 def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> Scene:
     """Gather shapes and their poses in the world; the solid ones keep their order, planes stand apart."""
-    kinds, sizes, solids = [], [], []
-    planes: List[Tuple[np.ndarray, np.ndarray]] = []
+    solids: List[Solid] = []
+    planes: List[Tuple[Vector3, Vector3]] = []
     for shape, pose in shapes:
         if isinstance(shape, Plane):
-            planes.append((np.array(pose.position), matrix_from_quat(pose.quat_xyzw) @ shape.normal))
+            planes.append((pose.position, rotate(pose.quat_xyzw, shape.normal)))
             continue
         kind, size = _kind_and_size(shape)
-        kinds.append(kind)
-        sizes.append(size)
-        solids.append(pose)
-    scene = Scene(
-        kinds=np.array(kinds, dtype=int),
-        sizes=np.array(sizes, dtype=float).reshape(-1, 3),
-        bounds=np.array([size[0] if kind == SPHERE else np.hypot(*size[1:]) if kind == CYLINDER
-                         else np.linalg.norm(size) for kind, size in zip(kinds, sizes)]),
-        positions=np.zeros((len(solids), 3)),
-        rotations=np.zeros((len(solids), 3, 3)),
-        planes=tuple(planes),
-    )  # fmt: skip
-    for index, pose in enumerate(solids):
-        scene.move(index, pose)
-    return scene
+        bound = size[0] if kind == SPHERE else hypot(*size[1:]) if kind == CYLINDER else hypot(*size)
+        solids.append(Solid(kind, size, bound, pose.position, axes_from_quat(pose.quat_xyzw)))
+    return Scene(
+        solids,
+        tuple(planes),
+        kinds=np.array([solid.kind for solid in solids], dtype=int),
+        sizes=np.array([solid.size for solid in solids], dtype=float).reshape(-1, 3),
+        bounds=np.array([solid.bound for solid in solids], dtype=float),
+        positions=np.array([solid.position for solid in solids], dtype=float).reshape(-1, 3),
+        axes=np.array([solid.axes for solid in solids], dtype=float).reshape(-1, 3, 3),
+    )
 
 
 def _kind_and_size(shape: Shape) -> Tuple[int, Tuple[float, float, float]]:
@@ -76,6 +92,22 @@ def _kind_and_size(shape: Shape) -> Tuple[int, Tuple[float, float, float]]:
     raise TypeError(f"{shape} is not solid")
 
 
+class Beams(NamedTuple):
+    """The beams of a lidar, in its own frame."""
+
+    bearings: np.ndarray  # (N,) [rad], ascending
+    directions: np.ndarray  # (2, N), x and y of unit vectors
+
+
+@lru_cache(maxsize=8)
+def _beams(bearings: bytes) -> Beams:
+    """The beams of an array's bytes, for an array has no hash: a lidar's bearings come again every sweep."""
+    angles = np.frombuffer(bearings)
+    return Beams(angles, np.array((np.cos(angles), np.sin(angles))))
+
+
+# parallel to a face: inf, or more than a float holds; beside a round shape: nan
+@np.errstate(divide="ignore", over="ignore", invalid="ignore")
 def cast_rays(scene: Scene, pose_laser_in_world: Pose, bearings: np.ndarray, reach: float) -> np.ndarray:
     """Distance to the first thing each beam meets, (N,) [m]; +inf for nothing within `reach`.
 
@@ -87,35 +119,99 @@ def cast_rays(scene: Scene, pose_laser_in_world: Pose, bearings: np.ndarray, rea
         bearings: (N,) [rad], ascending, within [-pi, pi].
         reach: [m].
     """
-    # parallel to a face: inf, or more than a float holds; beside a disc: nan
-    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        return _cast_rays(scene, pose_laser_in_world, bearings, reach)
-
-
-def _cast_rays(scene: Scene, pose_laser_in_world: Pose, bearings: np.ndarray, reach: float) -> np.ndarray:
-    origin = np.array(pose_laser_in_world.position)
-    turn = matrix_from_quat(pose_laser_in_world.quat_xyzw)
-    distances = np.full(len(bearings), np.inf)
+    beams = _beams(np.asarray(bearings, dtype=float).tobytes())
+    origin, laser = pose_laser_in_world.position, axes_from_quat(pose_laser_in_world.quat_xyzw)
+    distances = np.empty(len(bearings))
+    distances.fill(inf)
+    farthest = 0.0
     for point, normal in scene.planes:
-        height, (x, y, _) = float(normal @ (point - origin)), (normal @ turn).tolist()
+        height, (x, y, _) = dot(_minus(point, origin), normal), _within(laser, normal)
         if abs(height) <= hypot(x, y) * reach:  # or no beam gets there, as none of a level laser to the floor
-            along = height / (x * np.cos(bearings) + y * np.sin(bearings))
-            np.minimum(distances, along, out=distances, where=along >= 0.0)
-
-    centers = (scene.positions - origin) @ turn  # in the laser's frame
-    near, first, count = _candidates(centers, scene.bounds, bearings, reach)
-    kinds = scene.kinds[near]
-    for kind in (BOX, CYLINDER, SPHERE):
-        chosen = np.flatnonzero(kinds == kind)
-        if len(chosen):
-            solid, (owner, beam) = near[chosen], _pairs(first[chosen], count[chosen])
-            entries = _enter(kind, scene, solid, centers[solid], turn, owner, bearings[beam])
-            np.minimum.at(distances, beam, entries)
-    distances[distances > reach] = np.inf
+            along = height / np.dot((x, y), beams.directions)
+            along[along < 0.0] = inf
+            np.fmin(distances, along, out=distances)
+            farthest = inf
+    if len(scene.solids) > FEW:
+        _meet_many(scene, np.array(origin), np.array(laser), beams, reach, distances)
+        farthest = inf
+    else:
+        for solid in scene.solids:
+            farthest = max(farthest, _meet_one(solid, origin, laser, beams, reach, distances))
+    if farthest > reach:
+        distances[distances > reach] = inf
     return distances
 
 
-Indices = np.ndarray
+def _minus(a: Vector3, b: Vector3) -> Vector3:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _within(axes: Axes, vector: Vector3) -> Vector3:
+    """The vector in the frame of these axes."""
+    (a, b, c), (d, e, f), (g, h, i) = axes
+    x, y, z = vector
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+
+
+# ---------------------------------------------------------------------------- few shapes
+
+
+def _meet_one(
+    solid: Solid, origin: Vector3, laser: Axes, beams: Beams, reach: float, distances: np.ndarray
+) -> float:
+    """Shorten the distances (N,) of the beams that meet a shape; none is farther than the result [m]."""
+    center = _within(laser, _minus(solid.position, origin))
+    x, y, z = center
+    flat, square = hypot(x, y), solid.bound * solid.bound - z * z  # the ball is cut by the scan plane
+    if square < 0.0 or flat - solid.bound > reach:
+        return 0.0
+    farthest, radius = flat + solid.bound, sqrt(square)
+    needed, prepare, enter = FORMULAS[solid.kind]
+    axes = [_within(laser, axis) for axis in solid.axes[needed]]
+    if solid.kind == CYLINDER and flat > radius:
+        u, v, _ = axes[0]
+        if abs(dot(center, axes[0])) + hypot(u, v) * farthest <= solid.size[2]:
+            enter = enter_flank  # within the ball no beam gets as high as the ends
+    prepared = prepare(center, axes, solid.size)
+    rows, numbers = np.array(prepared[0]), np.array(prepared[1])[:, None]
+    for first, last in _spans(beams, atan2(y, x), asin(radius / flat) if flat > radius else pi):
+        entries = enter(np.dot(rows, beams.directions[:, first:last]), numbers)
+        met = distances[first:last]
+        np.fmin(met, entries, out=met)
+    return farthest
+
+
+def _spans(beams: Beams, middle: float, spread: float) -> List[Tuple[int, int]]:
+    """The beams within `spread` of `middle` [rad]: the first, and the one after the last."""
+    low, high = middle - spread - 1e-9, middle + spread + 1e-9
+    ends = [(low, high)]
+    # a ball behind the laser may reach over the seam at +-pi: look there too
+    if low < -pi:
+        ends.append((low + 2.0 * pi, high + 2.0 * pi))
+    if high > pi:
+        ends.append((low - 2.0 * pi, high - 2.0 * pi))
+    return [(first, last) for first, last in beams.bearings.searchsorted(ends).tolist() if first < last]
+
+
+# ---------------------------------------------------------------------------- many shapes
+
+
+def _meet_many(
+    scene: Scene, origin: np.ndarray, laser: np.ndarray, beams: Beams, reach: float, distances: np.ndarray
+) -> None:
+    """Shorten the distances (N,) of the beams that meet any of the shapes."""
+    centers = (scene.positions - origin) @ laser.T  # in the laser's frame
+    near, first, count = _candidates(centers, scene.bounds, beams.bearings, reach)
+    kinds = scene.kinds[near]
+    for kind, (needed, prepare, enter) in enumerate(FORMULAS):
+        chosen = np.flatnonzero(kinds == kind)
+        if len(chosen):
+            solid, (owner, beam) = near[chosen], _pairs(first[chosen], count[chosen])
+            axes = (scene.axes[solid, needed] @ laser.T).transpose(1, 2, 0)
+            prepared = prepare(centers[solid].T, axes, scene.sizes[solid].T)
+            rows, numbers = (np.array(part)[..., owner] for part in prepared)
+            x, y = beams.directions[:, beam]
+            np.fmin.at(distances, beam, enter(rows[:, 0] * x + rows[:, 1] * y, numbers))
 
 
 def _candidates(
@@ -145,59 +241,3 @@ def _pairs(first: Indices, count: Indices) -> Tuple[Indices, Indices]:
     """Every beam of every shape: the shape's row (P,), and the beam (P,)."""
     owner = np.repeat(np.arange(len(count)), count)
     return owner, np.arange(len(owner)) + (first - count.cumsum() + count)[owner]
-
-
-def _enter(
-    kind: int,
-    scene: Scene,
-    solid: Indices,
-    centers: np.ndarray,
-    turn: np.ndarray,
-    owner: Indices,
-    bearings: np.ndarray,
-) -> np.ndarray:
-    """Where beams (P,) enter the solid shapes (K,) that they are paired with; (P,) [m], +inf for a miss."""
-    sizes, beams = scene.sizes[solid].T, (np.cos(bearings), np.sin(bearings))
-    if kind == SPHERE:  # is the same from everywhere: no need for a frame of its own
-        across = centers[:, 2]
-        enter, leave = _disc(-centers.T[:2, owner], beams, (sizes[0] ** 2 - across**2)[owner])
-    else:
-        to_shape = scene.rotations[solid].transpose(0, 2, 1) @ turn
-        starts = (to_shape @ -centers[:, :, None])[:, :, 0].T[:, owner]
-        axes = to_shape.transpose(2, 1, 0)[:2, :, owner]  # the laser's x and y, in each shape's frame
-        directions = beams[0] * axes[0] + beams[1] * axes[1]
-        flat = slice(0 if kind == BOX else 2, 3)  # axes along which the shape lies between two planes
-        enter, leave = _slabs(starts[flat], directions[flat], sizes[flat, owner])
-        if kind == CYLINDER:
-            near, far = _disc(starts[:2], directions[:2], (sizes[0] ** 2)[owner])
-            enter, leave = np.maximum(enter, near), np.minimum(leave, far)
-    return np.where((enter <= leave) & (leave >= 0.0), np.maximum(enter, 0.0), np.inf)
-
-
-Span = Tuple[np.ndarray, np.ndarray]  # (P,) between which t a ray is inside [m]; nan or reversed: nowhere
-
-
-def _slabs(starts: np.ndarray, directions: np.ndarray, halves: np.ndarray) -> Span:
-    """Between which t |start + t direction| <= half on every axis (A, P)."""
-    inverse = 1.0 / directions
-    middle, half = -starts * inverse, np.abs(halves * inverse)
-    near, far = middle - half, middle + half
-    parallel = np.abs(directions) < 1e-9
-    if parallel.any():
-        outside = np.where(np.abs(starts) <= halves, -np.inf, np.inf)
-        near, far = np.where(parallel, outside, near), np.where(parallel, -outside, far)
-    return near.max(axis=0), far.min(axis=0)
-
-
-def _disc(start: Iterable[np.ndarray], direction: Iterable[np.ndarray], square: np.ndarray) -> Span:
-    """Between which t (start + t direction)^2 <= square, in a plane."""
-    (x, y), (dx, dy) = start, direction
-    a = dx * dx + dy * dy
-    aside = x * dy - y * dx  # this and not b^2 - ac, which loses its digits far away
-    closest, half = -(x * dx + y * dy) / a, np.sqrt((square - aside * aside / a) / a)
-    near, far = closest - half, closest + half
-    parallel = a < 1e-18
-    if parallel.any():
-        outside = np.where(x * x + y * y <= square, -np.inf, np.inf)
-        near, far = np.where(parallel, outside, near), np.where(parallel, -outside, far)
-    return near, far

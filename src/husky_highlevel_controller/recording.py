@@ -119,7 +119,7 @@ _ARRAYS = {"times": (-1,), "poses": (-1, 3), "speeds": (-1, 2), "commands": (-1,
 def to_json(recording: Recording) -> str:
     """Everything, as text."""
     content = {name: value for name, value in vars(recording).items() if name not in _ARRAYS}
-    content["start"] = asdict(recording.start)
+    content["start"] = recording.start._asdict()
     content["markers"] = [asdict(marker) for marker in recording.markers]
     content["calls"] = [asdict(call) for call in recording.calls]
     for name in _ARRAYS:

@@ -8,9 +8,8 @@ A full turn on the spot, then the legs of a widening square with a full turn aft
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from math import cos, hypot, pi, radians, sin
-from typing import Optional, Tuple
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -29,8 +28,7 @@ _ROUND = 2.0 * pi
 _QUARTER = pi / 2.0
 
 
-@dataclass(frozen=True)
-class Search:
+class Search(NamedTuple):
     """How far the search has come."""
 
     leg: int = 0  # legs begun
@@ -53,18 +51,18 @@ def search_on(
     before = search.pose or base_in_odom
     turned = wrap_angle(base_in_odom.yaw - before.yaw)
     driven = hypot(base_in_odom.x - before.x, base_in_odom.y - before.y)
-    search = replace(search, pose=base_in_odom)
+    search = search._replace(pose=base_in_odom)
     if search.to_turn > 0.0:
-        search = replace(search, to_turn=search.to_turn - turned)
+        search = search._replace(to_turn=search.to_turn - turned)
         if search.to_turn > 0.0:
             return search, Twist2D(0.0, min(config.search_rate, config.max_angular))
         length = config.search_radius_step * (1 + search.leg // 2)
-        search, driven = replace(search, leg=search.leg + 1, to_drive=length), 0.0
-    search = replace(search, to_drive=search.to_drive - driven)
+        search, driven = search._replace(leg=search.leg + 1, to_drive=length), 0.0
+    search = search._replace(to_drive=search.to_drive - driven)
     if search.to_drive <= 0.0:
-        return replace(search, to_turn=_ROUND + _QUARTER), Twist2D()
+        return search._replace(to_turn=_ROUND + _QUARTER), Twist2D()
     if not is_free(points_in_base, 0.0, LOOK_AHEAD):
-        return replace(search, to_drive=0.0, to_turn=_QUARTER), Twist2D()
+        return search._replace(to_drive=0.0, to_turn=_QUARTER), Twist2D()
     return search, Twist2D(min(config.max_linear, SEARCH_SPEED), 0.0)
 
 
@@ -79,7 +77,8 @@ def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target]) -> np
     Returns:
         End points of beams without those on the robot itself and those that have no neighbour (speckle).
     """
-    near = np.flatnonzero((scan.ranges < _REACH) & (scan.ranges >= scan.range_min))
+    (near,) = (scan.ranges < _REACH).nonzero()
+    near = near[scan.ranges[near] >= scan.range_min] if len(near) else near
     if not len(near):
         return np.empty((0, 2))
     company = (np.diff(near) <= 2) & (np.abs(np.diff(scan.ranges[near])) < _SAME_THING)

@@ -10,10 +10,9 @@ beams fall on it, that is, from nearer by.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from enum import Enum
 from math import asin, atan2, hypot, pi, sqrt
-from typing import List, Optional, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 from husky_highlevel_controller.datatypes import Pillar, Pose, Scan
 from husky_highlevel_controller.geometry import inverse, transform_point
@@ -28,8 +27,7 @@ _GATE, _GATE_SHARE = 0.5, 0.03  # [m] and share of the distance, how far a pilla
 _KEPT_DROPS = 8  # places given up that are remembered
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(NamedTuple):
     """The pillar, remembered."""
 
     x: float  # [m], centre, in odom
@@ -49,8 +47,7 @@ class Sight(Enum):
     UNKNOWN = "unknown"  # nothing is remembered
 
 
-@dataclass(frozen=True)
-class Track:
+class Track(NamedTuple):
     """One pillar followed."""
 
     estimate: Optional[Estimate] = None
@@ -76,14 +73,14 @@ def follow(
         What is believed now, the followed pillar if the scan shows it, and how its place looks.
     """
     period = min(max(scan.stamp - track.updated_at, 0.0), _LONGEST_PERIOD)
-    track = replace(track, updated_at=scan.stamp)
+    track = track._replace(updated_at=scan.stamp)
     if track.estimate is not None:
         pillar = _match(track.estimate, pillars, scan.stamp, laser_in_odom)
         if pillar is not None:
             return _seen(track, pillar, period, scan, laser_in_odom), pillar, Sight.SEEN
         sight = look_at(track.estimate, scan, laser_in_odom)
         weight = _weight(sight, track.estimate, laser_in_odom, patient)
-        doubted = replace(track, doubt=track.doubt + weight * period)
+        doubted = track._replace(doubt=track.doubt + weight * period)
         if doubted.doubt <= PATIENCE:
             return doubted, None, sight
         track = _give_up(doubted)
@@ -96,7 +93,7 @@ def follow(
 
 def aged(estimate: Estimate, stamp: float) -> Estimate:
     """The estimate as certain as it still is at `stamp` [s]."""
-    return replace(estimate, deviation=_deviation_at(estimate, stamp))
+    return estimate._replace(deviation=_deviation_at(estimate, stamp))
 
 
 def _weight(sight: Sight, estimate: Estimate, laser_in_odom: Pose, patient: bool) -> float:
@@ -160,8 +157,7 @@ def _seen(track: Track, pillar: Pillar, period: float, scan: Scan, laser_in_odom
         x, y = old.x + gain * (x - old.x), old.y + gain * (y - old.y)
         radius = old.radius + gain * (radius - old.radius)
         variance *= gain
-    return replace(
-        track,
+    return track._replace(
         estimate=Estimate(x, y, radius, sqrt(variance), scan.stamp),
         doubt=max(track.doubt - 2.0 * period, 0.0),
         beams=max(track.beams, pillar.beams),

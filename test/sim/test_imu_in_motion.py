@@ -146,8 +146,8 @@ def test_the_same_seed_gives_the_same_samples_also_after_a_reset(simulate):
     stamp = simulation.stamp
     simulation.reset(seed=5)
     again = samples(simulation, 1.0, 0.5, 0.3)
-    assert [replace(sample, stamp=0.0) for sample in again] == [
-        replace(sample, stamp=0.0) for sample in first
+    assert [sample._replace(stamp=0.0) for sample in again] == [
+        sample._replace(stamp=0.0) for sample in first
     ]
     assert again[0].stamp == pytest.approx(stamp + 0.02)
 

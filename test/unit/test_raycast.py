@@ -24,6 +24,7 @@ Placed = List[Tuple[Shape, Pose]]
 
 ORIGIN = Pose()
 ALL_ROUND = np.linspace(-pi, pi, 121)
+SICK = np.linspace(-2.35619, 2.35619, 720)
 REACH = 12.0  # [m]
 LAW = settings(derandomize=True, deadline=None, max_examples=60)
 
@@ -225,6 +226,18 @@ def test_two_worlds_together_read_the_nearer_of_both(some, others, laser):
     assert_same_ranges(cast(others + some, laser), nearer)
 
 
+def test_few_shapes_read_the_same_one_by_one_as_all_at_once(monkeypatch):
+    @settings(LAW, max_examples=200)
+    @given(worlds(boxes, cylinders, spheres, planes), lasers, st.sampled_from([SICK[::6], ALL_ROUND]))
+    def hold(world, laser, bearings):
+        one_by_one = cast(world, laser, bearings)
+        with monkeypatch.context() as patch:
+            patch.setattr(raycast, "FEW", -1)
+            np.testing.assert_allclose(cast(world, laser, bearings), one_by_one, rtol=0.0, atol=1e-9)
+
+    hold()
+
+
 def test_a_forest_reads_the_nearest_of_its_three_hundred_trees():
     forest = some_world(seed=3, count=300, spread=11.0)
     each = [cast([tree]) for tree in forest]
@@ -348,6 +361,12 @@ def test_a_shape_as_far_as_the_reach_is_seen_and_one_beyond_is_not():
     assert ahead(box, reach=4.499) == inf
 
 
+def test_a_wall_is_seen_as_far_as_the_reach_and_not_on_to_its_end():
+    wall = [(Box((1.0, 6.0, 1.0)), at(5.0))]
+    assert cast(wall, bearings=[-0.5, 0.0, 0.5], reach=5.1) == pytest.approx([inf, 4.5, inf])
+    assert ahead(wall, reach=5.1) < cast(wall, bearings=[0.5])[0] < REACH
+
+
 def test_a_far_shape_is_as_exact_as_a_near_one():
     assert ahead([(Cylinder(0.2, 2.0), at(900.0, 0.1))], 1000.0) == pytest.approx(900.0 - 0.03**0.5, abs=1e-9)
 
@@ -387,7 +406,6 @@ def some_field(seed: int, count: int) -> Placed:
 
 
 FIELD = some_field(seed=4, count=1000)
-SICK = np.linspace(-2.35619, 2.35619, 720)
 
 
 def every_pair(centers, _bounds, bearings, _reach):
@@ -413,6 +431,17 @@ def test_what_is_left_out_among_a_thousand_objects_would_not_have_been_seen(monk
             assert_same_ranges(got, cast(FIELD, laser, bearings, 30.0))
 
     hold()
+
+
+@settings(LAW, max_examples=20)
+@given(
+    st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(0.2, 0.8)),
+    st.builds(quat_from_rpy, st.one_of(tilts, st.just(pi)), tilts, angles),
+)
+def test_a_thousand_objects_read_the_same_all_at_once_as_each_alone(position, quat):
+    laser = Pose(position, quat)
+    each = [cast([thing], laser, SICK, 30.0) for thing in FIELD]
+    np.testing.assert_allclose(cast(FIELD, laser, SICK, 30.0), np.min(each, axis=0), rtol=0.0, atol=1e-9)
 
 
 def test_a_field_of_a_thousand_objects_is_full_of_things_to_see():

@@ -205,7 +205,10 @@ twists = st.builds(Twist2D, st.floats(0.0, 1.0), st.floats(-2.0, 2.0))
 @given(twists, st.floats(-1.5, 1.5), st.floats(0.1, 1.5), st.floats(0.05, 0.3))
 def test_whichever_way_it_drives_it_stops_before_it_touches_anything_in_view(twist, bearing, range_, radius):
     x, y = 0.337 + (range_ + radius) * cos(bearing), (range_ + radius) * sin(bearing)
-    if gap(Pose2D(), x, y, radius) < CONFIG.margin or verdict(post(x, y, radius), **vars(twist)) is not None:
+    if (
+        gap(Pose2D(), x, y, radius) < CONFIG.margin
+        or verdict(post(x, y, radius), **twist._asdict()) is not None
+    ):
         return  # it starts too close already
     # for a second, and not from behind: what it sees at first it still sees when it gets there
     poses, _ = drive(lambda _: twist, post(x, y, radius), start=twist, seconds=1.0)

@@ -7,7 +7,6 @@ moves the robot.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from math import acos, dist
 from typing import Any, Callable, Dict, NamedTuple, Optional, Set
@@ -154,7 +153,7 @@ class WorldDisplay:
             self._shown[name] = self._shown[name]._replace(pose_in_world=None)
         x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position
         now = self._simulation.pose_of(name)
-        self._simulation.move(name, replace(now, position=(x, y, now.position[2])))  # on the level
+        self._simulation.move(name, now._replace(position=(x, y, now.position[2])))  # on the level
         return f"'{name}' has moved"
 
     def _delete(self, feedback: InteractiveMarkerFeedback) -> str:
