@@ -52,7 +52,7 @@ class TopicsAreTheHuskys(RosTest):
     def test_the_clock_never_runs_backwards(self):
         clock = self.remember("clock", Clock)
         self.wait_until(lambda: len(clock) > 200, "there are 200 clock messages")
-        ticks = [msg.clock.to_sec() / 0.01 for msg in clock]
+        ticks = [msg.clock.to_sec() / 0.02 for msg in clock]
         # rospy's own listener to the clock, whose connection this is, keeps only the latest when it is late
         gaps = [round(b - a, 6) for a, b in zip(ticks, ticks[1:])]
         self.assertEqual([gap for gap in gaps if gap < 1.0 or gap % 1.0], [])
