@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import lru_cache
 from math import asin, atan2, ceil, cos, floor, hypot, log, nan, sin, sqrt
-from typing import Callable, List, Optional, Tuple
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -50,6 +50,7 @@ class PillarConfig:
 _LINE_ODDS = 4.0
 _CORNER_ODDS = 1.0  # for each beam
 _HIDDEN_ODDS = 2.0  # by which a circle must beat a line where part of the silhouette is hidden
+_FEW = 16  # up to so many beams are looked at one by one: NumPy is no faster for few
 _MAX_SKIPPED = 2  # beams without a return that a pillar may have between two with one
 
 
@@ -96,9 +97,10 @@ def _breaks(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Tuple[List[i
     """Where in `beams` another thing begins; and single beams that others pass by on both sides."""
     ranges, step = scan.ranges[beams], abs(scan.angle_increment)
     largest, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
-    (suspects,) = ((np.abs(ranges[1:] - ranges[:-1]) > rough) | (beams[1:] - beams[:-1] > 1)).nonzero()
-    if not len(suspects):
-        return [], []
+    suspects: Sequence[int] = range(len(beams) - 1)
+    if len(beams) > _FEW:
+        doubtful = (np.abs(ranges[1:] - ranges[:-1]) > rough) | (beams[1:] - beams[:-1] > 1)
+        suspects = doubtful.nonzero()[0].tolist()
     depths, indices = ranges.tolist(), beams.tolist()
 
     def apart(left: int, right: int) -> bool:
@@ -106,13 +108,9 @@ def _breaks(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Tuple[List[i
         spacing = between * step * min(depths[left], depths[right])
         # depth of a circle between its edge and a beam one spacing further in: no two neighbours differ more
         depth = sqrt((2.0 * largest - spacing) * spacing) if spacing < largest else largest
-        return (
-            abs(depths[right] - depths[left]) > depth + rough
-            or spacing > 2.0 * largest
-            or between > _MAX_SKIPPED + 1
-        )
+        return abs(depths[right] - depths[left]) > depth + rough or between > _MAX_SKIPPED + 1
 
-    breaks = [left + 1 for left in suspects.tolist() if apart(left, left + 1)]
+    breaks = [left + 1 for left in suspects if apart(left, left + 1)]
     alone = [start for start, stop in zip(breaks, breaks[1:]) if stop == start + 1]
     return breaks, [beam for beam in alone if not apart(beam - 1, beam + 1)]
 

@@ -36,7 +36,7 @@ PATIENCE = 50  # scans that may have to do without a transform before that is wo
 START_PATIENCE = 4.0  # [s] of wall time that the first scan waits for TF
 TF_PATIENCE = 2.0  # [s] of wall time that the transform of a scan's moment may be late
 TF_GLANCE = 0.0001  # [s] of wall time between two looks for it
-GLANCE = 0.1  # [s] of wall time between two looks at whether /diagnostics is due
+GLANCE = 0.1  # [s] of wall time between two looks at what is fixed, and at whether /diagnostics is due
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,9 @@ class ControllerNode:
         self._given_up_at: Optional[rospy.Time] = None
         self._stamps: Deque[float] = deque(maxlen=PATIENCE)
         self._laser_frame = ""
+        self._fixed: Optional[Tuple[str, Optional[Pose]]] = (
+            None  # a lidar's frame, and where that is for good
+        )
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms, tcp_nodelay=True)
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
@@ -112,6 +115,7 @@ class ControllerNode:
         """Work until the node is shut down."""
         while not rospy.is_shutdown():
             self._diagnostics.update()
+            self._fixed = None
             time.sleep(GLANCE)
 
     def _stop(self) -> None:
@@ -152,7 +156,9 @@ class ControllerNode:
             time.sleep(TF_GLANCE)
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
-        self._laser_frame = frame
+        self._laser_frame, fixed = frame, self._fixed
+        if fixed is not None and fixed[0] == frame:
+            return fixed[1]
         found = self._lookup(BASE, frame)
         self._scans_unplaced = 0 if found else self._scans_unplaced + 1
         if self._scans_unplaced > PATIENCE:
@@ -161,7 +167,10 @@ class ControllerNode:
                 f"no transform from '{frame}' to '{BASE}', so the robot stands still; "
                 "is robot_state_publisher running?",
             )
-        return messages.pose_from_transform(found) if found else None
+        pose = messages.pose_from_transform(found) if found else None
+        if found and found.header.stamp.is_zero():  # only /tf_static has a say in it
+            self._fixed = frame, pose
+        return pose
 
     def _base_in_odom(self, stamp: float) -> Optional[Pose2D]:
         """Where the robot was at a scan's moment; TF travels by another road and may come a little later.
