@@ -9,7 +9,7 @@ All sums over beams are matrix products made once; what is iterated after that a
 from __future__ import annotations
 
 from math import hypot, sqrt
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import List, NamedTuple, Tuple
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Circle(NamedTuple):
     radius: float  # [m]
     free_radius: float  # [m], what the beams alone would make it
     free_slack: float  # [m], how far that may be wrong
-    residual: float  # [m], root mean square distance of the end points
+    residual: float  # [m], root mean square distance of the end points, weighted as in the fit
     misfit: float  # [m^2], sum of squares in the direction of the beams
 
 
@@ -67,17 +67,18 @@ def fit_circle(run: Run, radius: float, noise: float) -> Circle:
     basis[2] = 1.0
     np.multiply(run.ranges, run.ranges, out=basis[3])
 
-    x, y, r = run.near + radius, 0.0, radius
+    expected = x, y, r = run.near + radius, 0.0, radius
     for _ in range(_MAX_WEIGHINGS):
-        # how far each beam passes from the centre, as a share of the radius, is the sine of incidence
-        sine = np.array((-y / r, x / r)) @ run.directions
+        # how far each beam passes from the centre, as a share of the radius, is the sine of incidence; as no
+        # more than a weight follows from it, the cosines of the beams themselves are taken to be 1
+        sine = (x * run.directions[1] - y) / r
         square = np.maximum(1.0 - sine * sine, _MIN_COSINE**2)
         moments = (basis / square) @ basis.T
         before_x, before_y = x, y
-        x, y, r, error, products = _settle(moments, x, y, r, (run.near + radius, 0.0, radius))
+        x, y, r, products = _settle(moments, x, y, r, expected)
         if hypot(x - before_x, y - before_y) < _WEIGHED * radius:
             break
-    distances = np.array(error) @ basis
+    misfit = max(products[3][3], 0.0)
     shift, slack = _free_radius(products, len(run.ranges), noise)
     return Circle(
         x=x,
@@ -85,19 +86,19 @@ def fit_circle(run: Run, radius: float, noise: float) -> Circle:
         radius=r,
         free_radius=r + shift,
         free_slack=slack,
-        residual=sqrt(float(distances @ distances) / len(run.ranges)),
-        misfit=max(products[3][3], 0.0),
+        residual=sqrt(misfit / products[2][2]),
+        misfit=misfit,
     )
 
 
 def _settle(
     moments: np.ndarray, x: float, y: float, r: float, expected: Tuple[float, float, float]
-) -> Tuple[float, float, float, Sequence[float], List[List[float]]]:
+) -> Tuple[float, float, float, List[List[float]]]:
     """Gauss-Newton from (x, y, r) on products (4, 4) of px, py, 1, |p|^2, given what is expected.
 
     Returns:
-        Centre and radius [m], the distance from that circle as a form of px, py, 1, |p|^2, and the products
-        (4, 4) of its derivatives by x, y, r and itself.
+        Centre and radius [m], and the products (4, 4) of the derivatives by x, y, r of the distance from that
+        circle, and that distance itself.
     """
     expected_x, expected_y, expected_r = expected
     for _ in range(_MAX_ITERATIONS):
@@ -121,7 +122,7 @@ def _settle(
             break
         step = min(1.0, expected_r / longest)
         x, y, r = x - step * dx, y - step * dy, max(r - step * dr, 0.1 * expected_r)
-    return x, y, r, error, products
+    return x, y, r, products
 
 
 def _free_radius(products: List[List[float]], count: int, noise: float) -> Tuple[float, float]:
