@@ -1,6 +1,8 @@
 #!/usr/bin/env python3
 """Without a transform from the lidar to base_link the robot stands still, and the log says what it lacks."""
 
+from math import pi
+
 import rospy
 import tf2_ros
 from geometry_msgs.msg import Twist
@@ -26,9 +28,13 @@ class WaitsForTransforms(Player):
         self.assertIn("'another_laser' to 'base_link'", warned()[0])
         self.assertIn("robot_state_publisher", warned()[0], "it says what would help")
 
-        place = transform("base_link", "another_laser", rospy.Time(), x=LASER_X)
-        tf2_ros.StaticTransformBroadcaster().sendTransform([place])
+        broadcaster = tf2_ros.StaticTransformBroadcaster()
+        broadcaster.sendTransform([transform("base_link", "another_laser", rospy.Time(), x=LASER_X)])
         self.play_until(lambda: self.commands[-1].linear.x > 0.5, pillar_ahead(3.0), "it drives")
+
+        turned = transform("base_link", "another_laser", rospy.Time(), x=LASER_X, yaw=pi / 2.0)
+        broadcaster.sendTransform([turned])
+        self.play_until(lambda: self.commands[-1].angular.z > 0.5, pillar_ahead(3.0), "it turns to the left")
 
 
 if __name__ == "__main__":
