@@ -45,7 +45,7 @@ class Requests:
         """Do what was asked for; if there is nothing, wait for it up to `patience` s. For the owner."""
         if patience > 0.0:
             self._arrived.wait(patience)
-        self._arrived.clear()
+            self._arrived.clear()
         while self._waiting:
             work, answer = self._waiting.popleft()
             try:

@@ -145,7 +145,9 @@ class SimulatorNode:
                 f"this machine is too slow for real_time_factor {self._start.real_time_factor:g}: "
                 f"reached {reached:.2f}; nothing is dropped, simulated time just passes more slowly",
             )
-        time.sleep(self._pacer.delay(stamp, now))
+        delay = self._pacer.delay(stamp, now)
+        if delay > 0.0:
+            time.sleep(delay)
 
     # ------------------------------------------------------------------ services
 
