@@ -44,7 +44,7 @@ class Gps:
         """A receiver that is asked every `period` s."""
         self._config, self._rng = config, rng
         self._kept = exp(-period / DRIFT_TIME)
-        self._error = config.drift * rng.standard_normal(3)
+        self._error = (config.drift * rng.standard_normal(3)).tolist()
         phi = radians(config.latitude)
         eccentricity2 = FLATTENING * (2.0 - FLATTENING)
         curvature = 1.0 - eccentricity2 * sin(phi) ** 2
@@ -54,14 +54,14 @@ class Gps:
     def locate(self, robot: RobotState, stamp: float) -> GpsFix:
         """The fix one period after the last one, at `stamp` [s]."""
         fresh = self._config.drift * sqrt(1.0 - self._kept**2)
-        self._error = self._kept * self._error + fresh * self._rng.standard_normal(3)
-        x, y, z = robot.pose_in_world.position
-        east, north, up = np.add((x, y, z), self._error)
+        draws = self._rng.standard_normal(3).tolist()
+        self._error = [self._kept * old + fresh * draw for old, draw in zip(self._error, draws)]
+        east, north, up = (at + off for at, off in zip(robot.pose_in_world.position, self._error))
         vx, vy, vz = rotate(robot.pose_in_world.quat_xyzw, robot.velocity_in_base)
         return GpsFix(
             stamp,
             self._config.latitude + degrees(north / self._north_radius),
             self._config.longitude + degrees(east / self._east_radius),
-            float(up),
+            up,
             (vy, -vx, vz),
         )
