@@ -140,7 +140,9 @@ class Scan:
     @cached_property
     def valid(self) -> np.ndarray:
         """Mask of the beams that measured something, (N,) bool: range_min <= r <= range_max (REP 117)."""
-        return (self.ranges >= self.range_min) & (self.ranges <= self.range_max)
+        mask: np.ndarray = (self.ranges >= self.range_min) & (self.ranges <= self.range_max)
+        mask.setflags(write=False)
+        return mask
 
 
 class WheelState(NamedTuple):

@@ -3,7 +3,7 @@
 In: a `Run`. Out: a `Circle`, and how well straight things would do.
 Must not know: ROS, PyBullet, what counts as a pillar besides its radius.
 
-All sums over beams are matrix products made once; what is iterated after that are a few plain numbers.
+Sums over beams are matrix products; what is solved for with them are a few plain numbers.
 """
 
 from __future__ import annotations
@@ -13,17 +13,24 @@ from typing import List, NamedTuple, Tuple
 
 import numpy as np
 
+from husky_highlevel_controller.datatypes import Vector3
+
 _RADIUS_WEIGHT = 0.6  # the expected radius counts as much as this many beams
 _PLACE_WEIGHT = 1e-3  # and so little that the centre is on the line of sight
 _LEAST_WEIGHT = 1e-6  # keeps the equations solvable
 _FREE_WEIGHT = 1e-4  # the same where nothing is expected of the radius
 _MIN_COSINE = 0.3  # of incidence; grazing beams weigh no more than this one
-_MAX_WEIGHINGS = 4
+_MAX_WEIGHINGS = 3
 _WEIGHED = 0.1  # share of the radius; weights are good for a centre that moves no farther
-_MAX_ITERATIONS = 8
-_SETTLED = 1e-6  # [m], a smaller step of the fit is the last
+_MAX_STEPS = 6
+_SETTLED, _REFINED = 1e-5, 1e-4  # [m], a smaller step of the fit is the last
+_SMOOTH = (
+    0.0015,
+    0.0075,
+)  # [m] and share of the radius: a residual with which a sketch is off by 0.2 mm at most
 
-Matrix3 = Tuple[Tuple[float, float, float], Tuple[float, float, float], Tuple[float, float, float]]
+Products = List[List[float]]  # (4, 4) sums over beams: of derivatives of the error by x, y, r, and the error
+Matrix3 = Tuple[Vector3, Vector3, Vector3]
 
 
 class Run(NamedTuple):
@@ -43,31 +50,46 @@ class Circle(NamedTuple):
     radius: float  # [m]
     free_radius: float  # [m], what the beams alone would make it
     free_slack: float  # [m], how far that may be wrong
-    residual: float  # [m], root mean square distance of the end points, weighted as in the fit
+    residual: float  # [m], root mean square distance of the end points
     misfit: float  # [m^2], sum of squares in the direction of the beams
 
 
-def fit_circle(run: Run, radius: float, noise: float) -> Circle:
+def fit_circle(run: Run, radius: float, noise: float, hopeless: float) -> Circle:
     """Most probable circle, given the expected radius.
 
     Range noise acts along the beam, so a distance from the circle counts as much as the range would have to
     change (distance over the cosine of incidence). Where beams are few the radius stays as expected and the
     depth profile gives the place; where they are many they decide alone.
 
-    The distance of a point p from the circle is taken as (|p - c|^2 - r^2) / 2r: the same to first order, and
-    linear in (px, py, 1, |p|^2), so that the weighted products of those are all that is asked of the beams.
-
     Args:
         run: of the beams.
         radius: what is expected [m].
         noise: differences in range not worth explaining [m].
+        hopeless: a residual with which nobody cares what the circle is [m].
     """
     basis = np.empty((4, len(run.ranges)))
-    np.multiply(run.ranges, run.directions, out=basis[:2])
+    points = np.multiply(run.ranges, run.directions, out=basis[:2])
     basis[2] = 1.0
     np.multiply(run.ranges, run.ranges, out=basis[3])
 
-    expected = x, y, r = run.near + radius, 0.0, radius
+    expected = run.near + radius, 0.0, radius
+    smooth = min(_SMOOTH[0], _SMOOTH[1] * radius)
+    circle, products, residual = _sketch(run, basis, expected, smooth)
+    if smooth < residual < hopeless:
+        circle, products, residual = _refine(run, points, expected)
+    shift, slack = _free_radius(products, len(run.ranges), noise)
+    x, y, r = circle
+    return Circle(x, y, r, r + shift, slack, residual, misfit=max(products[3][3], 0.0))
+
+
+def _sketch(run: Run, basis: np.ndarray, expected: Vector3, smooth: float) -> Tuple[Vector3, Products, float]:
+    """The circle (x, y, radius) of a run, by sums made once, and its residual [m], good up to `smooth`.
+
+    The distance of a point p from it is taken as (|p - c|^2 - r^2) / 2r, which is linear in the basis
+    (px, py, 1, |p|^2), (4, M). It is off by the square of the distance over 2r: by nothing that matters where
+    the points are smooth.
+    """
+    x, y, r = expected
     for _ in range(_MAX_WEIGHINGS):
         # how far each beam passes from the centre, as a share of the radius, is the sine of incidence; as no
         # more than a weight follows from it, the cosines of the beams themselves are taken to be 1
@@ -75,64 +97,66 @@ def fit_circle(run: Run, radius: float, noise: float) -> Circle:
         square = np.maximum(1.0 - sine * sine, _MIN_COSINE**2)
         moments = (basis / square) @ basis.T
         before_x, before_y = x, y
-        x, y, r, products = _settle(moments, x, y, r, expected)
-        if hypot(x - before_x, y - before_y) < _WEIGHED * radius:
+        for _ in range(_MAX_STEPS):
+            error = (-x / r, -y / r, (x * x + y * y - r * r) / (2.0 * r), 0.5 / r)
+            forms = np.array(
+                ((-1.0 / r, 0.0, x / r, 0.0), (0.0, -1.0 / r, y / r, 0.0), (0.0, 0.0, -1.0, 0.0), error)
+            )
+            products = (forms @ moments @ forms.T).tolist()
+            (x, y, r), step = _improved((x, y, r), products, expected)
+            if step < _SETTLED:
+                break
+        residual = sqrt(max(products[3][3], 0.0) / products[2][2])
+        if residual > smooth or hypot(x - before_x, y - before_y) < _WEIGHED * expected[2]:
             break
-    misfit = max(products[3][3], 0.0)
-    shift, slack = _free_radius(products, len(run.ranges), noise)
-    return Circle(
-        x=x,
-        y=y,
-        radius=r,
-        free_radius=r + shift,
-        free_slack=slack,
-        residual=sqrt(misfit / products[2][2]),
-        misfit=misfit,
+    return (x, y, r), products, residual
+
+
+def _refine(run: Run, points: np.ndarray, expected: Vector3) -> Tuple[Vector3, Products, float]:
+    """The circle (x, y, radius) of any points (2, M), by their true distances, and its residual [m]."""
+    circle, columns = expected, np.empty((4, points.shape[1]))
+    columns[2] = -1.0
+    for steps_left in range(_MAX_STEPS, -1, -1):
+        x, y, r = circle
+        inwards = np.subtract(((x,), (y,)), points, out=columns[:2])
+        rho = np.maximum(np.hypot(inwards[0], inwards[1]), 1e-9)
+        inwards /= rho
+        error = np.subtract(rho, r, out=columns[3])
+        cosine = np.einsum("ij,ij->j", inwards, run.directions)
+        weighted = columns / np.maximum(cosine, _MIN_COSINE)
+        products = (weighted @ weighted.T).tolist()
+        better, step = _improved(circle, products, expected)
+        if step < _REFINED or steps_left == 0:
+            break
+        circle = better
+    return circle, products, sqrt(float(error @ error) / len(error))
+
+
+def _improved(circle: Vector3, products: Products, expected: Vector3) -> Tuple[Vector3, float]:
+    """One step of Gauss-Newton for centre and radius, and how long it is [m]."""
+    x, y, r = circle
+    (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
+    dx, dy, dr = _apply(
+        _inverse(xx + _LEAST_WEIGHT, xy, xr, yy + _PLACE_WEIGHT, yr, rr + _RADIUS_WEIGHT),
+        (
+            xe + _LEAST_WEIGHT * (x - expected[0]),
+            ye + _PLACE_WEIGHT * (y - expected[1]),
+            re + _RADIUS_WEIGHT * (r - expected[2]),
+        ),
     )
+    longest = max(abs(dx), abs(dy), abs(dr))
+    share = min(1.0, expected[2] / longest) if longest > 0.0 else 1.0
+    return (x - share * dx, y - share * dy, max(r - share * dr, 0.1 * expected[2])), longest
 
 
-def _settle(
-    moments: np.ndarray, x: float, y: float, r: float, expected: Tuple[float, float, float]
-) -> Tuple[float, float, float, List[List[float]]]:
-    """Gauss-Newton from (x, y, r) on products (4, 4) of px, py, 1, |p|^2, given what is expected.
-
-    Returns:
-        Centre and radius [m], and the products (4, 4) of the derivatives by x, y, r of the distance from that
-        circle, and that distance itself.
-    """
-    expected_x, expected_y, expected_r = expected
-    for _ in range(_MAX_ITERATIONS):
-        error = (-x / r, -y / r, (x * x + y * y - r * r) / (2.0 * r), 0.5 / r)
-        forms = np.array(
-            ((-1.0 / r, 0.0, x / r, 0.0), (0.0, -1.0 / r, y / r, 0.0), (0.0, 0.0, -1.0, 0.0), error)
-        )
-        products = (forms @ moments @ forms.T).tolist()
-        (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
-        inverse = _inverse(xx + _LEAST_WEIGHT, xy, xr, yy + _PLACE_WEIGHT, yr, rr + _RADIUS_WEIGHT)
-        dx, dy, dr = _apply(
-            inverse,
-            (
-                xe + _LEAST_WEIGHT * (x - expected_x),
-                ye + _PLACE_WEIGHT * (y - expected_y),
-                re + _RADIUS_WEIGHT * (r - expected_r),
-            ),
-        )
-        longest = max(abs(dx), abs(dy), abs(dr))
-        if longest < _SETTLED:
-            break
-        step = min(1.0, expected_r / longest)
-        x, y, r = x - step * dx, y - step * dy, max(r - step * dr, 0.1 * expected_r)
-    return x, y, r, products
-
-
-def _free_radius(products: List[List[float]], count: int, noise: float) -> Tuple[float, float]:
+def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, float]:
     """How much the beams alone would change the radius, and how far that may be wrong [m]."""
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), (_, _, _, ee) = products
     covariance = _inverse(xx + _LEAST_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
     dx, dy, dr = _apply(covariance, (xe, ye, re))
     spare = max(count - 3, 1e-3)
     variance = max(ee - (dx * xe + dy * ye + dr * re), 0.0) / spare
-    spread = sqrt((variance + noise**2) * covariance[2][2])
+    spread = sqrt((variance + noise**2) * max(covariance[2][2], 0.0))
     return -dr, (2.0 + 4.0 / spare) * spread  # the factor follows Student's distribution
 
 
@@ -145,7 +169,7 @@ def _inverse(a: float, b: float, c: float, d: float, e: float, f: float) -> Matr
     return (aa, ab, ac), (ab, bb, bc), (ac, bc, cc)
 
 
-def _apply(matrix: Matrix3, vector: Tuple[float, float, float]) -> Tuple[float, float, float]:
+def _apply(matrix: Matrix3, vector: Vector3) -> Vector3:
     x, y, z = vector
     (a, b, c), (d, e, f), (g, h, i) = matrix
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z

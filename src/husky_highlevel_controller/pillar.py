@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from math import asin, atan2, ceil, cos, floor, hypot, log, nan, sin, sqrt
+from math import asin, atan2, ceil, cos, floor, hypot, inf, isfinite, log, nan, sin, sqrt
 from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -50,6 +50,7 @@ class PillarConfig:
 _LINE_ODDS = 4.0
 _CORNER_ODDS = 1.0  # for each beam
 _HIDDEN_ODDS = 2.0  # by which a circle must beat a line where part of the silhouette is hidden
+_HOPELESS = 3.0  # times the largest residual: a sketch as bad as this is not made better
 _FEW = 16  # up to so many beams are looked at one by one: NumPy is no faster for few
 _MAX_SKIPPED = 2  # beams without a return that a pillar may have between two with one
 
@@ -65,6 +66,8 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
         Pillars in the laser's frame; empty when there is none. Those of few beams (far away) may turn out
         to be something else from nearer by.
     """
+    if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min)):
+        return []  # beams without a direction
     beams, bounds = cluster(scan, config)
     pillars = []
     for start, stop in bounds:
@@ -105,7 +108,7 @@ def _breaks(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Tuple[List[i
 
     def apart(left: int, right: int) -> bool:
         between = indices[right] - indices[left]
-        spacing = between * step * min(depths[left], depths[right])
+        spacing = between * step * max(min(depths[left], depths[right]), 0.0)
         # depth of a circle between its edge and a beam one spacing further in: no two neighbours differ more
         depth = sqrt((2.0 * largest - spacing) * spacing) if spacing < largest else largest
         return abs(depths[right] - depths[left]) > depth + rough or between > _MAX_SKIPPED + 1
@@ -122,10 +125,10 @@ def _plausible(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Optional[
     depths, first, last = ranges.tolist(), int(beams[0]), int(beams[-1])
     near = min(depths)
     if (
-        (last - first) * step > 2.0 * asin(largest / (near + largest)) + step
+        near <= 0.0  # some drivers' way to say that there is no return
+        or (last - first) * step > 2.0 * asin(largest / (near + largest)) + step
         or max(depths) - near > largest + 4.0 * config.max_residual
         or near * step > 2.0 * largest  # beams so far apart tell nothing
-        or step == 0.0
     ):
         return None
     directions = _directions(scan.angle_increment, len(scan.ranges))
@@ -141,14 +144,14 @@ def _directions(step: float, count: int) -> np.ndarray:
 
 def _judge(scan: Scan, config: PillarConfig, run: Run) -> Optional[Pillar]:
     """The pillar that a run is, if it is one."""
-    circle = fit_circle(run, config.pillar_radius, config.range_noise)
-    off, free_off = circle.radius - config.pillar_radius, circle.free_radius - config.pillar_radius
-    if (
-        circle.x <= run.near  # a niche is as round
-        or circle.residual > config.max_residual
-        or abs(off) > config.radius_tolerance
-        or abs(free_off) > config.radius_tolerance + circle.free_slack
-        or not _stands_out(scan, config, run, circle)
+    radius, tolerance = config.pillar_radius, config.radius_tolerance
+    circle = fit_circle(run, radius, config.range_noise, _HOPELESS * config.max_residual)
+    if not (
+        circle.x > run.near  # or it is a niche, which is as round
+        and circle.residual <= config.max_residual
+        and abs(circle.radius - radius) <= tolerance
+        and abs(circle.free_radius - radius) <= tolerance + circle.free_slack
+        and _stands_out(scan, config, run, circle)
     ):
         return None
     middle = scan.angle_min + 0.5 * int(run.beams[0] + run.beams[-1]) * scan.angle_increment
@@ -163,29 +166,32 @@ def _stands_out(scan: Scan, config: PillarConfig, run: Run, circle: Circle) -> b
     missing, hidden = _silhouette(scan, config, run, circle)
     noise = beams * config.range_noise**2
 
-    def loses(rival: Callable[[Run], float], spent: int, odds: float) -> bool:
+    def beats(rival: Callable[[Run], float], spent: int, odds: float) -> bool:
         def lead(misfit: float) -> float:
             return max(beams - spent, 1) * log((circle.misfit + noise) / (misfit + noise))
 
-        return lead(0.0) >= odds and lead(rival(run)) >= odds  # mostly not even a perfect rival would win
+        return lead(0.0) < odds or lead(rival(run)) < odds  # mostly not even a perfect rival would win
 
     return (
         missing <= beams // 10
-        and not loses(line_misfit, 2, -_HIDDEN_ODDS if hidden else _LINE_ODDS)
-        and not (beams > 5 and loses(corner_misfit, 5, _CORNER_ODDS * beams))
+        and beats(line_misfit, 2, -_HIDDEN_ODDS if hidden else _LINE_ODDS)
+        and (beams <= 5 or beats(corner_misfit, 5, _CORNER_ODDS * beams))
     )
 
 
 def _silhouette(scan: Scan, config: PillarConfig, run: Run, circle: Circle) -> Tuple[int, int]:
-    """Of the beams that should have met a circle and are not its own: how many pass through, are hidden."""
+    """Of the beams that should have met a circle: how many pass through it, and how many are hidden."""
     step, beams = abs(scan.angle_increment), run.beams.tolist()
     distance = hypot(circle.x, circle.y)
     inner = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)
     half = asin(min(inner / max(distance, 1e-9), 1.0))
-    centre = 0.5 * (beams[0] + beams[-1]) + atan2(circle.y, circle.x) / step
+    centre = 0.5 * (beams[0] + beams[-1]) + atan2(circle.y, circle.x) / scan.angle_increment
     reach, slack = half / step + 1.0, 4.0 * config.max_residual
+    expected_to = range(max(ceil(centre - reach), -1), min(floor(centre + reach), len(scan.ranges)) + 1)
+    # none of its own is farther off than the root of the sum of squares
+    known = beams if circle.misfit < slack**2 else []
     missing = hidden = 0
-    for beam in set(range(ceil(centre - reach), floor(centre + reach) + 1)).difference(beams):
+    for beam in set(expected_to).difference(known):
         psi = (beam - centre) * step
         across = min(abs(distance * sin(psi)), circle.radius)
         expected = distance * cos(psi) - sqrt(circle.radius**2 - across**2)

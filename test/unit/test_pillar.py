@@ -144,6 +144,21 @@ def test_a_scan_that_turns_the_other_way_shows_the_same_pillar():
     assert (other.x, other.y) == (pytest.approx(one.x, abs=1e-6), pytest.approx(one.y, abs=1e-6))
 
 
+@pytest.mark.parametrize(("noise", "distance", "error"), [
+    (0.001, 0.4, 0.0005), (0.003, 0.4, 0.0015), (0.01, 0.4, 0.006), (0.02, 0.6, 0.012), (0.03, 1.0, 0.02)
+])  # fmt: skip
+def test_noise_moves_a_near_pillar_hardly_nearer(noise, distance, error):
+    # the mean of 100: noise bends a circle inwards, and the more so the shorter the way one fits it
+    errors = []
+    for number in range(100):
+        rng = np.random.default_rng([1, number])
+        x, y, _ = at(distance, rng.uniform(-2.0, 2.0))
+        found = find_pillars(look([(x, y, 0.2)], noise=noise, rng=rng), CONFIG)
+        errors += [min(hypot(p.x - x, p.y - y) for p in found)] if found else []
+    assert len(errors) >= 95
+    assert np.mean(errors) < error
+
+
 # ---------------------------------------------------------------------------- in company
 
 
@@ -153,8 +168,11 @@ def test_a_partly_hidden_pillar_is_measured_by_what_shows():
         screen = box(3.0, edge * 0.6 - 0.5, 0.0, 0.1, 1.0)
         x, y = 5.0, 0.0
         assert 5 <= (cast([(x, y, 0.2)], screen)[1] == 0).sum() <= 9  # of 12
-        pillar = only(look([(x, y, 0.2)], screen, rng=np.random.default_rng(2)))
+        scan = look([(x, y, 0.2)], screen, rng=np.random.default_rng(2))
+        pillar = only(scan)
         assert hypot(pillar.x - x, pillar.y - y) < 0.03
+        back = only(Scan(0.0, "laser", scan.angle_max, scan.angle_min, 0.1, 30.0, scan.ranges[::-1]))
+        assert hypot(back.x - x, back.y - y) < 0.03
 
 
 def test_a_pillar_cut_by_the_edge_of_view_is_measured_by_what_shows():
@@ -223,6 +241,41 @@ def test_garbage_never_raises_and_never_makes_numbers_that_are_none(kinds):
     for pillar in find_pillars(scan, CONFIG):
         assert np.isfinite([pillar.x, pillar.y, pillar.radius, pillar.residual]).all()
         assert abs(pillar.radius - CONFIG.pillar_radius) <= CONFIG.radius_tolerance
+
+
+@pytest.mark.parametrize(("first", "last"), [(nan, nan), (0.0, nan), (inf, inf), (0.0, inf), (0.0, 7e-5)])
+def test_beams_of_no_direction_show_nothing(first, last):
+    ranges = look([at(5.0, 0.0)]).ranges
+    assert find_pillars(Scan(0.0, "laser", first, last, 0.1, 30.0, ranges), CONFIG) == []
+
+
+@given(
+    depths=st.lists(st.sampled_from([-1.0, -0.25, -0.1, 0.0, 1e-9, 0.1, 1.0, 1e6, inf, nan]), max_size=60),
+    range_min=st.sampled_from([-inf, -2.0, 0.0]),
+    range_max=st.sampled_from([30.0, 1e9, inf, nan]),
+    span=st.sampled_from([4.7, -4.7, 1e-3, 20.0]),
+)
+@settings(derandomize=True, max_examples=200, deadline=None)
+def test_limits_that_let_nonsense_through_make_no_error(depths, range_min, range_max, span):
+    scan = Scan(0.0, "laser", -span / 2.0, span / 2.0, range_min, range_max, np.array(depths, dtype=float))
+    with np.errstate(invalid="ignore"):
+        find_pillars(scan, CONFIG)
+
+
+def test_a_zero_that_stands_for_no_return_is_no_pillar_at_the_lidar():
+    for number in range(50):
+        rng = np.random.default_rng([3, number])
+        ranges = look([at(rng.uniform(1.0, 12.0), rng.uniform(-2.0, 2.0))], rng=rng).ranges
+        scan = Scan(0.0, "laser", -2.35619, 2.35619, 0.0, 30.0, np.where(np.isfinite(ranges), ranges, 0.0))
+        assert all(pillar.distance > 0.5 for pillar in find_pillars(scan, CONFIG))
+
+
+def test_a_hedge_hardly_ever_has_a_pillar_of_many_beams():
+    found = []
+    for number in range(60):
+        rough = 3.0 + np.random.default_rng([5, number]).normal(0.0, 0.3, 720)
+        found += [pillar for pillar in find_pillars(scan_of(rough), CONFIG) if pillar.beams >= 8]
+    assert not found
 
 
 def test_ground_seen_by_a_pitching_robot_is_no_pillar():

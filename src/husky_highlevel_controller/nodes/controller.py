@@ -197,7 +197,7 @@ class ControllerNode:
         """What TF knows, at a moment or (None) the latest; never waits."""
         try:
             return self._transforms.lookup_transform_core(parent, child, moment or rospy.Time())
-        except tf2_ros.TransformException:
+        except (tf2_ros.TransformException, ValueError):  # ValueError: a frame whose name is none
             return None
 
     # ------------------------------------------------------------------------ words

@@ -1,4 +1,4 @@
-"""Tells /diagnostics once a simulated second how the controller fares."""
+"""Tells /diagnostics about once a simulated second how the controller fares."""
 
 from __future__ import annotations
 

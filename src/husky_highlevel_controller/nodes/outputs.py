@@ -48,6 +48,7 @@ class Outputs:
         self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
         self.reset()
+        self._set_time(rospy.Time())
 
     def reset(self) -> None:
         """Let all periods begin anew."""
@@ -96,9 +97,12 @@ class Outputs:
     def publish_clock(self, stamp: float) -> None:
         """Tell what time it is [s], this node first, which does not listen to itself."""
         now = messages.time_to_msg(stamp)
-        if self._tells_time:  # and wake nobody: here no thread waits for a moment
-            rospy.rostime._rostime_current = rospy.Time(now.secs, now.nsecs)
+        self._set_time(rospy.Time(now.secs, now.nsecs))
         _offer(self.clock, Clock, now)
+
+    def _set_time(self, now: rospy.Time) -> None:
+        if self._tells_time:
+            rospy.rostime._rostime_current = now  # and wake nobody: here no thread waits for a moment
 
 
 def _offer(publisher: rospy.Publisher, make: Callable[..., Any], *args: Any) -> None:

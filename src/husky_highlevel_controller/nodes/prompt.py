@@ -44,12 +44,12 @@ class PromptConnection(QueuedConnection):
             sent = 0
         except OSError:
             return bool(connection.write_data(data))  # rospy knows what to do when it meets the same
+        connection.stat_bytes += sent
         if sent < len(data):
             with self._lock:
                 self._rest = data[sent:]
                 self._cond_data_available.notify()
         else:
-            connection.stat_bytes += sent
             connection.stat_num_msg += 1
         return True
 
