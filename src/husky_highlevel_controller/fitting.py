@@ -24,10 +24,7 @@ _MAX_WEIGHINGS = 3
 _WEIGHED = 0.1  # share of the radius; weights are good for a centre that moves no farther
 _MAX_STEPS = 6
 _SETTLED, _REFINED = 1e-5, 1e-4  # [m], a smaller step of the fit is the last
-_SMOOTH = (
-    0.0015,
-    0.0075,
-)  # [m] and share of the radius: a residual with which a sketch is off by 0.2 mm at most
+_SMOOTH, _SMOOTH_SHARE = 0.0015, 0.0075  # [m], of the radius: with this residual a sketch is off by 0.2 mm
 
 Products = List[List[float]]  # (4, 4) sums over beams: of derivatives of the error by x, y, r, and the error
 Matrix3 = Tuple[Vector3, Vector3, Vector3]
@@ -73,7 +70,7 @@ def fit_circle(run: Run, radius: float, noise: float, hopeless: float) -> Circle
     np.multiply(run.ranges, run.ranges, out=basis[3])
 
     expected = run.near + radius, 0.0, radius
-    smooth = min(_SMOOTH[0], _SMOOTH[1] * radius)
+    smooth = min(_SMOOTH, _SMOOTH_SHARE * radius)
     circle, products, residual = _sketch(run, basis, expected, smooth)
     if smooth < residual < hopeless:
         circle, products, residual = _refine(run, points, expected)

@@ -86,9 +86,7 @@ class ControllerNode:
         self._given_up_at: Optional[rospy.Time] = None
         self._stamps: Deque[float] = deque(maxlen=PATIENCE)
         self._laser_frame = ""
-        self._fixed: Optional[Tuple[str, Optional[Pose]]] = (
-            None  # a lidar's frame, and where that is for good
-        )
+        self._fixed: Optional[Tuple[str, Pose]] = None  # a lidar's frame, and where it is for good
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms, tcp_nodelay=True)
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
@@ -167,8 +165,10 @@ class ControllerNode:
                 f"no transform from '{frame}' to '{BASE}', so the robot stands still; "
                 "is robot_state_publisher running?",
             )
-        pose = messages.pose_from_transform(found) if found else None
-        if found and found.header.stamp.is_zero():  # only /tf_static has a say in it
+        if found is None:
+            return None
+        pose = messages.pose_from_transform(found)
+        if found.header.stamp.is_zero():  # only /tf_static has a say in it
             self._fixed = frame, pose
         return pose
 
