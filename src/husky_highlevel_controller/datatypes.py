@@ -126,7 +126,7 @@ class Scan:
     range_max: float  # [m]
     ranges: np.ndarray  # (N,) [m]; REP 117: too close -inf, no return +inf, invalid NaN
 
-    @property
+    @cached_property
     def angle_increment(self) -> float:
         """Step between beams in rad; (max - min) / (N - 1), or 0 for fewer than two beams."""
         steps = len(self.ranges) - 1

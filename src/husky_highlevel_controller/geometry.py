@@ -121,7 +121,8 @@ def transform_point(pose_b_in_a: Pose, point_in_b: Sequence[float]) -> Vector3:
 
 def pose_from_2d(pose: Pose2D, z: float = 0.0) -> Pose:
     """The pose in space of a pose on the ground, `z` m above it."""
-    return Pose((pose.x, pose.y, z), quat_from_rpy(0.0, 0.0, pose.yaw))
+    half = pose.yaw / 2.0
+    return Pose((pose.x, pose.y, z), (0.0, 0.0, sin(half), cos(half)))
 
 
 def pose_to_2d(pose: Pose) -> Pose2D:

@@ -75,6 +75,8 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
         pillar = _judge(scan, config, run) if run is not None else None
         if pillar is not None:
             pillars.append(pillar)
+    if len(pillars) < 2:
+        return pillars
     return sorted(_distinct(pillars), key=lambda pillar: pillar.distance)
 
 
