@@ -10,7 +10,6 @@ SI units and REP 103 axes (x forward, y left, z up) throughout; quaternions are 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from math import atan2, hypot
 from typing import NamedTuple, Optional, Tuple, Union
 
@@ -126,7 +125,7 @@ class Scan:
     range_max: float  # [m]
     ranges: np.ndarray  # (N,) [m]; REP 117: too close -inf, no return +inf, invalid NaN
 
-    @cached_property
+    @property
     def angle_increment(self) -> float:
         """Step between beams in rad; (max - min) / (N - 1), or 0 for fewer than two beams."""
         steps = len(self.ranges) - 1
@@ -137,11 +136,10 @@ class Scan:
         """Angle of every beam in `frame`, (N,) [rad]."""
         return np.linspace(self.angle_min, self.angle_max, len(self.ranges))
 
-    @cached_property
+    @property
     def valid(self) -> np.ndarray:
         """Mask of the beams that measured something, (N,) bool: range_min <= r <= range_max (REP 117)."""
         mask: np.ndarray = (self.ranges >= self.range_min) & (self.ranges <= self.range_max)
-        mask.setflags(write=False)
         return mask
 
 

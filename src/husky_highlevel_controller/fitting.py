@@ -92,14 +92,10 @@ def _sketch(run: Run, basis: np.ndarray, expected: Vector3, smooth: float) -> Tu
         # more than a weight follows from it, the cosines of the beams themselves are taken to be 1
         sine = (x * run.directions[1] - y) / r
         square = np.maximum(1.0 - sine * sine, _MIN_COSINE**2)
-        moments = (basis / square) @ basis.T
+        moments = ((basis / square) @ basis.T).tolist()
         before_x, before_y = x, y
         for _ in range(_MAX_STEPS):
-            error = (-x / r, -y / r, (x * x + y * y - r * r) / (2.0 * r), 0.5 / r)
-            forms = np.array(
-                ((-1.0 / r, 0.0, x / r, 0.0), (0.0, -1.0 / r, y / r, 0.0), (0.0, 0.0, -1.0, 0.0), error)
-            )
-            products = (forms @ moments @ forms.T).tolist()
+            products = _products(moments, x, y, r)
             (x, y, r), step = _improved((x, y, r), products, expected)
             if step < _SETTLED:
                 break
@@ -107,6 +103,26 @@ def _sketch(run: Run, basis: np.ndarray, expected: Vector3, smooth: float) -> Tu
         if residual > smooth or hypot(x - before_x, y - before_y) < _WEIGHED * expected[2]:
             break
     return (x, y, r), products, residual
+
+
+def _products(moments: Products, x: float, y: float, r: float) -> Products:
+    """The products at a circle, from the weighted moments of the basis; linear forms in it, multiplied out.
+
+    Those of a point's distance are (p_x - x) / -r, (p_y - y) / -r and -1 by the circle's numbers, and itself
+    (|p|^2 / 2 - x p_x - y p_y) / r + k.
+    """
+    (pp, pq, p, ps), (_, qq, q, qs), (_, _, n, s), (_, _, _, ss) = moments
+    k = (x * x + y * y - r * r) / (2.0 * r)
+    pe = (0.5 * ps - x * pp - y * pq) / r + k * p
+    qe = (0.5 * qs - x * pq - y * qq) / r + k * q
+    e = (0.5 * s - x * p - y * q) / r + k * n
+    se = (0.5 * ss - x * ps - y * qs) / r + k * s
+    xx = (pp - x * (2.0 * p - x * n)) / (r * r)
+    xy = (pq - x * q - y * (p - x * n)) / (r * r)
+    yy = (qq - y * (2.0 * q - y * n)) / (r * r)
+    xr, yr, xe, ye = (p - x * n) / r, (q - y * n) / r, (x * e - pe) / r, (y * e - qe) / r
+    ee = (0.5 * se - x * pe - y * qe) / r + k * e
+    return [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, n, -e], [xe, ye, -e, ee]]
 
 
 def _refine(run: Run, points: np.ndarray, expected: Vector3) -> Tuple[Vector3, Products, float]:

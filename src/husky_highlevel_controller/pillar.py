@@ -133,14 +133,21 @@ def _plausible(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Optional[
         or near * step > 2.0 * largest  # beams so far apart tell nothing
     ):
         return None
-    directions = _directions(scan.angle_increment, len(scan.ranges))
-    return Run(beams, near, ranges, directions[:, 2 * beams - (first + last)])
+    directions = _directions(scan.angle_increment, len(scan.ranges), last - first)
+    if len(beams) <= last - first:  # some are missing
+        directions = directions[:, beams - first]
+    return Run(beams, near, ranges, directions)
+
+
+def _directions(step: float, count: int, steps: int) -> np.ndarray:
+    """Unit vectors of neighbouring beams out of `count`, (2, steps + 1), half of them on each side of x."""
+    return _half_steps(step, count)[:, count - steps : count + steps + 1 : 2]
 
 
 @lru_cache(maxsize=4)
-def _directions(step: float, count: int) -> np.ndarray:
-    """Unit vectors at half steps from -count to count, (2, 2 count); index 0 is ahead, negative ones work."""
-    angles = 0.5 * step * np.concatenate([np.arange(count), np.arange(-count, 0)])
+def _half_steps(step: float, count: int) -> np.ndarray:
+    """Unit vectors at half steps from -count to count, (2, 2 count + 1)."""
+    angles = 0.5 * step * np.arange(-count, count + 1)
     return np.stack([np.cos(angles), np.sin(angles)])
 
 
