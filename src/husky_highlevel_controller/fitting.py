@@ -3,13 +3,13 @@
 In: a `Run`. Out: a `Circle`, and how well straight things would do.
 Must not know: ROS, PyBullet, what counts as a pillar besides its radius.
 
-Sums over beams are matrix products; what is solved for with them are a few plain numbers.
+Sums over many beams are matrix products; what is solved for with them are a few plain numbers.
 """
 
 from __future__ import annotations
 
-from math import hypot, sqrt
-from typing import List, NamedTuple, Tuple
+from math import cos, hypot, sin, sqrt
+from typing import Callable, List, NamedTuple, Tuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ _PLACE_WEIGHT = 1e-3  # and so little that the centre is on the line of sight
 _LEAST_WEIGHT = 1e-6  # keeps the equations solvable
 _FREE_WEIGHT = 1e-4  # the same where nothing is expected of the radius
 _MIN_COSINE = 0.3  # of incidence; grazing beams weigh no more than this one
+_FEW = 16  # up to so many beams are looked at one by one: NumPy is no faster for few
 _MAX_WEIGHINGS = 3
 _WEIGHED = 0.1  # share of the radius; weights are good for a centre that moves no farther
 _MAX_STEPS = 6
@@ -27,16 +28,22 @@ _SETTLED, _REFINED = 1e-5, 1e-4  # [m], a smaller step of the fit is the last
 _SMOOTH, _SMOOTH_SHARE = 0.0015, 0.0075  # [m], of the radius: with this residual a sketch is off by 0.2 mm
 
 Products = List[List[float]]  # (4, 4) sums over beams: of derivatives of the error by x, y, r, and the error
+Moments = Callable[[float, float, float], Products]  # of a circle's x, y, r: sums of products of the basis
 Matrix3 = Tuple[Vector3, Vector3, Vector3]
 
 
 class Run(NamedTuple):
     """Neighbouring beams that may lie on one thing (M of them)."""
 
-    beams: np.ndarray  # (M,), which ones of the scan, ascending
-    near: float  # [m], shortest range
-    ranges: np.ndarray  # (M,) [m]
-    directions: np.ndarray  # (2, M), unit vectors; x points half-way between the first and the last beam
+    beams: List[int]  # which ones of the scan, ascending
+    ranges: List[float]  # [m]
+    near: float  # [m], the shortest
+    step: float  # [rad], from one beam of the scan to the next
+
+    @property
+    def middle(self) -> float:
+        """Half-way between the first and the last beam: the x axis of whatever is fitted."""
+        return 0.5 * (self.beams[0] + self.beams[-1])
 
 
 class Circle(NamedTuple):
@@ -64,45 +71,91 @@ def fit_circle(run: Run, radius: float, noise: float, hopeless: float) -> Circle
         noise: differences in range not worth explaining [m].
         hopeless: a residual with which nobody cares what the circle is [m].
     """
-    basis = np.empty((4, len(run.ranges)))
-    points = np.multiply(run.ranges, run.directions, out=basis[:2])
-    basis[2] = 1.0
-    np.multiply(run.ranges, run.ranges, out=basis[3])
-
-    expected = run.near + radius, 0.0, radius
+    origin = run.near + radius
     smooth = min(_SMOOTH, _SMOOTH_SHARE * radius)
-    circle, products, residual = _sketch(run, basis, expected, smooth)
+    circle, products, residual = _sketch(run, origin, radius, smooth)
     if smooth < residual < hopeless:
-        circle, products, residual = _refine(run, points, expected)
+        circle, products, residual = _refine(run, origin, radius)
     shift, slack = _free_radius(products, len(run.ranges), noise)
     x, y, r = circle
-    return Circle(x, y, r, r + shift, slack, residual, misfit=max(products[3][3], 0.0))
+    return Circle(origin + x, y, r, r + shift, slack, residual, misfit=max(products[3][3], 0.0))
 
 
-def _sketch(run: Run, basis: np.ndarray, expected: Vector3, smooth: float) -> Tuple[Vector3, Products, float]:
+def _sketch(run: Run, origin: float, radius: float, smooth: float) -> Tuple[Vector3, Products, float]:
     """The circle (x, y, radius) of a run, by sums made once, and its residual [m], good up to `smooth`.
 
     The distance of a point p from it is taken as (|p - c|^2 - r^2) / 2r, which is linear in the basis
-    (px, py, 1, |p|^2), (4, M). It is off by the square of the distance over 2r: by nothing that matters where
-    the points are smooth.
+    (p_x, p_y, 1, |p|^2). It is off by the square of the distance over 2r: by nothing that matters where the
+    points are smooth. x and p_x count from `origin` [m] ahead, so that no digits are lost far away.
     """
-    x, y, r = expected
+    moments = (few_moments if len(run.ranges) <= _FEW else many_moments)(run, origin)
+    x, y, r = 0.0, 0.0, radius
     for _ in range(_MAX_WEIGHINGS):
-        # how far each beam passes from the centre, as a share of the radius, is the sine of incidence; as no
-        # more than a weight follows from it, the cosines of the beams themselves are taken to be 1
-        sine = (x * run.directions[1] - y) / r
-        square = np.maximum(1.0 - sine * sine, _MIN_COSINE**2)
-        moments = ((basis / square) @ basis.T).tolist()
         before_x, before_y = x, y
+        sums = moments(x, y, r)
         for _ in range(_MAX_STEPS):
-            products = _products(moments, x, y, r)
-            (x, y, r), step = _improved((x, y, r), products, expected)
+            products = _products(sums, x, y, r)
+            (x, y, r), step = _improved((x, y, r), products, radius)
             if step < _SETTLED:
                 break
         residual = sqrt(max(products[3][3], 0.0) / products[2][2])
-        if residual > smooth or hypot(x - before_x, y - before_y) < _WEIGHED * expected[2]:
+        if residual > smooth or hypot(x - before_x, y - before_y) < _WEIGHED * radius:
             break
     return (x, y, r), products, residual
+
+
+def few_moments(run: Run, origin: float) -> Moments:
+    """What `many_moments` makes, beam by beam: sooner done where they are few."""
+    points, middle, step = [], run.middle, run.step
+    for beam, depth in zip(run.beams, run.ranges):
+        angle = (beam - middle) * step
+        c, s = cos(angle), sin(angle)
+        x, y = depth * c - origin, depth * s
+        points.append((x, y, x * x + y * y, c, s))
+
+    def moments(x: float, y: float, r: float) -> Products:
+        pp = pq = p = ps = qq = q = qs = n = s = ss = 0.0
+        for px, py, square, cosine, sine in points:
+            incidence = ((origin + x) * sine - y * cosine) / r  # the sine of it
+            weight = 1.0 / max(1.0 - incidence * incidence, _MIN_COSINE**2)
+            wx, wy, ws = weight * px, weight * py, weight * square
+            n, p, q, s = n + weight, p + wx, q + wy, s + ws
+            pp, pq, ps = pp + wx * px, pq + wx * py, ps + wx * square
+            qq, qs, ss = qq + wy * py, qs + wy * square, ss + ws * square
+        return [[pp, pq, p, ps], [pq, qq, q, qs], [p, q, n, s], [ps, qs, s, ss]]
+
+    return moments
+
+
+def many_moments(run: Run, origin: float) -> Moments:
+    """A function of a circle (x, y, radius): sums of the basis times itself, each beam with its weight there.
+
+    A beam passes from the centre as far as the sine of incidence, as a share of the radius, says.
+
+    Args:
+        run: of the beams.
+        origin: from where x counts [m].
+    """
+    directions = _directions(run)
+    basis = np.empty((4, len(run.ranges)))
+    points = np.multiply(run.ranges, directions, out=basis[:2])
+    points[0] -= origin
+    basis[2] = 1.0
+    np.add(points[0] * points[0], points[1] * points[1], out=basis[3])
+
+    def moments(x: float, y: float, r: float) -> Products:
+        incidence = ((origin + x) * directions[1] - y * directions[0]) / r
+        weighted = basis / np.maximum(1.0 - incidence * incidence, _MIN_COSINE**2)
+        sums: Products = (weighted @ basis.T).tolist()
+        return sums
+
+    return moments
+
+
+def _directions(run: Run) -> np.ndarray:
+    """Unit vectors of the beams, (2, M)."""
+    angles = run.step * (np.array(run.beams) - run.middle)
+    return np.stack([np.cos(angles), np.sin(angles)])
 
 
 def _products(moments: Products, x: float, y: float, r: float) -> Products:
@@ -125,41 +178,39 @@ def _products(moments: Products, x: float, y: float, r: float) -> Products:
     return [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, n, -e], [xe, ye, -e, ee]]
 
 
-def _refine(run: Run, points: np.ndarray, expected: Vector3) -> Tuple[Vector3, Products, float]:
-    """The circle (x, y, radius) of any points (2, M), by their true distances, and its residual [m]."""
-    circle, columns = expected, np.empty((4, points.shape[1]))
+def _refine(run: Run, origin: float, radius: float) -> Tuple[Vector3, Products, float]:
+    """The circle (x, y, radius) of any run, by true distances, and its residual [m]; x counts from `origin`."""
+    directions = _directions(run)
+    points = run.ranges * directions
+    circle, columns = (0.0, 0.0, radius), np.empty((4, len(run.ranges)))
     columns[2] = -1.0
     for steps_left in range(_MAX_STEPS, -1, -1):
         x, y, r = circle
-        inwards = np.subtract(((x,), (y,)), points, out=columns[:2])
+        inwards = np.subtract(((origin + x,), (y,)), points, out=columns[:2])
         rho = np.maximum(np.hypot(inwards[0], inwards[1]), 1e-9)
         inwards /= rho
         error = np.subtract(rho, r, out=columns[3])
-        cosine = np.einsum("ij,ij->j", inwards, run.directions)
+        cosine = np.einsum("ij,ij->j", inwards, directions)
         weighted = columns / np.maximum(cosine, _MIN_COSINE)
         products = (weighted @ weighted.T).tolist()
-        better, step = _improved(circle, products, expected)
+        better, step = _improved(circle, products, radius)
         if step < _REFINED or steps_left == 0:
             break
         circle = better
     return circle, products, sqrt(float(error @ error) / len(error))
 
 
-def _improved(circle: Vector3, products: Products, expected: Vector3) -> Tuple[Vector3, float]:
-    """One step of Gauss-Newton for centre and radius, and how long it is [m]."""
+def _improved(circle: Vector3, products: Products, radius: float) -> Tuple[Vector3, float]:
+    """One step of Gauss-Newton for centre and radius, expected at the origin, and how long it is [m]."""
     x, y, r = circle
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
     dx, dy, dr = _apply(
         _inverse(xx + _LEAST_WEIGHT, xy, xr, yy + _PLACE_WEIGHT, yr, rr + _RADIUS_WEIGHT),
-        (
-            xe + _LEAST_WEIGHT * (x - expected[0]),
-            ye + _PLACE_WEIGHT * (y - expected[1]),
-            re + _RADIUS_WEIGHT * (r - expected[2]),
-        ),
+        (xe + _LEAST_WEIGHT * x, ye + _PLACE_WEIGHT * y, re + _RADIUS_WEIGHT * (r - radius)),
     )
     longest = max(abs(dx), abs(dy), abs(dr))
-    share = min(1.0, expected[2] / longest) if longest > 0.0 else 1.0
-    return (x - share * dx, y - share * dy, max(r - share * dr, 0.1 * expected[2])), longest
+    share = min(1.0, radius / longest) if longest > 0.0 else 1.0
+    return (x - share * dx, y - share * dy, max(r - share * dr, 0.1 * radius)), longest
 
 
 def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, float]:
@@ -211,10 +262,8 @@ def corner_misfit(run: Run) -> float:
 
 def _terms(run: Run) -> np.ndarray:
     """r^2 cos, r^2 sin and r, (3, M)."""
-    terms = np.empty((3, len(run.ranges)))
-    np.multiply(run.directions, run.ranges * run.ranges, out=terms[:2])
-    terms[2] = run.ranges
-    return terms
+    ranges = np.array(run.ranges)
+    return np.vstack([_directions(run) * (ranges * ranges), ranges])
 
 
 def _line_misfit(sums: np.ndarray) -> np.ndarray:

@@ -11,7 +11,6 @@ lets them pass.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from math import asin, atan2, ceil, cos, floor, hypot, inf, isfinite, log, nan, sin, sqrt
 from typing import Callable, List, Optional, Sequence, Tuple
 
@@ -68,10 +67,9 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
     """
     if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min)):
         return []  # beams without a direction
-    beams, bounds = cluster(scan, config)
     pillars = []
-    for start, stop in bounds:
-        run = _plausible(scan, config, beams[start:stop]) if stop - start >= config.min_beams else None
+    for beams, ranges in cluster(scan, config):
+        run = _plausible(scan, config, beams, ranges) if len(beams) >= config.min_beams else None
         pillar = _judge(scan, config, run) if run is not None else None
         if pillar is not None:
             pillars.append(pillar)
@@ -80,7 +78,7 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
     return sorted(_distinct(pillars), key=lambda pillar: pillar.distance)
 
 
-def cluster(scan: Scan, config: PillarConfig) -> Tuple[np.ndarray, List[Tuple[int, int]]]:
+def cluster(scan: Scan, config: PillarConfig) -> List[Tuple[List[int], List[float]]]:
     """Split the valid beams into runs that may lie on one thing.
 
     Args:
@@ -88,28 +86,30 @@ def cluster(scan: Scan, config: PillarConfig) -> Tuple[np.ndarray, List[Tuple[in
         config: the pillar's size says how far apart neighbours may be.
 
     Returns:
-        The beams that belong to runs (V,), and where in them each run starts and stops.
+        Of each run the beams, and their ranges [m].
     """
-    (beams,) = scan.valid.nonzero()
-    breaks, speckle = _breaks(scan, config, beams)
+    (valid,) = scan.valid.nonzero()
+    beams, ranges, breaks, speckle = _breaks(scan, config, valid)
     if speckle:
-        beams = np.delete(beams, speckle)
-        breaks, _ = _breaks(scan, config, beams)
-    return beams, list(zip([0, *breaks], [*breaks, len(beams)])) if len(beams) else []
+        beams, ranges, breaks, _ = _breaks(scan, config, np.delete(valid, speckle))
+    bounds = zip([0, *breaks], [*breaks, len(beams)])
+    return [(beams[start:stop], ranges[start:stop]) for start, stop in bounds]
 
 
-def _breaks(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Tuple[List[int], List[int]]:
-    """Where in `beams` another thing begins; and single beams that others pass by on both sides."""
-    ranges, step = scan.ranges[beams], abs(scan.angle_increment)
+def _breaks(
+    scan: Scan, config: PillarConfig, valid: np.ndarray
+) -> Tuple[List[int], List[float], List[int], List[int]]:
+    """The valid beams, their ranges [m], where another thing begins, and single beams that others pass by."""
+    ranges, step = scan.ranges[valid], abs(scan.angle_increment)
     largest, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
-    suspects: Sequence[int] = range(len(beams) - 1)
-    if len(beams) > _FEW:
-        doubtful = (np.abs(ranges[1:] - ranges[:-1]) > rough) | (beams[1:] - beams[:-1] > 1)
+    suspects: Sequence[int] = range(len(valid) - 1)
+    if len(valid) > _FEW:
+        doubtful = (np.abs(ranges[1:] - ranges[:-1]) > rough) | (valid[1:] - valid[:-1] > 1)
         suspects = doubtful.nonzero()[0].tolist()
-    depths, indices = ranges.tolist(), beams.tolist()
+    beams, depths = valid.tolist(), ranges.tolist()
 
     def apart(left: int, right: int) -> bool:
-        between = indices[right] - indices[left]
+        between = beams[right] - beams[left]
         spacing = between * step * max(min(depths[left], depths[right]), 0.0)
         # depth of a circle between its edge and a beam one spacing further in: no two neighbours differ more
         depth = sqrt((2.0 * largest - spacing) * spacing) if spacing < largest else largest
@@ -117,38 +117,21 @@ def _breaks(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Tuple[List[i
 
     breaks = [left + 1 for left in suspects if apart(left, left + 1)]
     alone = [start for start, stop in zip(breaks, breaks[1:]) if stop == start + 1]
-    return breaks, [beam for beam in alone if not apart(beam - 1, beam + 1)]
+    return beams, depths, breaks, [at for at in alone if not apart(at - 1, at + 1)]
 
 
-def _plausible(scan: Scan, config: PillarConfig, beams: np.ndarray) -> Optional[Run]:
+def _plausible(scan: Scan, config: PillarConfig, beams: List[int], ranges: List[float]) -> Optional[Run]:
     """The run of these beams, if it is no wider and no deeper than a pillar there would be."""
-    ranges, step = scan.ranges[beams], abs(scan.angle_increment)
+    near, span, step = min(ranges), beams[-1] - beams[0], abs(scan.angle_increment)
     largest = config.pillar_radius + config.radius_tolerance
-    depths, first, last = ranges.tolist(), int(beams[0]), int(beams[-1])
-    near = min(depths)
     if (
         near <= 0.0  # some drivers' way to say that there is no return
-        or (last - first) * step > 2.0 * asin(largest / (near + largest)) + step
-        or max(depths) - near > largest + 4.0 * config.max_residual
+        or span * step > 2.0 * asin(largest / (near + largest)) + step
+        or max(ranges) - near > largest + 4.0 * config.max_residual
         or near * step > 2.0 * largest  # beams so far apart tell nothing
     ):
         return None
-    directions = _directions(scan.angle_increment, len(scan.ranges), last - first)
-    if len(beams) <= last - first:  # some are missing
-        directions = directions[:, beams - first]
-    return Run(beams, near, ranges, directions)
-
-
-def _directions(step: float, count: int, steps: int) -> np.ndarray:
-    """Unit vectors of neighbouring beams out of `count`, (2, steps + 1), half of them on each side of x."""
-    return _half_steps(step, count)[:, count - steps : count + steps + 1 : 2]
-
-
-@lru_cache(maxsize=4)
-def _half_steps(step: float, count: int) -> np.ndarray:
-    """Unit vectors at half steps from -count to count, (2, 2 count + 1)."""
-    angles = 0.5 * step * np.arange(-count, count + 1)
-    return np.stack([np.cos(angles), np.sin(angles)])
+    return Run(beams, ranges, near, scan.angle_increment)
 
 
 def _judge(scan: Scan, config: PillarConfig, run: Run) -> Optional[Pillar]:
@@ -163,7 +146,7 @@ def _judge(scan: Scan, config: PillarConfig, run: Run) -> Optional[Pillar]:
         and _stands_out(scan, config, run, circle)
     ):
         return None
-    middle = scan.angle_min + 0.5 * int(run.beams[0] + run.beams[-1]) * scan.angle_increment
+    middle = scan.angle_min + run.middle * run.step
     c, s = cos(middle), sin(middle)
     x, y = c * circle.x - s * circle.y, s * circle.x + c * circle.y
     return Pillar(x, y, circle.radius, len(run.beams), circle.residual)
@@ -190,11 +173,11 @@ def _stands_out(scan: Scan, config: PillarConfig, run: Run, circle: Circle) -> b
 
 def _silhouette(scan: Scan, config: PillarConfig, run: Run, circle: Circle) -> Tuple[int, int]:
     """Of the beams that should have met a circle: how many pass through it, and how many are hidden."""
-    step, beams = abs(scan.angle_increment), run.beams.tolist()
+    step, beams = abs(run.step), run.beams
     distance = hypot(circle.x, circle.y)
     inner = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)
     half = asin(min(inner / max(distance, 1e-9), 1.0))
-    centre = 0.5 * (beams[0] + beams[-1]) + atan2(circle.y, circle.x) / scan.angle_increment
+    centre = run.middle + atan2(circle.y, circle.x) / run.step
     reach, slack = half / step + 1.0, 4.0 * config.max_residual
     expected_to = range(max(ceil(centre - reach), -1), min(floor(centre + reach), len(scan.ranges)) + 1)
     # none of its own is farther off than the root of the sum of squares
