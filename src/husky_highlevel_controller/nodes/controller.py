@@ -35,7 +35,7 @@ REPORT_PERIOD = 5.0  # [s] between two complaints about the same
 PATIENCE = 50  # scans that may have to do without a transform before that is worth a word
 START_PATIENCE = 4.0  # [s] of wall time that the first scan waits for TF
 TF_PATIENCE = 2.0  # [s] of wall time that the transform of a scan's moment may be late
-TF_GLANCE = 0.0001  # [s] of wall time between two looks for it
+TF_GLANCE = 0.00001  # [s] of wall time between two looks for it
 GLANCE = 0.1  # [s] of wall time between two looks at what is fixed, and at whether /diagnostics is due
 
 
@@ -181,15 +181,18 @@ class ControllerNode:
         moment = messages.time_to_msg(stamp)
         end = time.monotonic() + TF_PATIENCE
         while True:
-            exact = self._lookup(ODOM, BASE, moment)
-            latest = exact or self._lookup(ODOM, BASE)
-            if exact or latest is None or latest.header.stamp >= moment:
+            # the latest is mostly that of the moment; asking for a moment that is not there yet costs more
+            found = self._lookup(ODOM, BASE)
+            if found is None or found.header.stamp in (moment, rospy.Time()):  # zero: fixed for good
                 break
-            if latest.header.stamp == self._given_up_at or time.monotonic() > end:
-                self._given_up_at = latest.header.stamp  # odometry that stands still is waited for only once
+            if found.header.stamp > moment:
+                found = self._lookup(ODOM, BASE, moment) or found
+                break
+            if found.header.stamp == self._given_up_at or time.monotonic() > end:
+                self._given_up_at = found.header.stamp  # odometry that stands still is waited for only once
                 break
             time.sleep(TF_GLANCE)
-        return pose_to_2d(messages.pose_from_transform(latest)) if latest else None
+        return pose_to_2d(messages.pose_from_transform(found)) if found else None
 
     def _lookup(
         self, parent: str, child: str, moment: Optional[rospy.Time] = None
