@@ -16,7 +16,7 @@ class Effort:
     repeats: int = 5
     simulated: float = 20.0  # [s], of the fast runs
     real: float = 10.0  # [s], of the run at real time
-    scans: int = 250  # that the controller is to answer, each time
+    scans: int = 500  # that the controller is to answer, each time; of fewer, one hundredth is a few outliers
     most_objects: int = 1000
     most_beams: int = 10000
 

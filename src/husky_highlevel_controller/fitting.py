@@ -179,7 +179,7 @@ def _products(moments: Products, x: float, y: float, r: float) -> Products:
 
 
 def _refine(run: Run, origin: float, radius: float) -> Tuple[Vector3, Products, float]:
-    """The circle (x, y, radius) of any run, by true distances, and its residual [m]; x counts from `origin`."""
+    """The circle (x, y, radius) of any run, by true distances, and its residual [m]; x as in a sketch."""
     directions = _directions(run)
     points = run.ranges * directions
     circle, columns = (0.0, 0.0, radius), np.empty((4, len(run.ranges)))

@@ -93,7 +93,9 @@ def scan_from_msg(msg: LaserScan) -> Scan:
 
 def twist_to_msg(twist: Twist2D) -> Twist:
     """A planar twist as geometry_msgs/Twist."""
-    return Twist(Vector3(twist.linear, 0.0, 0.0), Vector3(0.0, 0.0, twist.angular))
+    msg = Twist()
+    msg.linear.x, msg.angular.z = twist
+    return msg
 
 
 def twist_from_msg(msg: Twist) -> Twist2D:

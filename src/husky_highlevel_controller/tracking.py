@@ -73,22 +73,21 @@ def follow(
         What is believed now, the followed pillar if the scan shows it, and how its place looks.
     """
     period = min(max(scan.stamp - track.updated_at, 0.0), _LONGEST_PERIOD)
-    track = track._replace(updated_at=scan.stamp)
     if track.estimate is not None:
         pillar = _match(track.estimate, pillars, scan.stamp, laser_in_odom)
         if pillar is not None:
             return _seen(track, pillar, period, scan, laser_in_odom), pillar, Sight.SEEN
         sight = look_at(track.estimate, scan, laser_in_odom)
         weight = _weight(sight, track.estimate, laser_in_odom, patient)
-        doubted = track._replace(doubt=track.doubt + weight * period)
-        if doubted.doubt <= PATIENCE:
-            return doubted, None, sight
-        track = _give_up(doubted)
+        track = track._replace(doubt=track.doubt + weight * period, updated_at=scan.stamp)
+        if track.doubt <= PATIENCE:
+            return track, None, sight
+        track = _give_up(track)
     for pillar in pillars:
         x, y, _ = transform_point(laser_in_odom, (pillar.x, pillar.y, 0.0))
         if all(hypot(x - dx, y - dy) > _GATE or pillar.beams > beams for dx, dy, beams in track.dropped):
             return _seen(track, pillar, period, scan, laser_in_odom), pillar, Sight.SEEN
-    return track, None, Sight.UNKNOWN
+    return track._replace(updated_at=scan.stamp), None, Sight.UNKNOWN
 
 
 def aged(estimate: Estimate, stamp: float) -> Estimate:
@@ -157,13 +156,11 @@ def _seen(track: Track, pillar: Pillar, period: float, scan: Scan, laser_in_odom
         x, y = old.x + gain * (x - old.x), old.y + gain * (y - old.y)
         radius = old.radius + gain * (radius - old.radius)
         variance *= gain
-    return track._replace(
-        estimate=Estimate(x, y, radius, sqrt(variance), scan.stamp),
-        doubt=max(track.doubt - 2.0 * period, 0.0),
-        beams=max(track.beams, pillar.beams),
-    )
+    estimate = Estimate(x, y, radius, sqrt(variance), scan.stamp)
+    doubt = max(track.doubt - 2.0 * period, 0.0)
+    return Track(estimate, doubt, max(track.beams, pillar.beams), scan.stamp, track.dropped)
 
 
 def _deviation_at(estimate: Estimate, stamp: float) -> float:
     """Standard deviation of the place, grown since it was seen [m]."""
-    return sqrt(estimate.deviation**2 + _DRIFT**2 * max(stamp - estimate.seen_at, 0.0))
+    return hypot(estimate.deviation, _DRIFT * sqrt(max(stamp - estimate.seen_at, 0.0)))
