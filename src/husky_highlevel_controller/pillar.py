@@ -17,7 +17,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.datatypes import Pillar, Scan
-from husky_highlevel_controller.fitting import Circle, Run, corner_misfit, fit_circle, line_misfit
+from husky_highlevel_controller.fitting import FEW, Circle, Run, corner_misfit, fit_circle, line_misfit
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,6 @@ _LINE_ODDS = 4.0
 _CORNER_ODDS = 1.0  # for each beam
 _HIDDEN_ODDS = 2.0  # by which a circle must beat a line where part of the silhouette is hidden
 _HOPELESS = 3.0  # times the largest residual: a sketch as bad as this is not made better
-_FEW = 16  # up to so many beams are looked at one by one: NumPy is no faster for few
 _MAX_SKIPPED = 2  # beams without a return that a pillar may have between two with one
 
 
@@ -103,7 +102,7 @@ def _breaks(
     ranges, step = scan.ranges[valid], abs(scan.angle_increment)
     largest, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
     suspects: Sequence[int] = range(len(valid) - 1)
-    if len(valid) > _FEW:
+    if len(valid) > FEW:
         doubtful = (np.abs(ranges[1:] - ranges[:-1]) > rough) | (valid[1:] - valid[:-1] > 1)
         suspects = doubtful.nonzero()[0].tolist()
     beams, depths = valid.tolist(), ranges.tolist()
