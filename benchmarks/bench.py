@@ -20,6 +20,8 @@ from typing import Dict, List
 from figures import FIGURES
 from rows import SHORT, Effort, Row
 
+RESULTS = Path(__file__).resolve().parent.parent / ".dev" / "bench.json"
+
 
 def machine() -> Dict[str, object]:
     """What the figures were measured on."""
@@ -62,7 +64,8 @@ def table(rows: List[Row]) -> str:
 def main() -> None:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(prog="./dev bench", description=__doc__)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write every run's figures there")
+    parser.add_argument("--json", type=Path, metavar="FILE", default=RESULTS,
+                        help="where every run's figures are written (default: .dev/bench.json)")  # fmt: skip
     parser.add_argument("--only", action="append", choices=list(FIGURES), metavar="NAME",
                         help=f"of {', '.join(FIGURES)}; may be given again")  # fmt: skip
     parser.add_argument("--short", action="store_true", help="only see that it works; the times mean nothing")
@@ -81,10 +84,10 @@ def main() -> None:
     print(table(rows))
     if wanted.short:
         print("\nA short run: it works, but its figures mean nothing.")
-    if wanted.json:
-        figures = {name: [asdict(row) for row in each] for name, each in found.items()}
-        document = {"machine": host, "effort": asdict(effort), "figures": figures}
-        wanted.json.write_text(json.dumps(document, indent=2) + "\n")
+    figures = {name: [asdict(row) for row in each] for name, each in found.items()}
+    document = {"machine": host, "effort": asdict(effort), "figures": figures}
+    wanted.json.write_text(json.dumps(document, indent=2) + "\n")
+    print(f"\nevery run: {wanted.json}")
 
 
 if __name__ == "__main__":
