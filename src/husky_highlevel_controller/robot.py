@@ -9,9 +9,8 @@ from __future__ import annotations
 import copy
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
-from math import atan2, hypot, isfinite
 from types import MappingProxyType
-from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Dict, List, Mapping, Sequence, Tuple
 
 import defusedxml
 import defusedxml.ElementTree
@@ -19,12 +18,16 @@ import numpy as np
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.description import DescriptionError
-from husky_highlevel_controller.geometry import (
-    compose,
-    inverse,
-    matrix_from_quat,
-    quat_from_rpy,
-    rotate,
+from husky_highlevel_controller.geometry import compose, inverse, matrix_from_quat, rotate
+from husky_highlevel_controller.urdf import (
+    ends_of,
+    label_of,
+    name_of,
+    number_of,
+    numbers_of,
+    origin_of,
+    text_of,
+    write_origin,
 )
 
 WHEEL_JOINTS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
@@ -77,8 +80,8 @@ def robot_model(urdf_text: str, laser_frame: str = "front_laser") -> RobotModel:
         DescriptionError: not a URDF, a link or joint missing, or a number that physics cannot use.
     """
     robot = _parse(urdf_text)
-    links = {_name(link): link for link in robot.findall("link")}
-    joints = {_name(joint): joint for joint in robot.findall("joint")}
+    links = {name_of(link): link for link in robot.findall("link")}
+    joints = {name_of(joint): joint for joint in robot.findall("joint")}
     if "base_link" not in links:
         raise DescriptionError(f"no link 'base_link'; there are: {', '.join(links) or 'none'}")
     for name in WHEEL_JOINTS:
@@ -134,9 +137,9 @@ def _fixed_poses(links: Mapping[str, ET.Element], joints: Mapping[str, ET.Elemen
     """Poses in base_link of the links that fixed joints tie to it, whether they hang below or above it."""
     neighbours: Dict[str, List[Tuple[str, Pose]]] = {name: [] for name in links}
     for joint in joints.values():
-        parent, child = _ends(joint, links)
+        parent, child = ends_of(joint, links)
         if joint.get("type") == "fixed":
-            pose_child_in_parent = _origin(joint, _label(joint))
+            pose_child_in_parent = origin_of(joint, label_of(joint))
             neighbours[parent].append((child, pose_child_in_parent))
             neighbours[child].append((parent, inverse(pose_child_in_parent)))
     poses = {"base_link": Pose()}
@@ -153,32 +156,32 @@ def _write_wheel(
     physics: ET.Element, joint: ET.Element, links: Mapping[str, ET.Element], fixed_poses: Mapping[str, Pose]
 ) -> Tuple[Wheel, Inertial]:
     """Write a wheel's link and joint; say what it is, and its inertia in base_link."""
-    name, where = _name(joint), _label(joint)
-    parent, child = _ends(joint, links)
+    name, where = name_of(joint), label_of(joint)
+    parent, child = ends_of(joint, links)
     if joint.get("type") != "continuous" or parent not in fixed_poses:
         raise DescriptionError(
             f"{where} is {joint.get('type')}, on '{parent}'; a wheel's is continuous, and on base_link"
         )
-    pose = compose(fixed_poses[parent], _origin(joint, where))
-    axis = _numbers(joint.find("axis"), "xyz", (1.0, 0.0, 0.0), where)
+    pose = compose(fixed_poses[parent], origin_of(joint, where))
+    axis = numbers_of(joint.find("axis"), "xyz", (1.0, 0.0, 0.0), where)
     axis_in_base = rotate(pose.quat_xyzw, axis)
     if not np.allclose(axis_in_base, (0.0, 1.0, 0.0), atol=1e-3):
         raise DescriptionError(f"{where} turns about {axis_in_base} in base_link; a wheel turns about 0 1 0")
     cylinder = links[child].find("collision/geometry/cylinder")
     if cylinder is None:
         raise DescriptionError(
-            f"{_label(links[child])} has no collision cylinder, so the wheel has no radius"
+            f"{label_of(links[child])} has no collision cylinder, so the wheel has no radius"
         )
 
-    inertial = _require_solid(_inertial(links[child], Pose()), _label(links[child]))
+    inertial = _require_solid(_inertial(links[child], Pose()), label_of(links[child]))
     wheel = ET.SubElement(physics, "link", name=child)
     _write_inertial(wheel, inertial)
     _write_collisions(wheel, [(links[child], Pose())])
     _crown(wheel)
-    ET.SubElement(_write_joint(physics, name, "continuous", child, pose), "axis", xyz=_text(axis))
+    ET.SubElement(_write_joint(physics, name, "continuous", child, pose), "axis", xyz=text_of(axis))
     inertial_in_base = _inertial(links[child], pose)
     axial_inertia = float(inertial_in_base[2][1, 1])
-    radius = _number(cylinder, "radius", _label(links[child]))
+    radius = number_of(cylinder, "radius", label_of(links[child]))
     return Wheel(name, child, pose.position, radius, inertial[0], axial_inertia), inertial_in_base
 
 
@@ -189,16 +192,16 @@ Inertial = Tuple[float, Vector3, np.ndarray]  # mass [kg], its centre [m], inert
 
 def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
     """A link's mass, centre and inertia in base_link; a link without them weighs nothing."""
-    where = _label(link)
+    where = label_of(link)
     element = link.find("inertial")
     if element is None:
         return 0.0, pose_link_in_base.position, np.zeros((3, 3))
-    mass = _number(element.find("mass"), "value", where)
+    mass = number_of(element.find("mass"), "value", where)
     if mass < 0.0:
         raise DescriptionError(f"{where}: its mass is {mass}; it cannot be negative")
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    xx, xy, xz, yy, yz, zz = (_number(element.find("inertia"), name, where) for name in names)
-    pose = compose(pose_link_in_base, _origin(element, where))
+    xx, xy, xz, yy, yz, zz = (number_of(element.find("inertia"), name, where) for name in names)
+    pose = compose(pose_link_in_base, origin_of(element, where))
     turn = matrix_from_quat(pose.quat_xyzw)
     return mass, pose.position, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
 
@@ -233,10 +236,10 @@ def _shape(collision: ET.Element, where: str) -> ET.Element:
         raise DescriptionError(f"{where}: a <collision> needs a <geometry> of box, cylinder, sphere or mesh")
     sizes: Tuple[float, ...] = ()
     if shape.tag == "box":
-        sizes = _numbers(shape, "size", (0.0, 0.0, 0.0), where)
+        sizes = numbers_of(shape, "size", (0.0, 0.0, 0.0), where)
     elif shape.tag != "mesh":
         names = ("radius", "length") if shape.tag == "cylinder" else ("radius",)
-        sizes = tuple(_number(shape, name, where) for name in names)
+        sizes = tuple(number_of(shape, name, where) for name in names)
     if any(size <= 0.0 for size in sizes):
         raise DescriptionError(f"{where}: a collision {shape.tag} has {shape.attrib}; sizes must be positive")
     return shape
@@ -245,7 +248,7 @@ def _shape(collision: ET.Element, where: str) -> ET.Element:
 def _write_inertial(link: ET.Element, inertial: Inertial) -> None:
     mass, com, inertia = inertial
     element = ET.SubElement(link, "inertial")
-    _write_origin(element, Pose(com))
+    write_origin(element, Pose(com))
     ET.SubElement(element, "mass", value=repr(mass))
     places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
     ET.SubElement(element, "inertia", {key: repr(float(inertia[at])) for key, at in places.items()})
@@ -255,11 +258,11 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
     """Copy the collision shapes of other links, at their poses in this one."""
     for source, pose_of_source in sources:
         for collision in source.findall("collision"):
-            shape = _shape(collision, _label(source))
+            shape = _shape(collision, label_of(source))
             if shape.tag == "mesh":  # it may be a file that only RViz can find or read
                 continue
             written = ET.SubElement(link, "collision")
-            _write_origin(written, compose(pose_of_source, _origin(collision, _label(source))))
+            write_origin(written, compose(pose_of_source, origin_of(collision, label_of(source))))
             ET.SubElement(written, "geometry").append(copy.deepcopy(shape))
 
 
@@ -280,80 +283,7 @@ def _write_joint(
     physics: ET.Element, name: str, kind: str, child: str, pose_child_in_base: Pose
 ) -> ET.Element:
     joint = ET.SubElement(physics, "joint", name=name, type=kind)
-    _write_origin(joint, pose_child_in_base)
+    write_origin(joint, pose_child_in_base)
     ET.SubElement(joint, "parent", link="base_link")
     ET.SubElement(joint, "child", link=child)
     return joint
-
-
-# ---------------------------------------------------------------------------- elements
-
-
-def _name(element: ET.Element) -> str:
-    name = element.get("name")
-    if not name:
-        raise DescriptionError(f"a <{element.tag}> has no name")
-    return name
-
-
-def _label(element: ET.Element) -> str:
-    return f"{element.tag} '{_name(element)}'"
-
-
-def _ends(joint: ET.Element, links: Mapping[str, ET.Element]) -> Tuple[str, str]:
-    """Names of a joint's parent and child."""
-    names = []
-    for end in ("parent", "child"):
-        element = joint.find(end)
-        names.append("" if element is None else element.get("link", ""))
-        if names[-1] not in links:
-            raise DescriptionError(f"{_label(joint)}: its {end} '{names[-1]}' is not a link")
-    parent, child = names
-    return parent, child
-
-
-def _numbers(
-    element: Optional[ET.Element], attribute: str, default: Tuple[float, ...], where: str
-) -> Tuple[float, ...]:
-    """An attribute's finite numbers, as many as the default has; the default where it is not given."""
-    text = None if element is None else element.get(attribute)
-    if text is None:
-        return default
-    try:
-        numbers = tuple(float(word) for word in text.split())
-    except ValueError:
-        numbers = ()
-    if len(numbers) != len(default) or not all(map(isfinite, numbers)):
-        raise DescriptionError(
-            f"{where}: {attribute} is '{text}'; it must be {len(default)} finite number(s)"
-        )
-    return numbers
-
-
-def _number(element: Optional[ET.Element], attribute: str, where: str) -> float:
-    """An attribute's one finite number, which must be given."""
-    if element is None or attribute not in element.attrib:
-        raise DescriptionError(f"{where}: {attribute} is missing")
-    return _numbers(element, attribute, (0.0,), where)[0]
-
-
-def _origin(element: ET.Element, where: str) -> Pose:
-    origin = element.find("origin")
-    x, y, z = _numbers(origin, "xyz", (0.0, 0.0, 0.0), where)
-    roll, pitch, yaw = _numbers(origin, "rpy", (0.0, 0.0, 0.0), where)
-    return Pose((x, y, z), quat_from_rpy(roll, pitch, yaw))
-
-
-def _write_origin(element: ET.Element, pose: Pose) -> None:
-    m = matrix_from_quat(pose.quat_xyzw)
-    level = hypot(m[0, 0], m[1, 0])
-    if level > 1e-9:
-        roll, yaw = atan2(m[2, 1], m[2, 2]), atan2(m[1, 0], m[0, 0])
-    else:  # straight up or down, roll and yaw turn about the same axis
-        roll, yaw = atan2(-m[1, 2], m[1, 1]), 0.0
-    rpy = (roll, atan2(-m[2, 0], level), yaw)
-    ET.SubElement(element, "origin", xyz=_text(pose.position), rpy=_text(rpy))
-
-
-def _text(numbers: Sequence[float]) -> str:
-    return " ".join(repr(float(number) + 0.0) for number in numbers)  # + 0.0 makes -0.0 plain
