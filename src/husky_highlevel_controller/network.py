@@ -10,7 +10,7 @@ import socket
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Dict, List, Optional, Sequence, Type
+from typing import Dict, List, Optional, Sequence, Tuple, Type
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.processes import Process, end_all, wait
@@ -24,6 +24,8 @@ class MarkingError(HuskyError):
 
 class Network:
     """A ROS master of its own, in a folder of its own; when it closes, nobody who talks to it is left."""
+
+    master: Tuple[str, ...] = ("rosmaster", "--core")  # the program, without its port
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -41,10 +43,10 @@ class Network:
                 free.bind(("127.0.0.1", 0))
                 self.port = free.getsockname()[1]
             self.uri = f"http://127.0.0.1:{self.port}"
-            master = self.start("master", ["rosmaster", "--core", "-p", str(self.port)])
+            master = self.start("master", [*self.master, "-p", str(self.port)])
             if wait(partial(_decided, master, self.port), START_DEADLINE) and master.running:
                 return
-        raise MarkingError("rosmaster does not start: " + self.processes[-1].output.strip()[-300:])
+        raise MarkingError(f"{self.master[0]} does not start: " + self.processes[-1].output.strip()[-300:])
 
     def variables(self) -> Dict[str, str]:
         """What makes a program talk to this master."""
@@ -52,7 +54,7 @@ class Network:
             "ROS_MASTER_URI": self.uri,
             "ROS_IP": "127.0.0.1",
             "ROS_LOG_DIR": str(self.folder / "log"),
-            "ROS_HOME": str(self.folder / "ros_home"),
+    #        "ROS_HOME": str(self.folder / "ros_home"),
             "PYTHONUNBUFFERED": "1",
             "ROSCONSOLE_STDOUT_LINE_BUFFERED": "1",
         }
