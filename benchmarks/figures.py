@@ -50,7 +50,9 @@ def network() -> Iterator[Network]:
 def _stack(effort: Effort, lockstep: bool) -> Dict[str, Any]:
     with network() as ros:
         probe = ros.probe("scans", str(WARM_UP), str(WARM_UP + effort.simulated))
-        ros.launch("controller.launch", "real_time_factor:=0", f"lockstep:={lockstep}".lower())
+        ros.launch(
+            "controller.launch", "paused:=true", "real_time_factor:=0", f"lockstep:={lockstep}".lower()
+        )
         return ros.read(probe)
 
 
@@ -98,7 +100,7 @@ def real_time(effort: Effort) -> List[Row]:
         bare = _bare_process(effort.real)
         with network() as ros:
             warm = ros.probe("scans", str(WARM_UP), str(2 * WARM_UP))
-            ros.launch("controller.launch", "real_time_factor:=1")
+            ros.launch("controller.launch", "paused:=true", "real_time_factor:=1")
             ros.read(warm)
             pids = {"simulator": ros.pid("husky_simulator"), "controller": ros.pid("husky_controller")}
             before, begin = {name: cpu_seconds(pid) for name, pid in pids.items()}, time.monotonic()

@@ -1,8 +1,8 @@
 """Nodes of the benchmark, each a process of its own: `probe.py RESULT.json first|scans|latency|answer ...`.
 
 first            say when the first scan was received, by the machine's monotonic clock
-scans FROM TO    receive every scan and say how fast simulated time passed from one stamp to the other [s]
-latency SCANS    send recorded scans at 50 Hz and time the commands that answer them
+scans FROM TO    let time begin and say how fast it passed from one stamp to the other [s]
+latency SCANS    send scans of a whole drive at 50 Hz and time the commands that answer them
 answer           answer every scan with an empty command: the least that a controller can do
 """
 
@@ -13,23 +13,28 @@ import json
 import os
 import struct
 import time
+from math import atan2
 from pathlib import Path
 from threading import Event
 from typing import Any, Dict, List, Tuple
 
+import numpy as np
+import rosgraph
 import rospy
 from geometry_msgs.msg import Twist
 from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Empty
 from tf2_msgs.msg import TFMessage
 
 from husky_highlevel_controller import messages
-from husky_highlevel_controller.datatypes import Snapshot, Twist2D
+from husky_highlevel_controller.datatypes import Pose2D, Snapshot, Twist2D
 from husky_highlevel_controller.geometry import pose_from_2d
 from husky_highlevel_controller.rollout import husky
 from husky_highlevel_controller.scenarios import course_scenario
 from husky_highlevel_controller.simulation import Simulation, SimulatorConfig
 
 PERIOD = 0.02  # [s] between two scans
+WAY = 19.2  # [s] at 1 m/s: it ends 1.2 m from the pillar's centre
 PATIENCE = 1.0  # [s] of wall time for the answer to one scan
 Arrival = Tuple[float, float]  # stamp of a scan, and when it was received [s]
 
@@ -53,18 +58,24 @@ def scans(start: float, end: float) -> Dict[str, Any]:
             done.set()
 
     # rospy keeps what it has not read yet when the queue is not limited
-    rospy.Subscriber("/front/scan", rospy.AnyMsg, receive, tcp_nodelay=True)
+    begin(rospy.Subscriber("/front/scan", rospy.AnyMsg, receive, tcp_nodelay=True))
     done.wait()
     within = [(stamp, wall) for stamp, wall in arrivals if start - PERIOD / 2 <= stamp <= end + PERIOD / 2]
     stamps = [stamp for stamp, _ in within]
-    gaps = [after - before for before, after in zip(stamps, stamps[1:])]
-    span, took = stamps[-1] - stamps[0], within[-1][1] - within[0][1]
-    return {
-        "factor": span / took,
-        "scans": len(within),
-        # from the first one that it hears: to join takes a second or two where time flies
-        "every": all(abs(gap - PERIOD) < 1e-6 for gap in gaps),
-    }
+    due = np.arange(round((end - start) / PERIOD) + 1) * PERIOD + start
+    every = len(stamps) == len(due) and np.allclose(stamps, due, rtol=0.0, atol=1e-6)
+    return {"factor": (stamps[-1] - stamps[0]) / (within[-1][1] - within[0][1]), "every": bool(every)}
+
+
+def begin(subscription: rospy.Subscriber) -> None:
+    """Let time begin, which the launch file holds, as soon as this probe and the controller hear scans."""
+    network = rosgraph.Master(rospy.get_name())
+    listeners: List[str] = []
+    while not subscription.get_num_connections() or len(listeners) < 2:
+        time.sleep(PERIOD)
+        listeners = dict(network.getSystemState()[1]).get(subscription.resolved_name, [])
+    rospy.wait_for_service("/gazebo/unpause_physics")
+    rospy.ServiceProxy("/gazebo/unpause_physics", Empty)()
 
 
 def latency(count: int) -> Dict[str, Any]:
@@ -104,17 +115,20 @@ def latency(count: int) -> Dict[str, Any]:
 
 
 def recorded(count: int) -> List[Snapshot]:
-    """What the robot sees on its way to the course's pillar, scan by scan."""
+    """What the robot sees on a straight way to the course's pillar: with 3 beams on it, and in the end 50."""
     course = course_scenario()
-    simulation = Simulation(course.world, husky(), SimulatorConfig(), course.start, course.seed)
+    (pillar,) = (thing for thing in course.world.things if thing.name == course.pillar)
+    x, y, _ = pillar.pose_in_world.position
+    start = Pose2D(yaw=atan2(y, x))
+    simulation = Simulation(course.world, husky(), SimulatorConfig(), start, course.seed)
     found: List[Snapshot] = []
-    while len(found) < count:
+    while simulation.stamp < WAY:
         simulation.command(Twist2D(1.0, 0.0))
         snapshot = simulation.step()
         if snapshot.scan is not None:
             found.append(snapshot)
     simulation.close()
-    return found
+    return [found[index] for index in np.linspace(0, len(found) - 1, count).astype(int)]
 
 
 def answer() -> None:

@@ -20,7 +20,7 @@ _PLACE_WEIGHT = 1e-3  # and so little that the centre is on the line of sight
 _LEAST_WEIGHT = 1e-6  # keeps the equations solvable
 _FREE_WEIGHT = 1e-4  # the same where nothing is expected of the radius
 _MIN_COSINE = 0.3  # of incidence; grazing beams weigh no more than this one
-FEW = 16  # up to so many beams are looked at one by one: NumPy is no faster for few
+_FEW = 24  # up to so many beams are summed one by one: NumPy is no faster for few
 _MAX_WEIGHINGS = 3
 _WEIGHED = 0.1  # share of the radius; weights are good for a centre that moves no farther
 _MAX_STEPS = 6
@@ -88,7 +88,7 @@ def _sketch(run: Run, origin: float, radius: float, smooth: float) -> Tuple[Vect
     (p_x, p_y, 1, |p|^2). It is off by the square of the distance over 2r: by nothing that matters where the
     points are smooth. x and p_x count from `origin` [m] ahead, so that no digits are lost far away.
     """
-    moments = (few_moments if len(run.ranges) <= FEW else many_moments)(run, origin)
+    moments = (few_moments if len(run.ranges) <= _FEW else many_moments)(run, origin)
     x, y, r = 0.0, 0.0, radius
     for _ in range(_MAX_WEIGHINGS):
         before_x, before_y = x, y

@@ -17,7 +17,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.datatypes import Pillar, Scan
-from husky_highlevel_controller.fitting import FEW, Circle, Run, corner_misfit, fit_circle, line_misfit
+from husky_highlevel_controller.fitting import Circle, Run, corner_misfit, fit_circle, line_misfit
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,7 @@ _LINE_ODDS = 4.0
 _CORNER_ODDS = 1.0  # for each beam
 _HIDDEN_ODDS = 2.0  # by which a circle must beat a line where part of the silhouette is hidden
 _HOPELESS = 3.0  # times the largest residual: a sketch as bad as this is not made better
+_FEW = 16  # up to so many valid beams are compared one by one: NumPy is no faster for few
 _MAX_SKIPPED = 2  # beams without a return that a pillar may have between two with one
 
 
@@ -88,21 +89,21 @@ def cluster(scan: Scan, config: PillarConfig) -> List[Tuple[List[int], List[floa
         Of each run the beams, and their ranges [m].
     """
     (valid,) = scan.valid.nonzero()
-    beams, ranges, breaks, speckle = _breaks(scan, config, valid)
+    breaks, speckle = _breaks(scan, config, valid)
     if speckle:
-        beams, ranges, breaks, _ = _breaks(scan, config, np.delete(valid, speckle))
+        valid = np.delete(valid, speckle)
+        breaks, _ = _breaks(scan, config, valid)
+    beams, ranges = valid.tolist(), scan.ranges[valid].tolist()
     bounds = zip([0, *breaks], [*breaks, len(beams)])
-    return [(beams[start:stop], ranges[start:stop]) for start, stop in bounds]
+    return [(beams[start:stop], ranges[start:stop]) for start, stop in bounds] if beams else []
 
 
-def _breaks(
-    scan: Scan, config: PillarConfig, valid: np.ndarray
-) -> Tuple[List[int], List[float], List[int], List[int]]:
-    """The valid beams, their ranges [m], where another thing begins, and single beams that others pass by."""
+def _breaks(scan: Scan, config: PillarConfig, valid: np.ndarray) -> Tuple[List[int], List[int]]:
+    """Where in `valid` another thing begins; and single beams that others pass by on both sides."""
     ranges, step = scan.ranges[valid], abs(scan.angle_increment)
     largest, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
     suspects: Sequence[int] = range(len(valid) - 1)
-    if len(valid) > FEW:
+    if len(valid) > _FEW:
         doubtful = (np.abs(ranges[1:] - ranges[:-1]) > rough) | (valid[1:] - valid[:-1] > 1)
         suspects = doubtful.nonzero()[0].tolist()
     beams, depths = valid.tolist(), ranges.tolist()
@@ -116,7 +117,7 @@ def _breaks(
 
     breaks = [left + 1 for left in suspects if apart(left, left + 1)]
     alone = [start for start, stop in zip(breaks, breaks[1:]) if stop == start + 1]
-    return beams, depths, breaks, [at for at in alone if not apart(at - 1, at + 1)]
+    return breaks, [at for at in alone if not apart(at - 1, at + 1)]
 
 
 def _plausible(scan: Scan, config: PillarConfig, beams: List[int], ranges: List[float]) -> Optional[Run]:

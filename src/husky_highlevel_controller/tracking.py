@@ -156,9 +156,13 @@ def _seen(track: Track, pillar: Pillar, period: float, scan: Scan, laser_in_odom
         x, y = old.x + gain * (x - old.x), old.y + gain * (y - old.y)
         radius = old.radius + gain * (radius - old.radius)
         variance *= gain
-    estimate = Estimate(x, y, radius, sqrt(variance), scan.stamp)
-    doubt = max(track.doubt - 2.0 * period, 0.0)
-    return Track(estimate, doubt, max(track.beams, pillar.beams), scan.stamp, track.dropped)
+    return Track(
+        estimate=Estimate(x, y, radius, sqrt(variance), scan.stamp),
+        doubt=max(track.doubt - 2.0 * period, 0.0),
+        beams=max(track.beams, pillar.beams),
+        updated_at=scan.stamp,
+        dropped=track.dropped,
+    )
 
 
 def _deviation_at(estimate: Estimate, stamp: float) -> float:

@@ -346,7 +346,7 @@ def test_one_missing_beam_does_not_split_a_run():
 
 
 @given(
-    beams=st.sets(st.integers(0, 40), min_size=2, max_size=16).map(sorted),
+    beams=st.sets(st.integers(0, 40), min_size=2, max_size=24).map(sorted),
     near=st.floats(0.1, 30.0),
     step=st.floats(1e-4, 0.02) | st.floats(-0.02, -1e-4),
     circle=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.2, 0.2), st.floats(0.02, 1.0)),

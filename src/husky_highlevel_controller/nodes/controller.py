@@ -35,7 +35,7 @@ REPORT_PERIOD = 5.0  # [s] between two complaints about the same
 PATIENCE = 50  # scans that may have to do without a transform before that is worth a word
 START_PATIENCE = 4.0  # [s] of wall time that the first scan waits for TF
 TF_PATIENCE = 2.0  # [s] of wall time that the transform of a scan's moment may be late
-TF_GLANCE = 0.00001  # [s] of wall time between two looks for it
+TF_GLANCE = 0.0001  # [s] of wall time between two looks for it
 GLANCE = 0.1  # [s] of wall time between two looks at what is fixed, and at whether /diagnostics is due
 
 
@@ -183,11 +183,13 @@ class ControllerNode:
         while True:
             # the latest is mostly that of the moment; asking for a moment that is not there yet costs more
             found = self._lookup(ODOM, BASE)
-            if found is None or found.header.stamp in (moment, rospy.Time()):  # zero: fixed for good
+            if found is None or found.header.stamp == moment:
                 break
-            if found.header.stamp > moment:
-                found = self._lookup(ODOM, BASE, moment) or found
-                break
+            if found.header.stamp > moment or found.header.stamp.is_zero():  # or fixed for good
+                exact = self._lookup(ODOM, BASE, moment)
+                if exact or found.header.stamp > moment:
+                    found = exact or found
+                    break
             if found.header.stamp == self._given_up_at or time.monotonic() > end:
                 self._given_up_at = found.header.stamp  # odometry that stands still is waited for only once
                 break
