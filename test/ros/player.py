@@ -72,21 +72,24 @@ class Player(RosTest):
         stamp = rospy.Time.from_sec(moment)
         self.transforms.publish(TFMessage([transform("odom", "base_link", stamp, *self.pose)]))
 
-    def send(self, ranges):
-        """A scan, and where the robot was."""
+    def send(self, ranges, pose_first=True):
+        """A scan, and where the robot was; TF is free to come later."""
         Player.moment += PERIOD
-        self.tell_pose(Player.moment)
+        if pose_first:
+            self.tell_pose(Player.moment)
         msg = LaserScan(angle_min=-HALF_VIEW, angle_max=HALF_VIEW, range_min=0.1, range_max=30.0)
         msg.angle_increment = 2.0 * HALF_VIEW / (BEAMS - 1)
         msg.header.frame_id = self.frame
         msg.header.stamp = rospy.Time.from_sec(Player.moment)
         msg.ranges = ranges
         self.scans.publish(msg)
+        if not pose_first:
+            self.tell_pose(Player.moment)
 
-    def answer(self, ranges):
+    def answer(self, ranges, pose_first=True):
         """The command that answers a scan."""
         seen = len(self.commands)
-        self.send(ranges)
+        self.send(ranges, pose_first)
         self.wait_until(lambda: len(self.commands) > seen, "the scan is answered")
         return self.commands[-1]
 
