@@ -134,7 +134,7 @@ class ControllerNode:
         scan = messages.scan_from_msg(msg)
         if not self._stamps:
             self._wait_for_tf(scan.frame)
-        view = View(scan, self._laser_in_base(scan.frame), self._base_in_odom(scan.stamp))
+        view = View(scan, self._laser_in_base(scan.frame), self._base_in_odom(msg.header.stamp))
         with self._deciding:
             control, looks = self._tuning.records
             before = self._memory
@@ -172,13 +172,12 @@ class ControllerNode:
             self._fixed = frame, pose
         return pose
 
-    def _base_in_odom(self, stamp: float) -> Optional[Pose2D]:
+    def _base_in_odom(self, moment: rospy.Time) -> Optional[Pose2D]:
         """Where the robot was at a scan's moment; TF travels by another road and may come a little later.
 
         Waited for by the wall's clock, since ROS time may stand still until this scan is answered. Where it
         does not come the latest pose has to do; None where TF knows none.
         """
-        moment = messages.time_to_msg(stamp)
         end = time.monotonic() + TF_PATIENCE
         while True:
             # the latest is mostly that of the moment; asking for a moment that is not there yet costs more
