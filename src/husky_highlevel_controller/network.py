@@ -54,7 +54,7 @@ class Network:
             "ROS_MASTER_URI": self.uri,
             "ROS_IP": "127.0.0.1",
             "ROS_LOG_DIR": str(self.folder / "log"),
-    #        "ROS_HOME": str(self.folder / "ros_home"),
+            "ROS_HOME": str(self.folder / "ros_home"),
             "PYTHONUNBUFFERED": "1",
             "ROSCONSOLE_STDOUT_LINE_BUFFERED": "1",
         }
