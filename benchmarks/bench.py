@@ -12,7 +12,7 @@ import os
 import platform
 import sys
 import time
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Dict, List
@@ -81,7 +81,7 @@ def main() -> None:
         rows += found[name]
         print(f"{name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
     print(", ".join(f"{key} {value}" for key, value in host.items()) + "\n")
-    print(table(rows))
+    print(table([replace(row, met=None) for row in rows] if wanted.short else rows))
     if wanted.short:
         print("\nA short run: it works, but its figures mean nothing.")
     figures = {name: [asdict(row) for row in each] for name, each in found.items()}
