@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import Pose, RobotState, Vector3
-from husky_highlevel_controller.engine import Engine
 from husky_highlevel_controller.geometry import Axes, axes_from_quat, compose
 from husky_highlevel_controller.robot import RobotModel
+from husky_highlevel_controller.robot_engine import RobotEngine
 from husky_highlevel_controller.traction import Contact, TractionConfig, ground_forces
 
 LOAD_SMOOTHING = 0.02  # [s], low-pass on the wheels' normal forces: the solver's are rough
@@ -21,7 +21,7 @@ SUPPORT_SLOPE = 0.5  # a wheel stands on what pushes it up at least steeply (cos
 class Chassis:
     """The robot's body in an engine."""
 
-    def __init__(self, engine: Engine, robot: RobotModel, traction: TractionConfig, dt: float) -> None:
+    def __init__(self, engine: RobotEngine, robot: RobotModel, traction: TractionConfig, dt: float) -> None:
         self._engine, self._robot, self._traction, self._dt = engine, robot, traction, dt
         self._radii = [wheel.radius for wheel in robot.wheels]
 

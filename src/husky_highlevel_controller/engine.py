@@ -1,16 +1,14 @@
-"""PyBullet, in this package's words: a world of things, and one robot with four driven wheels.
+"""PyBullet, in this package's words: a world of things.
 
-In: records. Out: records. This is the only module that talks to PyBullet.
+In: records. Out: records. Only this module and robot_engine.py talk to PyBullet.
 Must not know: ROS, commands, sensors, what time it is.
 """
 
 from __future__ import annotations
 
 import logging
-import os
-import tempfile
 from math import degrees
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 import pybullet
@@ -27,35 +25,21 @@ from husky_highlevel_controller.datatypes import (
     Sphere,
     Thing,
     Vector3,
-    WheelState,
 )
 from husky_highlevel_controller.geometry import compose, inverse, rotate, transform_point
-from husky_highlevel_controller.robot import RobotModel
 
 ROBOT = "husky"  # the robot's name among the things
+BASE = -1  # Bullet's index of a body's base link
 
 log = logging.getLogger("rosout.engine")  # a child of rospy's logger: reaches /rosout without rospy
 
-_BASE = -1  # Bullet's index of the base link
-_WHEEL_TORQUE = 1000.0  # [N m], so that the wheels do as they are told (Gazebo: ideal velocity interface)
 _SOLVER_ITERATIONS = 20  # instead of 50: the same motion to 0.1 %, in half the time
 _LIFT_FROM = 1e-3  # [m], what is sunk deeper into the ground is put on top of it
 _TOO_DEEP = 1e-3  # [m], what reaches farther into another body stands inside it
-_URDF_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
 
 
 class PlacementError(HuskyError):
     """Something cannot be put into the world as asked."""
-
-
-class Touch(NamedTuple):
-    """One point where the robot touches something."""
-
-    thing: str
-    wheel: Optional[int]  # index of the wheel that touches; None for the rest of the robot
-    point_in_world: Vector3  # [m]
-    normal_in_world: Vector3  # unit, from the thing to the robot
-    force: float  # [N], along the normal
 
 
 class Engine:
@@ -88,8 +72,6 @@ class Engine:
         self._planes: List[int] = []
         self._inertial_in_body: Dict[int, Pose] = {}  # Bullet's poses are those of the inertial frame
         self._body_in_inertial: Dict[int, Pose] = {}
-
-    # ------------------------------------------------------------------ things
 
     def add_thing(self, thing: Thing) -> None:
         """Put a thing into the world; one that can move and is sunk into the ground is stood on it.
@@ -129,7 +111,7 @@ class Engine:
         if planes or body in self._planes:
             raise PlacementError(f"'{name}' is a plane, which stays where it is")
         self._put(body, pose_in_world)
-        if pybullet.getDynamicsInfo(body, _BASE, physicsClientId=self._client)[0] > 0.0:
+        if pybullet.getDynamicsInfo(body, BASE, physicsClientId=self._client)[0] > 0.0:
             self._lift_out_of_the_ground(body)
 
     def show_thing(self, name: str, pose_in_world: Pose) -> None:
@@ -175,7 +157,7 @@ class Engine:
         pybullet.performCollisionDetection(physicsClientId=self._client)  # where every body is by now
         own = self._bodies[name]
         for body in own:
-            links = range(_BASE, pybullet.getNumJoints(body, physicsClientId=self._client))
+            links = range(BASE, pybullet.getNumJoints(body, physicsClientId=self._client))
             boxes = [pybullet.getAABB(body, link, physicsClientId=self._client) for link in links]
             near = {
                 other
@@ -247,107 +229,6 @@ class Engine:
                 pybullet.resetBasePositionAndOrientation(body, lifted, quat, physicsClientId=self._client)
                 names = self._names[body], self._names[plane]
                 log.info("'%s' was sunk %.2f m into '%s' and now stands on it", names[0], depth, names[1])
-
-    # ------------------------------------------------------------------ robot
-
-    def add_robot(self, model: RobotModel, pose: Pose) -> None:
-        """Put the robot into the world with base_link at `pose`.
-
-        Raises:
-            PlacementError: something stands there.
-        """
-        # Bullet reads URDFs from files only, and caches them by name: hence a new name every time
-        handle, path = tempfile.mkstemp(suffix=".urdf")
-        try:
-            with os.fdopen(handle, "w") as file:
-                file.write(model.physics_urdf)
-            self._robot = pybullet.loadURDF(path, flags=_URDF_FLAGS, physicsClientId=self._client)
-        finally:
-            os.remove(path)
-        links = range(pybullet.getNumJoints(self._robot, physicsClientId=self._client))
-        infos = [pybullet.getJointInfo(self._robot, link, physicsClientId=self._client) for link in links]
-        names = [info[1].decode() for info in infos]
-        self._wheel_names = tuple(wheel.joint for wheel in model.wheels)
-        self._wheels = [names.index(name) for name in self._wheel_names]
-        self._wheel_targets: Sequence[float] = ()
-        self._wheel_of = {link: wheel for wheel, link in enumerate(self._wheels)}
-        for link in (_BASE, *links):
-            # no grip of Bullet's own at the wheels (traction.py has it), nothing that slows the robot down
-            grip = {"lateralFriction": 0.0} if link in self._wheels else {}
-            pybullet.changeDynamics(
-                self._robot, link, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
-                physicsClientId=self._client, **grip,
-            )  # fmt: skip
-        info = pybullet.getDynamicsInfo(self._robot, _BASE, physicsClientId=self._client)
-        self._note_inertial_frame(self._robot, Pose(info[3], info[4]))
-        # centre of mass of the base, in base_link [m]: whose velocity `robot_motion` tells
-        self.robot_com: Vector3 = info[3]
-        self._names[self._robot], self._bodies[ROBOT] = ROBOT, [self._robot]
-        self._put(self._robot, pose)
-        self.check_room(ROBOT)
-
-    def move_robot(self, pose: Pose) -> None:
-        """Put the robot somewhere else, at rest, with base_link at `pose`.
-
-        Raises:
-            PlacementError: something stands there; the robot stays where it is.
-        """
-        before = self._pose(self._robot)
-        self._put(self._robot, pose)
-        try:
-            self.check_room(ROBOT)
-        except PlacementError:
-            self._put(self._robot, before)
-            raise
-        for wheel in self._wheels:
-            angle = pybullet.getJointState(self._robot, wheel, physicsClientId=self._client)[0]
-            pybullet.resetJointState(self._robot, wheel, angle, 0.0, physicsClientId=self._client)
-
-    def robot_motion(self) -> Tuple[Pose, Vector3, Vector3]:
-        """Pose of base_link, velocity of the base's centre of mass [m/s] and spin [rad/s], in the world."""
-        velocity, spin = pybullet.getBaseVelocity(self._robot, physicsClientId=self._client)
-        return self._pose(self._robot), velocity, spin
-
-    def robot_touches(self) -> List[Touch]:
-        """Every point where something presses on the robot."""
-        contacts = pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client)
-        names, wheel_of = self._names, self._wheel_of
-        return [
-            Touch(names[other], wheel_of.get(link), point, normal, force)
-            for _, _, other, link, _, point, _, normal, _, force, *_ in contacts
-            if force > 0.0
-        ]
-
-    def wheels(self) -> WheelState:
-        """Angles, speeds and torques of the wheels."""
-        states = pybullet.getJointStates(self._robot, self._wheels, physicsClientId=self._client)
-        angles, speeds, _, torques = zip(*states)
-        return WheelState(self._wheel_names, angles, speeds, torques)
-
-    def drive_wheels(self, speeds: Sequence[float]) -> None:
-        """Let the motors hold these speeds [rad/s]."""
-        if speeds == self._wheel_targets:
-            return
-        self._wheel_targets = speeds
-        pybullet.setJointMotorControlArray(
-            self._robot,
-            self._wheels,
-            pybullet.VELOCITY_CONTROL,
-            targetVelocities=speeds,
-            forces=[_WHEEL_TORQUE] * len(self._wheels),
-            physicsClientId=self._client,
-        )
-
-    def push_robot(self, force_in_world: Vector3, point_in_world: Vector3) -> None:
-        """Push the robot's body during the next step, at a point [N, m]."""
-        pybullet.applyExternalForce(
-            self._robot,
-            _BASE,
-            force_in_world,
-            point_in_world,
-            pybullet.WORLD_FRAME,
-            physicsClientId=self._client,
-        )
 
     def step(self) -> None:
         """Let the world go on by one step."""

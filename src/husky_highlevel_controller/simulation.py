@@ -28,7 +28,7 @@ from husky_highlevel_controller.datatypes import (
     World,
 )
 from husky_highlevel_controller.drive import Drive, DriveConfig, twist_of_wheels, wheel_speeds
-from husky_highlevel_controller.engine import ROBOT, Engine, PlacementError
+from husky_highlevel_controller.engine import ROBOT, PlacementError
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d
 from husky_highlevel_controller.gps import Gps, GpsConfig
 from husky_highlevel_controller.imu import ImuConfig, measure
@@ -36,6 +36,7 @@ from husky_highlevel_controller.lidar import LidarConfig, sweep
 from husky_highlevel_controller.odometry import advance_odometry
 from husky_highlevel_controller.raycast import cast_rays
 from husky_highlevel_controller.robot import RobotModel
+from husky_highlevel_controller.robot_engine import RobotEngine
 from husky_highlevel_controller.scenery import Scenery
 from husky_highlevel_controller.traction import TractionConfig
 
@@ -104,7 +105,7 @@ class Simulation:
         self._start, self._seed = start, seed
         self._laser_in_base = robot.fixed_poses.get(robot.laser_frame)
         self._drive = Drive(self.config.drive)
-        self._engine = Engine(self.dt)
+        self._engine = RobotEngine(self.dt)
         self._scenery = Scenery(self._engine)
         self._chassis = Chassis(self._engine, robot, config.traction, self.dt)
         self._steps_before = self._steps = 0

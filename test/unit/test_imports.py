@@ -16,8 +16,9 @@ SOURCES = {
 SCRIPTS = sorted((ROOT / "scripts").iterdir())
 
 BODY = {
-    "world", "sdf", "shapes", "description", "simulation", "engine", "traction", "drive", "lidar", "raycast",
-    "odometry", "imu", "gps", "mux", "chassis", "scenery", "objects", "camera", "renderer",
+    "world", "sdf", "shapes", "description", "urdf", "robot", "simulation", "engine", "robot_engine",
+    "chassis", "traction", "drive", "odometry", "mux", "lidar", "raycast", "intersections", "imu", "gps",
+    "camera", "renderer", "scenery", "objects",
 }  # fmt: skip
 BRAIN = {"pillar", "fitting", "control", "tracking", "searching", "behaviour", "safety"}
 LABORATORY = {"rollout", "scenarios", "evaluate"}  # where body and brain meet without ROS
@@ -76,8 +77,8 @@ def test_body_and_brain_are_where_this_test_looks_for_them():
 
 
 @every
-def test_only_the_engine_talks_to_pybullet(name):
-    assert name == "engine" or not {"pybullet", "pybullet_data"} & libraries(name)
+def test_only_the_engines_talk_to_pybullet(name):
+    assert name in {"engine", "robot_engine"} or not {"pybullet", "pybullet_data"} & libraries(name)
 
 
 @every
