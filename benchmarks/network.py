@@ -48,7 +48,7 @@ class Network(network.Network):
         self._roslaunch(str(file))
 
     def _roslaunch(self, *arguments: str) -> None:
-        self.start(f"{len(self.processes)}", ["roslaunch", "-p", str(self.port), *arguments])
+        self.start(str(len(self.processes)), ["roslaunch", "-p", str(self.port), *arguments])
 
     def probe(self, *arguments: str) -> Path:
         """Start probe.py; returns the file in which its figures will be."""
@@ -89,7 +89,10 @@ class Network(network.Network):
 
 def _program(pid: int) -> Sequence[str]:
     """What a process runs: the names of the files in its command line."""
-    words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+    try:
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+    except OSError:  # it has just ended
+        return []
     return [os.path.basename(word.decode()) for word in words]
 
 

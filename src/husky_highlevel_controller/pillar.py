@@ -89,18 +89,20 @@ def cluster(scan: Scan, config: PillarConfig) -> List[Tuple[List[int], List[floa
         Of each run the beams, and their ranges [m].
     """
     (valid,) = scan.valid.nonzero()
-    breaks, speckle = _breaks(scan, config, valid)
+    measured, step = scan.ranges[valid], abs(scan.angle_increment)
+    breaks, speckle = _breaks(config, step, valid, measured)
     if speckle:
-        valid = np.delete(valid, speckle)
-        breaks, _ = _breaks(scan, config, valid)
-    beams, ranges = valid.tolist(), scan.ranges[valid].tolist()
+        valid, measured = np.delete(valid, speckle), np.delete(measured, speckle)
+        breaks, _ = _breaks(config, step, valid, measured)
+    beams, ranges = valid.tolist(), measured.tolist()
     bounds = zip([0, *breaks], [*breaks, len(beams)])
     return [(beams[start:stop], ranges[start:stop]) for start, stop in bounds] if beams else []
 
 
-def _breaks(scan: Scan, config: PillarConfig, valid: np.ndarray) -> Tuple[List[int], List[int]]:
+def _breaks(
+    config: PillarConfig, step: float, valid: np.ndarray, ranges: np.ndarray
+) -> Tuple[List[int], List[int]]:
     """Where in `valid` another thing begins; and single beams that others pass by on both sides."""
-    ranges, step = scan.ranges[valid], abs(scan.angle_increment)
     largest, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
     suspects: Sequence[int] = range(len(valid) - 1)
     if len(valid) > _FEW:
