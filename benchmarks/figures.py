@@ -8,17 +8,19 @@ import sys
 import tempfile
 import time
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Tuple
 
 import numpy as np
-from growth import growth
+from baselines import bare_loop
+from growth import growth, milliseconds
 from network import HERE, Network, cpu_seconds, peak_megabytes
 from rows import Effort, Row, compare, reaching
-from yardsticks import bare_loop
 
-from husky_highlevel_controller.rollout import rollout
-from husky_highlevel_controller.scenarios import course_scenario
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
+from husky_highlevel_controller.evaluation.rollout import rollout
+from husky_highlevel_controller.evaluation.scenarios import Lidar, course_scenario, pillar_scene, scan_of
 
 WARM_UP = 1.0  # [s] of simulated time that does not count
 # what is hoped for at real time: this share of a core, on a machine that runs the bare loop 16 to 21 times as
@@ -122,7 +124,7 @@ def real_time(effort: Effort) -> List[Row]:
 def _bare_process(seconds: float) -> Dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "bare.json"
-        subprocess.run([sys.executable, str(HERE / "yardsticks.py"), str(result), str(seconds)], check=True,
+        subprocess.run([sys.executable, str(HERE / "baselines.py"), str(result), str(seconds)], check=True,
                        stdout=subprocess.DEVNULL)  # fmt: skip
         found: Dict[str, float] = json.loads(result.read_text())
         return found
@@ -175,6 +177,20 @@ def latency(effort: Effort) -> List[Row]:
     return rows
 
 
+def clutter(effort: Effort) -> List[Row]:
+    """Finding pillars where there is nothing but a hedge, against a scan of one pillar."""
+    config, pillar = PillarConfig(), pillar_scene(3, 5).scan
+    rows = []
+    for beams, most in ((720, 80.0), (16384, 800.0)):
+        leaves = 3.0 + np.random.default_rng(0).normal(0.0, 0.3, beams)
+        hedge = scan_of(leaves, Lidar(beams=beams))
+        calls = [partial(find_pillars, scan, config) for scan in (hedge, pillar)]
+        runs = [(milliseconds(calls[0]), milliseconds(calls[1])) for _ in range(effort.repeats)]
+        row = compare(f"pillars in a hedge of {beams} beams", "ms", runs, "one pillar, 720 beams")
+        rows.append(reaching(row, f"<= {most:g} scans of one pillar", row.ratio, most=most))
+    return rows
+
+
 FIGURES: Dict[str, Callable[[Effort], List[Row]]] = {
     "fast": fast,
     "lockstep": lockstep,
@@ -182,5 +198,6 @@ FIGURES: Dict[str, Callable[[Effort], List[Row]]] = {
     "real_time": real_time,
     "start": start,
     "latency": latency,
+    "clutter": clutter,
     "growth": growth,
 }

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from statistics import median
 from typing import Callable, Dict, List, Tuple
 
 import numpy as np
+from baselines import BulletRays
 from rows import Effort, Row, compare, reaching
-from yardsticks import BulletRays
 
-from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, Shape, Sphere
+from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, RobotState, Shape, Sphere
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.lidar import LidarConfig, bearings, sweep
-from husky_highlevel_controller.raycast import cast_rays, make_scene
+from husky_highlevel_controller.simulator.sensors.lidar import Lidar, LidarConfig
+from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make_scene
 
 
 def growth(effort: Effort) -> List[Row]:
@@ -51,25 +52,29 @@ def field_of(kind: str, count: int, seed: int = 0) -> List[Tuple[Shape, Pose]]:
 
 
 def _scan_cost(kind: str, count: int, beams: int, repeats: int) -> Row:
-    field, lidar, rng = field_of(kind, count), LidarConfig(beams=beams), np.random.default_rng(1)
-    scene, bullet, angles = make_scene(field), BulletRays(field), bearings(lidar)
+    field, config = field_of(kind, count), LidarConfig(beams=beams)
+    scene, bullet = make_scene(field), BulletRays(field)
     pose = Pose((0.0, 0.0, 0.44), quat_from_rpy(np.pi, 0.0, 0.0))
+    lidar = Lidar(config, partial(cast_rays, scene), "laser", Pose())
+    lidar.reset(np.random.default_rng(1))
+    state = RobotState(pose, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    angles = lidar.sample(state, 0.0).bearings
 
     def ours() -> None:
         for index in range(0, count, 20):
             scene.move(index, field[index][1])
-        sweep(lambda *rays: cast_rays(scene, *rays), pose, lidar, rng, 0.0, "laser")
+        lidar.sample(state, 0.0)
 
     def theirs() -> None:
-        bullet.scan(pose, angles, lidar.range_max)
+        bullet.scan(pose, angles, config.range_max)
 
-    runs = [(_milliseconds(ours), _milliseconds(theirs)) for _ in range(repeats)]
+    runs = [(milliseconds(ours), milliseconds(theirs)) for _ in range(repeats)]
     bullet.close()
     what = f"scan of {beams} beams, {count} {kind}"
     return compare(what, "ms", runs, "rayTestBatch")
 
 
-def _milliseconds(call: Callable[[], None]) -> float:
+def milliseconds(call: Callable[[], None]) -> float:
     """The median of some calls, after one that warms up."""
     call()
     times = []

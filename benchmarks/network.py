@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any, Callable, Dict, Optional, Sequence
 
-from husky_highlevel_controller import network
-from husky_highlevel_controller.processes import Process, wait, with_variable
+from husky_highlevel_controller.grading.isolation import ros_network
+from husky_highlevel_controller.grading.isolation.process import Process, wait, with_variable
 
 HERE = Path(__file__).parent
 PACKAGE = "husky_highlevel_controller"
@@ -23,7 +23,7 @@ class BenchError(Exception):
     """A measurement that did not come about; the text says what happened instead."""
 
 
-class Network(network.Network):
+class Network(ros_network.Network):
     """A roscore on a free port, and whatever is started on it; ends them all on leaving."""
 
     master = ("roscore",)

@@ -26,12 +26,12 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Empty
 from tf2_msgs.msg import TFMessage
 
-from husky_highlevel_controller import messages
 from husky_highlevel_controller.datatypes import Pose2D, Snapshot, Twist2D
+from husky_highlevel_controller.evaluation.rollout import husky
+from husky_highlevel_controller.evaluation.scenarios import course_scenario
 from husky_highlevel_controller.geometry import pose_from_2d
-from husky_highlevel_controller.rollout import husky
-from husky_highlevel_controller.scenarios import course_scenario
-from husky_highlevel_controller.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
 
 PERIOD = 0.02  # [s] between two scans
 WAY = 19.2  # [s] at 1 m/s: it ends 1.2 m from the pillar's centre
@@ -94,17 +94,18 @@ def latency(count: int) -> Dict[str, Any]:
     scan = rospy.Publisher("/front/scan", LaserScan, queue_size=10)
     robot = husky()
     fixed.publish(
-        messages.tree_to_msg(robot.fixed_poses[robot.laser_frame], 0.0, "base_link", robot.laser_frame)
+        conversions.tree_to_msg(robot.fixed_poses[robot.laser_frame], 0.0, "base_link", robot.laser_frame)
     )
     while not scan.get_num_connections() and not rospy.is_shutdown():
         time.sleep(PERIOD)
     times: List[float] = []
     for snapshot in snapshots:
         begin = time.monotonic()
-        base_in_odom = pose_from_2d(snapshot.odometry.pose_base_in_odom)
-        tree.publish(messages.tree_to_msg(base_in_odom, snapshot.stamp, "odom", "base_link"))
         assert snapshot.scan is not None
-        msg = messages.scan_to_msg(snapshot.scan)
+        assert snapshot.odometry is not None
+        base_in_odom = pose_from_2d(snapshot.odometry.filtered.pose_base_in_odom)
+        tree.publish(conversions.tree_to_msg(base_in_odom, snapshot.stamp, "odom", "base_link"))
+        msg = conversions.scan_to_msg(snapshot.scan)
         answered.clear()
         sent = time.monotonic()
         scan.publish(msg)
@@ -117,7 +118,7 @@ def latency(count: int) -> Dict[str, Any]:
 def recorded(count: int) -> List[Snapshot]:
     """What the robot sees on a straight way to the course's pillar: with 3 beams on it, and in the end 50."""
     course = course_scenario()
-    (pillar,) = (thing for thing in course.world.things if thing.name == course.pillar)
+    (pillar,) = (body for body in course.world.bodies if body.name == course.pillar)
     x, y, _ = pillar.pose_in_world.position
     start = Pose2D(yaw=atan2(y, x))
     simulation = Simulation(course.world, husky(), SimulatorConfig(), start, course.seed)

@@ -41,9 +41,9 @@ class Row:
 
 def compare(what: str, unit: str, runs: Sequence[Tuple[float, float]], against: str) -> Row:
     """A row of what was measured by turns: (ours, yardstick) of each run."""
-    ours, yardsticks = zip(*runs)
+    ours, baselines = zip(*runs)
     ratio = median(a / b for a, b in runs)
-    return Row(what, unit, median(ours), median(yardsticks), against, ratio, runs=list(runs))
+    return Row(what, unit, median(ours), median(baselines), against, ratio, runs=list(runs))
 
 
 def reaching(row: Row, text: str, value: float, least: float = -np.inf, most: float = np.inf) -> Row:

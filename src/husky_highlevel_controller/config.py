@@ -9,9 +9,9 @@ field that is itself a record is a nested namespace. Other fields are not for us
 
 from __future__ import annotations
 
+import sys
 import typing
 from dataclasses import Field, fields, is_dataclass
-from math import isfinite
 from typing import Any, Dict, List, Mapping, Set, Type
 
 from husky_highlevel_controller.datatypes import HuskyError
@@ -44,7 +44,10 @@ def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[
                     f"{source}{item.name} is missing ({item.metadata.get('help', 'a namespace')})"
                 )
             taken[item.name] = _checked(values[item.name], item, hints[item.name], source)
-        made.append(record(**taken))
+        try:
+            made.append(record(**taken))
+        except ValueError as error:  # two parameters that do not go together
+            raise ConfigError(f"{source}{error}") from None
     unknown = sorted(set(values) - known)
     if unknown:
         raise ConfigError(f"{source}{unknown[0]} is not a parameter; there are: {', '.join(sorted(known))}")
@@ -61,14 +64,12 @@ def _checked(value: Any, item: Field, kind: Type, source: str) -> Any:
         if not isinstance(value, Mapping):
             raise ConfigError(f"{name} = {value!r} is not a set of parameters")
         return read_config(value, name + "/", kind)[0]
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)  # YAML's 1 is a fine 1.0
-    if type(value) is not kind:
+    if type(value) is not kind and not (kind is float and type(value) is int):  # YAML's 1 is a fine 1.0
         raise ConfigError(f"{name} = {value!r} is not a {kind.__name__} ({item.metadata['help']})")
     if kind in (int, float):
         least, most = item.metadata["min"], item.metadata["max"]
-        if not (isfinite(value) and least <= value <= most):
+        if not (abs(value) <= sys.float_info.max and least <= value <= most):  # NaN and 10**400 are not
             raise ConfigError(f"{name} = {value} is out of range {least}..{most} ({item.metadata['help']})")
     if kind is str and not value:
         raise ConfigError(f"{name} is empty ({item.metadata['help']})")
-    return value
+    return kind(value)

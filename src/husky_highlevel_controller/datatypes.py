@@ -1,7 +1,6 @@
-"""The records that travel between modules: numbers with names, units and frames.
+"""Immutable records that pass between modules, with the unit and frame of every field.
 
-In: nothing. Out: immutable records, those of every step as tuples, which are made faster; scans are read-only
-arrays.
+Records made at every physics step are named tuples, which are faster to make; arrays are read-only.
 Must not know: ROS, PyBullet, files.
 
 SI units and REP 103 axes (x forward, y left, z up) throughout; quaternions are xyzw.
@@ -10,6 +9,7 @@ SI units and REP 103 axes (x forward, y left, z up) throughout; quaternions are 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from math import atan2, hypot
 from typing import NamedTuple, Optional, Tuple, Union
 
@@ -28,7 +28,7 @@ class HuskyError(Exception):
 
 
 class Pose(NamedTuple):
-    """A pose in space: of which frame, in which frame, says the variable's name."""
+    """A pose in space; the variable's name says of which frame in which, as in `pose_laser_in_base`."""
 
     position: Vector3 = (0.0, 0.0, 0.0)  # [m]
     quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -66,7 +66,7 @@ class Box:
 @dataclass(frozen=True)
 class Cylinder:
     radius: float  # [m]
-    length: float  # [m], along the part's z axis, centred
+    length: float  # [m], along the geometry's z axis, centred
 
 
 @dataclass(frozen=True)
@@ -76,46 +76,70 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Plane:
-    normal: Vector3  # unit vector in the part's frame; collides as an infinite half space
-    size: Tuple[float, float]  # [m], only what is drawn of it
+    normal: Vector3  # unit vector in the geometry's frame; collides as an infinite half space
+    size: Tuple[float, float]  # [m], of the rectangle that is drawn
 
 
 Shape = Union[Box, Cylinder, Sphere, Plane]
 
 
 @dataclass(frozen=True)
-class Part:
-    """One shape of a thing."""
+class Geometry:
+    """A collision or visual shape of a body."""
 
     shape: Shape
-    pose_in_thing: Pose = IDENTITY
+    pose_in_body: Pose = IDENTITY
     rgba: Rgba = (0.7, 0.7, 0.7, 1.0)  # each 0..1
 
 
 @dataclass(frozen=True)
-class Thing:
-    """One rigid body of the world."""
+class Body:
+    """A rigid body of the world (SDF link)."""
 
     name: str
     pose_in_world: Pose
-    collisions: Tuple[Part, ...]  # what it is made of for physics and the lidar
-    visuals: Tuple[Part, ...]  # what is drawn of it
+    collisions: Tuple[Geometry, ...]  # for physics and the lidar
+    visuals: Tuple[Geometry, ...]  # for display
     mass: float = 0.0  # [kg]; 0 = static, never moves
 
 
 @dataclass(frozen=True)
 class World:
+    """A world to simulate (SDF world), without the robot."""
+
     name: str
-    things: Tuple[Thing, ...]
+    bodies: Tuple[Body, ...]
     gravity: Vector3 = (0.0, 0.0, -9.8)  # [m/s^2], in the world
 
 
 # ---------------------------------------------------------------------------- what the robot senses
 
 
+class Beams(NamedTuple):
+    """Directions of a planar lidar's beams in its own frame; both arrays are read-only."""
+
+    bearings: np.ndarray  # (N,) [rad], ascending
+    directions: np.ndarray  # (2, N), x and y of unit vectors
+
+
+def beams_at(bearings: np.ndarray) -> Beams:
+    """Beams at these angles, (N,) [rad], ascending."""
+    angles = np.array(bearings, dtype=float)
+    directions = np.array((np.cos(angles), np.sin(angles)))
+    for array in (angles, directions):
+        array.setflags(write=False)
+    return Beams(angles, directions)
+
+
+@lru_cache(maxsize=16)
+def even_beams(angle_min: float, angle_max: float, count: int) -> Beams:
+    """`count` beams at equal steps from `angle_min` to `angle_max` [rad]; computed once per lidar."""
+    return beams_at(np.linspace(angle_min, angle_max, count))
+
+
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """One sweep of a planar lidar (sensor_msgs/LaserScan without the header's clothes)."""
+    """One scan of a planar lidar (sensor_msgs/LaserScan)."""
 
     stamp: float  # [s]
     frame: str
@@ -123,7 +147,10 @@ class Scan:
     angle_max: float  # [rad], of the last beam
     range_min: float  # [m]
     range_max: float  # [m]
-    ranges: np.ndarray  # (N,) [m]; REP 117: too close -inf, no return +inf, invalid NaN
+    ranges: np.ndarray  # (N,) [m], as the driver publishes them
+    time_increment: float = 0.0  # [s], from one beam to the next; the stamp is the first beam's
+    scan_time: float = 0.0  # [s], from scan to scan; 0: unknown
+    intensities: Optional[np.ndarray] = None  # (N,), strength of the echoes in the driver's unit; None: all 0
 
     @property
     def angle_increment(self) -> float:
@@ -132,28 +159,44 @@ class Scan:
         return (self.angle_max - self.angle_min) / steps if steps > 0 else 0.0
 
     @property
-    def bearings(self) -> np.ndarray:
-        """Angle of every beam in `frame`, (N,) [rad]."""
-        return np.linspace(self.angle_min, self.angle_max, len(self.ranges))
+    def beams(self) -> Beams:
+        """Angle and direction of every beam in `frame`."""
+        return even_beams(self.angle_min, self.angle_max, len(self.ranges))
 
     @property
+    def bearings(self) -> np.ndarray:
+        """Angle of every beam in `frame`, (N,) [rad], read-only."""
+        return self.beams.bearings
+
+    @cached_property
+    def returns(self) -> np.ndarray:
+        """Ranges with every driver's kind of miss as +inf, (N,) [m].
+
+        A miss is +inf by REP 117, 0.0 from the LMS1xx driver, NaN or `range_max` from others.
+        """
+        misses = ~(self.ranges < self.range_max) | (self.ranges == 0.0)
+        returns = np.where(misses, np.inf, self.ranges)
+        returns.setflags(write=False)
+        return returns
+
+    @cached_property
     def valid(self) -> np.ndarray:
-        """Mask of the beams that measured something, (N,) bool: range_min <= r <= range_max (REP 117)."""
-        mask: np.ndarray = (self.ranges >= self.range_min) & (self.ranges <= self.range_max)
+        """Mask of the beams that measured something, (N,) bool: range_min <= range < range_max."""
+        mask: np.ndarray = (self.returns >= self.range_min) & (self.returns < np.inf)
         return mask
 
 
 class WheelState(NamedTuple):
-    """The four wheels, in the order of `names`."""
+    """Angles, speeds and torques of the four wheel joints, in the order of `names`."""
 
     names: Tuple[str, ...]  # joint names
     angles: Tuple[float, ...]  # [rad], not wrapped
     speeds: Tuple[float, ...]  # [rad/s]
-    efforts: Tuple[float, ...]  # [N m], by the motor
+    efforts: Tuple[float, ...]  # [N m], of the motors
 
 
 class RobotState(NamedTuple):
-    """The truth about base_link."""
+    """True pose and velocity of base_link."""
 
     pose_in_world: Pose
     velocity_in_base: Vector3  # [m/s], of base_link's origin
@@ -161,16 +204,36 @@ class RobotState(NamedTuple):
 
 
 class ImuSample(NamedTuple):
-    """What an inertial measurement unit tells; on the Husky along base_link's axes."""
+    """One sample of an inertial measurement unit; on the Husky along base_link's axes."""
 
     stamp: float  # [s]
-    quat_xyzw: Quaternion  # how the sensor stands in a level frame, whose heading is anybody's choice
+    quat_xyzw: Quaternion  # attitude of the sensor in a level frame of arbitrary heading
     angular_velocity: Vector3  # [rad/s], along the sensor's axes
     specific_force: Vector3  # [m/s^2], along the sensor's axes: at rest 9.8 upwards (REP 145)
 
 
+class PowerState(NamedTuple):
+    """What a Husky's base knows of its power; pairs are (left, right)."""
+
+    uptime: float  # [s]
+    currents: Tuple[float, float]  # [A], of the motors
+    electronics_current: float  # [A], of everything else
+    voltage: float  # [V], of the battery
+    charge: float  # 0..1
+    capacity: float  # [Wh]
+    driver_temperatures: Tuple[float, float]  # [deg C]
+    motor_temperatures: Tuple[float, float]  # [deg C]
+
+
+class MagSample(NamedTuple):
+    """A magnetometer's reading; on the Husky along base_link's axes."""
+
+    stamp: float  # [s]
+    field: Vector3  # [T]
+
+
 class GpsFix(NamedTuple):
-    """What a satellite receiver tells, on the WGS 84 ellipsoid."""
+    """One fix of a satellite receiver, on the WGS 84 ellipsoid."""
 
     stamp: float  # [s]
     latitude: float  # [deg], north positive
@@ -181,33 +244,42 @@ class GpsFix(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:
-    """What a depth camera sees."""
+    """One image of a depth camera."""
 
     stamp: float  # [s]
     frame: str  # optical: z forward, x to the right, y down
-    depth: np.ndarray  # (height, width) float32 [m], along z; NaN where nothing was seen
+    depth: np.ndarray  # (height, width) float32 [m], along z; NaN beyond the far limit
 
 
 class Odometry(NamedTuple):
-    """Dead reckoning: where the robot believes it is."""
+    """Pose and velocity by dead reckoning."""
 
     pose_base_in_odom: Pose2D = Pose2D()
     twist_in_base: Twist2D = STOP
 
 
+class OdometrySample(NamedTuple):
+    """One reading of the wheel encoders, and the dead reckoning from it."""
+
+    wheels: WheelState
+    from_wheels: Odometry  # both speeds from the wheels
+    filtered: Odometry  # forward speed from the wheels, yaw rate from the gyro
+
+
 class Snapshot(NamedTuple):
-    """The simulated robot at one instant."""
+    """The simulated robot after one physics step; a sensor is None between its samples."""
 
     stamp: float  # [s] of simulated time
+    step: int  # physics steps since the last reset
     robot: RobotState
-    wheels: WheelState  # as of the last odometry period, as both odometries
-    command: Twist2D  # what the wheels are told, within the limits
-    wheel_odometry: Odometry  # from the wheels alone
-    odometry: Odometry  # from the wheels and the gyro
-    touched: Tuple[str, ...] = ()  # names of the things the robot touches but does not stand on
-    scan: Optional[Scan] = None  # None between two scan periods
-    imu: Optional[ImuSample] = None  # None between two of its periods
-    gps: Optional[GpsFix] = None  # None between two of its periods
+    command: Twist2D  # set point of the wheels, within the limits
+    contacts: Tuple[str, ...] = ()  # names of the bodies the robot touches but does not stand on
+    odometry: Optional[OdometrySample] = None  # at ODOMETRY_RATE, and with every scan
+    scan: Optional[Scan] = None
+    imu: Optional[ImuSample] = None
+    gps: Optional[GpsFix] = None
+    mag: Optional[MagSample] = None
+    power: Optional[PowerState] = None
 
 
 class Pillar(NamedTuple):
@@ -216,7 +288,7 @@ class Pillar(NamedTuple):
     x: float  # [m], centre, in the laser's frame
     y: float  # [m], centre, in the laser's frame
     radius: float  # [m]
-    beams: int  # how many beams it rests on
+    beams: int  # number of beams that hit it
     residual: float  # [m], root mean square distance of the beams' end points from the circle
 
     @property

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import tempfile
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from network import Ros
@@ -61,12 +62,7 @@ class RosTestItem(pytest.Item):
             output = process.communicate()[0] + f"\nended after {WALL_LIMIT} s\n"
         ran = re.search(r"TESTS: (\d+)", output)
         if process.returncode != 0 or not ran or ran.group(1) == "0":
-            logs = [
-                path for kind in ("results/**/*.xml", "log/**/*-stdout.log") for path in folder.glob(kind)
-            ]
-            raise RosTestError(
-                "\n".join([output, *(f"--- {path.name}\n{path.read_text()}" for path in logs)])
-            )
+            raise RosTestError(why_it_failed(folder, output))
 
     def repr_failure(self, excinfo, style=None):
         if isinstance(excinfo.value, RosTestError):
@@ -75,6 +71,21 @@ class RosTestItem(pytest.Item):
 
     def reportinfo(self):
         return self.path, 0, self.path.name
+
+
+def why_it_failed(folder, output):
+    """The failed cases and what the nodes logged; all that rostest printed where no case says why."""
+    cases = [
+        case for path in folder.glob("results/**/*.xml") for case in ElementTree.parse(path).iter("testcase")
+    ]
+    failures = [
+        f"{case.get('name')}: {found.text}"
+        for case in cases
+        for kind in ("failure", "error")
+        for found in case.findall(kind)
+    ]
+    logs = [f"--- {path.name}\n{path.read_text()}" for path in sorted(folder.glob("log/**/*-stdout.log"))]
+    return "\n".join([*(dict.fromkeys(failures) or [output]), *logs])
 
 
 class RosTestError(Exception):

@@ -2,9 +2,13 @@
 
 import time
 import unittest
+from xmlrpc.client import Error, ServerProxy
 
+import rosgraph
+import rosnode
 import rospy
 from geometry_msgs.msg import Twist
+from std_srvs.srv import Trigger
 
 WALL_LIMIT = 60.0  # [s], for a simulation that does not get on
 
@@ -17,11 +21,12 @@ class RosTest(unittest.TestCase):
         rospy.init_node("test")
 
     def remember(self, topic, kind):
-        """A list that grows with every message of a topic, which somebody publishes."""
+        """A list that grows with every message of a topic from now on; every publisher knows of it."""
+        keep_registered(rospy.Subscriber, topic, kind)
         messages = []
         subscriber = rospy.Subscriber(topic, kind, messages.append, queue_size=1000, tcp_nodelay=True)
         self.addCleanup(subscriber.unregister)
-        self.wait_until(subscriber.get_num_connections, f"somebody publishes {topic}")
+        self.wait_until(lambda: hears(rospy.get_name(), topic), f"{topic} is published and connected")
         return messages
 
     def wait_until(self, condition, what, simulated=30.0):
@@ -42,12 +47,62 @@ class RosTest(unittest.TestCase):
         end = rospy.get_time() + simulated
         self.wait_until(lambda: rospy.get_time() >= end, f"{simulated} s passed", simulated + 10.0)
 
+    def resume(self):
+        """Start a world launched with paused:=true: nothing happens before all are connected."""
+        service = rospy.ServiceProxy("husky_simulator/resume", Trigger)
+        service.wait_for_service(WALL_LIMIT)
+        self.assertTrue(service().success)
+
+    def wait_for_node(self, node, *topics):
+        """Wait until a node receives these topics, and this node what that one logs."""
+        self.wait_until(lambda: all(hears(node, topic) for topic in topics), f"{node} receives {topics}")
+        self.wait_until(lambda: hears(rospy.get_name(), "rosout"), "its log is received")
+
     def publisher(self, topic, kind):
-        """A publisher that somebody listens to."""
-        publisher = rospy.Publisher(topic, kind, queue_size=100)
-        self.addCleanup(publisher.unregister)
+        """A publisher with a subscriber."""
+        publisher = keep_registered(rospy.Publisher, topic, kind)
         self.wait_until(publisher.get_num_connections, f"somebody listens to {topic}")
         return publisher
+
+
+_registered = {}
+
+
+def keep_registered(role, topic, kind):
+    """The publisher or subscriber of a topic, registered once for the life of this process.
+
+    rospy loses messages, and sometimes the connection, of a topic that is unregistered and registered again
+    (ros_comm #111, #128), so test cases share theirs.
+    """
+    key = role, rospy.resolve_name(topic)
+    if key not in _registered:
+        more = {"tcp_nodelay": True} if role is rospy.Subscriber else {}
+        _registered[key] = role(topic, kind, queue_size=1000, **more)
+    return _registered[key]
+
+
+def hears(node, topic):
+    """Whether a topic has a publisher, and each of its publishers has a connection to a node.
+
+    The subscriber's side of a connection is up before the publisher's: a message sent in between is lost.
+    So the publishers are asked.
+    """
+    topic, node = rospy.resolve_name(topic), rospy.resolve_name(node)
+    publishers = dict(rosgraph.Master(rospy.get_name()).getSystemState()[0]).get(topic, ())
+    return bool(publishers) and all(_sends(publisher, topic, node) for publisher in publishers)
+
+
+def _sends(publisher, topic, node):
+    """Whether a node has an outgoing connection for a topic to another node; True for one that has died."""
+    try:
+        with ServerProxy(rosnode.get_api_uri(rosgraph.Master(rospy.get_name()), publisher)) as api:
+            connections = api.getBusInfo(rospy.get_name())[2]
+    except (OSError, Error, rosnode.ROSNodeException):
+        return True
+    return any(
+        (destination, direction, name) == (node, "o", topic)
+        for _, destination, direction, _, name, *_ in connections
+    )
 
 
 def twist(linear=0.0, angular=0.0):

@@ -8,7 +8,7 @@ from harness import RosTest, run, stamp
 from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2
 
 from husky_highlevel_controller.geometry import transform_point
-from husky_highlevel_controller.messages import pose_from_transform
+from husky_highlevel_controller.ros.conversions import pose_from_transform
 
 
 class CameraSeesThePillar(RosTest):

@@ -6,8 +6,8 @@ from math import asin, hypot
 from geometry_msgs.msg import Twist
 from harness import RosTest, run
 from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool
 from visualization_msgs.msg import Marker
 
 PILLAR, RADIUS, STOP_DISTANCE = (20.0, 5.0), 0.2, 0.4
@@ -20,9 +20,10 @@ class DrivesToPillar(RosTest):
         markers = self.remember("husky_highlevel_controller/visualization_marker", Marker)
         commands = self.remember("cmd_vel", Twist)
         filtered = self.remember("odometry/filtered", Odometry)
-        log = self.remember("rosout", Log)
+        arrived = self.remember("husky_highlevel_controller/arrived", Bool)
 
-        self.wait_until(lambda: any("arrived" in line.msg for line in log), "it says it arrived", 60.0)
+        self.resume()
+        self.wait_until(lambda: arrived and arrived[-1].data, "it has arrived", 60.0)
         self.wait(1.0)
 
         self.assertEqual(commands[-1], Twist(), "it stands still once it has arrived")

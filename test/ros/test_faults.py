@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from network import PACKAGE, memory, wait_until
 
-from husky_highlevel_controller.description import share_folder
+from husky_highlevel_controller.paths import share_folder
 
 CONTROLLER = "husky_highlevel_controller"
-PESTERER = str(Path(__file__).with_name("pesterer.py"))
+STRESS_CLIENT = str(Path(__file__).with_name("stress_client.py"))
 
 
 def pids(ros, executable):
@@ -42,8 +42,8 @@ def start_controller(ros):
 
 
 def pester(ros, *arguments):
-    """Run pesterer.py to its end; what it found out."""
-    process = ros.start(sys.executable, PESTERER, *arguments)
+    """Run stress_client.py to its end; what it found out."""
+    process = ros.start(sys.executable, STRESS_CLIENT, *arguments)
     assert process.wait(3600.0) == 0, process.output  # it has deadlines of its own
     return process.output
 
@@ -73,6 +73,30 @@ def test_a_simulator_that_is_killed_and_started_again_finds_the_same_controller_
     controller.says("arrived after")
     assert controller.popen.poll() is None, "the controller lives on"
     assert "Traceback" not in controller.output, controller.output
+
+
+def test_a_second_simulator_is_refused_and_the_first_drives_on(ros):
+    first = ros.roslaunch("controller.launch", "real_time_factor:=3")
+    first.says("driving to the pillar")
+    second = ros.roslaunch("simulator.launch")
+    assert second.wait() != 0, second.output
+    assert "/husky_simulator simulates already on" in second.output
+    assert "roslaunch -p 11312" in second.output
+    by_hand = ros.start("rosrun", PACKAGE, "husky_simulator")
+    assert by_hand.wait() == 1, by_hand.output
+    assert "/husky_simulator simulates already on" in by_hand.output
+    first.says("arrived after")
+    assert "new node registered with same name" not in first.output, first.output
+
+
+def test_another_publisher_of_the_clock_is_named(ros):
+    ros.start("roscore", "-p", str(ros.port)).says("started core service")
+    other = ros.start("rostopic", "pub", "-r", "1", "/clock", "rosgraph_msgs/Clock", "{}")
+    wait_until(lambda: "/clock" in str(ros.master("getPublishedTopics", "")), "it publishes")
+    launched = ros.roslaunch("simulator.launch")
+    launched.says("publishes /clock too")
+    assert "/rostopic_" in launched.output
+    assert other.popen.poll() is None
 
 
 def test_a_subscriber_that_hangs_does_not_hold_the_world(ros):
@@ -115,7 +139,8 @@ def test_a_thousand_objects_come_and_go_without_a_leak(ros):
 def test_an_hour_of_driving_misses_no_scan_and_takes_no_memory(seconds, ros):
     start_simulator(ros, "real_time_factor:=0", "lockstep:=true", "world_name:=empty.world")
     (pid,) = pids(ros, "husky_simulator")
-    count, growth, gap = (float(word) for word in pester(ros, "drive", str(seconds), str(pid)).split())
+    report = pester(ros, "drive", str(seconds), str(pid)).splitlines()[-1]  # rospy may warn before it
+    count, growth, gap = (float(word) for word in report.split())
     assert count >= seconds * 50
     assert gap == 20.0, "ms, and no other gap"
     assert growth < 2000

@@ -23,6 +23,7 @@ class GainsReconfigure(RosTest):
     def test_a_dynparam_mid_drive_slows_the_robot_down(self):
         truth = self.remember("ground_truth/odom", Odometry)
         commands = self.remember("cmd_vel", Twist)
+        self.resume()
         self.wait_until(lambda: truth and truth[-1].twist.twist.linear.x > 0.9, "it drives fast")
 
         dynparam("set", f"/{NODE}", "p_gain_vel", str(GAIN))

@@ -12,9 +12,10 @@ import pytest
 from defusedxml import ElementTree
 from network import wait_until
 
-from husky_highlevel_controller.grade import Marking
-from husky_highlevel_controller.marking import Rules, Submission, plan
-from husky_highlevel_controller.processes import with_variable
+from husky_highlevel_controller.grading.cli import Marking
+from husky_highlevel_controller.grading.drive import GradingConfig, Submission, plan
+from husky_highlevel_controller.grading.isolation.process import with_variable
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 
 SUBMISSIONS = Path(__file__).parents[1] / "submissions"
 sys.path.insert(0, str(SUBMISSIONS))
@@ -25,23 +26,52 @@ REFERENCE = ["--launch", "husky_highlevel_controller", "controller.launch"]
 QUICK = ["--trials", "1", "--deadline", "25", "--pace", "8"]
 JOBS = 3
 
-# points of: drives towards it, reaches it, RViz, marker's place, marker in RViz; and words that must be said
+# points of: drives towards it, reaches it, RViz, marker's place, marker in RViz (None: for a person, since no
+# RViz configuration was handed in); and words that must be said
 DESERVED = {
     "complete": ((20, 30, 20, 20, 10), ["odom, stamp 0: right 100 %", "robot model, laser scan to be seen"]),
-    "marks_the_origin": ((20, 30, 20, 0, 0), ["right 0 % of", ", 0.13), the pillar at (20.00, 5.00)"]),
-    "crashes": ((10, 0, 0, 0, 0), ["ends during the drive (exit code 1): ZeroDivisionError", "stops short"]),
-    "hangs": ((10, 0, 0, 0, 0), ["does not answer every scan", "stops short: nearest 14."]),
-    "never_publishes": ((0, 0, 0, 0, 0), ["the robot never moves", "does not answer every scan"]),
-    "floods": ((20, 30, 0, 0, 0), ["it floods cmd_vel: "]),
-    "drives_away": ((0, 0, 0, 0, 0), ["drives away: "]),
-    "spins": ((0, 0, 0, 0, 0), ["turns round "]),
-    "stops_short": ((20, 0, 0, 0, 0), ["stops short: nearest 2."]),
-    "rams": ((20, 20, 0, 0, 0), ["rams the pillar at 1.0"]),
-    "imports_what_is_missing": ((0, 0, 0, 0, 0), ["ModuleNotFoundError: No module named 'no_such_package'"]),
+    "marks_the_origin": (
+        (20, 30, 20, 0, 0),
+        ["right 0 % of", ", 0.13), the pillar at (20.00, 5.00): x off by "],
+    ),
+    "crashes": (
+        (10, 0, None, 0, 0),
+        ["ends during the drive (exit code 1): ZeroDivisionError", "stops short"],
+    ),
+    "hangs": ((10, 0, None, 0, 0), ["does not answer every scan", "stops short: nearest 14."]),
+    "never_publishes": (
+        (0, 0, None, 0, 0),
+        ["the robot never moves: nothing came on cmd_vel", "does not answer every scan"],
+    ),
+    "floods": ((20, 30, None, 0, 0), ["it floods cmd_vel: "]),
+    "drives_away": ((0, 0, None, 0, 0), ["drives away: "]),
+    "spins": ((0, 0, None, 0, 0), ["turns round "]),
+    "stops_short": ((20, 0, None, 0, 0), ["stops short: nearest 2."]),
+    "rams": ((20, 30, None, 0, 0), ["reaches it, at 1.0"]),  # the sheet's "hits the pillar"
+    "imports_what_is_missing": (
+        (0, 0, None, 0, 0),
+        ["ModuleNotFoundError: No module named 'no_such_package'"],
+    ),
     "needs_a_missing_package": (
-        (20, 30, 0, 0, 0),
+        (20, 30, None, 0, 0),
         ["package 'no_such_package' is missing; the <include> that needs it is left out", "stands "],
     ),
+    # traps: what students do that a person would not mark down, and the first cause in the chain
+    "sleeps_by_simulated_time": ((20, 30, None, 20, None), ["front_laser, stamp 0: right "]),
+    "marks_in_base_link": ((20, 30, None, 10, None), ["0.54 m from the pillar's axis", "x off by "]),
+    "commands_zero": ((0, 0, None, 0, 0), ["commands were zero"]),
+    "listens_elsewhere": ((0, 0, None, 0, 0), ["it listens to /scan, where nothing is sent"]),
+    # attacks
+    "teleports": (
+        (0, 0, None, 0, 0),
+        ["no points: the simulator was asked to interfere", "the robot jumps "],
+    ),
+    "forges_the_truth": (
+        (0, 0, None, 0, 0),
+        ["no points: node /controller publishes on /ground_truth/odom, as the simulator does"],
+    ),
+    "marks_a_grid": ((20, 30, None, 0, 0), ["196 markers in namespace 'grid'"]),
+    "counts_ids": ((20, 30, None, 0, 0), ["half of those drawn must be right"]),
 }  # fmt: skip
 
 
@@ -59,11 +89,11 @@ def results(handed_in, tmp_path_factory):
     """Every submission, marked, by two at a time."""
     folder, env = handed_in
     out = tmp_path_factory.mktemp("out")
-    marking = Marking(Rules(deadline=25.0, pace=8.0), seed=0, trials=1)
+    marking = Marking(GradingConfig(deadline=25.0, pace=8.0), seed=0, trials=1)
 
     def mark(name):
         (launch,) = (folder / name / "launch").iterdir()
-        return marking.mark(Submission(("--launch", name, launch.name), env), name, out / name)
+        return marking.mark(Submission(("--launch", name, launch.name), Workspace(env)), name, out / name)
 
     with ThreadPoolExecutor(JOBS) as pool:
         return dict(zip(DESERVED, pool.map(mark, DESERVED)))
@@ -96,7 +126,7 @@ def test_the_reference_gets_100_from_several_starts(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     assert "100/100" in done.stdout
     result = json.loads((tmp_path / "result.json").read_text())
-    assert (result["points"], result["most"], result["full"]) == (100.0, 100.0, True)
+    assert (result["points"], result["max_points"], result["full"]) == (100.0, 100.0, True)
     (suite,) = ElementTree.parse(tmp_path / "junit.xml").getroot()
     assert (suite.get("tests"), suite.get("failures")) == ("5", "0")
     for picture in ("drive.png", "rviz.png"):
@@ -115,9 +145,9 @@ def test_the_printed_ranges_of_exercise_2(handed_in, tmp_path):
         "--node", "prints_ranges", "controller", "--exercise", "2", "--pace", "4", "--out", tmp_path,
         env=handed_in[1],
     )  # fmt: skip
-    assert done.returncode == 1, done.stdout + done.stderr
+    assert done.returncode == 0, done.stdout + done.stderr  # what is left is for a person
     points = [item["points"] for item in json.loads((tmp_path / "result.json").read_text())["items"]]
-    assert points == [40.0, None, 15.0, 0.0]
+    assert points == [40.0, None, 15.0, None]
 
 
 def test_a_node_for_an_older_husky(handed_in, tmp_path):
@@ -130,7 +160,7 @@ def test_a_node_for_an_older_husky(handed_in, tmp_path):
         "--out", tmp_path / "out", env=env,
     )  # fmt: skip
     points = [item["points"] for item in json.loads((tmp_path / "out" / "result.json").read_text())["items"]]
-    assert points == [20.0, 30.0, 0.0, 20.0, 0.0], done.stdout
+    assert points == [20.0, 30.0, None, 20.0, None], done.stdout
 
 
 def test_a_file_that_is_not_there_is_told(tmp_path):
@@ -164,7 +194,7 @@ def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
     assert [row[6] for row in rows[1:]] == ["10", "70", "50"]
     assert (out / "index.html").read_text().count("data:image/png;base64,") == 3
     assert (
-        "it does not build: package 'no_such_package' is missing"
+        "not installed: no_such_package (not in Debian: --underlay SETUP.bash)"
         in second.stdout + (out / "results.csv").read_text()
     )
 

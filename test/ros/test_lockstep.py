@@ -1,4 +1,4 @@
-"""lockstep:=true: a whole ROS run repeats itself to the last bit, and nobody can stop the clock for good."""
+"""lockstep:=true: a ROS run repeats itself to the last bit, and no controller can stop the clock for good."""
 
 import contextlib
 import sys
@@ -9,6 +9,7 @@ from network import Ros, wait_until
 
 RECORDER = str(Path(__file__).with_name("record_truth.py"))
 END = 24.0  # [s] of simulated time: the robot has arrived
+SLEEPING_DEADLINE = 240.0  # [s] for 12 simulated ones: at each all processes must be asleep for a moment
 
 
 @pytest.fixture
@@ -65,14 +66,64 @@ def test_another_seed_is_another_run(network):
     assert [stamp for stamp in common if first[stamp] != second[stamp]]
 
 
-def test_a_controller_that_never_answers_holds_the_clock_only_until_a_deadline(network):
+def test_a_controller_that_never_answers_and_sleeps_does_not_hold_the_clock(network):
     ros = network("silent")
     launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
     start_controller(ros, "None")
+    launched.says("a controller sleeps; the clock goes on")
+    echo = ros.start("rostopic", "echo", "-n", "300", "/clock")
+    assert echo.wait() == 0
+    assert "running free" not in launched.output, launched.output
+
+
+def test_a_controller_that_computes_for_ever_holds_the_clock_only_until_a_deadline(network):
+    ros = network("busy")
+    launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
+    start_controller(ros, "[None for _ in iter(int, 1)]")
     launched.says("no command answers the scan; running free from now on")
     echo = ros.start("rostopic", "echo", "-n", "300", "/clock")
     assert echo.wait() == 0
     wait_until(lambda: launched.output.count("running free") == 1, "it says so once")
+
+
+RATE_LOOP = """
+import math, rospy
+from geometry_msgs.msg import Twist, Vector3
+from sensor_msgs.msg import LaserScan
+scans = []
+rospy.init_node("it")
+velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+rospy.Subscriber("front/scan", LaserScan, scans.append, queue_size=1)
+rospy.sleep(2.0)
+rate = rospy.Rate(10)
+while not rospy.is_shutdown():
+    if scans:
+        distance, beam = min((r, i) for i, r in enumerate(scans[-1].ranges) if r > 0.1)
+        angle = scans[-1].angle_min + beam * scans[-1].angle_increment
+        velocity.publish(Twist(Vector3(0.5, 0.0, 0.0), Vector3(0.0, 0.0, -angle)))
+        del scans[:-1]
+    rate.sleep()
+"""
+
+
+def sleeping_drive(ros):
+    """True poses of a drive of a controller that sleeps at its start and after each command."""
+    end = "12"
+    recorder = ros.start(sys.executable, RECORDER, str(ros.folder / "poses"), end)
+    launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
+    ros.start(sys.executable, "-c", RATE_LOOP)
+    assert recorder.wait(SLEEPING_DEADLINE) == 0, recorder.output
+    assert "running free" not in launched.output, launched.output
+    rows = [line.split(maxsplit=1) for line in (ros.folder / "poses").read_text().splitlines()]
+    return {int(stamp): pose for stamp, pose in rows}
+
+
+def test_a_controller_that_sleeps_by_simulated_time_repeats_itself_too(network):
+    first, second = sleeping_drive(network("first")), sleeping_drive(network("second"))
+    common = sorted(first.keys() & second.keys())
+    assert len(common) > 500
+    assert first[common[0]] != first[common[-1]], "it drives"
+    assert [stamp for stamp in common if first[stamp] != second[stamp]] == []
 
 
 def test_a_first_answer_that_is_lost_is_asked_for_again(network):
@@ -82,4 +133,60 @@ def test_a_first_answer_that_is_lost_is_asked_for_again(network):
     launched.says("simulating")
     echo = ros.start("rostopic", "echo", "-n", "300", "/clock")
     assert echo.wait() == 0
+    assert "running free" not in launched.output, launched.output
+
+
+STEPPING_CONTROLLER = """
+import threading
+
+import rospy
+from geometry_msgs.msg import Twist
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Trigger
+
+from husky_highlevel_controller.srv import ListObjects, StepWorld
+
+rospy.init_node("stepping_controller")
+velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+pause, step, list_objects = (
+    rospy.ServiceProxy(f"husky_simulator/{name}", kind)
+    for name, kind in (("pause", Trigger), ("step", StepWorld), ("list", ListObjects))
+)
+scans, computed = [], threading.Event()
+
+
+def compute():
+    while not computed.is_set():  # a process that sleeps is not waited for
+        pass
+
+
+def ask_for_a_step():
+    print("stepped:", step(3).status_message, flush=True)
+
+
+def on_scan(scan):
+    scans.append(scan)
+    if len(scans) == 5:
+        pause()
+        caller = threading.Thread(target=ask_for_a_step)
+        caller.start()
+        threading.Thread(target=compute, daemon=True).start()
+        for _ in range(3):
+            list_objects("")  # answered while the scan waits for a command
+        print("the step waits:", caller.is_alive(), flush=True)
+        computed.set()
+    velocity.publish(Twist())
+
+
+rospy.Subscriber("front/scan", LaserScan, on_scan)
+rospy.spin()
+"""
+
+
+def test_a_step_asked_for_while_a_scan_waits_for_its_answer_is_made_afterwards(network):
+    ros = network("paused")
+    launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
+    controller = ros.start(sys.executable, "-c", STEPPING_CONTROLLER)
+    controller.says("stepped: 3 steps; it is now ")
+    assert "the step waits: True" in controller.output
     assert "running free" not in launched.output, launched.output

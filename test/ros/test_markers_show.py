@@ -111,10 +111,11 @@ class MarkersShow(Player):
         self.drive()
         ranges = self.look()
         then, there = Player.moment + 0.1, self.pose
+        self.tell_pose(then)
         self.stand_at(9.0, 9.0, pi)
         self.tell_pose(then + 0.1)  # TF is ahead of the scan already, and the robot has moved on
         self.stand_at(*there)
-        self.answer(ranges)
+        self.answer(ranges, pose_first=None)
 
         def placed():
             return [m for m in self.single if m.ns == "pillar_in_odom" and self.is_now(m)]

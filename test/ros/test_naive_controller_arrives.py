@@ -22,6 +22,7 @@ class NaiveControllerArrives(RosTest):
         def nearest():
             return min(r for r in scans[-1].ranges if r > 0.0) if scans else 99.0
 
+        self.resume()
         self.wait_until(lambda: nearest() < 0.45, "it is near", 90.0)
         self.wait(3.0)
         self.assertGreater(nearest(), 0.3, "it does not push the pillar")

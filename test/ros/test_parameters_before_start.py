@@ -8,8 +8,8 @@ from geometry_msgs.msg import Twist
 from harness import run
 from player import NODE, NOTHING, Player, pillar_ahead
 
-from husky_highlevel_controller.control import ControlConfig
-from husky_highlevel_controller.pillar import PillarConfig
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 
 
 class ParametersBeforeStart(Player):

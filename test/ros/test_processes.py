@@ -7,7 +7,8 @@ import subprocess
 import pytest
 from network import PACKAGE, Ros, wait_until
 
-from husky_highlevel_controller.description import robot_description, share_folder
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
 
 SHARE = share_folder()
 LAUNCH_FILES = ("controller.launch", "simulator.launch")
@@ -58,9 +59,17 @@ def test_a_launch_file_starts_with_every_argument_and_documents_it(file, ros):
     assert not re.search(r"^  \w+ .*\): *$", documented, re.MULTILINE)
 
     launched = ros.roslaunch(file, *arguments)
-    launched.says("simulating 'default' with 1 things, physics at 200 Hz, paused")
+    launched.says("simulating 'default' with 1 bodies, physics at 200 Hz, paused")
     assert "ERROR" not in launched.output, launched.output
     assert "has died" not in launched.output, launched.output
+
+
+@pytest.mark.parametrize("file", LAUNCH_FILES)
+def test_a_launch_file_needs_no_python_on_the_path_that_knows_the_package(file, ros):
+    environment = {**ros.env, "PATH": "/usr/bin:/bin"}
+    command = ["roslaunch", "--dump-params", PACKAGE, file]
+    dumped = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert "/robot_description: " in dumped.stdout, dumped.stderr
 
 
 def test_the_environment_of_the_husky_s_own_launch_files_places_the_lidar(ros):
@@ -127,7 +136,7 @@ def start_simulator(core, **changes):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (("world_name", "nowhere.world"), "no world 'nowhere.world'; looked in "),
+        (("world_name", "nowhere.world"), "no world 'nowhere.world'; there are "),
         (("seed", None), "/husky_simulator/seed is missing"),
         (("real_time_factor", -1.0), "/husky_simulator/real_time_factor = -1.0 is out of range 0.0..1000.0"),
         (("physics_rate", 210), "50 Hz does not divide physics_rate = 210 Hz"),

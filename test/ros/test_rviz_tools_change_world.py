@@ -19,9 +19,9 @@ from visualization_msgs.msg import (
     InteractiveMarkerUpdate,
 )
 
-from husky_highlevel_controller import messages
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.geometry import compose, pose_from_2d, pose_to_2d, transform_point
+from husky_highlevel_controller.ros import conversions
 
 NODE = "/husky_simulator/"
 GROUND = -0.13  # [m], in odom, which is as high as base_link
@@ -99,7 +99,7 @@ class RvizToolsChangeWorld(RosTest):
 
     def estimate(self, x, y, yaw):
         msg = PoseWithCovarianceStamped(header=Header(frame_id="odom"))
-        msg.pose.pose = messages.pose_to_msg(pose_from_2d(Pose2D(x, y, yaw)))
+        msg.pose.pose = conversions.pose_to_msg(pose_from_2d(Pose2D(x, y, yaw)))
         self.poses.publish(msg)
 
     def pull(self, name, x, y, frame="odom"):
@@ -155,7 +155,7 @@ class RvizToolsChangeWorld(RosTest):
         odometries = self.remember("odometry/filtered", Odometry)
 
         def is_at(odometry, pose):
-            found = pose_to_2d(messages.pose_from_msg(odometry.pose.pose))
+            found = pose_to_2d(conversions.pose_from_msg(odometry.pose.pose))
             return max(abs(found.x - pose.x), abs(found.y - pose.y), abs(found.yaw - pose.yaw)) < 0.02
 
         self.estimate(3.0, 1.0, 1.0)
@@ -231,7 +231,7 @@ class RvizToolsChangeWorld(RosTest):
         self.wait_until(lambda: "box_1" not in self.listed(), "it is gone")
         self.wait_until(lambda: "box_1" not in self.drawn(), "RViz takes it away")
         self.feedback.publish(choice)
-        self.wait_until_refused("no thing named 'box_1'")
+        self.wait_until_refused("no body named 'box_1'")
         self.drop("box_1", 5.0, 1.0)
         self.wait_until_drawn("box_1", (5.0, 1.0, 0.268))
 

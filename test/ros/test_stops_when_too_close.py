@@ -13,7 +13,7 @@ class StopsWhenTooClose(RosTest):
         log = self.remember("rosout", Log)
         driver = Driver()
         driver.offer_service()
-        self.wait_until(lambda: any("on guard" in line.msg for line in list(log)), "the guard is ready", 90.0)
+        self.wait_for_node("proximity_stop", "front/scan", "odometry/filtered", "/tf")
 
         def standing():
             return abs(speed(truth[-1])) < 1e-3
@@ -26,9 +26,13 @@ class StopsWhenTooClose(RosTest):
         self.assertEqual(driver.stops, 1, "once is enough")
         self.assertGreater(gap(truth[-1]), 0.02, "it has not touched the post")
         self.assertLess(gap(truth[-1]), 0.30, "it did not stop long before")
-        told = [line for line in list(log) if line.level == Log.WARN and "towards it" in line.msg]
-        self.assertEqual(len(told), 1)
-        self.assertIn("rosservice call /driver/start_stop true", told[0].msg)
+
+        def warnings():
+            return [line for line in list(log) if line.level == Log.WARN and "towards it" in line.msg]
+
+        self.wait_until(warnings, "it warns")
+        self.assertEqual(len(warnings()), 1)
+        self.assertIn("rosservice call /driver/start_stop true", warnings()[0].msg)
 
         driver.drive(0.2)  # as if started again
         self.wait_until(lambda: driver.stops == 2, "the driver is stopped again", 5.0)

@@ -90,8 +90,8 @@ class WorldServicesAnswer(RosTest):
         self.box("crate", 3.0)
         before = self.names()
         for response, words in (
-            (self.box("crate", 6.0), "there is a thing named 'crate' already"),
-            (self.box("husky", 6.0), "a thing is named 'husky'"),
+            (self.box("crate", 6.0), "there is a body named 'crate' already"),
+            (self.box("husky", 6.0), "a body is named 'husky'"),
             (self.box("new", 3.2), "'new' would stand inside 'crate'"),
             (self.box("new", 0.0), "'new' would stand inside 'husky'"),
             (self.box("new", NAN), "position nan is not within"),
@@ -101,8 +101,8 @@ class WorldServicesAnswer(RosTest):
             (self.box("new", 6.0, size=1e308), "is not within"),
             (self.box("new", 6.0, mass=INF), "mass inf is not within"),
             (self.box("new", 6.0, reference_frame="map"), "reference_frame 'map' is not one of world, odom"),
-            (self.delete("ghost"), "no thing named 'ghost'"),
-            (self.move("ghost", pose(), ""), "no thing named 'ghost'"),
+            (self.delete("ghost"), "no body named 'ghost'"),
+            (self.move("ghost", pose(), ""), "no body named 'ghost'"),
             (self.move("crate", pose(0.0, 0.0, 0.4), ""), "'crate' would stand inside 'husky'"),
             (self.move("husky", pose(3.0), ""), "'husky' would stand inside 'crate'"),
             (self.move("husky", pose(-1e308), ""), "position -1e+308 is not within"),

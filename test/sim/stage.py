@@ -1,19 +1,19 @@
-"""What the tests here share: Huskies, things to put beside them, and driving."""
+"""What the tests here share: Huskies, bodies to put beside them, and driving."""
 
-from husky_highlevel_controller.datatypes import Part, Plane, Pose, Thing, Twist2D
-from husky_highlevel_controller.description import robot_description
+from husky_highlevel_controller.datatypes import Body, Geometry, Plane, Pose, Twist2D
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.robot import robot_model
+from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
+from husky_highlevel_controller.simulator.models.robot_model import robot_model
 
 HUSKY = robot_model(robot_description(meshes=""))
 BLIND = robot_model(robot_description(meshes="", laser_enabled=False))
 
 
-def thing(name, shape, x=0.0, y=0.0, z=0.0, rpy=(0.0, 0.0, 0.0), mass=0.0):
-    return Thing(name, Pose((x, y, z), quat_from_rpy(*rpy)), (Part(shape),), (), mass)
+def body(name, shape, x=0.0, y=0.0, z=0.0, rpy=(0.0, 0.0, 0.0), mass=0.0):
+    return Body(name, Pose((x, y, z), quat_from_rpy(*rpy)), (Geometry(shape),), (), mass)
 
 
-GROUND = thing("ground", Plane((0.0, 0.0, 1.0), (100.0, 100.0)))
+GROUND = body("ground", Plane((0.0, 0.0, 1.0), (100.0, 100.0)))
 
 
 def drive(simulation, seconds, linear=0.0, angular=0.0):

@@ -7,7 +7,7 @@ from stage import GROUND, HUSKY, drive
 
 from husky_highlevel_controller.datatypes import Pose2D, World
 from husky_highlevel_controller.geometry import wrap_angle, yaw_from_quat
-from husky_highlevel_controller.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
 
 START = Pose2D(3.0, -2.0, 1.0)
 
@@ -36,28 +36,28 @@ def simulation():
 def test_the_fused_odometry_keeps_to_the_truth_on_a_drive_as_long_as_to_the_pillar(simulation):
     drive(simulation, 1.0, 0.0, 0.25)
     snapshot = drive(simulation, 20.0, 1.0)[-1]
-    away, turned = errors(snapshot, snapshot.odometry)
+    away, turned = errors(snapshot, snapshot.odometry.filtered)
     assert away < 0.1
     assert 1e-5 < turned < 0.02, "the gyro has noise"
 
 
 def test_the_wheels_alone_lose_their_way_where_they_skid(simulation):
     snapshot = drive(simulation, 20.0, 1.0, 0.5)[-1]
-    _, by_wheels = errors(snapshot, snapshot.wheel_odometry)
-    _, with_gyro = errors(snapshot, snapshot.odometry)
+    _, by_wheels = errors(snapshot, snapshot.odometry.from_wheels)
+    _, with_gyro = errors(snapshot, snapshot.odometry.filtered)
     assert by_wheels > 0.05
     assert with_gyro < 0.02
 
 
 def test_straight_on_the_wheels_know_the_way(simulation):
     snapshot = drive(simulation, 5.0, 1.0)[-1]
-    away, turned = errors(snapshot, snapshot.wheel_odometry)
+    away, turned = errors(snapshot, snapshot.odometry.from_wheels)
     assert away < 0.05
     assert turned < 0.01
 
 
 def test_both_tell_speeds_in_base_link(simulation):
     snapshot = drive(simulation, 4.0, 0.5, 0.5)[-1]
-    for odometry in (snapshot.wheel_odometry, snapshot.odometry):
+    for odometry in (snapshot.odometry.from_wheels, snapshot.odometry.filtered):
         assert odometry.twist_in_base.linear == pytest.approx(0.5, abs=0.02)
         assert odometry.twist_in_base.angular == pytest.approx(0.5, abs=0.03)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from stage import GROUND, thing
+from stage import GROUND, body
 
-from husky_highlevel_controller.camera import CameraConfig, image_of
 from husky_highlevel_controller.datatypes import Box, Pose
-from husky_highlevel_controller.renderer import Renderer
+from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConfig, image_of
+from husky_highlevel_controller.simulator.sensors.renderer import Renderer
 
 CAMERA = CameraConfig(width=160, height=120)
 AHEAD = Pose((0.0, 0.0, 1.0), (-0.5, 0.5, -0.5, 0.5))  # optical: z along the world's x
@@ -20,15 +20,15 @@ def renderer():
     made.close()
 
 
-def draw(renderer, *things, poses=None):
-    renderer.start({t.name: t for t in things}, poses or {}, AHEAD)
+def draw(renderer, *bodies, poses=None):
+    renderer.start({t.name: t for t in bodies}, poses or {}, AHEAD)
     buffer = renderer.take(DEADLINE)
     assert buffer is not None
     return image_of(buffer, CAMERA, 0.0, "camera").depth
 
 
 def test_a_wall_is_as_far_as_it_is_and_the_sky_is_nothing(renderer):
-    wall = thing("wall", Box((0.2, 2.0, 1.0)), x=4.1, z=0.5)
+    wall = body("wall", Box((0.2, 2.0, 1.0)), x=4.1, z=0.5)
     depth = draw(renderer, GROUND, wall)
     assert depth[62, 80] == pytest.approx(4.0, abs=0.01), "just below the horizon"
     assert np.isnan(depth[10, 80]), "above the wall"
@@ -39,16 +39,16 @@ def test_a_wall_is_as_far_as_it_is_and_the_sky_is_nothing(renderer):
 
 
 def test_left_of_the_robot_is_left_in_the_image(renderer):
-    depth = draw(renderer, thing("post", Box((0.2, 0.4, 2.0)), x=3.0, y=0.8, z=1.0))
+    depth = draw(renderer, body("post", Box((0.2, 0.4, 2.0)), x=3.0, y=0.8, z=1.0))
     columns = np.flatnonzero(np.isfinite(depth).any(axis=0))
     assert columns.max() < 80
 
 
 def test_things_move_come_and_go(renderer):
-    box = thing("box", Box((0.4, 4.0, 2.0)), x=3.0, z=1.0, mass=1.0)
+    box = body("box", Box((0.4, 4.0, 2.0)), x=3.0, z=1.0, mass=1.0)
     assert draw(renderer, box)[60, 80] == pytest.approx(2.8, abs=0.01)
     assert draw(renderer, box, poses={"box": Pose((5.0, 0.0, 1.0))})[60, 80] == pytest.approx(4.8, abs=0.02)
-    nearer = thing("screen", Box((0.4, 4.0, 2.0)), x=2.0, z=1.0)
+    nearer = body("screen", Box((0.4, 4.0, 2.0)), x=2.0, z=1.0)
     assert draw(renderer, box, nearer)[60, 80] == pytest.approx(1.8, abs=0.01)
     assert np.isnan(draw(renderer, GROUND)[40, 80])
 

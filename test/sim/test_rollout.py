@@ -11,15 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from husky_highlevel_controller import evaluate
-from husky_highlevel_controller.behaviour import Phase
-from husky_highlevel_controller.control import ControlConfig
-from husky_highlevel_controller.datatypes import Cylinder, Part, Pose, Pose2D, Thing
-from husky_highlevel_controller.description import robot_description
-from husky_highlevel_controller.evaluate import COURSE_GAINS, TOUCHING, center_error, false_pillars, run
-from husky_highlevel_controller.robot import robot_model
-from husky_highlevel_controller.rollout import rollout
-from husky_highlevel_controller.scenarios import course_scenario, random_starts
+from husky_highlevel_controller.controller.behaviour import State
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.datatypes import Body, Cylinder, Geometry, Pose, Pose2D
+from husky_highlevel_controller.evaluation import evaluate
+from husky_highlevel_controller.evaluation.evaluate import (
+    COURSE_GAINS,
+    TOUCHING,
+    center_error,
+    false_pillars,
+    run,
+)
+from husky_highlevel_controller.evaluation.rollout import rollout
+from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
+from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
+from husky_highlevel_controller.simulator.models.robot_model import robot_model
 
 DEFAULT = ControlConfig()
 COURSE = course_scenario()
@@ -90,7 +96,7 @@ def test_a_trace_tells_what_happened():
     assert trace.estimates[-1] == pytest.approx((5.0, 1.0), abs=0.05)
     assert trace.nearest[-1] == pytest.approx(from_lidar(trace), abs=0.01)
     assert trace.distance_errors[-1] == pytest.approx(from_lidar(trace) - 0.4, abs=0.005)
-    assert [trace.phases[0], trace.phases[-1]] == [Phase.DRIVING, Phase.ARRIVED]
+    assert [trace.states[0], trace.states[-1]] == [State.DRIVING, State.ARRIVED]
     assert [event.split(":")[0] for _, event in trace.events] == ["driving", "arrived"]
     assert trace.events[-1][0] == trace.arrived_at
     assert trace.times[-1] == pytest.approx(trace.arrived_at + 1.0, abs=0.021)
@@ -106,8 +112,8 @@ def test_a_run_that_does_not_arrive_says_so():
 
 def test_a_thing_in_the_way_that_is_touched_is_named():
     # too low for the lidar
-    step = Thing("step", Pose((17.0, 4.4, 0.1)), (Part(Cylinder(0.5, 0.2)),), ())
-    world = replace(COURSE.world, things=(*COURSE.world.things, step))
+    step = Body("step", Pose((17.0, 4.4, 0.1)), (Geometry(Cylinder(0.5, 0.2)),), ())
+    world = replace(COURSE.world, bodies=(*COURSE.world.bodies, step))
     assert "step" in rollout(replace(NEAR, world=world), seconds=4.0).touched
 
 

@@ -5,27 +5,27 @@ from math import cos, hypot, inf, nan, pi, radians, sin, sqrt
 
 import numpy as np
 import pytest
-from stage import BLIND, GROUND, HUSKY, drive, thing
+from stage import BLIND, GROUND, HUSKY, body, drive
 
 from husky_highlevel_controller.datatypes import (
+    Body,
     Box,
     Cylinder,
+    Geometry,
     HuskyError,
-    Part,
     Plane,
     Pose,
     Pose2D,
     Sphere,
-    Thing,
     Twist2D,
     World,
 )
-from husky_highlevel_controller.description import share_folder
-from husky_highlevel_controller.drive import CommandError
-from husky_highlevel_controller.engine import PlacementError
 from husky_highlevel_controller.geometry import yaw_from_quat
-from husky_highlevel_controller.simulation import Simulation, SimulatorConfig, steps_per
-from husky_highlevel_controller.world import load_world
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.simulator.bullet.world import PlacementError
+from husky_highlevel_controller.simulator.diff_drive import CommandError
+from husky_highlevel_controller.simulator.models.sdf_world import load_world
+from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig, steps_per
 
 PILLAR_WORLD = load_world(share_folder() / "worlds" / "singlePillar.world")
 START = Pose2D()
@@ -36,8 +36,8 @@ def simulate():
     """Makes simulations and closes them."""
     made = []
 
-    def make(*things, robot=BLIND, start=START, seed=0, config=None, ground=GROUND):
-        world = things[0] if things and isinstance(things[0], World) else World("w", (ground, *things))
+    def make(*bodies, robot=BLIND, start=START, seed=0, config=None, ground=GROUND):
+        world = bodies[0] if bodies and isinstance(bodies[0], World) else World("w", (ground, *bodies))
         made.append(Simulation(world, robot, config or SimulatorConfig(), start, seed))
         return made[-1]
 
@@ -114,7 +114,7 @@ def test_standing_it_neither_creeps_nor_shivers(simulate):
 def test_parked_on_a_ramp_it_stays(heading, simulate):
     slope = radians(5.0)
     tilt = (slope * sin(radians(heading)), slope * cos(radians(heading)), 0.0)
-    ramp = thing("ramp", Plane((0.0, 0.0, 1.0), (9.0, 9.0)), rpy=tilt)
+    ramp = body("ramp", Plane((0.0, 0.0, 1.0), (9.0, 9.0)), rpy=tilt)
     simulation = simulate(ground=ramp)
     before = np.array(drive(simulation, 3.0)[-1].robot.pose_in_world.position)
     after = np.array(drive(simulation, 20.0)[-1].robot.pose_in_world.position)
@@ -122,7 +122,7 @@ def test_parked_on_a_ramp_it_stays(heading, simulate):
 
 
 def test_it_climbs_a_ramp(simulate):
-    ramp = thing("ramp", Box((6.0, 3.0, 0.2)), x=4.5, z=0.25, rpy=(0.0, -radians(7.0), 0.0))
+    ramp = body("ramp", Box((6.0, 3.0, 0.2)), x=4.5, z=0.25, rpy=(0.0, -radians(7.0), 0.0))
     snapshots = drive(simulate(ramp), 6.0, 0.8)
     assert snapshots[-1].robot.pose_in_world.position[2] > 0.3
     assert snapshots[-1].robot.velocity_in_base[0] == pytest.approx(0.8, rel=0.05)
@@ -130,15 +130,15 @@ def test_it_climbs_a_ramp(simulate):
 
 def test_a_wheel_in_the_air_has_no_grip(simulate):
     """On a block under its belly the robot spins its wheels and goes nowhere."""
-    pit = thing("ground", Plane((0.0, 0.0, 1.0), (100.0, 100.0)), z=-0.2)
-    block = thing("block", Box((0.4, 0.3, 0.3)), z=-0.05)
+    pit = body("ground", Plane((0.0, 0.0, 1.0), (100.0, 100.0)), z=-0.2)
+    block = body("block", Box((0.4, 0.3, 0.3)), z=-0.05)
     simulation = simulate(block, ground=pit)
     before = place(drive(simulation, 1.0)[-1])
     snapshots = drive(simulation, 2.0, 1.0)
     after = place(snapshots[-1])
     assert hypot(after[0] - before[0], after[1] - before[1]) < 0.3
-    assert min(snapshots[-1].wheels.speeds) > 5.0
-    assert snapshots[-1].touched == ("block",)
+    assert min(snapshots[-1].odometry.wheels.speeds) > 5.0
+    assert snapshots[-1].contacts == ("block",)
 
 
 def test_it_brakes_when_commands_stop(simulate):
@@ -160,15 +160,15 @@ def test_a_bad_command_is_refused_and_the_one_before_stays(simulate):
 
 
 def test_it_pushes_a_box_and_says_what_it_touches(simulate):
-    simulation = simulate(thing("box", Box((0.3, 0.3, 0.3)), x=1.5, z=0.15, mass=2.0))
+    simulation = simulate(body("box", Box((0.3, 0.3, 0.3)), x=1.5, z=0.15, mass=2.0))
     snapshots = drive(simulation, 4.0, 0.5)
-    assert snapshots[0].touched == ()
-    assert ("box",) in {snapshot.touched for snapshot in snapshots}
+    assert snapshots[0].contacts == ()
+    assert ("box",) in {snapshot.contacts for snapshot in snapshots}
     assert simulation.pose_of("box").position[0] > 2.0
 
 
 def test_a_static_pillar_stops_it(simulate):
-    simulation = simulate(thing("pillar", Cylinder(0.2, 2.0), x=2.0, z=1.0))
+    simulation = simulate(body("pillar", Cylinder(0.2, 2.0), x=2.0, z=1.0))
     x, _, _ = place(drive(simulation, 5.0, 0.5)[-1])
     assert x == pytest.approx(2.0 - 0.2 - 0.4937, abs=0.02)
 
@@ -188,7 +188,7 @@ def test_the_course_s_sunk_pillar_stands_where_it_should(simulate):
 @pytest.mark.parametrize("world", sorted((share_folder() / "worlds").iterdir()), ids=lambda path: path.stem)
 def test_the_robot_stands_untouched_at_the_start_of_every_world(world, simulate):
     last = drive(simulate(load_world(world)), 2.0)[-1]
-    assert last.touched == ()
+    assert last.contacts == ()
     assert last.robot.pose_in_world.position == pytest.approx((0.0, 0.0, 0.1323), abs=1e-3)
 
 
@@ -205,12 +205,15 @@ def test_it_climbs_the_ramp_onto_the_platform(simulate):
     ramp = simulate(load_world(share_folder() / "worlds" / "ramp.world"))
     last = drive(ramp, 9.0, 0.8)[-1]
     assert last.robot.pose_in_world.position[2] == pytest.approx(0.485 + 0.1323, abs=2e-3)
-    assert last.touched == ()
+    assert last.contacts == ()
 
 
 def test_a_thing_stays_whole_when_its_shape_is_off_its_origin(simulate):
-    parts = (Part(Box((0.2, 0.2, 0.2)), Pose((1.0, 0.0, 0.1))), Part(Sphere(0.1), Pose((1.0, 0.5, 0.1))))
-    dumbbell = Thing("dumbbell", Pose((3.0, 0.0, 0.0)), parts, (), 1.0)
+    parts = (
+        Geometry(Box((0.2, 0.2, 0.2)), Pose((1.0, 0.0, 0.1))),
+        Geometry(Sphere(0.1), Pose((1.0, 0.5, 0.1))),
+    )
+    dumbbell = Body("dumbbell", Pose((3.0, 0.0, 0.0)), parts, (), 1.0)
     simulation = simulate(dumbbell)
     assert simulation.pose_of("dumbbell").position == pytest.approx((3.0, 0.0, 0.0))
     drive(simulation, 2.0)
@@ -219,12 +222,12 @@ def test_a_thing_stays_whole_when_its_shape_is_off_its_origin(simulate):
 
 def test_a_plane_that_could_move_is_refused(simulate):
     with pytest.raises(PlacementError, match=r"'tray' is a plane that can move \(1.0 kg\)"):
-        simulate(thing("tray", Plane((0.0, 0.0, 1.0), (1.0, 1.0)), mass=1.0))
+        simulate(body("tray", Plane((0.0, 0.0, 1.0), (1.0, 1.0)), mass=1.0))
 
 
 def test_an_unknown_thing_is_answered_with_those_there_are(simulate):
-    with pytest.raises(PlacementError, match="no thing named 'pilar'; there are: ground, pillar"):
-        simulate(thing("pillar", Sphere(0.1))).pose_of("pilar")
+    with pytest.raises(PlacementError, match="no body named 'pilar'; there are: ground, pillar"):
+        simulate(body("pillar", Sphere(0.1))).pose_of("pilar")
 
 
 # ---------------------------------------------------------------------------- lidar
@@ -253,7 +256,7 @@ def test_at_the_start_three_beams_hit_the_pillar_as_the_closed_form_says(simulat
 
 
 def test_scans_come_at_their_rate_with_the_noise_asked_for(simulate):
-    wall = thing("wall", Box((0.2, 40.0, 2.0)), x=5.1, z=1.0)
+    wall = body("wall", Box((0.2, 40.0, 2.0)), x=5.1, z=1.0)
     simulation = simulate(wall, robot=HUSKY)
     found = scans(simulation, 300)
     assert np.diff([scan.stamp for scan in found]) == pytest.approx(0.02)
@@ -273,7 +276,7 @@ def test_without_a_lidar_there_is_no_scan(simulate):
 
 
 def test_a_pillar_to_the_left_is_at_a_negative_angle(simulate):
-    simulation = simulate(thing("pillar", Cylinder(0.2, 2.0), x=3.0, y=3.0, z=1.0), robot=HUSKY)
+    simulation = simulate(body("pillar", Cylinder(0.2, 2.0), x=3.0, y=3.0, z=1.0), robot=HUSKY)
     (scan,) = scans(simulation, 1)
     assert scan.bearings[np.argmin(scan.ranges)] < -0.7
 
@@ -282,7 +285,7 @@ def test_a_pillar_to_the_left_is_at_a_negative_angle(simulate):
 
 
 def trace(simulation):
-    """A run with noise, turning, and a thing to push, as bytes."""
+    """A run with noise, turning, and a body to push, as bytes."""
     rows = []
     for snapshot in drive(simulation, 4.0, 0.7, 0.3):
         rows += [*snapshot.robot.pose_in_world.position, *snapshot.robot.pose_in_world.quat_xyzw]
@@ -291,7 +294,7 @@ def trace(simulation):
 
 
 def test_the_same_seed_gives_the_same_run_to_the_last_bit(simulate):
-    box = thing("box", Box((0.3, 0.3, 1.0)), x=1.5, y=0.4, z=0.5, mass=2.0)
+    box = body("box", Box((0.3, 0.3, 1.0)), x=1.5, y=0.4, z=0.5, mass=2.0)
     first, second = (trace(simulate(box, robot=HUSKY, seed=5)) for _ in range(2))
     assert first == second
     assert trace(simulate(box, robot=HUSKY, seed=6)) != first
@@ -299,7 +302,7 @@ def test_the_same_seed_gives_the_same_run_to_the_last_bit(simulate):
 
 def test_a_reset_gives_the_first_run_again_to_the_last_bit(simulate):
     simulation = simulate(
-        thing("box", Box((0.3, 0.3, 1.0)), x=1.5, y=0.4, z=0.5, mass=2.0), robot=HUSKY, seed=5
+        body("box", Box((0.3, 0.3, 1.0)), x=1.5, y=0.4, z=0.5, mass=2.0), robot=HUSKY, seed=5
     )
     first = trace(simulation)
     simulation.step()  # sensors' periods begin anew too

@@ -5,13 +5,13 @@ from math import hypot, inf
 
 import numpy as np
 import pytest
-from stage import GROUND, HUSKY, drive, thing
+from stage import GROUND, HUSKY, body, drive
 
 from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, Pose2D, Sphere, World
-from husky_highlevel_controller.engine import PlacementError
 from husky_highlevel_controller.geometry import compose, quat_from_rpy, yaw_from_quat
-from husky_highlevel_controller.lidar import LidarConfig
-from husky_highlevel_controller.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.simulator.bullet.world import PlacementError
+from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
+from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
 
 EXACT = SimulatorConfig(lidar=LidarConfig(noise=0.0))
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -21,8 +21,8 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 def simulate():
     made = []
 
-    def make(*things, start=None, config=EXACT):
-        made.append(Simulation(World("w", (GROUND, *things)), HUSKY, config, start or Pose2D(), 1))
+    def make(*bodies, start=None, config=EXACT):
+        made.append(Simulation(World("w", (GROUND, *bodies)), HUSKY, config, start or Pose2D(), 1))
         return made[-1]
 
     yield make
@@ -45,9 +45,9 @@ def test_a_spawned_thing_is_seen_bumped_into_and_gone_when_deleted(simulate):
     simulation = simulate()
     drive(simulation, 0.5)
     assert ahead(simulation) == inf
-    simulation.spawn([thing("wall", Box((0.1, 2.0, 1.0)), x=1.55, z=0.5)])
+    simulation.spawn([body("wall", Box((0.1, 2.0, 1.0)), x=1.55, z=0.5)])
     assert ahead(simulation) == pytest.approx(1.5, abs=0.01)
-    assert drive(simulation, 3.0, 0.5)[-1].touched == ("wall",)
+    assert drive(simulation, 3.0, 0.5)[-1].contacts == ("wall",)
     simulation.delete("wall")
     assert ahead(simulation) == inf
     x, _ = place(simulation)
@@ -56,56 +56,56 @@ def test_a_spawned_thing_is_seen_bumped_into_and_gone_when_deleted(simulate):
 
 
 def test_a_name_is_given_once_and_the_first_stays(simulate):
-    simulation = simulate(thing("post", Cylinder(0.1, 1.0), x=3.0, z=0.5))
-    with pytest.raises(PlacementError, match="there is a thing named 'post' already"):
-        simulation.spawn([thing("post", Cylinder(0.1, 1.0), x=-3.0, z=0.5)])
+    simulation = simulate(body("post", Cylinder(0.1, 1.0), x=3.0, z=0.5))
+    with pytest.raises(PlacementError, match="there is a body named 'post' already"):
+        simulation.spawn([body("post", Cylinder(0.1, 1.0), x=-3.0, z=0.5)])
     assert simulation.pose_of("post").position[0] == pytest.approx(3.0)
 
 
 def test_the_robot_s_name_is_taken(simulate):
     with pytest.raises(PlacementError, match="named 'husky'"):
-        simulate().spawn([thing("husky", Sphere(0.1), x=3.0, z=0.5)])
+        simulate().spawn([body("husky", Sphere(0.1), x=3.0, z=0.5)])
     with pytest.raises(PlacementError, match="named 'husky'"):
-        simulate(thing("husky", Sphere(0.1), x=3.0, z=0.5))
+        simulate(body("husky", Sphere(0.1), x=3.0, z=0.5))
 
 
 @pytest.mark.parametrize("mass", [0.0, 1.0])
 @pytest.mark.parametrize(("x", "other"), [(3.0, "post"), (0.0, "husky"), (0.45, "husky")])
 def test_nothing_is_put_inside_something_else(mass, x, other, simulate):
-    simulation = simulate(thing("post", Cylinder(0.1, 1.0), x=3.0, z=0.5))
+    simulation = simulate(body("post", Cylinder(0.1, 1.0), x=3.0, z=0.5))
     drive(simulation, 0.2)
     with pytest.raises(PlacementError, match=f"'new' would stand inside '{other}'"):
-        simulation.spawn([thing("new", Box((0.2, 0.2, 0.2)), x=x, z=0.15, mass=mass)])
-    assert "new" not in simulation.things
-    simulation.spawn([thing("new", Box((0.2, 0.2, 0.2)), x=1.5, z=0.15, mass=mass)])
+        simulation.spawn([body("new", Box((0.2, 0.2, 0.2)), x=x, z=0.15, mass=mass)])
+    assert "new" not in simulation.bodies
+    simulation.spawn([body("new", Box((0.2, 0.2, 0.2)), x=1.5, z=0.15, mass=mass)])
 
 
 def test_of_a_model_that_finds_no_room_nothing_stays(simulate):
-    simulation = simulate(thing("post", Cylinder(0.1, 1.0), x=3.0, z=0.5))
-    parts = [thing("gate::a", Box((0.2,) * 3), x=2.0, z=0.1), thing("gate::b", Box((0.2,) * 3), x=3.0, z=0.1)]
+    simulation = simulate(body("post", Cylinder(0.1, 1.0), x=3.0, z=0.5))
+    parts = [body("gate::a", Box((0.2,) * 3), x=2.0, z=0.1), body("gate::b", Box((0.2,) * 3), x=3.0, z=0.1)]
     with pytest.raises(PlacementError, match="'gate::b' would stand inside 'post'"):
         simulation.spawn(parts)
-    assert set(simulation.things) == {"ground", "post"}
+    assert set(simulation.bodies) == {"ground", "post"}
 
 
 def test_a_model_is_deleted_with_all_its_parts(simulate):
     simulation = simulate()
-    simulation.spawn([thing(f"gate::{i}", Box((0.2,) * 3), x=2.0 + i, z=0.1) for i in range(3)])
+    simulation.spawn([body(f"gate::{i}", Box((0.2,) * 3), x=2.0 + i, z=0.1) for i in range(3)])
     with pytest.raises(PlacementError, match="already"):
-        simulation.spawn([thing("gate", Box((0.2,) * 3), x=9.0, z=0.1)])
+        simulation.spawn([body("gate", Box((0.2,) * 3), x=9.0, z=0.1)])
     simulation.delete("gate")
-    assert set(simulation.things) == {"ground"}
+    assert set(simulation.bodies) == {"ground"}
 
 
 def test_a_movable_thing_that_is_put_half_into_the_ground_stands_on_it(simulate):
     simulation = simulate()
-    simulation.spawn([thing("box", Box((0.4,) * 3), x=2.0, mass=1.0)])
+    simulation.spawn([body("box", Box((0.4,) * 3), x=2.0, mass=1.0)])
     drive(simulation, 0.5)
     assert simulation.pose_of("box").position == pytest.approx((2.0, 0.0, 0.2), abs=2e-3)
 
 
 def test_a_moved_thing_stands_still_where_it_was_put_and_is_seen_there(simulate):
-    simulation = simulate(thing("box", Box((0.4, 0.4, 1.0)), x=2.0, z=0.5, mass=5.0))
+    simulation = simulate(body("box", Box((0.4, 0.4, 1.0)), x=2.0, z=0.5, mass=5.0))
     drive(simulation, 0.5)
     simulation.move("box", Pose((4.0, 0.0, 0.5), UPRIGHT))
     assert ahead(simulation) == pytest.approx(3.8, abs=0.01)
@@ -114,15 +114,15 @@ def test_a_moved_thing_stands_still_where_it_was_put_and_is_seen_there(simulate)
 
 
 def test_a_static_thing_can_be_moved_too(simulate):
-    simulation = simulate(thing("wall", Box((0.4, 4.0, 1.0)), x=2.0, z=0.5))
+    simulation = simulate(body("wall", Box((0.4, 4.0, 1.0)), x=2.0, z=0.5))
     drive(simulation, 0.1)
     simulation.move("wall", Pose((5.0, 0.0, 0.5), UPRIGHT))
     assert ahead(simulation) == pytest.approx(4.8, abs=0.01)
 
 
 def test_what_cannot_be_moved_there_stays_where_it_is(simulate):
-    box, post = Box((0.4, 0.4, 1.0)), thing("post", Cylinder(0.1, 1.0), x=4.0, z=0.5)
-    simulation = simulate(thing("box", box, x=2.0, z=0.5, mass=5.0), post)
+    box, post = Box((0.4, 0.4, 1.0)), body("post", Cylinder(0.1, 1.0), x=4.0, z=0.5)
+    simulation = simulate(body("box", box, x=2.0, z=0.5, mass=5.0), post)
     drive(simulation, 0.5)
     before = simulation.pose_of("box")
     with pytest.raises(PlacementError, match="'box' would stand inside 'post'"):
@@ -131,7 +131,7 @@ def test_what_cannot_be_moved_there_stays_where_it_is(simulate):
     for name in ("ghost", "ground"):
         with pytest.raises(PlacementError, match=name):
             simulation.move(name, Pose())
-    with pytest.raises(PlacementError, match="no thing named 'ghost'; there are: box, ground, post"):
+    with pytest.raises(PlacementError, match="no body named 'ghost'; there are: box, ground, post"):
         simulation.delete("ghost")
     with pytest.raises(PlacementError, match="'husky' is the robot, which stays"):
         simulation.delete("husky")
@@ -145,21 +145,21 @@ def test_the_robot_is_put_down_at_rest_and_odom_stays_where_it_is_in_the_world(s
     drive(simulation, 3.0, 1.0, 0.2)
     before = simulation.pose_world_in_odom
     simulation.move("husky", Pose((5.0, -3.0, 0.0), quat_from_rpy(0.0, 0.0, 2.0)))
-    snapshot = simulation.step()
+    snapshot = next(snapshot for snapshot in iter(simulation.step, None) if snapshot.odometry)
     assert snapshot.robot.pose_in_world.position == pytest.approx((5.0, -3.0, 0.1323), abs=2e-3)
     assert yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw) == pytest.approx(2.0, abs=1e-3)
     assert hypot(*snapshot.robot.velocity_in_base) < 0.05
     after = simulation.pose_world_in_odom
     assert after.position == pytest.approx(before.position, abs=1e-3)
     base_in_odom = compose(before, snapshot.robot.pose_in_world)
-    believed = snapshot.odometry.pose_base_in_odom
+    believed = snapshot.odometry.filtered.pose_base_in_odom
     assert (believed.x, believed.y) == pytest.approx(base_in_odom.position[:2], abs=1e-3)
     felt = [s.imu for s in drive(simulation, 0.5) if s.imu is not None]
     assert max(hypot(*sample.specific_force[:2]) for sample in felt) < 0.5, "no crash is felt"
 
 
 def test_the_robot_is_not_put_into_something_and_drives_on_from_where_it_was(simulate):
-    simulation = simulate(thing("post", Cylinder(0.2, 1.0), x=4.0, z=0.5))
+    simulation = simulate(body("post", Cylinder(0.2, 1.0), x=4.0, z=0.5))
     drive(simulation, 2.0, 0.5)
     with pytest.raises(PlacementError, match="'husky' would stand inside 'post'"):
         simulation.move("husky", Pose((4.0, 0.3, 0.0), UPRIGHT))
@@ -169,27 +169,27 @@ def test_the_robot_is_not_put_into_something_and_drives_on_from_where_it_was(sim
 
 def test_it_does_not_start_inside_something():
     with pytest.raises(PlacementError, match="'husky' would stand inside 'post'"):
-        Simulation(World("w", (GROUND, thing("post", Cylinder(0.2, 1.0), z=0.5))), HUSKY, EXACT, Pose2D(), 0)
+        Simulation(World("w", (GROUND, body("post", Cylinder(0.2, 1.0), z=0.5))), HUSKY, EXACT, Pose2D(), 0)
 
 
 def test_everything_goes_back_to_where_it_was_put(simulate):
-    simulation = simulate(thing("box", Box((0.4, 0.4, 1.0)), x=1.5, z=0.5, mass=5.0))
-    simulation.spawn([thing("ball", Sphere(0.1), x=-2.0, z=0.1, mass=0.1)])
+    simulation = simulate(body("box", Box((0.4, 0.4, 1.0)), x=1.5, z=0.5, mass=5.0))
+    simulation.spawn([body("ball", Sphere(0.1), x=-2.0, z=0.1, mass=0.1)])
     drive(simulation, 4.0, 0.5)
     simulation.move("ball", Pose((-4.0, 0.0, 0.1), UPRIGHT))
     assert simulation.pose_of("box").position[0] > 1.7
-    simulation.put_back()
+    simulation.reset_poses()
     assert place(simulation) == pytest.approx((0.0, 0.0), abs=2e-3)
     assert simulation.pose_of("box").position == pytest.approx((1.5, 0.0, 0.5), abs=2e-3)
     assert simulation.pose_of("ball").position[:2] == pytest.approx((-2.0, 0.0), abs=2e-3)
 
 
 def test_a_reset_leaves_nothing_of_what_was_changed(simulate):
-    simulation = simulate(thing("box", Box((0.4, 0.4, 1.0)), x=1.5, z=0.5, mass=5.0))
+    simulation = simulate(body("box", Box((0.4, 0.4, 1.0)), x=1.5, z=0.5, mass=5.0))
     simulation.delete("box")
-    simulation.spawn([thing("ball", Sphere(0.1), x=-2.0, z=0.1, mass=0.1)])
+    simulation.spawn([body("ball", Sphere(0.1), x=-2.0, z=0.1, mass=0.1)])
     simulation.reset()
-    assert set(simulation.things) == {"ground", "box"}
+    assert set(simulation.bodies) == {"ground", "box"}
     assert ahead(simulation) == pytest.approx(1.3, abs=0.01)
 
 
@@ -199,25 +199,25 @@ def test_a_thousand_things_come_and_go_and_leave_no_body_behind(simulate):
     grid = [(2.0 + i // 32, i % 32 - 16.0) for i in range(1000)]
     shapes = (Box((0.3, 0.3, 0.6)), Cylinder(0.2, 0.6), Sphere(0.3))
     for i, (x, y) in enumerate(grid):
-        simulation.spawn([thing(f"t{i}", shapes[i % 3], x=x, y=y, z=0.3, mass=float(i % 2))])
-    assert len(simulation.things) == 1001
+        simulation.spawn([body(f"t{i}", shapes[i % 3], x=x, y=y, z=0.3, mass=float(i % 2))])
+    assert len(simulation.bodies) == 1001
     drive(simulation, 0.02)
     for i in range(1000):
         simulation.delete(f"t{i}")
-    assert set(simulation.things) == {"ground"}
+    assert set(simulation.bodies) == {"ground"}
     assert ahead(simulation) == inf
 
 
 def test_what_is_only_drawn_is_listed_and_deleted_but_does_not_move(simulate):
-    lines = replace(thing("lines", Box((1.0, 0.1, 0.1)), x=2.0), collisions=())
+    lines = replace(body("lines", Box((1.0, 0.1, 0.1)), x=2.0), collisions=())
     simulation = simulate(lines)
     assert simulation.pose_of("lines") == lines.pose_in_world
     with pytest.raises(PlacementError, match="'lines' is only drawn"):
         simulation.move("lines", Pose((5.0, 0.0, 0.5), UPRIGHT))
-    simulation.put_back()
+    simulation.reset_poses()
     simulation.delete("lines")
     simulation.spawn([lines])
-    assert set(simulation.things) == {"ground", "lines"}
+    assert set(simulation.bodies) == {"ground", "lines"}
 
 
 def test_in_a_world_with_nothing_in_it_nothing_is_seen():

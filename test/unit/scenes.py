@@ -8,9 +8,16 @@ from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.behaviour import Decision, Memory, View, decide
-from husky_highlevel_controller.control import ControlConfig
+from husky_highlevel_controller.controller.behaviour import (
+    ControllerState,
+    ControlOutput,
+    Observation,
+    decide,
+)
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Scan, Twist2D
+from husky_highlevel_controller.evaluation.scenarios import SICK, Disc, Lidar, Wall, cast, scan_of
 from husky_highlevel_controller.geometry import (
     advance,
     compose,
@@ -19,8 +26,6 @@ from husky_highlevel_controller.geometry import (
     quat_from_rpy,
     transform_point,
 )
-from husky_highlevel_controller.pillar import PillarConfig
-from husky_highlevel_controller.scenarios import SICK, Circle, Lidar, Segment, cast, scan_of
 
 # of the lidar in base_link (Husky URDF, husky_description 0.6.10): as it hangs, and as it could stand
 UPSIDE_DOWN = Pose((0.337, 0.0, 0.30795), quat_from_rpy(pi, 0.0, 0.0))
@@ -28,8 +33,8 @@ UPRIGHT = Pose((0.3568, 0.0, 0.28785))
 
 
 def look(
-    circles: Sequence[Circle] = (),
-    segments: Sequence[Segment] = (),
+    circles: Sequence[Disc] = (),
+    segments: Sequence[Wall] = (),
     lidar: Lidar = SICK,
     noise: float = 0.001,
     rng: Optional[np.random.Generator] = None,
@@ -46,7 +51,7 @@ class Step(NamedTuple):
 
     time: float
     pose: Pose2D
-    decision: Decision
+    output: ControlOutput
 
 
 class Toy:
@@ -57,8 +62,8 @@ class Toy:
 
     def __init__(
         self,
-        circles: Sequence[Circle] = (),
-        segments: Sequence[Segment] = (),
+        circles: Sequence[Disc] = (),
+        segments: Sequence[Wall] = (),
         pose: Optional[Pose2D] = None,
         laser_in_base: Optional[Pose] = UPSIDE_DOWN,
         control: Optional[ControlConfig] = None,
@@ -72,7 +77,7 @@ class Toy:
         self.control = control or replace(ControlConfig(), **changes)
         self.rng = None if seed is None else np.random.default_rng(seed)
         self.knows_odom, self.enabled = True, True
-        self.time, self.memory = 0.0, Memory()
+        self.time, self.controller_state = 0.0, ControllerState()
         self.period = period  # [s] between scans
         self.queue: List[Twist2D] = [STOP, STOP] if period < 0.03 else [STOP]
 
@@ -88,11 +93,13 @@ class Toy:
         return replace(look(circles, segments, rng=self.rng), stamp=self.time)
 
     def step(self) -> Step:
-        """One scan, one decision, and the motion until the next."""
-        view = View(self.scan(), self.laser_in_base, self.pose if self.knows_odom else None)
-        self.memory, decision = decide(self.memory, view, self.enabled, self.control, PillarConfig())
-        step = Step(self.time, self.pose, decision)
-        self.queue.append(decision.twist)
+        """One scan, one output, and the motion until the next."""
+        observation = Observation(self.scan(), self.laser_in_base, self.pose if self.knows_odom else None)
+        self.controller_state, output = decide(
+            self.controller_state, observation, self.enabled, self.control, PillarConfig()
+        )
+        step = Step(self.time, self.pose, output)
+        self.queue.append(output.twist)
         wanted, period = self.queue.pop(0), self.period
         dv, dw = 3.0 * period, 6.0 * period
         linear = min(max(wanted.linear, self.twist.linear - dv), self.twist.linear + dv)

@@ -10,8 +10,8 @@ import dynamic_reconfigure
 import pytest
 import yaml
 
-from husky_highlevel_controller.control import ControlConfig
-from husky_highlevel_controller.pillar import PillarConfig
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 
 ROOT = Path(__file__).parents[2]
 TEMPLATES = "/usr/share/dynamic_reconfigure"

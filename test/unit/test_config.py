@@ -10,13 +10,18 @@ from typing import get_type_hints
 import pytest
 import yaml
 
-from husky_highlevel_controller.camera import CameraConfig, CameraSetup
 from husky_highlevel_controller.config import ConfigError, read_config
-from husky_highlevel_controller.control import ControlConfig
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.lidar import LidarConfig
-from husky_highlevel_controller.pillar import PillarConfig
-from husky_highlevel_controller.simulation import SimulatorConfig
+from husky_highlevel_controller.evaluation.evaluate import ROBOT_DETECTOR, ROBOT_GAINS
+from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
+from husky_highlevel_controller.simulator.power import PowerConfig
+from husky_highlevel_controller.simulator.profile import RobotProfile
+from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConfig, CameraSetup
+from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
+from husky_highlevel_controller.simulator.sensors.lms1xx import Lms1xxConfig
+from husky_highlevel_controller.simulator.simulation import SimulatorConfig
 
 CONFIG_FOLDER = Path(__file__).parents[2] / "config"
 
@@ -177,8 +182,31 @@ def test_simulator_yaml_holds_the_simulator_s_defaults():
     ]
 
 
+def test_evaluate_drives_a_real_husky_with_the_gains_of_its_launch_file():
+    values = yaml.safe_load((CONFIG_FOLDER / "robot.yaml").read_text())
+    assert (values["p_gain_vel"], values["p_gain_ang"]) == (ROBOT_GAINS.p_gain_vel, ROBOT_GAINS.p_gain_ang)
+    assert values["range_noise"] == ROBOT_DETECTOR.range_noise
+
+
+def test_the_robot_profiles_file_and_record_are_the_same():
+    values = yaml.safe_load((CONFIG_FOLDER / "robot_profile.yaml").read_text())
+    assert read_config(values, "robot_profile.yaml: ", RobotProfile) == [RobotProfile()]
+
+
 @pytest.mark.parametrize(
-    "record", [SimulatorConfig, CameraSetup, CameraConfig, LidarConfig, ControlConfig, PillarConfig]
+    "record",
+    [
+        SimulatorConfig,
+        CameraSetup,
+        CameraConfig,
+        LidarConfig,
+        ControlConfig,
+        PillarConfig,
+        RobotProfile,
+        Lms1xxConfig,
+        HuskyBaseConfig,
+        PowerConfig,
+    ],
 )
 def test_every_parameter_says_what_it_is_and_its_default_is_allowed(record):
     hints = get_type_hints(record)
@@ -190,3 +218,16 @@ def test_every_parameter_says_what_it_is_and_its_default_is_allowed(record):
             assert item.metadata["min"] <= getattr(record(), item.name) <= item.metadata["max"], item.name
         else:
             assert hints[item.name] in (bool, str) or is_dataclass(hints[item.name]), item.name
+
+
+@pytest.mark.parametrize("value", [10**400, -(10**400), float("inf"), float("nan")])
+def test_a_number_beyond_all_bounds_is_out_of_range(value):
+    values = {**vars(LidarConfig()), "range_max": value}
+    with pytest.raises(ConfigError, match=r"~lidar/range_max = .* is out of range 0.1..1000.0"):
+        read_config(values, "~lidar/", LidarConfig)
+
+
+def test_a_lidar_without_a_valid_range_is_refused_by_both_parameters():
+    values = {**vars(LidarConfig()), "range_min": 10.0, "range_max": 0.1}
+    with pytest.raises(ConfigError, match=r"~lidar/range_min = 10.0 is not below range_max = 0.1"):
+        read_config(values, "~lidar/", LidarConfig)

@@ -38,9 +38,9 @@ def test_fewer_than_two_beams_have_no_step(beams):
     assert scan(np.ones(beams), -1.0, 1.0).angle_increment == 0.0
 
 
-def test_valid_beams_are_those_within_the_lidar_s_range_limits_included():
-    ranges = [0.1, 1.0, 30.0, 0.0999, 30.001, inf, -inf, nan, 0.0, -1.0]
-    assert scan(ranges).valid.tolist() == [True] * 3 + [False] * 7
+def test_valid_beams_are_those_within_the_range_limits_and_range_max_is_a_miss():
+    ranges = [0.1, 1.0, 29.999, 30.0, 0.0999, 30.001, inf, -inf, nan, 0.0, -1.0]
+    assert scan(ranges).valid.tolist() == [True] * 3 + [False] * 8
 
 
 def test_a_pillar_s_distance_is_to_its_near_surface_and_its_bearing_grows_to_the_left():

@@ -15,16 +15,19 @@ SOURCES = {
 }
 SCRIPTS = sorted((ROOT / "scripts").iterdir())
 
-BODY = {
-    "world", "sdf", "shapes", "description", "urdf", "robot", "simulation", "engine", "robot_engine",
-    "chassis", "traction", "drive", "odometry", "mux", "lidar", "raycast", "intersections", "imu", "gps",
-    "camera", "renderer", "scenery", "objects",
-}  # fmt: skip
-BRAIN = {"pillar", "fitting", "control", "tracking", "searching", "behaviour", "safety"}
-LABORATORY = {"rollout", "scenarios", "evaluate"}  # where body and brain meet without ROS
-# starts strangers' programs, waits for them in wall time, draws; ROS it knows by its programs only
-MARKING = {"processes", "reaper", "network", "marking", "rviz_view", "class_marking", "grade", "picture"}
-ROS = {"rospy", "tf2_ros", "roslib", "rosgraph", "genpy", "rospkg", "dynamic_reconfigure"}
+# room: prefixes of what its modules may import of this package; folders say who belongs to whom
+SHARED = sorted(name for name in SOURCES if "/" not in name)
+MAY_IMPORT = {
+    "simulator": {"simulator"},
+    "controller": {"controller"},
+    "evaluation": {"evaluation", "simulator", "controller"},
+    "grading": {"grading"},
+    "ros": {"ros"},
+    **{f"ros/{room}": {f"ros/{room}", room} for room in ("simulator", "controller", "grading")},
+    "ros/safety": {"ros/safety", "controller"},
+    "ros/web": {"ros/web"},
+}
+ROS = {"rospy", "tf2_ros", "roslib", "roslaunch", "rosgraph", "genpy", "rospkg", "dynamic_reconfigure"}
 CLOCKS = {"time", "datetime", "threading", "random"}
 
 
@@ -59,65 +62,58 @@ def neighbours(name):
     return found
 
 
-def reach(name):
-    """All modules of the package that come along with one."""
-    found, ahead = set(), {name}
-    while ahead:
-        found |= ahead
-        ahead = set().union(*(neighbours(each) for each in ahead)) - found
-    return found
+def room(name):
+    """The longest folder of a module that has a rule of its own; empty for the shared words."""
+    folders = name.split("/")[:-1]
+    prefixes = ["/".join(folders[:n]) for n in range(len(folders), 0, -1)]
+    return next((prefix for prefix in prefixes if prefix in MAY_IMPORT), prefixes[-1] if prefixes else "")
 
 
-core = pytest.mark.parametrize("name", [name for name in SOURCES if not name.startswith("nodes/")])
+def within(name, folders):
+    return any(name == folder or name.startswith(f"{folder}/") for folder in folders)
+
+
 every = pytest.mark.parametrize("name", list(SOURCES))
-
-
-def test_body_and_brain_are_where_this_test_looks_for_them():
-    assert set(SOURCES) >= BODY | BRAIN | LABORATORY | MARKING
+core = pytest.mark.parametrize("name", [name for name in SOURCES if not name.startswith("ros/")])
 
 
 @every
-def test_only_the_engines_talk_to_pybullet(name):
-    assert name in {"engine", "robot_engine"} or not {"pybullet", "pybullet_data"} & libraries(name)
+def test_a_module_imports_only_what_its_room_may(name):
+    own = room(name)
+    assert not own or own in MAY_IMPORT, f"{name}: a folder without a rule; add it to design and test"
+    allowed = {"__init__", *SHARED}
+    folders = MAY_IMPORT.get(own, set())
+    for other in neighbours(name):
+        if other.endswith("__init__"):
+            continue
+        direct_ros = own.startswith("ros") and other.startswith("ros/") and other.count("/") == 1
+        assert other in allowed or within(other, folders) or direct_ros, f"{name} may not import {other}"
 
 
 @every
-def test_only_the_pictures_load_matplotlib(name):
-    assert name == "picture" or "matplotlib" not in libraries(name)
+def test_only_its_own_folder_talks_to_pybullet(name):
+    assert within(name, {"simulator/bullet"}) or not {"pybullet", "pybullet_data"} & libraries(name)
+
+
+@every
+def test_only_plots_load_matplotlib(name):
+    assert name in {"grading/plots", "evaluation/plots"} or "matplotlib" not in libraries(name)
 
 
 def test_what_runs_beside_a_submission_imports_nothing_of_this_package():
     # a package of the submission may have the same name
-    assert not neighbours("nodes/submission")
+    assert not neighbours("ros/grading/submission")
 
 
 @core
-def test_only_nodes_talk_to_ros(name):
-    assert not {"rospy", "tf2_ros", "rosgraph_msgs"} & libraries(name)
-    if name not in ("messages", "drawing"):
-        assert not ROS & libraries(name)
-        assert not {library for library in libraries(name) if library.endswith(("_msgs", "_srvs"))}
+def test_only_the_ros_room_talks_to_ros(name):
+    assert not ROS & libraries(name)
+    assert not {library for library in libraries(name) if library.endswith(("_msgs", "_srvs"))}
 
 
 @core
-def test_nothing_outside_nodes_imports_a_node_or_keeps_its_own_time(name):
-    assert not {other for other in neighbours(name) if other.startswith("nodes")}
-    assert name in MARKING or not CLOCKS & libraries(name)
-
-
-@pytest.mark.parametrize("name", sorted(BODY))
-def test_the_body_does_not_know_the_brain(name):
-    assert not BRAIN & reach(name)
-
-
-@pytest.mark.parametrize("name", sorted(BRAIN))
-def test_the_brain_does_not_know_the_body(name):
-    assert not BODY & reach(name)
-
-
-@core
-def test_body_and_brain_meet_only_in_the_laboratory(name):
-    assert name in LABORATORY | MARKING or not (BODY & reach(name) and BRAIN & reach(name))
+def test_only_grading_and_ros_keep_time(name):
+    assert within(name, {"grading"}) or not CLOCKS & libraries(name)
 
 
 @every

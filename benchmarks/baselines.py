@@ -1,0 +1,135 @@
+"""What the figures are held against, without this package's own simulation: PyBullet, and nothing around it.
+
+As a program it runs the bare loop in a process of its own: `baselines.py RESULT.json SECONDS`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Dict, Sequence, Tuple
+
+import numpy as np
+import pybullet
+from network import peak_megabytes
+
+from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Pose, Shape, Sphere, even_beams
+from husky_highlevel_controller.evaluation.rollout import husky
+from husky_highlevel_controller.evaluation.scenarios import course_scenario
+from husky_highlevel_controller.geometry import matrix_from_quat
+from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
+
+STEP_RATE, SCAN_RATE = 240, 50  # [Hz]
+WHEEL_SPEED, WHEEL_TORQUE = 3.0, 100.0  # [rad/s], [N m]
+OUTSIDE = 0.15  # [m] from the optical centre: here rays are out of the lidar's own hull
+
+
+def bare_loop(seconds: float, tuned: bool = False) -> Dict[str, float]:
+    """Simulate the Husky in the course's world as one does who knows PyBullet's quick start.
+
+    240 steps and 50 batches of 720 rays a second; the robot drives on, nobody looks at what it sees.
+
+    Args:
+        seconds: of simulated time.
+        tuned: with wheels that are true cylinders, 20 solver iterations, and rays that start outside the
+            robot: Bullet takes three times as long for a ray that starts within a hull.
+
+    Returns:
+        Simulated seconds per second of wall time ("factor") and CPU seconds per simulated second ("cpu").
+    """
+    client = pybullet.connect(pybullet.DIRECT)
+    pybullet.setTimeStep(1.0 / STEP_RATE, client)
+    pybullet.setGravity(0.0, 0.0, -9.8, physicsClientId=client)
+    for body in course_scenario().world.bodies:
+        for geometry in body.collisions:
+            put(client, geometry.shape, body.pose_in_world)
+    flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+    if tuned:
+        flags |= pybullet.URDF_USE_IMPLICIT_CYLINDER
+        pybullet.setPhysicsEngineParameter(numSolverIterations=20, physicsClientId=client)
+    robot = _load_husky(client, flags)
+    lidar, reach = LidarConfig(), LidarConfig().range_max
+    x, y = even_beams(-lidar.angle_max, lidar.angle_max, lidar.beams).directions
+    beams = np.column_stack([x, y, np.zeros(lidar.beams)])
+    mount = husky().fixed_poses[husky().laser_frame]
+    info = pybullet.getDynamicsInfo(robot, -1, physicsClientId=client)
+    base_in_inertial = pybullet.invertTransform(info[3], info[4])
+    laser = pybullet.multiplyTransforms(*base_in_inertial, mount.position, mount.quat_xyzw)
+    begin, cpu_begin = time.perf_counter(), time.process_time()
+    for step in range(1, round(seconds * STEP_RATE) + 1):
+        pybullet.stepSimulation(client)
+        if step * SCAN_RATE % STEP_RATE < SCAN_RATE:
+            body = pybullet.getBasePositionAndOrientation(robot, client)
+            center, quat = pybullet.multiplyTransforms(*body, *laser)
+            turned = beams @ matrix_from_quat(quat).T
+            cast(client, center + (OUTSIDE if tuned else 0.0) * turned, center + reach * turned)
+    took, cpu = time.perf_counter() - begin, time.process_time() - cpu_begin
+    pybullet.disconnect(client)
+    return {"factor": seconds / took, "cpu": cpu / seconds}
+
+
+def cast(client: int, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """How far along its ray each beam hits something; 1 for nothing. Arrays in are faster than lists."""
+    return np.array([hit[2] for hit in pybullet.rayTestBatch(starts, ends, physicsClientId=client)])
+
+
+def put(client: int, shape: Shape, pose: Pose) -> int:
+    """A body that does not move, of one shape."""
+    if isinstance(shape, Box):
+        size = {"shapeType": pybullet.GEOM_BOX, "halfExtents": [edge / 2.0 for edge in shape.size]}
+    elif isinstance(shape, Cylinder):
+        size = {"shapeType": pybullet.GEOM_CYLINDER, "radius": shape.radius, "height": shape.length}
+    elif isinstance(shape, Sphere):
+        size = {"shapeType": pybullet.GEOM_SPHERE, "radius": shape.radius}
+    elif isinstance(shape, Plane):
+        size = {"shapeType": pybullet.GEOM_PLANE, "planeNormal": shape.normal}
+    collision = pybullet.createCollisionShape(physicsClientId=client, **size)
+    body: int = pybullet.createMultiBody(
+        0.0, collision, basePosition=pose.position, baseOrientation=pose.quat_xyzw, physicsClientId=client
+    )
+    return body
+
+
+class BulletRays:
+    """Shapes in a server of their own, and Bullet's rays at them."""
+
+    def __init__(self, shapes: Sequence[Tuple[Shape, Pose]]) -> None:
+        self._client = pybullet.connect(pybullet.DIRECT)
+        for shape, pose in shapes:
+            put(self._client, shape, pose)
+
+    def scan(self, pose_laser_in_world: Pose, angles: np.ndarray, reach: float) -> np.ndarray:
+        """The distances of one scan [m]."""
+        beams = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+        beams = beams @ matrix_from_quat(pose_laser_in_world.quat_xyzw).T
+        starts = np.broadcast_to(pose_laser_in_world.position, beams.shape)
+        return reach * cast(self._client, np.ascontiguousarray(starts), starts + reach * beams)
+
+    def close(self) -> None:
+        """Give the server's memory back."""
+        pybullet.disconnect(self._client)
+
+
+def _load_husky(client: int, flags: int) -> int:
+    handle, path = tempfile.mkstemp(suffix=".urdf")
+    with os.fdopen(handle, "w") as file:
+        file.write(husky().physics_urdf)
+    height = husky().wheels[0].radius - husky().wheels[0].position[2]
+    robot: int = pybullet.loadURDF(path, (0.0, 0.0, height), flags=flags, physicsClientId=client)
+    os.remove(path)
+    joints = range(pybullet.getNumJoints(robot, client))
+    wheels = [j for j in joints if pybullet.getJointInfo(robot, j, client)[2] == pybullet.JOINT_REVOLUTE]
+    pybullet.setJointMotorControlArray(
+        robot, wheels, pybullet.VELOCITY_CONTROL, targetVelocities=[WHEEL_SPEED] * len(wheels),
+        forces=[WHEEL_TORQUE] * len(wheels), physicsClientId=client,
+    )  # fmt: skip
+    return robot
+
+
+if __name__ == "__main__":
+    figures = bare_loop(float(sys.argv[2]))
+    Path(sys.argv[1]).write_text(json.dumps({**figures, "memory": peak_megabytes()}))

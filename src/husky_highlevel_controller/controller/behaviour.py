@@ -1,0 +1,293 @@
+"""State machine of the pillar controller: one scan in, one velocity command and its reason out.
+
+In: an `Observation`, a `ControllerState`. Out: the next `ControllerState`, a `ControlOutput`.
+Must not know: ROS, PyBullet, clocks: time is the scan's stamp.
+
+It follows the pillar it sees (tracking.py), drives to it (control.py), and searches for it when it is
+out of sight (search.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from math import hypot, inf, nan
+from typing import List, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.controller.control import (
+    ControlConfig,
+    Target,
+    heading_twist,
+    limited,
+    remaining_distance,
+    steer,
+    target_at,
+    to_be_touched,
+)
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
+from husky_highlevel_controller.controller.search import (
+    LOOK_AHEAD,
+    SEARCH_SPEED,
+    Search,
+    free_bearing,
+    near_points,
+    search_on,
+)
+from husky_highlevel_controller.controller.tracking import Estimate, Track, Visibility, aged, follow
+from husky_highlevel_controller.datatypes import STOP, Pillar, Pose, Pose2D, Scan, Twist2D
+from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, transform_point
+
+JUMP, TOP_SPEED = 0.3, 2.0  # [m], [m/s]: a robot that is farther from its last place was put there
+RESUME_ERROR = 0.10  # [m], further than this from where it should stand an arrived robot drives again
+CLOSE = 0.003  # [m], a gap that noise may make of a touch; from here on it creeps for PRESSING
+PRESSING = 0.2  # [s], at control.TOUCH_LEAST_SPEED: 8 mm, so that it does touch, and hardly pushes
+
+
+class State(Enum):
+    """What the robot is doing."""
+
+    WAITING = "waiting"  # it cannot judge, or must not search
+    SEARCHING = "searching"
+    DRIVING = "driving"
+    ARRIVED = "arrived"
+    STOPPED = "stopped"  # by its start/stop service
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """One scan, and the poses of its stamp."""
+
+    scan: Scan
+    laser_in_base: Optional[Pose]  # None where TF does not know
+    base_in_odom: Optional[Pose2D]  # at the scan's stamp; None where TF does not know
+
+    @cached_property
+    def laser_in_odom(self) -> Optional[Pose]:
+        """Pose of the lidar at the scan's stamp; None where TF does not know."""
+        if self.laser_in_base is None or self.base_in_odom is None:
+            return None
+        return compose(pose_from_2d(self.base_in_odom), self.laser_in_base)
+
+
+class ControllerState(NamedTuple):
+    """What the controller keeps from scan to scan."""
+
+    state: State = State.WAITING
+    track: Track = Track()
+    search: Optional[Search] = None  # while searching
+    at_pillar: bool = False  # it has arrived, and not left since
+    close_at: Optional[float] = None  # [s], since when it has been close to what it is going to touch
+    started_at: Optional[float] = None  # [s], stamp of this drive's first scan
+    base_in_odom: Optional[Pose2D] = None  # at the last scan; None where TF did not know
+    updated_at: float = -inf  # [s], stamp of the last scan
+
+    @property
+    def estimate(self) -> Optional[Estimate]:
+        """The pillar, as far as it is remembered."""
+        return self.track.estimate
+
+
+class ControlOutput(NamedTuple):
+    """Velocity command of one scan, with its reason and what it is based on."""
+
+    state: State
+    at_pillar: bool  # it has arrived, and not left since: also while it is stopped there
+    twist: Twist2D
+    pillar: Optional[Pillar]  # that is followed and seen in this scan, in the laser's frame
+    pillar_in_odom: Optional[Tuple[float, float, float]]  # [m], its centre; None where TF does not know odom
+    estimate: Optional[Estimate]  # what is remembered, in odom
+    target_in_base: Optional[Tuple[float, float]]  # [m], the pillar's centre, seen or else remembered
+    distance_error: float  # [m], still to go; nan without a target
+    bearing_error: float  # [rad], of the target in base_link; nan without one
+    reason: str  # a sentence for the log; the same one as long as the situation is the same
+    moved: bool = False  # the robot is not where it was at the last scan: put elsewhere, or odom was reset
+
+
+def decide(
+    controller_state: ControllerState,
+    observation: Observation,
+    enabled: bool,
+    control: ControlConfig,
+    detector_config: PillarConfig,
+) -> Tuple[ControllerState, ControlOutput]:
+    """Compute the command that answers one scan.
+
+    Args:
+        controller_state: what the previous call returned, ControllerState() at first.
+        observation: the scan, and where its lidar was.
+        enabled: whether the robot may move; perception goes on without it.
+        control: gains and limits.
+        detector_config: what counts as a pillar.
+
+    Returns:
+        The state for the next call, and the output. A scan older than the last one means that the
+        simulator was started again, so that odom is another: everything is forgotten.
+    """
+    stamp = observation.scan.stamp
+    if stamp < controller_state.updated_at:
+        controller_state = ControllerState()
+    moved = _moved(controller_state, observation)
+    if moved:
+        controller_state = controller_state._replace(started_at=None, at_pillar=False)
+    track, pillar, pillar_in_odom, visibility = _look(
+        controller_state, observation, find_pillars(observation.scan, detector_config)
+    )
+    target = _target(track.estimate, observation, pillar)
+    controller_state = controller_state._replace(
+        track=track,
+        close_at=_close_at(controller_state, target, stamp, control),
+        started_at=stamp if enabled and controller_state.started_at is None else controller_state.started_at,
+        base_in_odom=observation.base_in_odom,
+        updated_at=stamp,
+    )
+    state, twist, reason, search = _act(
+        controller_state, observation, target, pillar is not None, visibility, enabled, control
+    )
+    remaining = remaining_distance(target, control) if target else nan
+    at_pillar = state is State.ARRIVED or (controller_state.at_pillar and remaining <= RESUME_ERROR)
+    leaves = controller_state.at_pillar and not at_pillar
+    started_at = (stamp if leaves else controller_state.started_at) if enabled else None
+    controller_state = controller_state._replace(
+        state=state, at_pillar=at_pillar, search=search, started_at=started_at
+    )
+    output = ControlOutput(
+        state,
+        controller_state.at_pillar,
+        limited(twist, control),
+        pillar,
+        pillar_in_odom,
+        aged(controller_state.estimate, stamp) if controller_state.estimate else None,
+        (target.x, target.y) if target else None,
+        remaining,
+        target.bearing if target else nan,
+        reason,
+        moved,
+    )
+    return controller_state, output
+
+
+def _moved(controller_state: ControllerState, observation: Observation) -> bool:
+    """Whether the robot is farther from where it was than it can have driven."""
+    before, now = controller_state.base_in_odom, observation.base_in_odom
+    if before is None or now is None:
+        return False
+    return hypot(now.x - before.x, now.y - before.y) > JUMP + TOP_SPEED * (
+        observation.scan.stamp - controller_state.updated_at
+    )
+
+
+def _look(
+    controller_state: ControllerState, observation: Observation, pillars: List[Pillar]
+) -> Tuple[Track, Optional[Pillar], Optional[Tuple[float, float, float]], Visibility]:
+    """Follow the pillar; without a pose in odom, take the nearest one of this scan."""
+    laser_in_odom = observation.laser_in_odom
+    if laser_in_odom is None:
+        return controller_state.track, (pillars[0] if pillars else None), None, Visibility.UNKNOWN
+    patient = controller_state.state is State.ARRIVED
+    track, sighting, visibility = follow(
+        controller_state.track, pillars, observation.scan, laser_in_odom, patient
+    )
+    if sighting is None:
+        return track, None, None, visibility
+    return track, sighting.pillar, sighting.center_in_odom, visibility
+
+
+def _target(
+    estimate: Optional[Estimate], observation: Observation, pillar: Optional[Pillar]
+) -> Optional[Target]:
+    """The pillar as it is seen, or else as it is remembered."""
+    if observation.laser_in_base is None:
+        return None
+    if pillar is not None:
+        x, y, _ = transform_point(observation.laser_in_base, (pillar.x, pillar.y, 0.0))
+        return target_at((x, y), pillar.radius, observation.laser_in_base)
+    if estimate is None or observation.base_in_odom is None:
+        return None
+    place_in_odom = (estimate.x, estimate.y, 0.0)
+    x, y, _ = transform_point(inverse(pose_from_2d(observation.base_in_odom)), place_in_odom)
+    return target_at((x, y), estimate.radius, observation.laser_in_base)
+
+
+def _close_at(
+    controller_state: ControllerState, target: Optional[Target], stamp: float, control: ControlConfig
+) -> Optional[float]:
+    """Since when the robot has been close to a pillar that it is going to touch [s]; None if it is not."""
+    if target is None or not to_be_touched(target, control):
+        return None
+    near = RESUME_ERROR if controller_state.close_at is not None else CLOSE
+    if target.gap > near:
+        return None
+    return stamp if controller_state.close_at is None else controller_state.close_at
+
+
+_Act = Tuple[State, Twist2D, str, Optional[Search]]
+
+
+def _act(
+    controller_state: ControllerState,
+    observation: Observation,
+    target: Optional[Target],
+    pillar_seen: bool,
+    visibility: Visibility,
+    enabled: bool,
+    control: ControlConfig,
+) -> _Act:
+    """What to do, given what is known of the pillar."""
+    if not enabled:
+        return State.STOPPED, STOP, "stopped by its start/stop service", None
+    if observation.laser_in_base is None:
+        missing = f"no transform from '{observation.scan.frame}' to base_link"
+        return State.WAITING, STOP, f"{missing}: standing still; is robot_state_publisher running?", None
+    measured = pillar_seen or observation.scan.valid.any()
+    if not measured and not (observation.scan.returns == inf).any():  # no beam, or too close for all
+        reason = "no pillar in the scan (it has no valid range): standing still; is the lidar covered?"
+        return State.WAITING, STOP, reason, None
+    points = near_points(observation.scan, observation.laser_in_base, target if pillar_seen else None)
+    if target is not None and (pillar_seen or control.search):
+        return (*_drive(controller_state, target, pillar_seen, visibility, points, control), None)
+    nothing = "none of its returns looks like one" if measured else "it has no valid range"
+    nothing = f"no pillar in the scan ({nothing})"
+    if not control.search:
+        return State.WAITING, STOP, f"{nothing}: standing still; set ~search to true, or turn the robot", None
+    if observation.base_in_odom is None:
+        reason = f"{nothing}, and no transform to odom to search by: standing still; is odometry running?"
+        return State.WAITING, STOP, reason, None
+    search, twist = search_on(controller_state.search or Search(), observation.base_in_odom, points, control)
+    how = "turning to look around" if search.to_turn > 0.0 else "driving a widening search"
+    return State.SEARCHING, twist, f"{nothing}: {how}", search
+
+
+def _drive(
+    controller_state: ControllerState,
+    target: Target,
+    seen: bool,
+    visibility: Visibility,
+    points_in_base: np.ndarray,
+    control: ControlConfig,
+) -> Tuple[State, Twist2D, str]:
+    """Drive to the pillar, round what is in the way, and stop there."""
+    remaining, arrived = remaining_distance(target, control), controller_state.state is State.ARRIVED
+    if to_be_touched(target, control):
+        near_enough, where = CLOSE, "touching the pillar"
+        there = (
+            controller_state.close_at is not None
+            and controller_state.updated_at - controller_state.close_at > PRESSING
+        )
+    else:
+        near_enough, where = control.arrival_tolerance, "at the stop distance"
+        there = remaining <= near_enough
+    if (seen and there) or (arrived and remaining <= RESUME_ERROR):
+        return State.ARRIVED, STOP, f"arrived: {where}"
+    if not seen and remaining <= near_enough:
+        return State.DRIVING, heading_twist(target.bearing, 0.0, control), "looking where the pillar was"
+    why = "driving to the pillar" if seen else f"the pillar is {visibility.value}: driving to where it was"
+    bearing = free_bearing(points_in_base, target.bearing, min(LOOK_AHEAD, remaining))
+    if bearing is None:
+        return State.DRIVING, Twist2D(0.0, control.search_rate), "no free way ahead: turning to find one"
+    if bearing != target.bearing:
+        twist = heading_twist(bearing, min(SEARCH_SPEED, control.max_linear), control)
+        return State.DRIVING, twist, "something is in the way: driving round it"
+    return State.DRIVING, steer(target, control), why

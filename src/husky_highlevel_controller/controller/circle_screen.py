@@ -1,0 +1,139 @@
+"""Rejects most of many segments at once: the bound on the work that one scan can cause.
+
+In: a scan's segments. Out: those that may be pillars, to be fitted one by one.
+Must not know: ROS, PyBullet, what happens to the segments that are left.
+
+`fit_circle` takes about 0.1 ms for a segment, and a hedge makes hundreds of segments. Here one geometric fit
+runs for all of them in the same arrays. It rejects only what misses a limit by a clear margin, and the exact
+fit decides about the rest, so that the pillars found are the same as without the screen.
+"""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import List, NamedTuple, Sequence, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.controller.circle_fit import (
+    MAX_STEPS,
+    MIN_COSINE,
+    Segment,
+    fit_step,
+    line_misfit,
+)
+from husky_highlevel_controller.datatypes import Scan
+
+_MARGIN = 0.005  # [m], by which a circle must miss a limit
+_ODDS_MARGIN = 1.0  # the same for the odds of a line
+_SAMPLES = 16  # beams of a silhouette that are looked at
+
+
+class Limits(NamedTuple):
+    """What a circle must meet to be a pillar."""
+
+    radius: float  # [m], what is expected
+    tolerance: float  # [m], how far a measured radius may be off
+    max_residual: float  # [m], largest root mean square distance from the circle
+    noise: float  # [m], differences in range not worth explaining
+    line_odds: float  # a line whose lead is larger wins
+    hidden_odds: float  # the same where part of the silhouette is hidden
+
+
+class _Fits(NamedTuple):
+    """The circles of S segments, (S,) each."""
+
+    x: np.ndarray  # [m], centre, along the segment's middle
+    y: np.ndarray  # [m], centre, across it
+    radius: np.ndarray  # [m]
+    residual: np.ndarray  # [m], root mean square distance of the end points
+    line_lead: np.ndarray  # by which a line explains the segment better: logarithm, times beams to spare
+    near: np.ndarray  # [m], the shortest range
+    counts: np.ndarray  # of beams
+    first: np.ndarray  # beam
+    last: np.ndarray  # beam
+
+
+def may_be_pillars(scan: Scan, segments: Sequence[Segment], limits: Limits) -> List[Segment]:
+    """The segments, in their order, that the exact fit may find to be pillars.
+
+    Args:
+        scan: that they are of.
+        segments: one or more.
+        limits: what a pillar's circle meets.
+    """
+    fits = _geometric_fits(segments, limits.radius, limits.noise)
+    round_enough = (
+        (fits.x > fits.near - _MARGIN)
+        & (fits.residual <= limits.max_residual + _MARGIN)
+        & (np.abs(fits.radius - limits.radius) <= limits.tolerance + _MARGIN)
+        & (fits.line_lead < limits.line_odds + _ODDS_MARGIN)
+    )
+    (kept,) = round_enough.nonzero()
+    fits = _Fits(*(column[kept] for column in fits))
+    missing, hidden = _silhouettes(scan, fits, 4.0 * limits.max_residual)
+    framed = (missing <= fits.counts // 10) & (
+        (hidden == 0) | (fits.line_lead < limits.hidden_odds + _ODDS_MARGIN)
+    )
+    return [segments[index] for index in kept[framed].tolist()]
+
+
+def _geometric_fits(segments: Sequence[Segment], radius: float, noise: float) -> _Fits:
+    """Every segment's circle, made as `fit_circle` refines one, and the lead of its line."""
+    near = np.array([segment.near for segment in segments])
+    count = np.array([len(segment.beams) for segment in segments])
+    starts = np.cumsum(count) - count
+    of = np.repeat(np.arange(len(segments)), count)  # which segment a beam is of
+    beams = np.array(list(chain.from_iterable(segment.beams for segment in segments)))
+    ranges = np.array(list(chain.from_iterable(segment.ranges for segment in segments)))
+    first, last = beams[starts], beams[starts + count - 1]
+    angles = segments[0].step * (beams - (0.5 * (first + last))[of])
+    cosines, sines = np.cos(angles), np.sin(angles)
+    px, py, origin = ranges * cosines, ranges * sines, near + radius
+    x, y, r = np.zeros(len(segments)), np.zeros(len(segments)), np.full(len(segments), radius)
+    for steps_left in range(MAX_STEPS, -1, -1):
+        dx, dy = (origin + x)[of] - px, y[of] - py
+        rho = np.maximum(np.sqrt(dx * dx + dy * dy), 1e-9)
+        dx /= rho
+        dy /= rho
+        error = rho - r[of]
+        cosine = np.maximum(dx * cosines + dy * sines, MIN_COSINE)
+        weight = 1.0 / (cosine * cosine)
+        if steps_left == 0:
+            break
+        wx, wy, we = weight * dx, weight * dy, weight * error
+        terms = np.stack((wx * dx, wx * dy, -wx, wx * error, wy * dy, -wy, wy * error, weight, -we))
+        xx, xy, xr, xe, yy, yr, ye, rr, re = np.add.reduceat(terms, starts, axis=1)
+        # the fourth row, of the error, takes no part in a step
+        products = [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, rr, re], []]
+        step_x, step_y, step_r = fit_step((x, y, r), products, radius)
+        longest = np.maximum(np.maximum(np.abs(step_x), np.abs(step_y)), np.abs(step_r))
+        share = radius / np.maximum(longest, radius)
+        x, y, r = x - share * step_x, y - share * step_y, np.maximum(r - share * step_r, 0.1 * radius)
+    squares = error * error
+    u, v = ranges * px, ranges * py
+    line_terms = (u * u, u * v, v * v, u * ranges, v * ranges, ranges * ranges)
+    sums = np.add.reduceat(np.stack((squares, weight * squares, *line_terms)), starts, axis=1)
+    noises = count * noise**2
+    lead = np.maximum(count - 2, 1) * np.log((sums[1] + noises) / (line_misfit(sums[2:]) + noises))
+    return _Fits(origin + x, y, r, np.sqrt(sums[0] / count), lead, near, count, first, last)
+
+
+def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.ndarray]:
+    """How many sampled beams pass through each circle, and how many are hidden: no more than of all beams."""
+    step, distance, r = abs(scan.angle_increment), np.hypot(fits.x, fits.y), fits.radius[:, None]
+    inner = np.maximum(0.9 * fits.radius - 2.0 * fits.residual - _MARGIN, 0.0)
+    half = np.arcsin(np.minimum(inner / np.maximum(distance, 1e-9), 1.0)) / step
+    centre = 0.5 * (fits.first + fits.last) + np.arctan2(fits.y, fits.x) / scan.angle_increment
+    low, high = np.maximum(np.ceil(centre - half), 0.0), np.minimum(centre + half, len(scan.ranges) - 1.0)
+    stride = np.maximum((high - low) / _SAMPLES, 1.0)
+    sampled = np.floor(low[:, None] + stride[:, None] * np.arange(_SAMPLES))
+    psi = (sampled - centre[:, None]) * step
+    across = np.minimum(np.abs(distance[:, None] * np.sin(psi)), r)
+    expected = distance[:, None] * np.cos(psi) - np.sqrt(r * r - across * across)
+    reading = scan.returns[np.clip(sampled, 0, len(scan.ranges) - 1).astype(int)]
+    own = (sampled >= fits.first[:, None]) & (sampled <= fits.last[:, None])
+    others = (sampled <= high[:, None]) & ~own
+    missing = others & (reading > expected + slack + _MARGIN)
+    hidden = others & (reading < expected - slack - _MARGIN)
+    return missing.sum(axis=1), hidden.sum(axis=1)

@@ -1,0 +1,133 @@
+"""The laws of the drive to a pillar, and when it is reached.
+
+In: where the pillar is, seen from base_link. Out: the twist to command.
+Must not know: ROS, PyBullet, scans, time.
+
+Two proportional laws: forward speed from the distance still to go, turning rate from the bearing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import atan2, cos, hypot
+from typing import NamedTuple, Tuple
+
+from husky_highlevel_controller.datatypes import Pose, Twist2D
+from husky_highlevel_controller.footprint import clearance_at
+
+TOUCH_SPEED = 0.1  # [m/s], fastest towards something that is going to be touched
+TOUCH_LEAST_SPEED = 0.04  # [m/s], a proportional law alone would never quite get there
+TOUCH_SLOW_FROM = 0.25  # [m] before the touch; room to brake from 1.0 m/s at 3.0 m/s^2
+
+
+@dataclass(frozen=True)
+class ControlConfig:
+    """Gains and limits of the drive to the pillar, and of the search for it.
+
+    The default gains brake from 1.0 m/s with at most 2 m/s^2 and forgive 0.1 s of delay without swinging;
+    the robot's own limits are 1.0 m/s, 3.0 m/s^2, 2.0 rad/s, 6.0 rad/s^2 (husky_control 0.6.10).
+    """
+
+    p_gain_vel: float = field(
+        default=2.0,
+        metadata={"min": 0.0, "max": 10.0, "help": "forward speed for each metre still to go [1/s]"},
+    )
+    p_gain_ang: float = field(
+        default=2.0,
+        metadata={"min": 0.0, "max": 10.0, "help": "turning rate for each radian of bearing [1/s]"},
+    )
+    stop_distance: float = field(
+        default=0.4,
+        metadata={
+            "min": 0.0,
+            "max": 10.0,
+            "help": "where to stop, from the lidar to the pillar's surface; 0: touch it [m]",
+        },
+    )
+    max_linear: float = field(
+        default=1.0, metadata={"min": 0.0, "max": 1.0, "help": "fastest forward speed [m/s]"}
+    )
+    max_angular: float = field(
+        default=1.0, metadata={"min": 0.0, "max": 2.0, "help": "fastest turning rate [rad/s]"}
+    )
+    arrival_tolerance: float = field(
+        default=0.01,
+        metadata={"min": 0.001, "max": 0.09, "help": "how near to stop_distance counts as arrived [m]"},
+    )
+    search: bool = field(
+        default=True,
+        metadata={"help": "turn and drive to look for a pillar never seen or lost; false: stand still"},
+    )
+    search_rate: float = field(
+        default=0.5, metadata={"min": 0.05, "max": 2.0, "help": "turning rate of the search [rad/s]"}
+    )
+    search_radius_step: float = field(
+        default=1.5, metadata={"min": 0.1, "max": 10.0, "help": "by which the search widens each round [m]"}
+    )
+
+
+class Target(NamedTuple):
+    """The pillar as the control needs it."""
+
+    x: float  # [m], centre, in base_link
+    y: float  # [m], centre, in base_link
+    radius: float  # [m]
+    distance: float  # [m], from the lidar to the pillar's near surface, as a scan reads it
+    gap: float  # [m], from the robot's outline to the pillar's surface
+
+    @property
+    def bearing(self) -> float:
+        """Direction of the centre in base_link [rad]."""
+        return atan2(self.y, self.x)
+
+
+def target_at(center_in_base: Tuple[float, float], radius: float, laser_in_base: Pose) -> Target:
+    """The target that a pillar is, whichever way up the lidar is mounted.
+
+    Args:
+        center_in_base: of the pillar [m].
+        radius: of the pillar [m].
+        laser_in_base: where the lidar is.
+    """
+    x, y = center_in_base
+    distance = hypot(x - laser_in_base.position[0], y - laser_in_base.position[1]) - radius
+    return Target(x, y, radius, distance, clearance_at(x, y) - radius)
+
+
+def remaining_distance(target: Target, config: ControlConfig) -> float:
+    """Distance to the stop point, or to the touch where the hull is in the way of that [m]."""
+    return min(target.distance - config.stop_distance, target.gap)
+
+
+def to_be_touched(target: Target, config: ControlConfig) -> bool:
+    """Whether the hull meets the pillar before the lidar is at the stop distance."""
+    return target.gap < target.distance - config.stop_distance
+
+
+def steer(target: Target, config: ControlConfig) -> Twist2D:
+    """The proportional laws: never backwards, slower the less the robot faces the pillar, limited.
+
+    Args:
+        target: where the pillar is.
+        config: gains and limits.
+
+    Returns:
+        The velocity to command, in base_link.
+    """
+    speed = config.p_gain_vel * remaining_distance(target, config)
+    if config.p_gain_vel > 0.0 and to_be_touched(target, config):
+        speed = max(speed, TOUCH_LEAST_SPEED)
+        if target.gap < TOUCH_SLOW_FROM:
+            speed = min(speed, TOUCH_SPEED)
+    return heading_twist(target.bearing, min(max(speed, 0.0), config.max_linear), config)
+
+
+def heading_twist(bearing: float, speed: float, config: ControlConfig) -> Twist2D:
+    """Turn to a bearing [rad] and drive at a speed [m/s], the less the farther it is off."""
+    return Twist2D(max(cos(bearing), 0.0) * speed, config.p_gain_ang * bearing)
+
+
+def limited(twist: Twist2D, config: ControlConfig) -> Twist2D:
+    """A twist within max_linear and max_angular; every command passes here last."""
+    linear, angular = config.max_linear, config.max_angular
+    return Twist2D(min(max(twist.linear, -linear), linear), min(max(twist.angular, -angular), angular))

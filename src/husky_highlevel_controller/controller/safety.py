@@ -1,0 +1,156 @@
+"""Decides when to stop a driving robot: something is too close on its way to standstill; one stop per danger.
+
+In: scans and velocities. Out: the clearance, and whether to call for a stop now.
+Must not know: ROS, PyBullet, who drives and why.
+
+A planar lidar sees what is at its own height, and nothing behind the robot beyond its view.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import copysign, hypot, isfinite
+from typing import List, Optional, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan, Twist2D
+from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH, clearance
+from husky_highlevel_controller.geometry import advance, matrix_from_quat
+
+ANGULAR_BRAKING = 6.0  # [rad/s^2], the drive's limit (husky_control 0.6.10, control.yaml)
+
+MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05  # [m/s], [rad/s]: slower is standing, for odometry has noise
+PATH_STEPS = 12  # poses looked at on the way to standstill
+APPROACH = 1e-3  # [m], what does not come nearer by this much is not being approached
+STOPPING_TIMEOUT = 1.0  # [s], after a stop was called for the robot stands, or it is driven by another node
+
+
+@dataclass(frozen=True)
+class ProximityConfig:
+    """When something is too close."""
+
+    margin: float = field(
+        default=0.1, metadata={"min": 0.0, "max": 1.0, "help": "clearance to keep when it stands [m]"}
+    )
+    reaction_time: float = field(
+        default=0.2, metadata={"min": 0.0, "max": 2.0, "help": "from a scan to the first braking [s]"}
+    )
+    braking: float = field(
+        default=3.0, metadata={"min": 0.1, "max": 10.0, "help": "deceleration to count on [m/s^2]"}
+    )
+
+
+def is_moving(twist: Twist2D) -> bool:
+    """Whether a measured velocity is more than the noise of standing, or no number."""
+    return not (abs(twist.linear) <= MOVING_LINEAR and abs(twist.angular) <= MOVING_ANGULAR)
+
+
+# ---------------------------------------------------------------------------- before the touch
+
+
+def too_close(
+    scan: Scan, pose_laser_in_base: Pose, twist_in_base: Twist2D, config: ProximityConfig
+) -> Optional[float]:
+    """Whether the robot must brake now to keep its margin to whatever it moves towards, at any bearing.
+
+    The robot's outline is moved along the way that the present velocity, and then the brakes, lead to
+    standstill; everything in the scan that it would come too close to on that way counts.
+
+    Args:
+        scan: one sweep. What it has within the robot's outline is the robot itself.
+        pose_laser_in_base: which may be upside-down.
+        twist_in_base: how the robot moves, as measured.
+        config: margin and brakes.
+
+    Returns:
+        The clearance there is now between the robot's outline and the nearest return that counts [m];
+        None if there is no need to brake, so always for a robot that stands or moves away.
+    """
+    if not is_moving(twist_in_base):
+        return None
+    if not (isfinite(twist_in_base.linear) and isfinite(twist_in_base.angular)):
+        return 0.0  # nothing is known of the way to standstill
+    way = _way_to_standstill(twist_in_base, config)
+    points_in_base = _points(scan, pose_laser_in_base)
+    now = _clearance(points_in_base, Pose2D())
+    within = now < config.margin + _longest_move(way)
+    points_in_base, now = points_in_base[within], now[within]
+    nearest = now
+    for pose in way:
+        nearest = np.minimum(nearest, _clearance(points_in_base, pose))
+    threats = now[(nearest < config.margin) & (nearest < now - APPROACH)]
+    return float(threats.min()) if len(threats) else None
+
+
+def _way_to_standstill(twist: Twist2D, config: ProximityConfig) -> List[Pose2D]:
+    """Poses in base_link, first with the twist kept up, then with both its parts braked."""
+    braking_time = max(abs(twist.linear) / config.braking, abs(twist.angular) / ANGULAR_BRAKING)
+    duration = (config.reaction_time + braking_time) / PATH_STEPS
+    way, pose = [], Pose2D()
+    for step in range(PATH_STEPS):
+        braked = max((step + 0.5) * duration - config.reaction_time, 0.0)
+        linear = max(abs(twist.linear) - config.braking * braked, 0.0)
+        angular = max(abs(twist.angular) - ANGULAR_BRAKING * braked, 0.0)
+        slower = Twist2D(copysign(linear, twist.linear), copysign(angular, twist.angular))
+        pose = advance(pose, slower, duration)
+        way.append(pose)
+    return way
+
+
+def _longest_move(way: List[Pose2D]) -> float:
+    """At least as far as any point of the outline moves [m]."""
+    return max(hypot(pose.x, pose.y) + abs(pose.yaw) * hypot(HALF_LENGTH, HALF_WIDTH) for pose in way)
+
+
+def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:
+    """Where the beams end, seen from above in base_link, (N, 2) [m]; what is too near to measure counts."""
+    too_near = scan.ranges == -np.inf
+    ranges, there = np.where(too_near, scan.range_min, scan.ranges), scan.valid | too_near
+    ranges, bearings = ranges[there], scan.bearings[there]
+    in_laser = np.stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
+    turn = matrix_from_quat(pose_laser_in_base.quat_xyzw)[:2, :2]
+    points: np.ndarray = (turn @ in_laser).T + pose_laser_in_base.position[:2]
+    return points
+
+
+def _clearance(points_in_base: np.ndarray, pose: Pose2D) -> np.ndarray:
+    """From the outline of a robot at `pose` to each point, (N,) [m]; 0 inside."""
+    c, s = np.cos(pose.yaw), np.sin(pose.yaw)
+    from_robot = (points_in_base - (pose.x, pose.y)) @ np.array([[c, -s], [s, c]])
+    return clearance(from_robot)
+
+
+# ---------------------------------------------------------------------------- one stop for one danger
+
+
+@dataclass(frozen=True)
+class Latch:
+    """Remembers that a stop was called for, so that it is called for once."""
+
+    tripped_at: Optional[float] = None  # [s]; None: on guard
+    stood: bool = False  # when last looked at
+
+
+def advance_latch(latch: Latch, danger: bool, moving: bool, stamp: float) -> Tuple[Latch, bool]:
+    """Decide at one instant.
+
+    A tripped latch is on guard again when the robot was started: when it moves after it stood, or
+    still moves when it should have stood for long. Time that runs back is a new run.
+
+    Args:
+        latch: what it was before, Latch() at first.
+        danger: whether there is reason to stop.
+        moving: whether the robot moves.
+        stamp: the time [s].
+
+    Returns:
+        The latch now, and whether to call for a stop now.
+    """
+    if latch.tripped_at is not None:
+        elapsed = stamp - latch.tripped_at
+        started = moving and (latch.stood or elapsed > STOPPING_TIMEOUT)
+        latch = Latch() if started or elapsed < 0.0 else Latch(latch.tripped_at, not moving)
+    if latch.tripped_at is None and danger:
+        return Latch(stamp), True
+    return latch, False

@@ -1,0 +1,121 @@
+"""Search for a pillar that is out of sight, and free directions round obstacles.
+
+In: the robot's place in odom, a scan. Out: the next twist, a free direction.
+Must not know: ROS, PyBullet, how a pillar is found.
+
+A full turn on the spot, then the legs of a widening square with a full turn after each.
+"""
+
+from __future__ import annotations
+
+from math import cos, hypot, pi, radians, sin
+from typing import NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.controller.control import ControlConfig, Target
+from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan, Twist2D
+from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH, clearance
+from husky_highlevel_controller.geometry import matrix_from_quat, wrap_angle
+
+LOOK_AHEAD = 1.0  # [m], free way wanted ahead of the hull
+SEARCH_SPEED = 0.5  # [m/s], fastest while searching
+_FREE_HALF_WIDTH = HALF_WIDTH + 0.15  # [m], of the way wanted free
+_OWN_BODY = 0.01  # [m], returns this near to the outline are the robot itself
+_SIDESTEPS = [radians(angle) for size in range(0, 121, 15) for angle in ((size, -size) if size else (0,))]
+_REACH = 2.0  # [m] from the lidar; nothing farther can be in the way within LOOK_AHEAD
+_SAME_BODY = 0.2  # [m], neighbouring returns that differ by less are on one body
+_OF_TARGET = 0.15  # [m], returns this near to the pillar's surface are the pillar's
+_ROUND = 2.0 * pi
+_QUARTER = pi / 2.0
+
+
+class Search(NamedTuple):
+    """How far the search has come."""
+
+    leg: int = 0  # legs begun
+    to_turn: float = _ROUND  # [rad] before the next leg
+    to_drive: float = 0.0  # [m] of this leg
+    pose: Optional[Pose2D] = None  # of base_link in odom, at the last scan
+
+
+def search_on(
+    search: Search, base_in_odom: Pose2D, points_in_base: np.ndarray, config: ControlConfig
+) -> Tuple[Search, Twist2D]:
+    """Continue the search from where the robot is now.
+
+    Args:
+        search: how far it had come; Search() to begin.
+        base_in_odom: where the robot is.
+        points_in_base: (N, 2) [m], what is near it.
+        config: rates and limits.
+    """
+    before = search.pose or base_in_odom
+    turned = wrap_angle(base_in_odom.yaw - before.yaw)
+    driven = hypot(base_in_odom.x - before.x, base_in_odom.y - before.y)
+    search = search._replace(pose=base_in_odom)
+    if search.to_turn > 0.0:
+        search = search._replace(to_turn=search.to_turn - turned)
+        if search.to_turn > 0.0:
+            return search, Twist2D(0.0, config.search_rate)
+        length = config.search_radius_step * (1 + search.leg // 2)
+        search, driven = search._replace(leg=search.leg + 1, to_drive=length), 0.0
+    search = search._replace(to_drive=search.to_drive - driven)
+    if search.to_drive <= 0.0:
+        return search._replace(to_turn=_ROUND + _QUARTER), Twist2D()
+    if not is_free(points_in_base, 0.0, LOOK_AHEAD):
+        return search._replace(to_drive=0.0, to_turn=_QUARTER), Twist2D()
+    return search, Twist2D(SEARCH_SPEED, 0.0)
+
+
+def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target]) -> np.ndarray:
+    """What is near the robot, (N, 2) [m] in base_link.
+
+    Args:
+        scan: one sweep.
+        laser_in_base: where its lidar is.
+        target: the pillar to leave out, which is not in its own way.
+
+    Returns:
+        End points of beams without those on the robot itself and those that have no neighbour (speckle).
+    """
+    (near,) = (scan.returns < _REACH).nonzero()
+    near = near[scan.returns[near] >= scan.range_min] if len(near) else near
+    if not len(near):
+        return np.empty((0, 2))
+    company = (np.diff(near) <= 2) & (np.abs(np.diff(scan.returns[near])) < _SAME_BODY)
+    near = near[np.append(company, False) | np.append(False, company)]
+    angles = scan.angle_min + near * scan.angle_increment
+    points_in_laser = scan.returns[near] * np.stack([np.cos(angles), np.sin(angles)])
+    turn = matrix_from_quat(laser_in_base.quat_xyzw)[:2, :2]
+    points = (turn @ points_in_laser).T + laser_in_base.position[:2]
+    keep = clearance(points) > _OWN_BODY
+    if target is not None:
+        off = points - (target.x, target.y)
+        keep &= np.hypot(off[:, 0], off[:, 1]) > target.radius + _OF_TARGET
+    return points[keep]
+
+
+def is_free(points_in_base: np.ndarray, bearing: float, length: float) -> bool:
+    """Whether the robot could turn to `bearing` [rad] and drive `length` [m] without touching a point."""
+    if not len(points_in_base):
+        return True
+    c, s = cos(bearing), sin(bearing)
+    along = points_in_base @ (c, s)
+    across = np.abs(points_in_base @ (-s, c))
+    return not bool(((along > 0.0) & (along < HALF_LENGTH + length) & (across < _FREE_HALF_WIDTH)).any())
+
+
+def free_bearing(points_in_base: np.ndarray, wanted: float, length: float) -> Optional[float]:
+    """The direction nearest to the one wanted that has a free way [rad]; None if there is none.
+
+    Of two equally near ones it is the one that the robot faces more.
+    """
+    if is_free(points_in_base, wanted, length):
+        return wanted
+    sides = sorted(_SIDESTEPS, key=lambda step: (abs(step), abs(wrap_angle(wanted + step))))
+    for step in sides[1:]:
+        bearing = wrap_angle(wanted + step)
+        if is_free(points_in_base, bearing, LOOK_AHEAD):
+            return bearing
+    return None

@@ -1,0 +1,181 @@
+"""Tracker of one pillar in odom: data association and a filter of its position.
+
+In: the pillars of a scan, and where the lidar was. Out: the one that is followed, and what is believed of it.
+Must not know: ROS, PyBullet, what the robot does about it.
+
+The first pillar seen, or the nearest of several, is followed until it proves to be none: its place is in
+view, nothing hides it, and yet no pillar is there. A place that was given up is believed again only when more
+beams fall on it, that is, from nearer by.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from math import asin, atan2, hypot, pi, sqrt
+from typing import List, NamedTuple, Optional, Tuple
+
+from husky_highlevel_controller.datatypes import Pillar, Pose, Scan
+from husky_highlevel_controller.geometry import inverse, transform_point
+
+MISSED_TIMEOUT = 0.5  # [s], this long a place may look empty before it is given up
+_HIDDEN_WEIGHT = 0.1  # of a second, what a second counts in which a near place is hidden
+_AT_PLACE = 2.0  # [m] from the lidar: a place this near should be seen
+_MANY_BEAMS = 8  # a pillar of so many is believed, whatever was there before
+_LONGEST_PERIOD = 0.1  # [s], a gap between scans counts as no longer than this
+_DRIFT = 0.02  # [m/sqrt(s)], how fast a place in odom becomes uncertain
+_GATE, _GATE_SHARE = 0.5, 0.03  # [m] and share of the distance, how far a pillar may be from where it was
+_MAX_REJECTED = 8  # places given up that are remembered
+
+
+class Estimate(NamedTuple):
+    """The pillar, remembered."""
+
+    x: float  # [m], centre, in odom
+    y: float  # [m], centre, in odom
+    radius: float  # [m]
+    deviation: float  # [m], standard deviation of the centre
+    seen_at: float  # [s], stamp of the last scan that showed it
+
+
+class Visibility(Enum):
+    """What a scan says about a remembered place."""
+
+    SEEN = "seen"
+    OUT_OF_VIEW = "out of view"
+    HIDDEN = "hidden"  # by something nearer
+    EMPTY = "empty"  # no pillar there, though one would be seen
+    UNKNOWN = "unknown"  # nothing is remembered
+
+
+class Track(NamedTuple):
+    """One pillar followed."""
+
+    estimate: Optional[Estimate] = None
+    missed_time: float = 0.0  # [s] that its place looked empty, less those that showed it
+    beams: int = 0  # most that a scan had on it
+    updated_at: float = 0.0  # [s]
+    rejected: Tuple[Tuple[float, float, int], ...] = ()  # places given up: x, y in odom [m]; beams they had
+
+
+class Sighting(NamedTuple):
+    """A pillar of one scan, with its place in odom."""
+
+    pillar: Pillar  # in the laser's frame
+    center_in_odom: Tuple[float, float, float]  # [m]
+
+
+def follow(
+    track: Track, pillars: List[Pillar], scan: Scan, laser_in_odom: Pose, patient: bool = False
+) -> Tuple[Track, Optional[Sighting], Visibility]:
+    """Find the followed pillar in a scan, or begin to follow one.
+
+    Args:
+        track: what is believed so far.
+        pillars: those in the scan, nearest first.
+        scan: the scan.
+        laser_in_odom: where the lidar was.
+        patient: whether a near place is kept although something hides it.
+
+    Returns:
+        What is believed now, the followed pillar if the scan shows it, and what the scan says about
+        its place.
+    """
+    period = min(max(scan.stamp - track.updated_at, 0.0), _LONGEST_PERIOD)
+    sightings = [
+        Sighting(pillar, transform_point(laser_in_odom, (pillar.x, pillar.y, 0.0))) for pillar in pillars
+    ]
+    if track.estimate is not None:
+        sighting = _match(track.estimate, sightings, scan.stamp)
+        if sighting is not None:
+            return _seen(track, sighting, period, scan), sighting, Visibility.SEEN
+        visibility = look_at(track.estimate, scan, laser_in_odom)
+        weight = _weight(visibility, track.estimate, laser_in_odom, patient)
+        track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
+        if track.missed_time <= MISSED_TIMEOUT:
+            return track, None, visibility
+        track = _give_up(track)
+    for sighting in sightings:
+        (x, y, _), seen_beams = sighting.center_in_odom, sighting.pillar.beams
+        if all(hypot(x - dx, y - dy) > _GATE or seen_beams > beams for dx, dy, beams in track.rejected):
+            return _seen(track, sighting, period, scan), sighting, Visibility.SEEN
+    return track._replace(updated_at=scan.stamp), None, Visibility.UNKNOWN
+
+
+def aged(estimate: Estimate, stamp: float) -> Estimate:
+    """The estimate as certain as it still is at `stamp` [s]."""
+    return estimate._replace(deviation=_deviation_at(estimate, stamp))
+
+
+def _weight(visibility: Visibility, estimate: Estimate, laser_in_odom: Pose, patient: bool) -> float:
+    """How much a second in which the pillar is not seen counts against it."""
+    if visibility is Visibility.EMPTY:
+        return 1.0
+    x, y, _ = laser_in_odom.position
+    near = hypot(estimate.x - x, estimate.y - y) < _AT_PLACE
+    return _HIDDEN_WEIGHT if visibility is Visibility.HIDDEN and near and not patient else 0.0
+
+
+def _give_up(track: Track) -> Track:
+    """Without the estimate, but knowing where it was."""
+    assert track.estimate is not None
+    place = (track.estimate.x, track.estimate.y, min(track.beams, _MANY_BEAMS - 1))
+    return Track(updated_at=track.updated_at, rejected=(*track.rejected[1 - _MAX_REJECTED :], place))
+
+
+def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
+    """What the beams that should meet a remembered pillar say about it."""
+    step = scan.angle_increment
+    x, y, _ = transform_point(inverse(laser_in_odom), (estimate.x, estimate.y, laser_in_odom.position[2]))
+    distance = hypot(x, y)
+    if step == 0.0 or distance - estimate.radius > scan.range_max:
+        return Visibility.OUT_OF_VIEW
+    half = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)  # in beams
+    middle = (atan2(y, x) - scan.angle_min) / step % (2.0 * pi / abs(step))
+    first, last = int(middle - half + 1.0), int(middle + half)
+    if first < 1 or last > len(scan.ranges) - 2 or last <= first:  # cut by the edge, or too far to judge
+        return Visibility.OUT_OF_VIEW
+    slack = min(0.05 + 0.1 * distance, 0.3) + 2.0 * estimate.deviation
+    nearest_expected = max(distance - estimate.radius - slack, scan.range_min)
+    readings = scan.returns[first : last + 1].tolist()
+    beyond = sum(reading >= nearest_expected for reading in readings)
+    return Visibility.EMPTY if 2 * beyond > len(readings) else Visibility.HIDDEN
+
+
+def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optional[Sighting]:
+    """The pillar nearest to where the followed one was, if near enough."""
+    deviation = _deviation_at(estimate, stamp)
+    best, best_off = None, 1.0
+    for sighting in sightings:
+        pillar, (x, y, _) = sighting
+        gate = _GATE + _GATE_SHARE * hypot(pillar.x, pillar.y) + 3.0 * min(deviation, 0.3)
+        off = hypot(x - estimate.x, y - estimate.y) / gate
+        if off < best_off:
+            best, best_off = sighting, off
+    return best
+
+
+def _seen(track: Track, sighting: Sighting, period: float, scan: Scan) -> Track:
+    """Update the estimate with a sighting; the gains are those of a Kalman filter."""
+    pillar, (x, y, _) = sighting
+    radius = pillar.radius
+    # a quarter of the spacing of the beams, and what noise leaves
+    variance = (0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)) ** 2
+    old = track.estimate
+    if old is not None:
+        before = _deviation_at(old, scan.stamp) ** 2
+        gain = before / (before + variance)
+        x, y = old.x + gain * (x - old.x), old.y + gain * (y - old.y)
+        radius = old.radius + gain * (radius - old.radius)
+        variance *= gain
+    return Track(
+        estimate=Estimate(x, y, radius, sqrt(variance), scan.stamp),
+        missed_time=max(track.missed_time - 2.0 * period, 0.0),
+        beams=max(track.beams, pillar.beams),
+        updated_at=scan.stamp,
+        rejected=track.rejected,
+    )
+
+
+def _deviation_at(estimate: Estimate, stamp: float) -> float:
+    """Standard deviation of the place, grown since it was seen [m]."""
+    return hypot(estimate.deviation, _DRIFT * sqrt(max(stamp - estimate.seen_at, 0.0)))

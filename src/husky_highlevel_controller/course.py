@@ -1,0 +1,22 @@
+"""The course's world: its file, its pillar, and which topics the Huskies of the courses use.
+
+In: nothing. Out: constants. Must not know: ROS, how a world file is read.
+
+Numbers: singlePillar.world of the ETH course; a test holds them to worlds/singlePillar.world.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from husky_highlevel_controller.paths import share_folder
+
+PILLAR_NAME = "unit_cylinder"  # of the pillar's model
+PILLAR_RADIUS = 0.2  # [m]
+PILLAR_POSITION = (20.0, 5.0)  # [m], its axis in the world
+PILLAR_HEIGHTS = (-0.5, 1.5)  # [m], of its bottom and top in the world: half a metre is in the ground
+
+
+def course_world() -> Path:
+    """The world file with the one pillar."""
+    return share_folder() / "worlds" / "singlePillar.world"

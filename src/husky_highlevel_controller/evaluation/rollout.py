@@ -1,0 +1,180 @@
+"""Drives the simulated Husky with the controller, without ROS.
+
+In: a `Scenario`, the controller's parameters. Out: a `Trace`. Only here simulator and controller meet.
+Must not know: ROS, clocks, files.
+
+Each scan is answered at once; the command acts from the next physics step on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import inf
+from typing import List, Optional, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.controller.behaviour import (
+    ControllerState,
+    ControlOutput,
+    Observation,
+    State,
+    decide,
+)
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig
+from husky_highlevel_controller.datatypes import Scan, Snapshot
+from husky_highlevel_controller.evaluation.scenarios import Scenario
+from husky_highlevel_controller.geometry import advance, yaw_from_quat
+from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
+from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
+from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """What happened, one row a scan (N of them); arrays are read-only."""
+
+    times: np.ndarray  # (N,) [s] of simulated time
+    poses: np.ndarray  # (N, 3) [m, m, rad], true x, y and yaw of base_link in the world
+    twists: np.ndarray  # (N, 2) [m/s, rad/s], commanded
+    estimates: np.ndarray  # (N, 2) [m], the pillar in odom as remembered; nan while it is not
+    pillars: np.ndarray  # (N, 2) [m], true centre in the world
+    distance_errors: np.ndarray  # (N,) [m], still to go as the controller sees it; nan without a target
+    bearing_errors: np.ndarray  # (N,) [rad], as the controller sees it; nan without a target
+    nearest: np.ndarray  # (N,) [m], shortest range in the scan; inf without a return
+    states: Tuple[State, ...]  # N
+    touches: Tuple[Tuple[float, str], ...]  # [s], first touch of each body with anything but the wheels
+    events: Tuple[Tuple[float, str], ...]  # [s], state and reason whenever they change
+
+    @property
+    def arrived_at(self) -> Optional[float]:
+        """When it stood before the pillar for good [s]; None if it did not."""
+        if not self.states or self.states[-1] is not State.ARRIVED:
+            return None
+        last_other = max((i for i, state in enumerate(self.states) if state is not State.ARRIVED), default=-1)
+        return float(self.times[last_other + 1])
+
+    @property
+    def touched(self) -> Tuple[str, ...]:
+        """Names of the bodies touched, in the order of the first touch."""
+        return tuple(name for _, name in self.touches)
+
+
+@lru_cache(maxsize=2)
+def husky(profile: str = "gazebo") -> RobotModel:
+    """The Husky with its lidar, without meshes."""
+    return robot_model(robot_description(meshes="", profile=profile))
+
+
+def rollout(
+    scenario: Scenario,
+    control: Optional[ControlConfig] = None,
+    detector_config: Optional[PillarConfig] = None,
+    simulator: Optional[SimulatorConfig] = None,
+    seconds: float = 180.0,
+    settle: float = 1.0,
+    robot: Optional[RobotModel] = None,
+) -> Trace:
+    """Run a scenario until the robot has arrived, or time is up.
+
+    Args:
+        scenario: where, from where, with which noise.
+        control: gains and limits.
+        detector_config: what counts as a pillar.
+        simulator: how the simulation runs.
+        seconds: simulated time after which it ends in any case [s].
+        settle: how long it goes on after the arrival [s].
+        robot: another robot than the standard one, such as one with an upright lidar.
+
+    Raises:
+        HuskyError: the world cannot be simulated.
+    """
+    control, detector_config = control or ControlConfig(), detector_config or PillarConfig()
+    simulator = simulator or SimulatorConfig()
+    robot = robot or husky("robot" if simulator.real else "gazebo")
+    simulation = Simulation(scenario.world, robot, simulator, scenario.start, scenario.seed)
+    laser_in_base = robot.fixed_poses[robot.laser_frame]
+    controller_state, recorder, arrived_at = ControllerState(), _Recorder(), inf
+    try:
+        while simulation.stamp < min(seconds, arrived_at + settle):
+            snapshot = simulation.step()
+            recorder.note_touches(snapshot)
+            if snapshot.scan is None or snapshot.odometry is None:
+                continue
+            odometry, age = snapshot.odometry.filtered, snapshot.stamp - snapshot.scan.stamp
+            base_in_odom = odometry.pose_base_in_odom
+            if age > 0.0:  # a sweep that took time: where the robot was at its first beam
+                base_in_odom = advance(base_in_odom, odometry.twist_in_base, -age)
+            observation = Observation(snapshot.scan, laser_in_base, base_in_odom)
+            controller_state, output = decide(controller_state, observation, True, control, detector_config)
+            simulation.command(output.twist)
+            x, y, _ = simulation.pose_of(scenario.pillar).position
+            recorder.note(snapshot, snapshot.scan, output, (x, y))
+            arrived_at = min(arrived_at, snapshot.stamp) if output.state is State.ARRIVED else inf
+    finally:
+        simulation.close()
+    return recorder.trace()
+
+
+class _Recorder:
+    """Collects the rows of a trace."""
+
+    def __init__(self) -> None:
+        self._rows: List[Tuple[float, ...]] = []
+        self._states: List[State] = []
+        self._touches: dict = {}
+        self._events: List[Tuple[float, str]] = []
+        self._said = ""
+
+    def note_touches(self, snapshot: Snapshot) -> None:
+        for name in snapshot.contacts:
+            self._touches.setdefault(name, snapshot.stamp)
+
+    def note(
+        self, snapshot: Snapshot, scan: Scan, output: ControlOutput, pillar_in_world: Tuple[float, float]
+    ) -> None:
+        x, y, _ = snapshot.robot.pose_in_world.position
+        yaw = yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)
+        estimate = (output.estimate.x, output.estimate.y) if output.estimate else (np.nan, np.nan)
+        nearest = float(np.min(scan.ranges, where=scan.valid, initial=inf))
+        twist, errors = output.twist, (output.distance_error, output.bearing_error)
+        self._rows.append(
+            (
+                snapshot.stamp,
+                x,
+                y,
+                yaw,
+                twist.linear,
+                twist.angular,
+                *estimate,
+                *pillar_in_world,
+                *errors,
+                nearest,
+            )
+        )
+        self._states.append(output.state)
+        sentence = f"{output.state.value}: {output.reason}"
+        if sentence != self._said:
+            self._events.append((snapshot.stamp, sentence))
+            self._said = sentence
+
+    def trace(self) -> Trace:
+        table = np.array(self._rows, dtype=float).reshape(-1, 13)
+        table.setflags(write=False)
+        times, poses, twists, estimates, pillars = np.split(table[:, :10], [1, 4, 6, 8], axis=1)
+        touches = tuple((stamp, name) for name, stamp in self._touches.items())
+        return Trace(
+            times=times[:, 0],
+            poses=poses,
+            twists=twists,
+            estimates=estimates,
+            pillars=pillars,
+            distance_errors=table[:, 10],
+            bearing_errors=table[:, 11],
+            nearest=table[:, 12],
+            states=tuple(self._states),
+            touches=touches,
+            events=tuple(self._events),
+        )

@@ -1,0 +1,232 @@
+"""Marks a folder of hand-ins: each is built and marked apart, and ends with a result of its own.
+
+In: a folder, and how to mark one. Out: results, a CSV table and an HTML page.
+Must not know: how one is judged.
+
+An interrupted marking goes on where it was: what is marked already, with the same files and options, stays.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import sys
+import traceback
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Dict, List, Optional, Protocol, Sequence, Tuple
+
+from tqdm import tqdm
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.build import build, copy_packages
+from husky_highlevel_controller.grading.drive import Submission
+from husky_highlevel_controller.grading.hand_in import (
+    HandIn,
+    NotMarkableError,
+    choose_packages,
+    find_hand_ins,
+    open_hand_in,
+    with_dependencies,
+)
+from husky_highlevel_controller.grading.isolation.files import walk, write_whole
+from husky_highlevel_controller.grading.isolation.process import STOP_REQUESTED, StoppedError
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+from husky_highlevel_controller.grading.launch_choice import LaunchFile, choose_launch_file, named_launch_file
+from husky_highlevel_controller.grading.overrides import Override, read_overrides
+from husky_highlevel_controller.grading.report import Result, from_json
+from husky_highlevel_controller.grading.result_files import write_class, write_result
+
+
+class Grader(Protocol):
+    """Marks one submission."""
+
+    @property
+    def settings(self) -> Dict[str, object]:
+        """What is the same for every submission."""
+
+    @property
+    def exercise(self) -> int:
+        """Its number."""
+
+    def mark(
+        self, submission: Submission, name: str, out: Path, notes: Sequence[str] = (), husky: str = ""
+    ) -> Result:
+        """Mark it; drives, logs and pictures go into a folder."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """What to mark, and where the results go."""
+
+    folder: Path  # of hand-ins
+    out: Path  # one folder for each hand-in, results.csv, junit.xml and index.html
+    jobs: int = 1  # hand-ins at a time
+    only: Tuple[str, ...] = ()  # hand-ins to mark again; empty: all that are not marked yet
+    underlay: Workspace = field(default_factory=Workspace)  # what hand-ins are built on
+
+
+def mark_all(grader: Grader, batch: Batch) -> List[Result]:
+    """Mark every hand-in; those that could not be marked have a `problem` and no items.
+
+    Raises:
+        HuskyError: there is none, marking.yaml is wrong, or marking was interrupted.
+    """
+    hand_ins = [each for each in find_hand_ins(batch.folder) if each.path.resolve() != batch.out]
+    names = [hand_in.name for hand_in in hand_ins]
+    if not hand_ins:
+        raise HuskyError(f"no hand-in in {batch.folder}: no folder, zip or tar archive")
+    for name in batch.only:
+        if name not in names:
+            raise HuskyError(f"--only {name}: not in {batch.folder}; there are: {', '.join(names)}")
+    overrides = read_overrides(batch.folder, names)
+    batch.out.mkdir(parents=True, exist_ok=True)
+    results: Dict[str, Result] = {}
+    with ThreadPoolExecutor(batch.jobs) as pool, tqdm(total=len(hand_ins), unit="hand-in") as bar:
+        waiting: Dict[Future, str] = {}
+        for hand_in in hand_ins:
+            override = overrides.get(hand_in.name, Override())
+            earlier = _earlier(grader, hand_in, override, batch.out / hand_in.name)
+            if hand_in.name in batch.only or (earlier is None and not batch.only):
+                waiting[pool.submit(_mark_one, grader, hand_in, override, batch)] = hand_in.name
+            else:
+                if earlier is not None:
+                    results[hand_in.name] = earlier
+                bar.update()
+        for future in as_completed(waiting):
+            name = waiting[future]
+            try:
+                results[name] = future.result()
+            except StoppedError:
+                continue
+            if results[name].problem:
+                bar.write(f"{name}: could not be marked: {results[name].problem}", file=sys.stderr)
+            bar.update()
+    if STOP_REQUESTED.is_set():
+        raise HuskyError("stopped; the same command goes on from here")
+    ordered = [results[name] for name in names if name in results]
+    write_class(ordered, batch.out)
+    for result in ordered:
+        words = "could not be marked" if result.problem else f"{result.points:g}/{result.max_points:g}"
+        print(f"{result.name:<40}{words}")
+    print(f"\ntable: {batch.out / 'results.csv'}\npage:  {batch.out / 'index.html'}")
+    return ordered
+
+
+def fingerprint(path: Path, override: Override) -> str:
+    """A hash that changes whenever a file of the hand-in, or what is set for it, does."""
+    digest = hashlib.sha256(repr(override).encode())
+    for file in walk(path) if path.is_dir() else [path]:
+        status = file.stat()
+        digest.update(
+            f"{file.relative_to(path)} {status.st_size} {status.st_mtime_ns}\n".encode(errors="replace")
+        )
+    return digest.hexdigest()
+
+
+def _earlier(grader: Grader, hand_in: HandIn, override: Override, out: Path) -> Optional[Result]:
+    """The result of an earlier marking of the same files with the same settings."""
+    try:
+        result = from_json((out / "result.json").read_text())
+        same = (out / "fingerprint").read_text() == fingerprint(hand_in.path, override)
+    except (OSError, HuskyError, ValueError):
+        return None
+    return result if same and result.settings == grader.settings else None
+
+
+def _mark_one(grader: Grader, hand_in: HandIn, override: Override, batch: Batch) -> Result:
+    """Its result, whatever it holds.
+
+    Raises:
+        StoppedError: marking is to end.
+    """
+    out = batch.out / hand_in.name
+    try:
+        return _marked(grader, hand_in, override, batch, out)
+    except StoppedError:
+        raise
+    except HuskyError as error:
+        problem = str(error)
+    except OSError as error:
+        problem = f"{error.strerror or error}" + (f": {error.filename}" if error.filename else "")
+    except Exception as error:
+        problem = f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
+        _write_traceback(out)
+    return Result(hand_in.name, "", dict(grader.settings), (), (), problem)
+
+
+def _write_traceback(out: Path) -> None:
+    try:
+        (out / "traceback.txt").write_text(traceback.format_exc())
+    except OSError:
+        print(traceback.format_exc(), file=sys.stderr)
+
+
+def _marked(grader: Grader, hand_in: HandIn, override: Override, batch: Batch, out: Path) -> Result:
+    if STOP_REQUESTED.is_set():
+        raise StoppedError("the marking was stopped")
+    out.mkdir(parents=True, exist_ok=True)
+    for name in ("result.json", "fingerprint", "traceback.txt"):
+        (out / name).unlink(missing_ok=True)
+    mark = fingerprint(hand_in.path, override)
+    submission, notes = prepare(hand_in, override, grader.exercise, batch, out)
+    result = grader.mark(submission, hand_in.name, out, notes, override.husky)
+    result = override.apply(result)
+    write_result(result, out)
+    write_whole(out / "fingerprint", mark)  # the last one: with it, it is done
+    return result
+
+
+def prepare(
+    hand_in: HandIn, override: Override, exercise: int, batch: Batch, out: Path
+) -> Tuple[Submission, List[str]]:
+    """Unpack, choose and build a hand-in; what to start, and notes.
+
+    Raises:
+        NotMarkableError: there is nothing in it that could be started.
+    """
+    unpacked = out / "unpacked"
+    shutil.rmtree(unpacked, ignore_errors=True)
+    unpacked.mkdir()
+    contents = open_hand_in(hand_in, unpacked)
+    exercise = override.exercise or exercise
+    packages, aside = choose_packages(contents.packages, exercise)
+    if not packages:
+        raise NotMarkableError("; ".join(["no catkin package in it", *contents.notes, *aside]))
+    notes = [*contents.notes, *aside]
+    by_name = {package.name: package for package in packages}
+    launch: Optional[LaunchFile] = None
+    if override.node:
+        needed = set(by_name)
+    else:
+        if override.launch:
+            launch = named_launch_file(contents, packages, override.launch)
+            notes.append(f"launch file {launch.place}, by marking.yaml")
+        else:
+            launch, why = choose_launch_file(contents, packages, exercise)
+            notes.append(why)
+        needed = set(launch.uses) or set(by_name)
+    folders, repairs = copy_packages(packages, out / "ws")
+    underlay = Workspace(
+        batch.underlay.env, batch.underlay.setups, batch.underlay.packages,
+        (*batch.underlay.hidden, batch.folder, batch.out),
+    )  # fmt: skip
+    built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
+    notes += [*repairs, *built.notes]
+    if launch is None:
+        return Submission(("--node", *override.node, *override.arguments), built.workspace), notes
+    file = _launch_file_in(
+        launch, by_name[launch.package].path, folders.packages[launch.package], folders.root
+    )
+    what = ("--launch", launch.package, str(file), *override.arguments)
+    return Submission(what, built.workspace, " ".join([str(launch.place), *override.arguments])), notes
+
+
+def _launch_file_in(launch: LaunchFile, package: Path, copy: Path, workspace: Path) -> Path:
+    """The launch file's copy in the workspace; one beside the packages is copied now."""
+    if package in launch.path.parents:
+        return copy / launch.path.relative_to(package)
+    target = workspace / "src" / launch.path.name
+    shutil.copyfile(launch.path, target)
+    return target

@@ -1,0 +1,267 @@
+"""Builds a hand-in: its packages in a catkin workspace of its own, in the sandbox.
+
+In: packages of a hand-in. Out: a workspace to run it in, and notes on what does not build.
+Must not know: exercises.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Dict, FrozenSet, List, Optional, Sequence, Set, Tuple
+from xml.sax.saxutils import escape
+
+from husky_highlevel_controller.grading.hand_in import BUILT, Package
+from husky_highlevel_controller.grading.isolation.files import (
+    UnreadableFileError,
+    read_text,
+    walk,
+    write_whole,
+)
+from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+
+BUILD_DEADLINE = 600.0  # [s] of wall time, for each of the two attempts
+APT_DEADLINE = 20.0  # [s] of wall time
+MAX_MISSING = 10  # packages that CMake misses one after the other
+# boost::bind's _1 was global before Boost 1.73
+OLD_BOOST = "-DBOOST_BIND_GLOBAL_PLACEHOLDERS -include boost/bind.hpp"
+_PLACEHOLDER = re.compile(r"error:.*\b_[1-9]\b|\b_[1-9]\b.*was not declared", re.MULTILINE)
+_COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^)]*)\)", re.IGNORECASE)
+_NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]+)"')
+_ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
+_STAND_IN = """# {name} is not installed; whatever uses nothing of it builds without it
+set({name}_FOUND TRUE)
+set({name}_FOUND_CATKIN_PROJECT TRUE)
+set({name}_INCLUDE_DIRS "")
+set({name}_LIBRARIES "")
+function(roslint_cpp)
+endfunction()
+function(roslint_python)
+endfunction()
+function(roslint_add_test)
+endfunction()
+"""
+
+
+@dataclass(frozen=True)
+class Build:
+    """What came of building a hand-in."""
+
+    workspace: Workspace
+    notes: Tuple[str, ...] = ()
+    complete: bool = True  # everything that was to be built is built
+
+
+@dataclass(frozen=True)
+class Folders:
+    """A catkin workspace on disk."""
+
+    root: Path
+    packages: Dict[str, Path] = field(default_factory=dict)  # sources, by the packages' names
+
+    @property
+    def setup(self) -> Path:
+        """Written by the build."""
+        return self.root / "devel" / "setup.bash"
+
+    @property
+    def stand_ins(self) -> Path:
+        """Empty CMake packages, for those that are not installed."""
+        return self.root / "stand_ins"
+
+
+def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, List[str]]:
+    """Copy packages into a new workspace, without links, special files and what was built; and notes."""
+    shutil.rmtree(root, ignore_errors=True)
+    notes: List[str] = []
+    copies: Dict[str, Path] = {}
+    for package in packages:
+        target = copies[package.name] = root / "src" / package.name
+        started: List[str] = []
+        target.mkdir(parents=True)
+        for path in walk(package.path, BUILT):
+            copy = target / path.relative_to(package.path)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, copy)
+            executable = bool(path.stat().st_mode & 0o100)
+            if not executable and _is_script(copy):
+                started.append(path.name)
+                executable = True
+            copy.chmod(0o755 if executable else 0o644)
+        if started:
+            notes.append(f"made executable, which a copy through an archive may undo: {', '.join(started)}")
+        notes += _repair_manifest(target, package)
+    (root / "src" / ".catkin_workspace").touch()
+    return Folders(root, copies), notes
+
+
+def _is_script(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(2) == b"#!"
+
+
+def _repair_manifest(folder: Path, package: Package) -> List[str]:
+    """Replace a package.xml that catkin refuses, such as one without an e-mail address."""
+    manifest = folder / "package.xml"
+    ask = "import sys; from catkin_pkg.package import parse_package; parse_package(sys.argv[1])"
+    asked = subprocess.run(
+        [sys.executable, "-I", "-c", ask, str(manifest)], capture_output=True, text=True, check=False,
+        stdin=subprocess.DEVNULL, timeout=APT_DEADLINE,
+    )  # fmt: skip
+    if not asked.returncode:
+        return []
+    depends = "".join(f"<depend>{escape(name)}</depend>" for name in sorted(package.needs) if name)
+    manifest.write_text(
+        f'<package format="2"><name>{package.name}</name><version>0.0.0</version>'
+        '<description>Marked with this manifest.</description><maintainer email="a@b.org">a</maintainer>'
+        f"<license>unknown</license><buildtool_depend>catkin</buildtool_depend>{depends}</package>\n"
+    )
+    reason = " ".join((asked.stderr.strip().splitlines() or ["unknown"])[-1].split())[:200]
+    return [f"catkin refuses the package.xml of {package.name} ({reason}); marked with a corrected copy"]
+
+
+# ---------------------------------------------------------------------------- what is not installed
+
+
+def missing_packages(folders: Folders, needed: Set[str], env: Dict[str, str]) -> Set[str]:
+    """Catkin components that the packages' CMakeLists.txt ask for, and that are nowhere."""
+    asked: Set[str] = set()
+    for name in needed:
+        try:
+            text = re.sub(r"#.*", "", read_text(folders.packages[name] / "CMakeLists.txt"))
+        except UnreadableFileError:
+            continue
+        for arguments in _COMPONENTS.findall(text):
+            asked |= set(re.findall(r"(?<![\w$])[a-z][\w-]*", arguments))
+    prefixes = [Path(prefix) for prefix in env.get("CMAKE_PREFIX_PATH", "").split(os.pathsep) if prefix]
+    return {name for name in asked - set(folders.packages) if not _is_installed(name, prefixes)}
+
+
+def _is_installed(name: str, prefixes: Sequence[Path]) -> bool:
+    for prefix in [*prefixes, Path("/usr"), Path("/usr/local")]:
+        for pattern in (
+            f"share/{name}/cmake",
+            f"lib/cmake/{name}",
+            f"lib/*/cmake/{name}",
+            f"share/cmake/{name}*",
+        ):
+            if next(prefix.glob(pattern.format(name)), None) is not None:
+                return True
+    return False
+
+
+@lru_cache(maxsize=None)
+def debian_package(name: str) -> str:
+    """The Debian package that has a ROS package for building; empty: none is known here."""
+    word = name.replace("_", "-")
+    for candidate in (f"lib{word}-dev", f"libros-{word}-dev", f"ros-{word}", f"python3-{word}"):
+        try:
+            asked = subprocess.run(
+                ["apt-cache", "show", "--no-all-versions", candidate],
+                capture_output=True, timeout=APT_DEADLINE, check=False,
+            )  # fmt: skip
+        except (OSError, subprocess.TimeoutExpired):
+            return ""
+        if not asked.returncode and asked.stdout:
+            return candidate
+    return ""
+
+
+def missing_note(names: Set[str]) -> str:
+    """A sentence on packages that are not installed, all at once."""
+    words = []
+    for name in sorted(names):
+        debian = debian_package(name)
+        words.append(
+            f"{name} ({f'apt install {debian}' if debian else 'not in Debian: --underlay SETUP.bash'})"
+        )
+    return f"not installed: {', '.join(words)}; what needs them may not build"
+
+
+# ---------------------------------------------------------------------------- the build
+
+
+def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Build:
+    """Build packages of a workspace and what they depend on; what needs no build is found without one.
+
+    Args:
+        folders: copies of all packages of the hand-in.
+        needed: names of those to build.
+        underlay: what the workspace is built on.
+    """
+    notes: List[str] = []
+    missing = missing_packages(folders, set(needed), underlay.env)
+    output, code = "", None
+    for _ in range(MAX_MISSING):
+        _write_stand_ins(folders, missing)
+        output, code = _catkin_make(folders, needed, underlay, "")
+        more = set(_NOT_FOUND.findall(output)) - missing - set(folders.packages)
+        if not code or not more:
+            break
+        missing |= more
+    if missing:
+        notes.append(missing_note(missing))
+    if code:  # a second time, for headers that were generated too late
+        output, code = _catkin_make(
+            folders, needed, underlay, OLD_BOOST if _PLACEHOLDER.search(output) else ""
+        )
+    if code is None:
+        notes.append(f"it does not build within {BUILD_DEADLINE:g} s")
+    elif code:
+        notes.append(f"it does not build: {build_error(output, folders.root)}")
+    setups = (*underlay.setups, *[folders.setup] * folders.setup.is_file())
+    workspace = Workspace(underlay.env, setups, (folders.root / "src",), underlay.hidden)
+    return Build(workspace, tuple(notes), not code and code is not None)
+
+
+def _write_stand_ins(folders: Folders, names: Set[str]) -> None:
+    for name in names:
+        place = folders.stand_ins / "share" / name / "cmake"
+        place.mkdir(parents=True, exist_ok=True)
+        write_whole(place / f"{name}Config.cmake", _STAND_IN.format(name=name))
+
+
+def _catkin_make(
+    folders: Folders, needed: FrozenSet[str], underlay: Workspace, flags: str
+) -> Tuple[str, Optional[int]]:
+    """Output and exit code of one build; None: it did not end in time."""
+    env = {**underlay.env, "HOME": str(folders.root)}
+    env["CMAKE_PREFIX_PATH"] = os.pathsep.join(
+        filter(None, [env.get("CMAKE_PREFIX_PATH", ""), str(folders.stand_ins)])
+    )
+    command = [
+        "catkin_make", "-C", str(folders.root), f"-DPYTHON_EXECUTABLE={sys.executable}",
+        "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
+        f"-DCMAKE_CXX_FLAGS={flags}", "--make-args", "-k",
+    ]  # fmt: skip
+    process = Process(command, folders.root / "build.log", env, folders.root, underlay)
+    try:
+        in_time = wait(lambda: not process.running, BUILD_DEADLINE, 0.2)
+    finally:
+        end_all([process])
+    output = process.output + (f"\n{process.problem}" if process.problem else "")
+    return output, process.popen.returncode if in_time else None
+
+
+def build_error(output: str, root: Path) -> str:
+    """The compiler's first error, or the line of a build's output that says most."""
+    output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
+    found = _ERROR.search(output)
+    if found:
+        header = re.match(r"([\w-]+)/[\w./-]+: No such file", found["what"])
+        debian = debian_package(header.group(1)) if header else ""
+        hint = f" (apt install {debian})" if debian else ""
+        return f"{found['where']}: {found['what']}"[:300] + hint
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    for pattern in (r"^CMake Error", r"undefined reference", r"\bError\b|error"):
+        for number, line in enumerate(lines):
+            if re.search(pattern, line):
+                return " ".join(lines[number : number + 2])[:300]
+    return " ".join(lines[-2:])[:300]

@@ -1,0 +1,58 @@
+"""Which call of exercise 5's service is due when, and how exercise 2's robot is driven.
+
+In: simulated time, the robot's speed. Out: what to do now. Must not know: ROS, points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import Optional
+
+EX2_SPEED, EX2_FROM, EX2_SECONDS = 0.5, 2.0, 10.0  # [m/s], [s], [s]
+CALM = 4.0  # [s], simulated, from one call to the next
+CALLS = (False, True, False, True)  # stop and start, twice; the other way round where True stops
+DRIVES = 0.1  # [m/s]
+FIRST_CALL, LATEST_FIRST_CALL = (
+    1.0,
+    8.0,
+)  # [s]: after it drives; where it waits for a call to drive at all
+NO_SERVICE = 25.0  # [s], simulated, without a service
+
+
+def exercise_2_speed(now: float) -> float:
+    """What the robot is commanded at a time [s]; [m/s]."""
+    return EX2_SPEED if EX2_FROM <= now < EX2_FROM + EX2_SECONDS else 0.0
+
+
+def exercise_2_over(now: float) -> bool:
+    """Whether that drive has ended and the robot stands."""
+    return now > EX2_FROM + EX2_SECONDS + 1.0
+
+
+@dataclass
+class CallPlan:
+    """The calls of one drive of exercise 5."""
+
+    made: int = 0
+    last_at: float = -inf  # [s]
+    drove_at: float = inf  # [s], for the first time
+
+    def due(self, now: float, speed: float) -> Optional[bool]:
+        """The value to call with now, or None; time in s, speed in m/s."""
+        if abs(speed) > DRIVES:
+            self.drove_at = min(self.drove_at, now)
+        begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)
+        if self.made >= len(CALLS) or now < max(begin, self.last_at + CALM):
+            return None
+        value = CALLS[self.made]
+        self.made, self.last_at = self.made + 1, now
+        return value
+
+    def reason(self, now: float, offered: bool) -> str:
+        """Why the drive is over; empty: it is not."""
+        if not offered and now > NO_SERVICE:
+            return f"no start/stop service for {NO_SERVICE:g} s"
+        if self.made >= len(CALLS) and now >= self.last_at + CALM:
+            return "all calls are made"
+        return ""

@@ -1,0 +1,52 @@
+"""When a recorded drive is over, by what the robot did and where it stands.
+
+In: true states in order. Out: a sentence, once it is over. Must not know: ROS, points.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.grading.recording import STANDS, hull_gaps
+from husky_highlevel_controller.grading.rubrics.exercise_3 import TOUCH
+from husky_highlevel_controller.grading.rubrics.rules import DEFAULT
+from husky_highlevel_controller.grading.truth_feed import TruthRow
+
+AT_PILLAR = 3.0  # [s], simulated: so long at the pillar, it is over
+STILL, NEVER = 15.0, 20.0  # [s], simulated: so long still after a drive, or from the start, it is over
+
+
+class DriveEnd:
+    """Follows one drive of exercise 3."""
+
+    def __init__(self, pillar: Tuple[float, float]) -> None:
+        self._pillar = pillar  # [m], in the world
+        self._now = self._drove_at = self._moved_at = 0.0
+        self._first_moved = self._reached_at = self._touched_at = inf
+
+    def update(self, row: TruthRow) -> None:
+        """The next state."""
+        self._now = now = row.stamp
+        if abs(row.speed) > STANDS:
+            self._drove_at = now
+        if abs(row.speed) > STANDS or abs(row.yaw_rate) > STANDS:
+            self._moved_at, self._first_moved = now, min(self._first_moved, now)
+        x, y, _ = row.pose_in_world.position
+        gap = float(hull_gaps(np.array([[x, y, row.yaw]]), self._pillar)[0])
+        self._reached_at = min(self._reached_at, now) if gap <= DEFAULT.reached else inf
+        if gap <= TOUCH:
+            self._touched_at = min(self._touched_at, now)
+
+    def reason(self) -> str:
+        """Why it is over; empty: it is not."""
+        still = self._now - self._moved_at
+        if self._now >= self._touched_at + AT_PILLAR:
+            return "it reached the pillar and touched it"
+        if self._first_moved == inf:
+            return f"it did not move for {NEVER:g} s" if self._now >= NEVER else ""
+        if min(self._now - self._drove_at, self._now - self._reached_at) >= AT_PILLAR:
+            return "it stands at the pillar"
+        return f"it stood still for {STILL:g} s" if still >= STILL else ""

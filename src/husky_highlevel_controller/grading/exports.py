@@ -1,0 +1,110 @@
+"""Results in the forms of teaching platforms: Gradescope, Classroom 50, GitHub's step summary.
+
+In: `Result`s, variables of a platform's environment. Out: files. Must not know: ROS, rubrics.
+
+Forms: Gradescope's autograder specification (results.json); foundation50/classroom50, "The result.json
+contract" of its wiki; GitHub Actions, "Adding a job summary".
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Sequence
+
+from husky_highlevel_controller.grading.report import Result, points
+
+CLASSROOM50_SCHEMA = "classroom50/result/v1"
+# field: variable that Classroom 50's runner sets
+CLASSROOM50_FIELDS = {
+    "classroom": "CLASSROOM",
+    "assignment": "ASSIGNMENT",
+    "submission": "SUBMISSION_TAG",
+    "commit": "COMMIT_URL",
+    "release": "RELEASE_URL",
+    "review": "REVIEW_URL",
+}
+
+
+def write_exports(result: Result, out: Path) -> None:
+    """Each platform's file under the name that it wants, in a folder of its own."""
+    moment = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+    for folder, name, text in (
+        ("gradescope", "results.json", to_gradescope(result)),
+        ("classroom50", "result.json", to_classroom50(result, os.environ, moment)),
+        ("github", "summary.md", to_step_summary([result])),
+    ):
+        (out / folder).mkdir(exist_ok=True)
+        (out / folder / name).write_text(text)
+
+
+def to_gradescope(result: Result) -> str:
+    """results.json of Gradescope: a test for each item; what a person gives has no score."""
+    tests: List[Dict[str, Any]] = []
+    for item in result.items:
+        test: Dict[str, Any] = {"name": item.name, "output": item.evidence, "output_format": "text"}
+        if item.points is not None:
+            test.update(score=item.points, max_score=item.max_points)
+            test["status"] = "passed" if item.full else "failed"
+        tests.append(test)
+    words = "\n".join([f"could not be marked: {result.problem}"] * bool(result.problem) + list(result.notes))
+    content = {"score": result.points, "output": words, "output_format": "text", "tests": tests}
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def to_classroom50(result: Result, variables: Mapping[str, str], moment: str) -> str:
+    """result.json of Classroom 50, whose scores are whole numbers.
+
+    Args:
+        result: of one student.
+        variables: environment, in which Classroom 50's runner names the submission.
+        moment: when it was marked, as 2026-06-01T14:32:01Z.
+    """
+    tests: List[Dict[str, Any]] = [
+        {
+            "test-name": item.name,
+            "passed": item.full,
+            "score": round(item.points),
+            "max-score": round(item.max_points),
+            "evidence": item.evidence,
+        }
+        for item in result.items
+        if item.points is not None
+    ]
+    content: Dict[str, Any] = {"schema": CLASSROOM50_SCHEMA}
+    content.update({field: variables.get(name, "") for field, name in CLASSROOM50_FIELDS.items()})
+    content["review"] = content["review"] or content["commit"]
+    content.update(
+        datetime=moment,
+        score=sum(test["score"] for test in tests),
+        **{"max-score": sum(test["max-score"] for test in tests)},
+        tests=tests,
+    )
+    return json.dumps(content, indent=2) + "\n"
+
+
+def to_step_summary(results: Sequence[Result]) -> str:
+    """Markdown for $GITHUB_STEP_SUMMARY: a table of all, then each one's evidence."""
+    lines = ["| student | points | state |", "|---|---|---|"]
+    for result in results:
+        sum_of = "" if result.problem else f"{result.points:g} / {result.max_points:g}"
+        lines.append(f"| {_plain(result.name)} | {sum_of} | {result.state} |")
+    for result in results:
+        lines += ["", f"### {_plain(result.name)}", ""]
+        if result.problem:
+            lines += [f"could not be marked: {_plain(result.problem)}", ""]
+        if result.items:
+            lines += ["| item | points | evidence |", "|---|---|---|"]
+            lines += [f"| {_plain(i.name)} | {points(i)} | {_plain(i.evidence)} |" for i in result.items]
+        lines += ["", *(f"- {_plain(note)}" for note in result.notes)]
+    return "\n".join(lines) + "\n"
+
+
+_ENTITIES = {ord(letter): f"&#{ord(letter)};" for letter in "\\`*_{}[]<>#|!~&"}
+
+
+def _plain(text: str) -> str:
+    """Text that Markdown and HTML take as it is, on one line."""
+    return " ".join(text.split()).translate(_ENTITIES)

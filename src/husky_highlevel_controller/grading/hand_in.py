@@ -1,0 +1,227 @@
+"""Hand-ins of a class: one first-level entry of a folder is one student, with all the packages in it.
+
+In: a folder of hand-ins, the exercise's number. Out: packages to build.
+Must not know: ROS, how one is marked.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Dict, FrozenSet, List, Sequence, Set, Tuple
+
+from defusedxml import ElementTree
+from defusedxml.common import DefusedXmlException
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.archives import Allowance, ArchiveError, suffix_of, unpack
+from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_regular, walk
+
+MAX_ARCHIVES = 50  # inside of one hand-in
+MAX_MANIFEST = 1_000_000  # [bytes]
+BUILT = frozenset({"build", "devel", "install", "logs", ".git", "__pycache__", "__MACOSX", ".catkin_tools"})
+# packages that courses hand out or that Debian and the robot bring: a copy of one is not the student's work
+KNOWN = frozenset({
+    "teleop_twist_keyboard", "teleop_twist_joy", "ros_package_template", "rqt_multiplot", "joy",
+    "husky_base", "husky_bringup", "husky_control", "husky_description", "husky_desktop", "husky_gazebo",
+    "husky_msgs", "husky_navigation", "husky_robot", "husky_simulator", "husky_viz",
+    "smb_common", "smb_control", "smb_description", "smb_gazebo",
+})  # fmt: skip
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+_NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
+_NOT_AN_EXERCISE = re.compile(
+    r"(?i)(?:ros|tf|py|python|cpp|v|version|group|gruppe|team)[ _.-]*\d+|\d+d(?![a-z])"
+)
+
+
+class NotMarkableError(HuskyError):
+    """A hand-in that cannot be marked; it gets no points, and is not 0 points either."""
+
+
+@dataclass(frozen=True)
+class HandIn:
+    """What one student handed in."""
+
+    name: str  # the student's
+    path: Path  # a folder or an archive
+
+
+@dataclass(frozen=True)
+class Package:
+    """One catkin package of a hand-in."""
+
+    name: str
+    path: Path
+    place: PurePosixPath  # in the hand-in, through archives; "." is the hand-in itself
+    needs: FrozenSet[str] = frozenset()  # names of packages that its manifest depends on
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What was found in a hand-in."""
+
+    root: Path  # its folder, or that of the unpacked archive
+    packages: Tuple[Package, ...]
+    places: Dict[Path, PurePosixPath] = field(
+        default_factory=dict
+    )  # folders on disk by place: root, archives
+    notes: Tuple[str, ...] = ()
+
+
+def find_hand_ins(folder: Path) -> List[HandIn]:
+    """Every folder and archive in a folder, by name; a folder that is itself a package is one hand-in.
+
+    Raises:
+        HuskyError: two entries belong to the same student.
+    """
+    if (folder / "package.xml").is_file():
+        return [HandIn(folder.name, folder)]
+    found: Dict[str, HandIn] = {}
+    for path in sorted(folder.iterdir()):
+        suffix = suffix_of(path.name)
+        is_archive = bool(suffix) and path.is_file()
+        if path.name.startswith(".") or path.is_symlink() or not (is_archive or path.is_dir()):
+            continue
+        name = path.name[: -len(suffix)] if is_archive else path.name
+        if name in found:
+            raise HuskyError(f"{folder}: {found[name].path.name} and {path.name} are both called {name}")
+        found[name] = HandIn(name, path)
+    return list(found.values())
+
+
+def open_hand_in(hand_in: HandIn, scratch: Path) -> Contents:
+    """Unpack what is an archive, and find every package.
+
+    Args:
+        hand_in: what was handed in; it is only read.
+        scratch: an existing, empty folder for archives.
+
+    Raises:
+        NotMarkableError: it cannot be read.
+    """
+    allowance, notes = Allowance(), []
+    try:
+        root = hand_in.path
+        if root.is_file():
+            root = scratch / "hand_in"
+            root.mkdir()
+            if unpack(hand_in.path, root, allowance):
+                notes.append(f"{hand_in.path.name} holds links, which are left out")
+        places = {root: PurePosixPath(".")}
+        inner = [path for path in walk(root, BUILT) if suffix_of(path.name)]
+        for number, archive in enumerate(inner[:MAX_ARCHIVES]):
+            unpacked = scratch / str(number)
+            unpacked.mkdir()
+            try:
+                unpack(archive, unpacked, allowance)
+            except ArchiveError as error:
+                notes.append(str(error))
+            places[unpacked] = PurePosixPath(archive.relative_to(root).as_posix())
+        found: List[Package] = []
+        for folder, place in places.items():
+            found += _packages(folder, place, notes)
+    except (ArchiveError, UnreadableFileError, OSError) as error:
+        raise NotMarkableError(f"it cannot be read: {error}") from error
+    return Contents(root, tuple(found), places, tuple(notes))
+
+
+def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Package]:
+    """Packages below a folder, outer ones first; what lies inside of one belongs to it."""
+    manifests = [path for path in walk(folder, BUILT) if path.name == "package.xml"]
+    found: List[Package] = []
+    for manifest in sorted(manifests, key=lambda path: (len(path.parts), path)):
+        path = manifest.parent
+        if any(package.path in path.parents for package in found):
+            continue
+        where = place / path.relative_to(folder).as_posix()
+        try:
+            name, needs = read_manifest(manifest)
+        except NotMarkableError as error:
+            notes.append(f"{where / 'package.xml'}: {error}")
+            continue
+        found.append(Package(name, path, where, needs))
+    return found
+
+
+def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
+    """Name and dependencies in a package.xml.
+
+    Raises:
+        NotMarkableError: it cannot be read, or its name is not the name of a package.
+    """
+    try:
+        root = ElementTree.fromstring(read_regular(path, MAX_MANIFEST))
+    except UnreadableFileError as error:
+        raise NotMarkableError(str(error)) from error
+    except (ElementTree.ParseError, DefusedXmlException, ValueError, LookupError, RecursionError) as error:
+        raise NotMarkableError(f"it is no XML that can be read: {error}") from error
+    name = str(root.findtext("name") or "").strip()
+    if not _NAME.fullmatch(name):
+        raise NotMarkableError(f"<name> is {name[:80]!r}, which is not the name of a package")
+    tags = ("depend", "build_depend", "exec_depend", "run_depend", "build_export_depend")
+    return name, frozenset(str(node.text or "").strip() for tag in tags for node in root.iter(tag))
+
+
+# ---------------------------------------------------------------------------- which exercise
+
+
+def exercise_numbers(name: str) -> Set[int]:
+    """Numbers of exercises in the name of a file or folder: ex3.launch, course_03, husky_5th, ex_one."""
+    words = _NOT_AN_EXERCISE.sub(" ", name)
+    numbers = {int(digits) for digits in re.findall(r"(?<![\d.])0*([1-9]\d?)(?![\d.]*\d)", words)}
+    return numbers | {_NUMBERS[word] for word in re.findall(r"[a-z]+", words.lower()) if word in _NUMBERS}
+
+
+def fits_exercise(place: PurePosixPath, exercise: int) -> int:
+    """2: the innermost number in the place is the exercise's; 1: there is none; 0: it is another one's."""
+    for part in reversed(place.parts):
+        numbers = exercise_numbers(part)
+        if numbers:
+            return 2 if exercise in numbers else 0
+    return 1
+
+
+def choose_packages(found: Sequence[Package], exercise: int) -> Tuple[List[Package], List[str]]:
+    """The packages that belong to an exercise, each name once; and notes on what is left aside.
+
+    Known packages are left aside; of several with the same name the one of the exercise stays; packages of
+    other exercises stay only if one that stays depends on them.
+    """
+    notes: List[str] = []
+    by_name: Dict[str, List[Package]] = {}
+    for package in found:
+        by_name.setdefault(package.name, []).append(package)
+    known = sorted(set(by_name) & KNOWN)
+    if known:
+        notes.append(f"left aside, because not the student's own: {', '.join(known)}")
+    chosen: Dict[str, Package] = {}
+    for name in sorted(set(by_name) - KNOWN):
+        same = sorted(by_name[name], key=lambda each: (-fits_exercise(each.place, exercise), _depth(each)))
+        chosen[name] = same[0]
+        if len(same) > 1:
+            others = ", ".join(str(each.place) for each in same[1:])
+            notes.append(f"package {name} is taken from {same[0].place}; left aside: {others}")
+    wanted = {name for name, package in chosen.items() if fits_exercise(package.place, exercise)}
+    wanted = with_dependencies(wanted or set(chosen), chosen)
+    aside = sorted(set(chosen) - wanted)
+    if aside:
+        notes.append(f"left aside, because of other exercises: {', '.join(aside)}")
+    return [chosen[name] for name in sorted(wanted)], notes
+
+
+def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]:
+    """Names of packages, and of all packages of the hand-in that they depend on."""
+    found: Set[str] = set()
+    to_see = set(names)
+    while to_see:
+        name = to_see.pop()
+        found.add(name)
+        to_see |= (packages[name].needs & set(packages)) - found
+    return found
+
+
+def _depth(package: Package) -> Tuple[bool, int, str]:
+    """Folders before archives, outer before inner."""
+    in_archive = any(suffix_of(part) for part in package.place.parts)
+    return in_archive, len(package.place.parts), str(package.place)

@@ -1,0 +1,1 @@
+"""Runs untrusted programs on a private ROS network and ends them."""

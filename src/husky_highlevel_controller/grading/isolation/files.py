@@ -1,0 +1,92 @@
+"""Reads files that untrusted programs wrote: regular files of bounded size only, without ever waiting.
+
+In: paths. Out: bytes, or an error that names the file. Must not know: what is in them.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+from typing import Iterator
+
+from husky_highlevel_controller.datatypes import HuskyError
+
+MAX_SIZE = 20_000_000  # [bytes] of a file that is read whole
+MAX_ENTRIES = 50_000  # files and folders of a hand-in that are looked at
+
+
+class UnreadableFileError(HuskyError):
+    """A file that is missing, too large, or a device, FIFO or socket."""
+
+
+def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
+    """Content of a regular file; a FIFO or device is refused, not waited for.
+
+    Raises:
+        UnreadableFileError: it cannot be read, is no regular file, or has more than `max_size` bytes.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        with open(descriptor, "rb") as file:
+            status = os.fstat(descriptor)
+            if not stat.S_ISREG(status.st_mode):
+                raise UnreadableFileError(f"{path}: not a regular file")
+            content = file.read(max_size + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise UnreadableFileError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
+    if len(content) > max_size:
+        raise UnreadableFileError(f"{path}: larger than {max_size} bytes")
+    return content
+
+
+def is_regular(path: Path) -> bool:
+    """Whether there is a regular file; False for names that no file can have."""
+    try:
+        return stat.S_ISREG(os.stat(path).st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def read_text(path: Path, max_size: int = MAX_SIZE) -> str:
+    """Content of a regular file as UTF-8; bytes that are not become U+FFFD.
+
+    Raises:
+        UnreadableFileError: as `read_regular`.
+    """
+    return read_regular(path, max_size).decode(errors="replace")
+
+
+def write_whole(path: Path, content: str) -> None:
+    """Write a file completely or not at all: a full disk leaves no half of it.
+
+    Raises:
+        OSError: it cannot be written; what was there before stays.
+    """
+    partial = path.with_name(path.name + ".partial")
+    try:
+        with partial.open("w") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Path]:
+    """Regular files below a folder, in order; links are not followed.
+
+    Raises:
+        UnreadableFileError: there are more than MAX_ENTRIES.
+    """
+    seen = 0
+    for place, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if name not in skipped)
+        seen += len(folders) + len(names)
+        if seen > MAX_ENTRIES:
+            raise UnreadableFileError(f"{folder}: more than {MAX_ENTRIES} files and folders")
+        for name in sorted(names):
+            path = Path(place, name)
+            if stat.S_ISREG(os.lstat(path).st_mode):
+                yield path

@@ -1,0 +1,187 @@
+"""Processes whose output is cut, whose size is watched, and which leave no process behind.
+
+In: commands. Out: running processes with a log. Must not know: ROS, what the processes are.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Callable, Dict, List, Optional, Sequence
+
+import psutil
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.isolation.limits import SizeWatch
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace, sandboxed
+
+LOG_HEAD, LOG_TAIL = 2_000_000, 500_000  # [bytes] of a log that are kept
+CHUNK = 1 << 16  # [bytes]
+END_DEADLINE = 10.0  # [s] of wall time for what was killed to be gone
+STOP_DEADLINE = 30.0  # [s] of wall time from Ctrl-C to the end of marking, whatever it waits for
+_REAPER = str(Path(__file__).with_name("reaper.py"))
+
+
+class Process:
+    """A process in a session of its own, without input, whose output goes to a log of limited size.
+
+    It ends, with every process it started, when it is killed or when this program dies.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        log: Path,
+        env: Dict[str, str],
+        folder: Path,
+        workspace: Optional[Workspace] = None,
+        writable: Sequence[Path] = (),
+    ) -> None:
+        """Start it.
+
+        Args:
+            command: program and arguments.
+            log: file for its output.
+            env: environment.
+            folder: working directory.
+            workspace: of an untrusted program, which then runs in the sandbox; None for one of ours.
+            writable: further folders that an untrusted program may write.
+        """
+        self.log = log
+        self._watch: Optional[SizeWatch] = None
+        if workspace is not None:
+            command = sandboxed(workspace, command, [folder, *writable], env)
+        self.popen = subprocess.Popen(
+            [sys.executable, "-I", _REAPER, str(os.getpid()), *command],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env=env,
+            cwd=folder,
+            start_new_session=True,
+        )
+        if workspace is not None:
+            self._watch = SizeWatch(self.popen.pid, [folder, *writable], self.popen.terminate)
+        self._head, self._tail, self._size = bytearray(), bytearray(), 0
+        self._pump = threading.Thread(target=self._read, daemon=True)
+        self._pump.start()
+
+    def _read(self) -> None:
+        assert self.popen.stdout is not None
+        file = None
+        with contextlib.suppress(OSError):  # a full disk costs the log, not the drive
+            file = self.log.open("wb", buffering=0)
+        with self.popen.stdout as pipe:
+            descriptor = pipe.fileno()
+            while True:
+                try:
+                    chunk = os.read(descriptor, CHUNK)
+                except (OSError, ValueError):
+                    break
+                if not chunk:
+                    break
+                self._size += len(chunk)
+                room = LOG_HEAD - len(self._head)
+                if room > 0:
+                    self._head += chunk[:room]
+                    _write(file, chunk[:room])
+                if len(chunk) > room:
+                    self._tail = (self._tail + chunk[max(room, 0) :])[-LOG_TAIL:]
+        if self._tail:
+            left_out = self._size - len(self._head) - len(self._tail)
+            _write(file, b"\n[... %d bytes left out ...]\n" % left_out + bytes(self._tail))
+        if file is not None:
+            file.close()
+
+    @property
+    def output(self) -> str:
+        """What it printed so far: the beginning, and the end."""
+        return (bytes(self._head) + b"\n" * bool(self._tail) + bytes(self._tail)).decode(errors="replace")
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self.popen.poll() is None
+
+    @property
+    def problem(self) -> str:
+        """Why it was ended by its limits; empty: it was not."""
+        return self._watch.problem if self._watch else ""
+
+    def interrupt(self) -> None:
+        """Ask it to end."""
+        with contextlib.suppress(ProcessLookupError):
+            self.popen.send_signal(signal.SIGINT)
+
+    def kill(self) -> None:
+        """End it and every process that it ever started."""
+        if self._watch:
+            self._watch.end()
+        self.popen.terminate()  # the reaper kills what is below it
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.popen.wait(END_DEADLINE)
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.popen.pid, signal.SIGKILL)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.popen.wait(END_DEADLINE)
+
+
+def _write(file: Optional[object], content: bytes) -> None:
+    with contextlib.suppress(OSError):
+        if file is not None:
+            file.write(content)  # type: ignore[attr-defined]
+
+
+STOP_REQUESTED = threading.Event()  # Ctrl-C or SIGTERM: marking is to end
+
+
+class StoppedError(HuskyError):
+    """The marking was interrupted."""
+
+
+def request_stop() -> None:
+    """End all waits; if that is not enough, end this program, and with it everything it started."""
+    if not STOP_REQUESTED.is_set():
+        STOP_REQUESTED.set()
+        last_resort = threading.Timer(STOP_DEADLINE, os._exit, [2])
+        last_resort.daemon = True
+        last_resort.start()
+
+
+def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) -> bool:
+    """Wait until a condition holds; False if it does not after so many seconds of wall time.
+
+    Raises:
+        StoppedError: the marking is to end.
+    """
+    end = time.monotonic() + seconds
+    while not condition():
+        if STOP_REQUESTED.is_set():
+            raise StoppedError("the marking was stopped")
+        if time.monotonic() > end:
+            return False
+        time.sleep(period)
+    return True
+
+
+def with_variable(name: str, value: str) -> List[int]:
+    """Every process that was started with this variable in its environment."""
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, OSError):
+            if process.environ().get(name, "").rstrip("/") == value and process.pid != os.getpid():
+                found.append(process.pid)
+    return found
+
+
+def end_all(processes: Sequence[Process]) -> List[int]:
+    """Kill the processes and all that they started; those that are left in spite of it."""
+    for process in processes:
+        process.kill()
+    return [process.popen.pid for process in processes if process.running]

@@ -1,0 +1,137 @@
+"""Sandbox for untrusted programs: bubblewrap where the machine allows it, else a process namespace.
+
+In: folders that a program may see and write. Out: a command that runs inside. Must not know: the programs.
+
+With bubblewrap the whole file system is read-only; home folders and the folders of temporary files are
+empty but for what the workspace needs; only the program's own folders can be written. The program sees no
+process but its own. docs/marking.md says what holds without it.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Dict, List, Sequence, Tuple
+
+from husky_highlevel_controller.paths import share_folder
+
+BUBBLEWRAP, NAMESPACE, NONE = "bubblewrap", "process namespace", "none"
+FILE_SIZE, PROCESS_MEMORY = 500_000_000, 4_000_000_000  # [bytes] of a file, of a process's own memory
+TEMPORARY_FILES = 500_000_000  # [bytes] in each of /tmp, /var/tmp and /dev/shm of the sandbox
+THREADS = 1000  # processes and threads, where they are counted for a namespace alone
+PROBE_DEADLINE = 10.0  # [s] of wall time
+SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "ROS_PACKAGE_PATH")
+HIDDEN = ("/home", "/root", "/tmp", "/var/tmp", "/run", "/mnt", "/media", "/srv")
+DISPLAYS = Path("/tmp/.X11-unix")
+
+_BUBBLEWRAP = ["--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc"]
+_NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
+_SOURCE = 'while [ "$1" != -- ]; do source "$1" >/dev/null || exit 1; shift; done; shift; '
+_PACKAGES = 'export ROS_PACKAGE_PATH="$MARKING_PACKAGES${MARKING_PACKAGES:+:}$ROS_PACKAGE_PATH"; exec "$@"'
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """What an untrusted program runs in: its environment before, and the setup files it sources itself."""
+
+    env: Dict[str, str] = field(default_factory=lambda: dict(os.environ))
+    setups: Tuple[Path, ...] = ()  # setup.bash files, sourced in the sandbox, in this order
+    packages: Tuple[Path, ...] = ()  # folders of packages that are found without being built
+    hidden: Tuple[Path, ...] = ()  # folders whose content it must not see: other hand-ins and their results
+
+
+def sandboxed(
+    workspace: Workspace, command: Sequence[str], writable: Sequence[Path], env: Dict[str, str]
+) -> List[str]:
+    """The command that runs a command in the sandbox, with its workspace sourced inside.
+
+    Args:
+        workspace: what it runs in.
+        command: program and arguments.
+        writable: existing folders it may write.
+        env: the environment the whole command will be started with.
+    """
+    kind = kind_of_sandbox()
+    limits = [_program("prlimit"), f"--fsize={FILE_SIZE}", f"--data={PROCESS_MEMORY}", "--core=0"]
+    if kind != NONE:
+        limits.append(f"--nproc={THREADS}")
+    packages = os.pathsep.join(map(str, workspace.packages))
+    setups = [str(path.resolve()) for path in workspace.setups]
+    source = [_program("bash"), "-c", f"MARKING_PACKAGES={_quoted(packages)}; {_SOURCE}{_PACKAGES}", "bash"]
+    inner = [*limits, *source, *setups, "--", _program("stdbuf"), "-oL", *command]
+    if kind == BUBBLEWRAP:
+        return [_program("bwrap"), *_BUBBLEWRAP, *_mounts(workspace, writable, env), "--", *inner]
+    return [_program("unshare"), *_NAMESPACE, *inner] if kind == NAMESPACE else inner
+
+
+@lru_cache(maxsize=1)
+def kind_of_sandbox() -> str:
+    """What this machine lets us make: BUBBLEWRAP, NAMESPACE or NONE."""
+    mounts = ["--ro-bind", "/", "/", "--proc", "/proc", "--dev", "/dev"]
+    if _works("bwrap", *_BUBBLEWRAP, *mounts, "true"):
+        return BUBBLEWRAP
+    return NAMESPACE if _works("unshare", *_NAMESPACE, "true") else NONE
+
+
+def _works(program: str, *arguments: str) -> bool:
+    try:
+        asked = subprocess.run(
+            [_program(program), *arguments], capture_output=True, timeout=PROBE_DEADLINE, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return asked.returncode == 0
+
+
+@lru_cache(maxsize=None)
+def _program(name: str) -> str:
+    """Absolute path of a program of the system, by the search path that marking was started with."""
+    return shutil.which(name) or f"/usr/bin/{name}"
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "'\\''") + "'"
+
+
+def _mounts(workspace: Workspace, writable: Sequence[Path], env: Dict[str, str]) -> List[str]:
+    """Bubblewrap's arguments: outer folders come first, so that inner ones are mounted into them."""
+    home = Path(env.get("HOME", "/root"))
+    real_home = Path(os.path.expanduser("~"))
+    roots = {Path(path).resolve() for path in (*HIDDEN, real_home, home)} - {Path("/")}
+    hidden = {path for path in roots | {path.resolve() for path in workspace.hidden} if path.is_dir()}
+    shown = _needed(workspace, env)
+    steps: List[Tuple[int, int, List[str]]] = []
+    size = ["--size", str(TEMPORARY_FILES), "--tmpfs"]
+    steps += [(len(path.parts), 0, [*size, str(path)]) for path in hidden]
+    steps += [
+        (len(path.parts), 1, ["--ro-bind", str(path), str(path)])
+        for path in shown
+        if path not in hidden and not any(path in root.parents for root in roots)
+    ]
+    for path in (folder.resolve() for folder in writable):
+        steps.append((len(path.parts), 2, ["--bind", str(path), str(path)]))
+    fixed = ["--ro-bind", "/", "/", "--proc", "/proc", "--dev", "/dev", *size, "/dev/shm"]
+    ordered = sorted(steps, key=lambda step: step[:2])
+    return [*fixed, *(word for _, _, words in ordered for word in words)]
+
+
+def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
+    """Folders that a program of the workspace reads: what its environment names, and this package."""
+    share = share_folder()
+    found = {Path(sys.prefix), Path(sys.base_prefix), share, Path(sysconfig.get_paths()["purelib"])}
+    found |= {entry.resolve().parent for entry in share.iterdir()} | {Path(__file__).resolve().parents[2]}
+    for name in SEARCH_PATHS:
+        found |= {Path(word) for word in env.get(name, "").split(os.pathsep) if word.startswith("/")}
+    for prefix in env.get("CMAKE_PREFIX_PATH", "").split(os.pathsep):
+        if prefix.startswith("/"):  # libraries and messages lie beside devel/ in the source space
+            found |= {Path(prefix).parent}
+    found |= {setup.resolve().parents[1] for setup in workspace.setups} | set(workspace.packages)
+    if "DISPLAY" in env:
+        found.add(DISPLAYS)
+    return sorted({path.resolve() for path in found if path.exists()})

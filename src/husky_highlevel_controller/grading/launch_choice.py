@@ -1,0 +1,212 @@
+"""Finds the launch file of a hand-in by its content: it starts a node of the hand-in, in the pillar's world.
+
+In: packages of a hand-in, the exercise's number. Out: a launch file, and why it is the one.
+Must not know: ROS.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any, Dict, FrozenSet, Iterator, List, Optional, Sequence, Tuple
+
+from defusedxml import ElementTree
+from defusedxml.common import DefusedXmlException
+
+from husky_highlevel_controller.grading.hand_in import (
+    Contents,
+    NotMarkableError,
+    Package,
+    fits_exercise,
+)
+from husky_highlevel_controller.grading.isolation.files import (
+    UnreadableFileError,
+    is_regular,
+    read_regular,
+    walk,
+)
+
+MAX_LAUNCH = 1_000_000  # [bytes]
+MAX_DEPTH = 8  # of includes
+PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)
+TRIAL = re.compile(r"test|example|demo|tutorial|template|turtle|old|backup|copy", re.IGNORECASE)
+_FIND = re.compile(r"\$\(find\s+([\w-]+)\s*\)")
+
+
+@dataclass(frozen=True)
+class LaunchFile:
+    """A launch file of a hand-in, and what it starts."""
+
+    path: Path
+    place: PurePosixPath  # in the hand-in
+    package: str  # that it lies in; else of the first node it starts that is the hand-in's
+    nodes: Tuple[str, ...] = ()  # package/type, of the hand-in's packages
+    uses: FrozenSet[str] = frozenset()  # packages of the hand-in that it names
+    pillar: bool = False  # it names the course's world
+    rviz: bool = False  # it starts RViz
+
+
+@dataclass
+class _Seen:
+    nodes: List[str]
+    uses: List[str]
+    pillar: bool = False
+    rviz: bool = False
+
+
+def choose_launch_file(
+    contents: Contents, packages: Sequence[Package], exercise: int
+) -> Tuple[LaunchFile, str]:
+    """The launch file that fits best, and a sentence that says why.
+
+    Raises:
+        NotMarkableError: none starts a node of the hand-in.
+    """
+    folders = {package.name: package.path for package in packages}
+    found = list(_launch_files(contents, packages))
+    fitting = [read for read in (_read(path, place, folders) for path, place in found) if read is not None]
+    if not fitting:
+        names = ", ".join(sorted(str(place) for _, place in found)[:20]) or "none"
+        raise NotMarkableError(f"no launch file starts a node of the hand-in; launch files: {names}")
+    best = min(fitting, key=lambda each: _rank(each, exercise))
+    reasons = [f"starts {', '.join(best.nodes)}"]
+    if fits_exercise(best.place, exercise) == 2:
+        reasons.append(f"is named for exercise {exercise}")
+    reasons += ["uses the world singlePillar"] * best.pillar + ["starts RViz"] * best.rviz
+    others = f" (chosen of {len(fitting)})" if len(fitting) > 1 else ""
+    return best, f"launch file {best.place}: {', '.join(reasons)}{others}"
+
+
+def named_launch_file(contents: Contents, packages: Sequence[Package], name: str) -> LaunchFile:
+    """The launch file that a teacher named, by its place or the end of it.
+
+    Raises:
+        NotMarkableError: there is none, or more than one.
+    """
+    folders = {package.name: package.path for package in packages}
+    wanted = PurePosixPath(name).parts
+    fitting = [
+        (path, place)
+        for path, place in _launch_files(contents, packages)
+        if place.parts[-len(wanted) :] == wanted
+    ]
+    if len(fitting) != 1:
+        raise NotMarkableError(f"marking.yaml names the launch file {name!r}: {len(fitting)} fit it")
+    path, place = fitting[0]
+    read = _read(path, place, folders)
+    if read is not None:
+        return read
+    inside = [name for name, folder in folders.items() if folder in path.parents]
+    return LaunchFile(path, place, (inside or list(folders))[0])
+
+
+def _launch_files(contents: Contents, packages: Sequence[Package]) -> Iterator[Tuple[Path, PurePosixPath]]:
+    """Launch files inside the packages, and beside them in the folders above."""
+    seen = set()
+    for package in packages:
+        for path in walk(package.path):
+            if path.name.endswith(".launch"):
+                seen.add(path)
+                yield path, package.place / path.relative_to(package.path).as_posix()
+        for root, place in contents.places.items():
+            if root not in package.path.parents:
+                continue
+            for folder in (
+                parent for parent in package.path.parents if parent == root or root in parent.parents
+            ):
+                for path in sorted([*folder.glob("*.launch"), *folder.glob("launch/*.launch")]):
+                    if path not in seen and path.is_file() and not path.is_symlink():
+                        seen.add(path)
+                        yield path, place / path.relative_to(root).as_posix()
+
+
+def _rank(file: LaunchFile, exercise: int) -> Tuple[Any, ...]:
+    """Smaller is better: the exercise's own, no trial or example, no other exercise's, the course's world."""
+    fits = fits_exercise(file.place, exercise)
+    trial = bool(TRIAL.search(file.place.name))
+    return fits != 2, trial, -fits, not file.pillar, not file.rviz, len(file.place.parts), str(file.place)
+
+
+def _read(path: Path, place: PurePosixPath, folders: Dict[str, Path]) -> Optional[LaunchFile]:
+    """What a launch file starts; None if that is no node of the hand-in."""
+    seen = _Seen([], [])
+    _look_into(path, folders, {}, seen, 0)
+    if not seen.nodes:
+        return None
+    nodes = tuple(dict.fromkeys(seen.nodes))
+    uses = frozenset(seen.uses) & frozenset(folders)
+    inside = [name for name, folder in folders.items() if folder in path.parents]
+    file = LaunchFile(path, place, (inside or [nodes[0].partition("/")[0]])[0], nodes, uses)
+    return replace(file, pillar=seen.pillar, rviz=seen.rviz)
+
+
+def _look_into(
+    path: Path, folders: Dict[str, Path], arguments: Dict[str, str], seen: _Seen, depth: int
+) -> None:
+    try:
+        content = read_regular(path, MAX_LAUNCH)
+        root = ElementTree.fromstring(content)
+    except (UnreadableFileError, ElementTree.ParseError, DefusedXmlException):
+        return
+    except (ValueError, LookupError, RecursionError):
+        return
+    arguments = dict(arguments)
+
+    def visit(element: Any) -> None:
+        if not _is_on(element, arguments):
+            return
+        if element.tag == "arg":
+            default = element.get("value", element.get("default", ""))
+            arguments.setdefault(element.get("name", ""), default)
+        for value in element.attrib.values():
+            value = _substituted(value, arguments)
+            seen.uses += _FIND.findall(value)
+            seen.pillar |= bool(PILLAR.search(value))
+        if element.tag == "node":
+            package = element.get("pkg", "")
+            seen.rviz |= package == "rviz"
+            if package in folders:
+                seen.uses.append(package)
+                seen.nodes.append(f"{package}/{element.get('type', '')}")
+        if element.tag == "include" and depth < MAX_DEPTH:
+            file = _included(_substituted(element.get("file", ""), arguments), path, folders)
+            passed = {
+                arg.get("name", ""): _substituted(arg.get("value", ""), arguments)
+                for arg in element.iter("arg")
+            }
+            for arg in element.iter("arg"):
+                seen.pillar |= bool(PILLAR.search(_substituted(arg.get("value", ""), arguments)))
+            if file is not None:
+                _look_into(file, folders, passed, seen, depth + 1)
+            return
+        for child in element:
+            visit(child)
+
+    visit(root)
+
+
+def _included(file: str, path: Path, folders: Dict[str, Path]) -> Optional[Path]:
+    """An included file of the hand-in's own."""
+    found = _FIND.match(file)
+    if found and found.group(1) in folders:
+        inside = folders[found.group(1)]
+        target = inside / file[found.end() :].lstrip("/")
+    elif file.startswith("$(dirname)"):
+        inside, target = path.parent, path.parent / file[len("$(dirname)") :].lstrip("/")
+    else:
+        return None
+    return target if ".." not in target.parts and is_regular(target) else None
+
+
+def _substituted(text: str, arguments: Dict[str, str]) -> str:
+    return re.sub(
+        r"\$\(arg\s+([\w-]+)\s*\)", lambda found: arguments.get(found.group(1), found.group()), text
+    )
+
+
+def _is_on(element: Any, arguments: Dict[str, str]) -> bool:
+    """Whether `if` and `unless` let an element be; what cannot be worked out here counts as on."""
+    condition = _substituted(element.get("if", "true"), arguments).strip().lower()
+    exception = _substituted(element.get("unless", "false"), arguments).strip().lower()
+    return condition not in ("false", "0") and exception not in ("true", "1")

@@ -1,0 +1,91 @@
+"""Where a marker is drawn: its reference point and its extent, seen from the pillar's axis.
+
+In: a marker's kind, pose, scale and points as numbers. Out: `Drawn`. Must not know: ROS, points of a rubric.
+
+What each kind draws, and in which frame, is that of visualization_msgs/Marker and RViz's marker display.
+"""
+
+from __future__ import annotations
+
+from math import atan2, hypot, pi
+from typing import List, NamedTuple, Sequence, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import Pose, Vector3
+from husky_highlevel_controller.geometry import transform_point
+
+# numbers of visualization_msgs/Marker
+ARROW, LINE_STRIP, LINE_LIST, CUBE_LIST, SPHERE_LIST, POINTS = 0, 4, 5, 6, 7, 8
+TEXT, MESH, TRIANGLES = 9, 10, 11
+LINES = {LINE_STRIP, LINE_LIST}
+LISTS = {*LINES, CUBE_LIST, SPHERE_LIST, POINTS, TRIANGLES}
+MAX_POINTS = 1000  # of a marker of many points that are looked at
+_CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+
+
+class Drawn(NamedTuple):
+    """One marker in the world, seen from a vertical axis."""
+
+    position: Vector3  # [m], an arrow's tip, a solid's centre, a list's mean or its line's end
+    reach: float  # [m], horizontally from the axis to the nearest drawn point; 0: it covers the axis
+    low: float  # [m], height of the lowest drawn point
+    high: float  # [m], height of the highest drawn point
+
+
+def draw(
+    kind: int,
+    pose_in_world: Pose,
+    scale: Sequence[float],
+    points: Sequence[Sequence[float]],
+    axis: Tuple[float, float],
+) -> Drawn:
+    """Place a marker's shape.
+
+    Args:
+        kind: `type` of visualization_msgs/Marker.
+        pose_in_world: of the marker.
+        scale: x, y, z [m].
+        points: in the marker's frame [m].
+        axis: x, y of the vertical axis in the world [m].
+    """
+    references, corners = _shape(kind, scale, points)
+    placed = [transform_point(pose_in_world, point) for point in references]
+    position = min(placed, key=lambda point: hypot(point[0] - axis[0], point[1] - axis[1]))
+    outline = np.array([transform_point(pose_in_world, corner) for corner in corners])
+    low, high = float(outline[:, 2].min()), float(outline[:, 2].max())
+    return Drawn(position, hull_distance(outline[:, :2] - np.asarray(axis)), low, high)
+
+
+def _shape(
+    kind: int, scale: Sequence[float], points: Sequence[Sequence[float]]
+) -> Tuple[Sequence[Sequence[float]], Sequence[Sequence[float]]]:
+    """Reference points, the best of which counts, and points whose convex hull is what is drawn."""
+    if kind == ARROW and len(points) >= 2:
+        return [points[1]], [points[1]]
+    if kind == ARROW:  # along x of its pose, as long as scale.x
+        tip = (float(scale[0]), 0.0, 0.0)
+        return [tip], [tip]
+    if kind in LISTS and len(points):
+        kept = list(points[:MAX_POINTS])
+        mean = np.mean(np.array(kept, dtype=float), axis=0).tolist()
+        ends: List[Sequence[float]] = [kept[0], kept[-1]] if kind in LINES else []
+        return [mean, *ends], [mean, *ends]
+    if kind in (TEXT, MESH):  # a text turns to the camera; a mesh's size is in its file
+        return [(0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0)]
+    return [(0.0, 0.0, 0.0)], (_CORNERS * np.asarray(scale, dtype=float)).tolist()
+
+
+def hull_distance(points: np.ndarray) -> float:
+    """From the origin to the convex hull of points, (N, 2) [m]; 0 inside."""
+    bearings = sorted(atan2(y, x) for x, y in points)
+    gaps = np.diff([*bearings, bearings[0] + 2.0 * pi])
+    if len(points) > 2 and gaps.max() < pi - 1e-9:
+        return 0.0
+    # outside, the nearest point lies on a segment between two of the points
+    first, second = (points[indices] for indices in np.triu_indices(len(points)))
+    along = second - first
+    length = np.maximum((along**2).sum(axis=1), 1e-12)
+    share = np.clip(-(first * along).sum(axis=1) / length, 0.0, 1.0)
+    nearest = first + share[:, np.newaxis] * along
+    return float(np.sqrt((nearest**2).sum(axis=1)).min())

@@ -1,0 +1,124 @@
+"""HTML: one page of a class for the teacher, one self-contained feedback for each student.
+
+In: `Result`s, pictures, links. Out: HTML, in which Jinja2 escapes all text. Must not know: ROS, rubrics.
+"""
+
+from __future__ import annotations
+
+import base64
+import statistics
+from dataclasses import dataclass
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from urllib.parse import quote
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from husky_highlevel_controller.grading.report import Result
+from husky_highlevel_controller.grading.rubrics.items import Item
+from husky_highlevel_controller.paths import share_folder
+
+BARS = 10  # of the histogram
+BAR_HEIGHT = 60  # [pixels], the highest
+COLOURS = {"marked": "", "for a person": "person", "could not be marked": "unmarked"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A result as a template sees it."""
+
+    result: Result
+    cells: Tuple[Optional[Item], ...]  # one for each column
+    pictures: Tuple[str, ...]  # PNG in base64
+    files: Tuple[Tuple[str, str], ...]  # words and address
+
+    @property
+    def open(self) -> float:
+        """Points that a person has to give."""
+        return sum(item.max_points for item in self.result.items if item.points is None)
+
+    @property
+    def colour(self) -> str:
+        """Class of the state's cell."""
+        return COLOURS[self.result.state]
+
+
+def class_page(
+    results: Sequence[Result],
+    pictures: Mapping[str, Sequence[bytes]],
+    files: Mapping[str, Sequence[Tuple[str, str]]],
+) -> str:
+    """The teacher's page, sorted by name.
+
+    Args:
+        results: of all students.
+        pictures: PNGs by name.
+        files: by name, (words, path relative to the page) of logs.
+    """
+    ordered = sorted(results, key=lambda result: result.name.casefold())
+    columns = list(dict.fromkeys(item.name for result in ordered for item in result.items))
+    rows = [
+        _row(result, columns, pictures.get(result.name, ()), files.get(result.name, ())) for result in ordered
+    ]
+    marked = [result for result in ordered if not result.problem]
+    return _render(
+        "class.html",
+        rows=rows,
+        columns=columns,
+        settings=_settings(ordered[0]) if ordered else "no submissions",
+        counts=[(state, n) for state in COLOURS if (n := sum(r.state == state for r in ordered))],
+        median=statistics.median(result.points for result in marked) if marked else None,
+        max_points=max((result.max_points for result in marked), default=0.0),
+        bars=histogram([result.points for result in marked], [result.max_points for result in marked]),
+    )
+
+
+def feedback_page(result: Result, pictures: Sequence[bytes]) -> str:
+    """One student's page, which needs no other file and names no other student."""
+    return _render("feedback.html", row=_row(result, [], pictures, ()), settings=_settings(result))
+
+
+def histogram(points: Sequence[float], max_points: Sequence[float]) -> List[Dict[str, Any]]:
+    """Bars over shares of what could be reached: count, height in pixels, label in percent."""
+    counts = [0] * BARS
+    for given, most in zip(points, max_points):
+        counts[min(int(BARS * given / most), BARS - 1) if most else 0] += 1
+    highest = max([*counts, 1])
+    return [
+        {"count": count, "height": round(BAR_HEIGHT * count / highest), "label": f"{100 * number // BARS} %"}
+        for number, count in enumerate(counts)
+    ]
+
+
+def _row(
+    result: Result, columns: Sequence[str], pictures: Sequence[bytes], files: Sequence[Tuple[str, str]]
+) -> Row:
+    items = {item.name: item for item in result.items}
+    return Row(
+        result,
+        tuple(items.get(name) for name in columns),
+        tuple(base64.b64encode(picture).decode() for picture in pictures),
+        tuple((words, quote(path)) for words, path in files),
+    )
+
+
+def _settings(result: Result) -> str:
+    return ", ".join(f"{key} {value}" for key, value in result.settings.items() if value is not None)
+
+
+def _render(template: str, **values: Any) -> str:
+    folder = share_folder() / "templates"
+    environment = Environment(
+        loader=FileSystemLoader(str(folder)),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals.update(number=lambda value: f"{value:g}", grade=_grade)
+    style = Markup((folder / "style.css").read_text())
+    return environment.get_template(template).render(style=style, **values)
+
+
+def _grade(points: float, max_points: float) -> str:
+    return "full" if points >= max_points - 1e-9 else "some" if points > 0.0 else "none"

@@ -1,0 +1,187 @@
+"""What was seen of one drive: all that marking looks at, written to a file and read again.
+
+In: numbers and words. Out: a `Recording`, as JSON and back. Must not know: ROS, points.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
+from math import inf, nan
+from pathlib import Path
+from typing import Any, Dict, List, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.course import PILLAR_RADIUS
+from husky_highlevel_controller.datatypes import HuskyError, Pose2D
+from husky_highlevel_controller.footprint import clearance
+
+ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker message
+
+
+class RecordingError(HuskyError):
+    """A file that is no recording."""
+
+
+class ExchangedError(RecordingError):
+    """A recording that is not the recorder's."""
+
+
+@dataclass(frozen=True)
+class MarkerSample:
+    """One marker message, placed in the world; or the removal of markers."""
+
+    topic: str
+    namespace: str
+    id: int
+    at: float  # [s], simulated, when it came
+    stamp: float  # [s]; 0: the transforms of the moment it was sent
+    frame: str
+    position: Tuple[float, float, float]  # [m] in the world, see marker_shape; nan without
+    reach: float = inf  # [m], horizontally from the pillar's axis to the nearest point of what is drawn
+    low: float = nan  # [m], height in the world of the lowest drawn point
+    high: float = nan  # [m], of the highest
+    until: float = inf  # [s], simulated: the end of its lifetime
+    action: str = ADD
+    problem: str = ""  # why RViz would draw nothing
+
+
+@dataclass(frozen=True)
+class Call:
+    """One call of a start/stop service."""
+
+    at: float  # [s], simulated
+    data: bool  # what was sent
+    success: bool
+    answer: str  # its words, or what went wrong
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One drive of one submission; arrays are read-only."""
+
+    start: Pose2D  # of base_link in the world
+    pillar: Tuple[float, float]  # [m], its centre in the world, before anybody pushes it
+    deadline: float  # [s], simulated
+    times: np.ndarray  # (N,) [s], simulated, of the true poses
+    poses: np.ndarray  # (N, 3) [m, m, rad], true x, y, yaw of base_link in the world
+    speeds: np.ndarray  # (N, 2) [m/s, rad/s], true, in base_link
+    commands: np.ndarray  # (M,) [s], simulated, when commands came; at most one for each true pose
+    command_count: int = 0  # all of them
+    zero_count: int = 0  # of these, how many were zero in every component
+    nearest: np.ndarray = field(
+        default_factory=lambda: np.zeros((0, 2))
+    )  # (K, 2) [s, m], smallest valid range of each scan; inf for none
+    markers: Tuple[MarkerSample, ...] = ()
+    marker_topics: Tuple[str, ...] = ()  # that the submission publishes, whether or not anything came
+    services: Tuple[str, ...] = ()  # std_srvs/SetBool that the submission offers
+    calls: Tuple[Call, ...] = ()
+    topic_parameters: Tuple[str, ...] = ()  # private parameters whose value is the scans' topic
+    queue_parameters: Tuple[
+        str, ...
+    ] = ()  # private parameters that are a whole number and called ...queue...
+    subscribed: bool = False  # the submission listens to the scans
+    silent_topics: Tuple[str, ...] = ()  # that the submission subscribes to and nothing publishes
+    unread_topics: Tuple[str, ...] = ()  # geometry_msgs/Twist that it publishes and nothing subscribes to
+    violations: Tuple[str, ...] = ()  # that end the claim to points, in sentences
+    notes: Tuple[str, ...] = ()  # what went wrong, in sentences
+    ended: str = ""  # why the drive ended
+    output: str = ""  # what the submission printed, shortened
+
+    @property
+    def hull_gaps(self) -> np.ndarray:
+        """From the robot's outline to the pillar's surface, were the pillar never moved, (N,) [m]."""
+        return hull_gaps(self.poses, self.pillar)
+
+    @property
+    def moving(self) -> np.ndarray:
+        """When the robot drives or turns, (N,) bool."""
+        return (np.abs(self.speeds[:, 0]) > STANDS) | (np.abs(self.speeds[:, 1]) > STANDS)
+
+    @property
+    def driving(self) -> np.ndarray:
+        """When the robot drives, (N,) bool; one that trembles on the spot does not."""
+        return np.abs(self.speeds[:, 0]) > STANDS
+
+
+def empty_recording(pillar: Tuple[float, float], deadline: float, notes: Tuple[str, ...]) -> Recording:
+    """Of a drive that never began."""
+    nothing = np.zeros(0)
+    return Recording(
+        Pose2D(), pillar, deadline, nothing, np.zeros((0, 3)), np.zeros((0, 2)), nothing, notes=notes
+    )
+
+
+CUT_OFF = "it was cut off"  # why a drive ended that the recorder did not end
+STANDS = 0.05  # [m/s] and [rad/s], slower is standing
+
+
+def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float]) -> np.ndarray:
+    """From the robot's outline, seen from above, to the pillar's surface, (N,) [m]; negative: inside."""
+    dx, dy = (np.asarray(pillar) - poses[:, :2]).T
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return clearance(np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)) - PILLAR_RADIUS
+
+
+_ARRAYS = {"times": (-1,), "poses": (-1, 3), "speeds": (-1, 2), "commands": (-1,), "nearest": (-1, 2)}
+
+
+def to_json(recording: Recording) -> str:
+    """Everything, as text."""
+    content = {name: value for name, value in vars(recording).items() if name not in _ARRAYS}
+    content["start"] = recording.start._asdict()
+    content["markers"] = [asdict(marker) for marker in recording.markers]
+    content["calls"] = [asdict(call) for call in recording.calls]
+    for name in _ARRAYS:
+        content[name] = np.round(getattr(recording, name), 4).tolist()
+    return json.dumps(content)
+
+
+def from_json(text: str) -> Recording:
+    """What `to_json` wrote.
+
+    Raises:
+        RecordingError: it did not write this.
+    """
+    try:
+        content: Dict[str, Any] = json.loads(text)
+        content["start"] = Pose2D(**content["start"])
+        content["pillar"] = tuple(content["pillar"])
+        content["markers"] = tuple(
+            MarkerSample(**{**marker, "position": tuple(marker["position"])}) for marker in content["markers"]
+        )
+        content["calls"] = tuple(Call(**call) for call in content["calls"])
+        for name, shape in _ARRAYS.items():
+            array = np.array(content[name], dtype=float).reshape(shape)
+            array.setflags(write=False)
+            content[name] = array
+        lists: List[str] = [name for name, value in content.items() if isinstance(value, list)]
+        content.update({name: tuple(content[name]) for name in lists})
+        return Recording(**content)
+    except (ValueError, TypeError, KeyError) as error:
+        raise RecordingError(f"not a recording: {error}") from error
+
+
+def load(path: Path, sha256: str) -> Recording:
+    """A recording from its file.
+
+    Args:
+        path: of the file.
+        sha256: of its content, from who wrote it, in hexadecimal digits.
+
+    Raises:
+        ExchangedError: the file is not what was written.
+        RecordingError: there is none, or it is broken.
+    """
+    try:
+        text = path.read_text()
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"no recording: {error}") from error
+    if sha256 and hashlib.sha256(text.encode()).hexdigest() != sha256:
+        raise ExchangedError(f"{path.name} was exchanged after the drive")
+    try:
+        return from_json(text)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from error

@@ -1,0 +1,1 @@
+"""The rubrics of the exercises: recordings in, points out."""

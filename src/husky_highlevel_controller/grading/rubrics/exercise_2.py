@@ -1,0 +1,89 @@
+"""The rubric of exercise 2: prints the smallest range, has parameters, shows the scan in RViz.
+
+In: `Recording`s, and what RViz showed. Out: `Item`s; without points what a person has to look at.
+Must not know: ROS, files.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import List, Sequence
+
+import numpy as np
+
+from husky_highlevel_controller.grading.recording import Recording
+from husky_highlevel_controller.grading.rubrics.items import Item, RvizView, forfeited
+from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules
+
+ITEMS = (
+    "prints the smallest range",
+    "style of the template",
+    "parameters: topic name and queue size",
+    "RViz shows the laser scan in odom",
+)
+SAME = 0.02  # [m], a number printed this near to a range measured is that range
+LEAST_LINES = 5  # with such a number
+SPAN = 0.5  # of the change of the smallest range must be printed
+
+_NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
+_PREFIX = re.compile(r"^\W*(?:\x1b\[\d*m)?\[[A-Z ]+\] \[[^\]]*\](?: \[[^\]]*\])?:?")  # of a line of a ROS log
+
+
+def judge_output(recording: Recording) -> Item:
+    """The smallest range is printed: 40, or 20 if it does not follow the drive."""
+    item = Item(ITEMS[0], 0.0, 40.0, "")
+    truth = recording.nearest[np.isfinite(recording.nearest[:, 1]), 1]
+    if not recording.subscribed or not len(truth):
+        why = recording.notes[0] if recording.notes else "it does not subscribe to the scans"
+        return replace(item, evidence=f"nothing to print: {why}")
+    low, high = float(truth.min()), float(truth.max())
+    printed = [value for line in recording.output.splitlines() for value in _ranges_in(line, low, high)]
+    if len(printed) < LEAST_LINES:
+        words = f"{len(printed)} lines with a range between {low:.2f} and {high:.2f} m, wanted {LEAST_LINES}"
+        return replace(item, evidence=words)
+    words = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
+    words += f"measured {high:.2f} to {low:.2f} m"
+    follows = max(printed) - min(printed) >= SPAN * (high - low) and printed[0] > printed[-1]
+    return replace(item, points=40.0 if follows else 20.0, evidence=words)
+
+
+def _ranges_in(line: str, low: float, high: float) -> List[float]:
+    numbers = [float(word) for word in _NUMBER.findall(_PREFIX.sub("", line))]
+    return [number for number in numbers if low - SAME <= number <= high + SAME][:1]
+
+
+def judge_parameters(recording: Recording) -> Item:
+    """Topic name (8) and queue size (7) are parameters."""
+    item = Item(ITEMS[2], 0.0, 15.0, "")
+    points = 8.0 * bool(recording.topic_parameters) + 7.0 * bool(recording.queue_parameters)
+    topic = ", ".join(recording.topic_parameters) or "no parameter is the scans' topic"
+    queue = ", ".join(recording.queue_parameters) or "no whole number is called queue"
+    return replace(item, points=points, evidence=f"{topic}; {queue}")
+
+
+def judge_view(view: RvizView, scan_topic: str) -> Item:
+    """RViz shows the scan (10) in odom (5)."""
+    item = Item(ITEMS[3], 0.0, 15.0, "")
+    if not view.judged:
+        return replace(item, points=None, evidence=f"not judged: {view.problem}")
+    if not view.source:
+        return replace(item, points=None, evidence="for a person: no RViz configuration was handed in")
+    if view.problem:
+        return replace(item, evidence=view.problem)
+    seen = view.scan and scan_topic in view.topics
+    words = f"{view.source}: laser scan {'' if seen else 'not '}to be seen, fixed frame '{view.fixed_frame}'"
+    return replace(item, points=(10.0 + 5.0 * (view.fixed_frame == "odom")) * seen, evidence=words)
+
+
+def judge_exercise_2(
+    recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT
+) -> List[Item]:
+    """All of exercise 2: 40, 30 by hand, 15 and 15."""
+    items = [
+        judge_output(recordings[0]),
+        Item(ITEMS[1], None, 30.0, "for a person: is it built like the template?"),
+        judge_parameters(recordings[0]),
+        judge_view(view, scan_topic),
+    ]
+    return rules.apply(forfeited(items, recordings))

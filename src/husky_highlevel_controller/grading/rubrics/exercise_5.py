@@ -1,0 +1,133 @@
+"""The rubric of exercise 5: a service stops and starts the robot.
+
+In: `Recording`s. Out: `Item`s; without points what a person has to look at.
+Must not know: ROS, files.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import List, Sequence
+
+import numpy as np
+
+from husky_highlevel_controller.grading.recording import Call, Recording
+from husky_highlevel_controller.grading.rubrics.exercise_3 import first_cause
+from husky_highlevel_controller.grading.rubrics.items import Item, RvizView, forfeited
+from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules
+
+ITEMS = (
+    "service stops the robot",
+    "service starts it again",
+    "bonus: stops before a crash",
+    "bonus: stops after a crash",
+)
+BEFORE = 0.5  # [s], simulated, before a call: what the robot did then counts as just before
+SETTLED, CALM = 1.5, 4.0  # [s], simulated, after a call: from when to when it is looked at
+SLOW, FAST = 0.05, 0.1  # [m/s]: stands, drives
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A call, and what the robot did."""
+
+    call: Call
+    before: float  # [m/s], the highest speed just before
+    after: float  # [m/s], the highest speed once it has settled
+
+    @property
+    def stopped(self) -> bool:
+        """It drove and stands."""
+        return self.before >= FAST and self.after <= SLOW
+
+
+def judge_calls(recording: Recording) -> List[Item]:
+    """The service stops (50) and starts (50) the robot, again and again; half for once only."""
+    stop, start = Item(ITEMS[0], 0.0, 50.0, ""), Item(ITEMS[1], 0.0, 50.0, "")
+    if not recording.calls:
+        offered = recording.services
+        why = f"{offered[0]} was not called" if offered else "no std_srvs/SetBool service"
+        if recording.notes:
+            why += f": {recording.notes[0]}"
+        return [replace(stop, evidence=why), replace(start, evidence=why)]
+    name = recording.services[0] if recording.services else "its service"
+    effects = [Effect(call, *_speeds(recording, call)) for call in recording.calls]
+    stops = _stopping_value(effects)
+    stop = _judge_stops(stop, name, [effect for effect in effects if effect.call.data is stops])
+    if not any(effect.before >= FAST for effect in effects):
+        return [stop, _judge_starts_from_rest(start, name, recording, effects)]
+    # a start counts where the robot stood because an earlier call had stopped it
+    starts = [
+        effect
+        for number, effect in enumerate(effects)
+        if effect.call.data is not stops and number and effects[number - 1].stopped
+    ]
+    return [stop, _judge_starts(start, name, starts)]
+
+
+def _stopping_value(effects: Sequence[Effect]) -> bool:
+    """The value after which a driving robot is slower: which of the two stops is the submission's choice."""
+    mean = {
+        data: np.mean([e.after for e in effects if e.call.data is data and e.before >= FAST] or [np.inf])
+        for data in (False, True)
+    }
+    return bool(mean[True] < mean[False])
+
+
+def _speeds(recording: Recording, call: Call) -> List[float]:
+    speeds = np.abs(recording.speeds[:, 0])
+    before = (recording.times >= call.at - BEFORE) & (recording.times <= call.at)
+    after = (recording.times >= call.at + SETTLED) & (recording.times <= call.at + CALM)
+    return [float(speeds[when].max()) if when.any() else 0.0 for when in (before, after)]
+
+
+def _judge_stops(item: Item, name: str, effects: Sequence[Effect]) -> Item:
+    driving = [effect for effect in effects if effect.before >= FAST]
+    if not driving:
+        words = f"{name}: not judged, the robot stood already before each call: for a person"
+        return replace(item, points=None, evidence=words)
+    good = sum(effect.stopped for effect in driving)
+    words = f"{name}: stands after {good} of {len(driving)} calls"
+    return _judged(item, words, good, driving, [effect for effect in driving if not effect.stopped])
+
+
+def _judge_starts(item: Item, name: str, effects: Sequence[Effect]) -> Item:
+    if not effects:
+        return replace(item, evidence=f"{name}: no call had stopped it, so none could start it again")
+    wrong = [effect for effect in effects if effect.after < FAST]
+    good = len(effects) - len(wrong)
+    return _judged(item, f"{name}: drives after {good} of {len(effects)} calls", good, effects, wrong)
+
+
+def _judge_starts_from_rest(item: Item, name: str, recording: Recording, effects: Sequence[Effect]) -> Item:
+    """Of a robot that stood before every call."""
+    if any(effect.after >= FAST for effect in effects):
+        words = f"{name}: it drives after a call, but no call had stopped it before: for a person"
+        return replace(item, points=None, evidence=words)
+    if not (np.abs(recording.speeds[:, 0]) >= FAST).any():
+        return replace(item, evidence=f"{name}: it never drives: {first_cause(recording)}")
+    words = f"{name}: not judged, it had stopped by itself before the first call: for a person"
+    return replace(item, points=None, evidence=words)
+
+
+def _judged(item: Item, words: str, good: int, effects: Sequence[Effect], wrong: Sequence[Effect]) -> Item:
+    at = effects[0].call.at
+    if wrong:
+        call, speed, at = wrong[0].call, wrong[0].after, wrong[0].call.at
+        words += f"; after {str(call.data).lower()} at {call.at:.2f} s it drives at {speed:.2f} m/s"
+        words += f" ({call.answer})" * (not call.success and bool(call.answer))
+    points = item.max_points if good == len(effects) else item.max_points / 2.0 if good else 0.0
+    return replace(item, points=points, evidence=words, at=at)
+
+
+def judge_exercise_5(
+    recordings: Sequence[Recording], _view: RvizView, _scan_topic: str, rules: Rules = DEFAULT
+) -> List[Item]:
+    """All of exercise 5: 50 and 50, and two bonuses by hand."""
+    by_hand = "for a person: a node of its own"
+    items = judge_calls(recordings[0])
+    if not (np.abs(recordings[0].speeds[:, 0]) > FAST).any():
+        why = f"it never drives, so it cannot be stopped: {first_cause(recordings[0])}"
+        items = [replace(items[0], points=0.0, evidence=why), replace(items[1], points=0.0)]
+    items += [Item(name, None, 25.0, by_hand) for name in ITEMS[2:]]
+    return rules.apply(forfeited(items, recordings))

@@ -1,0 +1,300 @@
+"""Looks at a submission's RViz on a virtual screen: what it subscribes to, and what is to be seen.
+
+In: a submission and what it would start. Out: an `RvizView`, and a picture. Must not know: points, drives.
+
+RViz runs four times side by side, with the submission's own view and fixed frame: as it is, and once each
+with nothing but TF, robot model, laser scan. What then differs from the background is that display.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+import shlex
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
+
+import numpy as np
+import yaml
+
+from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.grading.drive import GradingConfig, Plan, Submission, simulate
+from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, is_regular, read_text
+from husky_highlevel_controller.grading.isolation.process import Process, wait
+from husky_highlevel_controller.grading.isolation.ros_network import MarkingError, Network
+from husky_highlevel_controller.grading.ros_master import subscriptions
+from husky_highlevel_controller.grading.rubrics.items import RvizView
+from husky_highlevel_controller.grading.trials import rviz_world
+
+ATTEMPTS = 2  # drawing by software is not always stable
+TILE = (800, 600)  # [pixels], one window
+SCREEN_DEADLINE, SHOW_DEADLINE = 20.0, 20.0  # [s] of wall time
+CLASSES = {"tf": "rviz/TF", "robot": "rviz/RobotModel", "scan": "rviz/LaserScan"}
+ENOUGH = {"tf": 15, "robot": 60, "scan": 6}  # [pixels]; a distant point of the scan is one or two
+DIFFERENT = 30  # of 255, in a colour, from the background
+BLACK = 8  # of 255: a screen without windows
+DRAWN = 0.05  # of the view must be background, or it is not there yet
+MARGINS = (0.12, 0.94, 0.03, 0.97)  # of the window: without menu, tools and status line
+
+
+# the saved camera is wherever its owner looked last; what counts is which displays are on
+VIEWS = {
+    "Current": {
+        "Class": "rviz/Orbit", "Name": "Current View", "Target Frame": "base_link",
+        "Distance": 6.0, "Pitch": 0.7, "Yaw": 3.8, "Focal Point": {"X": 0.3, "Y": 0.0, "Z": 0.3},
+    },
+    "Saved": [],
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Setup:
+    """How a submission would start RViz."""
+
+    source: str  # in words
+    config: Dict[str, Any]  # of RViz
+    remaps: Tuple[str, ...] = ()
+
+
+def find_setup(planned: Plan) -> Optional[Setup]:
+    """The configuration of the first rviz node; else the package's .rviz file with most of the displays.
+
+    None where no configuration was handed in: a node without one shows what is in the student's ~/.rviz.
+    """
+    remaps: Tuple[str, ...] = ()
+    for node in planned.rviz[:1]:
+        remaps = tuple(f"{old}:={new}" for old, new in node["remap"])
+        path = _display_config(node["args"])
+        if path is not None and is_regular(path):
+            return Setup(f"its rviz node, {path.name}", _read(path), remaps)
+    folder = Path(planned.package_path) if planned.package_path else None
+    files = sorted(folder.rglob("*.rviz"))[:20] if folder else []
+    if not files:
+        return None
+    best = max(files, key=lambda path: len(set(CLASSES.values()) & _enabled_classes(_read(path))))
+    return Setup(best.name, _read(best), remaps)
+
+
+def _display_config(arguments: str) -> Optional[Path]:
+    try:
+        words = shlex.split(arguments)
+    except ValueError:  # a quote that is not closed
+        words = arguments.replace('"', " ").replace("'", " ").split()
+    for flag, value in zip(words, words[1:]):
+        if flag in ("-d", "--display-config"):
+            return Path(value)
+    return next((Path(word) for word in words if word.endswith(".rviz")), None)
+
+
+def _read(path: Path) -> Dict[str, Any]:
+    try:
+        content = yaml.safe_load(read_text(path))
+    except (UnreadableFileError, ValueError, RecursionError, yaml.YAMLError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _manager(config: Dict[str, Any]) -> Dict[str, Any]:
+    manager = config.get("Visualization Manager")
+    return manager if isinstance(manager, dict) else {}
+
+
+def _displays(config: Dict[str, Any]) -> List[Any]:
+    return _entries(_manager(config).get("Displays"))
+
+
+def _entries(displays: Any) -> List[Any]:
+    """A list of displays, whatever is in its place."""
+    return displays if isinstance(displays, list) else []
+
+
+def _options(config: Dict[str, Any]) -> Dict[str, Any]:
+    options = _manager(config).get("Global Options")
+    return options if isinstance(options, dict) else {}
+
+
+def _enabled_classes(config: Dict[str, Any]) -> Set[str]:
+    def of(displays: Sequence[Any]) -> Set[str]:
+        found: Set[str] = set()
+        for display in displays:
+            if isinstance(display, dict) and display.get("Enabled", True):
+                found.add(str(display.get("Class")))
+                found |= of(_entries(display.get("Displays")))
+        return found
+
+    return of(_displays(config))
+
+
+def only(config: Dict[str, Any], kind: str) -> Dict[str, Any]:
+    """The configuration with nothing but the displays of one class; groups stay, with these in them."""
+
+    def kept(displays: Sequence[Any]) -> List[Any]:
+        chosen = []
+        for display in displays:
+            if not isinstance(display, dict):
+                continue
+            if display.get("Class") == "rviz/Group":
+                chosen.append({**display, "Displays": kept(_entries(display.get("Displays")))})
+            elif display.get("Class") == kind:
+                chosen.append(display)
+        return chosen
+
+    return {**config, "Visualization Manager": {**_manager(config), "Displays": kept(_displays(config))}}
+
+
+def placed(config: Dict[str, Any], column: int, row: int) -> Dict[str, Any]:
+    """The configuration in a tile of the screen, without panels, its camera on the robot, at 5 Hz."""
+    config = copy.deepcopy(config)
+    config["Panels"] = []
+    config["Window Geometry"] = {
+        "X": column * TILE[0], "Y": row * TILE[1], "Width": TILE[0], "Height": TILE[1],
+        "Hide Left Dock": True, "Hide Right Dock": True,
+    }  # fmt: skip
+    options = {**_options(config), "Frame Rate": 5}
+    config["Visualization Manager"] = {**_manager(config), "Global Options": options, "Views": VIEWS}
+    return config
+
+
+# ---------------------------------------------------------------------------- the screen
+
+
+class Screen:
+    """A virtual screen whose pixels can be looked at."""
+
+    def __init__(self, network: Network) -> None:
+        self._memory = network.folder / "Xvfb_screen0"
+        size = f"{2 * TILE[0]}x{2 * TILE[1]}x24"
+        command = ["Xvfb", "-displayfd", "1", "-noreset", "-screen", "0", size, "-fbdir", str(network.folder)]
+        xvfb = network.start("xvfb", command)
+
+        def number() -> Optional[str]:
+            # complaints about displays that others have may come before it
+            found = re.search(r"^(\d+)$", xvfb.output, re.MULTILINE)
+            return found.group(1) if found else None
+
+        if not wait(lambda: number() is not None or not xvfb.running, SCREEN_DEADLINE) or not xvfb.running:
+            raise MarkingError(f"Xvfb does not start: {xvfb.output.strip()[-300:]}")
+        self.display = f":{number()}"
+
+    def tile(self, column: int, row: int) -> np.ndarray:
+        """(height, width, 3) of red, green, blue, 0 to 255."""
+        data = self._memory.read_bytes()  # X's own dump format, XWD: a header of big-endian words
+        header = np.frombuffer(data, ">u4", 25)
+        offset, (width, height), line = (
+            int(header[0] + 12 * header[19]),
+            header[4:6].tolist(),
+            int(header[12]),
+        )
+        rows = np.frombuffer(data, np.uint8, line * height, offset).reshape(height, line)
+        pixels = rows[:, : 4 * width].reshape(height, width, 4)[:, :, 2::-1]
+        left, top = column * TILE[0], row * TILE[1]
+        return pixels[top : top + TILE[1], left : left + TILE[0]].astype(int)
+
+
+def foreground(pixels: np.ndarray, background: Sequence[int]) -> int:
+    """How many pixels of the view are not background; 0 while RViz has not drawn it."""
+    top, bottom, left, right = MARGINS
+    height, width = pixels.shape[:2]
+    view = pixels[int(top * height) : int(bottom * height), int(left * width) : int(right * width)]
+    away = np.abs(view - np.asarray(background)).max(axis=2)
+    drawn = (away <= 2).mean() >= DRAWN
+    return int((away > DIFFERENT).sum()) if drawn else 0
+
+
+def is_black(pixels: np.ndarray) -> bool:
+    """Whether nothing has been drawn: no window came up."""
+    return bool(pixels.max() <= BLACK)
+
+
+def background(config: Dict[str, Any]) -> List[int]:
+    """The background colour of a configuration."""
+    words = str(_options(config).get("Background Color", "48; 48; 48"))
+    try:
+        red, green, blue = (int(word) for word in words.split(";"))
+    except ValueError:
+        return [48, 48, 48]
+    return [red, green, blue]
+
+
+# ---------------------------------------------------------------------------- the look
+
+
+def look(
+    submission: Submission, planned: Plan, config: GradingConfig, folder: Path
+) -> Tuple[RvizView, Optional[np.ndarray]]:
+    """Run the submission's RViz beside a robot that stands, and look at it; and its picture."""
+    setup = find_setup(planned)
+    if setup is None:
+        return RvizView(), None
+    absent = [program for program in ("rviz", "Xvfb") if shutil.which(program) is None]
+    if absent:
+        return RvizView(setup.source, problem=f"{' and '.join(absent)} not installed", judged=False), None
+    if not _manager(setup.config):
+        return RvizView(setup.source, problem="the file is not RViz's"), None
+    for attempt in range(ATTEMPTS):
+        view, pixels, whole = _look_at(setup, submission, config, folder / str(attempt + 1))
+        if whole:
+            break
+    return view, None if is_black(pixels) else pixels
+
+
+def _look_at(
+    setup: Setup, submission: Submission, config: GradingConfig, folder: Path
+) -> Tuple[RvizView, np.ndarray, bool]:
+    """One look: what was seen, its picture, and whether no window has broken down."""
+    fixed_frame = str(_options(setup.config).get("Fixed Frame", "map"))
+    with Network(folder) as network:
+        screen = Screen(network)
+        simulate(network, rviz_world(), Pose2D(), 0, config, "real_time_factor:=1")
+        empty = background(setup.config)
+        windows = {"all": (placed(setup.config, 0, 0), (0, 0))}
+        tiles = {"tf": (1, 0), "robot": (0, 1), "scan": (1, 1)}
+        for name in CLASSES:
+            if CLASSES[name] in _enabled_classes(setup.config):
+                windows[name] = (placed(only(setup.config, CLASSES[name]), *tiles[name]), tiles[name])
+        running = {
+            name: _start(network, submission, setup, screen, name, config)
+            for name, (config, _) in windows.items()
+        }
+        looks = dict.fromkeys(CLASSES, 0)  # in a row in which a display was seen
+
+        def done() -> bool:
+            for name in set(CLASSES) & set(windows):
+                shown = foreground(screen.tile(*windows[name][1]), empty) >= ENOUGH[name]
+                looks[name] = looks[name] + 1 if shown else 0
+            if not running["all"].running:
+                return True
+            return all(looks[name] >= 2 for name in windows if name != "all") and subscribed()
+
+        def subscribed() -> bool:
+            topics = subscriptions(network.uri, "/marking_rviz_all")
+            return config.scan_topic in topics if "scan" in windows else bool(topics)
+
+        wait(done, SHOW_DEADLINE, 0.3)
+        code = running["all"].popen.poll()
+        whole = all(window.running for window in running.values())
+        problem = (
+            "" if code is None else f"RViz ends (exit code {code}): {running['all'].output.strip()[-200:]}"
+        )
+        topics = subscriptions(network.uri, "/marking_rviz_all")
+        picture = screen.tile(0, 0)
+    seen = {name: looks[name] >= 2 for name in CLASSES}
+    return RvizView(setup.source, topics, problem=problem, fixed_frame=fixed_frame, **seen), picture, whole
+
+
+def _start(
+    network: Network, submission: Submission, setup: Setup, screen: Screen, name: str, config: Dict[str, Any]
+) -> Process:
+    path = network.folder_of(f"rviz_{name}") / "view.rviz"
+    path.write_text(yaml.safe_dump(config))
+    return network.start(
+        f"rviz_{name}",
+        ["rviz", "-s", "", "-d", str(path), f"__name:=marking_rviz_{name}", *setup.remaps],
+        submission.workspace,
+        DISPLAY=screen.display,
+        LIBGL_ALWAYS_SOFTWARE="1",
+        QT_X11_NO_MITSHM="1",
+        XDG_RUNTIME_DIR=str(path.parent),
+    )

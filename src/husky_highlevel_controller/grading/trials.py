@@ -1,0 +1,65 @@
+"""The drives of a marking: start poses and pillar places, drawn from a seed, the same for every submission.
+
+In: a seed, a number. Out: `Trial`s, and world files as text. Must not know: ROS, who drives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, pi, sin
+from typing import List, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.course import PILLAR_POSITION, course_world
+from husky_highlevel_controller.datatypes import Pose2D
+
+NEAREST, FARTHEST = 8.0, 20.0  # [m], base_link to the pillar's centre at the start
+SIDE = 1.0  # [rad], the pillar is at most so far to either side: exercise 3 does not ask for a search
+POSTS = 8  # around the robot in the world for RViz, so that its scan is to be seen from anywhere
+_POSE = "<pose>20 5 0.5 0 0 0</pose>"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One drive."""
+
+    number: int
+    start: Pose2D  # of base_link in the world
+    pillar: Tuple[float, float]  # [m], its centre in the world
+    seed: int  # of all noise
+
+
+def draw_trials(count: int, seed: int) -> List[Trial]:
+    """The course's own start and pillar, then others; number n of a seed is always the same."""
+    trials = [Trial(1, Pose2D(), PILLAR_POSITION, seed)]
+    for number in range(2, count + 1):
+        rng = np.random.default_rng([seed, number])
+        x, y, yaw = rng.uniform((-5.0, -5.0, -pi), (5.0, 5.0, pi)).round(2).tolist()
+        start = Pose2D(x, y, yaw)
+        distance, bearing = rng.uniform(NEAREST, FARTHEST), start.yaw + rng.uniform(-SIDE, SIDE)
+        pillar = (start.x + distance * cos(bearing), start.y + distance * sin(bearing))
+        trials.append(Trial(number, start, (round(pillar[0], 2), round(pillar[1], 2)), seed + number))
+    return trials[:count]
+
+
+def trial_world(trial: Trial) -> str:
+    """The course's world with the pillar in another place, as SDF."""
+    text = course_world().read_text()
+    assert _POSE in text
+    return text.replace(_POSE, f"<pose>{trial.pillar[0]} {trial.pillar[1]} 0.5 0 0 0</pose>")
+
+
+def rviz_world() -> str:
+    """The course's world with posts in a spiral about the start, as SDF."""
+    posts = []
+    for number in range(POSTS):
+        angle, distance = 2.0 * pi * number / POSTS, 1.5 + 0.5 * number
+        posts.append(
+            f'<model name="post_{number}"><static>true</static>'
+            f"<pose>{distance * cos(angle):.2f} {distance * sin(angle):.2f} 0.5 0 0 0</pose>"
+            '<link name="link"><collision name="collision"><geometry><cylinder><radius>0.2</radius>'
+            "<length>1</length></cylinder></geometry></collision></link></model>"
+        )
+    text = course_world().read_text()
+    return text.replace("</world>", "\n".join([*posts, "</world>"]))

@@ -1,0 +1,70 @@
+"""Reads the simulator's private socket: true poses, and calls that changed the world.
+
+In: a path for the socket. Out: `TruthRow`s and sentences, to callbacks. Must not know: ROS, points.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from pathlib import Path
+from typing import Any, Callable, NamedTuple
+
+from husky_highlevel_controller.datatypes import Pose
+from husky_highlevel_controller.geometry import yaw_from_quat
+
+BUFFER = 1 << 16  # [bytes]
+
+
+class TruthRow(NamedTuple):
+    """The robot's true state at one moment."""
+
+    stamp: float  # [s], simulated
+    pose_in_world: Pose  # of base_link
+    speed: float  # [m/s], forward
+    yaw_rate: float  # [rad/s]
+
+    @property
+    def yaw(self) -> float:
+        """[rad]."""
+        return yaw_from_quat(self.pose_in_world.quat_xyzw)
+
+
+def row_from_line(values: Any) -> TruthRow:
+    """What the simulator writes: stamp, x, y, z, quaternion xyzw, speed, yaw rate."""
+    stamp, x, y, z, qx, qy, qz, qw, speed, yaw_rate = (float(value) for value in values)
+    return TruthRow(stamp, Pose((x, y, z), (qx, qy, qz, qw)), speed, yaw_rate)
+
+
+class TruthFeed:
+    """Takes the first connection, and no other: a submission starts later and finds no listener."""
+
+    def __init__(
+        self, path: Path, on_truth: Callable[[TruthRow], None], on_event: Callable[[str, str], None]
+    ) -> None:
+        """Listen, and read in a thread of its own.
+
+        Args:
+            path: of the socket; it is gone once the simulator has connected.
+            on_truth: called for each state of the robot.
+            on_event: called with the kind of an event and its words.
+        """
+        self._path, self._on_truth, self._on_event = path, on_truth, on_event
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.bind(str(path))
+        path.chmod(0o600)
+        self._listener.listen(1)
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        connection, _ = self._listener.accept()
+        self._listener.close()
+        self._path.unlink()
+        with connection, connection.makefile("r", buffering=BUFFER) as lines:
+            for line in lines:
+                for key, value in json.loads(line).items():
+                    if key == "truth":
+                        self._on_truth(row_from_line(value))
+                    else:
+                        self._on_event(key, str(value))

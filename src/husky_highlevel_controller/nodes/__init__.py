@@ -1,1 +1,0 @@
-"""The ROS shell: the only place that imports rospy."""

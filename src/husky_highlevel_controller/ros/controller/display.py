@@ -1,0 +1,159 @@
+"""RViz markers and rqt_plot topics of the controller: pillar, estimate, path, target, state."""
+
+from __future__ import annotations
+
+from collections import deque
+from math import hypot, inf
+from typing import Deque, Dict, List, Optional, Set
+
+import rospy
+from geometry_msgs.msg import Point, PointStamped, Vector3, Vector3Stamped
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from husky_highlevel_controller.controller.behaviour import ControlOutput, Observation, State
+from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.markers import (
+    ball_to_marker,
+    disc_to_marker,
+    line_to_marker,
+    no_marker,
+    pillar_to_marker,
+    text_to_marker,
+)
+from husky_highlevel_controller.ros.node import publish
+
+ODOM, BASE = "odom", "base_link"
+# namespaces of the markers, and their colours; the first two are sent one by one, the others as an array
+IN_ODOM, IN_LASER = "pillar_in_odom", "pillar_in_laser"
+ESTIMATE, PATH, TARGET, STATE = "estimate", "path", "target", "state"
+COLORS = {
+    IN_ODOM: ColorRGBA(1.0, 0.45, 0.0, 1.0),  # solid, or RViz draws it over the others at some angles
+    IN_LASER: ColorRGBA(0.0, 0.6, 1.0, 0.8),
+    ESTIMATE: ColorRGBA(0.2, 0.9, 0.3, 0.5),
+    PATH: ColorRGBA(0.3, 0.7, 1.0, 1.0),
+    TARGET: ColorRGBA(1.0, 1.0, 0.2, 1.0),
+    STATE: ColorRGBA(1.0, 1.0, 1.0, 1.0),
+}
+ARRAY_PERIOD = 0.099  # [s] of scan stamps between two arrays; a hair less than 10 Hz, for rounding
+PATH_STEP = 0.1  # [m] between two points of the path
+PATH_POINTS = 1000  # at most; the oldest go first
+TEXT_ABOVE = 1.2  # [m], of base_link
+TEXT_HEIGHT = 0.5  # [m], of its letters: readable from across the course's 20 m
+COLLAR = 1.5  # times the pillar's radius
+LEAST_SPREAD = 0.05  # [m], of the estimate's rim beyond the pillar, or it would not be visible
+
+
+class Display:
+    """Publishes markers and errors once for each scan, each only if its topic has a subscriber."""
+
+    def __init__(self) -> None:
+        self._marker = rospy.Publisher("~visualization_marker", Marker, queue_size=10)
+        self._array = rospy.Publisher("~visualization_marker_array", MarkerArray, queue_size=10)
+        self._pillar = rospy.Publisher("~pillar", PointStamped, queue_size=10)
+        self._error = rospy.Publisher("~error", Vector3Stamped, queue_size=10)
+        self._path: Deque[Point] = deque(maxlen=PATH_POINTS)
+        self._shown: Dict[rospy.Publisher, Set[str]] = {self._marker: set(), self._array: set()}
+        self._array_at = -inf
+        self._state: Optional[State] = None
+
+    def show(self, observation: Observation, output: ControlOutput, stop_distance: float) -> None:
+        """Show one scan and what follows from it.
+
+        Args:
+            observation: what is known at this scan.
+            output: what the controller answers.
+            stop_distance: from the lidar to the pillar's surface [m].
+        """
+        stamp = observation.scan.stamp
+        if stamp < self._array_at:  # the simulator was started again
+            self._path.clear()
+            self._array_at = -inf
+        if output.moved:
+            self._path.clear()
+        self._follow(observation.base_in_odom)
+        if self._marker.get_num_connections():
+            for marker in self._deleting(self._marker, _pillar_markers(observation, output), stamp):
+                publish(self._marker, marker)
+        due = output.state is not self._state or stamp >= self._array_at + ARRAY_PERIOD
+        if due and self._array.get_num_connections():
+            markers = [*_state_markers(observation, output, stop_distance), *self._path_marker(stamp)]
+            publish(self._array, MarkerArray(self._deleting(self._array, markers, stamp)))
+            self._array_at, self._state = stamp, output.state
+        self._publish_numbers(stamp, output)
+
+    def _follow(self, base_in_odom: Optional[Pose2D]) -> None:
+        if base_in_odom is None:
+            return
+        last = self._path[-1] if self._path else Point(inf, inf, 0.0)
+        if hypot(base_in_odom.x - last.x, base_in_odom.y - last.y) >= PATH_STEP:
+            self._path.append(Point(base_in_odom.x, base_in_odom.y, 0.0))
+
+    def _path_marker(self, stamp: float) -> List[Marker]:
+        if len(self._path) < 2:
+            return []
+        return [line_to_marker(self._path, 0.04, stamp, ODOM, PATH, COLORS[PATH])]
+
+    def _deleting(self, publisher: rospy.Publisher, markers: List[Marker], stamp: float) -> List[Marker]:
+        """The markers, and orders to take away those that were shown before and are not among them."""
+        now = {marker.ns for marker in markers}
+        gone = [no_marker(stamp, BASE, namespace) for namespace in self._shown[publisher] - now]
+        self._shown[publisher] = now
+        return markers + gone
+
+    def _publish_numbers(self, stamp: float, output: ControlOutput) -> None:
+        if output.target_in_base is None:
+            return
+        header = conversions.header(stamp, BASE)
+        if self._pillar.get_num_connections():
+            publish(self._pillar, PointStamped(header, Point(*output.target_in_base, 0.0)))
+        if self._error.get_num_connections():
+            error = Vector3(output.distance_error, output.bearing_error, 0.0)
+            publish(self._error, Vector3Stamped(header, error))
+
+
+def _pillar_markers(observation: Observation, output: ControlOutput) -> List[Marker]:
+    """The pillar of this scan, as the lidar sees it and, by the transform of the same moment, in odom."""
+    pillar, stamp = output.pillar, observation.scan.stamp
+    if pillar is None:
+        return []
+
+    # in the laser's frame a collar in the scan's plane, to differ from the one in odom
+    center, color = Point(pillar.x, pillar.y, 0.0), COLORS[IN_LASER]
+    markers = [disc_to_marker(center, COLLAR * pillar.radius, stamp, observation.scan.frame, IN_LASER, color)]
+    if output.pillar_in_odom is not None:
+        center = Point(*output.pillar_in_odom)
+        color = COLORS[IN_ODOM]
+        markers.append(pillar_to_marker(center, pillar.radius, stamp, ODOM, IN_ODOM, color))
+    return markers
+
+
+def _state_markers(observation: Observation, output: ControlOutput, stop_distance: float) -> List[Marker]:
+    """Markers of the estimate, of the stop point and of the state."""
+    stamp = observation.scan.stamp
+    text = output.state.value
+    markers = []
+    if output.estimate is not None:
+        estimate = output.estimate
+        spread = estimate.radius + max(2.0 * estimate.deviation, LEAST_SPREAD)
+        center = Point(estimate.x, estimate.y, 0.0)
+        markers.append(disc_to_marker(center, spread, stamp, ODOM, ESTIMATE, COLORS[ESTIMATE]))
+        if output.target_in_base is not None and observation.laser_in_base is not None:
+            goal = _stop_point(observation, output, stop_distance + estimate.radius)
+            markers.append(ball_to_marker(goal, 0.08, stamp, BASE, TARGET, COLORS[TARGET]))
+    if output.target_in_base is not None and output.state is not State.ARRIVED:
+        text += f", {output.distance_error:.2f} m to go"
+    above = Point(0.0, 0.0, TEXT_ABOVE)
+    markers.append(text_to_marker(text, above, TEXT_HEIGHT, stamp, BASE, STATE, COLORS[STATE]))
+    return markers
+
+
+def _stop_point(observation: Observation, output: ControlOutput, from_center: float) -> Point:
+    """Where the lidar is to stand, in base_link: on its way to the pillar, `from_center` m before it."""
+    assert output.target_in_base is not None
+    assert observation.laser_in_base is not None
+    x, y = output.target_in_base
+    laser_x, laser_y, _ = observation.laser_in_base.position
+    share = from_center / max(hypot(x - laser_x, y - laser_y), 1e-6)
+    return Point(x + share * (laser_x - x), y + share * (laser_y - y), 0.0)

@@ -1,0 +1,236 @@
+"""The pillar controller as a ROS node; docs/reference.md lists its topics, services and parameters."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any, Deque, Optional, Tuple
+
+import rosgraph.names
+import rospy
+import tf2_ros
+from geometry_msgs.msg import Twist
+from rospy.numpy_msg import numpy_msg
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool
+from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
+
+from husky_highlevel_controller.config import ConfigError, read_config
+from husky_highlevel_controller.controller.behaviour import (
+    ControllerState,
+    ControlOutput,
+    Observation,
+    State,
+    decide,
+)
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig
+from husky_highlevel_controller.datatypes import STOP, Pillar, Scan
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, Health
+from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Display
+from husky_highlevel_controller.ros.controller.reconfigure import Tuning
+from husky_highlevel_controller.ros.controller.scan_placement import Listener, ScanPlacement
+from husky_highlevel_controller.ros.node import publish, run_node
+
+LOG = logging.getLogger("rosout")  # rospy's own; its level is checked before a DEBUG line is formatted
+REPORT_PERIOD = 5.0  # [s] between two complaints about the same
+RATE_SCANS = 50  # whose stamps give the rate of the scans
+NEXT_STEP = (
+    "to drive again: put the robot elsewhere with RViz's 2D Pose Estimate, or drag the pillar away; "
+    "Ctrl-C ends the launch"
+)
+POLL_PERIOD = 0.1  # [s] of wall time between two checks whether a transform is overdue or /diagnostics is due
+
+
+@dataclass(frozen=True)
+class ScanTopicConfig:
+    """Where the scans come from."""
+
+    scan_topic_name: str = field(default="/front/scan", metadata={"help": "topic of the lidar's scans"})
+    scan_topic_queue_size: int = field(
+        default=1, metadata={"min": 1, "max": 1000, "help": "scans kept while busy; an old scan is of no use"}
+    )
+
+
+@dataclass(frozen=True)
+class StartStopConfig:
+    """Start/stop service, and whether the robot drives from the start."""
+
+    start_stop_service_name: str = field(
+        default="~start_stop", metadata={"help": "service that starts (true) and stops (false) the robot"}
+    )
+    start_enabled: bool = field(default=True, metadata={"help": "drive from the start, unasked"})
+
+
+class ControllerNode:
+    """Answers every scan with a velocity command, and publishes markers, log and diagnostics of it."""
+
+    def __init__(self, tunable: Any) -> None:
+        """Read the parameters, join the network.
+
+        Args:
+            tunable: the module that catkin makes from cfg/Controller.cfg.
+        """
+        namespace = rospy.get_name() + "/"
+        topic, switch, control, detector_config = read_config(
+            rospy.get_param("~", {}), namespace, ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig
+        )
+        service = switch.start_stop_service_name
+        if not rosgraph.names.is_legal_name(service):
+            raise ConfigError(
+                f"{namespace}start_stop_service_name = {service!r} is no ROS name; try '~start_stop'"
+            )
+        self._enabled = switch.start_enabled
+        self._controller_state = ControllerState()
+        self._deciding = threading.Lock()  # so that nothing but zero follows a stop
+        self._arrived: Optional[bool] = None
+        self._seen, self._reason = "unknown", ""
+        self._stamps: Deque[float] = deque(maxlen=RATE_SCANS)
+        self._laser_frame = ""
+        self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._announcement = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
+        self._display = Display()
+        self._tuning = Tuning(tunable, control, detector_config)
+        self._diagnostics = Diagnostics(self._examine)
+        transforms = tf2_ros.Buffer()
+        self._placement = ScanPlacement(transforms, self._answer)
+        self._listener = Listener(transforms, self._placement.update)
+        rospy.on_shutdown(self._stop)
+        rospy.Service(service, SetBool, self._on_start_stop)
+        rospy.Subscriber(
+            topic.scan_topic_name,
+            numpy_msg(LaserScan),
+            self._on_scan,
+            queue_size=topic.scan_topic_queue_size,
+            tcp_nodelay=True,
+        )
+        rospy.loginfo("waiting for scans on %s", rospy.resolve_name(topic.scan_topic_name))
+        if not self._enabled:
+            rospy.loginfo(
+                "standing still until it is started: rosservice call %s true", rospy.resolve_name(service)
+            )
+
+    def run(self) -> None:
+        """Work until the node is shut down."""
+        while not rospy.is_shutdown():
+            self._diagnostics.update()
+            self._placement.refresh()
+            time.sleep(POLL_PERIOD)
+
+    def _stop(self) -> None:
+        publish(self._velocity, conversions.twist_to_msg(STOP))
+
+    def _on_start_stop(self, request: SetBoolRequest) -> SetBoolResponse:
+        with self._deciding:
+            already = self._enabled is request.data
+            self._enabled = request.data
+            if not request.data:
+                self._stop()
+        now = "driving to the pillar" if request.data else "standing still until it is started"
+        message = f"{'already ' if already else ''}{now}"
+        rospy.loginfo("%s: %s", "started" if request.data else "stopped", message)
+        return SetBoolResponse(True, message)
+
+    def _on_scan(self, msg: LaserScan) -> None:
+        try:
+            scan = conversions.scan_from_msg(msg)
+        except conversions.ScanError as error:
+            self._placement.discard()
+            self._stop()
+            rospy.logwarn_throttle(REPORT_PERIOD, f"{error}: standing still; is the lidar's driver right?")
+            return
+        self._laser_frame = scan.frame
+        self._placement.add(scan, msg.header.stamp)
+
+    def _answer(self, observation: Observation) -> None:
+        """Answer one scan with a velocity command; one thread at a time."""
+        with self._deciding:
+            control, detector_config = self._tuning.records
+            before = self._controller_state
+            self._controller_state, output = decide(
+                before, observation, self._enabled, control, detector_config
+            )
+            publish(self._velocity, conversions.twist_to_msg(output.twist))
+        self._stamps.append(observation.scan.stamp)
+        self._log(observation, before, output, control)
+        self._announce(output.at_pillar)
+        self._display.show(observation, output, control.stop_distance)
+
+    def _log(
+        self, observation: Observation, before: ControllerState, output: ControlOutput, control: ControlConfig
+    ) -> None:
+        """Log what a scan holds at DEBUG level, and what changed at INFO level, or WARN with the remedy."""
+        scan, pillar, state = observation.scan, output.pillar, output.state
+        self._seen = "seen" if pillar else "remembered" if output.estimate else "unknown"
+        if LOG.isEnabledFor(logging.DEBUG):
+            twist = output.twist
+            rospy.logdebug(
+                f"scan {scan.stamp:.2f}: {state.value}, {twist.linear:.2f} m/s, {twist.angular:.2f} rad/s; "
+                f"{_seen(scan, pillar)}; {output.reason}"
+            )
+        changed = _stage(self._controller_state) != _stage(before)
+        changed |= state is State.WAITING and output.reason != self._reason
+        self._reason = output.reason
+        if not changed:
+            return
+        if state is State.ARRIVED and pillar is not None and before.at_pillar:
+            rospy.loginfo(f"at the pillar already, {pillar.distance:.3f} m from it")
+        elif state is State.ARRIVED and pillar is not None:
+            taken = scan.stamp - (self._controller_state.started_at or 0.0)
+            rospy.loginfo(
+                f"arrived after {taken:.2f} s of simulated time, {pillar.distance:.3f} m from the pillar "
+                f"(stop_distance {control.stop_distance:g} m)"
+            )
+            rospy.loginfo(NEXT_STEP)
+        elif state is State.DRIVING:
+            remaining_distance = f"{output.distance_error:.2f} m to go"
+            rospy.loginfo(f"{output.reason}, {remaining_distance}; {_seen(scan, pillar)}")
+        elif state is State.SEARCHING:
+            rospy.loginfo(output.reason)
+        elif state is State.WAITING and observation.laser_in_base is not None:
+            rospy.logwarn(output.reason)
+
+    def _announce(self, arrived: bool) -> None:
+        """Publish ~arrived when it changes."""
+        if arrived is not self._arrived:
+            publish(self._announcement, Bool(arrived))
+        self._arrived = arrived
+
+    def _examine(self) -> Health:
+        """Figures for /diagnostics."""
+        now, stamps = rospy.get_time(), list(self._stamps)
+        latest = self._placement.lookup(ODOM, BASE)
+        span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
+        return Health(
+            scan_age=now - stamps[-1] if stamps else None,
+            scan_rate=(len(stamps) - 1) / span if span > 0.0 else None,
+            tf_age=now - latest.header.stamp.to_sec() if latest else None,
+            mounted=self._placement.lookup(BASE, self._laser_frame) is not None,
+            state=self._controller_state.state,
+            pillar=self._seen,
+        )
+
+
+def _seen(scan: Scan, pillar: Optional[Pillar]) -> str:
+    nearest = scan.ranges[scan.valid]
+    seen = f"smallest range {nearest.min():.3f} m" if len(nearest) else "no valid range"
+    if pillar is not None:
+        seen += f", pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, angle {pillar.bearing:.3f} rad"
+    return f"{seen} in {scan.frame}"
+
+
+def _stage(controller_state: ControllerState) -> Tuple[State, bool]:
+    """State and stage of the search: a change of them is logged."""
+    return controller_state.state, controller_state.search is not None and controller_state.search.leg > 0
+
+
+def main() -> None:
+    """Run the node."""
+    # only a built workspace has it, and tests read this module without one
+    from husky_highlevel_controller.cfg import ControllerConfig
+
+    run_node("husky_highlevel_controller", lambda: ControllerNode(ControllerConfig))

@@ -1,0 +1,67 @@
+"""Gains and limits that may change while the node runs: dynamic_reconfigure over the frozen records."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from math import isfinite
+from typing import Any, Dict, Tuple
+
+import rospy
+from dynamic_reconfigure.server import Server
+
+
+class Tuning:
+    """The records in force; a reader gets a consistent set of them."""
+
+    def __init__(self, kind: Any, *records: Any) -> None:
+        """Serve the records' parameters.
+
+        Args:
+            kind: the module that catkin makes from the .cfg.
+            *records: dataclass instances; fields with metadata are parameters.
+        """
+        self._records = records
+        self._serving = False
+        self._server = _Server(kind, self._apply)
+        self._serving = True
+
+    @property
+    def records(self) -> Tuple[Any, ...]:
+        """The records as they are now."""
+        return self._records
+
+    def _apply(self, config: Dict[str, Any], _level: int) -> Dict[str, Any]:
+        """Take what the server offers; raising here would end rqt_reconfigure's own thread."""
+        changed = []
+        for record in self._records:
+            old = {item.name: getattr(record, item.name) for item in fields(record) if item.metadata}
+            # by the type of before: YAML's 1 is a fine 1.0
+            new = {name: type(value)(config.get(name, value)) for name, value in old.items()}
+            changed.append(replace(record, **new))
+            config.update(new)
+            for name in new:
+                if self._serving and new[name] != old[name]:
+                    rospy.loginfo(f"{name}: {old[name]} becomes {new[name]}")
+        self._records = tuple(changed)
+        return config
+
+
+class _Server(Server):
+    """Warns of values out of range and ignores NaN; dynamic_reconfigure clamps silently and accepts NaN."""
+
+    def update_configuration(self, changes: Dict[str, Any]) -> Dict[str, Any]:
+        taken = dict(changes)
+        for name, asked in changes.items():
+            if self.type.type.get(name) not in ("double", "int"):
+                continue
+            least, most = self.type.min[name], self.type.max[name]
+            if not isfinite(asked):
+                taken[name] = self.config[name]
+            elif not least <= asked <= most:
+                taken[name] = min(max(asked, least), most)
+            else:
+                continue
+            rospy.logwarn(
+                f"{rospy.get_name()}/{name} = {asked} is out of range {least}..{most}: taking {taken[name]}"
+            )
+        return super().update_configuration(taken)

@@ -1,0 +1,177 @@
+"""Pairs each scan with the pose of its own stamp from TF; no callback waits.
+
+A scan and its transform travel by separate topics and arrive in either order. The scan is kept pending, and
+whichever of the two arrives last completes the observation. Where the transform does not come, the node's
+main loop ends the wait at a deadline of wall time, since ROS time may stand still until the scan is answered.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any, Callable, NamedTuple, Optional, Tuple
+
+import rospy
+import tf2_ros
+from geometry_msgs.msg import TransformStamped
+
+from husky_highlevel_controller.controller.behaviour import Observation
+from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan
+from husky_highlevel_controller.geometry import pose_to_2d
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.controller.display import BASE, ODOM
+
+START_TIMEOUT = 4.0  # [s] of wall time that the first scan waits for TF, so that lockstep runs start alike
+TRANSFORM_TIMEOUT = 2.0  # [s] of wall time that the transform of a later scan's stamp may be late
+REPORT_PERIOD = 5.0  # [s] between two warnings about a missing transform
+MAX_UNPLACED_SCANS = 50  # in a row without the lidar's transform before that is worth a warning
+
+
+class Listener(tf2_ros.TransformListener):
+    """Fills a TF buffer, and calls a function after every message on /tf and /tf_static."""
+
+    def __init__(self, buffer: tf2_ros.Buffer, on_change: Callable[[], None]) -> None:
+        self._on_change = on_change  # before the subscribers exist
+        super().__init__(buffer, tcp_nodelay=True)
+
+    def callback(self, data: Any) -> None:
+        """Take moving transforms."""
+        super().callback(data)
+        self._on_change()
+
+    def static_callback(self, data: Any) -> None:
+        """Take fixed transforms."""
+        super().static_callback(data)
+        self._on_change()
+
+
+class _PendingScan(NamedTuple):
+    scan: Scan
+    stamp: rospy.Time
+    arrived_at: float  # [s] of the wall's monotonic clock
+
+
+class ScanPlacement:
+    """Turns every scan into one observation, as soon as TF knows the pose of its stamp.
+
+    At most one scan is pending. Of those that arrive meanwhile the newest is kept, and is the next.
+    """
+
+    def __init__(
+        self,
+        transforms: tf2_ros.BufferCore,
+        on_observation: Callable[[Observation], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Set up without a pending scan.
+
+        Args:
+            transforms: the buffer to look poses up in.
+            on_observation: is called for one observation at a time, in the thread that completes it.
+            clock: wall time [s].
+        """
+        self._transforms, self._on_observation, self._clock = transforms, on_observation, clock
+        self._lock = threading.Lock()
+        self._pending: Optional[_PendingScan] = None
+        self._next: Optional[_PendingScan] = None
+        self._started = False  # has the first scan been handed on?
+        self._overdue_after: Optional[rospy.Time] = None  # the latest transform when a wait ended without one
+        self._unplaced_scans = 0
+        self._fixed: Optional[Tuple[str, Pose]] = None  # a lidar's frame, and its pose by /tf_static alone
+
+    def add(self, scan: Scan, stamp: rospy.Time) -> None:
+        """Take a scan. Any thread.
+
+        Args:
+            scan: one sweep.
+            stamp: the same as `scan.stamp`, exact to the nanosecond.
+        """
+        with self._lock:
+            pending = self._pending
+            if pending is None or stamp < pending.stamp:  # earlier: the simulator was started again
+                self._pending, self._next = _PendingScan(scan, stamp, self._clock()), None
+            elif stamp != pending.stamp:  # equal: lockstep has sent the pending scan again
+                self._next = _PendingScan(scan, stamp, self._clock())
+        self.update()
+
+    def update(self) -> None:
+        """Hand on the pending scan if it can be placed or is overdue. Any thread, after TF has changed."""
+        if self._pending is None:  # mostly; a scan that is added at this moment looks TF up itself
+            return
+        with self._lock:
+            while self._pending is not None:
+                observation = self._place(self._pending)
+                if observation is None:
+                    return
+                self._started = True
+                self._pending, self._next = self._next, None
+                self._on_observation(observation)
+
+    def discard(self) -> None:
+        """Forget the pending scans, for a newer one is unusable."""
+        with self._lock:
+            self._pending = self._next = None
+
+    def refresh(self) -> None:
+        """End waits that are overdue, and look fixed transforms up again; to be called now and then."""
+        self._fixed = None
+        self.update()
+
+    def lookup(
+        self, parent: str, child: str, stamp: Optional[rospy.Time] = None
+    ) -> Optional[TransformStamped]:
+        """The transform at a stamp or (None) the latest; None where TF does not know it. Never waits."""
+        try:
+            return self._transforms.lookup_transform_core(parent, child, stamp or rospy.Time())
+        except (tf2_ros.TransformException, ValueError):  # ValueError: an illegal frame name
+            return None
+
+    def _place(self, pending: _PendingScan) -> Optional[Observation]:
+        """The observation that a scan makes; None while its transform may still come."""
+        frame = pending.scan.frame
+        timeout = TRANSFORM_TIMEOUT if self._started else START_TIMEOUT
+        overdue = self._clock() - pending.arrived_at > timeout
+        if not (self._started or overdue or (self.lookup(BASE, frame) and self.lookup(ODOM, BASE))):
+            return None
+        waiting, found = self._base_in_odom(pending.stamp, overdue)
+        if waiting:
+            return None
+        base_in_odom: Optional[Pose2D] = None
+        if found is not None:
+            base_in_odom = pose_to_2d(conversions.pose_from_transform(found))
+        return Observation(pending.scan, self._laser_in_base(frame), base_in_odom)
+
+    def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
+        """Whether to wait for the transform of a stamp; if not, that or else the latest one, if any."""
+        # the latest is mostly that of the stamp; a lookup of a stamp that is not there yet costs more
+        latest = self.lookup(ODOM, BASE)
+        if latest is None or latest.header.stamp == stamp:
+            return False, latest
+        passed = latest.header.stamp > stamp
+        if passed or latest.header.stamp.is_zero():  # zero: fixed, or of the clock's beginning
+            exact = self.lookup(ODOM, BASE, stamp)
+            if exact is not None or passed:
+                return False, exact or latest
+        if overdue:
+            self._overdue_after = latest.header.stamp
+        # odometry that stands still is waited for only once
+        return latest.header.stamp != self._overdue_after, latest
+
+    def _laser_in_base(self, frame: str) -> Optional[Pose]:
+        fixed = self._fixed
+        if fixed is not None and fixed[0] == frame:
+            return fixed[1]
+        found = self.lookup(BASE, frame)
+        self._unplaced_scans = 0 if found else self._unplaced_scans + 1
+        if self._unplaced_scans > MAX_UNPLACED_SCANS:
+            rospy.logwarn_throttle(
+                REPORT_PERIOD,
+                f"no transform from '{frame}' to '{BASE}', so the robot stands still; "
+                "is robot_state_publisher running?",
+            )
+        if found is None:
+            return None
+        pose = conversions.pose_from_transform(found)
+        if found.header.stamp.is_zero():  # every transform of the chain is from /tf_static
+            self._fixed = frame, pose
+        return pose

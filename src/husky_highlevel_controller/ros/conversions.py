@@ -1,0 +1,308 @@
+"""The border: records become ROS messages, and messages become records.
+
+In and out: records and messages. Must not know: nodes, topics, rospy.
+"""
+
+from __future__ import annotations
+
+from math import hypot, isfinite, pi
+from typing import Tuple
+
+import numpy as np
+from genpy import Time
+from geometry_msgs.msg import (
+    Point,
+    Quaternion,
+    TransformStamped,
+    Twist,
+    TwistStamped,
+    Vector3,
+    Vector3Stamped,
+)
+from geometry_msgs.msg import Pose as PoseMsg
+from nav_msgs.msg import Odometry as OdometryMsg
+from sensor_msgs.msg import (
+    CameraInfo,
+    Image,
+    Imu,
+    JointState,
+    LaserScan,
+    MagneticField,
+    NavSatFix,
+    NavSatStatus,
+    PointCloud2,
+    PointField,
+)
+from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
+
+from husky_highlevel_controller.datatypes import (
+    DepthImage,
+    GpsFix,
+    HuskyError,
+    ImuSample,
+    MagSample,
+    Odometry,
+    Pose,
+    RobotState,
+    Scan,
+    Twist2D,
+    WheelState,
+)
+from husky_highlevel_controller.geometry import pose_from_2d
+
+LEAST_INCREMENT = 1e-6  # [rad], between beams; finer ones are no lidar's
+
+# Diagonals as husky_control/config/control.yaml publishes them (x, y, z, roll, pitch, yaw)
+ODOMETRY_COVARIANCE = tuple(np.diag([0.001] * 5 + [0.03]).ravel().tolist())
+
+
+def time_to_msg(seconds: float) -> Time:
+    """ROS time, rounded to the nanosecond: 0.02 s stays 20000000 ns."""
+    return Time(*divmod(round(seconds * 1e9), 1_000_000_000))
+
+
+def header(stamp: float, frame: str) -> Header:
+    """A header without a sequence number; the publisher counts."""
+    return Header(stamp=time_to_msg(stamp), frame_id=frame)
+
+
+def scan_to_msg(scan: Scan) -> LaserScan:
+    """As the lidar's driver fills it; gazebo_ros_laser: times and intensities are all 0."""
+    return LaserScan(
+        header=header(scan.stamp, scan.frame),
+        angle_min=scan.angle_min,
+        angle_max=scan.angle_max,
+        angle_increment=scan.angle_increment,
+        range_min=scan.range_min,
+        range_max=scan.range_max,
+        ranges=scan.ranges.tolist(),
+        time_increment=scan.time_increment,
+        scan_time=scan.scan_time,
+        intensities=[0.0] * len(scan.ranges) if scan.intensities is None else scan.intensities.tolist(),
+    )
+
+
+class ScanError(HuskyError):
+    """A LaserScan whose beams have no directions."""
+
+
+def scan_from_msg(msg: LaserScan) -> Scan:
+    """A lidar's scan; the last beam's angle follows from the increment, not from angle_max.
+
+    Raises:
+        ScanError: angle_min or angle_increment gives the beams no directions.
+    """
+    if not isfinite(msg.angle_min):
+        raise ScanError(f"a scan in '{msg.header.frame_id}' has angle_min = {msg.angle_min} rad")
+    if len(msg.ranges) > 1 and not LEAST_INCREMENT <= abs(msg.angle_increment) <= 2.0 * pi:
+        raise ScanError(
+            f"a scan of {len(msg.ranges)} beams in '{msg.header.frame_id}' has angle_increment = "
+            f"{msg.angle_increment} rad; {LEAST_INCREMENT:g} to {2.0 * pi:.2f} rad are possible"
+        )
+    ranges = np.array(msg.ranges, dtype=float)
+    ranges.setflags(write=False)
+    steps = max(len(ranges) - 1, 0)
+    return Scan(
+        stamp=msg.header.stamp.to_sec(),
+        frame=msg.header.frame_id.lstrip("/"),  # tf2 knows no leading slash, older drivers send one
+        angle_min=msg.angle_min,
+        angle_max=msg.angle_min + (msg.angle_increment * steps if steps else 0.0),
+        range_min=msg.range_min,
+        range_max=msg.range_max,
+        ranges=ranges,
+        time_increment=msg.time_increment,
+        scan_time=msg.scan_time,
+    )
+
+
+def twist_to_msg(twist: Twist2D) -> Twist:
+    """A planar twist as geometry_msgs/Twist."""
+    msg = Twist()
+    msg.linear.x, msg.angular.z = twist
+    return msg
+
+
+def twist_from_msg(msg: Twist) -> Twist2D:
+    """The two components a skid-steer robot can follow."""
+    return Twist2D(msg.linear.x, msg.angular.z)
+
+
+def twist_to_stamped_msg(twist: Twist2D, stamp: float) -> TwistStamped:
+    """A planar twist and when it was in force; without a frame, as diff_drive_controller sends it."""
+    return TwistStamped(header=header(stamp, ""), twist=twist_to_msg(twist))
+
+
+def wheels_to_msg(wheels: WheelState, stamp: float) -> JointState:
+    """The wheels' joint states."""
+    return JointState(
+        header=header(stamp, ""),
+        name=wheels.names,
+        position=wheels.angles,
+        velocity=wheels.speeds,
+        effort=wheels.efforts,
+    )
+
+
+def odometry_to_msg(odometry: Odometry, stamp: float, odom: str, base: str) -> OdometryMsg:
+    """Pose in odom, twist in base (REP 105)."""
+    msg = _odometry(stamp, odom, base, pose_from_2d(odometry.pose_base_in_odom))
+    msg.twist.twist = twist_to_msg(odometry.twist_in_base)
+    msg.pose.covariance = msg.twist.covariance = ODOMETRY_COVARIANCE
+    return msg
+
+
+def truth_to_msg(robot: RobotState, stamp: float, world: str, base: str) -> OdometryMsg:
+    """The true pose in the world, the true twist in base, without covariance."""
+    msg = _odometry(stamp, world, base, robot.pose_in_world)
+    msg.twist.twist = Twist(Vector3(*robot.velocity_in_base), Vector3(*robot.angular_velocity_in_base))
+    return msg
+
+
+def _odometry(stamp: float, frame: str, child: str, pose: Pose) -> OdometryMsg:
+    msg = OdometryMsg(header=header(stamp, frame), child_frame_id=child)
+    msg.pose.pose = pose_to_msg(pose)
+    return msg
+
+
+def tree_to_msg(pose_child_in_parent: Pose, stamp: float, parent: str, child: str) -> TFMessage:
+    """A pose as one branch of the TF tree."""
+    return TFMessage([transform_to_msg(pose_child_in_parent, stamp, parent, child)])
+
+
+def transform_to_msg(pose_child_in_parent: Pose, stamp: float, parent: str, child: str) -> TransformStamped:
+    """A pose as the transform that tf2 wants."""
+    msg = TransformStamped(header=header(stamp, parent), child_frame_id=child)
+    msg.transform.translation = Vector3(*pose_child_in_parent.position)
+    msg.transform.rotation = Quaternion(*pose_child_in_parent.quat_xyzw)
+    return msg
+
+
+def pose_from_transform(msg: TransformStamped) -> Pose:
+    """The pose of the child frame in the parent frame."""
+    t, r = msg.transform.translation, msg.transform.rotation
+    return Pose((t.x, t.y, t.z), (r.x, r.y, r.z, r.w))
+
+
+def pose_to_msg(pose: Pose) -> PoseMsg:
+    """A pose in space."""
+    return PoseMsg(Point(*pose.position), Quaternion(*pose.quat_xyzw))
+
+
+def pose_from_msg(msg: PoseMsg) -> Pose:
+    """A pose in space, as it was sent: its numbers are not looked at."""
+    p, q = msg.position, msg.orientation
+    return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+
+
+# ---------------------------------------------------------------------------- IMU
+
+# As the Husky's plugin publishes it: roll and pitch follow from the accelerometer's noise, (0.005 / 9.8)^2;
+# those of rates and accelerations are all 0, which means unknown (REP 145)
+IMU_ORIENTATION_COVARIANCE = tuple(np.diag([(0.005 / 9.8) ** 2] * 2 + [0.0]).ravel().tolist())
+NO_ORIENTATION = (-1.0, *[0.0] * 8)  # REP 145: not measured
+
+
+def imu_to_msg(sample: ImuSample, frame: str) -> Imu:
+    """An IMU sample along the axes of `frame`."""
+    return Imu(
+        header=header(sample.stamp, frame),
+        orientation=Quaternion(*sample.quat_xyzw),
+        orientation_covariance=IMU_ORIENTATION_COVARIANCE,
+        angular_velocity=Vector3(*sample.angular_velocity),
+        linear_acceleration=Vector3(*sample.specific_force),
+    )
+
+
+def imu_to_raw_msg(sample: ImuSample, frame: str) -> Imu:
+    """The same without an attitude, as drivers send it before any filter (REP 145)."""
+    msg = imu_to_msg(sample, frame)
+    msg.orientation = Quaternion()
+    msg.orientation_covariance = NO_ORIENTATION
+    return msg
+
+
+def mag_to_msg(sample: MagSample, frame: str) -> MagneticField:
+    """A magnetometer's reading along the axes of `frame`; its covariance is unknown."""
+    return MagneticField(header=header(sample.stamp, frame), magnetic_field=Vector3(*sample.field))
+
+
+def imu_from_msg(msg: Imu) -> ImuSample:
+    """A sample of any IMU; without an orientation it is taken to be level."""
+    q, w, f = msg.orientation, msg.angular_velocity, msg.linear_acceleration
+    length = hypot(q.x, q.y, q.z, q.w)
+    level = msg.orientation_covariance[0] == -1.0 or not length > 0.5  # REP 145; zeros and NaN say it as well
+    quat = (0.0, 0.0, 0.0, 1.0) if level else (q.x / length, q.y / length, q.z / length, q.w / length)
+    return ImuSample(msg.header.stamp.to_sec(), quat, (w.x, w.y, w.z), (f.x, f.y, f.z))
+
+
+# ---------------------------------------------------------------------------- depth camera
+
+
+def camera_info_to_msg(image: DepthImage, focal_length: float, center: Tuple[float, float]) -> CameraInfo:
+    """Pinhole camera without distortion: focal length and optical centre (u, v) in px."""
+    f, (u, v), (height, width) = focal_length, center, image.depth.shape
+    return CameraInfo(
+        header=header(image.stamp, image.frame),
+        height=height,
+        width=width,
+        distortion_model="plumb_bob",
+        D=[0.0] * 5,
+        K=[f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0],
+        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        P=[f, 0.0, u, 0.0, 0.0, f, v, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def depth_to_msg(image: DepthImage) -> Image:
+    """Metres as 32-bit floats (REP 118)."""
+    height, width = image.depth.shape
+    return Image(
+        header=header(image.stamp, image.frame),
+        height=height,
+        width=width,
+        encoding="32FC1",
+        is_bigendian=False,
+        step=4 * width,
+        data=image.depth.astype("<f4").tobytes(),
+    )
+
+
+def points_to_msg(points: np.ndarray, stamp: float, frame: str) -> PointCloud2:
+    """Points (height, width, 3) [m], a row of the cloud for each of the image; NaN where nothing was seen."""
+    height, width, _ = points.shape
+    return PointCloud2(
+        header=header(stamp, frame),
+        height=height,
+        width=width,
+        fields=[
+            PointField(name=axis, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+            for i, axis in enumerate("xyz")
+        ],
+        is_bigendian=False,
+        point_step=12,
+        row_step=12 * width,
+        data=points.astype("<f4").tobytes(),
+        is_dense=False,
+    )
+
+
+# ---------------------------------------------------------------------------- GPS
+
+
+def fix_to_msg(fix: GpsFix, drift: float, frame: str) -> NavSatFix:
+    """Where on Earth, as hector_gazebo's receiver says it: the covariance holds the square of `drift` [m]."""
+    return NavSatFix(
+        header=header(fix.stamp, frame),
+        status=NavSatStatus(status=NavSatStatus.STATUS_FIX),
+        latitude=fix.latitude,
+        longitude=fix.longitude,
+        altitude=fix.altitude,
+        position_covariance=tuple(np.diag([drift**2] * 3).ravel().tolist()),
+        position_covariance_type=NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN,
+    )
+
+
+def fix_velocity_to_msg(fix: GpsFix, frame: str) -> Vector3Stamped:
+    """How fast towards north, west and up; `frame` is only where the receiver sits."""
+    return Vector3Stamped(header=header(fix.stamp, frame), vector=Vector3(*fix.velocity))

@@ -1,0 +1,1 @@
+"""Nodes that record and exercise a submission while it is graded."""

@@ -1,0 +1,120 @@
+"""Acts in a drive: drives the robot in exercise 2, calls the start/stop service in exercise 5."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any, List, Sequence, Set, Tuple
+
+import rosgraph
+import rospy
+import rosservice
+from geometry_msgs.msg import Twist, Vector3
+from std_srvs.srv import SetBool
+
+from husky_highlevel_controller.grading.call_plan import CallPlan, exercise_2_over, exercise_2_speed
+from husky_highlevel_controller.grading.recording import Call
+
+ANSWER_DEADLINE = 10.0  # [s] of wall time
+
+
+class ExerciseDriver:
+    """Acts a little each time `work` is called."""
+
+    def __init__(self, exercise: int, scan_topic: str, ours: Set[str]) -> None:
+        self._exercise, self._scan_topic, self._ours = exercise, scan_topic, ours
+        self.services: Set[str] = set()
+        self.calls: List[Call] = []
+        self._plan, self._calling = CallPlan(), False
+        self._probed: Set[str] = set()
+        self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1) if exercise == 2 else None
+        self._published_zero = False
+
+    def answer_scans(self) -> None:
+        """Publish commands in place of a submission that publishes none: lockstep would wait for it."""
+        self._velocity = self._velocity or rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self.answer(0.0)
+
+    def publish_zero(self) -> None:
+        """Publish one command of zero to a robot that stands, so that lockstep goes on."""
+        if not self._published_zero:
+            self.answer_scans()
+            assert self._velocity is not None
+            if self._velocity.get_num_connections():
+                self._velocity.publish(Twist())
+                self._published_zero = True
+
+    def answer(self, now: float) -> None:
+        """Answer a scan, in exercise 2, whose submissions do not drive."""
+        if self._exercise == 2 and self._velocity is not None:
+            self._velocity.publish(Twist(linear=Vector3(exercise_2_speed(now), 0.0, 0.0)))
+
+    def look(self, services: Sequence[Any]) -> None:
+        """Find the submission's SetBool services in the master's list."""
+        if self._exercise != 5:
+            return
+        for name, nodes in services:
+            if set(nodes) - self._ours and name not in self._probed and not _internal(name):
+                self._probed.add(name)
+                threading.Thread(target=self._probe, args=(name,), daemon=True).start()
+
+    def _probe(self, name: str) -> None:
+        try:
+            if rosservice.get_service_type(name) == "std_srvs/SetBool":
+                self.services.add(name)
+        except (rosservice.ROSServiceException, OSError):
+            self._probed.discard(name)
+
+    def work(self, now: float, speed: float) -> str:
+        """Do what is due at this simulated time [s] and true speed [m/s]; why the drive is over, if it is."""
+        if self._exercise == 2:
+            return "the drive of the marking" if exercise_2_over(now) else ""
+        if self._exercise != 5 or self._calling:
+            return ""
+        if self.services:
+            value = self._plan.due(now, speed)
+            if value is not None:
+                self._calling = True
+                name = sorted(self.services)[0]
+                threading.Thread(target=self._call, args=(name, value, now), daemon=True).start()
+                return ""
+        return self._plan.reason(now, bool(self.services))
+
+    def _call(self, name: str, data: bool, now: float) -> None:
+        answer: List[Call] = []
+
+        def ask() -> None:
+            try:
+                response = rospy.ServiceProxy(name, SetBool)(data)
+                answer.append(Call(now, data, bool(response.success), str(response.message)))
+            except (rospy.ServiceException, rospy.ROSException, OSError) as error:
+                answer.append(Call(now, data, False, str(error)))
+
+        caller = threading.Thread(target=ask, daemon=True)
+        caller.start()
+        caller.join(ANSWER_DEADLINE)
+        self.calls.append(answer[0] if answer else Call(now, data, False, "no answer"))
+        self._calling = False
+
+    def parameters(self) -> Tuple[Tuple[str, ...], Tuple[str, ...]]:
+        """Private parameters with the scans' topic, and those that are a queue's size."""
+        topics, queues = [], []
+        try:
+            for name in rospy.get_param_names():
+                if any(name.startswith(node + "/") for node in self._ours):
+                    continue
+                value = rospy.get_param(name, None)
+                if (
+                    isinstance(value, str)
+                    and value
+                    and rosgraph.names.ns_join("/", value) == self._scan_topic
+                ):
+                    topics.append(name)
+                if isinstance(value, int) and "queue" in name.lower():
+                    queues.append(name)
+        except (OSError, rospy.ROSException):
+            pass
+        return tuple(sorted(topics)), tuple(sorted(queues))
+
+
+def _internal(name: str) -> bool:
+    return name.endswith(("/get_loggers", "/set_logger_level", "/set_parameters"))

@@ -1,0 +1,175 @@
+"""Records the markers of a drive, and places them in the world by TF and the robot's true poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import inf, isfinite, nan
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+import rospy
+import tf2_ros
+from visualization_msgs.msg import Marker, MarkerArray
+
+from husky_highlevel_controller.datatypes import Pose, Quaternion
+from husky_highlevel_controller.geometry import compose
+from husky_highlevel_controller.grading.marker_shape import MAX_POINTS, draw
+from husky_highlevel_controller.grading.recording import ADD, DELETE, DELETE_ALL, MarkerSample
+from husky_highlevel_controller.ros import conversions
+
+BASE = "base_link"
+KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
+ACTIONS = {Marker.ADD: ADD, Marker.DELETE: DELETE, Marker.DELETEALL: DELETE_ALL}
+PERIOD = 0.019  # [s], simulated, between two moments of a namespace that are recorded
+CROWD = 10  # markers at a moment; where more came, the next moment is recorded so much later
+MAX_SAMPLES = 200_000  # of a drive
+RETRY_STEP, RETRY_END = 0.05, 1.0  # [s], simulated: a frame that appears later counts from then on
+
+
+@dataclass(frozen=True)
+class _Message:
+    at: float  # [s], simulated
+    topic: str
+    marker: Marker
+
+
+@dataclass
+class _Moment:
+    """The last moment of a namespace that was recorded."""
+
+    at: float = -inf  # [s]
+    count: int = 0  # markers that came then
+
+
+class MarkerWatch:
+    """Callbacks only append; `samples` places everything at the end, when all transforms are known."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        self._now = now
+        self._messages: List[_Message] = []
+        self._moments: Dict[Tuple[str, str], _Moment] = {}
+        self._topics: Dict[str, rospy.Subscriber] = {}
+        self._buffer = tf2_ros.Buffer(rospy.Duration(3600.0), debug=False)
+        self._listener = tf2_ros.TransformListener(self._buffer)
+
+    @property
+    def topics(self) -> Tuple[str, ...]:
+        """Topics of markers that were published."""
+        return tuple(sorted(self._topics))
+
+    def follow(self, topic: str, kind: str) -> None:
+        """Subscribe to a topic, if its type is one of markers."""
+        if kind in KINDS and topic not in self._topics:
+            self._topics[topic] = rospy.Subscriber(topic, KINDS[kind], self._on_marker, topic, queue_size=100)
+
+    def _on_marker(self, msg: Any, topic: str) -> None:
+        now = self._now()
+        for marker in msg.markers if isinstance(msg, MarkerArray) else [msg]:
+            if marker.action in ACTIONS and self._is_due(now, (topic, marker.ns)):
+                marker.points = marker.points[:MAX_POINTS]
+                self._messages.append(_Message(now, topic, marker))
+
+    def _is_due(self, now: float, key: Tuple[str, str]) -> bool:
+        if len(self._messages) >= MAX_SAMPLES:
+            return False
+        moment = self._moments.setdefault(key, _Moment())
+        if now > moment.at:
+            if now - moment.at < PERIOD * max(1.0, moment.count / CROWD):
+                return False
+            moment.at, moment.count = now, 0
+        moment.count += 1
+        return True
+
+    def samples(
+        self, times: np.ndarray, poses: Sequence[Pose], pillar: Tuple[float, float]
+    ) -> Tuple[MarkerSample, ...]:
+        """All recorded markers at their places in the world.
+
+        Args:
+            times: when base_link stood where, (N,) [s].
+            poses: of base_link in the world, N.
+            pillar: x, y of its axis in the world [m].
+        """
+        return (
+            tuple(self._sample(m, times, poses, pillar) for m in list(self._messages)) if len(times) else ()
+        )
+
+    def _sample(
+        self, message: _Message, times: np.ndarray, poses: Sequence[Pose], pillar: Tuple[float, float]
+    ) -> MarkerSample:
+        marker = message.marker
+        until = message.at + marker.lifetime.to_sec() if marker.lifetime else inf
+        sample = MarkerSample(
+            message.topic, marker.ns, marker.id, message.at, marker.header.stamp.to_sec(), _frame(marker),
+            (nan, nan, nan), until=until, action=ACTIONS[marker.action], problem=_invisible(marker),
+        )  # fmt: skip
+        if sample.problem or sample.action != ADD:
+            return sample
+        try:
+            moment, frame_in_base = self._frame_in_base(sample)
+        except tf2_ros.TransformException as error:
+            return replace(sample, problem=str(error).split(". ")[0].strip())
+        row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)
+        pose = compose(compose(poses[row], frame_in_base), _pose(marker))
+        scale = (marker.scale.x, marker.scale.y, marker.scale.z)
+        points = [(point.x, point.y, point.z) for point in marker.points]
+        drawn = draw(marker.type, pose, scale, points, pillar)
+        return replace(sample, **drawn._asdict())
+
+    def _frame_in_base(self, sample: MarkerSample) -> Tuple[float, Pose]:
+        """The marker's frame seen from base_link, and at which moment [s]; so drift of odom does no harm.
+
+        With stamp 0 that is the moment it was sent, and, where its frame is not known yet, soon afterwards.
+
+        Raises:
+            TransformException: no transform connects the two.
+        """
+        if sample.frame == BASE:
+            return sample.stamp or sample.at, Pose()
+        if sample.stamp:
+            return sample.stamp, self._lookup(sample.frame, sample.stamp)
+        moments = [sample.at, *(sample.at + np.arange(RETRY_STEP, RETRY_END, RETRY_STEP)).tolist()]
+        refusal: Optional[Exception] = None
+        for moment in moments:
+            try:
+                return moment, self._lookup(sample.frame, moment)
+            except tf2_ros.TransformException as error:
+                refusal = refusal or error
+        latest = self._buffer.get_latest_common_time(BASE, sample.frame).to_sec()
+        if latest < sample.at:  # the end of the drive, or a frame that is no longer sent
+            return latest, self._lookup(sample.frame, latest)
+        raise tf2_ros.TransformException(str(refusal))
+
+    def _lookup(self, frame: str, moment: float) -> Pose:
+        transform = self._buffer.lookup_transform_core(BASE, frame, rospy.Time.from_sec(moment))
+        return conversions.pose_from_transform(transform)
+
+
+def _frame(marker: Marker) -> str:
+    return str(marker.header.frame_id).lstrip("/")
+
+
+def _pose(marker: Marker) -> Pose:
+    p, q = marker.pose.position, marker.pose.orientation
+    length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
+    quat: Quaternion = (0.0, 0.0, 0.0, 1.0)  # RViz, too, takes zeros for no rotation
+    if length > 0.0:
+        quat = (q.x / length, q.y / length, q.z / length, q.w / length)
+    return Pose((p.x, p.y, p.z), quat)
+
+
+def _invisible(marker: Marker) -> str:
+    """Why RViz would draw nothing of it."""
+    p, q, scale = marker.pose.position, marker.pose.orientation, marker.scale
+    if marker.action != Marker.ADD:
+        return ""
+    if not marker.header.frame_id:
+        return "it has no frame_id"
+    points = [number for point in marker.points for number in (point.x, point.y, point.z)]
+    if not all(map(isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w, scale.x, scale.y, scale.z, *points))):
+        return "its position is not a number"
+    if max(scale.x, scale.y, scale.z) <= 0.0:
+        return "its scale is 0"
+    if marker.color.a <= 0.0 and not any(color.a > 0.0 for color in marker.colors):
+        return "its alpha is 0"
+    return ""

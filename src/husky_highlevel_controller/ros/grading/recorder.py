@@ -1,0 +1,224 @@
+"""Records one drive for grading: true motion, commands, markers, the ROS graph."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import signal
+import threading
+import time
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Any, Dict, List, Set, Tuple
+
+import numpy as np
+import rosgraph
+import rospy
+from sensor_msgs.msg import LaserScan
+
+from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.grading.drive_end import DriveEnd
+from husky_highlevel_controller.grading.graph import forged_topics, silent_topics, unread_topics
+from husky_highlevel_controller.grading.pose_jumps import pose_jumps
+from husky_highlevel_controller.grading.recording import CUT_OFF, Recording, to_json
+from husky_highlevel_controller.grading.truth_feed import TruthFeed, TruthRow
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.grading.exercise_driver import ExerciseDriver
+from husky_highlevel_controller.ros.grading.marker_watch import MarkerWatch
+from husky_highlevel_controller.ros.node import run_node
+
+LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
+PUBLISH_ZERO_AFTER = 1.0  # [s] of wall time
+MAX_VIOLATIONS = 5  # that are named
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """What to record; grading writes it into a file."""
+
+    output: str  # file for the recording
+    truth_socket: str  # where the simulator connects
+    start: Tuple[float, float, float]  # [m, m, rad], of base_link in the world
+    pillar: Tuple[float, float]  # [m], in the world
+    deadline: float  # [s], simulated
+    scan_topic: str
+    exercise: int
+    ours: Tuple[str, ...]  # nodes that are not the submission's
+
+
+class Recorder:
+    """Callbacks append, `run` waits for the end and writes."""
+
+    def __init__(self) -> None:
+        path = Path(rospy.myargv()[1])
+        self._task = Assignment(**json.loads(path.read_text()))
+        self._lock = threading.Lock()
+        self._truth: List[TruthRow] = []
+        self._end = DriveEnd((self._task.pillar[0], self._task.pillar[1]))
+        self._commands: List[float] = []
+        self._command_count = self._zero_count = 0
+        self._nearest: List[Tuple[float, float]] = []
+        self._watch = MarkerWatch(lambda: self._now)
+        self._subscribed = self._joined = self._written = False
+        self._silent: List[str] = []
+        self._unread: List[str] = []
+        self._violations: Dict[str, None] = {}  # in order
+        self._unanswered = ""
+        self._began = inf  # [s] of wall time
+        self._go_on = threading.Event()
+        signal.signal(signal.SIGUSR1, lambda *_: self._go_on.set())
+        rospy.on_shutdown(lambda: self._write(CUT_OFF))
+        rospy.Subscriber("cmd_vel", rospy.AnyMsg, self._on_command, queue_size=1000)
+        self._master = rosgraph.Master(rospy.get_name())
+        self._ours = {*self._task.ours, "/rosout", rospy.get_name()}
+        self._driver = ExerciseDriver(self._task.exercise, self._task.scan_topic, self._ours)
+        self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
+        rospy.set_param("~recording", True)
+
+    def run(self) -> None:
+        """Record until the drive is over."""
+        ended = ""
+        while not ended and not rospy.is_shutdown():
+            self._look_at_graph()
+            rospy.set_param("~now", self._now)
+            ended = self._driver.work(self._now, self._speed) or self._over()
+            time.sleep(LOOK_PERIOD)
+        self._write(ended)
+
+    # ------------------------------------------------------------------------ what comes
+
+    @property
+    def _now(self) -> float:
+        return self._truth[-1].stamp if self._truth else 0.0
+
+    @property
+    def _speed(self) -> float:
+        return self._truth[-1].speed if self._truth else 0.0
+
+    def _on_truth(self, row: TruthRow) -> None:
+        if self._written or self._now >= self._task.deadline:
+            return
+        self._began = min(self._began, time.monotonic())
+        with self._lock:
+            self._truth.append(row)
+        self._end.update(row)
+
+    def _on_event(self, kind: str, words: str) -> None:
+        if kind == "changed":
+            self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {words}")
+        elif kind == "unanswered":
+            self._unanswered = words
+
+    def _violate(self, words: str) -> None:
+        if len(self._violations) < MAX_VIOLATIONS:
+            self._violations[words] = None
+
+    def _on_command(self, msg: Any) -> None:
+        if msg._connection_header.get("callerid") == rospy.get_name():
+            return
+        self._command_count += 1
+        self._zero_count += not any(msg._buff)
+        now = self._now
+        if not self._commands or self._commands[-1] < now:
+            self._commands.append(now)
+
+    def _on_scan(self, msg: LaserScan) -> None:
+        scan = conversions.scan_from_msg(msg)
+        self._nearest.append((scan.stamp, float(np.min(scan.ranges, where=scan.valid, initial=inf))))
+        self._driver.answer(scan.stamp)
+
+    # ------------------------------------------------------------------------ the graph
+
+    def _look_at_graph(self) -> None:
+        try:
+            published, subscribed, services = self._master.getSystemState()
+            types = dict(self._master.getTopicTypes())
+        except (OSError, rosgraph.MasterException):
+            return
+        publishers, subscribers = dict(published), dict(subscribed)
+        for topic, nodes in publishers.items():
+            if set(nodes) - self._ours:
+                self._watch.follow(topic, types.get(topic, ""))
+        listeners: Set[str] = set(subscribers.get(self._task.scan_topic, ()))
+        self._subscribed = self._subscribed or bool(listeners - self._ours)
+        self._silent = self._silent or silent_topics(publishers, subscribers, self._ours)
+        self._unread = unread_topics(publishers, subscribers, types, self._ours)
+        guarded = (rospy.resolve_name("ground_truth/odom"), "/clock", self._task.scan_topic)
+        for topic, node in forged_topics(publishers, guarded, self._ours):
+            self._violate(f"node {node} publishes on {topic}, as the simulator does")
+        self._driver.look(services)
+        self._join(bool(set(publishers.get(rospy.resolve_name("cmd_vel"), ())) - self._ours))
+
+    def _join(self, sends: bool) -> None:
+        """Take part only after the submission, for which lockstep waits, or in its place."""
+        there = self._subscribed and (sends or self._task.exercise == 2)
+        if not self._joined and (there or self._go_on.is_set()):
+            self._joined = True
+            rospy.set_param("~joined", True)
+            if not there:
+                self._driver.answer_scans()
+            rospy.Subscriber(self._task.scan_topic, LaserScan, self._on_scan, queue_size=1000)
+        # the first command is lost where the submission's publisher does not know the simulator yet
+        waited = time.monotonic() > self._began + PUBLISH_ZERO_AFTER
+        if self._truth and self._command_count == 0 and waited:
+            self._driver.publish_zero()
+
+    # ------------------------------------------------------------------------ the end
+
+    def _over(self) -> str:
+        if self._now >= self._task.deadline:
+            return f"the deadline of {self._task.deadline:g} s"
+        return self._end.reason() if self._task.exercise == 3 else ""
+
+    def _write(self, ended: str) -> None:
+        with self._lock:
+            if self._written:
+                return
+            self._written = True
+        truth = list(self._truth)
+        table = np.array(
+            [(row.stamp, *row.pose_in_world.position[:2], row.yaw, row.speed, row.yaw_rate) for row in truth]
+        ).reshape(-1, 6)
+        times, poses = table[:, 0], table[:, 1:4]
+        topic_parameters, queue_parameters = self._driver.parameters()
+        pillar = (float(self._task.pillar[0]), float(self._task.pillar[1]))
+        recording = Recording(
+            start=Pose2D(*self._task.start),
+            pillar=pillar,
+            deadline=self._task.deadline,
+            times=times,
+            poses=poses,
+            speeds=table[:, 4:6],
+            commands=np.array(self._commands),
+            command_count=self._command_count,
+            zero_count=self._zero_count,
+            nearest=np.array(self._nearest).reshape(-1, 2),
+            markers=self._watch.samples(times, [row.pose_in_world for row in truth], pillar),
+            marker_topics=self._watch.topics,
+            services=tuple(sorted(self._driver.services)),
+            calls=tuple(self._driver.calls),
+            topic_parameters=topic_parameters,
+            queue_parameters=queue_parameters,
+            subscribed=self._subscribed,
+            silent_topics=tuple(self._silent),
+            unread_topics=tuple(self._unread),
+            violations=(*self._violations, *pose_jumps(times, poses)),
+            notes=(self._unanswered,) if self._unanswered else (),
+            ended=ended,
+        )
+        text = to_json(recording)
+        part = Path(self._task.output + ".part")
+        part.write_text(text)
+        part.replace(self._task.output)
+        # a file can be exchanged by a submission, what this process prints cannot
+        print(f"sha256 {hashlib.sha256(text.encode()).hexdigest()}", flush=True)
+
+
+def main() -> None:
+    """Run the node."""
+    run_node("marking_recorder", Recorder, listen_to_clock=False)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,54 @@
+"""How every node of this package starts, publishes and ends."""
+
+from __future__ import annotations
+
+import faulthandler
+import sys
+from io import TextIOWrapper
+from typing import Any, Callable, Protocol
+
+import rospy
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.ros.transport import send_promptly
+
+
+def publish(publisher: rospy.Publisher, message: Any) -> None:
+    """Publish, unless the node is shutting down: a callback may still be at work then.
+
+    rospy closes topics before `is_shutdown()` is true; `is_shutdown_requested()` is true from the signal on.
+    """
+    try:
+        publisher.publish(message)
+    except (rospy.ROSException, ValueError):  # ValueError: its buffer is closed already
+        if not rospy.core.is_shutdown_requested():
+            raise
+
+
+class Runnable(Protocol):
+    """A node that is set up by its constructor."""
+
+    def run(self) -> None:
+        """Work until the node is shut down."""
+
+
+def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = True) -> None:
+    """Make and run a node; bad input ends it with a message and exit code 1, a signal with 0.
+
+    With the argument --debug it logs at DEBUG level and shows a stack trace should the engine crash. A node
+    that tells the time itself need not listen to /clock.
+    """
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)  # a log that is piped is seen line by line
+    debug = "--debug" in rospy.myargv()
+    if debug:
+        faulthandler.enable()
+    send_promptly()
+    level = rospy.DEBUG if debug else rospy.INFO
+    rospy.init_node(name, log_level=level, disable_rostime=not listen_to_clock)
+    try:
+        make().run()
+    except HuskyError as error:
+        rospy.logfatal(str(error))
+        rospy.signal_shutdown("bad input")
+        sys.exit(1)

@@ -1,0 +1,1 @@
+"""The guard nodes proximity_stop and crash_stop."""

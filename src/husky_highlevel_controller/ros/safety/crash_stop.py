@@ -1,0 +1,64 @@
+"""Stops the controller after a collision; docs/reference.md lists topics and parameters."""
+
+from __future__ import annotations
+
+import threading
+
+import rospy
+import tf2_ros
+from sensor_msgs.msg import Imu
+
+from husky_highlevel_controller.config import read_config
+from husky_highlevel_controller.controller.crash_detection import CrashConfig, CrashDetector
+from husky_highlevel_controller.datatypes import IDENTITY, Quaternion, Twist2D
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.node import run_node
+from husky_highlevel_controller.ros.safety.guard import Guard, ServiceConfig
+
+BASE = "base_link"
+
+
+class CrashStopNode:
+    """Judges every IMU sample."""
+
+    def __init__(self) -> None:
+        service, config = read_config(
+            rospy.get_param("~", {}), rospy.get_name() + "/", ServiceConfig, CrashConfig
+        )
+        self._detector = CrashDetector(config)
+        self._detecting = threading.Lock()  # odometry and IMU have a thread each
+        self._transforms = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._transforms)
+        self._guard = Guard(service, self._on_odometry)
+        # queued, because every sample counts: velocities are sums
+        rospy.Subscriber("imu/data", Imu, self._on_imu, queue_size=100, tcp_nodelay=True)
+
+    def run(self) -> None:
+        """Work until the node is shut down."""
+        self._guard.run()
+
+    def _on_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
+        with self._detecting:
+            self._detector.add_odometry(stamp, twist_in_base)
+
+    def _on_imu(self, msg: Imu) -> None:
+        sample, mount = conversions.imu_from_msg(msg), self._imu_in_base(msg.header.frame_id)
+        with self._detecting:
+            loss = self._detector.add_sample(sample, mount)
+        danger = None if loss is None else f"crash: {loss:.2f} m/s lost that the wheels do not explain"
+        self._guard.judge(sample.stamp, danger)
+
+    def _imu_in_base(self, frame: str) -> Quaternion:
+        """How the IMU is mounted; as base_link where TF does not know."""
+        if frame.lstrip("/") == BASE:
+            return IDENTITY.quat_xyzw
+        try:
+            transform = self._transforms.lookup_transform_core(BASE, frame.lstrip("/"), rospy.Time())
+        except (tf2_ros.TransformException, ValueError):  # ValueError: an empty frame name
+            return IDENTITY.quat_xyzw
+        return conversions.pose_from_transform(transform).quat_xyzw
+
+
+def main() -> None:
+    """Run the node."""
+    run_node("crash_stop", CrashStopNode)

@@ -1,0 +1,84 @@
+"""Stops the controller before the robot touches anything; docs/reference.md lists topics and parameters."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Optional
+
+import rospy
+import tf2_ros
+from sensor_msgs.msg import LaserScan
+
+from husky_highlevel_controller.config import read_config
+from husky_highlevel_controller.controller.safety import ProximityConfig, too_close
+from husky_highlevel_controller.datatypes import Pose
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.node import run_node
+from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig
+
+BASE = "base_link"
+STARTING_TIME = 1.0  # [s] of scans that may lack odometry or transforms without a warning
+
+
+class ProximityStopNode:
+    """Checks every scan for obstacles in the robot's path."""
+
+    def __init__(self) -> None:
+        service, self._config = read_config(
+            rospy.get_param("~", {}), rospy.get_name() + "/", ServiceConfig, ProximityConfig
+        )
+        self._transforms = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._transforms)
+        self._guard = Guard(service)
+        self._blind_since: Optional[float] = None  # [s], stamp of the first scan that could not be judged
+        rospy.Subscriber("front/scan", LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
+
+    def run(self) -> None:
+        """Work until the node is shut down."""
+        self._guard.run()
+
+    def _on_scan(self, msg: LaserScan) -> None:
+        try:
+            scan = conversions.scan_from_msg(msg)
+        except conversions.ScanError as error:
+            rospy.logwarn_throttle(REPORT_PERIOD, f"{error}, so nothing stops the robot")
+            return
+        twist = self._guard.twist(scan.stamp)
+        laser_in_base = self._laser_in_base(scan.frame)
+        if twist is None or laser_in_base is None:
+            missing = "fresh odometry" if twist is None else f"transform from '{scan.frame}' to '{BASE}'"
+            self._warn_if_it_lasts(
+                scan.stamp, f"no {missing}, so nothing stops the robot; is the robot running?"
+            )
+            return
+        self._blind_since = None
+        clearance = too_close(scan, laser_in_base, twist, self._config)
+        danger = None
+        if not (isfinite(twist.linear) and isfinite(twist.angular)):
+            danger = f"odometry says {twist.linear} m/s, {twist.angular} rad/s"
+        elif clearance is not None:
+            danger = (
+                f"something is {clearance:.2f} m away, and the robot moves towards it at "
+                f"{twist.linear:.2f} m/s, {twist.angular:.2f} rad/s"
+            )
+        self._guard.judge(scan.stamp, danger)
+
+    def _warn_if_it_lasts(self, stamp: float, words: str) -> None:
+        """Warn, but not while the robot's nodes are still starting."""
+        if self._blind_since is None or stamp < self._blind_since:
+            self._blind_since = stamp
+        if stamp - self._blind_since >= STARTING_TIME:
+            rospy.logwarn_throttle(REPORT_PERIOD, words)
+
+    def _laser_in_base(self, frame: str) -> Optional[Pose]:
+        try:
+            # no timeout: a callback that waits for TF hangs while the clock stands still
+            transform = self._transforms.lookup_transform(BASE, frame, rospy.Time())
+        except tf2_ros.TransformException:
+            return None
+        return conversions.pose_from_transform(transform)
+
+
+def main() -> None:
+    """Run the node."""
+    run_node("proximity_stop", ProximityStopNode)

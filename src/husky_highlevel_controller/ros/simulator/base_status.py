@@ -1,0 +1,122 @@
+"""/status and /diagnostics of a real Husky's base, once a simulated second.
+
+Names, thresholds and levels of the four diagnostics: husky_base of husky 0.6.10.
+"""
+
+from __future__ import annotations
+
+from typing import Any, List, Optional, Sequence, Tuple
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from husky_highlevel_controller.datatypes import PowerState
+from husky_highlevel_controller.msg import HuskyStatus
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.simulator.publishers import publish_if_subscribed
+
+PERIOD = 1.0  # [s] of simulated time
+HARDWARE = "husky_base"
+# (warning, error)
+LOW_VOLTAGE, HIGH_VOLTAGE = (19.0, 18.0), (29.0, 30.0)  # [V]
+DRIVER_TEMPERATURE, MOTOR_TEMPERATURE = (50.0, 60.0), (65.0, 80.0)  # [deg C]
+LOW_CHARGE = (0.3, 0.2)
+
+Level = Tuple[int, str]
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class BaseStatus:
+    """Publishes what the base knows of itself."""
+
+    def __init__(self, control_rate: float) -> None:
+        """`control_rate`: of the base's control loop [Hz]."""
+        self._control_rate = control_rate
+        self._status = rospy.Publisher("status", HuskyStatus, queue_size=10)
+        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
+        self._published_at: Optional[float] = None
+
+    def update(self, power: PowerState, e_stop: bool, stamp: float) -> None:
+        """Publish both if a period is over at `stamp` [s]; to be called several times a second."""
+        if self._published_at is not None and stamp - self._published_at < PERIOD - 1e-6:
+            return
+        self._published_at = stamp
+        status = status_to_msg(power, self._control_rate, e_stop, stamp)
+        publish_if_subscribed(self._status, lambda: status)
+        publish_if_subscribed(self._diagnostics, diagnostics_of, status)
+
+
+def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: float) -> HuskyStatus:
+    """The base's state at `stamp` [s], with no fault but what the battery and the emergency stop say."""
+    left, right = range(2)
+    return HuskyStatus(
+        header=conversions.header(stamp, ""),
+        uptime=round(1000.0 * power.uptime),
+        ros_control_loop_freq=control_rate,
+        mcu_and_user_port_current=power.electronics_current,
+        left_driver_current=power.currents[left],
+        right_driver_current=power.currents[right],
+        battery_voltage=power.voltage,
+        left_driver_voltage=power.voltage,
+        right_driver_voltage=power.voltage,
+        left_driver_temp=power.driver_temperatures[left],
+        right_driver_temp=power.driver_temperatures[right],
+        left_motor_temp=power.motor_temperatures[left],
+        right_motor_temp=power.motor_temperatures[right],
+        capacity_estimate=round(power.capacity),
+        charge_estimate=power.charge,
+        e_stop=e_stop,
+    )
+
+
+def diagnostics_of(status: HuskyStatus) -> DiagnosticArray:
+    """What husky_base makes of it: system, power, safety and software."""
+    array = DiagnosticArray(header=status.header)
+    array.status = [
+        _diagnostic("system_status", _system_level(status), _fields(status, "voltage", "current", "temp")),
+        _diagnostic("power_status", _power_level(status), _fields(status, "estimate")),
+        _diagnostic(
+            "safety_status",
+            (ERROR, "emergency stop") if status.e_stop else (OK, "safety OK"),
+            [(name, getattr(status, name)) for name in ("timeout", "lockout", "e_stop", "ros_pause")]
+            + [(name, getattr(status, name)) for name in ("no_battery", "current_limit")],
+        ),
+        _diagnostic("software_status", (OK, "software OK"), _fields(status, "freq")),
+    ]
+    return array
+
+
+def _system_level(status: HuskyStatus) -> Level:
+    driver = max(status.left_driver_temp, status.right_driver_temp)
+    motor = max(status.left_motor_temp, status.right_motor_temp)
+    levels = [
+        (_low(status.battery_voltage, LOW_VOLTAGE), "battery voltage too low"),
+        (_high(status.battery_voltage, HIGH_VOLTAGE), "battery voltage too high"),
+        (_high(driver, DRIVER_TEMPERATURE), "motor drivers too hot"),
+        (_high(motor, MOTOR_TEMPERATURE), "motors too hot"),
+    ]
+    worst = max(levels, key=lambda level: level[0])
+    return worst if worst[0] > OK else (OK, "system OK")
+
+
+def _power_level(status: HuskyStatus) -> Level:
+    level = _low(status.charge_estimate, LOW_CHARGE)
+    return level, "low charge" if level > OK else "power OK"
+
+
+def _high(value: float, limits: Sequence[float]) -> int:
+    return sum(value > limit for limit in limits)  # OK, WARN and ERROR are 0, 1 and 2
+
+
+def _low(value: float, limits: Sequence[float]) -> int:
+    return sum(value < limit for limit in limits)
+
+
+def _fields(status: HuskyStatus, *kinds: str) -> List[Tuple[str, Any]]:
+    names = [name for name in status.__slots__ if name.rsplit("_", 1)[-1] in kinds]
+    return [(name, getattr(status, name)) for name in names]
+
+
+def _diagnostic(name: str, level: Level, values: Sequence[Tuple[str, Any]]) -> DiagnosticStatus:
+    pairs = [KeyValue(key.replace("_", " "), str(value)) for key, value in values]
+    return DiagnosticStatus(level[0], f"{HARDWARE}: {name}", level[1], HARDWARE, pairs)

@@ -1,0 +1,75 @@
+"""Queue of calls that service threads make into the thread that owns the simulation."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import Any, Callable, Deque, Optional
+
+import rospy
+
+SHUTDOWN_POLL_PERIOD = 0.1  # [s] of wall time between two checks whether the node ends
+
+
+class _Call:
+    def __init__(self, work: Callable[[], Any]) -> None:
+        self.work = work
+        self.done = threading.Event()
+        self.result: Any = None
+        self.error: Optional[Exception] = None
+
+
+class CallQueue:
+    """A queue of calls; each returns when the owner has made it.
+
+    Calls that advance the simulation wait until the owner is not in the middle of a step itself.
+    """
+
+    def __init__(self, on_change: Callable[[str], None] = lambda _: None) -> None:
+        """Call `on_change` with a sentence about each request that changed or read the world."""
+        self.on_change = on_change
+        self._calls: Deque[_Call] = deque()
+        self._advancing_calls: Deque[_Call] = deque()
+        self._arrived = threading.Event()
+
+    def call(self, work: Callable[[], Any], advances: bool = False) -> Any:
+        """Let the owner do `work`, and return its result or raise its error; not for the owner's thread.
+
+        Args:
+            work: what to do.
+            advances: whether it advances the simulation.
+
+        Raises:
+            ROSInterruptException: the node ends before the work was done.
+        """
+        call = _Call(work)
+        (self._advancing_calls if advances else self._calls).append(call)
+        self._arrived.set()
+        while not call.done.wait(SHUTDOWN_POLL_PERIOD):
+            if rospy.is_shutdown():
+                raise rospy.ROSInterruptException("the simulator ends")
+        if call.error is not None:
+            raise call.error
+        return call.result
+
+    def process(self, timeout: float = 0.0) -> None:
+        """Make all calls; if there is none, wait for one up to `timeout` s. Owner only, between two steps."""
+        if timeout > 0.0:
+            self._arrived.wait(timeout)
+            self._arrived.clear()
+        self.process_during_step()
+        while self._advancing_calls:
+            _make(self._advancing_calls.popleft())
+
+    def process_during_step(self) -> None:
+        """Make the calls that do not advance the simulation. Owner only, also in the middle of a step."""
+        while self._calls:
+            _make(self._calls.popleft())
+
+
+def _make(call: _Call) -> None:
+    try:
+        call.result = call.work()
+    except Exception as error:  # raised again in the caller's thread
+        call.error = error
+    call.done.set()

@@ -1,0 +1,95 @@
+"""Inputs of the simulator: velocity commands by priority, and the emergency stop."""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import partial
+from typing import Deque, Dict, List, Tuple
+
+import rospy
+from geometry_msgs.msg import Twist
+from std_msgs.msg import Bool
+
+from husky_highlevel_controller.datatypes import Twist2D
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.node import publish
+from husky_highlevel_controller.ros.simulator.lockstep import Lockstep
+from husky_highlevel_controller.simulator.twist_mux import INPUTS, TIMEOUT, CommandMux
+
+DIRECT = "husky_velocity_controller/cmd_vel"  # the mux's output, and a way past it
+MAIN = "cmd_vel"
+QUEUE = 1000  # commands kept between two physics steps; older ones are overruled anyway
+
+
+class Commands:
+    """Collects commands in callbacks; the simulation's thread takes them."""
+
+    def __init__(self, lockstep: Lockstep) -> None:
+        self._lockstep = lockstep
+        self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
+        self._senders: Dict[str, Tuple[str, float]] = {}  # of each topic: the last, and when it sent [s]
+        self._mux = CommandMux()
+        self._passed = rospy.Publisher(DIRECT, Twist, queue_size=QUEUE)
+        subscribers = {
+            topic: rospy.Subscriber(
+                topic, Twist, partial(self._on_twist, topic), queue_size=10, tcp_nodelay=True
+            )
+            for topic in (*INPUTS, DIRECT)
+        }
+        self.main: rospy.Subscriber = subscribers[MAIN]
+        rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=10)
+
+    def take(self, stamp: float) -> List[Twist2D]:
+        """The commands to obey of those that have arrived, oldest first, taken to arrive at `stamp` [s]."""
+        obeyed = []
+        while self._arrived:
+            topic, msg = self._arrived.popleft()
+            if topic == DIRECT:
+                if not self._mux.locked:
+                    obeyed.append(conversions.twist_from_msg(msg))
+            elif self._mux.passes(topic, stamp):
+                obeyed.append(conversions.twist_from_msg(msg))
+                if self._passed.get_num_connections() > 1:  # one of them is our own
+                    publish(self._passed, msg)
+        return obeyed
+
+    @property
+    def locked(self) -> bool:
+        """Whether the emergency stop is on."""
+        return self._mux.locked
+
+    def forget(self) -> None:
+        """Begin anew, but for the emergency stop."""
+        self._arrived.clear()
+        self._mux.forget()
+
+    def _on_twist(self, topic: str, msg: Twist) -> None:
+        sender = msg._connection_header["callerid"]
+        if topic == DIRECT and sender == rospy.get_name():
+            return  # published by take()
+        self._warn_of_two_senders(topic, sender)
+        if self._lockstep.drops(topic):
+            rospy.logwarn_throttle(
+                10.0,
+                f"{rospy.resolve_name(topic)}: {sender} sends several commands for one scan; lockstep obeys"
+                " the first and drops the rest",
+            )
+            return
+        self._arrived.append((topic, msg))
+        self._lockstep.answer(topic)
+
+    def _warn_of_two_senders(self, topic: str, sender: str) -> None:
+        now = rospy.get_time()
+        other, sent = self._senders.get(topic, (sender, now))
+        self._senders[topic] = sender, now
+        if other != sender and now - sent <= TIMEOUT:
+            rospy.logwarn_throttle(
+                10.0,
+                f"{rospy.resolve_name(topic)}: both {other} and {sender} send commands, and the robot obeys"
+                " each in turn; stop one of them, or take over on kb_teleop/cmd_vel",
+            )
+
+    def _on_e_stop(self, msg: Bool) -> None:
+        if msg.data != self._mux.locked:
+            rospy.logwarn("e_stop: commands are locked" if msg.data else "e_stop: commands are free again")
+        self._mux.locked = msg.data

@@ -1,0 +1,73 @@
+"""Depth camera of a Husky with a Kinect: publishes images and points without delaying the simulation."""
+
+from __future__ import annotations
+
+from typing import Optional
+
+import rospy
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
+from husky_highlevel_controller.datatypes import Pose, Snapshot
+from husky_highlevel_controller.geometry import compose
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.node import publish
+from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConfig, image_of, points_of
+from husky_highlevel_controller.simulator.sensors.renderer import Renderer
+from husky_highlevel_controller.simulator.simulation import Simulation
+
+FRAME = "camera_frame_optical"
+QUEUE = 2  # images are large
+
+
+class DepthCamera:
+    """Starts an image when one is due, publishes it when it is drawn; one that comes too late is left out."""
+
+    def __init__(self, config: CameraConfig, pose_in_base: Pose, steps: int, wait: bool) -> None:
+        """A camera that is due every `steps` steps; with `wait` the simulation waits for each image."""
+        self._config, self._pose_in_base, self._steps, self._wait = config, pose_in_base, steps, wait
+        self._image = rospy.Publisher("camera/depth/image_raw", Image, queue_size=QUEUE)
+        self._info = rospy.Publisher("camera/depth/camera_info", CameraInfo, queue_size=QUEUE)
+        self._points = rospy.Publisher("camera/depth/points", PointCloud2, queue_size=QUEUE)
+        self._renderer = Renderer(config)
+        self._stamp = 0.0
+
+    def close(self) -> None:
+        """End the renderer."""
+        self._renderer.close()
+
+    def update(self, simulation: Simulation, snapshot: Snapshot) -> None:
+        """Call after every step of the physics."""
+        try:
+            self._update(simulation, snapshot)
+        except (OSError, EOFError):
+            rospy.logerr_throttle(60.0, "camera/depth: its renderer has died; no more images until a restart")
+
+    def _update(self, simulation: Simulation, snapshot: Snapshot) -> None:
+        self._publish(0.0)
+        if snapshot.step % self._steps == 0 and not self._renderer.busy and self._wanted():
+            poses = {
+                name: simulation.pose_of(name) for name, body in simulation.bodies.items() if body.mass > 0.0
+            }
+            camera = compose(snapshot.robot.pose_in_world, self._pose_in_base)
+            self._renderer.start(simulation.bodies, poses, camera)
+            self._stamp = snapshot.stamp
+            if self._wait:
+                self._publish(None)
+
+    def _wanted(self) -> bool:
+        return any(topic.get_num_connections() for topic in (self._image, self._info, self._points))
+
+    def _publish(self, timeout: Optional[float]) -> None:
+        buffer = self._renderer.take(timeout)
+        if buffer is None:
+            return
+        image = image_of(buffer, self._config, self._stamp, FRAME)
+        publish(
+            self._info, conversions.camera_info_to_msg(image, self._config.focal_length, self._config.center)
+        )
+        if self._image.get_num_connections():
+            publish(self._image, conversions.depth_to_msg(image))
+        if self._points.get_num_connections():
+            publish(
+                self._points, conversions.points_to_msg(points_of(image, self._config), image.stamp, FRAME)
+            )

@@ -1,0 +1,250 @@
+"""The simulated Husky as a ROS node; docs/reference.md lists its topics, services and parameters."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Callable, List, Tuple
+
+import rosgraph
+import rospy
+from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
+
+from husky_highlevel_controller.config import ConfigError, read_config
+from husky_highlevel_controller.datatypes import HuskyError, Pose2D
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.ros.node import run_node
+from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
+from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
+from husky_highlevel_controller.ros.simulator.commands import Commands
+from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCamera
+from husky_highlevel_controller.ros.simulator.lockstep import Lockstep
+from husky_highlevel_controller.ros.simulator.one_simulator import refusal, running_simulator, watch_clock
+from husky_highlevel_controller.ros.simulator.publishers import Publishers
+from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
+from husky_highlevel_controller.ros.simulator.world_services import WorldServices, ask
+from husky_highlevel_controller.simulator.diff_drive import CommandError
+from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
+from husky_highlevel_controller.simulator.models.sdf_world import find_world, load_world
+from husky_highlevel_controller.simulator.pacing import Pacer
+from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
+from husky_highlevel_controller.simulator.sensors.depth_camera import CameraSetup
+from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig, steps_per
+from husky_highlevel_controller.srv import StepWorld, StepWorldRequest, StepWorldResponse
+
+MAX_STEPS = 100_000  # in one request
+PAUSE_POLL_PERIOD = 0.05  # [s] of wall time between two checks for the end of a pause
+
+
+@dataclass(frozen=True)
+class StartConfig:
+    """World, start pose, seed and pace of the simulation."""
+
+    world_name: str = field(default="", metadata={"help": "a .world file"})
+    x: float = field(default=0.0, metadata={"min": -1e4, "max": 1e4, "help": "start pose in the world [m]"})
+    y: float = field(default=0.0, metadata={"min": -1e4, "max": 1e4, "help": "start pose in the world [m]"})
+    yaw: float = field(default=0.0, metadata={"min": -7.0, "max": 7.0, "help": "start heading [rad]"})
+    seed: int = field(default=0, metadata={"min": 0, "max": 2**31 - 1, "help": "of all noise"})
+    laser_frame: str = field(default="front_laser", metadata={"help": "where the lidar's beams start"})
+    real_time_factor: float = field(
+        default=1.0, metadata={"min": 0.0, "max": 1000.0, "help": "pace; 0 = as fast as it goes"}
+    )
+    paused: bool = field(default=False, metadata={"help": "wait for gazebo/unpause_physics"})
+    lockstep: bool = field(default=False, metadata={"help": "wait for the command that answers a scan"})
+    kinect_enabled: bool = field(default=False, metadata={"help": "with a depth camera"})
+    profile: str = field(default="gazebo", metadata={"help": "whose drivers: gazebo or robot"})
+    ground: str = field(default="hard", metadata={"help": "with profile robot: hard or soft"})
+
+
+class SimulatorNode:
+    """Owns the simulation in the thread that calls `run`; callbacks queue commands and calls for it."""
+
+    def __init__(self) -> None:
+        start, config, camera = self._read_parameters()
+        self._start, self._paused = start, start.paused
+        self._publishers = Publishers(config)
+        self._status = BaseStatus(config.real.base.control_rate) if config.real else None
+        world = load_world(find_world(start.world_name, _world_folders()))
+        robot = robot_model(self._robot_description(), start.laser_frame)
+        self._simulation = Simulation(world, robot, config, Pose2D(start.x, start.y, start.yaw), start.seed)
+        self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
+        self._lockstep = Lockstep(
+            start.lockstep,
+            self._publishers.scan,
+            partial(self._publishers.truth_log.write_line, "unanswered"),
+        )
+        self._commands = Commands(self._lockstep)
+        self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
+        self._offer_services()
+        rospy.loginfo(
+            "simulating '%s' with %d bodies, physics at %d Hz%s",
+            world.name, len(world.bodies), config.physics_rate, ", paused" if start.paused else "",
+        )  # fmt: skip
+
+    @staticmethod
+    def _read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
+        values, source = dict(rospy.get_param("~", {})), rospy.get_name() + "/"
+        profile = values.pop("robot_profile", {}) if values.get("profile") == "robot" else {}
+        start, config, camera = read_config(values, source, StartConfig, SimulatorConfig, CameraSetup)
+        for name, choices in (("profile", PROFILES), ("ground", GROUNDS)):
+            if getattr(start, name) not in choices:
+                raise ConfigError(f"{source}{name} = '{getattr(start, name)}' is not {' or '.join(choices)}")
+        if start.profile == "robot":
+            (robot,) = read_config(profile, source + "robot_profile/", RobotProfile)
+            config = replace(config, real=robot.on(start.ground))
+        return start, config, camera
+
+    @staticmethod
+    def _robot_description() -> str:
+        name = rospy.search_param("robot_description")
+        if name is None:
+            raise ConfigError(
+                f"{rospy.resolve_name('robot_description')} is missing (URDF text of the robot)"
+            )
+        return str(rospy.get_param(name))
+
+    def _make_camera(self, setup: CameraSetup, robot: RobotModel, config: SimulatorConfig) -> DepthCamera:
+        if FRAME not in robot.fixed_poses:
+            raise ConfigError(
+                f"{rospy.get_name()}/kinect_enabled = True, but robot_description has no '{FRAME}'"
+            )
+        steps = steps_per(setup.camera_rate, config.physics_rate, "camera_rate")
+        return DepthCamera(setup.camera, robot.fixed_poses[FRAME], steps, self._start.lockstep)
+
+    def run(self) -> None:
+        """Simulate until the node is shut down."""
+        publishers, simulation = self._publishers, self._simulation
+        watch_clock(rospy.get_name(), rosgraph.get_master_uri(), rospy.logwarn)
+        # the subscriber of scans answers them, that of joint states sends the robot's frames
+        needed, others = [publishers.scan, publishers.joints], [publishers.clock, publishers.transforms]
+
+        def meanwhile() -> None:
+            self._calls.process()
+            publishers.publish_clock(simulation.stamp)
+
+        self._lockstep.wait_for_partner(needed, self._commands.main, others, meanwhile)
+        self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
+        while not rospy.is_shutdown():
+            self._calls.process(PAUSE_POLL_PERIOD if self._paused else 0.0)
+            if self._paused:
+                publishers.publish_clock(simulation.stamp)  # for nodes that start during the pause
+                self._pacer.restart(simulation.stamp, time.monotonic())
+                self._display.refresh()
+            else:
+                if self._advance():
+                    self._keep_pace()
+        if self._camera:
+            self._camera.close()
+        simulation.close()
+
+    def _advance(self) -> bool:
+        """One step of the physics, and its messages; whether /clock was published."""
+        for twist in self._commands.take(self._simulation.stamp):
+            try:
+                self._simulation.command(twist)
+            except CommandError as error:
+                rospy.logwarn_throttle(1.0, f"{rospy.resolve_name('cmd_vel')}: {error}")
+        snapshot = self._simulation.step()
+        if snapshot.scan is not None:
+            self._lockstep.begin_scan()
+        settle = partial(self._lockstep.settle, self._calls.process_during_step)
+        tells_time = self._publishers.publish(snapshot, settle)
+        if snapshot.power is not None and self._status:
+            self._status.update(snapshot.power, self._commands.locked, snapshot.stamp)
+        self._display.update(snapshot.stamp)
+        if self._camera:
+            self._camera.update(self._simulation, snapshot)
+        if snapshot.scan is not None:
+            send = partial(self._publishers.publish_scan, snapshot.scan)
+            self._lockstep.wait_for_answer(self._calls.process_during_step, resend=send)
+        return tells_time
+
+    def _keep_pace(self) -> None:
+        stamp, now = self._simulation.stamp, time.monotonic()
+        reached = self._pacer.lag(stamp, now)
+        if reached is not None:
+            rospy.logwarn_throttle(
+                10.0,
+                f"this machine is too slow for real_time_factor {self._start.real_time_factor:g}: "
+                f"reached {reached:.2f}; nothing is dropped, simulated time just passes more slowly",
+            )
+        delay = self._pacer.delay(stamp, now)
+        if delay > 0.0:
+            time.sleep(delay)
+
+    # ------------------------------------------------------------------ services
+
+    def _offer_services(self) -> None:
+        self._world_services = WorldServices(self._simulation, self._calls)
+        self._display = WorldDisplay(self._simulation, self._calls)
+        for name, gazebo_name, work in (
+            ("pause", "pause_physics", self._pause),
+            ("resume", "unpause_physics", self._resume),
+            ("reset", "reset_simulation", self._reset),
+            ("reset_world", "reset_world", self._reset_poses),
+        ):
+            changes = work not in (self._pause, self._resume)
+            # Gazebo's answer with nothing; ours with a sentence
+            rospy.Service(f"gazebo/{gazebo_name}", Empty, partial(self._on_empty, work, changes))
+            rospy.Service(f"~{name}", Trigger, partial(self._on_trigger, work, changes))
+        rospy.Service("~step", StepWorld, self._on_step)
+
+    def _pause(self) -> str:
+        self._paused = True
+        return f"paused at {self._simulation.stamp:.3f} s"
+
+    def _resume(self) -> str:
+        self._paused = False
+        return f"running from {self._simulation.stamp:.3f} s"
+
+    def _reset(self) -> str:
+        self._simulation.reset()
+        self._commands.forget()
+        return f"the world is as it was at the start; time runs on from {self._simulation.stamp:.3f} s"
+
+    def _reset_poses(self) -> str:
+        self._simulation.reset_poses()
+        return "the robot and every object stand where they were put first"
+
+    def _step(self, steps: int) -> str:
+        if not self._paused:
+            raise HuskyError("the world is running; pause it before you step it")
+        if not 1 <= steps <= MAX_STEPS:
+            raise HuskyError(f"steps = {steps} is not within 1..{MAX_STEPS}")
+        for _ in range(steps):
+            if rospy.is_shutdown():
+                raise HuskyError("the simulator ends")
+            self._advance()
+        return f"{steps} steps; it is now {self._simulation.stamp:.3f} s"
+
+    def _on_empty(self, work: Callable[[], str], changes: bool, _request: Any) -> EmptyResponse:
+        ask(self._calls, work, changes)
+        return EmptyResponse()
+
+    def _on_trigger(self, work: Callable[[], str], changes: bool, _request: Any) -> TriggerResponse:
+        return TriggerResponse(*ask(self._calls, work, changes))
+
+    def _on_step(self, request: StepWorldRequest) -> StepWorldResponse:
+        return StepWorldResponse(*ask(self._calls, lambda: self._step(request.steps), advances=True))
+
+
+def _world_folders() -> List[Path]:
+    """Folders searched for a world without an absolute path: this package's, then Gazebo's."""
+    share = share_folder()
+    gazebo = os.environ.get("GAZEBO_RESOURCE_PATH", "").split(os.pathsep)
+    return [share / "worlds", share, *(Path(folder) for folder in gazebo if folder)]
+
+
+def main() -> None:
+    """Run the node."""
+    master_uri = rosgraph.get_master_uri()
+    other = running_simulator(master_uri)
+    if other is not None:
+        sys.exit(f"husky_simulator: {refusal(other, master_uri)}")
+    # commands come in on threads of their own; as fast as it goes, Python's 5 ms are 0.15 s of simulated time
+    sys.setswitchinterval(0.0005)
+    run_node("husky_simulator", SimulatorNode, listen_to_clock=False)

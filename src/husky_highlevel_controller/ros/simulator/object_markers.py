@@ -1,0 +1,112 @@
+"""A body of the world becomes an interactive marker for RViz.
+
+In: a `Body`, and where it is. Out: messages. Must not know: topics, rospy, the simulation.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Sequence
+
+from geometry_msgs.msg import Point
+from geometry_msgs.msg import Quaternion as QuaternionMsg
+from geometry_msgs.msg import Vector3 as Vector3Msg
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, Marker, MenuEntry
+
+from husky_highlevel_controller.datatypes import (
+    Body,
+    Box,
+    Cylinder,
+    Geometry,
+    Plane,
+    Pose,
+    Quaternion,
+    Rgba,
+    Vector3,
+)
+from husky_highlevel_controller.geometry import compose, quat_inverse, rotate
+from husky_highlevel_controller.ros import conversions
+
+DELETE = 1  # id of the menu's only entry
+QUIET = (0.2, 0.21, 0.22, 1.0)  # of every plane: grid, scan and robot are to stand out from it
+PAINT = 0.005  # [m]; a box that is lower is drawn as if painted on what it lies on
+SLIM = 0.95  # share of a cylinder's radius that is drawn, or it would hide the marker of a found pillar
+X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+
+
+def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarker:
+    """All that is drawn of a body; one that can move can be dragged on the level, and has a menu."""
+    marker = InteractiveMarker(
+        header=Header(frame_id=frame),  # without a stamp: it stays where it is in its frame
+        name=body.name,
+        description=body.name,
+        pose=conversions.pose_to_msg(pose_in_frame),
+        scale=1.0,
+    )
+    control = InteractiveMarkerControl(
+        name="body",
+        interaction_mode=InteractiveMarkerControl.NONE,
+        orientation=QuaternionMsg(w=1.0),
+        always_visible=True,
+        markers=[_geometry_to_msg(geometry) for geometry in body.visuals],
+    )
+    if body.mass > 0.0:
+        control.interaction_mode = InteractiveMarkerControl.MOVE_PLANE  # across the control's x axis
+        control.orientation = QuaternionMsg(*_shortest_turn(X, upwards(pose_in_frame)))
+        marker.menu_entries = [MenuEntry(id=DELETE, title="Delete", command_type=MenuEntry.FEEDBACK)]
+    marker.controls = [control]
+    return marker
+
+
+def upwards(pose: Pose) -> Vector3:
+    """Which way is up, along the axes of what has this pose in a level frame."""
+    return rotate(quat_inverse(pose.quat_xyzw), Z)
+
+
+def _geometry_to_msg(geometry: Geometry) -> Marker:
+    shape, pose = geometry.shape, geometry.pose_in_body
+    if isinstance(shape, Plane):
+        turned = Pose(quat_xyzw=_shortest_turn(Z, shape.normal))
+        return _sheet(compose(pose, turned), shape.size, QUIET)
+    if isinstance(shape, Box) and shape.size[2] < PAINT:
+        top = Pose((0.0, 0.0, shape.size[2] / 2.0))
+        return _sheet(compose(pose, top), shape.size[:2], geometry.rgba)
+    if isinstance(shape, Box):
+        kind, size = Marker.CUBE, shape.size
+    elif isinstance(shape, Cylinder):
+        diameter = SLIM * 2.0 * shape.radius
+        kind, size = Marker.CYLINDER, (diameter, diameter, shape.length)
+    else:
+        kind, size = Marker.SPHERE, (2.0 * shape.radius, 2.0 * shape.radius, 2.0 * shape.radius)
+    color, scale = ColorRGBA(*geometry.rgba), Vector3Msg(*size)
+    return Marker(type=kind, pose=conversions.pose_to_msg(pose), scale=scale, color=color)
+
+
+def _sheet(pose: Pose, size: Sequence[float], rgba: Rgba) -> Marker:
+    """A rectangle across the z axis; with a colour for each corner RViz leaves it unlit; it were black."""
+    x, y = size[0] / 2.0, size[1] / 2.0
+    corners = [Point(*corner, 0.0) for corner in ((-x, -y), (x, -y), (x, y), (-x, -y), (x, y), (-x, y))]
+    return Marker(
+        type=Marker.TRIANGLE_LIST,
+        pose=conversions.pose_to_msg(pose),
+        scale=Vector3Msg(1.0, 1.0, 1.0),
+        color=ColorRGBA(*rgba),
+        points=corners,
+        colors=[ColorRGBA(*rgba)] * len(corners),
+    )
+
+
+def _shortest_turn(start: Vector3, end: Vector3) -> Quaternion:
+    """The rotation from one unit vector to another."""
+    (ax, ay, az), (bx, by, bz) = start, end
+    along = ax * bx + ay * by + az * bz
+    if along < -1.0 + 1e-9:  # half a turn, about anything across
+        return (0.0, 1.0, 0.0, 0.0)
+    length = sqrt(2.0 + 2.0 * along)
+    return (
+        (ay * bz - az * by) / length,
+        (az * bx - ax * bz) / length,
+        (ax * by - ay * bx) / length,
+        length / 2.0,
+    )

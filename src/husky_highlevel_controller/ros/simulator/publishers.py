@@ -1,0 +1,129 @@
+"""Publishers of the simulator: the Husky's topics at the Husky's rates."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Set
+
+import rospy
+from geometry_msgs.msg import TwistStamped, Vector3Stamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState, LaserScan, MagneticField, NavSatFix
+from tf2_msgs.msg import TFMessage
+
+from husky_highlevel_controller.datatypes import OdometrySample, Scan, Snapshot
+from husky_highlevel_controller.geometry import pose_from_2d
+from husky_highlevel_controller.msg import Bumps
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.node import publish
+from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
+from husky_highlevel_controller.simulator.simulation import ODOMETRY_RATE, SimulatorConfig, steps_per
+
+WORLD, ODOM, BASE = "world", "odom", "base_link"
+QUEUE = 200  # messages kept for a subscriber that is busy; one that hangs must not hold the world
+
+
+class Publishers:
+    """Publishes snapshots; no message is made for a topic without a subscriber."""
+
+    def __init__(self, config: SimulatorConfig) -> None:
+        """Raises HuskyError where a rate does not divide that of the physics."""
+        self._state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
+        # a real base reports its wheels less often
+        rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
+        self._wheel_steps = steps_per(rate, config.physics_rate, "the rate of wheel odometry")
+        self._drift = config.gps.drift
+        self._tells_time = bool(rospy.get_param("/use_sim_time", False))
+        self._bumped: Set[str] = set()
+        self.truth_log = TruthLog()
+        self.clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
+        self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
+        self.scan = rospy.Publisher("front/scan", LaserScan, queue_size=QUEUE)
+        self.joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
+        self._imu = rospy.Publisher("imu/data", Imu, queue_size=QUEUE)
+        self._imu_raw = self._mag = None
+        if config.real:
+            self._imu_raw = rospy.Publisher("imu/data_raw", Imu, queue_size=QUEUE)
+            self._mag = rospy.Publisher("imu/mag", MagneticField, queue_size=QUEUE)
+        self._fix = rospy.Publisher("navsat/fix", NavSatFix, queue_size=QUEUE)
+        self._fix_velocity = rospy.Publisher("navsat/vel", Vector3Stamped, queue_size=QUEUE)
+        self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=QUEUE)
+        self._wheel_odometry = rospy.Publisher("husky_velocity_controller/odom", Odometry, queue_size=QUEUE)
+        self._command = rospy.Publisher(
+            "husky_velocity_controller/cmd_vel_out", TwistStamped, queue_size=QUEUE
+        )
+        self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
+        self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
+        self._set_time(rospy.Time())
+
+    def publish(self, snapshot: Snapshot, on_clock: Callable[[], None] = lambda: None) -> bool:
+        """Publish the samples of a snapshot; whether /clock was published.
+
+        The time goes first, then the robot's pose and the scan: a controller needs no more to answer it.
+        `on_clock` is called when the time is out.
+        """
+        odometry = snapshot.odometry if snapshot.step % self._state_steps == 0 else None
+        tells_time = odometry is not None or snapshot.scan is not None
+        if odometry is not None:
+            self.truth_log.write(snapshot)
+        if tells_time:
+            self.publish_clock(snapshot.stamp)
+            on_clock()
+        if odometry is not None:
+            base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
+            publish_if_subscribed(
+                self.transforms, conversions.tree_to_msg, base_in_odom, snapshot.stamp, ODOM, BASE
+            )
+        if snapshot.scan is not None:
+            self.publish_scan(snapshot.scan)
+        self._bumped.update(snapshot.contacts)
+        if odometry is not None:
+            self._publish_state(snapshot, odometry)
+        if snapshot.imu is not None:
+            publish_if_subscribed(self._imu, conversions.imu_to_msg, snapshot.imu, BASE)
+            if self._imu_raw:
+                publish_if_subscribed(self._imu_raw, conversions.imu_to_raw_msg, snapshot.imu, BASE)
+        if snapshot.mag is not None and self._mag:
+            publish_if_subscribed(self._mag, conversions.mag_to_msg, snapshot.mag, BASE)
+        if snapshot.gps is not None:
+            publish_if_subscribed(self._fix, conversions.fix_to_msg, snapshot.gps, self._drift, BASE)
+            publish_if_subscribed(self._fix_velocity, conversions.fix_velocity_to_msg, snapshot.gps, BASE)
+        return tells_time
+
+    def publish_scan(self, scan: Scan) -> None:
+        """Publish a scan."""
+        publish_if_subscribed(self.scan, conversions.scan_to_msg, scan)
+
+    def _publish_state(self, snapshot: Snapshot, odometry: OdometrySample) -> None:
+        stamp = snapshot.stamp
+        if snapshot.step % self._wheel_steps == 0:
+            publish_if_subscribed(self.joints, conversions.wheels_to_msg, odometry.wheels, stamp)
+            publish_if_subscribed(
+                self._wheel_odometry, conversions.odometry_to_msg, odometry.from_wheels, stamp, ODOM, BASE
+            )
+        publish_if_subscribed(
+            self._odometry, conversions.odometry_to_msg, odometry.filtered, stamp, ODOM, BASE
+        )
+        publish_if_subscribed(self._command, conversions.twist_to_stamped_msg, snapshot.command, stamp)
+        publish_if_subscribed(self._truth, conversions.truth_to_msg, snapshot.robot, stamp, WORLD, BASE)
+        publish_if_subscribed(
+            self._bumps, lambda: Bumps(conversions.header(stamp, BASE), sorted(self._bumped))
+        )
+        self._bumped.clear()
+
+    def publish_clock(self, stamp: float) -> None:
+        """Set the time of this node, which does not subscribe to /clock, and publish it [s]."""
+        now = conversions.time_to_msg(stamp)
+        self._set_time(rospy.Time(now.secs, now.nsecs))
+        publish_if_subscribed(self.clock, Clock, now)
+
+    def _set_time(self, now: rospy.Time) -> None:
+        if self._tells_time:
+            # as rospy's own subscriber of /clock does; 6 us
+            rospy.rostime._set_rostime(now)
+
+
+def publish_if_subscribed(publisher: rospy.Publisher, make: Callable[..., Any], *args: Any) -> None:
+    """Make a message and publish it, unless the topic has no subscriber."""
+    if publisher.get_num_connections():
+        publish(publisher, make(*args))

@@ -1,0 +1,211 @@
+"""The world in RViz: it is drawn there, and RViz's tools change it.
+
+Drawn in odom, since the Husky's TF has no frame of the world: bodies lie where the lidar's points are shown,
+also when odom drifts. A body can be dragged and deleted; *Publish Point* drops a box, *2D Pose Estimate*
+moves the robot.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from math import acos, dist
+from typing import Any, Callable, Dict, NamedTuple, Optional, Set
+
+import rospy
+import tf2_ros
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import Pose as PoseMsg
+from interactive_markers.interactive_marker_server import InteractiveMarkerServer
+from visualization_msgs.msg import InteractiveMarkerFeedback
+
+from husky_highlevel_controller.datatypes import Body, Box, Geometry, Pose, Vector3
+from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
+from husky_highlevel_controller.ros.simulator.object_markers import DELETE, body_to_msg, upwards
+from husky_highlevel_controller.ros.simulator.publishers import ODOM
+from husky_highlevel_controller.ros.simulator.world_services import ask
+from husky_highlevel_controller.simulator.bullet.world import ROBOT
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose
+
+PERIOD = 0.1  # [s] of simulated time between two looks at what has moved
+TIPPED = 0.1  # [rad]; what tips more is drawn anew
+NOTICED = 0.001  # [m]; what moved less is not sent again
+REACH = 2.0  # [m], where a turn of odom is to be noticed; farther away the lidar's noise hides it
+BOX_SIZE = (0.4, 0.4, 0.8)  # [m]; the lidar looks 0.44 m above the ground
+BOX_MASS = 5.0  # [kg]
+BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
+
+
+class _Shown(NamedTuple):
+    body: Body
+    up: Vector3  # in the body's frame, when it was drawn: across which it can be dragged
+    pose_in_world: Optional[Pose]  # None: to be sent again, whatever it is
+
+
+class _Server(InteractiveMarkerServer):
+    """The library's server, in the hands of one thread."""
+
+    def __init__(self, name: str, on_feedback: Callable[[InteractiveMarkerFeedback], None]) -> None:
+        self._on_feedback = on_feedback
+        super().__init__(name)
+
+    def __del__(self) -> None:
+        """Nothing is sent when the process ends."""
+
+    @property
+    def is_watched(self) -> bool:
+        return bool(self.update_pub.get_num_connections())
+
+    def keepAlive(self, _event: Any) -> None:  # noqa: N802
+        """Not from the library's own thread: that could overtake an update, and RViz would begin anew."""
+
+    def processFeedback(self, feedback: InteractiveMarkerFeedback) -> None:  # noqa: N802
+        """Only pass it on: a body is where the engine has it, not where somebody drags its marker."""
+        self._on_feedback(feedback)
+
+    def send(self) -> None:
+        """Send what has changed, and a sign of life, also while the clock stands still."""
+        try:
+            self.applyChanges()
+            super().keepAlive(None)
+        except (rospy.ROSException, ValueError):  # see starting.publish
+            if not rospy.is_shutdown():
+                raise
+
+
+class WorldDisplay:
+    """Shows the simulation's bodies; made and updated by the thread that owns the simulation."""
+
+    def __init__(self, simulation: Simulation, calls: CallQueue) -> None:
+        self._simulation, self._calls = simulation, calls
+        self._shown: Dict[str, _Shown] = {}
+        self._world_in_odom = Pose()  # by which everything was drawn last
+        self._due = 0.0  # [s], simulated
+        self._dragged: Set[str] = set()
+        self._transforms: Optional[tf2_ros.Buffer] = None
+        self._server = _Server("~world", self._on_feedback)
+        self._tools = (
+            rospy.Subscriber("clicked_point", PointStamped, self._on_click, queue_size=10),
+            rospy.Subscriber("initialpose", PoseWithCovarianceStamped, self._on_pose, queue_size=10),
+        )
+
+    def update(self, stamp: float) -> None:
+        """Refresh what is drawn, where it is time for it [s]."""
+        if stamp >= self._due:
+            self._due = stamp + PERIOD - 1e-6  # a hair less, for rounding
+            self.refresh()
+
+    def refresh(self) -> None:
+        """Draw what is new, moved or gone; nothing without a subscriber."""
+        if self._transforms is None and any(tool.get_num_connections() for tool in self._tools):
+            # not from the start: to follow TF is dear
+            self._transforms = tf2_ros.Buffer(debug=False)
+            tf2_ros.TransformListener(self._transforms)
+        if self._server.is_watched:
+            self._draw()
+            self._server.send()
+
+    def _draw(self) -> None:
+        bodies, world_in_odom = self._simulation.bodies, self._simulation.pose_world_in_odom
+        drifted = _noticeable(self._world_in_odom, world_in_odom, REACH)
+        if drifted:
+            self._world_in_odom = world_in_odom
+        for name in self._shown.keys() - bodies.keys():
+            self._server.erase(name)
+            del self._shown[name]
+        for name, body in bodies.items():
+            shown, pose = self._shown.get(name), self._simulation.pose_of(name)
+            if shown and shown.body is not body:  # another one of that name
+                shown = None
+            if shown and not drifted and not _has_moved(shown.pose_in_world, pose):
+                continue
+            pose_in_odom, up = compose(self._world_in_odom, pose), upwards(pose)
+            if shown and dist(shown.up, up) < TIPPED:
+                self._server.setPose(name, conversions.pose_to_msg(pose_in_odom))
+                up = shown.up
+            else:
+                self._server.insert(body_to_msg(body, pose_in_odom, ODOM))
+            self._shown[name] = _Shown(body, up, pose)
+
+    # ------------------------------------------------------------------ for the simulation's thread
+
+    def _drop_box(self, msg: PointStamped) -> str:
+        clicked = self._in_world(PoseMsg(msg.point, Quaternion(w=1.0)), msg.header.frame_id)
+        x, y, z = clicked.position
+        upright = Pose((x, y, z + BOX_SIZE[2] / 2.0))
+        geometry, number = Geometry(Box(BOX_SIZE), rgba=BOX_COLOR), 1
+        while f"box_{number}" in self._simulation.bodies:
+            number += 1
+        box = Body(f"box_{number}", upright, (geometry,), (geometry,), BOX_MASS)
+        self._simulation.spawn([checked(box)])
+        return f"'{box.name}' is there"
+
+    def _move_robot(self, msg: PoseWithCovarianceStamped) -> str:
+        pose = self._in_world(msg.pose.pose, msg.header.frame_id)
+        self._simulation.move(ROBOT, pose_from_2d(pose_to_2d(pose)))
+        return f"'{ROBOT}' has moved"
+
+    def _drag(self, feedback: InteractiveMarkerFeedback) -> str:
+        name = feedback.marker_name
+        if name in self._shown:  # whether it is moved or not: it is not where the marker was left
+            self._shown[name] = self._shown[name]._replace(pose_in_world=None)
+        x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position
+        now = self._simulation.pose_of(name)
+        self._simulation.move(name, now._replace(position=(x, y, now.position[2])))  # on the level
+        return f"'{name}' has moved"
+
+    def _delete(self, feedback: InteractiveMarkerFeedback) -> str:
+        self._simulation.delete(feedback.marker_name)
+        return f"'{feedback.marker_name}' is gone"
+
+    def _in_world(self, msg: PoseMsg, frame: str) -> Pose:
+        pose = checked_pose(conversions.pose_from_msg(msg))
+        odom_in_world = inverse(self._simulation.pose_world_in_odom)
+        return checked_pose(compose(compose(odom_in_world, self._frame_in_odom(frame.lstrip("/"))), pose))
+
+    def _frame_in_odom(self, frame: str) -> Pose:
+        if frame == ODOM:
+            return Pose()
+        if self._transforms is None:
+            raise ObjectError(f"no transform from '{frame}' to '{ODOM}' yet")
+        try:  # the latest: a click is slower than TF
+            transform = self._transforms.lookup_transform(ODOM, frame, rospy.Time(0))
+        except (tf2_ros.TransformException, TypeError) as error:  # TypeError: no name of a frame
+            raise ObjectError(f"no transform from '{frame}' to '{ODOM}': {error}") from None
+        return conversions.pose_from_transform(transform)
+
+    # ------------------------------------------------------------------ callbacks
+
+    def _on_click(self, msg: PointStamped) -> None:
+        self._ask(self._drop_box, msg)
+
+    def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
+        self._ask(self._move_robot, msg)
+
+    def _on_feedback(self, feedback: InteractiveMarkerFeedback) -> None:
+        name, event = feedback.marker_name, feedback.event_type
+        if event == InteractiveMarkerFeedback.MENU_SELECT and feedback.menu_entry_id == DELETE:
+            self._ask(self._delete, feedback)
+        elif event == InteractiveMarkerFeedback.POSE_UPDATE:
+            self._dragged.add(name)
+        elif event == InteractiveMarkerFeedback.MOUSE_UP and name in self._dragged:  # else a mere click
+            self._dragged.remove(name)
+            self._ask(self._drag, feedback)
+
+    def _ask(self, work: Callable[[Any], str], msg: Any) -> None:
+        done, sentence = ask(self._calls, partial(work, msg))
+        if done:
+            rospy.loginfo(f"RViz: {sentence}")
+
+
+def _has_moved(before: Optional[Pose], now: Pose) -> bool:
+    return before is None or (before != now and _noticeable(before, now, 1.0))
+
+
+def _noticeable(before: Pose, after: Pose, reach: float) -> bool:
+    """Whether a point `reach` m from the origin of what is moved moves noticeably."""
+    alike = abs(sum(a * b for a, b in zip(before.quat_xyzw, after.quat_xyzw)))
+    turn = 2.0 * acos(min(1.0, alike))
+    return dist(before.position, after.position) + reach * turn > NOTICED

@@ -1,0 +1,114 @@
+"""Services that change the world: spawn, delete, move, list."""
+
+from __future__ import annotations
+
+from typing import Callable, List, Tuple
+
+import rospy
+from geometry_msgs.msg import Pose as PoseMsg
+
+from husky_highlevel_controller.datatypes import Body, HuskyError, Pose
+from husky_highlevel_controller.geometry import compose, inverse
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
+from husky_highlevel_controller.ros.simulator.publishers import ODOM, WORLD
+from husky_highlevel_controller.simulator.models.sdf_world import parse_model
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose, make_object
+from husky_highlevel_controller.srv import (
+    DeleteObject,
+    DeleteObjectRequest,
+    DeleteObjectResponse,
+    ListObjects,
+    ListObjectsRequest,
+    ListObjectsResponse,
+    MoveObject,
+    MoveObjectRequest,
+    MoveObjectResponse,
+    SpawnObject,
+    SpawnObjectRequest,
+    SpawnObjectResponse,
+)
+
+
+class WorldServices:
+    """Services that respond with success and a message; a refused request changes nothing."""
+
+    def __init__(self, simulation: Simulation, calls: CallQueue) -> None:
+        self._simulation, self._calls = simulation, calls
+        rospy.Service("~spawn", SpawnObject, self._on_spawn)
+        rospy.Service("~delete", DeleteObject, self._on_delete)
+        rospy.Service("~move", MoveObject, self._on_move)
+        rospy.Service("~list", ListObjects, self._on_list)
+
+    def _spawn(self, request: SpawnObjectRequest) -> str:
+        pose = self._in_world(request.initial_pose, request.reference_frame)
+        self._simulation.spawn(_bodies_of(request, pose))
+        return f"'{request.model_name}' is there"
+
+    def _delete(self, name: str) -> str:
+        self._simulation.delete(name)
+        return f"'{name}' is gone"
+
+    def _move(self, request: MoveObjectRequest) -> str:
+        pose = self._in_world(request.pose, request.reference_frame)
+        self._simulation.move(request.model_name, pose)
+        return f"'{request.model_name}' has moved"
+
+    def _in_world(self, pose: PoseMsg, frame: str) -> Pose:
+        pose_in_frame = checked_pose(conversions.pose_from_msg(pose))
+        return compose(self._frame_in_world(frame), pose_in_frame)
+
+    def _frame_in_world(self, frame: str) -> Pose:
+        if frame in ("", WORLD):
+            return Pose()
+        if frame == ODOM:
+            return inverse(self._simulation.pose_world_in_odom)
+        raise ObjectError(f"reference_frame '{frame}' is not one of {WORLD}, {ODOM}")
+
+    def _list(self, frame: str) -> ListObjectsResponse:
+        to_frame = inverse(self._frame_in_world(frame))
+        names = list(self._simulation.bodies)
+        poses = [conversions.pose_to_msg(compose(to_frame, self._simulation.pose_of(name))) for name in names]
+        return ListObjectsResponse(True, f"{len(names)} objects", names, poses)
+
+    # ------------------------------------------------------------------ callbacks
+
+    def _on_spawn(self, request: SpawnObjectRequest) -> SpawnObjectResponse:
+        return SpawnObjectResponse(*ask(self._calls, lambda: self._spawn(request)))
+
+    def _on_delete(self, request: DeleteObjectRequest) -> DeleteObjectResponse:
+        return DeleteObjectResponse(*ask(self._calls, lambda: self._delete(request.model_name)))
+
+    def _on_move(self, request: MoveObjectRequest) -> MoveObjectResponse:
+        return MoveObjectResponse(*ask(self._calls, lambda: self._move(request)))
+
+    def _on_list(self, request: ListObjectsRequest) -> ListObjectsResponse:
+        try:
+            response: ListObjectsResponse = self._calls.call(lambda: self._list(request.reference_frame))
+            self._calls.on_change("the true poses of all bodies were listed")
+            return response
+        except HuskyError as error:
+            return ListObjectsResponse(False, str(error), [], [])
+
+
+def ask(
+    calls: CallQueue, work: Callable[[], str], changes: bool = True, advances: bool = False
+) -> Tuple[bool, str]:
+    """Make a call; success and a message. A refusal is logged; a change goes to the truth log."""
+    try:
+        sentence = calls.call(work, advances)
+        if changes:
+            calls.on_change(sentence)
+        return True, sentence
+    except HuskyError as error:
+        rospy.logwarn(f"refused: {error}")
+        return False, str(error)
+
+
+def _bodies_of(request: SpawnObjectRequest, pose: Pose) -> List[Body]:
+    name = request.model_name
+    if request.model_xml:
+        return [checked(body) for body in parse_model(request.model_xml, name, pose)]
+    size = request.size
+    return [make_object(name, request.shape, (size.x, size.y, size.z), request.mass, pose)]

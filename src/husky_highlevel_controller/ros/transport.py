@@ -1,0 +1,75 @@
+"""Sends a message at once where its subscriber can take it, and queues it only where it cannot.
+
+rospy hands every message of a publisher with a queue to a thread of each subscriber; waking that thread takes
+four times as long as sending. Here the queue is used while a subscriber is busy, so that one that
+hangs delays no other.
+"""
+
+from __future__ import annotations
+
+import socket
+import threading
+from typing import Any, List
+
+import rospy.topics
+from rospy.impl.tcpros_pubsub import QueuedConnection
+
+
+class PromptConnection(QueuedConnection):
+    """rospy's queue, which is passed by as long as there is nothing in it and the socket has room."""
+
+    _queue: List[bytes]
+
+    def __init__(self, connection: Any, queue_size: int) -> None:
+        self._turn = threading.Lock()  # of writing to the socket
+        self._rest = b""  # of a message of which the socket took only the beginning
+        super().__init__(connection, queue_size)
+
+    def write_data(self, data: bytes) -> bool:
+        """Send or queue a message."""
+        if self._turn.acquire(blocking=False):
+            try:
+                if not self._queue and not self._rest and self._connection.socket is not None:
+                    return self._send(data)
+            finally:
+                self._turn.release()
+        return bool(super().write_data(data))
+
+    def _send(self, data: bytes) -> bool:
+        """Send what there is room for; the rest is the thread's."""
+        connection = self._connection
+        try:
+            sent = connection.socket.send(data, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            sent = 0
+        except OSError:
+            return bool(connection.write_data(data))  # rospy knows what to do when it meets the same
+        connection.stat_bytes += sent
+        if sent < len(data):
+            with self._lock:
+                self._rest = data[sent:]
+                self._cond_data_available.notify()
+        else:
+            connection.stat_num_msg += 1
+        return True
+
+    def _run(self) -> None:
+        while not self._connection.done:
+            with self._lock:
+                while not self._queue and not self._rest and not self._connection.done:
+                    self._cond_data_available.wait()
+            with self._turn:  # what is in the queue by now goes before what comes later
+                with self._lock:
+                    rest, queue = self._rest, self._queue
+                    self._rest, self._queue = b"", []
+                for data in [rest, *queue] if rest else queue:
+                    try:
+                        self._connection.write_data(data)
+                    except Exception as error:  # raised again where the next message is published
+                        with self._lock:
+                            self._error = error
+
+
+def send_promptly() -> None:
+    """Let every publisher of this process do so; call it before the first is made."""
+    rospy.topics.QueuedConnection = PromptConnection

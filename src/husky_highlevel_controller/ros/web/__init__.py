@@ -1,0 +1,1 @@
+"""The browser page: shows the robot and acts on it through topics and services only."""

@@ -1,0 +1,42 @@
+"""Points to draw from scans and point clouds.
+
+In: a `Scan`, a PointCloud2. Out: arrays (N, 3) [m] in the sensor's frame. Must not know: rospy, viser, TF.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from sensor_msgs.msg import PointCloud2, PointField
+
+from husky_highlevel_controller.datatypes import Scan
+
+MAX_POINTS = 5000  # of a cloud; a page that gets more than that ten times a second stays behind
+
+
+def points_from_scan(scan: Scan) -> np.ndarray:
+    """The ends of the beams that measured something."""
+    valid = scan.valid
+    ranges, bearings = scan.ranges[valid], scan.bearings[valid]
+    return np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings), np.zeros(len(ranges))])
+
+
+def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarray:
+    """Finite points, evenly thinned; none where the cloud has no x, y and z of 32-bit floats."""
+    offsets = {field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32}
+    count = msg.width * msg.height
+    if not {"x", "y", "z"} <= set(offsets) or not count or len(msg.data) < count * msg.point_step:
+        return np.zeros((0, 3), np.float32)
+    order = ">f4" if msg.is_bigendian else "<f4"
+    kind = np.dtype(
+        {
+            "names": ["x", "y", "z"],
+            "formats": [order] * 3,
+            "offsets": [offsets[axis] for axis in "xyz"],
+            "itemsize": msg.point_step,
+        }
+    )
+    step = -(-count // max_points)
+    cloud = np.frombuffer(msg.data, kind, count)[::step]
+    points = np.column_stack([cloud["x"], cloud["y"], cloud["z"]]).astype(np.float32)
+    finite: np.ndarray = points[np.isfinite(points).all(axis=1)]
+    return finite

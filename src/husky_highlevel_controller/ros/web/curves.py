@@ -1,0 +1,70 @@
+"""Ring buffers of what is drawn as curves, and a meter of rates.
+
+In: samples with their times. Out: arrays. Must not know: ROS, viser, clocks.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Deque, Optional, Tuple
+
+import numpy as np
+
+CAPACITY = 1000  # samples
+
+
+class Curve:
+    """The samples of the last `window` seconds."""
+
+    def __init__(self, series: int, window: float = 30.0) -> None:
+        """Begin empty.
+
+        Args:
+            series: values of one sample.
+            window: how far back the curve goes [s].
+        """
+        self._window = window
+        self._data = np.full((series + 1, CAPACITY), np.nan)
+        self._count = 0  # of samples that are there, the newest last
+
+    def add(self, stamp: float, *values: float) -> None:
+        """Add a sample; a time that runs backwards begins anew, one that stands still adds nothing."""
+        if self._count and stamp < self._data[0, -1]:
+            self._count = 0
+        if self._count and stamp == self._data[0, -1]:
+            return
+        self._data = np.roll(self._data, -1, axis=1)
+        self._data[:, -1] = (stamp, *values)
+        self._count = min(self._count + 1, CAPACITY)
+
+    @property
+    def arrays(self) -> Tuple[np.ndarray, ...]:
+        """Times and each series, oldest first; NaN where there was no value."""
+        data = self._data[:, CAPACITY - self._count :]
+        if self._count:
+            data = data[:, data[0] >= data[0, -1] - self._window]
+        return tuple(np.ascontiguousarray(row) for row in data)
+
+
+class Rate:
+    """How fast one number grows beside another, over a few seconds of the second."""
+
+    def __init__(self, window: float = 2.0) -> None:
+        self._window = window
+        self._samples: Deque[Tuple[float, float]] = deque()
+
+    def add(self, amount: float, moment: float) -> None:
+        """A reading of both; an amount that shrinks begins anew."""
+        if self._samples and amount < self._samples[-1][0]:
+            self._samples.clear()
+        self._samples.append((amount, moment))
+        while len(self._samples) > 2 and moment - self._samples[1][1] >= self._window:
+            self._samples.popleft()
+
+    @property
+    def value(self) -> Optional[float]:
+        """Growth of the amount for each second; None before two readings."""
+        if len(self._samples) < 2:
+            return None
+        (first, start), (last, end) = self._samples[0], self._samples[-1]
+        return (last - first) / (end - start) if end > start else None

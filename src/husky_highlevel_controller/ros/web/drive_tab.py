@@ -1,0 +1,141 @@
+"""The tab to drive: state in words, lights, the emergency stop, the pad, start and stop, pause and reset."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+
+import rospy
+import viser
+from std_srvs.srv import SetBool, Trigger
+
+from husky_highlevel_controller.ros.web.actions import Actions, call
+from husky_highlevel_controller.ros.web.teleop import Teleop
+from husky_highlevel_controller.srv import StepWorld
+
+PAD = """<div class="husky-block husky-drive"><div class="husky-pad"><div class="husky-knob"></div></div>
+<div class="husky-keys">Drag the pad, or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd>.
+Let go to stop.</div></div>"""
+LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
+
+
+class Status(NamedTuple):
+    """What the page says in numbers."""
+
+    time: Optional[float] = None  # [s], of the clock or the scans
+    real_time_factor: Optional[float] = None
+    scan_rate: Optional[float] = None  # [Hz] of the scans' own stamps
+    distance_error: Optional[float] = None  # [m]
+    bearing_error: Optional[float] = None  # [rad]
+    speed: Optional[float] = None  # [m/s], measured
+
+
+class DriveTab:
+    """Buttons and readings of the first tab."""
+
+    def __init__(
+        self, server: viser.ViserServer, actions: Actions, teleop: Teleop, controller: str, simulator: str
+    ) -> None:
+        self._actions, self._teleop = actions, teleop
+        self._controller, self._simulator = controller, simulator
+        self._lights: Dict[str, Tuple[int, str]] = {}
+        gui = server.gui
+        self._e_stop = gui.add_html(e_stop_html(False))
+        self._status = gui.add_html(status_html(Status(), []))
+        start = gui.add_button_group("Controller", ("Start", "Stop"))
+        start.on_click(self._on_start_stop)
+        with gui.add_folder("Drive by hand"):
+            gui.add_html(PAD)
+            linear = gui.add_slider("speed [m/s]", 0.1, 1.0, 0.05, teleop.max_linear)
+            angular = gui.add_slider("turning [rad/s]", 0.1, 2.0, 0.05, teleop.max_angular)
+            linear.on_update(lambda event: setattr(teleop, "max_linear", event.target.value))
+            angular.on_update(lambda event: setattr(teleop, "max_angular", event.target.value))
+        with gui.add_folder("Simulation"):
+            time = gui.add_button_group(
+                "Time", ("Pause", "Step", "Resume"), hint="Step: 0.1 s of a paused world"
+            )
+            time.on_click(self._on_time)
+            again = gui.add_button_group(
+                "World", ("Reset", "Put back"), hint="Reset: the world of the launch. Put back: every pose"
+            )
+            again.on_click(self._on_again)
+
+    def update(self, status: Status, diagnostics: List[Any]) -> None:
+        """Show new readings; `diagnostics` are messages of /diagnostics."""
+        for array in diagnostics:
+            for item in array.status:
+                self._lights[item.name] = (item.level, item.message)
+        lights = [(name, *light) for name, light in sorted(self._lights.items())]
+        _set(self._status, status_html(status, lights))
+        _set(self._e_stop, e_stop_html(self._teleop.is_locked))
+
+    def forget(self) -> None:
+        """Drop the lights of nodes that may be gone."""
+        self._lights.clear()
+
+    def _on_start_stop(self, event: Any) -> None:
+        starts = event.target.value == "Start"
+        self._actions.do(lambda: self._start_stop(starts), event.client, "Controller")
+
+    def _start_stop(self, starts: bool) -> str:
+        name = rospy.get_param(f"{self._controller}/start_stop_service_name", "~start_stop")
+        service = f"{self._controller}/{name[1:]}" if name.startswith("~") else rospy.resolve_name(name)
+        return call(service, SetBool, starts)
+
+    def _on_time(self, event: Any) -> None:
+        name = event.target.value.lower()
+        if name == "step":
+            self._actions.do(
+                lambda: call(f"{self._simulator}/step", StepWorld, 20), event.client, "Simulation"
+            )
+        else:
+            self._trigger(name, event.client)
+
+    def _on_again(self, event: Any) -> None:
+        self._trigger("reset" if event.target.value == "Reset" else "reset_world", event.client)
+
+    def _trigger(self, name: str, client: Any) -> None:
+        self._actions.do(lambda: call(f"{self._simulator}/{name}", Trigger), client, "Simulation")
+
+
+def e_stop_html(is_locked: bool) -> str:
+    """The emergency stop's button, which the page's script sends on."""
+    if is_locked:
+        return _button("locked", "false", "STOPPED &mdash; RELEASE")
+    return _button("", "true", "EMERGENCY STOP")
+
+
+def status_html(status: Status, lights: List[Tuple[str, int, str]]) -> str:
+    """Readings and lights; whatever a node says of itself is text, never markup."""
+    rows = [
+        ("distance to go", _number(status.distance_error, "m")),
+        ("bearing error", _number(status.bearing_error, "rad")),
+        ("speed", _number(status.speed, "m/s")),
+        ("time", _number(status.time, "s", 1)),
+        ("real-time factor", _number(status.real_time_factor, "", 2)),
+        ("scans", _number(status.scan_rate, "Hz", 1)),
+    ]
+    table = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in rows)
+    lamps = "".join(
+        f'<div><span class="husky-light {LEVELS[min(max(level, 0), 3)]}"></span>'
+        f"{escape(name)}: {escape(text)}</div>"
+        for name, level, text in lights
+    )
+    none = '<div><span class="husky-light"></span>no diagnostics</div>'
+    return f'<div class="husky-block">{lamps or none}<dl class="husky-status">{table}</dl></div>'
+
+
+def _button(style: str, locks: str, words: str) -> str:
+    return (
+        '<div class="husky-block">'
+        f'<button class="husky-e-stop {style}" data-husky-e-stop="{locks}">{words}</button></div>'
+    )
+
+
+def _number(value: Optional[float], unit: str, digits: int = 3) -> str:
+    return "&ndash;" if value is None else f"{value:.{digits}f} {unit}"
+
+
+def _set(html: Any, content: str) -> None:
+    if html.content != content:
+        html.content = content

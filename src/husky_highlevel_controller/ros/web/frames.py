@@ -1,0 +1,80 @@
+"""The TF tree as last heard, with a short memory of the frames that move.
+
+In: poses of children in their parents, with stamps. Out: the pose of any frame in any other.
+Must not know: ROS, viser.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import deque
+from typing import Deque, Dict, List, Optional, Tuple
+
+from husky_highlevel_controller.datatypes import IDENTITY, Pose
+from husky_highlevel_controller.geometry import compose, inverse
+
+MEMORY = 100  # poses kept of each frame: 2 s at the 50 Hz of a Husky's odometry
+MAX_DEPTH = 100  # a chain that is longer runs in a circle
+
+
+class Frames:
+    """Who hangs on whom, and where."""
+
+    def __init__(self) -> None:
+        self._parents: Dict[str, str] = {}
+        self._poses: Dict[str, Deque[Tuple[float, Pose]]] = {}  # in the parent, oldest first
+
+    @property
+    def names(self) -> List[str]:
+        """Every frame there is."""
+        return sorted({*self._parents, *self._parents.values()})
+
+    def update(self, parent: str, child: str, stamp: float, pose_child_in_parent: Pose) -> None:
+        """Take in one transform [s]; a stamp that runs backwards begins anew, as after a bag's end."""
+        poses = self._poses.setdefault(child, deque(maxlen=MEMORY))
+        if self._parents.get(child) != parent or (poses and stamp < poses[-1][0]):
+            poses.clear()
+        self._parents[child] = parent
+        poses.append((stamp, pose_child_in_parent))
+
+    def parent(self, child: str) -> Optional[str]:
+        """The frame that this one hangs on; None for a root and for an unknown frame."""
+        return self._parents.get(child)
+
+    def pose(self, child: str, root: str, stamp: Optional[float] = None) -> Optional[Pose]:
+        """pose_child_in_root at the known moment nearest to `stamp` [s]; the latest without one.
+
+        None where the two are not connected.
+        """
+        if child == root:
+            return IDENTITY
+        top_of_child, child_in_top = self._in_top(child, root, stamp)
+        if top_of_child == root:
+            return child_in_top
+        top_of_root, root_in_top = self._in_top(root, "", stamp)
+        if top_of_root != top_of_child:
+            top_of_child, child_in_top = self._in_top(child, "", stamp)
+            if top_of_root != top_of_child:
+                return None
+        return compose(inverse(root_in_top), child_in_top)
+
+    def _in_top(self, frame: str, stop: str, stamp: Optional[float]) -> Tuple[str, Pose]:
+        """The first of `stop` and the tree's root that is found on the way up, and the pose in it."""
+        pose = IDENTITY
+        for _ in range(MAX_DEPTH):
+            if frame == stop or frame not in self._parents:
+                break
+            pose = compose(_nearest(self._poses[frame], stamp), pose)
+            frame = self._parents[frame]
+        return frame, pose
+
+
+def _nearest(poses: Deque[Tuple[float, Pose]], stamp: Optional[float]) -> Pose:
+    if stamp is None or stamp >= poses[-1][0] or len(poses) == 1:
+        return poses[-1][1]
+    stamps = [moment for moment, _ in poses]
+    after = bisect_left(stamps, stamp)
+    if after == 0:
+        return poses[0][1]
+    is_earlier_nearer = stamp - stamps[after - 1] <= stamps[after] - stamp
+    return poses[after - 1 if is_earlier_nearer else after][1]

@@ -1,0 +1,69 @@
+"""The log: a ring of lines, filtered, as HTML.
+
+In: rosgraph_msgs/Log. Out: HTML. Must not know: rospy, viser.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from html import escape
+from typing import Any, Deque, Iterable, List, NamedTuple
+
+LEVELS = {"debug": 1, "info": 2, "warn": 4, "error": 8, "fatal": 16}  # rosgraph_msgs/Log
+CAPACITY = 2000  # lines kept
+SHOWN = 150  # lines of one page
+
+
+class Line(NamedTuple):
+    """One line of the log."""
+
+    level: int
+    stamp: float  # [s]
+    node: str
+    text: str
+
+
+class Filter(NamedTuple):
+    """What is shown: all conditions must be met; an empty text meets every line."""
+
+    level: int = LEVELS["info"]  # and worse
+    node: str = ""  # part of the node's name
+    text: str = ""  # part of the line, in any case
+
+    def passes(self, line: Line) -> bool:
+        """Whether a line is shown."""
+        return (
+            line.level >= self.level
+            and self.node.lower() in line.node.lower()
+            and self.text.lower() in line.text.lower()
+        )
+
+
+class LogBuffer:
+    """The last lines of the whole network."""
+
+    def __init__(self) -> None:
+        self.count = 0  # of all lines that ever came
+        self._lines: Deque[Line] = deque(maxlen=CAPACITY)
+
+    def add(self, msg: Any) -> None:
+        """Keep a message of /rosout."""
+        self._lines.append(Line(msg.level, msg.header.stamp.to_sec(), msg.name, msg.msg))
+        self.count += 1
+
+    def select(self, condition: Filter) -> List[Line]:
+        """The newest lines that pass, newest first."""
+        passing = [line for line in reversed(list(self._lines)) if condition.passes(line)]
+        return passing[:SHOWN]
+
+
+def to_html(lines: Iterable[Line]) -> str:
+    """Lines as HTML; whatever a node has logged is text, never markup."""
+    names = {number: name for name, number in LEVELS.items()}
+    rows = [
+        f'<div class="{names.get(line.level, "info")}"><span class="time">{line.stamp:.2f}</span> '
+        f'<b>{names.get(line.level, "?")}</b> <span class="node">{escape(line.node)}</span> '
+        f"{escape(line.text)}</div>"
+        for line in lines
+    ]
+    return f'<div class="husky-block husky-log">{"".join(rows) or "no lines pass the filter"}</div>'

@@ -1,0 +1,228 @@
+"""Markers as RViz draws them: what a Marker message looks like, and which markers there are.
+
+In: visualization_msgs. Out: meshes, lines, points and words in the marker's own frame.
+Must not know: rospy, viser.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
+
+import numpy as np
+from visualization_msgs.msg import Marker
+
+from husky_highlevel_controller.datatypes import Pose, Rgba
+from husky_highlevel_controller.geometry import matrix_from_quat
+from husky_highlevel_controller.ros.conversions import pose_from_msg
+from husky_highlevel_controller.ros.web import shapes
+from husky_highlevel_controller.ros.web.shapes import Mesh
+
+MAX_COPIES = 2000  # of a cube or sphere that a list draws; a page with more does not turn smoothly
+ARROW_HEAD = 0.23  # of an arrow that is given by its length
+Key = Tuple[str, str, int]  # topic, namespace, id
+
+
+class Solid(NamedTuple):
+    """Triangles of one colour."""
+
+    mesh: Mesh
+    rgba: Rgba
+
+
+class Lines(NamedTuple):
+    """Straight lines."""
+
+    points: np.ndarray  # (N, 2, 3) float32 [m]
+    colors: np.ndarray  # (N, 2, 3) uint8
+    width: float  # [m]
+
+
+class Dots(NamedTuple):
+    """Square points."""
+
+    points: np.ndarray  # (N, 3) float32 [m]
+    colors: np.ndarray  # (N, 3) uint8
+    size: float  # [m]
+
+
+class Words(NamedTuple):
+    """A text that faces the camera."""
+
+    text: str
+    height: float  # [m]
+
+
+class MeshFile(NamedTuple):
+    """A mesh that is to be loaded."""
+
+    uri: str
+    scale: Tuple[float, float, float]
+    rgba: Optional[Rgba]  # None: the file's own colours
+
+
+Piece = Union[Solid, Lines, Dots, Words, MeshFile]
+
+
+def pieces(marker: Marker) -> List[Piece]:
+    """What a marker looks like in its own frame; empty for one that RViz would refuse."""
+    size = (marker.scale.x, marker.scale.y, marker.scale.z)
+    if not all(isfinite(value) for value in size):
+        return []
+    kind = marker.type
+    if kind in _UNIT_SHAPES:
+        return [Solid(shapes.scaled(_UNIT_SHAPES[kind](), size), _rgba(marker.color))]
+    if kind == Marker.ARROW:
+        return _arrow(marker, size)
+    if kind == Marker.TEXT_VIEW_FACING:
+        return [Words(marker.text, size[2])] if marker.text.strip() else []
+    if kind == Marker.MESH_RESOURCE:
+        own_colors = marker.mesh_use_embedded_materials
+        return [MeshFile(marker.mesh_resource, size, None if own_colors else _rgba(marker.color))]
+    points = np.array([(p.x, p.y, p.z) for p in marker.points], np.float32).reshape(-1, 3)
+    if not np.isfinite(points).all():
+        return []
+    colors = _colors(marker, len(points))
+    if kind in (Marker.LINE_STRIP, Marker.LINE_LIST):
+        return _lines(kind, points, colors, size[0])
+    if kind == Marker.POINTS and len(points):
+        return [Dots(points, _bytes(colors[:, :3]), max(size[0], size[1]))]
+    if kind == Marker.TRIANGLE_LIST:
+        whole = 3 * (len(points) // 3)
+        corners = points[:whole].reshape(-1, 3, 3) * np.array(size)
+        return _by_color(
+            list(corners), colors[:whole:3], lambda group: shapes.triangles(np.concatenate(group))
+        )
+    if kind in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
+        unit = shapes.cube() if kind == Marker.CUBE_LIST else shapes.sphere()
+        copies = [shapes.moved(shapes.scaled(unit, size), point) for point in points[:MAX_COPIES]]
+        return _by_color(copies, colors, shapes.joined)
+    return []
+
+
+_UNIT_SHAPES = {Marker.CUBE: shapes.cube, Marker.SPHERE: shapes.sphere, Marker.CYLINDER: shapes.cylinder}
+
+
+def looks(marker: Marker) -> Tuple[Any, ...]:
+    """All that `pieces` depends on: equal looks need not be drawn again."""
+    scale, color = marker.scale, marker.color
+    return (
+        marker.type,
+        (scale.x, scale.y, scale.z),
+        (color.r, color.g, color.b, color.a),
+        tuple((p.x, p.y, p.z) for p in marker.points),
+        tuple((c.r, c.g, c.b, c.a) for c in marker.colors),
+        marker.text,
+        marker.mesh_resource,
+        marker.mesh_use_embedded_materials,
+    )
+
+
+def pose_of(marker: Marker) -> Optional[Pose]:
+    """The marker's pose in its frame; an all-zero quaternion is none (RViz), NaN makes no pose."""
+    position, quat = pose_from_msg(marker.pose)
+    length = sum(value * value for value in quat) ** 0.5
+    if not all(isfinite(value) for value in (*position, *quat)):
+        return None
+    if length < 1e-6:
+        return Pose(position)
+    x, y, z, w = (value / length for value in quat)
+    return Pose(position, (x, y, z, w))
+
+
+class Markers:
+    """The markers in force: added, replaced, deleted, and gone after their lifetime."""
+
+    def __init__(self) -> None:
+        self.shown: Dict[Key, Marker] = {}
+        self._ends: Dict[Key, float] = {}  # [s]
+
+    def apply(self, topic: str, marker: Marker, now: float) -> None:
+        """Do what a message says; `now` [s] is any clock that `expire` uses as well."""
+        key = (topic, marker.ns, marker.id)
+        if marker.action in (Marker.ADD, Marker.MODIFY):
+            self.shown[key] = marker
+            self._ends.pop(key, None)
+            lifetime = marker.lifetime.to_sec()
+            if lifetime > 0.0:
+                self._ends[key] = now + lifetime
+        elif marker.action == Marker.DELETE:
+            self._remove(key)
+        elif marker.action == Marker.DELETEALL:
+            for other in [key for key in self.shown if key[0] == topic]:
+                self._remove(other)
+
+    def expire(self, now: float) -> None:
+        """Take away what has lived its time [s]."""
+        for key in [key for key, end in self._ends.items() if now >= end]:
+            self._remove(key)
+
+    def clear(self) -> None:
+        """Take all away."""
+        self.shown.clear()
+        self._ends.clear()
+
+    def _remove(self, key: Key) -> None:
+        self.shown.pop(key, None)
+        self._ends.pop(key, None)
+
+
+def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
+    """By pose and scale (length, width, height), or from the first point to the second."""
+    if len(marker.points) < 2:
+        length, thick = size[0], max(size[1], size[2])
+        mesh = shapes.arrow((1.0 - ARROW_HEAD) * length, 0.5 * thick, ARROW_HEAD * length, thick)
+        return [Solid(mesh, _rgba(marker.color))]
+    start, end = (np.array([p.x, p.y, p.z]) for p in marker.points[:2])
+    length = float(np.linalg.norm(end - start))
+    if not 0.0 < length < np.inf:
+        return []
+    head = size[2] if size[2] > 0.0 else ARROW_HEAD * length
+    mesh = shapes.arrow(max(length - head, 0.0), size[0], min(head, length), size[1])
+    turned = mesh.vertices @ _rotation_from_x((end - start) / length).T + start
+    return [Solid(Mesh(turned.astype(np.float32), mesh.faces), _rgba(marker.color))]
+
+
+def _rotation_from_x(direction: np.ndarray) -> np.ndarray:
+    """A rotation matrix (3, 3) that turns the x axis to a unit vector."""
+    x, y, z = direction
+    if x < -1.0 + 1e-9:
+        return matrix_from_quat((0.0, 0.0, 1.0, 0.0))
+    length = (2.0 + 2.0 * x) ** 0.5
+    return matrix_from_quat((0.0, -z / length, y / length, length / 2.0))
+
+
+def _lines(kind: int, points: np.ndarray, colors: np.ndarray, width: float) -> List[Piece]:
+    if kind == Marker.LINE_LIST:
+        starts = np.arange(0, len(points) - 1, 2)
+    else:
+        starts = np.arange(0, max(len(points) - 1, 0))
+    if not len(starts):
+        return []
+    ends = np.stack([starts, starts + 1], axis=1)
+    return [Lines(points[ends], _bytes(colors[ends][..., :3]), width)]
+
+
+def _by_color(parts: Sequence[Any], colors: np.ndarray, make: Any) -> List[Piece]:
+    """One solid for each colour of the parts."""
+    groups: Dict[Rgba, List[Any]] = {}
+    for part, color in zip(parts, colors):
+        r, g, b, a = (float(value) for value in color)
+        groups.setdefault((r, g, b, a), []).append(part)
+    return [Solid(make(group), rgba) for rgba, group in groups.items()]
+
+
+def _colors(marker: Marker, count: int) -> np.ndarray:
+    """A colour for each point (count, 4); the marker's own where the message has not one for each."""
+    if count and len(marker.colors) == count:
+        return np.array([(c.r, c.g, c.b, c.a) for c in marker.colors])
+    return np.tile(_rgba(marker.color), (count, 1))
+
+
+def _rgba(color: Any) -> Rgba:
+    return (color.r, color.g, color.b, color.a)
+
+
+def _bytes(colors: np.ndarray) -> np.ndarray:
+    clipped: np.ndarray = (np.clip(np.nan_to_num(colors), 0.0, 1.0) * 255.0).round().astype(np.uint8)
+    return clipped

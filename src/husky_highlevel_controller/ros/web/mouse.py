@@ -1,0 +1,115 @@
+"""What the mouse does in the scene: each page has a tool, and the scene's nodes pass on clicks and drags."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, Dict
+
+import viser
+
+from husky_highlevel_controller.datatypes import Pose
+from husky_highlevel_controller.ros.web.objects import Key, Object, Objects
+from husky_highlevel_controller.ros.web.pages import DELETE, LOOK, MOVE, PUT, Page
+from husky_highlevel_controller.ros.web.rays import point_on_level
+from husky_highlevel_controller.ros.web.scene import BASE, Scene
+from husky_highlevel_controller.ros.web.world_tab import Drag, WorldTab
+
+
+class Mouse:
+    """Binds clicks and drags to the nodes that some page's tool acts on; all others turn the view."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        scene: Scene,
+        objects: Objects,
+        world: WorldTab,
+        pages: Dict[int, Page],
+    ) -> None:
+        self._scene, self._objects, self._world, self._pages = scene, objects, world, pages
+        self._drags: Dict[Any, Drag] = {}
+        objects.on_new = self._bind_object
+        server.scene.on_click()(self._on_ground)
+
+    def bind(self) -> None:
+        """Bind every node by the tools that the pages have now."""
+        for key, shown in list(self._objects.shown.items()):
+            self._bind_object(key, shown)
+        self.bind_robot()
+
+    def bind_robot(self) -> None:
+        """Let the robot be dragged while some page has the tool for it."""
+        for node in self._scene.robot_shapes:
+            node.remove_drag_callback("all")
+            if self._is_used(MOVE):
+                node.on_drag("left")(self._on_drag_robot)
+
+    def _is_used(self, tool: str) -> bool:
+        return any(page.tool == tool for page in list(self._pages.values()))
+
+    def _tool(self, event: Any) -> str:
+        page = self._pages.get(event.client.client_id)
+        return LOOK if page is None else page.tool
+
+    def _bind_object(self, key: Key, shown: Object) -> None:
+        for node in shown.shapes:
+            node.remove_click_callback("all")
+            node.remove_drag_callback("all")
+            if shown.is_movable and self._is_used(DELETE):
+                node.on_click(partial(self._on_click_object, key))
+            if shown.is_movable and self._is_used(MOVE):
+                node.on_drag("left")(partial(self._on_drag_object, key))
+
+    # ------------------------------------------------------------------ events, in viser's threads
+
+    def _on_ground(self, event: Any) -> None:
+        if self._tool(event) != PUT:
+            return
+        point = point_on_level(event.ray_origin, event.ray_direction, self._scene.ground)
+        if point is not None:
+            self._world.put(event.client, point[0], point[1], point[2])
+
+    def _on_click_object(self, key: Key, event: Any) -> None:
+        if self._tool(event) == DELETE and key in self._objects.shown and not self._objects.delete(key):
+            self._world.delete(event.client, key[1])
+
+    async def _on_drag_object(self, key: Key, event: Any) -> None:  # async: viser keeps the order of those
+        shown = self._objects.shown.get(key)
+        if shown is None or self._tool(event) != MOVE:
+            return
+        if event.phase == "start":
+            pose = Pose(_vector(shown.node.position), _xyzw(shown.node.wxyz))
+            self._drags[key] = Drag(
+                pose,
+                partial(self._objects.dragged.__setitem__, key),
+                lambda _client, where: self._objects.drop(key, where),
+            )
+        self._pass_on(key, event)
+        if event.phase == "end":
+            self._objects.dragged.pop(key, None)
+
+    async def _on_drag_robot(self, event: Any) -> None:
+        base = self._scene.base
+        if base is None or self._tool(event) != MOVE:
+            return
+        if event.phase == "start":
+            self._drags[BASE] = Drag(base, self._scene.show_ghost, self._world.move_robot)
+        self._pass_on(BASE, event)
+        if event.phase == "end":
+            self._scene.show_ghost(None)
+
+    def _pass_on(self, key: Any, event: Any) -> None:
+        drag = self._drags.get(key)
+        if drag is not None:
+            drag.on_event(event)
+        if event.phase == "end":
+            self._drags.pop(key, None)
+
+
+def _vector(values: Any) -> Any:
+    return tuple(float(value) for value in values)
+
+
+def _xyzw(wxyz: Any) -> Any:
+    w, x, y, z = (float(value) for value in wxyz)
+    return (x, y, z, w)

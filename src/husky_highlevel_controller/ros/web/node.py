@@ -1,0 +1,263 @@
+"""The browser page as a ROS node: a client like RViz, which also acts through topics and services."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Dict, List, Optional, Tuple
+
+import rospy
+import viser
+from geometry_msgs.msg import PointStamped, TwistStamped, Vector3Stamped
+from rosgraph_msgs.msg import Log
+
+from husky_highlevel_controller.config import read_config
+from husky_highlevel_controller.datatypes import Vector3
+from husky_highlevel_controller.geometry import transform_point
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.node import run_node
+from husky_highlevel_controller.ros.web.actions import Actions
+from husky_highlevel_controller.ros.web.curves import Rate
+from husky_highlevel_controller.ros.web.drive_tab import DriveTab, Status
+from husky_highlevel_controller.ros.web.log import LogBuffer
+from husky_highlevel_controller.ros.web.mouse import Mouse
+from husky_highlevel_controller.ros.web.objects import Objects
+from husky_highlevel_controller.ros.web.page_server import serve
+from husky_highlevel_controller.ros.web.pages import Page, theme
+from husky_highlevel_controller.ros.web.plots import Plots
+from husky_highlevel_controller.ros.web.scene import Scene
+from husky_highlevel_controller.ros.web.teleop import Teleop
+from husky_highlevel_controller.ros.web.topics import Topics
+from husky_highlevel_controller.ros.web.tuning import Tuning
+from husky_highlevel_controller.ros.web.world_tab import WorldTab
+
+READINGS_PERIOD = 0.2  # [s] between two updates of numbers, curves and logs
+NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
+IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
+
+
+@dataclass(frozen=True)
+class WebConfig:
+    """Parameters of the page."""
+
+    address: str = field(
+        default="127.0.0.1",
+        metadata={"help": "to listen on; any other than a loopback address asks for a token"},
+    )
+    port: int = field(default=8080, metadata={"min": 1, "max": 65535, "help": "the next free one if taken"})
+    rate: float = field(default=20.0, metadata={"min": 1.0, "max": 60.0, "help": "of the view [Hz]"})
+    fixed_frame: str = field(default="odom", metadata={"help": "in which everything is drawn"})
+    controller: str = field(
+        default="/husky_highlevel_controller", metadata={"help": "node to start and stop"}
+    )
+    simulator: str = field(default="/husky_simulator", metadata={"help": "node of pause, spawn and the like"})
+    scan_topic: str = field(default="front/scan", metadata={"help": "sensor_msgs/LaserScan"})
+    cloud_topic: str = field(default="camera/depth/points", metadata={"help": "sensor_msgs/PointCloud2"})
+    odometry_topic: str = field(default="odometry/filtered", metadata={"help": "nav_msgs/Odometry"})
+    truth_topic: str = field(default="ground_truth/odom", metadata={"help": "nav_msgs/Odometry, if any"})
+    command_topic: str = field(
+        default="husky_velocity_controller/cmd_vel_out",
+        metadata={"help": "geometry_msgs/TwistStamped, the wheels' command"},
+    )
+
+
+class WebNode:
+    """Shows the robot to every page that is open; while there is none, it listens to the log only."""
+
+    def __init__(self) -> None:
+        (config,) = read_config(rospy.get_param("~", {}), rospy.get_name() + "/", WebConfig)
+        self._config: WebConfig = config
+        self._description = ""
+        self._pages: Dict[int, Page] = {}
+        self._came = threading.Event()
+        self._clients_changed = threading.Lock()
+        self._arrivals: List[viser.ClientHandle] = []
+        self._leavers: List[int] = []
+        self._log = LogBuffer()
+        self._topics = Topics(_topic_names(config))
+        self._actions, self._teleop = Actions(), Teleop()
+        self._server, address = serve(
+            config.address, config.port, self._teleop.on_message, self._teleop.on_leave
+        )
+        self._build(config)
+        self._scan_rate, self._clock_rate = Rate(), Rate()
+        self._time: Optional[float] = None
+        self._error: Optional[Tuple[float, float]] = None
+        self._speeds: Dict[str, Tuple[float, float]] = {}
+        self._pillar: Optional[Vector3] = None
+        rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
+        self._server.on_client_connect(self._on_connect)
+        self._server.on_client_disconnect(self._on_disconnect)
+        rospy.loginfo(address)
+
+    def _build(self, config: WebConfig) -> None:
+        server = self._server
+        theme(server.gui, False)
+        self._scene = Scene(server, config.fixed_frame)
+        self._objects = Objects(server, self._scene.frames, config.fixed_frame)
+        group = server.gui.add_tab_group()
+        names = ("Drive", "World", "Tune", "Curves", "Log", "View")
+        self._tabs = {name: group.add_tab(name) for name in names}
+        with self._tabs["Drive"]:
+            self._drive = DriveTab(server, self._actions, self._teleop, config.controller, config.simulator)
+        with self._tabs["World"]:
+            world = WorldTab(server, self._actions, config.simulator, config.fixed_frame)
+        self._mouse = Mouse(server, self._scene, self._objects, world, self._pages)
+        with self._tabs["Tune"]:
+            self._tuning = Tuning(server, self._actions)
+        with self._tabs["Curves"]:
+            self._plots = Plots(server)
+        with self._tabs["View"], server.gui.add_folder("Layers, for every page"):
+            for layer, is_shown in self._scene.layers.items():
+                box = server.gui.add_checkbox(layer, is_shown)
+                box.on_update(partial(self._on_layer, layer))
+
+    def run(self) -> None:
+        """Work until the node is shut down."""
+        period = 1.0 / self._config.rate
+        readings_due = network_due = 0.0
+        while not rospy.is_shutdown():
+            self._greet()
+            if not self._pages:
+                self._sleep_until_somebody_comes()
+                readings_due = network_due = 0.0
+                continue
+            now = time.monotonic()
+            if now >= network_due:
+                self._look_at_network()
+                network_due = now + NETWORK_PERIOD
+            with self._server.atomic():
+                self._update(now)
+                if now >= readings_due:
+                    self._update_readings()
+                    readings_due = now + READINGS_PERIOD
+            time.sleep(max(0.0, period - (time.monotonic() - now)))
+        self._server.stop()
+
+    def _sleep_until_somebody_comes(self) -> None:
+        if self._topics.is_open:
+            self._topics.close()
+            self._tuning.close()
+            self._objects.clear()
+            self._scene.forget()
+            self._drive.forget()
+        self._came.wait(IDLE_PERIOD)
+        self._came.clear()
+
+    def _look_at_network(self) -> None:
+        if not self._topics.is_open:
+            self._topics.open()
+        try:
+            published = [(topic, kind) for topic, kind in rospy.get_published_topics()]
+        except OSError as error:
+            rospy.logwarn_throttle(60.0, f"the ROS master does not answer: {error}")
+            return
+        self._topics.follow(published)
+        offered = dict(published)
+        self._topics.listen("command", TwistStamped, self._topics.name("command") in offered)
+        self._topics.listen("error", Vector3Stamped, self._topics.name("error") in offered)
+        self._topics.listen("pillar", PointStamped, self._topics.name("pillar") in offered)
+        self._topics.show_cloud(self._scene.layers["depth"])
+        self._tuning.follow(published)
+        description = str(rospy.get_param(rospy.search_param("robot_description") or "robot_description", ""))
+        if description and description != self._description:
+            self._description = description
+            self._scene.draw_robot(description)
+            self._mouse.bind_robot()
+
+    # ------------------------------------------------------------------ each tick
+
+    def _update(self, now: float) -> None:
+        self._scene.update(self._topics)
+        self._objects.update(self._topics.take_all("objects"))
+        self._take_numbers(now)
+        base = self._scene.base
+        for page in self._pages.values():
+            page.update(None if base is None else base.position, self._pillar)
+
+    def _take_numbers(self, now: float) -> None:
+        clock = self._topics.take("clock")
+        if clock is not None:
+            self._time = clock.clock.to_sec()
+            self._clock_rate.add(self._time, now)
+        odometry = self._topics.take("truth") or self._topics.take("odometry")
+        if odometry is not None:
+            self._speeds["measured"] = conversions.twist_from_msg(odometry.twist.twist)
+            self._time = odometry.header.stamp.to_sec()
+        command = self._topics.take("command")
+        if command is not None:
+            self._speeds["commanded"] = conversions.twist_from_msg(command.twist)
+        error = self._topics.take("error")
+        if error is not None:
+            self._error = (error.vector.x, error.vector.y)
+            self._plots.curves["error"].add(error.header.stamp.to_sec(), *self._error)
+        pillar = self._topics.take("pillar")
+        if pillar is not None:
+            frame = self._scene.frames.pose(pillar.header.frame_id, self._config.fixed_frame)
+            point = (pillar.point.x, pillar.point.y, pillar.point.z)
+            self._pillar = None if frame is None else transform_point(frame, point)
+        if odometry is not None and self._time is not None:
+            nothing = (float("nan"), float("nan"))
+            commanded, measured = (self._speeds.get(name, nothing) for name in ("commanded", "measured"))
+            self._plots.curves["speed"].add(self._time, commanded[0], measured[0])
+            self._plots.curves["turning"].add(self._time, commanded[1], measured[1])
+
+    def _update_readings(self) -> None:
+        scan = self._topics.newest.get("scan")
+        if scan is not None and scan.count:
+            self._scan_rate.add(scan.count, self._scene.scan_stamp)
+        measured = self._speeds.get("measured")
+        distance, bearing = self._error or (None, None)
+        speed = None if measured is None else measured[0]
+        rates = self._clock_rate.value, self._scan_rate.value
+        status = Status(self._time, *rates, distance, bearing, speed)
+        self._drive.update(status, [received.msg for received in self._topics.take_all("diagnostics")])
+        self._plots.update()
+
+    # ------------------------------------------------------------------ pages come and go
+
+    def _greet(self) -> None:
+        with self._clients_changed:
+            arrivals, self._arrivals = self._arrivals, []
+            leavers, self._leavers = self._leavers, []
+        for client in arrivals:
+            theme(client.gui, False)
+            page = Page(client, (self._tabs["View"], self._tabs["Log"]), self._log, self._mouse.bind)
+            page.make_tools(self._tabs["World"])
+            self._pages[client.client_id] = page
+        for number in leavers:
+            self._pages.pop(number, None)
+        if leavers:
+            self._mouse.bind()
+
+    def _on_connect(self, client: viser.ClientHandle) -> None:
+        with self._clients_changed:
+            self._arrivals.append(client)
+        self._came.set()
+
+    def _on_disconnect(self, client: viser.ClientHandle) -> None:
+        with self._clients_changed:
+            self._leavers.append(client.client_id)
+
+    def _on_layer(self, layer: str, event: Any) -> None:
+        self._scene.layers[layer] = event.target.value
+
+
+def _topic_names(config: WebConfig) -> Dict[str, str]:
+    names = {
+        "scan": config.scan_topic,
+        "cloud": config.cloud_topic,
+        "odometry": config.odometry_topic,
+        "truth": config.truth_topic,
+        "command": config.command_topic,
+        "error": f"{config.controller}/error",
+        "pillar": f"{config.controller}/pillar",
+    }
+    return {use: rospy.resolve_name(name) for use, name in names.items()}
+
+
+def main() -> None:
+    """Run the node."""
+    run_node("husky_web", WebNode, listen_to_clock=False)

@@ -1,0 +1,172 @@
+"""Interactive markers, the objects of the world: drawn, dragged on the level and deleted, as RViz does."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from urllib.parse import quote
+
+import numpy as np
+import rospy
+import viser
+from visualization_msgs.msg import (
+    InteractiveMarker,
+    InteractiveMarkerControl,
+    InteractiveMarkerFeedback,
+    InteractiveMarkerInit,
+    InteractiveMarkerUpdate,
+)
+
+from husky_highlevel_controller.datatypes import Pose
+from husky_highlevel_controller.geometry import compose, inverse
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.node import publish
+from husky_highlevel_controller.ros.web.drawing import draw, place
+from husky_highlevel_controller.ros.web.frames import Frames
+from husky_highlevel_controller.ros.web.markers import Piece, Solid, pieces, pose_of
+from husky_highlevel_controller.ros.web.topics import Received
+
+Key = Tuple[str, str]  # server's topic, name of the marker
+WIDEST = 50.0  # [m]
+MOVABLE = (
+    InteractiveMarkerControl.MOVE_PLANE,
+    InteractiveMarkerControl.MOVE_ROTATE,
+    InteractiveMarkerControl.MOVE_3D,
+    InteractiveMarkerControl.MOVE_ROTATE_3D,
+)
+
+
+class Object(NamedTuple):
+    """One interactive marker that is drawn."""
+
+    node: Any
+    frame: str
+    pose_in_frame: Pose
+    shapes: List[Any]  # nodes that can be clicked
+    menu: Tuple[Tuple[int, str], ...]  # id and title
+    is_movable: bool
+
+
+class Objects:
+    """The interactive markers of every server on the network."""
+
+    def __init__(self, server: viser.ViserServer, frames: Frames, fixed_frame: str) -> None:
+        self._scene, self._frames, self._fixed_frame = server.scene, frames, fixed_frame
+        self.shown: Dict[Key, Object] = {}
+        self.on_new: Callable[[Key, Object], None] = lambda key, shown: None  # binds the mouse
+        self.dragged: Dict[Key, Pose] = {}  # in the fixed frame, while a page drags them
+        self._feedback: Dict[str, rospy.Publisher] = {}
+
+    def update(self, received: List[Received]) -> None:
+        """Take in messages of servers, then put everything where it is now."""
+        for topic, msg in received:
+            if isinstance(msg, InteractiveMarkerInit):
+                self._on_init(topic[: -len("_full")], msg)
+            elif msg.type == InteractiveMarkerUpdate.UPDATE:
+                for marker in msg.markers:
+                    self._insert(topic, marker)
+                for moved in msg.poses:
+                    self._move((topic, moved.name), conversions.pose_from_msg(moved.pose))
+                for name in msg.erases:
+                    self._erase((topic, name))
+        for key, shown in self.shown.items():
+            frame = self._frames.pose(shown.frame, self._fixed_frame)
+            if key in self.dragged:
+                place(shown.node, self.dragged[key])
+            elif frame is not None:
+                place(shown.node, compose(frame, shown.pose_in_frame))
+
+    def clear(self) -> None:
+        """Take all away, and stop speaking to their servers."""
+        for key in list(self.shown):
+            self._erase(key)
+        for publisher in self._feedback.values():
+            publisher.unregister()
+        self._feedback.clear()
+
+    def find(self, name: str) -> Optional[Key]:
+        """The key of an object by its name alone."""
+        return next((key for key in self.shown if key[1] == name), None)
+
+    def drop(self, key: Key, pose_in_fixed: Pose) -> None:
+        """Tell the server that a marker was dragged to a pose in the fixed frame."""
+        shown, frame = self.shown[key], self._frames.pose(self.shown[key].frame, self._fixed_frame)
+        if frame is None:
+            return
+        pose = compose(inverse(frame), pose_in_fixed)
+        for event in (InteractiveMarkerFeedback.POSE_UPDATE, InteractiveMarkerFeedback.MOUSE_UP):
+            self._send(key, shown, pose, event, 0)
+
+    def delete(self, key: Key) -> bool:
+        """Choose *Delete* of a marker's menu; False where it has no such entry."""
+        shown = self.shown[key]
+        for number, title in shown.menu:
+            if title.lower() == "delete":
+                event = InteractiveMarkerFeedback.MENU_SELECT
+                self._send(key, shown, shown.pose_in_frame, event, number)
+                return True
+        return False
+
+    def _send(self, key: Key, shown: Object, pose: Pose, event: int, entry: int) -> None:
+        topic, name = key
+        msg = InteractiveMarkerFeedback(
+            client_id=rospy.get_name(),
+            marker_name=name,
+            control_name="body",
+            event_type=event,
+            menu_entry_id=entry,
+            pose=conversions.pose_to_msg(pose),
+        )
+        msg.header.frame_id = shown.frame
+        publish(self._publisher(topic), msg)
+
+    def _publisher(self, topic: str) -> rospy.Publisher:
+        server = topic.rsplit("/", 1)[0]
+        if server not in self._feedback:
+            self._feedback[server] = rospy.Publisher(
+                f"{server}/feedback", InteractiveMarkerFeedback, queue_size=10
+            )
+        return self._feedback[server]
+
+    def _on_init(self, topic: str, msg: InteractiveMarkerInit) -> None:
+        names = {marker.name for marker in msg.markers}
+        for key in [key for key in self.shown if key[0] == topic and key[1] not in names]:
+            self._erase(key)
+        for marker in msg.markers:
+            if (topic, marker.name) not in self.shown:
+                self._insert(topic, marker)
+
+    def _insert(self, topic: str, marker: InteractiveMarker) -> None:
+        key = (topic, marker.name)
+        self._erase(key)
+        self._publisher(topic)  # connected long before the mouse lets go
+        path = f"/objects/{quote(topic, safe='')}/{quote(marker.name, safe='')}"
+        node = self._scene.add_frame(path, show_axes=False)
+        drawn: List[Any] = []
+        parts = [part for control in marker.controls for part in control.markers]
+        for number, part in enumerate(parts):
+            seen = [piece for piece in pieces(part) if not _is_ground(piece)]
+            drawn += draw(self._scene, f"{path}/{number}", seen, pose_of(part) or Pose())
+        self.shown[key] = Object(
+            node,
+            marker.header.frame_id.lstrip("/"),
+            conversions.pose_from_msg(marker.pose),
+            drawn,
+            tuple((entry.id, entry.title) for entry in marker.menu_entries),
+            any(control.interaction_mode in MOVABLE for control in marker.controls),
+        )
+        self.on_new(key, self.shown[key])
+
+    def _move(self, key: Key, pose: Pose) -> None:
+        if key in self.shown:
+            self.shown[key] = self.shown[key]._replace(pose_in_frame=pose)
+
+    def _erase(self, key: Key) -> None:
+        shown = self.shown.pop(key, None)
+        self.dragged.pop(key, None)
+        if shown is not None:
+            shown.node.remove()
+
+
+def _is_ground(piece: Piece) -> bool:
+    """Whether it is a sheet so wide that the grid stands for it."""
+    return isinstance(piece, Solid) and bool(np.ptp(piece.mesh.vertices, axis=0)[:2].min() > WIDEST)

@@ -1,0 +1,138 @@
+"""What each page has for itself: its camera, its colours, its mouse and its view of the log."""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Optional, Sequence, Tuple
+
+import viser
+
+from husky_highlevel_controller.datatypes import Vector3
+from husky_highlevel_controller.ros.web.log import LEVELS, Filter, LogBuffer, to_html
+
+FOLLOW, PILLAR, ABOVE, FREE = CAMERAS = ("Follow", "Pillar", "Above", "Free")
+LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
+# of the camera from what it looks at [m]
+OFFSETS = {FOLLOW: (-3.6, -2.4, 2.4), PILLAR: (-3.0, -3.4, 2.0), ABOVE: (-0.01, 0.0, 14.0)}
+BRAND = (30, 110, 190)
+
+
+class Page:
+    """One browser's own fields and settings."""
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        tabs: Tuple[Any, Any],
+        log: LogBuffer,
+        on_tool: Callable[[], None],
+    ) -> None:
+        """Add the page's own fields.
+
+        Args:
+            client: the browser.
+            tabs: those of view and log.
+            log: what the log tab shows.
+            on_tool: called when the mouse gets another tool.
+        """
+        self.client, self.tool, self._log = client, LOOK, log
+        self._camera, self._is_placed = FOLLOW, False
+        self._at: Optional[Vector3] = None
+        self._filter, self._log_count = Filter(), -1
+        self._on_tool = on_tool
+        self._make_view(tabs[0])
+        self._make_log(tabs[1])
+
+    # ------------------------------------------------------------------ each tick
+
+    def update(self, base: Optional[Vector3], pillar: Optional[Vector3]) -> None:
+        """Move the camera with what it looks at [m, fixed frame], and show new lines of the log."""
+        self._move_camera(pillar if self._camera == PILLAR else base)
+        if self._log_count != self._log.count:
+            self._log_count = self._log.count
+            self._show_log()
+
+    def _move_camera(self, target: Optional[Vector3]) -> None:
+        camera = self.client.camera
+        if target is None or self._camera == FREE or camera.update_timestamp == 0.0:
+            return
+        if not self._is_placed:
+            offset = OFFSETS[self._camera]
+            with self.client.atomic():
+                camera.up_direction = (0.0, 0.0, 1.0)
+                camera.position = _sum(target, offset)
+                camera.look_at = target
+            self._is_placed = True
+        elif self._at is not None and max(abs(a - b) for a, b in zip(target, self._at)) > 0.002:
+            shift = tuple(a - b for a, b in zip(target, self._at))
+            camera.position = _sum(camera.position, shift)  # look_at moves along
+        else:
+            return
+        self._at = target
+
+    # ------------------------------------------------------------------ fields
+
+    def _make_view(self, tab: Any) -> None:
+        with tab:
+            gui = self.client.gui
+            camera = gui.add_button_group("Camera", CAMERAS)
+            camera.on_click(self._on_camera)
+            dark = gui.add_checkbox("Dark", False, hint="for this page only")
+            dark.on_update(lambda event: theme(gui, event.target.value))
+
+    def make_tools(self, tab: Any) -> None:
+        """What the mouse does, as the first field of a tab."""
+        with tab:
+            tool = self.client.gui.add_button_group(
+                "Mouse",
+                TOOLS,
+                hint="Put: click the ground. Move: drag an object or the robot. Delete: click",
+                order=-1,
+            )
+            self._hint = self.client.gui.add_markdown(_HINTS[LOOK], order=-0.5)
+        tool.on_click(self._on_tool_click)
+
+    def _make_log(self, tab: Any) -> None:
+        with tab:
+            gui = self.client.gui
+            level = gui.add_dropdown("Level", tuple(LEVELS), initial_value="info")
+            node = gui.add_text("Node", "", hint="part of the node's name")
+            text = gui.add_text("Text", "", hint="part of the line")
+            self._lines = gui.add_html(to_html([]))
+        level.on_update(lambda event: self._set_filter(level=LEVELS[event.target.value]))
+        node.on_update(lambda event: self._set_filter(node=event.target.value))
+        text.on_update(lambda event: self._set_filter(text=event.target.value))
+
+    def _set_filter(self, **changes: Any) -> None:
+        self._filter = self._filter._replace(**changes)
+        self._show_log()
+
+    def _show_log(self) -> None:
+        self._lines.content = to_html(self._log.select(self._filter))
+
+    def _on_camera(self, event: Any) -> None:
+        self._camera, self._is_placed = event.target.value, False
+
+    def _on_tool_click(self, event: Any) -> None:
+        self.tool = event.target.value
+        self._hint.content = _HINTS[self.tool]
+        self._on_tool()
+
+
+_HINTS = {
+    LOOK: "The mouse turns the view.",
+    PUT: "**Click the ground**: the shape below is put there.",
+    MOVE: "**Drag** an object, or the robot, over the ground.",
+    DELETE: "**Click** an object to delete it.",
+}
+
+
+def theme(gui: viser.GuiApi, is_dark: bool) -> None:
+    """Colours of a page; the button that would share it through another host is not offered."""
+    gui.configure_theme(
+        dark_mode=is_dark, show_logo=False, show_share_button=False, brand_color=BRAND, control_width="medium"
+    )
+
+
+def _sum(a: Any, b: Sequence[float]) -> Vector3:
+    x, y, z = (float(p) + float(q) for p, q in zip(a, b))
+    return (x, y, z)

@@ -1,0 +1,22 @@
+"""Where a ray of the mouse meets a level plane.
+
+In: numbers. Out: points. Must not know: ROS, viser.
+"""
+
+from __future__ import annotations
+
+from typing import Optional, Sequence
+
+from husky_highlevel_controller.datatypes import Vector3
+
+FARTHEST = 200.0  # [m]; a click just below the horizon means no place
+
+
+def point_on_level(origin: Sequence[float], direction: Sequence[float], z: float) -> Optional[Vector3]:
+    """Where a ray meets the plane at height `z` [m]; None behind the camera, beside the plane or too far."""
+    if abs(direction[2]) < 1e-9:
+        return None
+    distance = (z - origin[2]) / direction[2]
+    if not 0.0 < distance < FARTHEST:
+        return None
+    return (origin[0] + distance * direction[0], origin[1] + distance * direction[1], z)

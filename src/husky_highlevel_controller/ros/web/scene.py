@@ -1,0 +1,227 @@
+"""The 3D view: robot, scan, TF frames, trail, depth points, markers and objects, in one fixed frame."""
+
+from __future__ import annotations
+
+import time
+from math import dist
+from typing import Any, Dict, List, Optional, Tuple
+from urllib.parse import quote
+
+import numpy as np
+import rospy
+import viser
+from visualization_msgs.msg import Marker
+
+from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_highlevel_controller.geometry import compose, matrix_from_quat
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.web import shapes
+from husky_highlevel_controller.ros.web.clouds import points_from_msg, points_from_scan
+from husky_highlevel_controller.ros.web.drawing import draw, place
+from husky_highlevel_controller.ros.web.frames import Frames
+from husky_highlevel_controller.ros.web.markers import Key, Markers, Solid, looks, pieces, pose_of
+from husky_highlevel_controller.ros.web.robot import rigid_groups
+from husky_highlevel_controller.ros.web.topics import Topics
+
+SCAN_COLOR, TRAIL_COLOR, CLOUD_COLOR = (215, 60, 235), (110, 130, 150), (60, 170, 160)
+POINT_SIZE = 0.05  # [m], of the scan's points
+TRAIL_STEP, TRAIL_POINTS = 0.1, 1000  # [m] between two points of the trail, and how many
+GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m], of the robot that is dragged
+BASE, FOOTPRINT = "base_link", "base_footprint"
+
+
+class Scene:
+    """What is drawn; updated by one thread."""
+
+    def __init__(self, server: viser.ViserServer, fixed_frame: str) -> None:
+        self._scene, self.fixed_frame = server.scene, fixed_frame
+        self.frames, self.markers = Frames(), Markers()
+        self.layers = {
+            "scan": True,
+            "trail": True,
+            "markers": True,
+            "grid": True,
+            "frames": False,
+            "depth": False,
+        }
+        self.scan_stamp = 0.0  # [s]
+        self._robot: Dict[str, Any] = {}
+        self.robot_shapes: List[Any] = []  # nodes that the mouse can take hold of
+        self._drawn: Dict[Key, Tuple[Any, Any]] = {}  # node and looks of each marker
+        self._axes: Dict[str, Any] = {}
+        self._trail: List[Tuple[float, float, float]] = []
+        # without a graphics card shadows and reflections take a second a frame, the rest 1/60 s
+        self._scene.configure_default_lights(cast_shadow=False)
+        self._scene.configure_environment_map(None)
+        self._scene.add_light_ambient("/ambient", intensity=0.6)
+        empty = np.zeros((0, 3), np.float32)
+        self._scan = self._scene.add_point_cloud(
+            "/scan", empty, SCAN_COLOR, point_size=POINT_SIZE, point_shape="circle", precision="float32"
+        )
+        self._cloud = self._scene.add_point_cloud(
+            "/depth", empty, CLOUD_COLOR, point_size=0.03, precision="float32"
+        )
+        self._trail_line = self._scene.add_line_segments(
+            "/trail", np.zeros((0, 2, 3), np.float32), TRAIL_COLOR, thickness=0.03
+        )
+        footprint = Solid(shapes.scaled(shapes.cube(), GHOST_SIZE), GHOST_COLOR)
+        self._ghost = self._scene.add_frame("/ghost", show_axes=False, visible=False)
+        draw(self._scene, "/ghost", [footprint], Pose())
+        self._grid = self._scene.add_grid(
+            "/grid",
+            width=60.0,
+            height=60.0,
+            cell_size=1.0,
+            section_size=5.0,
+            infinite_grid=True,
+            fade_distance=60.0,
+        )
+
+    # ------------------------------------------------------------------ robot
+
+    def draw_robot(self, description: str) -> None:
+        """Draw the robot of a URDF; a text that is none is a warning."""
+        for node in self._robot.values():
+            node.remove()
+        self._robot, self.robot_shapes = {}, []
+        try:
+            groups = rigid_groups(description)
+        except HuskyError as error:
+            rospy.logwarn(str(error))
+            return
+        for frame, visuals in groups.items():
+            name = f"/robot/{quote(frame, safe='')}"
+            self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
+            for number, visual in enumerate(visuals):
+                self.robot_shapes += draw(
+                    self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame
+                )
+
+    @property
+    def base(self) -> Optional[Pose]:
+        """base_link in the fixed frame, or None."""
+        return self.frames.pose(BASE, self.fixed_frame)
+
+    @property
+    def ground(self) -> float:
+        """Height of the ground in the fixed frame [m]: that of base_footprint, or 0."""
+        pose = self.frames.pose(FOOTPRINT, self.fixed_frame)
+        return 0.0 if pose is None else pose.position[2]
+
+    # ------------------------------------------------------------------ each tick
+
+    def update(self, topics: Topics) -> None:
+        """Draw what has come in."""
+        for received in topics.take_all("tf"):
+            for msg in received.msg.transforms:
+                stamp, pose = msg.header.stamp.to_sec(), conversions.pose_from_transform(msg)
+                parent, child = msg.header.frame_id.lstrip("/"), msg.child_frame_id.lstrip("/")
+                self.frames.update(parent, child, stamp, pose)
+        for frame, node in self._robot.items():
+            self._show(node, self.frames.pose(frame, self.fixed_frame))
+        self._update_scan(topics.take("scan"))
+        self._update_cloud(topics.take("cloud"))
+        self._update_trail()
+        self._update_markers(topics)
+        self._update_axes()
+        if self._grid.visible != self.layers["grid"]:
+            self._grid.visible = self.layers["grid"]
+        if abs(self._grid.position[2] - self.ground) > 1e-6:
+            self._grid.position = (0.0, 0.0, self.ground)
+
+    def show_ghost(self, pose: Optional[Pose]) -> None:
+        """Show where the robot would be put, or nothing."""
+        self._show(self._ghost, pose)
+
+    def forget(self) -> None:
+        """Begin anew: the trail, and markers whose deletion may have been missed."""
+        self._trail.clear()
+        self.markers.clear()
+
+    def _show(self, node: Any, pose: Optional[Pose], wanted: bool = True) -> None:
+        is_visible = wanted and pose is not None
+        if pose is not None and is_visible:
+            place(node, pose)
+        if node.visible != is_visible:
+            node.visible = is_visible
+
+    def _update_scan(self, msg: Optional[Any]) -> None:
+        if self._scan.visible != self.layers["scan"]:
+            self._scan.visible = self.layers["scan"]
+        if msg is None:
+            return
+        scan = conversions.scan_from_msg(msg)
+        self.scan_stamp = scan.stamp
+        pose = self.frames.pose(scan.frame, self.fixed_frame, scan.stamp)
+        if pose is not None and self.layers["scan"]:
+            self._scan.points = _transformed(points_from_scan(scan), pose)
+
+    def _update_cloud(self, msg: Optional[Any]) -> None:
+        if self._cloud.visible != self.layers["depth"]:
+            self._cloud.visible = self.layers["depth"]
+        if msg is None or not self.layers["depth"]:
+            return
+        pose = self.frames.pose(msg.header.frame_id.lstrip("/"), self.fixed_frame, msg.header.stamp.to_sec())
+        if pose is not None:
+            self._cloud.points = _transformed(points_from_msg(msg), pose)
+
+    def _update_trail(self) -> None:
+        if self._trail_line.visible != self.layers["trail"]:
+            self._trail_line.visible = self.layers["trail"]
+        base = self.base
+        if base is None:
+            return
+        x, y, _ = base.position
+        point = (x, y, self.ground + 0.01)
+        if self._trail and dist(self._trail[-1], point) < TRAIL_STEP:
+            return
+        self._trail = [*self._trail[-TRAIL_POINTS:], point]
+        line = np.array(self._trail, np.float32)
+        self._trail_line.points = np.stack([line[:-1], line[1:]], axis=1)
+
+    def _update_markers(self, topics: Topics) -> None:
+        now = time.monotonic()
+        for topic, msg in topics.take_all("markers"):
+            for marker in [msg] if isinstance(msg, Marker) else msg.markers:
+                self.markers.apply(topic, marker, now)
+        self.markers.expire(now)
+        shown = self.markers.shown if self.layers["markers"] else {}
+        for key in self._drawn.keys() - shown.keys():
+            self._drawn.pop(key)[0].remove()
+        for key, marker in shown.items():
+            self._draw_marker(key, marker)
+
+    def _draw_marker(self, key: Key, marker: Marker) -> None:
+        node, old = self._drawn.get(key, (None, None))
+        if old is not None and old[0] is marker and not marker.frame_locked and node.visible:
+            return  # it stays where it was in the fixed frame when it came
+        appearance = old[1] if old is not None and old[0] is marker else looks(marker)
+        if node is None or old[1] != appearance:
+            topic, namespace, number = key
+            name = f"/markers/{quote(topic, safe='')}/{quote(namespace, safe='')}_{number}"
+            if node is not None:
+                node.remove()
+            node = self._scene.add_frame(name, show_axes=False, visible=False)
+            draw(self._scene, name, pieces(marker), Pose())
+        self._drawn[key] = (node, (marker, appearance))
+        stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
+        frame = self.frames.pose(marker.header.frame_id.lstrip("/"), self.fixed_frame, stamp)
+        pose = pose_of(marker)
+        self._show(node, None if frame is None or pose is None else compose(frame, pose))
+
+    def _update_axes(self) -> None:
+        names = self.frames.names if self.layers["frames"] else []
+        for name in set(self._axes) - set(names):
+            for node in self._axes.pop(name):
+                node.remove()
+        for name in names:
+            if name not in self._axes:
+                path = f"/frames/{quote(name, safe='')}"
+                axes = self._scene.add_frame(path, axes_length=0.25, axes_radius=0.01, visible=False)
+                self._axes[name] = (axes, self._scene.add_label(f"{path}/name", name))
+            self._show(self._axes[name][0], self.frames.pose(name, self.fixed_frame))
+
+
+def _transformed(points: np.ndarray, pose: Pose) -> np.ndarray:
+    moved: np.ndarray = points @ matrix_from_quat(pose.quat_xyzw).T + np.array(pose.position)
+    return moved.astype(np.float32)

@@ -1,0 +1,148 @@
+"""What the page listens to: subscriptions that exist only while somebody looks."""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import partial
+from typing import Any, Callable, Deque, Dict, List, NamedTuple, Optional, Tuple
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from rospy.numpy_msg import numpy_msg
+from sensor_msgs.msg import LaserScan, PointCloud2
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdate, Marker, MarkerArray
+
+QUEUE = 2000  # messages of one topic kept between two looks; a page that stays behind loses the oldest
+MARKERS = "visualization_msgs/Marker"
+MARKER_ARRAYS = "visualization_msgs/MarkerArray"
+INTERACTIVE = "visualization_msgs/InteractiveMarkerUpdate"
+
+
+class Newest:
+    """The newest message of a topic, unpacked only when it is asked for."""
+
+    def __init__(self, topic: str, kind: Any) -> None:
+        self.count = 0
+        self._kind, self._raw = kind, None
+        self._subscriber = rospy.Subscriber(
+            topic, rospy.AnyMsg, self._on_message, queue_size=1, buff_size=2**20
+        )
+
+    def take(self) -> Optional[Any]:
+        """The newest message; None if there is no new one, or one of another type."""
+        raw, self._raw = self._raw, None
+        if raw is None or raw._connection_header["type"] != self._kind._type:
+            return None
+        return self._kind().deserialize(raw._buff)
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._subscriber.unregister()
+
+    def _on_message(self, msg: Any) -> None:
+        self.count += 1
+        self._raw = msg
+
+
+class Received(NamedTuple):
+    """A message and the topic it came on."""
+
+    topic: str
+    msg: Any
+
+
+class Topics:
+    """All subscriptions of the page; what came in is taken by the thread that draws."""
+
+    def __init__(self, names: Dict[str, str]) -> None:
+        """Listen to nothing yet.
+
+        Args:
+            names: topics by use: scan, odometry, truth, command, error, pillar, cloud.
+        """
+        self._names = names
+        self.newest: Dict[str, Newest] = {}
+        self._queues: Dict[str, Deque[Received]] = {
+            kind: deque(maxlen=QUEUE) for kind in ("tf", "markers", "objects", "diagnostics")
+        }
+        self._subscribers: Dict[str, rospy.Subscriber] = {}
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there are subscriptions."""
+        return bool(self._subscribers)
+
+    def name(self, use: str) -> str:
+        """The topic of one use."""
+        return self._names[use]
+
+    def open(self) -> None:
+        """Listen to what every robot has; `follow` adds what the network offers."""
+        kinds = {
+            "clock": Clock,
+            "scan": numpy_msg(LaserScan),
+            "odometry": Odometry,
+            "truth": Odometry,
+        }
+        for use, kind in kinds.items():
+            self.newest[use] = Newest("/clock" if use == "clock" else self._names[use], kind)
+        for topic in ("/tf", "/tf_static"):
+            self._subscribe(topic, TFMessage, "tf")
+        self._subscribe("/diagnostics", DiagnosticArray, "diagnostics")
+
+    def follow(self, published: List[Tuple[str, str]]) -> None:
+        """Subscribe to every topic of markers, and to commands and errors by the type they have here."""
+        for topic, kind in published:
+            if topic in self._subscribers:
+                continue
+            if kind == MARKERS:
+                self._subscribe(topic, Marker, "markers")
+            elif kind == MARKER_ARRAYS:
+                self._subscribe(topic, MarkerArray, "markers")
+            elif kind == INTERACTIVE:
+                self._subscribe(topic, InteractiveMarkerUpdate, "objects")
+                self._subscribe(topic + "_full", InteractiveMarkerInit, "objects")
+
+    def listen(self, use: str, kind: Any, wanted: bool) -> None:
+        """Subscribe or not to what is shown on demand."""
+        if wanted and use not in self.newest:
+            self.newest[use] = Newest(self._names[use], kind)
+        elif not wanted and use in self.newest:
+            self.newest.pop(use).close()
+
+    def show_cloud(self, wanted: bool) -> None:
+        """Listen to the depth camera or not."""
+        self.listen("cloud", PointCloud2, wanted)
+
+    def take(self, use: str) -> Optional[Any]:
+        """The newest message of one use, or None."""
+        newest = self.newest.get(use)
+        return None if newest is None else newest.take()
+
+    def take_all(self, kind: str) -> List[Received]:
+        """What came in since the last call, oldest first."""
+        queue, taken = self._queues[kind], []
+        while queue:
+            taken.append(queue.popleft())
+        return taken
+
+    def close(self) -> None:
+        """Drop every subscription."""
+        for newest in self.newest.values():
+            newest.close()
+        for subscriber in self._subscribers.values():
+            subscriber.unregister()
+        self.newest.clear()
+        self._subscribers.clear()
+        for queue in self._queues.values():
+            queue.clear()
+
+    def _subscribe(self, topic: str, kind: Any, queue: str) -> None:
+        push: Callable[[Any], None] = partial(self._push, queue, topic)
+        self._subscribers[topic] = rospy.Subscriber(topic, kind, push, queue_size=QUEUE, tcp_nodelay=True)
+
+    def _push(self, queue: str, topic: str, msg: Any) -> None:
+        self._queues[queue].append(Received(topic, msg))

@@ -1,0 +1,172 @@
+"""The tab of the world: what a click puts down, and which world is loaded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Callable, List, Optional
+
+import viser
+from geometry_msgs.msg import Pose as PoseMsg
+from geometry_msgs.msg import Vector3 as Vector3Msg
+
+from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_highlevel_controller.geometry import pose_from_2d, pose_to_2d
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.web.actions import Actions, call
+from husky_highlevel_controller.ros.web.rays import point_on_level
+from husky_highlevel_controller.ros.web.worlds import GROUND, models
+from husky_highlevel_controller.srv import DeleteObject, ListObjects, MoveObject, SpawnObject
+
+import rospy  # isort: skip
+
+ROBOT = "husky"  # what the simulator's services call the robot
+SIZES = {"box": (0.4, 0.4, 0.8), "cylinder": (0.4, 0.4, 1.0), "sphere": (0.5, 0.5, 0.5)}  # [m]
+
+
+class WorldTab:
+    """Puts, moves, deletes and loads through the simulator's services."""
+
+    def __init__(self, server: viser.ViserServer, actions: Actions, simulator: str, frame: str) -> None:
+        """Build the tab.
+
+        Args:
+            server: the page.
+            actions: does what is asked for.
+            simulator: name of the simulator's node.
+            frame: the frame that positions are given in; the simulator knows world and odom.
+        """
+        self._actions, self._simulator, self._frame = actions, simulator, frame
+        self._put_count = 0
+        gui = server.gui
+        with gui.add_folder("Put"):
+            self._shape = gui.add_dropdown("Shape", tuple(SIZES), initial_value="box")
+            self._size: Any = gui.add_vector3(
+                "Size [m]",
+                SIZES["box"],
+                min=(0.01, 0.01, 0.01),
+                step=0.05,
+                hint="full extents; cylinder: d, d, height",
+            )
+            self._mass = gui.add_number("Mass [kg]", 5.0, min=0.0, step=0.5, hint="0: never moves")
+        self._shape.on_update(self._on_shape)
+        with gui.add_folder("World"):
+            self._worlds = gui.add_dropdown("File", self._files())
+            load = gui.add_button(
+                "Load", hint="replaces every object; Reset on the first tab brings the first back"
+            )
+        load.on_click(lambda event: actions.do(self._load, event.client, "World"))
+
+    # ------------------------------------------------------------------ what pages ask for
+
+    def put(self, client: viser.ClientHandle, x: float, y: float, ground: float) -> None:
+        """Put the chosen shape on the ground."""
+        shape, size, mass = self._shape.value, tuple(self._size.value), self._mass.value
+        pose = Pose((x, y, ground + size[2] / 2.0))
+        self._actions.do(lambda: self._spawn(shape, size, mass, pose), client, "Put")
+
+    def move_robot(self, client: Optional[viser.ClientHandle], pose: Pose) -> None:
+        """Put the robot somewhere else, upright on the ground."""
+        level = pose_from_2d(pose_to_2d(pose))
+        self._actions.do(lambda: self._move(ROBOT, level), client, "Move")
+
+    def delete(self, client: viser.ClientHandle, name: str) -> None:
+        """Take an object away."""
+        service = f"{self._simulator}/delete"
+        self._actions.do(lambda: call(service, DeleteObject, name), client, "Delete")
+
+    # ------------------------------------------------------------------ for the actions' thread
+
+    def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
+        taken = set(self._list())
+        self._put_count += 1
+        while f"{shape}_{self._put_count}" in taken:
+            self._put_count += 1
+        name = f"{shape}_{self._put_count}"
+        return call(
+            f"{self._simulator}/spawn",
+            SpawnObject,
+            name,
+            "",
+            shape,
+            Vector3Msg(*size),
+            mass,
+            conversions.pose_to_msg(pose),
+            self._frame,
+        )
+
+    def _move(self, name: str, pose: Pose) -> str:
+        return call(f"{self._simulator}/move", MoveObject, name, conversions.pose_to_msg(pose), self._frame)
+
+    def _list(self) -> List[str]:
+        try:
+            answer = rospy.ServiceProxy(f"{self._simulator}/list", ListObjects)(self._frame)
+        except rospy.ServiceException as error:
+            raise HuskyError(f"{self._simulator}/list: {error}") from None
+        return list(answer.model_names)
+
+    def _load(self) -> str:
+        name = self._worlds.value
+        path = share_folder() / "worlds" / name
+        try:
+            wanted = models(path.read_text(), name)
+        except OSError as error:
+            raise HuskyError(f"{path}: {error.strerror}") from None
+        for old in self._list():
+            if old.split("::")[0] != GROUND:
+                call(f"{self._simulator}/delete", DeleteObject, old)
+        for model in wanted:
+            call(
+                f"{self._simulator}/spawn",
+                SpawnObject,
+                model.name,
+                model.xml,
+                "",
+                Vector3Msg(),
+                0.0,
+                _ORIGIN,
+                "world",
+            )
+        return f"{name}: {len(wanted)} models"
+
+    def _on_shape(self, event: Any) -> None:
+        self._size.value = SIZES[event.target.value]
+
+    @staticmethod
+    def _files() -> List[str]:
+        folder: Path = share_folder() / "worlds"
+        return sorted(path.name for path in folder.glob("*.world"))
+
+
+_ORIGIN = PoseMsg()
+_ORIGIN.orientation.w = 1.0
+
+
+class Drag:
+    """One object that the mouse drags over the ground, at the height where it was grasped."""
+
+    def __init__(self, pose: Pose, show: Callable[[Pose], None], drop: Callable[[Any, Pose], None]) -> None:
+        """Begin.
+
+        Args:
+            pose: of the object at the beginning, in the fixed frame.
+            show: draws the object at a pose meanwhile.
+            drop: called with the page and the last pose.
+        """
+        self._start, self._pose, self._show, self._drop = pose, pose, show, drop
+        self._grasp: Any = None
+
+    def on_event(self, event: Any) -> None:
+        """Follow the mouse: its ray is cut with the level of the grasp."""
+        if event.phase == "start" or self._grasp is None:
+            self._grasp = tuple(float(value) for value in event.start_position)
+        eye = event.client.camera.position
+        ray = [float(a) - float(b) for a, b in zip(event.end_position, eye)]
+        point = point_on_level(eye, ray, self._grasp[2])
+        if point is not None:
+            x, y, z = self._start.position
+            moved = (x + point[0] - self._grasp[0], y + point[1] - self._grasp[1], z)
+            self._pose = self._start._replace(position=moved)
+            self._show(self._pose)
+        if event.phase == "end":
+            self._drop(event.client, self._pose)

@@ -1,0 +1,1 @@
+"""The simulated Husky: world files, physics on PyBullet, sensors. Knows neither ROS nor the controller."""

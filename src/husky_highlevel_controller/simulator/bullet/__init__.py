@@ -1,0 +1,1 @@
+"""PyBullet in this package's words; the only folder that imports pybullet."""

@@ -1,0 +1,114 @@
+"""From cmd_vel to wheel speeds, as the Husky's diff_drive_controller does it.
+
+In: velocity commands and the time. Out: the limited command and four wheel speeds.
+Must not know: ROS, PyBullet, the ground.
+
+Numbers: husky_control/config/control.yaml of husky 0.6.10 (Noetic).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Tuple
+
+from husky_highlevel_controller.datatypes import STOP, HuskyError, Twist2D
+
+
+class CommandError(HuskyError):
+    """A velocity command that must not reach the wheels."""
+
+
+@dataclass(frozen=True)
+class DriveConfig:
+    """Limits and geometry of the drive; defaults are the Husky's own."""
+
+    max_linear: float = 1.0  # [m/s]
+    max_linear_acceleration: float = 3.0  # [m/s^2]
+    max_angular: float = 2.0  # [rad/s]
+    max_angular_acceleration: float = 6.0  # [rad/s^2]
+    wheel_separation: float = 0.5708  # [m], between left and right joints
+    wheel_separation_multiplier: float = 1.875  # found by Clearpath on real ground: the wheels skid
+    wheel_radius: float = 0.1651  # [m]
+    timeout: float = 0.25  # [s], an older command counts as a stop
+
+
+def limit(target: Twist2D, previous: Twist2D, dt: float, config: DriveConfig) -> Twist2D:
+    """The command nearest to `target` that speed and acceleration limits allow `dt` s after `previous`."""
+    return Twist2D(
+        _limit(target.linear, previous.linear, config.max_linear, config.max_linear_acceleration * dt),
+        _limit(target.angular, previous.angular, config.max_angular, config.max_angular_acceleration * dt),
+    )
+
+
+def _limit(target: float, previous: float, max_speed: float, max_change: float) -> float:
+    target = min(max(target, -max_speed), max_speed)
+    return min(max(target, previous - max_change), previous + max_change)
+
+
+def wheel_speeds(twist: Twist2D, config: DriveConfig) -> Tuple[float, float]:
+    """Speeds of the (left, right) wheels in rad/s, forward positive."""
+    half = config.wheel_separation * config.wheel_separation_multiplier / 2.0
+    return (
+        (twist.linear - twist.angular * half) / config.wheel_radius,
+        (twist.linear + twist.angular * half) / config.wheel_radius,
+    )
+
+
+def twist_of_wheels(left: float, right: float, config: DriveConfig) -> Twist2D:
+    """What wheel odometry makes of (left, right) wheel speeds in rad/s: the inverse of `wheel_speeds`."""
+    separation = config.wheel_separation * config.wheel_separation_multiplier
+    return Twist2D(
+        (left + right) / 2.0 * config.wheel_radius, (right - left) * config.wheel_radius / separation
+    )
+
+
+class Drive:
+    """Holds the last command, lets it expire, and moves the wheels' set point within the limits."""
+
+    def __init__(self, config: DriveConfig) -> None:
+        self._config = config
+        self.reset()
+
+    def reset(self) -> None:
+        """Stand still and forget the last command."""
+        self._command, self._commanded_at = STOP, -inf
+        self.output = STOP  # the set point of the wheels now
+
+    def command(self, twist: Twist2D, now: float) -> None:
+        """Take a command that arrived at `now` [s].
+
+        Raises:
+            CommandError: the command is not finite; the one before stays in force.
+        """
+        if not (isfinite(twist.linear) and isfinite(twist.angular)):
+            raise CommandError(
+                f"refused a velocity command that is not finite: linear.x = {twist.linear}, "
+                f"angular.z = {twist.angular}"
+            )
+        self._command, self._commanded_at = twist, now
+
+    def update(self, now: float, dt: float) -> Twist2D:
+        """Advance by `dt` to `now` [s]; a command older than the timeout counts as a stop, within limits."""
+        expired = now - self._commanded_at > self._config.timeout
+        target = STOP if expired else self._command
+        if target != self.output:
+            self.output = limit(target, self.output, dt, self._config)
+        return self.output
+
+
+class IdealBase:
+    """Wheels that obey at once, as those of Gazebo's velocity interface."""
+
+    def __init__(self, drive: Drive, config: DriveConfig, dt: float) -> None:
+        """`dt`: of one physics step [s]."""
+        self._drive, self._config, self._dt = drive, config, dt
+
+    def reset(self) -> None:
+        """Stand still and forget the last command."""
+        self._drive.reset()
+
+    def update(self, now: float) -> Tuple[Twist2D, Tuple[float, float]]:
+        """Advance one physics step to `now` [s]: the command in force, and (left, right) speeds [rad/s]."""
+        command = self._drive.update(now, self._dt)
+        return command, wheel_speeds(command, self._config)

@@ -1,0 +1,82 @@
+"""The drive of a real Husky: a control loop of 10 Hz, one speed limit for both sides, wheels that take time.
+
+In: velocity commands and the time. Out: the wheels' speeds.
+Must not know: ROS, PyBullet, the ground.
+
+Sources: husky_base (husky 0.6.10) runs its loop at 10 Hz and, where one side would exceed 1.0 m/s, scales
+both (limitDifferentialSpeed), so that the curve keeps its radius. The lag is measured: wheels of a Husky
+reach 90 % of a step 0.7 s after 10 %, at 2.0 m/s^2 (norlab-ulaval/DRIVE); a lag of 0.29 s behind the drive's
+own limit of 3.0 m/s^2 does both. Its encoders measure speeds in whole cm/s (BorealTC).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import exp
+from typing import Tuple
+
+from husky_highlevel_controller.datatypes import STOP, Twist2D, WheelState
+from husky_highlevel_controller.simulator.diff_drive import Drive, DriveConfig, wheel_speeds
+
+
+@dataclass(frozen=True)
+class HuskyBaseConfig:
+    """The real drive."""
+
+    control_rate: int = field(
+        default=10, metadata={"min": 1, "max": 200, "help": "commands, wheel odometry and joint states [Hz]"}
+    )
+    max_wheel_speed: float = field(
+        default=1.0, metadata={"min": 0.1, "max": 5.0, "help": "of either side, before both are scaled [m/s]"}
+    )
+    lag: float = field(
+        default=0.29, metadata={"min": 0.0, "max": 5.0, "help": "time constant of the wheels' speed [s]"}
+    )
+    speed_resolution: float = field(
+        default=0.01,
+        metadata={"min": 1e-4, "max": 1.0, "help": "speeds are reported in multiples of this [m/s]"},
+    )
+
+
+def scale_to_limit(left: float, right: float, limit: float) -> Tuple[float, float]:
+    """Both speeds, scaled alike so that neither exceeds `limit`; units as given."""
+    fastest = max(abs(left), abs(right))
+    return (left, right) if fastest <= limit else (left * limit / fastest, right * limit / fastest)
+
+
+def as_encoded(wheels: WheelState, resolution: float, radius: float) -> WheelState:
+    """The wheels as husky_base publishes them: tread speeds in steps of `resolution` [m/s], no efforts."""
+    step = resolution / radius
+    return wheels._replace(
+        speeds=tuple(round(speed / step) * step for speed in wheels.speeds),
+        efforts=(0.0,) * len(wheels.efforts),
+    )
+
+
+class HuskyBase:
+    """Turns commands into wheel speeds with the real base's rate, limit and lag."""
+
+    def __init__(self, drive: Drive, drive_config: DriveConfig, config: HuskyBaseConfig, dt: float) -> None:
+        """`dt`: of one physics step [s], of which a whole number makes a period of the control loop."""
+        self._drive, self._drive_config, self._config = drive, drive_config, config
+        self._steps = round(1.0 / (config.control_rate * dt))
+        self._share = 1.0 - exp(-dt / config.lag) if config.lag > 0.0 else 1.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Stand still and forget the last command, at the beginning of a period."""
+        self._drive.reset()
+        self._step = 0
+        self._target = self._speeds = (0.0, 0.0)
+        self._command = STOP
+
+    def update(self, now: float) -> Tuple[Twist2D, Tuple[float, float]]:
+        """Advance one physics step to `now` [s]: the command in force, and (left, right) speeds [rad/s]."""
+        if self._step % self._steps == 0:
+            self._command = self._drive.update(now, 1.0 / self._config.control_rate)
+            limit = self._config.max_wheel_speed / self._drive_config.wheel_radius
+            self._target = scale_to_limit(*wheel_speeds(self._command, self._drive_config), limit)
+        self._step += 1
+        (left, right), (to_left, to_right) = self._speeds, self._target
+        self._speeds = left + self._share * (to_left - left), right + self._share * (to_right - right)
+        return self._command, self._speeds

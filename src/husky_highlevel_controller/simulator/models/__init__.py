@@ -1,0 +1,1 @@
+"""Robot and world descriptions: xacro, URDF and SDF."""

@@ -1,0 +1,102 @@
+"""Robot description: expands the Husky's xacro into the URDF of RViz, robot_state_publisher and physics.
+
+In: arguments. Out: URDF text. Must not know: ROS, PyBullet.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+from typing import Dict, Optional
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.paths import share_folder
+
+FLAGS = ("true", "false", "True", "False", "1", "0")
+_FLAG = ("|".join(FLAGS), "true|false")
+# name of an argument: what its value must match, and how to say so; `$` would be expanded by xacro
+ARGUMENTS = {
+    "laser_enabled": _FLAG,
+    "laser_tower": _FLAG,
+    "laser_prefix": (r"[\w./-]+", "a name, e.g. front"),
+    "kinect_enabled": _FLAG,
+    "profile": ("gazebo|robot", "gazebo|robot"),
+    "meshes": (r"([\w.+-]+://[^$]+)?", "a URI, e.g. file:///opt/meshes or package://name/meshes"),
+}
+
+
+class DescriptionError(HuskyError):
+    """A robot description that cannot be made or used."""
+
+    def __init__(self, problem: str) -> None:
+        super().__init__(f"robot description: {problem}")
+
+
+def mesh_folder() -> str:
+    """URI of the Husky's meshes that come with PyBullet; empty where PyBullet is not installed."""
+    spec = importlib.util.find_spec("pybullet_data")  # finds it without loading it
+    if spec is None or spec.origin is None:
+        return ""
+    meshes = Path(spec.origin).resolve().parent / "husky" / "meshes"
+    return meshes.as_uri() if meshes.is_dir() else ""
+
+
+def robot_description(
+    laser_enabled: bool = True,
+    laser_tower: bool = True,
+    laser_prefix: str = "front",
+    kinect_enabled: bool = False,
+    profile: str = "gazebo",
+    meshes: Optional[str] = None,
+) -> str:
+    """Expand the Husky's xacro into URDF text.
+
+    Args:
+        laser_enabled: whether there is a lidar.
+        laser_tower: upside-down, as on the real robot; False is upright.
+        laser_prefix: its frames are <prefix>_laser_mount and <prefix>_laser.
+        kinect_enabled: whether there is a depth camera on an arch.
+        profile: gazebo has the published centre of mass, 85 mm to the right; robot has it amidships.
+        meshes: URI of the folder of meshes; empty for plain shapes, None for those that come with PyBullet.
+
+    Raises:
+        DescriptionError: a prefix that is no name of a frame, or meshes that are no URI.
+    """
+    return _expand(
+        {
+            "laser_enabled": str(laser_enabled),
+            "laser_tower": str(laser_tower),
+            "laser_prefix": laser_prefix,
+            "kinect_enabled": str(kinect_enabled),
+            "profile": profile,
+            "meshes": mesh_folder() if meshes is None else meshes,
+        }
+    )
+
+
+def _expand(arguments: Dict[str, str]) -> str:
+    for name, value in arguments.items():
+        if name not in ARGUMENTS:
+            known = " ".join(f"{known}:={wanted}" for known, (_, wanted) in ARGUMENTS.items())
+            raise DescriptionError(f"unknown argument '{name}'; there are {known}")
+        pattern, wanted = ARGUMENTS[name]
+        if not re.fullmatch(pattern, value):
+            raise DescriptionError(f"{name} is '{value}'; use {wanted}")
+    import xacro  # here, because it is only needed to make a URDF, not to read one
+
+    source = share_folder() / "urdf" / "husky.urdf.xacro"
+    mappings = {name: value.lower() if value in FLAGS else value for name, value in arguments.items()}
+    # in lines, because Bullet cuts a URDF's lines after 8 kB
+    return str(xacro.process_file(str(source), mappings=mappings).toprettyxml(indent="  "))
+
+
+def main() -> None:
+    """Print the URDF for `name:=value` arguments; exit with 2 on one that is wrong."""
+    given = dict(argument.partition(":=")[::2] for argument in sys.argv[1:])
+    try:
+        print(_expand({"meshes": mesh_folder(), **given}))
+    except DescriptionError as error:
+        print(error, file=sys.stderr)
+        raise SystemExit(2) from None

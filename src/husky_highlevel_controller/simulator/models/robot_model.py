@@ -1,0 +1,289 @@
+"""Reads a robot's description for what physics needs of it.
+
+In: the text of any Husky-like URDF. Out: a `RobotModel`.
+Must not know: ROS, PyBullet.
+"""
+
+from __future__ import annotations
+
+import copy
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Dict, List, Mapping, Sequence, Tuple
+
+import defusedxml
+import defusedxml.ElementTree
+import numpy as np
+
+from husky_highlevel_controller.datatypes import Pose, Vector3
+from husky_highlevel_controller.geometry import compose, inverse, matrix_from_quat, rotate
+from husky_highlevel_controller.simulator.models.husky_xacro import DescriptionError
+from husky_highlevel_controller.simulator.models.urdf_parser import (
+    ends_of,
+    label_of,
+    name_of,
+    number_of,
+    numbers_of,
+    origin_of,
+    text_of,
+    write_origin,
+)
+
+WHEEL_JOINTS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
+
+# A tyre is crowned: it stands on the middle of its tread, or a rigid wheel would stand on either of its edges
+# and share the load accordingly. So the tread is a narrow disc, and its flanks a slightly smaller cylinder.
+TREAD_WIDTH = 0.004  # [m]
+FLANK_DEPTH = 0.005  # [m]
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """A driven wheel; it turns about base_link's y axis, forward is positive."""
+
+    joint: str
+    link: str
+    position: Vector3  # [m], of its centre, in base_link
+    radius: float  # [m], of the collision cylinder
+    mass: float  # [kg]
+    axial_inertia: float  # [kg m^2], about the axle
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """What physics needs of a robot: one rigid body and four wheels."""
+
+    fixed_poses: Mapping[str, Pose]  # of every link that is rigidly attached to base_link, in base_link
+    laser_frame: str  # where rays start; not in fixed_poses if the robot has no lidar
+    mass: float  # [kg], of the rigid body: the robot without its wheels
+    com: Vector3  # [m], of the rigid body, in base_link
+    inertia: np.ndarray  # (3, 3) [kg m^2], of the rigid body, about its com, along base_link's axes
+    wheels: Tuple[Wheel, ...]  # in the order of WHEEL_JOINTS
+    total_mass: float  # [kg], wheels included
+    total_com: Vector3  # [m], wheels included, in base_link
+    total_yaw_inertia: float  # [kg m^2], wheels included, about base_link's z axis through total_com
+    meshes_left_out: Tuple[str, ...]  # links whose collision meshes physics does without
+    physics_urdf: str  # for PyBullet: base_link with everything fixed to it, and the wheels
+
+
+def robot_model(urdf_text: str, laser_frame: str = "front_laser") -> RobotModel:
+    """Read a URDF of base_link, four wheels and whatever is fixed to base_link.
+
+    Links without <inertial> weigh nothing here; PyBullet would give each 1 kg, so `physics_urdf` has none.
+
+    Args:
+        urdf_text: the URDF, e.g. the parameter robot_description.
+        laser_frame: the link in which beams start; there need not be one.
+
+    Raises:
+        DescriptionError: not a URDF, a link or joint missing, or a number that physics cannot use.
+    """
+    robot = _parse(urdf_text)
+    links = {name_of(link): link for link in robot.findall("link")}
+    joints = {name_of(joint): joint for joint in robot.findall("joint")}
+    if "base_link" not in links:
+        raise DescriptionError(f"no link 'base_link'; there are: {', '.join(links) or 'none'}")
+    for name in WHEEL_JOINTS:
+        if name not in joints:
+            raise DescriptionError(f"no joint '{name}'; wheels are {', '.join(WHEEL_JOINTS)}")
+
+    poses = _fixed_poses(links, joints)
+    physics = ET.Element("robot", name=robot.get("name", "robot"))
+    cluster = [(links[name], pose) for name, pose in poses.items()]
+    body = _require_solid(_merge([_inertial(link, pose) for link, pose in cluster]), "base_link's rigid body")
+    base = ET.SubElement(physics, "link", name="base_link")
+    _write_inertial(base, body)
+    _write_collisions(base, cluster)
+    wheels, wheel_inertials = zip(
+        *(_write_wheel(physics, joints[name], links, poses) for name in WHEEL_JOINTS)
+    )
+    mass, com, inertia = body
+    total_mass, total_com, total_inertia = _merge([body, *wheel_inertials])
+
+    for name in sorted(set(links) - set(poses) - {wheel.link for wheel in wheels}):
+        raise DescriptionError(
+            f"link '{name}' is neither fixed to base_link nor a wheel; nothing else can move"
+        )
+    meshes = tuple(name for name in links if links[name].find("collision/geometry/mesh") is not None)
+    for element in physics.iter():
+        element.tail = "\n"  # Bullet cuts lines after 8 kB
+    return RobotModel(
+        fixed_poses=MappingProxyType(poses),
+        laser_frame=laser_frame,
+        mass=mass,
+        com=com,
+        inertia=inertia,
+        wheels=wheels,
+        total_mass=total_mass,
+        total_com=total_com,
+        total_yaw_inertia=float(total_inertia[2, 2]),
+        meshes_left_out=meshes,
+        physics_urdf=ET.tostring(physics, encoding="unicode"),
+    )
+
+
+def _parse(urdf_text: str) -> ET.Element:
+    try:
+        robot = defusedxml.ElementTree.fromstring(urdf_text)
+    except (ET.ParseError, defusedxml.DefusedXmlException, ValueError) as error:
+        raise DescriptionError(f"not XML that can be read: {error!r}") from None
+    if robot.tag != "robot":
+        raise DescriptionError(f"the root element is <{robot.tag}>; a URDF starts with <robot>")
+    return robot
+
+
+def _fixed_poses(links: Mapping[str, ET.Element], joints: Mapping[str, ET.Element]) -> Dict[str, Pose]:
+    """Poses in base_link of the links that fixed joints tie to it, whether they hang below or above it."""
+    neighbours: Dict[str, List[Tuple[str, Pose]]] = {name: [] for name in links}
+    for joint in joints.values():
+        parent, child = ends_of(joint, links)
+        if joint.get("type") == "fixed":
+            pose_child_in_parent = origin_of(joint, label_of(joint))
+            neighbours[parent].append((child, pose_child_in_parent))
+            neighbours[child].append((parent, inverse(pose_child_in_parent)))
+    poses = {"base_link": Pose()}
+    queue = ["base_link"]
+    for link in queue:
+        for neighbour, pose_in_link in neighbours[link]:
+            if neighbour not in poses:
+                poses[neighbour] = compose(poses[link], pose_in_link)
+                queue.append(neighbour)
+    return poses
+
+
+def _write_wheel(
+    physics: ET.Element, joint: ET.Element, links: Mapping[str, ET.Element], fixed_poses: Mapping[str, Pose]
+) -> Tuple[Wheel, Inertial]:
+    """Write a wheel's link and joint; say what it is, and its inertia in base_link."""
+    name, where = name_of(joint), label_of(joint)
+    parent, child = ends_of(joint, links)
+    if joint.get("type") != "continuous" or parent not in fixed_poses:
+        raise DescriptionError(
+            f"{where} is {joint.get('type')}, on '{parent}'; a wheel's is continuous, and on base_link"
+        )
+    pose = compose(fixed_poses[parent], origin_of(joint, where))
+    axis = numbers_of(joint.find("axis"), "xyz", (1.0, 0.0, 0.0), where)
+    axis_in_base = rotate(pose.quat_xyzw, axis)
+    if not np.allclose(axis_in_base, (0.0, 1.0, 0.0), atol=1e-3):
+        raise DescriptionError(f"{where} turns about {axis_in_base} in base_link; a wheel turns about 0 1 0")
+    cylinder = links[child].find("collision/geometry/cylinder")
+    if cylinder is None:
+        raise DescriptionError(
+            f"{label_of(links[child])} has no collision cylinder, so the wheel has no radius"
+        )
+
+    inertial = _require_solid(_inertial(links[child], Pose()), label_of(links[child]))
+    wheel = ET.SubElement(physics, "link", name=child)
+    _write_inertial(wheel, inertial)
+    _write_collisions(wheel, [(links[child], Pose())])
+    _crown(wheel)
+    ET.SubElement(_write_joint(physics, name, "continuous", child, pose), "axis", xyz=text_of(axis))
+    inertial_in_base = _inertial(links[child], pose)
+    axial_inertia = float(inertial_in_base[2][1, 1])
+    radius = number_of(cylinder, "radius", label_of(links[child]))
+    return Wheel(name, child, pose.position, radius, inertial[0], axial_inertia), inertial_in_base
+
+
+# ---------------------------------------------------------------------------- bodies
+
+Inertial = Tuple[float, Vector3, np.ndarray]  # mass [kg], its centre [m], inertia about that (3, 3) [kg m^2]
+
+
+def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
+    """A link's mass, centre and inertia in base_link; a link without them weighs nothing."""
+    where = label_of(link)
+    element = link.find("inertial")
+    if element is None:
+        return 0.0, pose_link_in_base.position, np.zeros((3, 3))
+    mass = number_of(element.find("mass"), "value", where)
+    if mass < 0.0:
+        raise DescriptionError(f"{where}: its mass is {mass}; it cannot be negative")
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    xx, xy, xz, yy, yz, zz = (number_of(element.find("inertia"), name, where) for name in names)
+    pose = compose(pose_link_in_base, origin_of(element, where))
+    turn = matrix_from_quat(pose.quat_xyzw)
+    return mass, pose.position, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
+
+
+def _merge(parts: Sequence[Inertial]) -> Inertial:
+    """Several rigid bodies as one (parallel axis theorem)."""
+    mass = float(sum(part[0] for part in parts))
+    centre = sum((m * np.array(com) for m, com, _ in parts), np.zeros(3)) / (mass or 1.0)
+    inertia = np.zeros((3, 3))
+    for m, com, about_com in parts:
+        arm = np.array(com) - centre
+        inertia += about_com + m * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    inertia.setflags(write=False)
+    x, y, z = centre.tolist()
+    return mass, (x, y, z), inertia
+
+
+def _require_solid(inertial: Inertial, what: str) -> Inertial:
+    mass, _, inertia = inertial
+    moments = np.linalg.eigvalsh(inertia)
+    if mass <= 0.0 or moments[0] <= 0.0:
+        raise DescriptionError(
+            f"{what}: mass {mass}, principal moments of inertia {moments}; they must be positive"
+        )
+    return inertial
+
+
+def _shape(collision: ET.Element, where: str) -> ET.Element:
+    """The shape's element, checked."""
+    shape = next(iter(collision.find("geometry") or ()), None)
+    if shape is None or shape.tag not in ("box", "cylinder", "sphere", "mesh"):
+        raise DescriptionError(f"{where}: a <collision> needs a <geometry> of box, cylinder, sphere or mesh")
+    sizes: Tuple[float, ...] = ()
+    if shape.tag == "box":
+        sizes = numbers_of(shape, "size", (0.0, 0.0, 0.0), where)
+    elif shape.tag != "mesh":
+        names = ("radius", "length") if shape.tag == "cylinder" else ("radius",)
+        sizes = tuple(number_of(shape, name, where) for name in names)
+    if any(size <= 0.0 for size in sizes):
+        raise DescriptionError(f"{where}: a collision {shape.tag} has {shape.attrib}; sizes must be positive")
+    return shape
+
+
+def _write_inertial(link: ET.Element, inertial: Inertial) -> None:
+    mass, com, inertia = inertial
+    element = ET.SubElement(link, "inertial")
+    write_origin(element, Pose(com))
+    ET.SubElement(element, "mass", value=repr(mass))
+    places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    ET.SubElement(element, "inertia", {key: repr(float(inertia[at])) for key, at in places.items()})
+
+
+def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose]]) -> None:
+    """Copy the collision shapes of other links, at their poses in this one."""
+    for source, pose_of_source in sources:
+        for collision in source.findall("collision"):
+            shape = _shape(collision, label_of(source))
+            if shape.tag == "mesh":  # it may be a file that only RViz can find or read
+                continue
+            written = ET.SubElement(link, "collision")
+            write_origin(written, compose(pose_of_source, origin_of(collision, label_of(source))))
+            ET.SubElement(written, "geometry").append(copy.deepcopy(shape))
+
+
+def _crown(wheel: ET.Element) -> None:
+    """Give a wheel's cylinder a crowned tread."""
+    for collision in wheel.findall("collision"):
+        tread = collision.find("geometry/cylinder")
+        if tread is not None:
+            flanks = copy.deepcopy(collision)
+            cylinder = flanks.find("geometry/cylinder")
+            assert cylinder is not None
+            cylinder.set("radius", repr(float(tread.attrib["radius"]) - FLANK_DEPTH))
+            wheel.append(flanks)
+            tread.set("length", repr(TREAD_WIDTH))
+
+
+def _write_joint(
+    physics: ET.Element, name: str, kind: str, child: str, pose_child_in_base: Pose
+) -> ET.Element:
+    joint = ET.SubElement(physics, "joint", name=name, type=kind)
+    write_origin(joint, pose_child_in_base)
+    ET.SubElement(joint, "parent", link="base_link")
+    ET.SubElement(joint, "child", link=child)
+    return joint

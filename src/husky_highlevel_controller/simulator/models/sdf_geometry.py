@@ -1,0 +1,110 @@
+"""What an SDF <geometry> and <material> mean.
+
+In: `Node`s. Out: shapes and colours. Must not know: poses, models, worlds.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import Callable, Dict, Optional
+
+from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Rgba, Shape, Sphere
+from husky_highlevel_controller.simulator.models.sdf_parser import Node
+
+# Gazebo classic 11, gazebo.material: the diffuse colour (SkyBlue: the ambient one, it is what its name says),
+# or about what a texture looks like from afar.
+_SCRIPT_COLOURS: Dict[str, Rgba] = {
+    "Gazebo/Grey": (0.7, 0.7, 0.7, 1.0),
+    "Gazebo/DarkGrey": (0.175, 0.175, 0.175, 1.0),
+    "Gazebo/GreyTransparent": (0.5, 0.5, 0.5, 0.5),
+    "Gazebo/White": (1.0, 1.0, 1.0, 1.0),
+    "Gazebo/FlatBlack": (0.1, 0.1, 0.1, 1.0),
+    "Gazebo/Black": (0.0, 0.0, 0.0, 1.0),
+    "Gazebo/Red": (1.0, 0.0, 0.0, 1.0),
+    "Gazebo/RedBright": (0.87, 0.26, 0.07, 1.0),
+    "Gazebo/Green": (0.0, 1.0, 0.0, 1.0),
+    "Gazebo/Blue": (0.0, 0.0, 1.0, 1.0),
+    "Gazebo/SkyBlue": (0.13, 0.44, 0.7, 1.0),
+    "Gazebo/Yellow": (1.0, 1.0, 0.0, 1.0),
+    "Gazebo/ZincYellow": (0.9725, 0.9529, 0.2078, 1.0),
+    "Gazebo/Purple": (1.0, 0.0, 1.0, 1.0),
+    "Gazebo/Turquoise": (0.0, 1.0, 1.0, 1.0),
+    "Gazebo/Orange": (1.0, 0.5088, 0.0468, 1.0),
+    "Gazebo/Gold": (0.8, 0.6487, 0.1208, 1.0),
+    "Gazebo/Wood": (0.6, 0.45, 0.3, 1.0),
+    "Gazebo/WoodFloor": (0.6, 0.45, 0.3, 1.0),
+    "Gazebo/Bricks": (0.6, 0.35, 0.3, 1.0),
+    "Gazebo/Road": (0.3, 0.3, 0.3, 1.0),
+}
+
+
+def shape_of(geometry: Node) -> Optional[Shape]:
+    """The shape, or None for one that is not supported (which is noted)."""
+    node = next(geometry.children(), None)
+    if node is None:
+        raise geometry.error(f"needs a shape; {', '.join(_SHAPES)} are supported")
+    if node.tag in _SHAPES:
+        return _SHAPES[node.tag](node)
+    if node.tag != "empty":
+        node.note(f"<{node.tag}> is not supported and is left out")
+    return None
+
+
+def _box(node: Node) -> Box:
+    x, y, z = node.required("size").positive(3)
+    return Box((x, y, z))
+
+
+def _cylinder(node: Node) -> Cylinder:
+    (radius,), (length,) = node.required("radius").positive(), node.required("length").positive()
+    return Cylinder(radius, length)
+
+
+def _sphere(node: Node) -> Sphere:
+    (radius,) = node.required("radius").positive()
+    return Sphere(radius)
+
+
+def _plane(node: Node) -> Plane:
+    """A plane; its normal is up and 1 m by 1 m of it is drawn, unless it says otherwise (SDF's defaults)."""
+    normal, size = node.child("normal"), node.child("size")
+    x, y, z = normal.numbers(3) if normal else (0.0, 0.0, 1.0)
+    width, depth = size.positive(2) if size else (1.0, 1.0)
+    length = sqrt(x * x + y * y + z * z)
+    if normal and not 0.0 < length < inf:
+        raise normal.error(f"must have a direction, not '{normal.text}'")
+    return Plane((x / length, y / length, z / length), (width, depth))
+
+
+_SHAPES: Dict[str, Callable[[Node], Shape]] = {
+    "box": _box,
+    "cylinder": _cylinder,
+    "sphere": _sphere,
+    "plane": _plane,
+}
+
+
+def rgba_of(node: Node) -> Rgba:
+    """Colour of a geometry: its diffuse colour, else its ambient one, else its material script's."""
+    rgba: Rgba = _SCRIPT_COLOURS["Gazebo/Grey"]
+    material, transparency = node.child("material"), node.child("transparency")
+    if material:
+        material.note_unknown()
+        script = material.child("script")
+        name = (script.child("name") if script else None) or script
+        if name and name.text in _SCRIPT_COLOURS:
+            rgba = _SCRIPT_COLOURS[name.text]
+        elif name:
+            name.note("a material's colour is not known, grey is drawn instead", name.text)
+        for colour in (*material.children("ambient"), *material.children("diffuse")):
+            r, g, b, a = map(_colour_share, (*colour.numbers(3, 4), 1.0)[:4])
+            rgba = (r, g, b, a)
+    if transparency:
+        (share,) = transparency.numbers(1)
+        rgba = (*rgba[:3], rgba[3] * (1.0 - min(max(share, 0.0), 1.0)))
+    return rgba
+
+
+def _colour_share(value: float) -> float:
+    """0..1; as in Gazebo, what is above 1 counts of 255."""
+    return min(max(value / 255.0 if value > 1.0 else value, 0.0), 1.0)

@@ -1,0 +1,200 @@
+"""SDF text as elements that know their file, line and trail, so that every complaint can name them.
+
+In: bytes or text of an SDF file. Out: `Node`s to read numbers and names from.
+Must not know: what the elements mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import isfinite
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Optional, Set, Tuple, Union
+from xml.etree import ElementTree
+
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import DefusedXMLParser
+
+from husky_highlevel_controller.datatypes import HuskyError
+
+VERSIONS = ("1.4", "1.5", "1.6", "1.7")
+
+# What each element may hold without a warning: what is read, and what changes nothing here.
+KNOWN = {
+    "sdf": "world",
+    "world": "model include gravity physics light scene gui audio spherical_coordinates atmosphere"
+    " magnetic_field",
+    "include": "uri name pose static",
+    "model": "pose static link model include self_collide allow_auto_disable enable_wind",
+    "link": "pose inertial collision visual light gravity kinematic self_collide must_be_base_link"
+    " velocity_decay enable_wind audio_source audio_sink",
+    "inertial": "mass pose inertia",
+    "collision": "pose geometry surface max_contacts laser_retro",
+    "visual": "pose geometry material transparency cast_shadows laser_retro visibility_flags meta",
+    "material": "script ambient diffuse specular emissive lighting shader",
+}
+
+
+class WorldError(HuskyError):
+    """A world file cannot be read; the text names file, line, element and value."""
+
+
+@dataclass
+class Load:
+    """What one load has gathered so far."""
+
+    notes: Dict[str, List[str]] = field(default_factory=dict)  # sentence -> places
+    names: Set[str] = field(default_factory=set)  # of models and bodies
+    open_files: List[Path] = field(default_factory=list)  # models being included, outermost first
+    includes: int = 0  # model files read, each as often as it is included
+
+
+class _Element(ElementTree.Element):
+    line = 0
+
+
+class _LineBuilder(ElementTree.TreeBuilder):
+    """Builds elements that know their line."""
+
+    expat: Any = None
+
+    def start(self, tag: Any, attrs: Any) -> Any:
+        element: Any = super().start(tag, attrs)
+        element.line = self.expat.CurrentLineNumber
+        return element
+
+
+@dataclass(frozen=True)
+class Node:
+    """An element and where it stands."""
+
+    element: ElementTree.Element
+    load: Load
+    source: str
+    trail: str = ""
+
+    @property
+    def tag(self) -> str:
+        """The element's name."""
+        return self.element.tag
+
+    @property
+    def text(self) -> str:
+        """The text in it, without the space around it."""
+        return (self.element.text or "").strip()
+
+    @property
+    def where(self) -> str:
+        """File, line and trail, for messages."""
+        place = f"{self.source}:{getattr(self.element, 'line', 0)}"
+        return f"{place}: {self.trail}" if self.trail else place
+
+    def error(self, problem: str) -> WorldError:
+        """The error to raise about this element."""
+        return WorldError(f"{self.where}: {problem}")
+
+    def note(self, sentence: str, value: str = "") -> None:
+        """Remember for the warning of this kind that something here was not understood."""
+        self.load.notes.setdefault(sentence, []).append(f"{self.where} '{value}'" if value else self.where)
+
+    def note_unknown(self) -> None:
+        """Note every child that is neither read nor harmless to leave out."""
+        known = KNOWN[self.tag].split()
+        for child in self.children():
+            calm = child.tag == "wind" and not len(child.element)  # Gazebo saves it into every world
+            if child.tag not in known and not calm:
+                child.note(f"<{child.tag}> is not supported and is left out")
+
+    def children(self, tag: Optional[str] = None) -> Iterator[Node]:
+        """The children, or those of one tag."""
+        for element in self.element:
+            if tag in (None, element.tag):
+                name = element.get("name")
+                label = element.tag if name is None else f"{element.tag} '{name}'"
+                above = f"{self.trail} > " if self.trail else ""
+                trail = "" if element.tag == "world" else above + label
+                yield Node(element, self.load, self.source, trail)
+
+    def child(self, tag: str) -> Optional[Node]:
+        """The first child of a tag, or None."""
+        return next(self.children(tag), None)
+
+    def required(self, tag: str) -> Node:
+        """The first child of a tag; without one it is a WorldError."""
+        child = self.child(tag)
+        if child is None:
+            raise self.error(f"<{self.tag}> needs a <{tag}>")
+        return child
+
+    def named(self) -> str:
+        """The name attribute; without one it is a WorldError."""
+        name = self.element.get("name", "").strip()
+        if not name:
+            raise self.error(f"<{self.tag}> needs a name, as in <{self.tag} name='...'>")
+        return name
+
+    def numbers(self, *counts: int) -> Tuple[float, ...]:
+        """The finite numbers in it, as many as one of `counts`; anything else is a WorldError."""
+        try:
+            values = tuple(float(word) for word in self.text.split())
+        except ValueError:
+            values = ()
+        if len(values) not in counts or not all(isfinite(value) for value in values):
+            wanted = " or ".join(str(count) for count in counts)
+            plural = "" if counts == (1,) else "s"
+            raise self.error(f"needs {wanted} finite number{plural}, not '{self.text}'")
+        return values
+
+    def positive(self, count: int = 1) -> Tuple[float, ...]:
+        """`count` numbers greater than zero; anything else is a WorldError."""
+        values = self.numbers(count)
+        if min(values) <= 0.0:
+            raise self.error(f"must be greater than zero, not '{self.text}'")
+        return values
+
+    def flag(self) -> bool:
+        """The truth value in it; anything else is a WorldError."""
+        values = {"1": True, "true": True, "0": False, "false": False}
+        if self.text.lower() not in values:
+            raise self.error(f"must be true, false, 1 or 0, not '{self.text}'")
+        return values[self.text.lower()]
+
+
+def read_bytes(path: Path) -> bytes:
+    """The bytes of a file. Raises WorldError if it cannot be read."""
+    try:
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise WorldError(f"{path}: cannot be read ({reason}); needs the path of an SDF file") from error
+
+
+def read_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
+    """The outermost element, which knows lines. Raises WorldError on what is not XML, or not safe to read."""
+    builder = _LineBuilder(element_factory=_Element)
+    parser = DefusedXMLParser(target=builder)
+    builder.expat = parser.parser
+    try:
+        parser.feed(data)
+        root: ElementTree.Element = parser.close()
+    except DefusedXmlException as error:
+        raise WorldError(f"{source}: XML entities are refused, they can be harmful: {error}") from error
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise WorldError(f"{source}: is not XML: {error}") from error
+    return root
+
+
+def bad_version(where: str, version: str) -> str:
+    """What to say about an SDF version that is not read here."""
+    return f"{where}: SDF version '{version}' is not supported; {', '.join(VERSIONS)} are"
+
+
+def open_sdf(data: Union[str, bytes], source: str, load: Load) -> Node:
+    """The <sdf> element of a file. Raises WorldError on anything else, or another version."""
+    root = Node(read_xml(data, source), load, source)
+    if root.tag != "sdf":
+        raise root.error(f"needs <sdf> as its outermost element, not <{root.tag}>")
+    version = root.element.get("version", "")
+    if version not in VERSIONS:
+        raise WorldError(bad_version(root.where, version))
+    return root

@@ -1,0 +1,67 @@
+"""Dead reckoning from the wheels, and from the wheels with a gyro.
+
+In: the wheels' angles, the gyro's yaw rate. Out: poses in odom and twists in base_link.
+Must not know: ROS, PyBullet, the true pose.
+
+The wheel odometry takes both speeds from the wheels, as the Husky's diff_drive_controller does; wheels that
+skid make it drift. The filtered one takes the yaw rate from the gyro instead: a small replacement for
+robot_localization's EKF (not in Debian), which on the Husky takes the forward speed from the wheels and the
+heading mostly from the IMU, in two dimensions: odom -> base_link has no height.
+"""
+
+from __future__ import annotations
+
+from typing import Optional
+
+from husky_highlevel_controller.datatypes import Odometry, OdometrySample, Pose2D, Twist2D, WheelState
+from husky_highlevel_controller.geometry import advance
+from husky_highlevel_controller.simulator.diff_drive import DriveConfig, twist_of_wheels
+
+
+class Odometer:
+    """Both odometries of the Husky, sampled together."""
+
+    def __init__(self, config: DriveConfig, dt: float) -> None:
+        """An odometer for physics steps of `dt` s."""
+        self._config, self._dt = config, dt
+
+    def reset(self, wheels: WheelState) -> None:
+        """Start at the origin of odom, at step 0."""
+        self._wheels, self._last_odometry_step, self._last_wheel_step = wheels, 0, 0
+        self._from_wheels = self.filtered = Odometry()
+
+    def relocate(self, pose_base_in_odom: Pose2D) -> None:
+        """Correct the filtered pose; the robot stands still there."""
+        self.filtered = Odometry(pose_base_in_odom)
+
+    def sample(self, wheels: Optional[WheelState], yaw_rate: float, step: int) -> OdometrySample:
+        """Advance to `step`.
+
+        Args:
+            wheels: the encoders' reading; None between two of them, when the last speed goes on.
+            yaw_rate: the gyro's [rad/s].
+            step: physics steps since the reset.
+        """
+        if wheels is not None:
+            self._read(wheels, step)
+        duration = (step - self._last_odometry_step) * self._dt
+        self._last_odometry_step = step
+        linear = self._from_wheels.twist_in_base.linear
+        self.filtered = advance_odometry(self.filtered, Twist2D(linear, yaw_rate), duration)
+        return OdometrySample(self._wheels, self._from_wheels, self.filtered)
+
+    def _read(self, wheels: WheelState, step: int) -> None:
+        """Advance the wheel odometry by what the wheels have turned since their last reading."""
+        duration = (step - self._last_wheel_step) * self._dt
+        front_left, front_right, rear_left, rear_right = (
+            (now - before) / duration for now, before in zip(wheels.angles, self._wheels.angles)
+        )  # mean speeds
+        self._wheels, self._last_wheel_step = wheels, step
+        left, right = (front_left + rear_left) / 2.0, (front_right + rear_right) / 2.0
+        twist = twist_of_wheels(left, right, self._config)
+        self._from_wheels = advance_odometry(self._from_wheels, twist, duration)
+
+
+def advance_odometry(odometry: Odometry, twist_in_base: Twist2D, dt: float) -> Odometry:
+    """Dead reckoning over one step of `dt` s, along the exact arc."""
+    return Odometry(advance(odometry.pose_base_in_odom, twist_in_base, dt), twist_in_base)

@@ -1,0 +1,40 @@
+"""Keeps simulated time in step with the clock on the wall.
+
+In: both times. Out: how long to wait, and whether the machine falls behind.
+Must not know: ROS, how to sleep.
+"""
+
+from __future__ import annotations
+
+from typing import Optional
+
+MAX_LAG = 0.5  # [s] behind before a machine counts as too slow; a hiccup is made up for
+
+
+class Pacer:
+    """Paces simulated time at `factor` times real time; 0 = as fast as it goes."""
+
+    def __init__(self, factor: float, stamp: float, now: float) -> None:
+        self._factor = factor
+        self.restart(stamp, now)
+
+    def restart(self, stamp: float, now: float) -> None:
+        """Start over at simulated time `stamp` and wall time `now` [s], after a pause or a lag."""
+        self._stamp, self._start = stamp, now
+
+    def delay(self, stamp: float, now: float) -> float:
+        """How long to wait before going on [s]; 0 when late or not paced."""
+        return max(self._lead(stamp, now), 0.0)
+
+    def lag(self, stamp: float, now: float) -> Optional[float]:
+        """The factor reached, if too low to catch up (then it starts over); None if all is well."""
+        if self._lead(stamp, now) > -MAX_LAG:
+            return None
+        reached = (stamp - self._stamp) / (now - self._start)
+        self.restart(stamp, now)
+        return reached
+
+    def _lead(self, stamp: float, now: float) -> float:
+        if self._factor == 0.0:
+            return 0.0
+        return self._start + (stamp - self._stamp) / self._factor - now

@@ -1,0 +1,66 @@
+"""The real Husky's profile: what differs from Gazebo's, in one record.
+
+In: nothing. Out: `RobotProfile`, `Ground`. Must not know: ROS, PyBullet.
+
+Gazebo's Husky is what `SimulatorConfig` describes; a simulation that is given a profile publishes what the
+real robot's drivers publish. config/robot_profile.yaml holds the same numbers; a test compares the two.
+
+Grounds (BorealTC, LaRocque et al. 2024, arXiv 2403.16877; norlab-ulaval/DRIVE). The effective track follows
+from the geometry of four skidding wheels and from the ratio of sideways to lengthwise grip, not from how much
+they grip: chi = 1 + ratio (wheelbase / track)^2, which is 1.80 for equal grip. Measured in place: flooring
+1.74, hence 0.92; sandy loam 2.13, hence 1.40: sunken wheels push soil aside.
+The friction is the URDF's on either ground, for nothing measured contradicts it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
+from husky_highlevel_controller.simulator.power import PowerConfig
+from husky_highlevel_controller.simulator.sensors.lms1xx import Lms1xxConfig
+from husky_highlevel_controller.simulator.sensors.vibration import VibrationConfig
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What the robot drives on."""
+
+    friction: float = field(metadata={"min": 0.05, "max": 2.0, "help": "of the wheels, lengthwise"})
+    lateral_grip: float = field(
+        metadata={"min": 0.1, "max": 10.0, "help": "sideways over lengthwise friction"}
+    )
+    rolling_current: float = field(
+        metadata={"min": 0.0, "max": 100.0, "help": "of both motors, straight on [A]"}
+    )
+    vibration: VibrationConfig = field(metadata={"help": "what the IMU feels of it"})
+
+
+PROFILES, GROUNDS = ("gazebo", "robot"), ("hard", "soft")
+HARD = Ground(friction=1.0, lateral_grip=0.92, rolling_current=3.9, vibration=VibrationConfig(4.0, 1.8, 0.07))
+SOFT = Ground(friction=1.0, lateral_grip=1.40, rolling_current=7.5, vibration=VibrationConfig(8.0, 3.5, 0.18))
+
+
+@dataclass(frozen=True)
+class RealHusky:
+    """The real Husky on one ground."""
+
+    lidar: Lms1xxConfig
+    base: HuskyBaseConfig
+    power: PowerConfig
+    ground: Ground
+
+
+@dataclass(frozen=True)
+class RobotProfile:
+    """The real Husky, and the grounds there are."""
+
+    lidar: Lms1xxConfig = field(default_factory=Lms1xxConfig, metadata={"help": "the lidar and its driver"})
+    base: HuskyBaseConfig = field(default_factory=HuskyBaseConfig, metadata={"help": "the drive"})
+    power: PowerConfig = field(default_factory=PowerConfig, metadata={"help": "battery and motors"})
+    hard: Ground = field(default=HARD, metadata={"help": "floors and asphalt"})
+    soft: Ground = field(default=SOFT, metadata={"help": "loam and snow"})
+
+    def on(self, ground: str) -> RealHusky:
+        """The real Husky on `ground`, one of GROUNDS."""
+        return RealHusky(self.lidar, self.base, self.power, self.soft if ground == "soft" else self.hard)

@@ -1,0 +1,1 @@
+"""Simulated sensors: lidar, IMU, GPS, depth camera."""

@@ -1,0 +1,78 @@
+"""A depth camera: what it is, and what its image means in space.
+
+In: a depth buffer from a renderer. Out: a `DepthImage`, points.
+Must not know: ROS, PyBullet.
+
+Numbers: the Kinect of husky_description before 0.4.4 (60 degrees wide, 0.05 to 8 m, 10 images a second), at
+half its 640 x 480 pixels. Frames are optical (REP 103): z forward, x to the right, y down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import atan, radians, tan
+from typing import Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import DepthImage
+
+
+@dataclass(frozen=True)
+class CameraConfig:
+    """What the depth camera is."""
+
+    width: int = field(default=320, metadata={"min": 16, "max": 1280, "help": "columns of the image"})
+    height: int = field(default=240, metadata={"min": 16, "max": 1024, "help": "rows of the image"})
+    field_of_view: float = field(
+        default=60.0,
+        metadata={"min": 10.0, "max": 120.0, "help": "from the left edge to the right one [deg]"},
+    )
+    near: float = field(default=0.05, metadata={"min": 0.01, "max": 1.0, "help": "nearer is not seen [m]"})
+    far: float = field(default=8.0, metadata={"min": 1.0, "max": 100.0, "help": "farther is not seen [m]"})
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where nothing could be seen."""
+        if self.near >= self.far:
+            raise ValueError(f"near = {self.near} is not below far = {self.far}")
+
+    @property
+    def focal_length(self) -> float:
+        """Of both axes [px]."""
+        return self.width / 2.0 / tan(radians(self.field_of_view) / 2.0)
+
+    @property
+    def vertical_field_of_view(self) -> float:
+        """From the upper edge to the lower one [rad]."""
+        return 2.0 * atan(self.height / 2.0 / self.focal_length)
+
+    @property
+    def center(self) -> Tuple[float, float]:
+        """Where the optical axis meets the image: column, row [px]; pixels are counted at their middles."""
+        return (self.width - 1) / 2.0, (self.height - 1) / 2.0
+
+
+@dataclass(frozen=True)
+class CameraSetup:
+    """A camera at work."""
+
+    camera_rate: int = field(default=10, metadata={"min": 1, "max": 50, "help": "depth images a second [Hz]"})
+    camera: CameraConfig = field(default_factory=CameraConfig, metadata={"help": "the depth camera"})
+
+
+def image_of(buffer: np.ndarray, config: CameraConfig, stamp: float, frame: str) -> DepthImage:
+    """What an OpenGL depth buffer shows, (height, width) in 0..1; NaN where nothing is near."""
+    near, far = config.near, config.far
+    depth = far * near / (far - (far - near) * np.asarray(buffer, dtype=float))
+    depth = np.where(depth < 0.999 * far, depth, np.nan).astype(np.float32)
+    depth.setflags(write=False)
+    return DepthImage(stamp, frame, depth)
+
+
+def points_of(image: DepthImage, config: CameraConfig) -> np.ndarray:
+    """Where each pixel's surface lies in the camera's optical frame, (height, width, 3) float32 [m]."""
+    u, v = config.center
+    height, width = image.depth.shape
+    x = (np.arange(width) - u) / config.focal_length * image.depth
+    y = (np.arange(height) - v)[:, None] / config.focal_length * image.depth
+    return np.stack([x, y, image.depth], axis=-1).astype(np.float32)

@@ -1,0 +1,71 @@
+"""Simulated GPS: latitude, longitude and velocity of base_link.
+
+In: the true motion of base_link. Out: a `GpsFix`.
+Must not know: ROS, PyBullet.
+
+Numbers: husky_description 0.6.10, husky.urdf.xacro: the world's origin lies at 49.9 N 8.9 E, x points east
+(reference heading 90 degrees) and the position drifts by 0.1 mm, as a Gauss-Markov process an hour long
+(hector_gazebo_plugins' default). Its velocities are along north, west and up. The radii are WGS 84's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import cos, degrees, exp, radians, sin, sqrt
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import GpsFix, RobotState
+from husky_highlevel_controller.geometry import rotate
+
+EQUATORIAL_RADIUS, FLATTENING = 6378137.0, 1.0 / 298.257223563  # [m], WGS 84
+DRIFT_TIME = 3600.0  # [s]
+
+
+@dataclass(frozen=True)
+class GpsConfig:
+    """Place of the world on Earth, and noise of the receiver; defaults are the Noetic Husky's."""
+
+    latitude: float = field(
+        default=49.9, metadata={"min": -89.0, "max": 89.0, "help": "of the world's origin [deg]"}
+    )
+    longitude: float = field(
+        default=8.9, metadata={"min": -180.0, "max": 180.0, "help": "of the world's origin [deg]"}
+    )
+    drift: float = field(
+        default=0.0001, metadata={"min": 0.0, "max": 100.0, "help": "of the position, on each axis [m]"}
+    )
+
+
+class Gps:
+    """A GPS receiver; its position error is a Gauss-Markov process."""
+
+    def __init__(self, config: GpsConfig, period: float) -> None:
+        """A receiver that is sampled every `period` s."""
+        self._config = config
+        self._kept = exp(-period / DRIFT_TIME)
+        phi = radians(config.latitude)
+        eccentricity2 = FLATTENING * (2.0 - FLATTENING)
+        curvature = 1.0 - eccentricity2 * sin(phi) ** 2
+        self._north_radius = EQUATORIAL_RADIUS * (1.0 - eccentricity2) / curvature**1.5
+        self._east_radius = EQUATORIAL_RADIUS * cos(phi) / sqrt(curvature)
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin anew, with errors from `rng`."""
+        self._rng = rng
+        self._error = (self._config.drift * rng.standard_normal(3)).tolist()
+
+    def sample(self, state: RobotState, stamp: float) -> GpsFix:
+        """The fix at one instant, one period after the last."""
+        fresh = self._config.drift * sqrt(1.0 - self._kept**2)
+        draws = self._rng.standard_normal(3).tolist()
+        self._error = [self._kept * old + fresh * draw for old, draw in zip(self._error, draws)]
+        east, north, up = (at + off for at, off in zip(state.pose_in_world.position, self._error))
+        vx, vy, vz = rotate(state.pose_in_world.quat_xyzw, state.velocity_in_base)
+        return GpsFix(
+            stamp,
+            self._config.latitude + degrees(north / self._north_radius),
+            self._config.longitude + degrees(east / self._east_radius),
+            up,
+            (vy, -vx, vz),
+        )

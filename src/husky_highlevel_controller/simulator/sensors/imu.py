@@ -1,0 +1,75 @@
+"""Simulated IMU: angular velocity and specific force in base_link.
+
+In: the true motion of base_link, gravity, a random generator. Out: an `ImuSample`.
+Must not know: ROS, PyBullet.
+
+Numbers: husky_description 0.6.10, husky.urdf.xacro. Its plugin measures at base_link's origin, along
+base_link's axes, and its messages name that frame. So do we; imu_link, 0.19 m further ahead, would also
+measure the centripetal acceleration, 0.19 m times the turning rate squared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import ImuSample, RobotState, Vector3
+from husky_highlevel_controller.geometry import quat_inverse, rotate
+
+
+@dataclass(frozen=True)
+class ImuConfig:
+    """Noise of the IMU; defaults are the Noetic Husky's."""
+
+    acceleration_noise: float = field(
+        default=0.005, metadata={"min": 0.0, "max": 10.0, "help": "standard deviation on each axis [m/s^2]"}
+    )
+    rate_noise: float = field(
+        default=0.005, metadata={"min": 0.0, "max": 10.0, "help": "standard deviation on each axis [rad/s]"}
+    )
+
+
+class Imu:
+    """An IMU at base_link's origin, along base_link's axes.
+
+    The specific force is the mean over a period, as of an accelerometer that integrates between two samples:
+    a knock of a millisecond is in one sample, however short, and nothing is counted twice.
+    """
+
+    def __init__(self, config: ImuConfig, period: float, gravity_in_world: Vector3) -> None:
+        """An IMU that is sampled every `period` s."""
+        self._config, self._period, self._gravity_in_world = config, period, gravity_in_world
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin anew, on a robot at rest, with noise from `rng`."""
+        self._rng = rng
+        self.restart()
+
+    def restart(self) -> None:
+        """Take the robot to be at rest, for instance after it has been moved."""
+        self._last_velocity_in_world: Vector3 = (0.0, 0.0, 0.0)
+        self.yaw_rate = 0.0  # [rad/s], of the last sample
+
+    def sample(self, state: RobotState, stamp: float) -> ImuSample:
+        """The sample at one instant, one period after the last."""
+        attitude, config = state.pose_in_world.quat_xyzw, self._config
+        velocity_in_world = rotate(attitude, state.velocity_in_base)
+        # in the world, where gravity is constant and velocities may be subtracted
+        force_in_world = [
+            (now - before) / self._period - gravity
+            for before, now, gravity in zip(
+                self._last_velocity_in_world, velocity_in_world, self._gravity_in_world
+            )
+        ]
+        self._last_velocity_in_world = velocity_in_world
+        force_in_base = rotate(quat_inverse(attitude), force_in_world)
+        noise = self._rng.standard_normal(6).tolist()
+        fx, fy, fz = (
+            value + config.acceleration_noise * draw for value, draw in zip(force_in_base, noise[:3])
+        )
+        wx, wy, wz = (
+            value + config.rate_noise * draw for value, draw in zip(state.angular_velocity_in_base, noise[3:])
+        )
+        self.yaw_rate = wz
+        return ImuSample(stamp, attitude, (wx, wy, wz), (fx, fy, fz))

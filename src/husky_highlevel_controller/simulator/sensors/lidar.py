@@ -1,0 +1,71 @@
+"""Simulated planar lidar: the SICK LMS1xx on the Husky.
+
+In: the robot's true pose, a function that casts rays, a random generator. Out: a `Scan`.
+Must not know: ROS, PyBullet.
+
+Numbers: LMS1xx 0.3.0, urdf/sick_lms1xx.urdf.xacro; edge cases as gazebo_ros_laser and REP 117 have them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Callable
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import Beams, Pose, RobotState, Scan, even_beams
+from husky_highlevel_controller.geometry import compose
+
+# (pose of the laser in the world, its beams, max_range [m]) -> distances (N,) [m], +inf for a miss
+CastRays = Callable[[Pose, Beams, float], np.ndarray]
+
+
+@dataclass(frozen=True)
+class LidarConfig:
+    """Beams, range and noise of the lidar; defaults are the Noetic Husky's."""
+
+    beams: int = field(default=720, metadata={"min": 2, "max": 16384, "help": "number of beams"})
+    angle_max: float = field(
+        default=2.35619,
+        metadata={"min": 0.01, "max": 3.14159, "help": "last beam's angle; first is minus it [rad]"},
+    )
+    range_min: float = field(default=0.1, metadata={"min": 0.0, "max": 10.0, "help": "nearer reads -inf [m]"})
+    range_max: float = field(
+        default=30.0, metadata={"min": 0.1, "max": 1000.0, "help": "farther reads +inf [m]"}
+    )
+    noise: float = field(default=0.001, metadata={"min": 0.0, "max": 1.0, "help": "standard deviation [m]"})
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where no range is valid."""
+        if self.range_min >= self.range_max:
+            raise ValueError(f"range_min = {self.range_min} is not below range_max = {self.range_max}")
+
+
+class Lidar:
+    """A planar lidar on base_link."""
+
+    def __init__(self, config: LidarConfig, cast_rays: CastRays, frame: str, pose_in_base: Pose) -> None:
+        self._config, self._cast_rays = config, cast_rays
+        self._frame, self._pose_in_base = frame, pose_in_base
+        self._beams = even_beams(-config.angle_max, config.angle_max, config.beams)
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin anew, with noise from `rng`."""
+        self._rng = rng
+
+    def sample(self, state: RobotState, stamp: float) -> Scan:
+        """The scan at one instant: misses are +inf and too close is -inf, both without noise (REP 117)."""
+        config = self._config
+        pose_laser_in_world = compose(state.pose_in_world, self._pose_in_base)
+        ranges = self._cast_rays(pose_laser_in_world, self._beams, config.range_max)
+        # one draw per beam whatever it hits: the noise of a beam never depends on the other beams
+        noisy = self._rng.normal(0.0, config.noise, len(ranges))
+        noisy += ranges
+        np.maximum(noisy, config.range_min, out=noisy)
+        np.minimum(noisy, config.range_max, out=noisy)
+        noisy[ranges >= config.range_max] = np.inf
+        if ranges.min() <= config.range_min:  # seldom
+            noisy[ranges <= config.range_min] = -np.inf
+        noisy.setflags(write=False)
+        angles, limits = (-config.angle_max, config.angle_max), (config.range_min, config.range_max)
+        return Scan(stamp, self._frame, *angles, *limits, noisy)

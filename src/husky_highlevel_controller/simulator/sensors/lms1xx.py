@@ -1,0 +1,182 @@
+"""Simulated SICK LMS1xx of a real Husky: beams with a width, swept while the robot moves.
+
+In: the robot's true pose and motion, a function that casts rays, a random generator. Out: a `Scan`.
+Must not know: ROS, PyBullet.
+
+Sources: range_min, range_max, beams, whole millimetres, misses of 0.0, and 0.5 / 360 / 50 s between beams
+from the driver (LMS1xx 0.3.0, LMS1xx_node) and the sensor's 50 Hz at 0.5 degrees; the spot, 8 mm + 15 mrad x
+distance, from the operating instructions (SICK 8012471, 3.6.2); 12 mm of statistical error and 18 m of range
+on a surface of 10 % remission from the data sheet. Assumed, because no source gives them: the remission of
+what is hit, the separation below which two echoes are one, and the scale of the intensities.
+
+A beam is a round spot, sampled across its width in the scan plane only. Each sample returns a share of the
+light; shares from within one echo are averaged (hence ranges between near and far at an edge), and an echo is
+seen if its share is large enough for its distance: half a spot on a pillar is enough at 10 m and not at 20 m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from math import inf, pi
+from typing import List, NamedTuple, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import Beams, Pose, RobotState, Scan, beams_at
+from husky_highlevel_controller.geometry import compose, quat_from_rpy
+from husky_highlevel_controller.simulator.sensors.lidar import CastRays
+
+SAMPLES = 5  # rays from one beam to the next
+WIDEST_SPOT = 0.0208  # [rad], half the angle of the spot at 0.3 m; nearer it is taken as no wider
+PIECES = 5  # of a sweep, each cast from where the laser was in its middle: at 1 m/s within 1.5 mm
+ECHOES = 3  # echoes of one beam that are looked at, nearest first
+FARTHEST = 60.0  # [m], no echo comes from beyond
+STANDING = 1e-3  # [m/s], [rad/s], slower is not moving
+DARK, DARK_RANGE = 0.1, 18.0  # remission, and up to where a spot wholly on it is seen [m]
+INTENSITY_SCALE = 255.0  # of a spot wholly on a surface that returns everything; a scale of ours
+
+
+@dataclass(frozen=True)
+class Lms1xxConfig:
+    """What the lidar is."""
+
+    beams: int = field(default=541, metadata={"min": 2, "max": 1082, "help": "number of beams"})
+    angle_max: float = field(
+        default=2.35619,
+        metadata={"min": 0.01, "max": 3.1, "help": "last beam's angle; first is minus it [rad]"},
+    )
+    range_min: float = field(default=0.01, metadata={"min": 0.0, "max": 10.0, "help": "nearer reads 0 [m]"})
+    range_max: float = field(default=20.0, metadata={"min": 0.1, "max": 100.0, "help": "farther reads 0 [m]"})
+    resolution: float = field(
+        default=0.001, metadata={"min": 1e-6, "max": 0.1, "help": "ranges are multiples of this [m]"}
+    )
+    noise: float = field(default=0.012, metadata={"min": 0.0, "max": 1.0, "help": "standard deviation [m]"})
+    time_increment: float = field(
+        default=2.778e-5, metadata={"min": 0.0, "max": 3.6e-5, "help": "from one beam to the next [s]"}
+    )
+    spot: float = field(
+        default=0.008, metadata={"min": 0.0, "max": 0.1, "help": "diameter of the beam at the lidar [m]"}
+    )
+    divergence: float = field(
+        default=0.015, metadata={"min": 0.001, "max": 0.04, "help": "growth of the diameter [rad]"}
+    )
+    remission: float = field(
+        default=0.2,
+        metadata={"min": 0.01, "max": 1.0, "help": "share of the light that surfaces return; 0.2: grey card"},
+    )
+    echo_length: float = field(
+        default=0.5, metadata={"min": 0.01, "max": 5.0, "help": "echoes less far apart are one [m]"}
+    )
+
+    @property
+    def sweep_time(self) -> float:
+        """From the first beam to the last [s]."""
+        return (self.beams - 1) * self.time_increment
+
+
+class Lms1xx:
+    """The lidar on a base_link that moves."""
+
+    def __init__(
+        self, config: Lms1xxConfig, cast_rays: CastRays, frame: str, pose_in_base: Pose, scan_time: float
+    ) -> None:
+        """`scan_time`: from scan to scan [s]."""
+        self._config, self._cast_rays = config, cast_rays
+        self._frame, self._pose_in_base, self._scan_time = frame, pose_in_base, scan_time
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin anew, with noise from `rng`."""
+        self._rng = rng
+
+    def sample(self, state: RobotState, stamp: float) -> Scan:
+        """The sweep that ends at `stamp` [s]; the scan's own stamp is that of its first beam."""
+        config = self._config
+        (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
+        moving = max(abs(vx), abs(vy), abs(yaw_rate)) > STANDING
+        measured = []
+        for piece in _pieces(config, PIECES if moving else 1):
+            pose = compose(_before(state, piece.age) if moving else state.pose_in_world, self._pose_in_base)
+            measured.append(_echoes(self._cast_rays(pose, piece.rays, FARTHEST), piece, config))
+        ranges, shares = (np.concatenate(part) for part in zip(*measured))
+        # one draw per beam whatever it hits: the noise of a beam never depends on the other beams
+        noisy = ranges + self._rng.normal(0.0, config.noise, config.beams)
+        noisy = np.round(noisy / config.resolution) * config.resolution
+        seen = (ranges > 0.0) & (noisy >= config.range_min) & (noisy <= config.range_max)
+        noisy[~seen] = 0.0
+        intensities = np.where(seen, np.round(INTENSITY_SCALE * config.remission * shares), 0.0)
+        for array in (noisy, intensities):
+            array.setflags(write=False)
+        return Scan(
+            stamp - config.sweep_time,
+            self._frame,
+            -config.angle_max,
+            config.angle_max,
+            config.range_min,
+            config.range_max,
+            noisy,
+            config.time_increment,
+            self._scan_time,
+            intensities,
+        )
+
+
+def _before(state: RobotState, age: float) -> Pose:
+    """Where base_link was in the world `age` s ago, at its present velocity; it does not tilt meanwhile."""
+    (vx, vy, vz), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
+    turn = quat_from_rpy(0.0, 0.0, -yaw_rate * age)
+    return compose(state.pose_in_world, Pose((-vx * age, -vy * age, -vz * age), turn))
+
+
+class _Piece(NamedTuple):
+    """Neighbouring beams that are cast from one pose."""
+
+    beams: int  # how many
+    age: float  # [s], of their middle at the end of the sweep
+    rays: Beams  # that sample all their spots
+    offsets: np.ndarray  # (S,) [rad], a spot's rays relative to its beam
+
+
+@lru_cache(maxsize=8)
+def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
+    """The sweep in `count` pieces."""
+    angles, increment = np.linspace(-config.angle_max, config.angle_max, config.beams, retstep=True)
+    step = float(increment) / SAMPLES
+    half = int(WIDEST_SPOT / step) + 1
+    pieces = []
+    for beams in np.array_split(np.arange(config.beams), count):
+        age = (config.beams - 1 - (beams[0] + beams[-1]) / 2.0) * config.time_increment
+        rays = angles[beams[0]] + step * np.arange(-half, (len(beams) - 1) * SAMPLES + half + 1)
+        pieces.append(_Piece(len(beams), age, beams_at(rays), step * np.arange(-half, half + 1)))
+    return pieces
+
+
+def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np.ndarray, np.ndarray]:
+    """Range of the nearest echo that is seen, (N,) [m], 0 for none, and its share of the spot, (N,)."""
+    ranges, shares = np.zeros(piece.beams), np.zeros(piece.beams)
+    spots = np.lib.stride_tricks.sliding_window_view(depths, len(piece.offsets))[::SAMPLES]
+    (hit,) = np.isfinite(spots).any(axis=1).nonzero()
+    depth, weights = spots[hit], _weights(spots[hit], piece.offsets, config)
+    depth[weights <= 0.0] = inf
+    for _ in range(ECHOES):
+        if not len(hit):
+            break
+        echo = depth <= np.minimum(depth.min(axis=1) + config.echo_length, FARTHEST)[:, None]
+        light = np.where(echo, weights, 0.0)
+        share = light.sum(axis=1)
+        mean = (light * np.where(echo, depth, 0.0)).sum(axis=1) / np.maximum(share, 1e-12)
+        seen = (share > 0.0) & (share * config.remission >= DARK * (mean / DARK_RANGE) ** 2)
+        ranges[hit[seen]], shares[hit[seen]] = mean[seen], np.minimum(share[seen], 1.0)
+        depth[echo] = inf  # too weak: what lies behind it
+        rest = ~seen & (share > 0.0)
+        hit, depth, weights = hit[rest], depth[rest], weights[rest]
+    return ranges, shares
+
+
+def _weights(spots: np.ndarray, offsets: np.ndarray, config: Lms1xxConfig) -> np.ndarray:
+    """Shares of the light of round spots that samples at these distances (N, S) [m] stand for; misses too."""
+    half = 0.5 * (config.divergence + config.spot / np.maximum(spots, 1e-3))  # the spot's, at each distance
+    off = offsets / half
+    step = offsets[1] - offsets[0]
+    shares: np.ndarray = np.sqrt(np.maximum(1.0 - off * off, 0.0)) * (2.0 / pi * step) / half
+    return shares

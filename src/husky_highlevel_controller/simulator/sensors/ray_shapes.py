@@ -1,0 +1,117 @@
+"""Where beams of a planar lidar enter boxes, cylinders and spheres, in closed form.
+
+In: numbers of one shape, or arrays of many: the formulas are the same. Out: distances along the beams.
+Must not know: ROS, PyBullet, scenes, which beams may hit what.
+
+`prepare` takes centre and axes, in the laser's frame, and size: numbers, or arrays (K,) for K shapes. It
+gives rows (F, 2[, K]), whose products with a beam's direction say how bodies change along the beam, and
+numbers (G[, K]) that are the same for all beams. `enter` takes these products (F, P) and numbers (G, 1 or P),
+and says where each beam enters, (P,) [m]; inf or nan: nowhere.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any, Callable, NamedTuple, Sequence, Tuple
+
+import numpy as np
+
+BOX, CYLINDER, SPHERE = 0, 1, 2
+
+Number = Any  # a float of one shape, or an array with a number for each
+Number3 = Tuple[Number, Number, Number]
+Prepared = Tuple[Sequence[Any], Sequence[Number]]
+
+
+def _prepare_box(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
+    x, y, z = axes
+    a, b, c = size
+    i, j, k = dot(center, x), dot(center, y), dot(center, z)
+    return (x[:2], y[:2], z[:2]), (i, j, k, a, b, c, a - abs(i), b - abs(j), c - abs(k))
+
+
+def _enter_box(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    near, far = _slab(along, numbers[:3], numbers[3:6], numbers[6:])
+    return _entries(np.maximum.reduce(near), np.minimum.reduce(far))
+
+
+def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
+    (x, y, z), ((u, v, w),), (radius, _, half) = center, axes, size
+    i, j, k = y * w - z * v, z * u - x * w, x * v - y * u  # center x axis: keeps its digits far away
+    middle, square = x * u + y * v + z * w, radius * radius
+    rows = ((i, j), (v * k - w * j, w * i - u * k), (v, -u), (u, v))
+    return rows, (w * w, square, square - i * i - j * j - k * k, middle, half, half - abs(middle))
+
+
+def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    a, ahead, root = _flank(along, numbers)
+    enter, leave = _unless(a < 1e-18, numbers[2], (ahead - root) / a, (ahead + root) / a)
+    near, far = _slab(along[3], numbers[3], numbers[4], numbers[5])
+    return _entries(np.maximum(enter, near), np.minimum(leave, far))
+
+
+def enter_flank(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    """Where beams enter a cylinder that is ahead of them all, if it has no ends."""
+    a, ahead, root = _flank(along, numbers)
+    return (ahead - root) / a
+
+
+def _flank(along: np.ndarray, numbers: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(a, b, root) of the quadratic equation of a cylinder without ends, t = (b -+ root) / a."""
+    aside, ahead, cross, _ = along
+    a = numbers[0] + cross * cross  # squared sine of the angle between beam and axis
+    return a, ahead, np.sqrt(numbers[1] * a - aside * aside)  # b^2 - ac would lose its digits far away
+
+
+def _prepare_sphere(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
+    x, y, z = center
+    return ((y, -x), (x, y)), (size[0] * size[0] - z * z,)
+
+
+def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+    aside, ahead = along
+    root = np.sqrt(numbers[0] - aside * aside)
+    return _entries(ahead - root, ahead + root)
+
+
+class Formula(NamedTuple):
+    """What is particular about a kind of shape."""
+
+    axes: slice  # which of its axes matter
+    prepare: Callable[[Number3, Sequence[Number3], Number3], Prepared]
+    enter: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+FORMULAS = (  # of BOX, CYLINDER and SPHERE
+    Formula(slice(0, 3), _prepare_box, _enter_box),
+    Formula(slice(2, 3), _prepare_cylinder, _enter_cylinder),
+    Formula(slice(0, 0), _prepare_sphere, _enter_sphere),
+)
+
+Span = Tuple[np.ndarray, np.ndarray]  # between which t a ray is inside [m]; nan or reversed: nowhere
+
+
+def _slab(directions: np.ndarray, middles: np.ndarray, halves: np.ndarray, depths: np.ndarray) -> Span:
+    """Between which t |t direction - middle| <= half; depth = half - |middle|."""
+    steep = np.abs(directions)
+    middle, half = middles / directions, halves / steep
+    return _unless(steep < 1e-9, depths, middle - half, middle + half)
+
+
+def _unless(parallel: np.ndarray, depths: np.ndarray, near: np.ndarray, far: np.ndarray) -> Span:
+    """Between `near` and `far`; but a parallel ray is inside all along or never, as the laser is."""
+    if parallel.any():
+        outside = np.where(depths >= 0.0, -inf, inf)
+        near, far = np.where(parallel, outside, near), np.where(parallel, -outside, far)
+    return near, far
+
+
+def _entries(enter: np.ndarray, leave: np.ndarray) -> np.ndarray:
+    """Where rays that are inside from `enter` to `leave` first are, from 0 on; +inf for nowhere."""
+    enter = np.maximum(enter, 0.0)
+    return np.where(enter <= leave, enter, inf)
+
+
+def dot(a: Number3, b: Number3) -> Number:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

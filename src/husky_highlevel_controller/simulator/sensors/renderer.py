@@ -1,0 +1,98 @@
+"""Renders depth images in a process of its own, so that the simulation need not wait.
+
+In, over a pipe: bodies, their poses, the camera's pose. Out: depth buffers.
+Must not know: ROS, time.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Dict, Mapping, NamedTuple, Optional
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import Body, Pose
+from husky_highlevel_controller.simulator.bullet.world import BulletWorld
+from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConfig
+
+
+class RenderRequest(NamedTuple):
+    """One image to render."""
+
+    bodies: Optional[Mapping[str, Body]]  # None: those of the request before
+    poses: Mapping[str, Pose]  # of the bodies that may have moved, in the world
+    pose_camera_in_world: Pose  # its optical frame
+
+
+class Renderer:
+    """A process that renders one image at a time; methods raise OSError or EOFError once it has died."""
+
+    def __init__(self, config: CameraConfig) -> None:
+        self._pipe, end = Pipe()
+        # not by multiprocessing, which would run the simulator's main script in the new process again
+        command = [sys.executable, "-m", __name__, str(end.fileno())]
+        self._process = subprocess.Popen(command, pass_fds=[end.fileno()])
+        end.close()
+        self._pipe.send(config)
+        self._bodies: Dict[str, Body] = {}
+        self.busy = False
+
+    def start(self, bodies: Mapping[str, Body], poses: Mapping[str, Pose], camera: Pose) -> None:
+        """Begin to render; not while busy."""
+        changed = self._bodies != bodies
+        if changed:
+            self._bodies = dict(bodies)
+        self._pipe.send(RenderRequest(self._bodies if changed else None, poses, camera))
+        self.busy = True
+
+    def take(self, timeout: Optional[float] = 0.0) -> Optional[np.ndarray]:
+        """The depth buffer begun last, (height, width) in 0..1; None if it is not ready after `timeout` s."""
+        if not self.busy or not self._pipe.poll(timeout):
+            return None
+        self.busy = False
+        buffer: np.ndarray = self._pipe.recv()
+        return buffer
+
+    def close(self) -> None:
+        """End the process."""
+        self._pipe.close()
+        self._process.wait()
+
+
+def _render_forever(pipe: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends when the simulator closes the pipe or dies
+    config: CameraConfig = pipe.recv()
+    bullet = BulletWorld(1.0)
+    bullet.clear((0.0, 0.0, 0.0))
+    shown: Mapping[str, Body] = {}
+    while True:
+        try:
+            request: RenderRequest = pipe.recv()
+        except (EOFError, OSError):
+            return
+        if request.bodies is not None:
+            for name in [name for name in shown if request.bodies.get(name) != shown[name]]:
+                bullet.remove_body(name)
+            for name, body in request.bodies.items():
+                if body != shown.get(name):
+                    bullet.add_body(body)
+            shown = request.bodies
+        for name, pose in request.poses.items():
+            bullet.show_body(name, pose)
+        buffer = bullet.depth_buffer(
+            request.pose_camera_in_world,
+            config.width,
+            config.height,
+            config.vertical_field_of_view,
+            config.near,
+            config.far,
+        )
+        pipe.send(buffer)
+
+
+if __name__ == "__main__":
+    _render_forever(Connection(int(sys.argv[1])))

@@ -1,0 +1,87 @@
+"""Vibration that a driving Husky's IMU measures: accelerations and rates that grow with the wheels' speed.
+
+In: an IMU, the robot's true motion, a random generator. Out: an `ImuSample`.
+Must not know: ROS, PyBullet.
+
+Measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877; IMU at 100 Hz, slow changes taken
+out). Standard deviations of ax, ay, az [m/s^2] and the rates [rad/s] at a mean wheel speed v:
+
+    flooring 0.25 m/s: 1.0 0.9 0.45, 0.02     ice 0.13 m/s: 0.33 0.32 0.13, 0.01
+    asphalt 0.25 m/s: 1.3 1.5 0.55, 0.03      asphalt 0.5 m/s: 2.1 2.3 0.9, 0.035
+    loam 0.25 m/s: 1.6 1.7 0.7, 0.05          snow 0.12-0.25 m/s: 2.2-2.8 2.9-4.2 1.3, 0.04
+
+so about proportional to v, with the factors of profile.py. The samples' correlation, 0.15 one and -0.4 two
+periods of 50 Hz later, is that of an autoregressive process of second order; the measured peaks, 6 to 8
+standard deviations, those of Student's distribution with five degrees of freedom.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import sqrt
+from typing import List
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import ImuSample, RobotState
+from husky_highlevel_controller.simulator.sensors.imu import Imu
+
+CORRELATION_1, CORRELATION_2 = 0.15, -0.40  # of samples one and two periods apart, at 50 Hz
+DEGREES_OF_FREEDOM = 5  # of Student's distribution
+# Yule-Walker: x[n] = A x[n-1] + B x[n-2] + e[n], of variance 1
+A = CORRELATION_1 * (1.0 - CORRELATION_2) / (1.0 - CORRELATION_1**2)
+B = (CORRELATION_2 - CORRELATION_1**2) / (1.0 - CORRELATION_1**2)
+INNOVATION = sqrt(
+    (1.0 - A * CORRELATION_1 - B * CORRELATION_2) * (DEGREES_OF_FREEDOM - 2) / DEGREES_OF_FREEDOM
+)
+
+
+@dataclass(frozen=True)
+class VibrationConfig:
+    """How rough the ground is."""
+
+    horizontal: float = field(
+        metadata={"min": 0.0, "max": 50.0, "help": "std of ax, ay per speed [(m/s^2)/(m/s)]"}
+    )
+    vertical: float = field(metadata={"min": 0.0, "max": 50.0, "help": "std of az per speed [(m/s^2)/(m/s)]"})
+    rate: float = field(
+        metadata={"min": 0.0, "max": 5.0, "help": "std of the rates per speed [(rad/s)/(m/s)]"}
+    )
+
+
+class ShakenImu:
+    """An IMU on a robot that its ground shakes."""
+
+    def __init__(self, imu: Imu, config: VibrationConfig, track: float) -> None:
+        """`track`: the effective one, by which turning makes the wheels roll [m]."""
+        self._imu, self._track = imu, track
+        self._scale = [config.horizontal] * 2 + [config.vertical] + [config.rate] * 3
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin anew, on a robot at rest, with noise from `rng`."""
+        self._rng = rng
+        self._imu.reset(rng)
+        self.restart()
+
+    def restart(self) -> None:
+        """Take the robot to be at rest, for instance after it has been moved."""
+        self._imu.restart()
+        self.yaw_rate = 0.0  # [rad/s], of the last sample
+        self._last: List[float] = [0.0] * 6
+        self._before: List[float] = [0.0] * 6
+
+    def sample(self, state: RobotState, stamp: float) -> ImuSample:
+        """The sample at one instant, one period after the last."""
+        sample = self._imu.sample(state, stamp)
+        fresh = self._rng.standard_t(DEGREES_OF_FREEDOM, 6).tolist()
+        now = [A * x + B * y + INNOVATION * e for x, y, e in zip(self._last, self._before, fresh)]
+        self._last, self._before = now, self._last
+        linear, turning = state.velocity_in_base[0], state.angular_velocity_in_base[2] * self._track / 2.0
+        wheel_speed = max(abs(linear), abs(turning))  # the mean of |linear - turning| and |linear + turning|
+        shaken = [wheel_speed * scale * x for scale, x in zip(self._scale, now)]
+        (fx, fy, fz), (wx, wy, wz) = sample.specific_force, sample.angular_velocity
+        self.yaw_rate = wz + shaken[5]
+        return sample._replace(
+            specific_force=(fx + shaken[0], fy + shaken[1], fz + shaken[2]),
+            angular_velocity=(wx + shaken[3], wy + shaken[4], self.yaw_rate),
+        )

@@ -1,0 +1,117 @@
+"""A request for an object becomes a body, or is refused with the reason.
+
+In: a name, a shape's name, its size, a mass, a pose. Out: a `Body`.
+Must not know: ROS, PyBullet, what stands in the world.
+"""
+
+from __future__ import annotations
+
+from math import hypot, isfinite
+from typing import Sequence
+
+from husky_highlevel_controller.datatypes import (
+    Body,
+    Box,
+    Cylinder,
+    Geometry,
+    HuskyError,
+    Plane,
+    Pose,
+    Shape,
+    Sphere,
+    Vector3,
+)
+
+SIZES = (0.001, 1000.0)  # [m]
+MASSES = (0.001, 1e5)  # [kg], of what moves
+FARTHEST = 1e4  # [m], from the world's origin
+ROUNDING = 1e-3  # how far from 1 a quaternion's length may be
+
+
+class ObjectError(HuskyError):
+    """An object that cannot be; the text names what was asked for and the value."""
+
+
+def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world: Pose) -> Body:
+    """A body of one solid shape.
+
+    Args:
+        name: letters, digits, and any of _ - . :
+        shape: box, cylinder or sphere.
+        size: full extents [m]; cylinder: diameter, diameter, length; sphere: diameter, three times.
+        mass: [kg]; 0 never moves.
+        pose_in_world: of the shape's centre.
+
+    Raises:
+        ObjectError: one of these cannot be.
+    """
+    geometry = Geometry(_shape(shape, size))
+    return checked(Body(name, pose_in_world, (geometry,), (geometry,), mass))
+
+
+def checked(body: Body) -> Body:
+    """The body itself.
+
+    Raises:
+        ObjectError: its name, mass, size or pose cannot be.
+    """
+    if not body.name or not all(letter.isalnum() or letter in "_-.:" for letter in body.name):
+        raise ObjectError(f"model_name '{body.name}' is not a name (letters, digits and _ - . :)")
+    check_bounds(body)
+    return body
+
+
+def check_bounds(body: Body) -> None:
+    """Raises ObjectError where a body's mass, size or pose cannot be."""
+    if body.mass != 0.0:
+        _within(body.mass, MASSES, "mass", "kg, or 0 for what never moves")
+    for geometry in body.collisions:
+        for value in _lengths(geometry.shape):
+            _within(value, SIZES, "size", "m")
+    checked_pose(body.pose_in_world)
+
+
+def checked_pose(pose: Pose) -> Pose:
+    """The pose itself, its quaternion of length 1 to the last digit.
+
+    Raises:
+        ObjectError: it is not finite, too far away, or its quaternion is no rotation.
+    """
+    for value in pose.position:
+        _within(value, (-FARTHEST, FARTHEST), "position", "m")
+    length = hypot(*pose.quat_xyzw)
+    if not abs(length - 1.0) <= ROUNDING:  # NaN is none either
+        raise ObjectError(
+            f"orientation {pose.quat_xyzw} is not a unit quaternion (x, y, z, w); no rotation is 0, 0, 0, 1"
+        )
+    x, y, z, w = (value / length for value in pose.quat_xyzw)
+    return Pose(pose.position, (x, y, z, w))
+
+
+def _shape(shape: str, size: Vector3) -> Shape:
+    x, y, z = (_within(value, SIZES, "size", "m") for value in size)
+    if shape == "box":
+        return Box((x, y, z))
+    if shape == "cylinder" and x == y:
+        return Cylinder(x / 2.0, z)
+    if shape == "sphere" and x == y == z:
+        return Sphere(x / 2.0)
+    if shape in ("cylinder", "sphere"):
+        raise ObjectError(f"size {size} is not that of a {shape}: its diameters must be equal")
+    raise ObjectError(f"shape '{shape}' is not one of box, cylinder, sphere")
+
+
+def _lengths(shape: Shape) -> Sequence[float]:
+    if isinstance(shape, Box):
+        return shape.size
+    if isinstance(shape, Cylinder):
+        return (2.0 * shape.radius, shape.length)
+    if isinstance(shape, Plane):
+        return ()
+    return (2.0 * shape.radius,)
+
+
+def _within(value: float, limits: Sequence[float], name: str, unit: str) -> float:
+    if not (isfinite(value) and limits[0] <= value <= limits[1]):
+        raise ObjectError(f"{name} {value} is not within {limits[0]}..{limits[1]} {unit}")
+    return value

@@ -1,0 +1,134 @@
+"""Bodies of the world: add, delete, move and reset them, and build the lidar's scene.
+
+In: bodies. Out: their poses; a scene to cast rays into.
+Must not know: ROS, PyBullet, the robot.
+"""
+
+from __future__ import annotations
+
+from typing import Dict, List, Mapping, Sequence, Tuple
+
+from husky_highlevel_controller.datatypes import Body, Geometry, Plane, Pose
+from husky_highlevel_controller.geometry import compose
+from husky_highlevel_controller.simulator.bullet.world import BulletWorld, PlacementError
+from husky_highlevel_controller.simulator.sensors.raycast import Scene, make_scene
+
+
+class WorldObjects:
+    """The bodies in a Bullet world; `a::b` belongs to the model `a`."""
+
+    def __init__(self, bullet: BulletWorld) -> None:
+        self._bullet = bullet
+        self._bodies: Dict[str, Body] = {}
+
+    @property
+    def bodies(self) -> Mapping[str, Body]:
+        """All bodies by name; a body's own pose is its initial one, not the present one."""
+        return self._bodies
+
+    def load(self, bodies: Sequence[Body]) -> None:
+        """Put the bodies of a world into an empty Bullet world."""
+        self._bodies, self._stale = {}, True
+        for body in bodies:
+            self._put(body)
+
+    def add(self, bodies: Sequence[Body]) -> None:
+        """Put new bodies into the world, all or none.
+
+        Raises:
+            PlacementError: a name is taken, or something stands there.
+        """
+        added: List[str] = []
+        try:
+            for body in bodies:
+                if self.members(body.name):
+                    raise PlacementError(f"there is a body named '{body.name}' already")
+                self._put(body)
+                added.append(body.name)
+                if body.collisions:
+                    self._bullet.check_room(body.name)
+        except PlacementError:
+            for name in added:
+                self._drop(name)
+            raise
+
+    def _put(self, body: Body) -> None:
+        self._bullet.add_body(body)
+        self._bodies[body.name] = body
+        self._stale = True
+
+    def members(self, name: str) -> List[str]:
+        """The body of that name, or all bodies of the model of that name."""
+        return [known for known in self._bodies if known == name or known.startswith(name + "::")]
+
+    def delete(self, name: str) -> None:
+        """Take a body, or all bodies of a model, out of the world.
+
+        Raises:
+            PlacementError: there is none of that name.
+        """
+        members = self.members(name)
+        if not members:
+            raise self._unknown(name)
+        for member in members:
+            self._drop(member)
+
+    def _drop(self, name: str) -> None:
+        if self._bodies.pop(name).collisions:
+            self._bullet.remove_body(name)
+        self._stale = True
+
+    def move(self, name: str, pose_in_world: Pose) -> None:
+        """Put a body somewhere else, at rest.
+
+        Raises:
+            PlacementError: there is none of that name, or something stands there; then it stays where it is.
+        """
+        before = self.pose_of(name)
+        if not self._bodies[name].collisions:
+            raise PlacementError(f"'{name}' is only drawn, and stays where it is")
+        self._bullet.move_body(name, pose_in_world)
+        self._stale = True
+        try:
+            self._bullet.check_room(name)
+        except PlacementError:
+            self._bullet.move_body(name, before)
+            raise
+
+    def reset_poses(self) -> None:
+        """Put every body back to its initial pose."""
+        for body in self._bodies.values():
+            if body.mass > 0.0 and body.collisions:
+                self._bullet.move_body(body.name, body.pose_in_world)
+
+    def pose_of(self, name: str) -> Pose:
+        """Where a body is now, in the world; PlacementError if there is none of that name."""
+        if name not in self._bodies:
+            raise self._unknown(name)
+        body = self._bodies[name]
+        return self._bullet.pose_of(name) if body.collisions else body.pose_in_world
+
+    def _unknown(self, name: str) -> PlacementError:
+        return PlacementError(f"no body named '{name}'; there are: {', '.join(sorted(self._bodies))}")
+
+    def scene(self) -> Scene:
+        """What the lidar can see now: all collision geometries, without the robot's."""
+        if self._stale:
+            self._build_scene()
+        for index, name, geometry in self._movable:
+            self._scene.move(index, compose(self._bullet.pose_of(name), geometry.pose_in_body))
+        return self._scene
+
+    def _build_scene(self) -> None:
+        geometries = [(body, geometry) for body in self._bodies.values() for geometry in body.collisions]
+        self._scene = make_scene(
+            [
+                (geometry.shape, compose(self._bullet.pose_of(body.name), geometry.pose_in_body))
+                for body, geometry in geometries
+            ]
+        )
+        solids = [(body, geometry) for body, geometry in geometries if not isinstance(geometry.shape, Plane)]
+        self._movable: List[Tuple[int, str, Geometry]] = [
+            (i, body.name, geometry) for i, (body, geometry) in enumerate(solids) if body.mass > 0.0
+        ]
+        self._stale = False

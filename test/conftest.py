@@ -1,0 +1,42 @@
+"""For every test: what runs for long is named, so that the suite is never silent for long."""
+
+import threading
+import time
+
+import pytest
+
+QUIET = 20.0  # [s] without a line after which the tests that run are named
+
+
+class Heartbeat:
+    """Names the tests that are running when nothing was printed for a while."""
+
+    def __init__(self, reporter):
+        self._reporter, self._running, self._printed = reporter, {}, time.monotonic()
+        self._ended = threading.Event()
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def pytest_runtest_logstart(self, nodeid):
+        self._running[nodeid] = time.monotonic()
+
+    def pytest_runtest_logfinish(self, nodeid):
+        self._running.pop(nodeid, None)
+        self._printed = time.monotonic()
+
+    def pytest_unconfigure(self):
+        self._ended.set()
+
+    def _watch(self):
+        while not self._ended.wait(1.0):
+            now = time.monotonic()
+            if self._running and now - self._printed > QUIET:
+                self._printed = now
+                running = ", ".join(f"{test} ({now - since:.0f} s)" for test, since in self._running.items())
+                self._reporter.write_line(f"still running: {running}")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_configure(config):
+    reporter = config.pluginmanager.getplugin("terminalreporter")
+    if reporter and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Heartbeat(reporter), "heartbeat")

@@ -1,0 +1,197 @@
+"""Random files of hand-ins: each is read, or refused with an error of ours, and in bounded time.
+
+`./dev test -m fuzz` runs thousands of cases, the normal run a few of the same kind; both are seeded.
+"""
+
+import json
+import random
+
+import pytest
+import yaml
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading import rviz_check
+from husky_highlevel_controller.grading.drive import Plan, _is_event, _notes, _read_events
+from husky_highlevel_controller.grading.hand_in import (
+    NotMarkableError,
+    choose_packages,
+    exercise_numbers,
+    find_hand_ins,
+    open_hand_in,
+    read_manifest,
+)
+from husky_highlevel_controller.grading.launch_choice import choose_launch_file
+from husky_highlevel_controller.grading.overrides import read_overrides
+from husky_highlevel_controller.grading.report import from_json
+
+WORDS = [
+    "", " ", "a", "husky", "husky/n", "../../etc", "/dev/zero", "-d", "-d 'my view.rviz", '"', "\\", "nan",
+    "1e999", "$(find husky)", "$(find husky)/launch/a.launch", "$(arg x)", "$(eval 1/0)", "$(dirname)/a",
+    "none", "ü", "\u202e", "\x7f", "=1+1", "<b>", "&", "singlePillar", "rviz", "true", "false", "9" * 400,
+    "x" * 5000,
+]  # fmt: skip
+VALUES = [None, True, -1, 5, 10**400, 0.5, float("nan"), float("inf"), [], {}, *WORDS]
+MANIFEST = (
+    '<package format="2"><name>husky</name><version>0.0.0</version><description>d</description>'
+    '<maintainer email="a@b.org">m</maintainer><license>BSD</license><depend>roscpp</depend></package>'
+)
+LAUNCH = (
+    '<launch><arg name="x" default="1"/><include file="$(find husky)/launch/b.launch">'
+    '<arg name="x" value="2"/></include><group if="$(arg x)">'
+    '<node name="n" pkg="husky" type="controller" args="$(arg x)"/></group>'
+    '<node name="rviz" pkg="rviz" type="rviz" args="-d $(find husky)/rviz/view.rviz"/></launch>'
+)
+RVIZ = """
+Visualization Manager:
+  Global Options: {Background Color: 48; 48; 48, Fixed Frame: odom, Frame Rate: 30}
+  Displays:
+    - {Class: rviz/TF, Enabled: true}
+    - {Class: rviz/Group, Displays: [{Class: rviz/LaserScan, Topic: /scan}, {Class: rviz/RobotModel}]}
+  Views: {Current: {Class: rviz/Orbit, Distance: 10}}
+"""
+EVENTS = [
+    {
+        "event": "plan",
+        "nodes": ["a/b"],
+        "left_out": [],
+        "rviz": [{"name": "r", "args": "-d x", "remap": [["a", "b"]]}],
+    },
+    {"event": "died", "node": "n", "exit_code": -11},
+    {"event": "missing", "package": "p", "tag": "include"},
+    {"event": "unloadable", "error": "e"},
+    {"event": "package", "path": "/tmp"},
+    {"event": "started", "pid": 1},
+]  # fmt: skip
+MARKING = (
+    "students: {ann: {launch: a, husky: melodic, "
+    "points: {b: {points: 1, word: w}}, late: {percent: 1, word: w}}}"
+)
+RESULT = {"name": "a", "what": "b", "settings": {}, "notes": [], "items": [], "problem": ""}
+
+
+@pytest.fixture(
+    params=[pytest.param(30, id="short"), pytest.param(3000, id="long", marks=[pytest.mark.fuzz])]
+)
+def cases(request):
+    """A random generator for each case."""
+    return [random.Random(f"{request.node.originalname} {number}") for number in range(request.param)]
+
+
+def damaged(rng, text):
+    """Text with some of its parts cut, repeated, replaced or swapped."""
+    for _ in range(rng.choice([0, 0, 1, 1, 2, 4])):
+        start = rng.randrange(len(text) + 1)
+        end = min(len(text), start + rng.choice([1, 3, 20, 200]))
+        new = rng.choice([*WORDS, text[start:end] * 3, chr(rng.randrange(1, 0x2FF))])
+        text = text[:start] + new + text[end:]
+    return text
+
+
+def mutated(rng, value):
+    """A value of YAML or JSON in which some parts are of another kind."""
+    if rng.random() < 0.08:
+        return rng.choice(VALUES)
+    if isinstance(value, dict):
+        return {
+            (rng.choice(WORDS) if rng.random() < 0.03 else key): mutated(rng, each)
+            for key, each in value.items()
+            if rng.random() > 0.03
+        }
+    if isinstance(value, list):
+        return [mutated(rng, each) for each in value for _ in range(rng.choice([0, 1, 1, 1, 1, 2]))]
+    return value
+
+
+def put(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(text.encode("utf-8", errors="replace") if isinstance(text, str) else text)
+    return path
+
+
+def test_hand_ins_are_packages_and_a_launch_file_or_not_markable(cases, tmp_path):
+    found = 0
+    for number, rng in enumerate(cases):
+        place = tmp_path / str(number)
+        package = place / "class" / "ann" / "husky"
+        put(package / "package.xml", damaged(rng, MANIFEST))
+        for name in ("launch/a.launch", "launch/b.launch", "../ex3.launch"):
+            put(package / name, damaged(rng, LAUNCH))
+        (place / "scratch").mkdir()
+        (hand_in,) = find_hand_ins(place / "class")
+        try:
+            contents = open_hand_in(hand_in, place / "scratch")
+            packages, _ = choose_packages(contents.packages, 3)
+            _, why = choose_launch_file(contents, packages, 3)
+            found += "starts husky/" in why
+        except NotMarkableError:
+            continue
+    assert found, "some are still hand-ins"
+
+
+def test_manifests_have_a_name_or_are_refused(cases, tmp_path):
+    for rng in cases:
+        try:
+            name, _ = read_manifest(put(tmp_path / "package.xml", damaged(rng, MANIFEST)))
+        except NotMarkableError:
+            continue
+        else:
+            assert name.replace("_", "").replace("-", "").isalnum()
+            assert "/" not in name
+
+
+def test_rviz_files_and_arguments_are_read_as_far_as_they_go(cases, tmp_path):
+    whole = yaml.safe_load(RVIZ)
+    for rng in cases:
+        text = damaged(rng, RVIZ) if rng.random() < 0.5 else yaml.safe_dump(mutated(rng, whole))
+        path = put(tmp_path / "rviz" / "view.rviz", text)
+        arguments = " ".join(rng.choice([*WORDS, "-d", str(path)]) for _ in range(rng.randint(0, 4)))
+        node = {"name": "rviz", "args": arguments, "remap": []}
+        setup = rviz_check.find_setup(Plan(rviz=(node,), package_path=str(tmp_path)))
+        assert setup is not None
+        for kind in rviz_check.CLASSES.values():
+            config = rviz_check.placed(rviz_check.only(setup.config, kind), 0, 1)
+            assert yaml.safe_load(yaml.safe_dump(config)) is not None
+        colour = rviz_check.background(setup.config)
+        assert len(colour) == 3
+
+
+def test_events_are_taken_only_as_they_are_written(cases, tmp_path):
+    for rng in cases:
+        lines = [json.dumps(mutated(rng, rng.choice(EVENTS))) for _ in range(rng.randint(0, 6))]
+        text = "\n".join(lines)
+        path = put(tmp_path / "events.jsonl", damaged(rng, text) if rng.random() < 0.3 else text)
+        events = _read_events(path)
+        assert all(map(_is_event, events))
+        assert all(
+            isinstance(note, str) for note in _notes(events, damaged(rng, "ERROR: cannot launch node of"))
+        )
+
+
+def test_marking_yaml_is_read_or_refused(cases, tmp_path):
+    whole = yaml.safe_load(MARKING)
+    for rng in cases:
+        text = damaged(rng, MARKING) if rng.random() < 0.5 else yaml.safe_dump(mutated(rng, whole))
+        put(tmp_path / "marking.yaml", text)
+        try:
+            overrides = read_overrides(tmp_path, ["ann"])
+        except HuskyError:
+            continue
+        else:
+            assert set(overrides) <= {"ann"}
+            assert all(0.0 <= each.late_percent <= 100.0 for each in overrides.values())
+
+
+def test_results_of_an_earlier_marking_are_read_or_refused(cases):
+    for rng in cases:
+        text = json.dumps(mutated(rng, RESULT))
+        try:
+            result = from_json(damaged(rng, text) if rng.random() < 0.3 else text)
+        except HuskyError:
+            continue
+        else:
+            assert isinstance(result.full, bool)
+
+
+def test_numbers_in_names_are_small(cases):
+    for rng in cases:
+        assert all(0 < number < 100 for number in exercise_numbers(damaged(rng, "exercise_3_husky5.launch")))

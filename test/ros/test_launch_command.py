@@ -1,0 +1,78 @@
+"""`./dev launch`: arguments are checked before anything starts, and a failed drive is a failed command."""
+
+import sys
+
+import pytest
+
+from husky_highlevel_controller.paths import share_folder
+
+COMMAND = (sys.executable, str(share_folder() / "tools" / "launch.py"))
+
+
+@pytest.fixture
+def launch(ros):
+    def start(file, *arguments, **env):
+        return ros.start(*COMMAND, str(file), "-p", str(ros.port), *arguments, **env)
+
+    return start
+
+
+def test_a_mistyped_argument_is_refused_with_the_nearest_name(launch):
+    launched = launch("controller.launch", "gui:=false", "wrold_name:=empty.world")
+    assert launched.wait() == 1
+    assert "controller.launch has no argument 'wrold_name'; did you mean 'world_name'?" in launched.output
+    assert "started roslaunch server" not in launched.output
+
+
+def test_so_is_one_of_any_other_launch_file(launch, tmp_path):
+    file = tmp_path / "theirs.launch"
+    file.write_text('<launch><arg name="speed" default="1"/></launch>')
+    launched = launch(file, "spede:=2")
+    assert launched.wait() == 1
+    assert "theirs.launch has no argument 'spede'; did you mean 'speed'? It takes: speed" in launched.output
+
+
+def test_an_argument_for_an_include_that_takes_all_is_none_of_them(launch, tmp_path):
+    (tmp_path / "inner.launch").write_text(
+        '<launch><arg name="speed"/><param name="speed" value="$(arg speed)"/></launch>'
+    )
+    outer = tmp_path / "outer.launch"
+    outer.write_text('<launch><include file="$(dirname)/inner.launch" pass_all_args="true"/></launch>')
+    launch(outer, "speed:=2").says("* /speed: 2")
+
+
+def test_a_launch_file_that_is_not_there_is_named_with_those_that_are(launch):
+    launched = launch("controler.launch")
+    assert launched.wait() == 1
+    assert "no launch file 'controler.launch'; this package has controller.launch" in launched.output
+
+
+def test_the_sentence_of_a_required_node_that_failed_comes_last(launch):
+    launched = launch("controller.launch", "gui:=false", "world_name:=nowhere.world")
+    assert launched.wait() == 1
+    last = launched.output.splitlines()[-1]
+    assert (
+        "error: husky_simulator: no world 'nowhere.world'; there are driveThrough.world, empty.world" in last
+    )
+
+
+def test_a_required_node_that_ends_well_is_no_failure(launch, tmp_path):
+    file = tmp_path / "short.launch"
+    file.write_text(
+        '<launch><node name="short" pkg="rostopic" type="rostopic" args="list" required="true"/></launch>'
+    )
+    launched = launch(file)
+    assert launched.wait() == 0, launched.output
+
+
+def test_a_terminal_that_cannot_open_is_left_away(launch, tmp_path):
+    file = tmp_path / "terminal.launch"
+    node = (
+        '<node name="{0}" pkg="rostopic" type="rostopic" args="list" output="screen" launch-prefix="{0} -e"/>'
+    )
+    file.write_text(f"<launch>{node.format('xterm')}{node.format('noterm')}</launch>")
+    launched = launch(file)
+    for node in ("xterm-2", "noterm-3"):
+        launched.says(f"[{node}] process has finished cleanly")
+    assert "node noterm starts without launch-prefix 'noterm -e': noterm is not installed" in launched.output
+    assert "node xterm starts without launch-prefix 'xterm -e'" in launched.output

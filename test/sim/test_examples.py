@@ -1,0 +1,51 @@
+"""The examples without ROS run, and README shows the first of them as it stands."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+
+from husky_highlevel_controller.paths import share_folder
+
+SHARE = share_folder()
+EXAMPLES = SHARE / "examples"
+
+
+def run(name):
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / name],
+        env={"PYTHONPATH": str(SHARE / "src")},
+        capture_output=True,
+        text=True,
+        timeout=300.0,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_rollout_arrives_without_a_contact():
+    output = run("rollout")
+    assert re.search(r"arrived after 23\.\d\d s at \(19\.\d\d, 4\.\d\d\) m", output)
+    assert "contacts: none; fastest 1.00 m/s" in output
+
+
+def test_own_world_is_driven_through_without_a_contact():
+    assert re.search(r"arrived after \d+\.\d\d s; contacts: none", run("own_world"))
+
+
+def test_sweep_gain_shows_that_a_higher_gain_arrives_earlier():
+    rows = [line.split() for line in run("sweep_gain").splitlines() if re.match(r"\s+\d", line)]
+    arrivals = [float(arrival) for _, arrival, _ in rows]
+    assert len(rows) == 5
+    assert arrivals == sorted(arrivals, reverse=True)
+
+
+def test_readme_shows_the_rollout_example():
+    code = (EXAMPLES / "rollout").read_text().split('"""\n', 1)[1]
+    assert f"```python\n{code}```" in (SHARE / "README.md").read_text()
+
+
+@pytest.mark.parametrize("example", sorted(path.name for path in EXAMPLES.iterdir() if path.is_file()))
+def test_every_example_is_installed(example):
+    assert f"examples/{example}\n" in (SHARE / "CMakeLists.txt").read_text()

@@ -1,0 +1,512 @@
+"""What the robot does about the pillar: whole drives in flat worlds, and single decisions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import groupby
+from math import atan2, cos, degrees, hypot, inf, isnan, nan, pi, sin
+
+import numpy as np
+import pytest
+from scenes import UPRIGHT, UPSIDE_DOWN, Toy
+
+from husky_highlevel_controller.controller.behaviour import ControllerState, Observation, State, decide
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig
+from husky_highlevel_controller.datatypes import STOP, Pose2D
+from husky_highlevel_controller.evaluation.scenarios import SICK, box, room, scan_of
+from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH
+from husky_highlevel_controller.geometry import wrap_angle
+
+PILLAR = (20.0, 5.0, 0.2)
+COURSE = {"p_gain_vel": 0.1, "p_gain_ang": 0.4}
+
+
+def states(steps):
+    return [state for state, _ in groupby(step.output.state for step in steps)]
+
+
+def reasons(steps):
+    return [reason for reason, _ in groupby(step.output.reason for step in steps)]
+
+
+def bearing(step, x, y):
+    return wrap_angle(atan2(y - step.pose.y, x - step.pose.x) - step.pose.yaw)
+
+
+def lidar_to(pose, x, y):
+    """From the lidar to the usual pillar's surface."""
+    return hypot(x - pose.x - 0.337 * cos(pose.yaw), y - pose.y - 0.337 * sin(pose.yaw)) - 0.2
+
+
+def arrival(steps):
+    return next(step.time for step in steps if step.output.state is State.ARRIVED)
+
+
+# ---------------------------------------------------------------------------- driving and arriving
+
+
+@pytest.mark.parametrize(("x", "y"), [(20.0, 5.0), (20.0, 0.0), (12.0, -12.0)])
+def test_default_gains_come_close_to_what_the_robot_can_do(x, y):
+    steps = Toy([(x, y, 0.2)], period=0.04).drive(24.0)
+    remaining_distance = lidar_to(Pose2D(), x, y) - 0.4
+    # the two ramps between standing and 1.0 m/s, at 3.0 m/s^2, cost a third of a second
+    assert arrival(steps) <= 1.15 * (remaining_distance / 1.0 + 1.0 / 3.0)
+
+
+@pytest.mark.parametrize("gains", [{}, COURSE])
+@pytest.mark.parametrize(("x", "y"), [(7.0, 2.0), (3.0, -1.0), (-1.0, 4.0)])
+def test_every_drive_ends_at_the_stop_distance_and_stays_there(gains, x, y):
+    toy = Toy([(x, y, 0.2)], seed=1, period=0.1 if gains else 0.02, **gains)
+    steps = toy.drive(90.0 if gains else 12.0)
+    assert steps[-1].output.state is State.ARRIVED
+    assert steps[-1].output.twist == STOP
+    assert states(steps).count(State.ARRIVED) == 1
+    assert lidar_to(toy.pose, x, y) == pytest.approx(0.4, abs=0.02)
+    assert min(lidar_to(step.pose, x, y) for step in steps) >= 0.395
+
+
+@pytest.mark.parametrize("gains", [{}, COURSE])
+@pytest.mark.parametrize(("x", "y"), [(20.0, -5.0), (6.0, 6.0), (-1.0, 4.0)])
+def test_the_bearing_does_not_swing(gains, x, y):
+    steps = Toy([(x, y, 0.2)], **gains).drive(15.0)
+    bearings = [bearing(step, x, y) for step in steps]
+    signs = [one > 0.0 for one in bearings if abs(one) > 1e-3]
+    assert sum(a != b for a, b in zip(signs, signs[1:])) <= 2
+    assert abs(bearings[-1]) < 0.05
+
+
+def test_the_bearing_does_not_swing_when_commands_come_a_tenth_of_a_second_late():
+    toy = Toy([(5.0, 4.0, 0.2)])
+    toy.queue = [STOP] * 5
+    bearings = [bearing(step, 5.0, 4.0) for step in toy.drive(6.0)]
+    assert min(bearings) > -0.02, "it hardly overshoots"
+    assert abs(bearings[-1]) < 0.01
+
+
+@pytest.mark.parametrize("mount", [UPSIDE_DOWN, UPRIGHT])
+def test_it_turns_to_the_pillar_whichever_way_up_the_lidar_is(mount):
+    for y in (5.0, -5.0):
+        toy = Toy([(10.0, y, 0.2)], laser_in_base=mount)
+        output = toy.step().output
+        assert output.twist.angular * y > 0.0
+        assert output.target_in_base == pytest.approx((10.0, y), abs=0.01)
+        assert (output.pillar.y * y > 0.0) is (mount is UPRIGHT)
+
+
+def test_errors_go_down_to_zero_on_the_way():
+    steps = Toy([(6.0, 2.0, 0.2)]).drive(12.0)
+    assert steps[0].output.distance_error == pytest.approx(lidar_to(Pose2D(), 6.0, 2.0) - 0.4, abs=0.01)
+    assert steps[0].output.bearing_error == pytest.approx(atan2(2.0, 6.0), abs=0.01)
+    assert abs(steps[-1].output.distance_error) < 0.02
+    assert abs(steps[-1].output.bearing_error) < 0.02
+
+
+def test_arrival_is_measured_to_the_surface_and_not_along_an_axis():
+    # the lidar is 5 m from a pillar abeam, whose x is 0: that is no arrival
+    toy = Toy([(0.337, 5.0, 0.2)])
+    step = toy.step()
+    assert step.output.state is State.DRIVING
+    assert step.output.twist.angular > 0.0
+    # the centre is 0.55 m ahead, the surface 0.35 m
+    assert Toy([(0.337 + 0.55, 0.0, 0.2)]).step().output.state is State.ARRIVED
+    assert Toy([(0.337 + 0.75, 0.0, 0.2)]).step().output.state is State.DRIVING
+
+
+def test_once_arrived_only_a_pillar_that_moved_well_away_is_followed():
+    toy = Toy([(3.0, 0.0, 0.2)])
+    assert toy.drive(6.0)[-1].output.state is State.ARRIVED
+    toy.circles = [(3.08, 0.0, 0.2)]
+    assert states(toy.drive(2.0)) == [State.ARRIVED]
+    toy.circles = [(3.3, 0.0, 0.2)]
+    assert states(toy.drive(4.0)) == [State.DRIVING, State.ARRIVED]
+
+
+def test_it_stays_arrived_while_it_is_told_to_stand_still_at_the_pillar():
+    toy = Toy([(3.0, 0.0, 0.2)])
+    assert not any(step.output.at_pillar for step in toy.drive(1.0))
+    assert toy.drive(5.0)[-1].output.at_pillar
+    for toy.enabled in (False, True):
+        assert all(step.output.at_pillar for step in toy.drive(1.0))
+    toy.enabled = False
+    toy.circles = [(3.5, 0.0, 0.2)]
+    assert not toy.drive(2.0)[-1].output.at_pillar, "the pillar is gone from there"
+    toy.circles = [(3.0, 0.0, 0.2)]
+    assert not toy.drive(2.0)[-1].output.at_pillar, "it has not driven there"
+
+
+def test_stop_distance_zero_drives_slowly_into_a_touch_and_stops_there():
+    for gains in ({}, COURSE):
+        toy = Toy([(2.0, 0.1, 0.2)], stop_distance=0.0, seed=2, **gains)
+        steps = toy.drive(24.0)
+        gaps = [lidar_to(step.pose, 2.0, 0.1) - (HALF_LENGTH - 0.337) for step in steps]
+        assert steps[-1].output.state is State.ARRIVED
+        assert "touching" in steps[-1].output.reason
+        assert -0.012 < gaps[-1] <= 0.0  # a real pillar would have been pushed as much
+        assert all(step.output.twist.linear <= 0.1 for step, gap in zip(steps, gaps) if gap < 0.2)
+        assert steps[-1].output.twist == STOP
+
+
+# ---------------------------------------------------------------------------- which one
+
+
+def test_of_two_pillars_the_nearer_is_chosen():
+    output = Toy([(9.0, 3.0, 0.2), (6.0, -2.0, 0.2)]).step().output
+    assert output.target_in_base == pytest.approx((6.0, -2.0), abs=0.01)
+
+
+def test_it_stays_with_the_one_it_has_chosen_when_the_other_is_nearer():
+    toy = Toy([(20.0, 1.5, 0.2), (20.2, -1.5, 0.2)], seed=3, period=0.05)
+    toy.drive(1.0)
+    toy.circles.append((8.0, 6.0, 0.2))
+    steps = toy.drive(24.0)
+    assert all(step.output.target_in_base for step in steps)
+    assert lidar_to(toy.pose, 20.0, 1.5) == pytest.approx(0.4, abs=0.02)
+    assert all(hypot(step.output.estimate.x - 20.0, step.output.estimate.y - 1.5) < 0.3 for step in steps)
+
+
+def test_a_candidate_that_proves_to_be_none_from_nearer_by_is_dropped_for_the_pillar():
+    # five beams see a box of 0.35 m corner-on as a pillar from 15 m, not from 8 m
+    toy = Toy([(-7.0, 14.0, 0.2)], box(14.0, -2.0, 0.645, 0.33, 0.33), period=0.05)
+    steps = toy.drive(60.0)
+    assert steps[0].output.target_in_base == pytest.approx((14.0, -2.0), abs=0.5)
+    assert steps[-1].output.state is State.ARRIVED
+    assert lidar_to(toy.pose, -7.0, 14.0) == pytest.approx(0.4, abs=0.02)
+
+
+# ---------------------------------------------------------------------------- remembering
+
+
+def test_a_pillar_that_leaves_the_view_is_remembered_and_found_again():
+    toy = Toy([(4.0, 1.0, 0.2)])
+    toy.drive(0.2)
+    toy.pose = Pose2D(toy.pose.x, toy.pose.y, pi)  # odometry knows of the turn
+    steps = toy.drive(15.0)
+    assert steps[0].output.state is State.DRIVING
+    assert steps[0].output.pillar is None
+    assert "out of view" in steps[0].output.reason
+    assert steps[0].output.estimate.x == pytest.approx(4.0, abs=0.01)
+    assert steps[-1].output.state is State.ARRIVED
+
+
+def test_a_pillar_that_is_hidden_for_a_while_is_driven_to_all_the_same():
+    toy = Toy([(14.0, 1.0, 0.2)])
+    toy.drive(1.0)
+    toy.segments = [(8.0, -3.0, 8.0, 3.0)]
+    hidden = toy.drive(3.0)
+    assert {step.output.state for step in hidden} == {State.DRIVING}
+    assert "hidden" in hidden[-1].output.reason
+    assert hidden[-1].output.bearing_error == pytest.approx(bearing(hidden[-1], 14.0, 1.0), abs=0.02)
+    assert hidden[-1].output.twist.linear > 0.5
+    toy.segments = []
+    assert toy.drive(15.0)[-1].output.state is State.ARRIVED
+
+
+def test_what_is_remembered_becomes_less_certain_until_it_is_seen_again():
+    toy = Toy([(6.0, 0.0, 0.2)], search=False)
+    seen = toy.drive(0.5)[-1].output.estimate
+    toy.segments = [(2.0, -3.0, 2.0, 3.0)]
+    hidden = [step.output.estimate for step in toy.drive(4.0)]
+    assert 2.0 * seen.deviation < hidden[100].deviation < hidden[-1].deviation
+    assert {estimate.seen_at for estimate in hidden} == {seen.seen_at}
+    toy.segments = []
+    assert toy.drive(0.5)[-1].output.estimate.deviation < 0.5 * hidden[-1].deviation
+
+
+def test_a_pillar_that_is_taken_away_is_looked_for_and_the_new_one_found():
+    toy = Toy([(6.0, 1.0, 0.2)])
+    toy.drive(1.0)
+    toy.circles = []
+    gone = toy.drive(2.0)
+    assert states(gone) == [State.DRIVING, State.SEARCHING]
+    assert gone[-1].output.estimate is None
+    toy.circles = [(-5.0, -3.0, 0.2)]
+    assert toy.drive(25.0)[-1].output.state is State.ARRIVED
+    assert lidar_to(toy.pose, -5.0, -3.0) == pytest.approx(0.4, abs=0.02)
+
+
+def test_a_pillar_put_back_where_it_was_is_believed_again():
+    toy = Toy([(2.0, 0.0, 0.2)])
+    toy.drive(5.0)
+    pillars, toy.circles = toy.circles, []
+    assert states(toy.drive(1.0)) == [State.ARRIVED, State.SEARCHING]
+    toy.circles = pillars
+    assert toy.drive(3.0)[-1].output.state is State.ARRIVED
+
+
+def test_a_single_scan_without_the_pillar_changes_nothing():
+    toy = Toy([(6.0, 1.0, 0.2)])
+    toy.drive(1.0)
+    pillars, toy.circles = toy.circles, []
+    blind = toy.step().output
+    toy.circles = pillars
+    assert blind.state is State.DRIVING
+    assert blind.twist.linear == pytest.approx(toy.step().output.twist.linear, abs=0.05)
+
+
+def test_an_arrived_robot_stays_when_somebody_stands_before_the_pillar():
+    toy = Toy([(2.0, 0.0, 0.2)])
+    toy.drive(5.0)
+    toy.segments = [(toy.pose.x + 0.6, -0.5, toy.pose.x + 0.6, 0.5)]
+    steps = toy.drive(10.0)
+    assert states(steps) == [State.ARRIVED]
+    assert {step.output.twist for step in steps} == {STOP}
+
+
+def test_time_that_jumps_back_makes_it_forget_the_old_odom():
+    toy = Toy([(6.0, 1.0, 0.2)])
+    toy.drive(1.0)
+    toy.circles, toy.time = [(6.0, -1.0, 0.2)], 0.0
+    output = toy.step().output
+    assert (output.estimate.x, output.estimate.y) == pytest.approx((6.0, -1.0), abs=0.02)
+    assert toy.controller_state.started_at == 0.0
+
+
+# ---------------------------------------------------------------------------- searching
+
+
+@pytest.mark.parametrize("heading", np.linspace(-3.0, 3.0, 7))
+def test_from_any_heading_it_arrives(heading):
+    toy = Toy([(4.0, 0.0, 0.2)], pose=Pose2D(yaw=heading), seed=4)
+    assert toy.drive(20.0)[-1].output.state is State.ARRIVED
+
+
+def test_a_pillar_never_seen_is_searched_with_a_full_turn_and_then_ever_farther_out():
+    steps = Toy(period=0.1).drive(170.0)
+    assert states(steps) == [State.SEARCHING]
+    turning, driving = reasons(steps)[:2]
+    assert "turning to look around" in turning
+    assert "driving a widening search" in driving
+    first_leg = next(i for i, step in enumerate(steps) if step.output.twist.linear > 0.0)
+    turned = sum(wrap_angle(b.pose.yaw - a.pose.yaw) for a, b in zip(steps[:first_leg], steps[1:]))
+    assert degrees(turned) == pytest.approx(360.0, abs=5.0)
+    out = [hypot(step.pose.x, step.pose.y) for step in steps]
+    assert max(out[: len(out) // 2]) < max(out) - 0.5
+    assert max(out) > 2.0
+
+
+def test_the_search_ends_where_a_pillar_comes_into_reach():
+    # beyond the range of a short-sighted lidar at the start
+    far = replace(SICK, range_max=6.0)
+    toy = Toy([(8.0, 3.0, 0.2)], period=0.05)
+    plain = toy.scan
+    toy.scan = lambda: replace(scan_of(plain().ranges, far), stamp=toy.time)
+    steps = toy.drive(200.0)
+    assert states(steps)[0] is State.SEARCHING
+    assert steps[-1].output.state is State.ARRIVED
+
+
+def test_the_search_touches_nothing():
+    toy = Toy([], room(5.0, 0.3, 0.5, 0.2) + box(1.8, 1.2, 0.5, 0.4, 0.4), period=0.1)
+    corners = [(a * HALF_LENGTH, b * HALF_WIDTH) for a in (-1, 1) for b in (-1, 0, 1)]
+    for step in toy.drive(200.0):
+        pose = step.pose
+        for a, b in corners:
+            x = pose.x + cos(pose.yaw) * a - sin(pose.yaw) * b - 0.5
+            y = pose.y + sin(pose.yaw) * a + cos(pose.yaw) * b - 0.2
+            assert abs(x * cos(0.3) + y * sin(0.3)) < 2.5
+            assert abs(y * cos(0.3) - x * sin(0.3)) < 2.5
+            assert hypot(x + 0.5 - 1.8, y + 0.2 - 1.2) > 0.2
+
+
+def test_with_search_off_it_stands_still_until_it_sees_a_pillar():
+    toy = Toy([], search=False)
+    steps = toy.drive(2.0)
+    assert states(steps) == [State.WAITING]
+    assert {step.output.twist for step in steps} == {STOP}
+    assert "it has no valid range" in steps[0].output.reason
+    assert "set ~search to true" in steps[0].output.reason
+    toy.circles = [(6.0, 0.0, 0.2)]
+    assert toy.drive(2.0)[-1].output.twist.linear == 1.0
+    pillars, toy.circles = toy.circles, []
+    assert toy.step().output.twist == STOP
+    toy.circles = pillars
+    assert toy.drive(7.0)[-1].output.state is State.ARRIVED
+
+
+@pytest.mark.parametrize("mount", [UPSIDE_DOWN, UPRIGHT])
+@pytest.mark.parametrize("shift", [0.0, 0.25, -0.25])
+def test_it_drives_round_what_stands_in_the_way(shift, mount):
+    toy = Toy([(9.0, 0.0, 0.2)], box(4.0, shift, 0.0, 0.5, 0.5), laser_in_base=mount, seed=5)
+    steps = toy.drive(40.0)
+    assert any("in the way" in reason for reason in reasons(steps))
+    assert steps[-1].output.state is State.ARRIVED
+    for step in steps:
+        dx, dy = 4.0 - step.pose.x, shift - step.pose.y
+        along = cos(step.pose.yaw) * dx + sin(step.pose.yaw) * dy
+        across = cos(step.pose.yaw) * dy - sin(step.pose.yaw) * dx
+        assert abs(along) > HALF_LENGTH + 0.2 or abs(across) > HALF_WIDTH + 0.2
+
+
+def test_a_pillar_close_to_a_wall_is_reached_straight():
+    toy = Toy([(6.0, 0.0, 0.2)], ((6.3, -5.0, 6.3, 5.0), (3.0, 1.2, 9.0, 1.2)), seed=5)
+    assert reasons(toy.drive(12.0)) == ["driving to the pillar", "arrived: at the stop distance"]
+
+
+# ---------------------------------------------------------------------------- what it does not know
+
+
+def test_told_to_stand_still_it_does_so_at_once_and_goes_on_when_told():
+    toy = Toy([(6.0, 0.0, 0.2)])
+    toy.drive(2.0)
+    toy.enabled = False
+    stopped = toy.drive(2.0)
+    assert states(stopped) == [State.STOPPED]
+    assert {step.output.twist for step in stopped} == {STOP}
+    assert stopped[-1].output.pillar is not None
+    assert toy.controller_state.started_at is None
+    toy.enabled = True
+    started = toy.time
+    assert toy.drive(8.0)[-1].output.state is State.ARRIVED
+    assert toy.controller_state.started_at == started
+
+
+def test_without_the_lidar_s_place_it_waits():
+    toy = Toy([(6.0, 0.0, 0.2)], laser_in_base=None)
+    output = toy.step().output
+    assert (output.state, output.twist) == (State.WAITING, STOP)
+    assert "no transform from 'front_laser' to base_link" in output.reason
+    assert output.pillar is not None
+    assert isnan(output.distance_error)
+
+
+def test_without_odometry_it_drives_to_what_it_sees_and_waits_where_it_sees_none():
+    toy = Toy([(6.0, 0.0, 0.2)])
+    toy.knows_odom = False
+    assert toy.drive(9.0)[-1].output.state is State.ARRIVED
+    toy.circles = []
+    output = toy.step().output
+    assert (output.state, output.twist) == (State.WAITING, STOP)
+    assert "no transform to odom" in output.reason
+
+
+@pytest.mark.parametrize("nothing", [inf, -inf, nan, 0.0])
+def test_a_scan_of_nothing_never_drives_it_anywhere(nothing):
+    # the smallest of no ranges at index 0 would be a pillar at -135 degrees
+    for count in (0, 1, 720):
+        scan = replace(scan_of(np.full(count, 5.0)), ranges=np.full(count, nothing))
+        observation = Observation(scan, UPSIDE_DOWN, Pose2D())
+        _, output = decide(ControllerState(), observation, True, ControlConfig(), PillarConfig())
+        assert output.pillar is None
+        assert output.twist.linear == 0.0
+        # beams that meet nothing are a reason to look around; a covered lidar is not
+        blind = count == 0 or nothing == -inf
+        assert output.state is (State.WAITING if blind else State.SEARCHING)
+        assert (output.twist == STOP) is blind
+
+
+def test_speckle_and_the_robot_s_own_body_do_not_stop_it():
+    toy, rng = Toy([(7.0, 0.5, 0.2)], seed=6), np.random.default_rng(6)
+    clean = toy.scan
+
+    def dirty():
+        scan = clean()
+        ranges = scan.ranges.copy()
+        ranges[rng.choice(720, 5)] = rng.uniform(0.2, 29.0, 5)
+        ranges[rng.integers(330, 390)] = rng.uniform(0.4, 1.0)
+        ranges[rng.choice(720, 20)] = nan
+        ranges[:6] = ranges[-6:] = 0.155
+        return replace(scan, ranges=ranges)
+
+    toy.scan = dirty
+    steps = toy.drive(13.0)
+    assert steps[-1].output.state is State.ARRIVED
+    assert State.SEARCHING not in states(steps)
+    assert not any("in the way" in reason for reason in reasons(steps))
+
+
+def test_the_reason_stays_the_same_as_long_as_the_situation_does():
+    steps = Toy([(6.0, 0.0, 0.2)], seed=1).drive(9.0)
+    assert reasons(steps) == ["driving to the pillar", "arrived: at the stop distance"]
+
+
+# ---------------------------------------------------------------------------- every driver's kind of miss
+
+MISSES = {"rep_117": inf, "lms1xx": 0.0, "nan": nan, "range_max": SICK.range_max}
+
+
+def with_misses(toy, miss):
+    """The same scans from a driver that reports a miss in another way."""
+    clean = toy.scan
+
+    def scan():
+        seen = clean()
+        return replace(seen, ranges=np.where(seen.ranges == inf, miss, seen.ranges))
+
+    toy.scan = scan
+    return toy
+
+
+@pytest.mark.parametrize("miss", MISSES.values(), ids=MISSES)
+def test_it_searches_and_arrives_whatever_the_driver_calls_a_miss(miss):
+    steps = with_misses(Toy([(-6.0, 1.0, 0.2)], period=0.1), miss).drive(25.0)
+    assert states(steps) == [State.SEARCHING, State.DRIVING, State.ARRIVED]
+
+
+@pytest.mark.parametrize("miss", MISSES.values(), ids=MISSES)
+def test_a_pillar_taken_away_is_given_up_whatever_the_driver_calls_a_miss(miss):
+    toy = with_misses(Toy([(8.0, 0.5, 0.2)], period=0.1), miss)
+    toy.drive(3.0)
+    toy.circles = [(2.0, 6.0, 0.2)]
+    steps = toy.drive(30.0)
+    assert steps[-1].output.state is State.ARRIVED
+    assert lidar_to(steps[-1].pose, 2.0, 6.0) == pytest.approx(0.41, abs=0.02)
+
+
+@pytest.mark.parametrize("miss", MISSES.values(), ids=MISSES)
+def test_a_lidar_with_range_min_0_has_no_obstacle_at_0_m(miss):
+    toy = with_misses(Toy([(5.0, 0.5, 0.2)], period=0.1), miss)
+    plain = toy.scan
+    toy.scan = lambda: replace(plain(), range_min=0.0)
+    assert states(toy.drive(12.0)) == [State.DRIVING, State.ARRIVED]
+
+
+# ---------------------------------------------------------------------------- limits, and what a drive is
+
+
+@pytest.mark.parametrize("pillars", [[], [(6.0, 6.0, 0.2)]])
+def test_max_angular_limits_every_command_also_of_the_search(pillars):
+    steps = Toy(pillars, period=0.05, max_angular=0.1, search_rate=2.0).drive(2.0)
+    assert max(abs(step.output.twist.angular) for step in steps) == pytest.approx(0.1)
+
+
+def test_no_free_way_ahead_turns_within_max_angular():
+    control = ControlConfig(max_angular=0.1, search_rate=2.0)
+    toy = Toy([(3.0, 0.0, 0.2)], control=control)
+    toy.drive(0.2)
+    around = box(0.0, 0.0, 0.0, 2.4, 2.4)  # walls on all sides, nearer than it could pass
+    toy.segments = list(around)
+    steps = toy.drive(1.0)
+    assert any("no free way ahead" in step.output.reason for step in steps)
+    assert max(abs(step.output.twist.angular) for step in steps) == pytest.approx(0.1)
+
+
+def test_the_time_of_a_drive_begins_where_the_robot_leaves_the_pillar_or_is_put_elsewhere():
+    toy = Toy([(3.0, 0.0, 0.2)], period=0.05)
+    toy.drive(8.0)
+    assert toy.controller_state.state is State.ARRIVED
+    assert toy.controller_state.started_at == 0.0
+    toy.pose = Pose2D(-1.0, 0.5, 0.0)  # as a 2D Pose Estimate or ~reset puts it
+    at = toy.time
+    steps = toy.drive(10.0)
+    assert [step.time for step in steps if step.output.moved] == [at]
+    assert toy.controller_state.state is State.ARRIVED
+    assert toy.controller_state.started_at == pytest.approx(at)
+    toy.circles, leaving = [(5.0, 0.0, 0.2)], toy.time
+    toy.drive(10.0)
+    assert toy.controller_state.state is State.ARRIVED
+    assert leaving <= toy.controller_state.started_at < leaving + 1.5
+
+
+def test_a_robot_that_only_drives_is_never_taken_for_one_that_was_moved():
+    assert not any(step.output.moved for step in Toy([(12.0, 5.0, 0.2)], period=0.1).drive(15.0))
+
+
+def test_a_near_place_that_stays_hidden_is_given_up_after_five_seconds():
+    """Each second counts a tenth, against 0.5 s."""
+    toy = Toy([(1.6, 0.0, 0.2)], period=0.05)
+    toy.drive(0.5)
+    toy.enabled = False  # it stays before what hides the place
+    toy.circles, toy.segments = [], [(1.0, -3.0, 1.0, 3.0)]
+    gone = next(step.time for step in toy.drive(12.0) if step.output.estimate is None)
+    assert gone == pytest.approx(5.5, abs=0.6)

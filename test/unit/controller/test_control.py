@@ -1,0 +1,149 @@
+"""The laws of the drive: gains, limits, how far there is to go."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields
+from math import inf, nan, pi
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import UPRIGHT, UPSIDE_DOWN
+
+from husky_highlevel_controller.config import read_config
+from husky_highlevel_controller.controller.control import (
+    TOUCH_LEAST_SPEED,
+    TOUCH_SPEED,
+    ControlConfig,
+    Target,
+    limited,
+    remaining_distance,
+    steer,
+    target_at,
+    to_be_touched,
+)
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH
+
+CONFIG = ControlConfig()
+COURSE = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
+TOUCHING = ControlConfig(stop_distance=0.0)
+LASER_X = UPSIDE_DOWN.position[0]
+
+
+def at(x: float, y: float) -> Target:
+    """The usual pillar with its centre there, in base_link."""
+    return target_at((x, y), 0.2, UPSIDE_DOWN)
+
+
+def ahead(distance: float) -> Target:
+    """The usual pillar, its surface so far ahead of the lidar."""
+    return at(LASER_X + 0.2 + distance, 0.0)
+
+
+# ---------------------------------------------------------------------------- the laws
+
+
+coordinate = st.floats(-30.0, 30.0)
+
+
+@given(x=coordinate, y=coordinate, gain_vel=st.floats(0.0, 10.0), gain_ang=st.floats(0.0, 10.0))
+@settings(derandomize=True)
+def test_the_twist_keeps_the_limits_and_never_backs_up(x, y, gain_vel, gain_ang):
+    for stop_distance in (0.0, 0.4):
+        config = ControlConfig(
+            p_gain_vel=gain_vel,
+            p_gain_ang=gain_ang,
+            stop_distance=stop_distance,
+            max_linear=0.7,
+            max_angular=0.9,
+        )
+        twist = limited(steer(at(x, y), config), config)
+        assert 0.0 <= twist.linear <= 0.7
+        assert abs(twist.angular) <= 0.9
+
+
+@given(x=coordinate, y=st.floats(0.01, 30.0))
+@settings(derandomize=True)
+def test_a_mirrored_pillar_is_driven_to_in_mirror_image(x, y):
+    left, right = steer(at(x, y), CONFIG), steer(at(x, -y), CONFIG)
+    assert left.linear == right.linear
+    assert left.angular == -right.angular
+    assert left.angular > 0.0
+
+
+def test_the_speed_is_proportional_to_the_distance_still_to_go():
+    assert steer(ahead(2.4), COURSE).linear == pytest.approx(0.2)
+    assert steer(ahead(4.4), COURSE).linear == pytest.approx(0.4)
+
+
+def test_the_speed_keeps_the_robot_s_limit_however_far_it_is_and_however_large_the_gain():
+    for config in (CONFIG, ControlConfig(p_gain_vel=10.0)):
+        assert steer(ahead(25.0), config).linear == 1.0
+
+
+def test_the_turning_rate_is_proportional_to_the_bearing_in_base_link():
+    assert steer(at(5.0, 5.0), COURSE).angular == pytest.approx(0.4 * pi / 4.0)
+
+
+def test_a_pillar_to_the_side_or_behind_is_turned_to_before_driving():
+    for x in (-5.0, 0.0):
+        twist = limited(steer(at(x, 5.0), CONFIG), CONFIG)
+        assert twist.linear == pytest.approx(0.0, abs=1e-12)
+        assert twist.angular == CONFIG.max_angular
+
+
+# ---------------------------------------------------------------------------- how far there is to go
+
+
+def test_the_way_to_go_ends_where_the_lidar_is_at_the_stop_distance_from_the_surface():
+    assert remaining_distance(ahead(2.0), CONFIG) == pytest.approx(1.6)
+    assert not to_be_touched(ahead(2.0), CONFIG)
+
+
+def test_the_way_to_go_ends_where_the_hull_meets_the_pillar_when_that_is_sooner():
+    nose = HALF_LENGTH - LASER_X
+    assert nose == pytest.approx(0.1567, abs=1e-4)
+    assert remaining_distance(ahead(2.0), TOUCHING) == pytest.approx(2.0 - nose)
+    assert to_be_touched(ahead(2.0), TOUCHING)
+
+
+def test_a_pillar_beside_the_robot_touches_when_it_meets_its_side():
+    assert remaining_distance(at(0.0, HALF_WIDTH + 0.2 + 0.3), TOUCHING) == pytest.approx(0.3)
+
+
+def test_the_last_of_the_way_to_a_touch_is_slow_but_never_stands():
+    speeds = [steer(ahead(0.1567 + 0.01 * step), TOUCHING).linear for step in range(1, 24)]
+    assert max(speeds) <= TOUCH_SPEED
+    for config in (TOUCHING, ControlConfig(p_gain_vel=0.1, stop_distance=0.0)):
+        assert steer(ahead(0.1567), config).linear == pytest.approx(TOUCH_LEAST_SPEED)
+
+
+def test_without_a_gain_it_does_not_drive():
+    assert steer(ahead(1.0), ControlConfig(p_gain_vel=0.0, stop_distance=0.0)).linear == 0.0
+
+
+def test_the_distance_is_the_same_whichever_way_up_the_lidar_hangs():
+    x, _, z = UPRIGHT.position
+    below = target_at((4.0, 1.0), 0.2, UPSIDE_DOWN)
+    above = target_at((4.0 + x - LASER_X, 1.0), 0.2, UPRIGHT)
+    assert z < UPSIDE_DOWN.position[2]
+    assert below.distance == pytest.approx(above.distance)
+
+
+# ---------------------------------------------------------------------------- parameters
+
+
+@pytest.mark.parametrize("gain", ["p_gain_vel", "p_gain_ang"])
+@pytest.mark.parametrize("bad", [-0.1, 10.1, nan, inf])
+def test_a_gain_that_cannot_work_is_refused_by_name(gain, bad):
+    values = {**asdict(CONFIG), gain: bad}
+    with pytest.raises(HuskyError, match=f"~{gain} = {bad}"):
+        read_config(values, "~", ControlConfig)
+
+
+def test_every_setting_declares_a_range_that_holds_its_default():
+    for setting in fields(ControlConfig):
+        assert setting.metadata["help"]
+        if setting.type != "bool":
+            assert 0.0 <= setting.metadata["min"] <= setting.default <= setting.metadata["max"], setting.name

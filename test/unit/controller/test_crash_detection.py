@@ -1,0 +1,255 @@
+"""Collisions are felt on smooth and on rough ground, and rough ground alone is no collision."""
+
+from __future__ import annotations
+
+import gzip
+import os
+from math import cos, pi, radians, sin
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from husky_highlevel_controller.controller.crash_detection import CrashConfig, CrashDetector
+from husky_highlevel_controller.datatypes import ImuSample, Twist2D
+from husky_highlevel_controller.geometry import (
+    quat_from_rpy,
+    quat_inverse,
+    rotate,
+)
+
+LAW = settings(derandomize=True, deadline=None, max_examples=50)
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+RATE = 100  # [Hz], of the real Husky's IMU
+LOSS = -0.4 / 0.08  # [m/s^2], a loss of 0.4 m/s within 80 ms
+
+# A real A200 while it drives (BorealTC, CC0, arXiv 2403.16877): standard deviation of the horizontal
+# acceleration [m/s^2] and the frequencies that carry most of it [Hz]
+FLOORING, ASPHALT = 1.0, 1.9
+
+
+def vibration(seconds, deviation, seed):
+    """Accelerations (N, 3) [m/s^2]: noise, most of it between 8 and 30 Hz, and single shocks."""
+    rng = np.random.default_rng(seed)
+    count = round(seconds * RATE)
+    spectrum = np.fft.rfft(rng.standard_normal((count, 3)), axis=0)
+    frequencies = np.fft.rfftfreq(count, 1.0 / RATE)
+    spectrum *= ((frequencies > 8.0) & (frequencies < 30.0))[:, None] + 0.15
+    shaking = np.fft.irfft(spectrum, count, axis=0)
+    shaking *= deviation / shaking.std(axis=0)
+    shocks = rng.choice(count, max(int(seconds / 5), 1), replace=False)
+    shaking[shocks] += rng.choice([-1.0, 1.0], (len(shocks), 3)) * 8.0 * deviation
+    return shaking
+
+
+class Drive:
+    """Feeds a detector: accelerations in base_link [m/s^2], wheel speeds and yaw rate, a mount, a slope."""
+
+    def __init__(self, mount=LEVEL, slope=LEVEL, config=None, rate=RATE, wheels_rate=10):
+        self.detector, self.mount, self.slope = CrashDetector(config or CrashConfig()), mount, slope
+        self.rate, self.wheels_every, self.step = rate, rate // wheels_rate, 0
+
+    def go(self, accelerations, speed=0.6, yaw_rate=0.0):
+        """Stamps and losses of the crashes felt [s], [m/s]; `speed` is a number or one for each sample."""
+        felt = []
+        speeds = np.broadcast_to(speed, len(accelerations))
+        for acceleration, wheels in zip(accelerations, speeds):
+            self.step += 1
+            now = self.step / self.rate
+            if self.step % self.wheels_every == 0:
+                self.detector.add_odometry(now, Twist2D(float(wheels), yaw_rate))
+            gravity = rotate(quat_inverse(self.slope), (0.0, 0.0, 9.8))
+            force_in_base = [a + g for a, g in zip(acceleration, gravity)]
+            to_imu = quat_inverse(self.mount)
+            sample = ImuSample(
+                now, LEVEL, rotate(to_imu, (0.0, 0.0, yaw_rate)), rotate(to_imu, force_in_base)
+            )
+            loss = self.detector.add_sample(sample, self.mount)
+            if loss is not None:
+                felt.append((now, loss))
+        return felt
+
+
+def push(seconds, ahead=0.0, left=0.0, up=0.0):
+    return np.tile((ahead, left, up), (round(seconds * RATE), 1))
+
+
+def bump(ahead=LOSS, left=0.0, speed=0.6, **how):
+    """Crashes felt while a robot at constant wheel speed loses some."""
+    drive = Drive(**how)
+    drive.go(push(2.0), speed)
+    return drive.go(np.concatenate([push(0.08, ahead, left), push(0.3)]), speed)
+
+
+# ---------------------------------------------------------------------------- smooth ground
+
+
+@pytest.mark.parametrize(("loss", "felt"), [(0.4, True), (0.15, True), (0.09, False)])
+def test_the_limit_on_smooth_ground(loss, felt):
+    assert bool(bump(-loss / 0.08)) is felt
+
+
+def test_the_limit_is_a_parameter():
+    assert not bump(config=CrashConfig(max_loss=0.5, max_loss_rough=0.5))
+    assert bump(-0.09 / 0.08, config=CrashConfig(max_loss=0.05))
+
+
+def test_the_loss_reported_is_the_speed_lost():
+    assert max(loss for _, loss in bump()) == pytest.approx(0.4, abs=0.05)
+
+
+def test_what_pushes_a_robot_on_is_no_crash_but_the_same_push_stops_one_that_drives_backwards():
+    assert not bump(-LOSS, speed=0.6)
+    assert bump(-LOSS, speed=-0.6)
+    assert bump(LOSS, speed=0.0), "a robot that stands is hit from either side"
+    assert bump(-LOSS, speed=0.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_push_from_the_side_is_felt(side):
+    assert bump(0.0, side * LOSS)
+
+
+def test_a_bump_from_below_is_not_a_crash():
+    drive = Drive()
+    drive.go(push(2.0))
+    assert not drive.go(np.concatenate([push(0.03, up=30.0), push(0.5)]))
+
+
+def test_speeding_up_braking_and_curves_are_what_the_wheels_say():
+    drive = Drive(wheels_rate=50)
+    assert not drive.go(push(1.0), 0.0)
+    ramp = np.linspace(0.0, 1.0, 33)
+    assert not drive.go(push(0.33, 3.0), ramp)
+    assert not drive.go(push(1.0), 1.0)
+    assert not drive.go(push(0.33, -3.0), ramp[::-1])
+    assert not drive.go(push(1.0), 0.0)
+    curve = Drive(wheels_rate=50)
+    assert not curve.go(push(3.0, left=1.0 * 2.0), 1.0, yaw_rate=2.0)
+
+
+def test_without_odometry_a_crash_is_felt_all_the_same():
+    detector = Drive(wheels_rate=1)
+    detector.wheels_every = 10**9
+    detector.go(push(2.0))
+    assert detector.go(np.concatenate([push(0.08, LOSS), push(0.3)]))
+
+
+@pytest.mark.parametrize("rate", [50, 100, 200])
+def test_a_sharp_crash_is_felt_at_any_rate(rate):
+    drive = Drive(rate=rate, wheels_rate=10)
+    drive.go(np.zeros((2 * rate, 3)))
+    hit = np.zeros((rate, 3))
+    hit[10] = (-0.2 * rate, 0.0, 0.0)  # 0.2 m/s in one sample
+    assert drive.go(hit)
+
+
+def test_a_jump_of_time_is_a_new_beginning():
+    drive = Drive()
+    drive.go(push(2.0))
+    drive.step = 0  # the simulator was started again
+    assert not drive.go(push(2.0))
+    assert drive.go(np.concatenate([push(0.08, LOSS), push(0.3)]))
+
+
+# ---------------------------------------------------------------------------- mount and slope
+
+angles = st.floats(-pi, pi)
+
+
+@LAW
+@given(st.builds(quat_from_rpy, angles, angles, angles), st.floats(-0.2, 0.2), st.floats(-0.2, 0.2))
+def test_however_the_imu_is_mounted_and_the_ground_slopes_a_crash_is_felt_and_gravity_is_none(
+    mount, roll, pitch
+):
+    drive = Drive(mount, quat_from_rpy(roll, pitch, 0.0))
+    assert not drive.go(push(2.0))
+    assert drive.go(np.concatenate([push(0.08, LOSS), push(0.3)]))
+
+
+@pytest.mark.parametrize("rate", [0.1, 0.3])
+def test_driving_up_a_kerb_is_no_crash(rate):
+    """The ramp in a real run: 0.3 rad/s of pitch up to 25 degrees, 4 m/s^2 of gravity along the robot."""
+    drive = Drive(wheels_rate=10)
+    drive.go(push(2.0))
+    felt, pitch = [], 0.0
+    while pitch < radians(25.0):
+        pitch += rate / RATE
+        drive.step += 1
+        if drive.step % 10 == 0:
+            drive.detector.add_odometry(drive.step / RATE, Twist2D(0.3, 0.0))
+        force = (9.8 * sin(pitch), 0.0, 9.8 * cos(pitch))
+        sample = ImuSample(drive.step / RATE, LEVEL, (0.0, -rate, 0.0), force)
+        felt.append(drive.detector.add_sample(sample))
+    assert not any(felt)
+
+
+# ---------------------------------------------------------------------------- rough ground
+
+
+@pytest.mark.parametrize("deviation", [FLOORING, ASPHALT])
+@pytest.mark.parametrize("seed", range(4))
+def test_rough_ground_is_no_crash(deviation, seed):
+    assert not Drive().go(vibration(60.0, deviation, seed))
+
+
+@pytest.mark.parametrize("deviation", [FLOORING, ASPHALT])
+@pytest.mark.parametrize("seed", range(2))
+def test_on_rough_ground_a_loss_of_0_4_m_s_within_80_ms_is_felt_within_0_3_s(deviation, seed):
+    shaking, felt, trials = vibration(60.0, deviation, seed), 0, 0
+    for start in range(300, len(shaking) - 40, 150):
+        drive, piece = Drive(), shaking[start - 200 : start + 30].copy()
+        piece[200:208, 0] += LOSS
+        felt += any(now > 2.0 for now, _ in drive.go(piece))
+        trials += 1
+    assert felt == trials
+
+
+# ---------------------------------------------------------------------------- real runs, where they are
+
+RUNS = os.environ.get("REAL_HUSKY_RUNS")  # a folder of NAME_imu.csv.gz and NAME_pro.csv.gz
+# by which the wheels' clock is behind the IMU's [s]: where their yaw rates agree best
+CLOCKS = {"ASPHALT_00": 0.20, "ASPHALT_04": 0.05, "FLOORING_01": -0.06, "FLOORING_02": -0.08}
+CLOCKS.update({"FLOORING_08": -0.36, "ICE_04": 0.22, "ICE_07": -0.16, "SNOW_00": 0.16})
+
+
+def names():
+    return sorted(path.name[:-11] for path in Path(RUNS).glob("*_imu.csv.gz")) if RUNS else ["none"]
+
+
+def read(path):
+    with gzip.open(path, "rt") as file:
+        return np.loadtxt(file, delimiter=",", skiprows=1)
+
+
+def crashes_in(name, first=0, last=None, hit=None):
+    """Stamps [s] of what is felt in a part of a run, perhaps with a loss from sample `hit` on."""
+    samples, wheels = read(Path(RUNS) / f"{name}_imu.csv.gz"), read(Path(RUNS) / f"{name}_pro.csv.gz")
+    speeds, stamps = 1.27 * (wheels[:, 3] + wheels[:, 4]) / 2.0, wheels[:, 0] + CLOCKS.get(name, 0.0)
+    detector, felt, next_wheels = CrashDetector(CrashConfig()), [], 0
+    if hit is not None:
+        speed = np.interp(samples[hit, 0], stamps, speeds)
+        samples[hit : hit + 8, 4] += LOSS if speed >= 0.0 else -LOSS
+    for row in samples[first:last].tolist():
+        while next_wheels < len(stamps) and stamps[next_wheels] <= row[0]:
+            detector.add_odometry(stamps[next_wheels], Twist2D(speeds[next_wheels], 0.0))
+            next_wheels += 1
+        if detector.add_sample(ImuSample(row[0], LEVEL, tuple(row[1:4]), tuple(row[4:]))) is not None:
+            felt.append(row[0])
+    return felt
+
+
+@pytest.mark.skipif(not RUNS, reason="REAL_HUSKY_RUNS names no folder of real runs")
+@pytest.mark.parametrize("name", names())
+def test_a_real_run_without_a_collision_is_no_crash(name):
+    assert crashes_in(name) == []
+
+
+@pytest.mark.skipif(not RUNS, reason="REAL_HUSKY_RUNS names no folder of real runs")
+@pytest.mark.parametrize("name", [name for name in names() if name.startswith("FLOORING")])
+def test_in_a_real_run_on_flooring_nearly_every_loss_is_felt(name):
+    hits = range(250, 1900, 97)
+    felt = [any(crashes_in(name, hit - 250, hit + 31, hit)) for hit in hits]
+    assert sum(felt) >= 0.95 * len(felt)

@@ -1,0 +1,418 @@
+"""The pillar in a scan: found, measured, and not mistaken for something else."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from math import cos, hypot, inf, nan, pi, sin
+from typing import Tuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import look
+
+from husky_highlevel_controller.controller import pillar_detection
+from husky_highlevel_controller.controller.circle_fit import Segment, few_moments, fit_circle, many_moments
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig, cluster, find_pillars
+from husky_highlevel_controller.datatypes import Scan
+from husky_highlevel_controller.evaluation.scenarios import (
+    SICK,
+    Lidar,
+    bare_scene,
+    box,
+    cast,
+    pillar_scene,
+    room,
+    scan_of,
+)
+
+CONFIG = PillarConfig()
+
+
+def at(distance: float, bearing: float) -> Tuple[float, float, float]:
+    """The usual pillar, as a circle."""
+    return distance * cos(bearing), distance * sin(bearing), 0.2
+
+
+def only(scan: Scan, config: PillarConfig = CONFIG):
+    pillars = find_pillars(scan, config)
+    assert len(pillars) == 1, pillars
+    return pillars[0]
+
+
+# ---------------------------------------------------------------------------- found and measured
+
+
+def test_the_pillar_of_the_exercise_as_the_real_simulator_scans_it():
+    # Gazebo 11 with husky 0.6.10, single-pillar world, robot at the origin: three beams of 720
+    ranges = np.full(720, inf)
+    ranges[321:324] = 20.1020, 20.0986, 20.2421
+    pillar = only(scan_of(ranges))
+    assert hypot(pillar.x, pillar.y) == pytest.approx(20.289, abs=0.005)
+    assert pillar.bearing == pytest.approx(-0.249, abs=0.0005)
+    assert pillar.beams == 3
+
+
+def test_the_distance_is_to_the_near_surface_and_the_place_is_the_centre():
+    pillar = only(look([at(5.0, 0.3)]))
+    assert pillar.distance == pytest.approx(4.8, abs=0.002)
+    assert hypot(pillar.x, pillar.y) == pytest.approx(5.0, abs=0.002)
+    assert pillar.radius == pytest.approx(0.2, abs=0.002)
+
+
+def test_pillars_come_nearest_first():
+    scan = look([at(9.0, -1.0), at(3.0, 0.5), at(6.0, 2.0)])
+    assert [round(p.distance, 1) for p in find_pillars(scan, CONFIG)] == [2.8, 5.8, 8.8]
+
+
+@pytest.mark.parametrize(
+    ("noise", "clutter", "least_found", "error_p95"),
+    [
+        (0.001, False, 0.995, 0.02),
+        (0.001, True, 0.99, 0.02),
+        (0.01, False, 0.99, 0.04),
+        (0.03, False, 0.95, 0.1),
+    ],
+)
+def test_reach(noise, clutter, least_found, error_p95):
+    errors = []
+    for number in range(300):
+        scene = pillar_scene(number, 5, noise, clutter)
+        x, y, _ = scene.pillar
+        errors.append(min((hypot(p.x - x, p.y - y) for p in find_pillars(scene.scan, CONFIG)), default=inf))
+    found = [error for error in errors if error < 0.2]
+    assert len(found) >= least_found * len(errors)
+    assert np.quantile(found, 0.95) <= error_p95
+
+
+@pytest.mark.parametrize(
+    ("lidar", "distance"),
+    [
+        (Lidar(beams=180), 4.0),
+        (Lidar(beams=541), 15.0),
+        (Lidar(beams=5000, range_max=80.0), 40.0),
+        (Lidar(beams=5000), 0.5),
+        (Lidar(beams=360, angle_max=pi), 6.0),
+        (Lidar(beams=720, range_max=20.0), 12.0),
+    ],
+)
+def test_any_lidar_will_do(lidar, distance):
+    rng = np.random.default_rng(1)
+    for bearing in np.linspace(-2.2, 2.2, 23):
+        x, y, _ = at(distance, bearing)
+        pillar = only(look([(x, y, 0.2)], lidar=lidar, rng=rng))
+        assert hypot(pillar.x - x, pillar.y - y) < 0.02
+
+
+def test_two_beams_far_away_make_a_pillar_of_the_expected_radius():
+    x, y, _ = at(24.0, 0.0)
+    scan = look([(x, y, 0.2)])
+    assert scan.valid.sum() == 2
+    pillar = only(scan)
+    assert hypot(pillar.x - x, pillar.y - y) < 0.02
+    assert pillar.radius == pytest.approx(0.2, abs=0.005)
+
+
+def test_another_radius_is_looked_for_when_asked():
+    config = PillarConfig(pillar_radius=1.0)
+    scan = look([(10.0, 2.0, 1.0), (5.0, -2.0, 0.2)], rng=np.random.default_rng(3))
+    assert only(scan, config).radius == pytest.approx(1.0, abs=0.02)
+    assert only(scan).radius == pytest.approx(0.2, abs=0.02)
+
+
+@given(distance=st.floats(0.7, 18.0), bearing=st.floats(-2.0, 2.0))
+@settings(derandomize=True, max_examples=40, deadline=None)
+def test_a_mirrored_scene_has_mirrored_pillars(distance, bearing):
+    scan = look([at(distance, bearing)], rng=np.random.default_rng(7))
+    one, other = only(scan), only(scan_of(scan.ranges[::-1]))
+    assert (other.x, other.y) == (pytest.approx(one.x, abs=1e-6), pytest.approx(-one.y, abs=1e-6))
+
+
+@given(distance=st.floats(0.7, 18.0), bearing=st.floats(-1.5, 1.5), steps=st.integers(-90, 90))
+@settings(derandomize=True, max_examples=40, deadline=None)
+def test_turning_the_scene_by_whole_beams_turns_the_pillar(distance, bearing, steps):
+    scan = look([at(distance, bearing)])
+    turned = scan_of(np.roll(scan.ranges, steps))
+    one, other = only(scan), only(turned)
+    assert other.bearing - one.bearing == pytest.approx(steps * scan.angle_increment, abs=1e-6)
+    assert other.distance == pytest.approx(one.distance, abs=1e-6)
+
+
+def test_a_scan_that_turns_the_other_way_shows_the_same_pillar():
+    scan = look([at(5.0, 0.7)])
+    back = Scan(0.0, "laser", scan.angle_max, scan.angle_min, 0.1, 30.0, scan.ranges[::-1])
+    one, other = only(scan), only(back)
+    assert (other.x, other.y) == (pytest.approx(one.x, abs=1e-6), pytest.approx(one.y, abs=1e-6))
+
+
+@pytest.mark.parametrize(("noise", "distance", "error"), [
+    (0.001, 0.4, 0.0005), (0.003, 0.4, 0.0015), (0.01, 0.4, 0.006), (0.02, 0.6, 0.012), (0.03, 1.0, 0.02)
+])  # fmt: skip
+def test_noise_moves_a_near_pillar_hardly_nearer(noise, distance, error):
+    # the mean of 100: noise bends a circle inwards, and the more so the shorter the way one fits it
+    errors = []
+    for number in range(100):
+        rng = np.random.default_rng([1, number])
+        x, y, _ = at(distance, rng.uniform(-2.0, 2.0))
+        found = find_pillars(look([(x, y, 0.2)], noise=noise, rng=rng), CONFIG)
+        errors += [min(hypot(p.x - x, p.y - y) for p in found)] if found else []
+    assert len(errors) >= 95
+    assert np.mean(errors) < error
+
+
+# ---------------------------------------------------------------------------- in company
+
+
+def test_a_partly_hidden_pillar_is_measured_by_what_shows():
+    for hidden in (0.25, 0.4, 0.55):  # share of its width behind a box
+        edge = -0.2 + 0.4 * hidden
+        screen = box(3.0, edge * 0.6 - 0.5, 0.0, 0.1, 1.0)
+        x, y = 5.0, 0.0
+        assert 5 <= (cast([(x, y, 0.2)], screen)[1] == 0).sum() <= 9  # of 12
+        scan = look([(x, y, 0.2)], screen, rng=np.random.default_rng(2))
+        pillar = only(scan)
+        assert hypot(pillar.x - x, pillar.y - y) < 0.03
+        back = only(Scan(0.0, "laser", scan.angle_max, scan.angle_min, 0.1, 30.0, scan.ranges[::-1]))
+        assert hypot(back.x - x, back.y - y) < 0.03
+
+
+def test_a_pillar_cut_by_the_edge_of_view_is_measured_by_what_shows():
+    x, y, _ = at(4.0, SICK.angle_max - 0.01)
+    pillar = only(look([(x, y, 0.2)], rng=np.random.default_rng(2)))
+    assert hypot(pillar.x - x, pillar.y - y) < 0.03
+
+
+def test_a_thin_post_in_front_does_not_make_two_pillars_of_one():
+    x, y, _ = at(3.0, 0.2)
+    pillar = only(look([(x, y, 0.2), (1.5 * cos(0.21), 1.5 * sin(0.21), 0.02)], rng=np.random.default_rng(2)))
+    assert hypot(pillar.x - x, pillar.y - y) < 0.03
+
+
+def test_the_nearest_return_on_a_wall_is_not_the_pillar():
+    walls = ((2.0, -9.0, 2.0, -1.0), (-3.0, 3.0, 9.0, 3.0))
+    pillar = only(look([at(6.0, 0.1)], walls, rng=np.random.default_rng(2)))
+    assert hypot(pillar.x - 6.0 * cos(0.1), pillar.y - 6.0 * sin(0.1)) < 0.02
+
+
+def test_a_pillar_in_a_furnished_room_is_the_only_one():
+    furniture = box(3.0, 2.0, 0.4, 0.4, 0.4) + box(4.0, -2.0, 1.1, 0.5, 0.3) + box(2.0, 3.0, 0.0, 1.0, 0.4)
+    for yaw in np.linspace(0.0, 1.5, 7):
+        scan = look(
+            [at(5.0, 0.0), (2.0, -2.0, 0.05)], furniture + room(16.0, yaw), rng=np.random.default_rng(2)
+        )
+        assert only(scan).distance == pytest.approx(4.8, abs=0.01)
+
+
+def test_speckle_dropouts_and_the_own_body_hardly_ever_hide_it():
+    rng, seen = np.random.default_rng(4), 0
+    for _ in range(100):
+        ranges = look([at(5.0, 0.4)], rng=rng).ranges.copy()
+        ranges[rng.choice(720, 6)] = rng.uniform(0.2, 29.0, 6)
+        ranges[rng.choice(720, 20)] = nan
+        ranges[rng.choice(720, 3)] = -inf
+        ranges[[0, 1, 2, 3, 717, 718, 719]] = 0.155
+        seen += any(abs(p.distance - 4.8) < 0.05 for p in find_pillars(scan_of(ranges), CONFIG))
+    assert seen >= 97
+
+
+# ---------------------------------------------------------------------------- nothing there
+
+
+@pytest.mark.parametrize("nothing", [inf, -inf, nan, 0.0, -1.0, 99.0])
+def test_a_scan_of_nothing_shows_nothing(nothing):
+    # an index of the smallest range would be 0 here: a pillar at -135 degrees
+    scan = Scan(0.0, "laser", -2.35619, 2.35619, 0.1, 30.0, np.full(720, nothing))
+    assert find_pillars(scan, CONFIG) == []
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3])
+def test_a_scan_of_hardly_any_beams_shows_nothing(count):
+    for edge in (0.0, 0.001):
+        assert find_pillars(Scan(0.0, "laser", -edge, edge, 0.1, 30.0, np.full(count, 5.0)), CONFIG) == []
+
+
+@given(
+    kinds=st.lists(
+        st.sampled_from([inf, -inf, nan, 0.0, 0.1, 0.155, 3.0, 3.01, 3.1, 20.0, 30.0]), max_size=60
+    )
+)
+@settings(derandomize=True, max_examples=200, deadline=None)
+def test_garbage_never_raises_and_never_makes_numbers_that_are_none(kinds):
+    scan = Scan(0.0, "laser", -2.35619, 2.35619, 0.1, 30.0, np.array(kinds, dtype=float))
+    for pillar in find_pillars(scan, CONFIG):
+        assert np.isfinite([pillar.x, pillar.y, pillar.radius, pillar.residual]).all()
+        assert abs(pillar.radius - CONFIG.pillar_radius) <= CONFIG.radius_tolerance
+
+
+@pytest.mark.parametrize(("first", "last"), [(nan, nan), (0.0, nan), (inf, inf), (0.0, inf), (0.0, 7e-5)])
+def test_beams_of_no_direction_show_nothing(first, last):
+    ranges = look([at(5.0, 0.0)]).ranges
+    assert find_pillars(Scan(0.0, "laser", first, last, 0.1, 30.0, ranges), CONFIG) == []
+
+
+@given(
+    depths=st.lists(st.sampled_from([-1.0, -0.25, -0.1, 0.0, 1e-9, 0.1, 1.0, 1e6, inf, nan]), max_size=60),
+    range_min=st.sampled_from([-inf, -2.0, 0.0]),
+    range_max=st.sampled_from([30.0, 1e9, inf, nan]),
+    span=st.sampled_from([4.7, -4.7, 1e-3, 20.0]),
+)
+@settings(derandomize=True, max_examples=200, deadline=None)
+def test_limits_that_let_nonsense_through_make_no_error(depths, range_min, range_max, span):
+    scan = Scan(0.0, "laser", -span / 2.0, span / 2.0, range_min, range_max, np.array(depths, dtype=float))
+    with np.errstate(invalid="ignore"):
+        find_pillars(scan, CONFIG)
+
+
+def test_a_zero_that_stands_for_no_return_is_no_pillar_at_the_lidar():
+    for number in range(50):
+        rng = np.random.default_rng([3, number])
+        ranges = look([at(rng.uniform(1.0, 12.0), rng.uniform(-2.0, 2.0))], rng=rng).ranges
+        scan = Scan(0.0, "laser", -2.35619, 2.35619, 0.0, 30.0, np.where(np.isfinite(ranges), ranges, 0.0))
+        assert all(pillar.distance > 0.5 for pillar in find_pillars(scan, CONFIG))
+
+
+def test_a_hedge_hardly_ever_has_a_pillar_of_many_beams():
+    found = []
+    for number in range(60):
+        rough = 3.0 + np.random.default_rng([5, number]).normal(0.0, 0.3, 720)
+        found += [pillar for pillar in find_pillars(scan_of(rough), CONFIG) if pillar.beams >= 8]
+    assert not found
+
+
+def hedge(beams: int, seed: int) -> Scan:
+    """A scan of rough leaves 3 m away all around."""
+    rough = 3.0 + np.random.default_rng([6, seed]).normal(0.0, 0.3, beams)
+    return scan_of(rough, Lidar(beams=beams))
+
+
+@pytest.fixture
+def fits(monkeypatch):
+    """The segments that got an exact fit."""
+    fitted = []
+
+    def fit(segment, *args):
+        fitted.append(segment)
+        return fit_circle(segment, *args)
+
+    monkeypatch.setattr(pillar_detection, "fit_circle", fit)
+    return fitted
+
+
+@pytest.mark.parametrize(("beams", "most"), [(720, 12), (16384, pillar_detection.MAX_FITS)])
+def test_a_hedge_causes_few_exact_fits(beams, most, fits):
+    for seed in range(3):
+        find_pillars(hedge(beams, seed), CONFIG)
+        assert len(fits) <= most  # of 140 and of 3000 segments
+        fits.clear()
+
+
+def test_of_too_many_round_bodies_the_nearest_are_fitted(fits):
+    lidar = Lidar(beams=16384)
+    bearings = np.linspace(-2.3, 2.3, 3 * pillar_detection.MAX_FITS)
+    columns = [at(14.0 + bearing, bearing) for bearing in bearings]
+    found = find_pillars(look(columns, lidar=lidar, rng=np.random.default_rng(1)), CONFIG)
+    assert len(found) == len(fits) == pillar_detection.MAX_FITS
+    assert found[-1].distance < 14.0 + bearings[pillar_detection.MAX_FITS]
+
+
+def test_the_screen_of_clutter_rejects_no_pillar(monkeypatch):
+    scans = []
+    for number in range(15):
+        rng = np.random.default_rng([7, number])
+        ranges = pillar_scene(number, 7, 0.01).scan.ranges
+        leaves = rng.uniform(0.6, 12.0) + rng.normal(0.0, 0.3, 720)
+        scans.append(scan_of(np.where(rng.random(720) < 0.4, np.minimum(leaves, ranges), ranges)))
+        steps = np.repeat(rng.uniform(0.6, 12.0, 180), 4) + rng.normal(0.0, 0.01, 720)
+        scans.append(scan_of(steps))
+    monkeypatch.setattr(pillar_detection, "MAX_FITS", 720)
+    screened = [find_pillars(scan, CONFIG) for scan in scans]
+    monkeypatch.setattr(pillar_detection, "may_be_pillars", lambda scan, segments, limits: segments)
+    assert screened == [find_pillars(scan, CONFIG) for scan in scans]
+    assert sum(map(len, screened)) > 15
+
+
+def test_ground_seen_by_a_pitching_robot_is_no_pillar():
+    bearings = np.linspace(-2.35619, 2.35619, 720)
+    for pitch in np.radians(np.linspace(0.9, 15.0, 30)):
+        with np.errstate(divide="ignore"):
+            ground = 0.44023 / (np.sin(pitch) * np.cos(bearings))  # lidar height: Husky URDF, 0.6.10
+        ranges = np.where((ground > 0.0) & (ground < 30.0), ground, inf)
+        noise = np.random.default_rng(1).normal(0.0, 0.001, 720)
+        assert find_pillars(scan_of(ranges + noise), CONFIG) == []
+
+
+def test_a_wall_seen_through_a_gap_is_no_pillar():
+    for width in np.linspace(0.05, 0.5, 19):
+        screens = ((2.0, -5.0, 2.0, -width / 2.0), (2.0, width / 2.0, 2.0, 5.0))
+        for yaw in (-0.5, 0.0, 0.8):
+            dx, dy = 20.0 * sin(yaw), 20.0 * cos(yaw)
+            wall = ((4.0 - dx, -dy, 4.0 + dx, dy),)
+            scan = look([], screens + wall, rng=np.random.default_rng(1))
+            assert find_pillars(scan, CONFIG) == []
+
+
+@pytest.mark.parametrize("radius", [0.03, 0.05, 0.1, 0.13, 0.28, 0.3, 0.5])
+def test_a_column_of_another_radius_is_no_pillar(radius):
+    rng = np.random.default_rng(6)
+    for distance in np.linspace(radius + 0.4, 1.2 + 18.0 * radius, 40):
+        scan = look([(distance, 0.1, radius)], rng=rng)
+        if scan.valid.sum() >= 8:
+            assert find_pillars(scan, CONFIG) == [], distance
+
+
+def test_a_niche_as_round_as_a_pillar_is_none():
+    bow = np.linspace(-1.4, 1.4, 30)
+    x, y = 3.0 + 0.2 * np.cos(bow), 0.2 * np.sin(bow)
+    niche = tuple(zip(x[:-1], y[:-1], x[1:], y[1:]))
+    assert find_pillars(look([], niche, rng=np.random.default_rng(1)), CONFIG) == []
+
+
+def test_a_rough_thing_is_refused_by_a_strict_residual():
+    scan = look([at(3.0, 0.0)], noise=0.02, rng=np.random.default_rng(1))
+    assert only(scan).distance == pytest.approx(2.8, abs=0.03)
+    assert find_pillars(scan, PillarConfig(max_residual=0.01)) == []
+
+
+def test_boxes_walls_corners_posts_and_speckle_are_no_pillars():
+    found = [find_pillars(bare_scene(number, seed=8).scan, CONFIG) for number in range(400)]
+    wrong = [pillar for pillars in found for pillar in pillars if pillar.beams >= 8]
+    assert not wrong
+
+
+# ---------------------------------------------------------------------------- its parts
+
+
+def test_runs_end_where_the_range_jumps_by_more_than_a_pillar_could():
+    scan = look([at(3.0, 0.0)], ((-9.0, -9.0, -9.0, 9.0), (4.0, -9.0, 4.0, 9.0)))
+    runs = cluster(scan, CONFIG)
+    assert [beam for beams, _ in runs for beam in beams] == scan.valid.nonzero()[0].tolist()
+    assert all(scan.ranges[beams].tolist() == ranges for beams, ranges in runs)
+    assert [max(ranges) < 3.0 for _, ranges in runs] == [False, True, False]
+
+
+def test_one_missing_beam_does_not_split_a_run():
+    scan = look([at(3.0, 0.0)])
+    ranges = scan.ranges.copy()
+    ranges[360] = nan
+    assert len(cluster(scan_of(ranges), CONFIG)) == 1
+
+
+@given(
+    beams=st.sets(st.integers(0, 40), min_size=2, max_size=24).map(sorted),
+    near=st.floats(0.1, 30.0),
+    step=st.floats(1e-4, 0.02) | st.floats(-0.02, -1e-4),
+    circle=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.2, 0.2), st.floats(0.02, 1.0)),
+    seed=st.integers(0, 99),
+)
+def test_few_beams_are_summed_as_many_are(beams, near, step, circle, seed):
+    ranges = near + np.random.default_rng(seed).uniform(0.0, 0.3, len(beams))
+    segment = Segment(beams, ranges.tolist(), float(ranges.min()), step)
+    few, many = (sums(segment, near + 0.2)(*circle) for sums in (few_moments, many_moments))
+    assert np.allclose(few, many, rtol=1e-9, atol=1e-12)
+
+
+def test_every_setting_declares_a_range_that_holds_its_default():
+    for setting in fields(PillarConfig):
+        assert setting.metadata["min"] <= setting.default <= setting.metadata["max"], setting.name
+        assert setting.metadata["help"]

@@ -1,0 +1,352 @@
+"""When the robot is stopped: before it touches, after it has, once, and not for nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from math import atan2, cos, hypot, inf, pi, sin
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from husky_highlevel_controller.config import read_config
+from husky_highlevel_controller.controller.crash_detection import CrashConfig
+from husky_highlevel_controller.controller.safety import (
+    Latch,
+    ProximityConfig,
+    advance_latch,
+    is_moving,
+    too_close,
+)
+from husky_highlevel_controller.datatypes import (
+    STOP,
+    Box,
+    Cylinder,
+    Pose,
+    Pose2D,
+    RobotState,
+    Scan,
+    Twist2D,
+)
+from husky_highlevel_controller.geometry import (
+    advance,
+    pose_from_2d,
+    quat_from_rpy,
+    transform_point,
+)
+from husky_highlevel_controller.simulator.diff_drive import Drive, DriveConfig
+from husky_highlevel_controller.simulator.sensors.lidar import Lidar, LidarConfig
+from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make_scene
+
+LAW = settings(derandomize=True, deadline=None, max_examples=100)
+CONFIG = ProximityConfig()
+NOSE, SIDE = 0.4937, 0.34255  # [m], half the Husky's length and width
+UPSIDE_DOWN = Pose((0.337, 0.0, 0.308), quat_from_rpy(pi, 0.0, 0.0))
+UPRIGHT = Pose((0.337, 0.0, 0.308))
+CONFIG_FOLDER = Path(__file__).parents[3] / "config"
+
+
+def look(*shapes, base=Pose2D(), laser=UPSIDE_DOWN, lidar=LidarConfig(), seed=0):  # noqa: B008
+    """What the lidar sees of shapes with their poses in the world."""
+    sensor = Lidar(lidar, partial(cast_rays, make_scene(list(shapes))), "front_laser", laser)
+    sensor.reset(np.random.default_rng(seed))
+    return sensor.sample(RobotState(pose_from_2d(base), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), 0.0)
+
+
+def post(x, y, radius=0.05):
+    return Cylinder(radius, 2.0), Pose((x, y, 0.5))
+
+
+def wall_ahead(clearance):
+    return Box((0.2, 10.0, 2.0)), Pose((NOSE + clearance + 0.1, 0.0, 0.5))
+
+
+def verdict(*shapes, linear=0.0, angular=0.0, laser=UPSIDE_DOWN, config=CONFIG, **looking):
+    return too_close(look(*shapes, laser=laser, **looking), laser, Twist2D(linear, angular), config)
+
+
+# ---------------------------------------------------------------------------- too close
+
+
+@pytest.mark.parametrize("laser", [UPSIDE_DOWN, UPRIGHT])
+def test_the_clearance_told_is_from_the_robot_s_nose_not_from_the_lidar(laser):
+    assert verdict(wall_ahead(0.25), linear=1.0, laser=laser) == pytest.approx(0.25, abs=0.005)
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.3, 0.6, 1.0])
+def test_the_faster_the_farther(speed):
+    needed = 0.1 + 0.2 * speed + speed**2 / 6.0  # margin, reaction, braking at 3 m/s^2
+    assert verdict(wall_ahead(needed - 0.01), linear=speed) is not None
+    assert verdict(wall_ahead(needed + 0.01), linear=speed) is None
+
+
+def test_each_parameter_has_its_meaning():
+    for change, needed in (
+        ({"margin": 0.5}, 0.5 + 0.2 + 1.0 / 6.0),
+        ({"reaction_time": 1.0}, 0.1 + 1.0 + 1.0 / 6.0),
+        ({"braking": 0.5}, 0.1 + 0.2 + 1.0),
+    ):
+        config = replace(CONFIG, **change)
+        assert verdict(wall_ahead(needed - 0.02), linear=1.0, config=config) is not None
+        assert verdict(wall_ahead(needed + 0.02), linear=1.0, config=config) is None
+
+
+def test_who_stands_is_not_too_close_however_near_it_is():
+    assert verdict(wall_ahead(0.02)) is None
+    assert verdict(wall_ahead(0.02), linear=0.01, angular=0.01) is None, "odometry has noise"
+
+
+def test_who_backs_off_is_not_too_close():
+    assert verdict(wall_ahead(0.02), linear=-0.5) is None
+
+
+def test_who_creeps_towards_it_is():
+    assert verdict(wall_ahead(0.05), linear=0.03) == pytest.approx(0.05, abs=0.005)
+
+
+def test_what_the_robot_passes_at_a_distance_does_not_matter():
+    beside = Box((4.0, 0.1, 2.0)), Pose((2.5, SIDE + 0.15 + 0.05, 0.5))
+    assert verdict(beside, linear=1.0) is None
+    assert verdict(beside, linear=1.0, angular=1.0) is not None, "unless it turns towards it"
+    assert verdict(beside, linear=1.0, angular=-1.0) is None
+
+
+@pytest.mark.parametrize("laser", [UPSIDE_DOWN, UPRIGHT])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_curve_is_followed_whichever_way_up_the_lidar_is(side, laser):
+    in_the_curve = post(0.75, side * 0.52)
+    assert verdict(in_the_curve, linear=0.9, angular=side * 0.9, laser=laser) is not None
+    assert verdict(in_the_curve, linear=0.9, laser=laser) is None
+    assert verdict(in_the_curve, linear=0.9, angular=side * -0.9, laser=laser) is None
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_turning_in_place_swings_the_corners(side):
+    corner = hypot(NOSE, SIDE)
+    beside_the_corner = post(corner * cos(0.9), side * corner * sin(0.9), radius=0.04)
+    assert verdict(beside_the_corner, angular=side * 1.0) is not None
+    assert verdict(beside_the_corner, angular=side * -1.0) is None
+
+
+def test_backwards_counts_what_a_lidar_that_looks_there_sees():
+    behind = Box((0.1, 4.0, 2.0)), Pose((-NOSE - 0.15 - 0.05, 0.0, 0.5))
+    all_round = LidarConfig(angle_max=3.14159)
+    assert verdict(behind, linear=-0.5, lidar=all_round) == pytest.approx(0.15, abs=0.005)
+    assert verdict(behind, linear=0.5, lidar=all_round) is None
+
+
+def test_the_robot_itself_is_not_an_obstacle():
+    """Seen at 0.155 m, straight ahead of the lidar: within the outline."""
+    ranges = np.full(720, inf)
+    ranges[300:420] = 0.155 * 0.99
+    scan = Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, ranges)
+    assert too_close(scan, UPSIDE_DOWN, Twist2D(1.0, 0.5), CONFIG) is None
+
+
+def test_what_is_too_near_to_measure_is_near():
+    at_the_nose = Pose((NOSE - 0.05, 0.0, 0.2))
+    ranges = np.where(np.abs(np.linspace(-2.35619, 2.35619, 720)) < 0.1, -inf, inf)
+    scan = Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, ranges)
+    assert too_close(scan, at_the_nose, Twist2D(0.3, 0.0), CONFIG) == pytest.approx(0.05, abs=0.01)
+
+
+@pytest.mark.parametrize("ranges", [[], [inf] * 720, [np.nan] * 720])
+def test_where_nothing_is_measured_nothing_is_near(ranges):
+    scan = Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, np.array(ranges))
+    assert too_close(scan, UPSIDE_DOWN, Twist2D(1.0, 1.0), CONFIG) is None
+
+
+@pytest.mark.parametrize("miss", [inf, 0.0, np.nan, 30.0])
+@pytest.mark.parametrize("range_min", [0.0, 0.1])
+def test_a_miss_of_any_driver_is_no_obstacle_and_hides_none(miss, range_min):
+    seen = look(wall_ahead(0.2), lidar=LidarConfig(range_max=30.0))
+    seen = replace(seen, range_min=range_min, ranges=np.where(np.isinf(seen.ranges), miss, seen.ranges))
+    assert too_close(seen, UPSIDE_DOWN, Twist2D(1.0, 0.0), CONFIG) == pytest.approx(0.2, abs=0.01)
+    nothing = replace(seen, ranges=np.full(720, miss))
+    assert too_close(nothing, UPRIGHT, Twist2D(1.0, 1.0), CONFIG) is None
+
+
+@pytest.mark.parametrize("speed", [inf, -inf, np.nan])
+def test_a_velocity_that_is_no_number_is_a_reason_to_stop(speed):
+    assert is_moving(Twist2D(speed, 0.0))
+    assert is_moving(Twist2D(0.0, speed))
+    assert verdict(linear=speed) is not None
+    assert verdict(angular=speed) is not None
+
+
+# ---------------------------------------------------------------------------- driving
+
+
+def drive(command, *shapes, start=STOP, delay=0.1, seconds=20.0, config=CONFIG):
+    """Drive until told to stop, which takes effect `delay` s after the scan; the poses and the verdicts.
+
+    The robot does as its drive tells it, at once and exactly.
+    """
+    vehicle, pose, poses, verdicts = Drive(DriveConfig()), Pose2D(), [], []
+    vehicle.output = start
+    stop_at = inf
+    for step in range(round(seconds / 0.02)):
+        now = 0.02 * step
+        scan = look(*shapes, base=pose, seed=step)
+        clearance = too_close(scan, UPSIDE_DOWN, vehicle.output, config)
+        if clearance is not None:
+            verdicts.append(clearance)
+            stop_at = min(stop_at, now + delay)
+        vehicle.command(STOP if now >= stop_at else command(scan), now)
+        pose = advance(pose, vehicle.update(now, 0.02), 0.02)
+        poses.append(pose)
+        if stop_at < now and not is_moving(vehicle.output):
+            break
+    return poses, verdicts
+
+
+def gap(pose, x, y, radius):
+    """Between the robot's outline and a post."""
+    dx, dy = x - pose.x, y - pose.y
+    along, across = dx * cos(pose.yaw) + dy * sin(pose.yaw), dy * cos(pose.yaw) - dx * sin(pose.yaw)
+    return hypot(max(abs(along) - NOSE, 0.0), max(abs(across) - SIDE, 0.0)) - radius
+
+
+HULL, WHEELS = (
+    (0.9874 / 2, 0.5709 / 2),
+    (0.5120 / 2 + 0.1651, (0.5708 + 0.1143) / 2),
+)  # husky_description 0.6.10
+# backwards it would drive into what its lidar does not see
+twists = st.builds(Twist2D, st.floats(0.0, 1.0), st.floats(-2.0, 2.0))
+on_outline = st.tuples(
+    st.sampled_from([HULL, WHEELS]), st.floats(-1.0, 1.0), st.booleans(), st.floats(0.0, 1.0)
+)
+
+
+def outline_gap(pose, x, y, radius):
+    """Between the robot's hull or wheels and a post."""
+    dx, dy = x - pose.x, y - pose.y
+    along, across = dx * cos(pose.yaw) + dy * sin(pose.yaw), dy * cos(pose.yaw) - dx * sin(pose.yaw)
+    return min(hypot(max(abs(along) - a, 0.0), max(abs(across) - b, 0.0)) for a, b in (HULL, WHEELS)) - radius
+
+
+@settings(
+    derandomize=True, deadline=None, max_examples=30, suppress_health_check=[HealthCheck.filter_too_much]
+)
+@given(twists, on_outline, st.floats(0.6, 1.2), st.floats(0.05, 0.2))
+def test_whichever_way_it_drives_it_stops_before_it_touches_a_post_in_its_way(twist, corner, ahead, radius):
+    """The post stands where a point of the outline's front will be in `ahead` s."""
+    assume(is_moving(twist))
+    (length, width), side, at_front, along = corner
+    point = (length, side * width) if at_front else (along * length, width if side > 0.0 else -width)
+    x, y, _ = transform_point(pose_from_2d(advance(Pose2D(), twist, ahead)), (*point, 0.0))
+    # it starts clear of it, and what it sees at first it still sees when it gets there
+    assume(outline_gap(Pose2D(), x, y, radius) > CONFIG.margin)
+    assume(abs(atan2(y, x - 0.337)) < 1.8)
+    assume(verdict(post(x, y, radius), **twist._asdict()) is None)
+    poses, verdicts = drive(lambda _: twist, post(x, y, radius), start=twist, seconds=ahead + 0.4)
+    assert verdicts
+    assert min(outline_gap(pose, x, y, radius) for pose in poses) > 0.08
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_turning_is_braked_with_the_drive_s_6_rad_s2_no_sooner_and_no_later(side):
+    """At 2 rad/s it turns 0.4 rad while it reacts and 0.33 rad while it brakes: 0.73 rad in all."""
+    corner = hypot(NOSE, HULL[1])
+    nearest = atan2(HULL[1], NOSE)
+
+    def beside(turn):
+        """A post that the front corner would pass at half the margin after so much turning."""
+        return post(
+            (corner + 0.09) * cos(nearest + turn), side * (corner + 0.09) * sin(nearest + turn), radius=0.04
+        )
+
+    assert verdict(beside(0.85), angular=side * 2.0) is not None
+    assert verdict(beside(1.10), angular=side * 2.0) is None
+
+
+def test_it_stops_with_the_margin_to_spare_and_not_much_sooner():
+    x, radius = 3.0, 0.2
+    poses, _ = drive(lambda _: Twist2D(1.0, 0.0), post(x, 0.0, radius))
+    assert 0.1 < gap(poses[-1], x, 0.0, radius) < 0.25
+
+
+def p_control(stop_distance):
+    """The controller's default law of speed on the range straight ahead."""
+    return lambda scan: Twist2D(min(max(2.0 * (scan.ranges.min() - stop_distance), 0.0), 1.0), 0.0)
+
+
+def test_the_drive_to_the_pillar_and_the_stop_at_0_4_m_are_not_disturbed():
+    x, radius = 4.0, 0.2
+    poses, verdicts = drive(p_control(0.4), post(x, 0.0, radius), seconds=8.0)
+    assert not verdicts
+    assert gap(poses[-1], x, 0.0, radius) == pytest.approx(0.4 - (NOSE - 0.337), abs=0.01)
+
+
+def test_a_controller_that_would_not_stop_in_front_of_the_pillar_is_stopped():
+    x, radius = 4.0, 0.2
+    poses, verdicts = drive(p_control(0.0), post(x, 0.0, radius), seconds=8.0)
+    assert verdicts
+    assert gap(poses[-1], x, 0.0, radius) > 0.05
+
+
+# ---------------------------------------------------------------------------- latch
+
+
+def run(story, latch=Latch()):  # noqa: B008
+    """Times at which a stop is called for, in a story of (seconds, danger, moving)."""
+    calls, now = [], 0.0
+    for seconds, danger, moving in story:
+        for _ in range(round(seconds / 0.02)):
+            latch, stop = advance_latch(latch, danger, moving, now)
+            if stop:
+                calls.append(round(now, 2))
+            now += 0.02
+    return calls
+
+
+def test_one_danger_is_one_call_however_long_it_lasts():
+    assert run([(1.0, False, True), (0.4, True, True), (60.0, True, False)]) == [1.0]
+
+
+def test_without_danger_there_is_no_call():
+    assert run([(5.0, False, True), (5.0, False, False)]) == []
+
+
+def test_started_again_it_is_on_guard_again():
+    stopped = [(0.2, True, True), (5.0, False, False)]
+    assert run([*stopped, (1.0, False, True), (0.2, True, True)]) == [0.0, 6.2]
+    assert run([*stopped, (0.2, True, True)]) == [0.0, 5.2], "and at once if it is started into the danger"
+
+
+def test_started_again_at_once_after_it_stood_it_is_on_guard_at_once():
+    assert run([(0.2, True, True), (0.2, False, False), (0.2, True, True)]) == [0.0, 0.4]
+
+
+def test_started_again_while_it_still_brakes_it_is_on_guard_soon():
+    assert run([(0.2, True, True), (2.0, False, True), (0.2, True, True)]) == [0.0, 2.2]
+
+
+def test_a_robot_that_somebody_else_drives_on_is_called_out_once_a_second():
+    calls = run([(3.5, True, True)])
+    assert len(calls) == 4
+    assert np.diff(calls) == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_crash_while_it_stands_after_the_stop_is_no_reason_to_call_again():
+    assert run([(0.02, True, True), (1.0, False, False), (0.02, True, False)]) == [0.0]
+
+
+def test_when_time_starts_again_so_does_the_guard():
+    assert advance_latch(Latch(tripped_at=100.0, stood=True), True, False, 0.5) == (Latch(0.5), True)
+
+
+# ---------------------------------------------------------------------------- parameters
+
+
+@pytest.mark.parametrize(
+    ("file", "record"), [("proximity_stop", ProximityConfig), ("crash_stop", CrashConfig)]
+)
+def test_the_yaml_files_hold_the_defaults(file, record):
+    values = yaml.safe_load((CONFIG_FOLDER / f"{file}.yaml").read_text())
+    assert values.pop("start_stop_service_name") == "husky_highlevel_controller/start_stop"
+    assert read_config(values, f"{file}.yaml: ", record) == [record()]

@@ -1,0 +1,75 @@
+"""When a drive is over, and which call of exercise 5 is due."""
+
+from husky_highlevel_controller.datatypes import Pose
+from husky_highlevel_controller.grading.call_plan import CallPlan, exercise_2_over, exercise_2_speed
+from husky_highlevel_controller.grading.drive_end import DriveEnd
+from husky_highlevel_controller.grading.truth_feed import TruthRow, row_from_line
+
+
+def end_of(states):
+    """The first moment at which a drive of (stamp, x, speed) is over, and why."""
+    end = DriveEnd((10.0, 0.0))
+    for stamp, x, speed in states:
+        end.update(TruthRow(stamp, Pose((x, 0.0, 0.1)), speed, 0.0))
+        if end.reason():
+            return stamp, end.reason()
+    return None, ""
+
+
+def standing(x, start, seconds, speed=0.0):
+    return [(start + 0.1 * n, x, speed) for n in range(int(10 * seconds))]
+
+
+def test_a_drive_ends_three_seconds_after_it_stands_at_the_pillar():
+    stamp, why = end_of([(1.0, 5.0, 1.0), *standing(9.2, 2.0, 5.0)])
+    assert why == "it stands at the pillar"
+    assert 4.8 <= stamp <= 5.3
+
+
+def test_one_that_pushes_the_pillar_ends_three_seconds_after_the_touch():
+    stamp, why = end_of([(1.0, 5.0, 1.0), *standing(9.4, 2.0, 5.0, speed=1.0)])
+    assert why == "it reached the pillar and touched it"
+    assert 4.9 <= stamp <= 5.2
+
+
+def test_one_that_never_moves_has_twenty_seconds():
+    stamp, why = end_of(standing(0.0, 0.0, 30.0))
+    assert (round(stamp, 1), why) == (20.0, "it did not move for 20 s")
+
+
+def test_one_that_stops_on_the_way_has_fifteen():
+    stamp, why = end_of([(1.0, 5.0, 1.0), *standing(5.0, 1.1, 30.0)])
+    assert (round(stamp, 1), why) == (16.0, "it stood still for 15 s")
+
+
+def test_calls_come_every_four_seconds_from_a_second_after_it_drives():
+    plan, made = CallPlan(), []
+    for tick in range(300):
+        now = 0.1 * tick
+        value = plan.due(now, 0.5 if now > 3.0 else 0.0)
+        if value is not None:
+            made.append((round(now, 1), value))
+    assert [value for _, value in made] == [False, True, False, True]
+    assert made[0][0] in (4.1, 4.2)
+    assert all(3.9 <= b[0] - a[0] <= 4.2 for a, b in zip(made, made[1:]))
+    assert plan.reason(30.0, offered=True) == "all calls are made"
+    assert CallPlan().reason(26.0, offered=False) == "no start/stop service for 25 s"
+
+
+def test_a_robot_that_waits_for_a_call_is_called_after_eight_seconds():
+    plan = CallPlan()
+    assert plan.due(7.9, 0.0) is None
+    assert plan.due(8.0, 0.0) is False
+
+
+def test_exercise_2_drives_for_ten_seconds():
+    assert [exercise_2_speed(now) for now in (1.0, 5.0, 12.5)] == [0.0, 0.5, 0.0]
+    assert not exercise_2_over(12.0)
+    assert exercise_2_over(13.5)
+
+
+def test_a_line_of_the_truth_becomes_a_row():
+    row = row_from_line([1.5, 1.0, 2.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.3, -0.2])
+    assert (row.stamp, row.speed, row.yaw_rate) == (1.5, 0.3, -0.2)
+    assert row.pose_in_world.position == (1.0, 2.0, 0.1)
+    assert abs(abs(row.yaw) - 3.14159) < 1e-3

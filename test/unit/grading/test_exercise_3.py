@@ -1,0 +1,451 @@
+"""Exercise 3's rubric on drives made of numbers: who deserves what, and which sentence."""
+
+import hashlib
+from dataclasses import replace
+from math import nan
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.grading.graph import forged_topics, silent_topics, unread_topics
+from husky_highlevel_controller.grading.pose_jumps import pose_jumps
+from husky_highlevel_controller.grading.recording import (
+    ExchangedError,
+    MarkerSample,
+    Recording,
+    RecordingError,
+    empty_recording,
+    from_json,
+    hull_gaps,
+    load,
+    to_json,
+)
+from husky_highlevel_controller.grading.rubrics.exercise_3 import (
+    ITEMS,
+    judge_approach,
+    judge_arrival,
+    judge_exercise_3,
+    judge_place,
+    judge_rviz,
+    judge_shown,
+)
+from husky_highlevel_controller.grading.rubrics.items import RvizView, over_trials, total
+from husky_highlevel_controller.grading.rubrics.rules import Rules, read_rules
+
+PILLAR = (10.0, 0.0)  # [m]
+NOSE = 0.4937  # [m], from base_link to the front
+PERIOD = 0.02  # [s]
+SCAN = "/front/scan"
+FULL_VIEW = RvizView("its rviz node", (SCAN, "/marker"), tf=True, robot=True, scan=True)
+
+
+def drive(*legs, **more):
+    """A recording of legs along x: (to x [m], speed [m/s]) or (seconds, 0) to stand."""
+    x, xs, speeds = 0.0, [], []
+    for amount, speed in legs:
+        steps = round((abs(amount - x) / abs(speed) if speed else amount) / PERIOD)
+        xs += list(x + np.arange(1, steps + 1) * PERIOD * speed)
+        speeds += [speed] * steps
+        x = xs[-1] if xs else 0.0
+    times = np.round(PERIOD * np.arange(1, len(xs) + 1), 2)
+    poses = np.column_stack([xs, np.zeros((len(xs), 2))])
+    twists = np.column_stack([speeds, np.zeros(len(xs))])
+    given = dict(command_count=len(xs), subscribed=True)
+    return Recording(Pose2D(), PILLAR, 60.0, times, poses, twists, times, **{**given, **more})
+
+
+def sample(at, position, number=0, size=0.4, **more):
+    """A marker as wide and high as `size` [m]."""
+    reach = max(np.hypot(position[0] - PILLAR[0], position[1] - PILLAR[1]) - size / 2.0, 0.0)
+    given = dict(
+        reach=reach, low=position[2] - size / 2.0, high=position[2] + size / 2.0, stamp=at, frame="odom"
+    )
+    return MarkerSample("/marker", "pillar", number, at, position=position, **{**given, **more})
+
+
+def markers(recording, position, stamp=None, problem="", every=5):
+    """A marker in each fifth row; `position` is one, or a function of the row."""
+    at = position if callable(position) else lambda row: position
+    shown = tuple(
+        sample(float(t), at(row), stamp=float(t) if stamp is None else stamp, problem=problem)
+        for row, t in enumerate(recording.times)
+        if row % every == 0
+    )
+    return replace(recording, markers=shown, marker_topics=("/marker",))
+
+
+TO_PILLAR = 10.0 - 0.2 - NOSE - 0.2  # [m], 0.2 m from the surface
+GOOD = drive((TO_PILLAR, 0.5), (3.0, 0.0))
+
+
+# ---------------------------------------------------------------------------- geometry
+
+
+@pytest.mark.parametrize(
+    ("pose", "gap"),
+    [
+        ((0.0, 0.0, 0.0), 10.0 - 0.2 - NOSE),
+        ((0.0, 0.0, np.pi / 2), 10.0 - 0.2 - 0.34255),  # its wheels stick out sideways
+        ((10.0, -1.0, np.pi / 2), 1.0 - 0.2 - NOSE),
+        ((10.0, 0.0, 0.0), -0.2),
+    ],
+)
+def test_the_gap_is_from_the_outline_to_the_surface(pose, gap):
+    assert hull_gaps(np.array([pose]), PILLAR)[0] == pytest.approx(gap, abs=1e-9)
+
+
+# ---------------------------------------------------------------------------- towards the pillar
+
+
+def test_half_of_the_way_is_driving_towards_it():
+    item = judge_approach(GOOD)
+    assert (item.points, item.max_points) == (20.0, 20.0)
+    assert item.at == pytest.approx(9.3 / 2 / 0.5, abs=0.1)
+    assert "half of the 9.30 m" in item.evidence
+
+
+@pytest.mark.parametrize(("covered", "points"), [(0.08, 0.0), (0.12, 10.0), (0.48, 10.0), (0.52, 20.0)])
+def test_part_of_the_way_is_half_the_points(covered, points):
+    way = 10.0 - 0.2 - NOSE
+    assert judge_approach(drive((covered * way, 0.5), (3.0, 0.0))).points == points
+
+
+def test_who_drives_away_gets_nothing_and_is_told_how_far():
+    item = judge_approach(drive((-5.0, -0.5)))
+    assert item.points == 0.0
+    assert "drives away: 4.99 m farther" in item.evidence
+    assert item.at == pytest.approx(10.0)
+
+
+def test_who_spins_gets_nothing_and_is_told_how_often():
+    still = drive((13.0, 0.0))
+    poses, speeds = still.poses.copy(), still.speeds.copy()
+    poses[:, 2] = still.times
+    speeds[:, 1] = 1.0
+    item = judge_approach(replace(still, poses=poses, speeds=speeds))
+    assert item.points == 0.0
+    assert "turns round 2.1 times" in item.evidence
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"notes": ("node x ends",)}, "never moves: node x ends"),
+        ({"subscribed": False}, "it does not subscribe to the scans"),
+        ({"subscribed": False, "silent_topics": ("/scan",)}, "it listens to /scan, where nothing is sent"),
+        ({"zero_count": 250}, "all 250 commands were zero"),
+        (
+            {"command_count": 0, "unread_topics": ("/husky/cmd_vel",)},
+            "to /husky/cmd_vel, which has no subscriber",
+        ),
+        ({"command_count": 0}, "nothing came on cmd_vel"),
+        ({}, "in spite of 250 commands"),
+    ],
+)
+def test_who_never_moves_is_told_why(more, words):
+    item = judge_approach(drive((5.0, 0.0), **more))
+    assert item.points == 0.0
+    assert words in item.evidence
+
+
+# ---------------------------------------------------------------------------- at the pillar
+
+
+def test_standing_there_is_arriving():
+    item = judge_arrival(GOOD)
+    assert item.points == 30.0
+    assert "stands 0.20 m from it since" in item.evidence
+    assert item.at == pytest.approx(TO_PILLAR / 0.5, abs=0.1)
+
+
+def test_trembling_there_is_standing():
+    speeds = GOOD.speeds.copy()
+    speeds[-100:, 1] = 0.3 * (-1.0) ** np.arange(100)
+    assert judge_arrival(replace(GOOD, speeds=speeds)).points == 30.0
+
+
+def test_a_gentle_touch_is_arriving():
+    item = judge_arrival(drive((10.0 - 0.2 - NOSE, 0.4)))
+    assert item.points == 30.0
+    assert "reaches it, at 0.40 m/s" in item.evidence
+
+
+def test_driving_into_it_is_reaching_it():
+    item = judge_arrival(drive((12.0, 1.0)))
+    assert item.points == 30.0
+    assert "reaches it, at 1.00 m/s" in item.evidence
+    assert item.at == pytest.approx(10.0 - 0.2 - NOSE, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("speed", "points"), [(0.4, 30.0), (0.5, 30.0), (0.54, 30.0), (0.6, 20.0), (1.0, 20.0)]
+)
+def test_ramming_may_cost_points_and_never_at_the_speed_that_is_allowed(speed, points):
+    item = judge_arrival(drive((12.0, speed)), Rules(ramming_costs=10.0))
+    assert item.points == points
+    assert ("rams the pillar" in item.evidence) == (points < 30.0)
+
+
+@pytest.mark.parametrize(
+    ("legs", "words"),
+    [
+        ([(TO_PILLAR, 0.5), (5.0, -0.5), (3.0, 0.0)], "but stands 4.31 m away in the end"),
+        ([(TO_PILLAR, 0.5), (5.0, -0.5)], "does not stop there"),
+        ([(TO_PILLAR, 0.5), (0.5, 0.0)], "does not stop there"),
+    ],
+)
+def test_being_there_without_staying_costs_a_third(legs, words):
+    item = judge_arrival(drive(*legs))
+    assert item.points == 20.0
+    assert words in item.evidence
+
+
+@pytest.mark.parametrize(("gap", "points"), [(0.34, 30.0), (0.36, 0.0), (3.0, 0.0)])
+def test_stopping_short_is_not_arriving(gap, points):
+    item = judge_arrival(drive((10.0 - 0.2 - NOSE - gap, 0.5), (3.0, 0.0)))
+    assert item.points == points
+    assert points or f"stops short: nearest {gap:.2f} m from the pillar" in item.evidence
+
+
+# ---------------------------------------------------------------------------- the marker
+
+
+@pytest.mark.parametrize("error", [(0.0, 0.0, 0.0), (-0.2, 0.0, 0.3), (0.1, 0.25, 1.2)])
+def test_a_marker_on_the_pillar_is_right(error):
+    position = (PILLAR[0] + error[0], PILLAR[1] + error[1], error[2])
+    item = judge_place(markers(GOOD, position))
+    assert item.points == 20.0
+    assert "right 100 % of the time" in item.evidence
+
+
+@pytest.mark.parametrize(
+    ("position", "fault"),
+    [
+        ((0.0, 0.0, 0.0), "x off by 10.00 m"),
+        ((10.0, 2.0, 0.0), "y off by 2.00 m"),
+        ((9.0, 1.0, 0.0), "x and y off by 1.00 m and 1.00 m"),
+        ((10.0, 0.0, 2.2), "z is wrong, it is drawn from 2.00 to 2.40 m"),
+    ],
+)
+def test_a_marker_elsewhere_is_wrong_and_the_coordinate_is_named(position, fault):
+    item = judge_place(markers(GOOD, position))
+    assert item.points == 0.0
+    x, y, z = position
+    assert f"at ({x:.2f}, {y:.2f}, {z:.2f}), the pillar at (10.00, 0.00): {fault}" in item.evidence
+    assert item.at == PERIOD
+
+
+@pytest.mark.parametrize(("share", "points"), [(0.1, 0.0), (0.3, 10.0), (0.7, 10.0), (0.9, 20.0)])
+def test_a_marker_that_is_right_at_times_gets_half(share, points):
+    last = share * len(GOOD.times)
+    item = judge_place(markers(GOOD, lambda row: (10.0, 0.0, 0.0) if row < last else (0.0, 0.0, 0.0)))
+    assert item.points == points
+
+
+@pytest.mark.parametrize("off", [0.55, 0.7])
+def test_a_marker_near_the_pillar_gets_half_the_points(off):
+    near = markers(GOOD, (10.0 - off, 0.0, 0.0))
+    assert judge_place(near).points == (10.0 if off == 0.55 else 0.0)
+
+
+def test_a_wide_marker_that_touches_the_pillar_gets_half_the_points():
+    wide = tuple(replace(marker, reach=0.2) for marker in markers(GOOD, (9.3, 0.0, 0.0)).markers)
+    assert judge_place(replace(GOOD, markers=wide, marker_topics=("/marker",))).points == 10.0
+    huge = tuple(replace(marker, reach=0.0, position=(0.0, 0.0, 0.0)) for marker in wide)
+    assert judge_place(replace(GOOD, markers=huge, marker_topics=("/marker",))).points == 0.0
+
+
+def test_a_tall_marker_whose_middle_is_above_the_pillar_is_seen_at_it():
+    tall = tuple(replace(marker, low=0.8) for marker in markers(GOOD, (10.0, 0.0, 1.9)).markers)
+    assert judge_place(replace(GOOD, markers=tall, marker_topics=("/marker",))).points == 20.0
+
+
+def with_samples(samples):
+    return replace(GOOD, markers=tuple(samples), marker_topics=("/marker",))
+
+
+def test_a_grid_of_guesses_earns_nothing():
+    grid = [(float(x), float(y), 0.0) for x in range(-7, 7) for y in range(-7, 7)]
+    guesses = [(x + 10.0, y, z) for x, y, z in grid]
+    samples = [
+        sample(float(t), place, number) for t in GOOD.times[::50] for number, place in enumerate(guesses)
+    ]
+    assert judge_place(with_samples(samples)).points == 0.0
+
+
+def test_a_new_id_for_each_scan_counts_by_all_that_is_drawn():
+    times = GOOD.times[::5]
+
+    def counted(right):
+        return with_samples(
+            sample(float(t), (10.0, 0.0, 0.0) if right(row) else (3.0, 0.0, 0.0), row)
+            for row, t in enumerate(times)
+        )
+
+    assert judge_place(counted(lambda row: True)).points == 20.0
+    assert judge_place(counted(lambda row: row >= 10)).points == 20.0  # right after a while
+    assert judge_place(counted(lambda row: row % 10 == 0)).points == 0.0  # nine of ten are wrong
+
+
+def test_what_is_deleted_or_too_old_is_no_longer_drawn():
+    wrong = [sample(0.02, (3.0, 0.0, 0.0), number) for number in range(1, 9)]
+    mortal = [replace(marker, until=0.1) for marker in wrong]
+    right = [sample(float(t), (10.0, 0.0, 0.0)) for t in GOOD.times[::5]]
+    assert judge_place(with_samples(wrong + right)).points == 0.0
+    assert judge_place(with_samples(mortal + right)).points == 20.0
+    cleared = replace(wrong[0], at=0.03, action="delete all")
+    assert judge_place(with_samples([*wrong, cleared, *right])).points == 20.0
+
+
+def test_the_best_of_several_namespaces_counts():
+    right, wrong = markers(GOOD, (10.0, 0.0, 0.0)), markers(GOOD, (0.0, 0.0, 0.0))
+    renamed = tuple(replace(marker, namespace="path") for marker in wrong.markers)
+    assert judge_place(replace(right, markers=renamed + right.markers)).points == 20.0
+
+
+def test_what_nobody_can_see_is_no_marker():
+    item = judge_place(
+        markers(GOOD, (nan, nan, nan), problem='"map" passed to lookupTransform does not exist')
+    )
+    assert item.points == 0.0
+    assert 'not to be seen: "map" passed to lookupTransform does not exist' in item.evidence
+
+
+def test_after_a_push_nobody_knows_where_the_pillar_is():
+    rammed = drive((14.0, 1.0))
+    moved = markers(rammed, lambda row: (max(10.0, rammed.poses[row, 0] + 0.7), 0.0, 0.0))
+    assert judge_place(moved).points == 20.0
+
+
+def test_no_marker_topic_and_no_marker_are_told_apart():
+    assert "no topic of type visualization_msgs/Marker" in judge_place(GOOD).evidence
+    silent = replace(GOOD, marker_topics=("/marker",))
+    assert judge_place(silent).evidence == "nothing came on /marker"
+
+
+# ---------------------------------------------------------------------------- RViz
+
+
+@pytest.mark.parametrize(
+    ("change", "points"),
+    [
+        ({}, 20.0),
+        ({"tf": False}, 14.0),
+        ({"robot": False}, 13.0),
+        ({"scan": False}, 13.0),
+        ({"topics": ("/scan",)}, 13.0),  # points of another topic
+        ({"problem": "RViz ends"}, 0.0),
+        ({"source": ""}, None),  # for a person
+        ({"judged": False}, None),
+    ],
+)
+def test_each_display_has_its_points(change, points):
+    assert judge_rviz(replace(FULL_VIEW, **change), SCAN).points == points
+
+
+def test_the_marker_in_rviz_counts_only_where_it_is_right():
+    right, wrong = markers(GOOD, (10.0, 0.0, 0.0)), markers(GOOD, (0.0, 0.0, 0.0))
+    assert judge_shown(FULL_VIEW, [right]).points == 10.0
+    assert judge_shown(FULL_VIEW, [wrong]).points == 0.0
+    deaf = judge_shown(replace(FULL_VIEW, topics=(SCAN,)), [right])
+    assert (deaf.points, deaf.evidence) == (0.0, "RViz does not subscribe to /marker")
+
+
+# ---------------------------------------------------------------------------- everything
+
+
+def test_all_of_it_is_100_points_and_nothing_is_none():
+    items = judge_exercise_3([markers(GOOD, (10.0, 0.0, 0.0))], FULL_VIEW, SCAN)
+    assert total(items) == (100.0, 100.0)
+    assert all(item.full for item in items)
+    nothing = judge_exercise_3([empty_recording(PILLAR, 60.0, ("no such file",))], RvizView(), SCAN)
+    assert total(nothing) == (0.0, 80.0)
+    assert "no such file" in nothing[0].evidence
+
+
+def test_several_drives_count_alike_and_the_worst_is_told():
+    item = over_trials([GOOD, drive((3.0, 0.0)), GOOD], judge_arrival)
+    assert item.points == 20.0
+    assert "full marks in 2 of 3 drives; drive 2: " in item.evidence
+
+
+def test_what_is_not_judged_is_not_counted():
+    items = judge_exercise_3([markers(GOOD, (10.0, 0.0, 0.0))], replace(FULL_VIEW, judged=False), SCAN)
+    assert total(items) == (70.0, 70.0)
+
+
+def test_a_recording_comes_back_from_its_file():
+    made = markers(GOOD, (10.0, 0.0, nan))
+    again = from_json(to_json(made))
+    assert np.array_equal(again.poses, np.round(made.poses, 4))
+    assert again.markers[3].topic == "/marker"
+    assert again.start == made.start
+    assert judge_arrival(again) == judge_arrival(made)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"start": {"x": 1}}'])
+def test_what_is_no_recording_is_an_error(text):
+    with pytest.raises(RecordingError):
+        from_json(text)
+
+
+def test_interfering_with_the_simulator_ends_the_claim_to_points():
+    cheated = replace(markers(GOOD, (10.0, 0.0, 0.0)), violations=("the robot jumps 19.87 m at 1.48 s",))
+    items = judge_exercise_3([GOOD, cheated], FULL_VIEW, SCAN)
+    assert total(items) == (0.0, 100.0)
+    assert items[0].evidence == "no points: the robot jumps 19.87 m at 1.48 s"
+
+
+def test_a_teacher_may_weigh_items_and_leave_one_to_a_person():
+    content = {"weights": {"reaches the pillar": 60}, "by_person": ["marker in RViz"], "ramming_costs": 10}
+    rules = read_rules(content, "rubric.yaml", ITEMS)
+    items = judge_exercise_3([markers(drive((12.0, 1.0)), (10.0, 0.0, 0.0))], FULL_VIEW, SCAN, rules)
+    assert [item.points for item in items] == [20.0, 40.0, 20.0, 20.0, None]
+    assert total(items) == (100.0, 120.0)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"wieghts": {}}, "rubric.yaml: wieghts is not a parameter"),
+        ({"weights": {"reaches": 10}}, "'reaches' is not an item; there are: drives towards"),
+        (
+            {"weights": {"reaches the pillar": -1}},
+            "weights/reaches the pillar = -1 is not",
+        ),
+        ({"reached": 9.0}, "reached = 9.0 is out of range"),
+        ({"by_person": "all"}, "by_person is not a list"),
+    ],
+)
+def test_a_rubric_file_with_a_mistake_is_refused(content, words):
+    with pytest.raises(ConfigError, match=words):
+        read_rules(content, "rubric.yaml", ITEMS)
+
+
+def test_a_recording_that_was_exchanged_is_refused(tmp_path):
+    path, text = tmp_path / "recording.json", to_json(GOOD)
+    path.write_text(text)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    assert load(path, digest).pillar == PILLAR
+    path.write_text(to_json(drive((10.0, 1.0))))
+    with pytest.raises(ExchangedError, match=r"recording\.json was exchanged after the drive"):
+        load(path, digest)
+
+
+def test_a_pose_that_jumps_is_named():
+    assert pose_jumps(GOOD.times, GOOD.poses) == []
+    moved = GOOD.poses.copy()
+    moved[100:, 0] += 5.0
+    assert pose_jumps(GOOD.times, moved) == ["the robot jumps 5.01 m at 2.02 s"]
+
+
+def test_topics_that_lead_nowhere_and_topics_that_are_forged():
+    ours = {"/husky_simulator", "/marking_recorder"}
+    publishers = {"/front/scan": ["/husky_simulator", "/me"], "/drive": ["/me"], "/cmd_vel": ["/me"]}
+    subscribers = {"/scan": ["/me"], "/clock": ["/me"], "/cmd_vel": ["/husky_simulator"]}
+    types = {"/drive": "geometry_msgs/Twist", "/cmd_vel": "geometry_msgs/Twist"}
+    assert silent_topics(publishers, subscribers, ours) == ["/scan"]
+    assert unread_topics(publishers, subscribers, types, ours) == ["/drive"]
+    assert forged_topics(publishers, ("/clock", "/front/scan"), ours) == [("/front/scan", "/me")]

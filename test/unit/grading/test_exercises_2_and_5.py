@@ -1,0 +1,134 @@
+"""Exercises 2 and 5: what a machine can judge of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.grading.recording import Call, Recording
+from husky_highlevel_controller.grading.rubrics.exercise_2 import (
+    judge_exercise_2,
+    judge_output,
+    judge_parameters,
+    judge_view,
+)
+from husky_highlevel_controller.grading.rubrics.exercise_5 import judge_calls, judge_exercise_5
+from husky_highlevel_controller.grading.rubrics.items import RvizView, total
+
+TIMES = np.arange(0.02, 20.0, 0.02)  # [s]
+SCAN = "/front/scan"
+NEAREST = np.column_stack([TIMES, np.interp(TIMES, [2.0, 12.0], [20.0, 15.0])])
+VIEW = RvizView("its rviz node", (SCAN,), scan=True, fixed_frame="odom")
+
+
+def recording(speeds=0.0, **more):
+    twists = np.zeros((len(TIMES), 2))
+    twists[:, 0] = speeds
+    poses = np.zeros((len(TIMES), 3))
+    return Recording(Pose2D(), (20.0, 5.0), 60.0, TIMES, poses, twists, TIMES, nearest=NEAREST, **more)
+
+
+def told(first, last, lines=50, shape="[INFO] [1700000000.123456, 17.420000]: smallest range {:.3f} m"):
+    return "\n".join(shape.format(value) for value in np.linspace(first, last, lines))
+
+
+@pytest.mark.parametrize(
+    ("output", "points"),
+    [
+        (told(20.0, 15.0), 40.0),
+        (told(20.0, 15.0, shape="{:.2f}"), 40.0),
+        (told(19.99, 19.98), 20.0),  # it does not follow the drive
+        (told(15.0, 20.0), 20.0),  # the wrong way round
+        (told(20.0, 15.0, lines=3), 0.0),
+        (told(1.0, 2.0), 0.0),  # the stamps of the log alone are not ranges
+        ("", 0.0),
+    ],
+)
+def test_the_smallest_range_must_be_printed_and_follow_the_drive(output, points):
+    assert judge_output(recording(subscribed=True, output=output)).points == points
+
+
+def test_without_a_subscription_nothing_is_the_scan_s():
+    assert judge_output(recording(output=told(20.0, 15.0))).points == 0.0
+
+
+@pytest.mark.parametrize(
+    ("topics", "queues", "points"),
+    [(("/n/topic",), ("/n/queue",), 15.0), (("/n/t",), (), 8.0), ((), (), 0.0)],
+)
+def test_topic_and_queue_size_are_parameters(topics, queues, points):
+    assert judge_parameters(recording(topic_parameters=topics, queue_parameters=queues)).points == points
+
+
+@pytest.mark.parametrize(
+    ("change", "points"),
+    [({}, 15.0), ({"fixed_frame": "map"}, 10.0), ({"scan": False}, 0.0), ({"source": ""}, None)],
+)
+def test_the_scan_is_shown_in_odom(change, points):
+    assert judge_view(replace(VIEW, **change), SCAN).points == points
+
+
+def test_style_is_left_to_people():
+    given = recording(
+        subscribed=True, output=told(20.0, 15.0), topic_parameters=("/a",), queue_parameters=("/b",)
+    )
+    items = judge_exercise_2([given], VIEW, SCAN)
+    assert total(items) == (70.0, 70.0)
+    assert [item.max_points for item in items if item.points is None] == [30.0]
+
+
+# ---------------------------------------------------------------------------- exercise 5
+
+
+def called(*pairs, services=("/start_stop",)):
+    """Calls every 4 s from 1 s on: (data, speed afterwards); before them it drives."""
+    speeds, calls = np.full(len(TIMES), 0.5), []
+    for number, (data, speed) in enumerate(pairs):
+        at = 1.0 + 4.0 * number
+        calls.append(Call(at, data, True, ""))
+        speeds[at + 0.5 <= TIMES] = speed
+    return recording(speeds, calls=tuple(calls), services=services)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "stop", "start"),
+    [
+        ([(False, 0.0), (True, 0.5), (False, 0.0), (True, 0.5)], 50.0, 50.0),
+        ([(False, 0.5), (True, 0.0), (False, 0.5), (True, 0.0)], 50.0, 50.0),  # true stops
+        ([(False, 0.0), (True, 0.5), (False, 0.5), (True, 0.5)], 25.0, 50.0),  # only once
+        ([(False, 0.0), (True, 0.0), (False, 0.0), (True, 0.0)], 50.0, 0.0),
+        ([(False, 0.5), (True, 0.5), (False, 0.5), (True, 0.5)], 0.0, 0.0),  # it changes nothing
+    ],
+)
+def test_the_service_stops_and_starts_again_and_again(pairs, stop, start):
+    assert [item.points for item in judge_calls(called(*pairs))] == [stop, start]
+
+
+def test_what_never_drives_cannot_be_stopped():
+    still = replace(
+        called((False, 0.0), (True, 0.0), (False, 0.0), (True, 0.0)), speeds=np.zeros((len(TIMES), 2))
+    )
+    items = judge_exercise_5([still], VIEW, SCAN)
+    assert [item.points for item in items] == [0.0, 0.0, None, None]
+
+
+def test_a_robot_that_stood_already_is_left_to_a_person():
+    stood = called((False, 0.0), (True, 0.0), (False, 0.0), (True, 0.0))
+    speeds = stood.speeds.copy()
+    speeds[stood.times > 0.4] = 0.0  # it stops by itself before the first call
+    items = judge_calls(replace(stood, speeds=speeds))
+    assert [item.points for item in items] == [None, None]
+    assert "stood already before each call: for a person" in items[0].evidence
+
+
+def test_a_robot_that_waits_for_its_first_start_is_judged():
+    waits = called((False, 0.0), (True, 0.5), (False, 0.0), (True, 0.5))
+    speeds = waits.speeds.copy()
+    speeds[waits.times < 5.5] = 0.0
+    assert [item.points for item in judge_calls(replace(waits, speeds=speeds))] == [50.0, 50.0]
+
+
+def test_no_service_is_told():
+    items = judge_calls(recording(notes=("node x ends",)))
+    assert [item.evidence for item in items] == ["no std_srvs/SetBool service: node x ends"] * 2

@@ -1,0 +1,467 @@
+"""Hand-ins of a class: what is one, which packages and launch file it has, and what a teacher sets for it."""
+
+import io
+import os
+import stat
+import tarfile
+import zipfile
+from pathlib import PurePosixPath
+
+import pytest
+
+from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading import archives
+from husky_highlevel_controller.grading.archives import Allowance, ArchiveError, unpack
+from husky_highlevel_controller.grading.batch import Batch, fingerprint, mark_all
+from husky_highlevel_controller.grading.build import build_error, copy_packages, missing_packages
+from husky_highlevel_controller.grading.hand_in import (
+    NotMarkableError,
+    choose_packages,
+    exercise_numbers,
+    find_hand_ins,
+    fits_exercise,
+    open_hand_in,
+)
+from husky_highlevel_controller.grading.launch_choice import choose_launch_file, named_launch_file
+from husky_highlevel_controller.grading.overrides import Override, read_overrides
+from husky_highlevel_controller.grading.page import class_page
+from husky_highlevel_controller.grading.report import Result, to_csv, to_junit
+from husky_highlevel_controller.grading.rubrics.items import Item
+
+MANIFEST = (
+    '<package format="2"><name>{}</name><version>0.0.0</version><description>d</description>'
+    '<maintainer email="{}">m</maintainer><license>BSD</license>{}</package>'
+)
+NODE = '<node name="n" pkg="{}" type="controller"/>'
+RVIZ = '<node name="rviz" pkg="rviz" type="rviz"/>'
+WORLD = (
+    '<include file="$(find husky_gazebo)/launch/husky_empty_world.launch">'
+    '<arg name="world_name" value="$(find {})/worlds/singlePillar.world"/></include>'
+)
+
+
+def put(path, text=""):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def package(folder, name, *depends, email="a@b.org"):
+    needs = "".join(f"<depend>{each}</depend>" for each in depends)
+    put(folder / "package.xml", MANIFEST.format(name, email, needs))
+    return folder
+
+
+def launch(path, *content):
+    return put(path, f"<launch>{''.join(content)}</launch>")
+
+
+def archive(path, files):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(path, "w") as opened:
+        for name, content in files.items():
+            opened.writestr(name, content)
+    return path
+
+
+def opened(folder, tmp_path):
+    (hand_in,) = find_hand_ins(folder)
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    return open_hand_in(hand_in, scratch)
+
+
+def chosen(folder, tmp_path, exercise=3):
+    contents = opened(folder, tmp_path)
+    packages, notes = choose_packages(contents.packages, exercise)
+    return contents, packages, [*contents.notes, *notes]
+
+
+# ---------------------------------------------------------------------------- what is one
+
+
+def test_each_folder_and_archive_of_a_class_is_one_student(tmp_path):
+    package(tmp_path / "ann" / "one", "one")
+    package(tmp_path / "ann" / "two", "two")
+    archive(tmp_path / "bob.zip", {})
+    put(tmp_path / "cid.tar.gz")
+    put(tmp_path / "marking.yaml")
+    put(tmp_path / ".hidden" / "package.xml")
+    (tmp_path / "link").symlink_to(tmp_path / "ann")
+    os.mkfifo(tmp_path / "fifo.zip")
+    assert [each.name for each in find_hand_ins(tmp_path)] == ["ann", "bob", "cid"]
+    put(tmp_path / "bob" / "package.xml")
+    with pytest.raises(HuskyError, match=r"bob and bob\.zip are both called bob"):
+        find_hand_ins(tmp_path)
+
+
+def test_a_folder_that_is_a_package_is_one_hand_in(tmp_path):
+    package(tmp_path / "ann", "one")
+    assert [each.name for each in find_hand_ins(tmp_path / "ann")] == ["ann"]
+
+
+def test_packages_are_found_in_folders_and_in_archives_inside(tmp_path):
+    for place in ("build/a", "devel/b", "src/c/inner", "src/c", "src/d"):
+        package(tmp_path / "class" / "ann" / place, place.split("/")[-1])
+    archive(tmp_path / "class" / "ann" / "e.zip", {"e/package.xml": MANIFEST.format("e", "", "")})
+    put(tmp_path / "class" / "ann" / "f.zip", "no archive")
+    contents = opened(tmp_path / "class", tmp_path)
+    assert [str(each.place) for each in contents.packages] == ["src/c", "src/d", "e.zip/e"]
+    assert contents.notes == ("f.zip is broken: File is not a zip file",)
+
+
+@pytest.mark.parametrize("name", ["", "/tmp/elsewhere", "../up", "a b", "a;rm", "-flag", "a/b"])
+def test_the_name_of_a_package_is_a_name(name, tmp_path):
+    put(tmp_path / "class" / "ann" / "package.xml", f"<package><name>{name}</name></package>")
+    contents = opened(tmp_path / "class", tmp_path)
+    assert contents.packages == ()
+    assert "which is not the name of a package" in contents.notes[0]
+
+
+@pytest.mark.parametrize(
+    "make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), lambda path: path.mkdir()]
+)
+def test_a_manifest_that_is_no_file_is_left_aside(make, tmp_path):
+    (tmp_path / "class" / "ann").mkdir(parents=True)
+    make(tmp_path / "class" / "ann" / "package.xml")
+    assert opened(tmp_path / "class", tmp_path).packages == ()
+
+
+# ---------------------------------------------------------------------------- archives
+
+
+@pytest.mark.parametrize("name", ["../x", "/etc/x", "a/../../x", "..\\x", "C:/x"])
+def test_no_member_of_an_archive_leaves_its_folder(name, tmp_path):
+    (tmp_path / "to").mkdir()
+    with pytest.raises(ArchiveError, match="leads out of its folder"):
+        unpack(archive(tmp_path / "a.zip", {name: "x"}), tmp_path / "to", Allowance())
+    assert not list((tmp_path / "to").iterdir())
+
+
+def test_links_and_devices_in_archives_are_left_out(tmp_path):
+    with tarfile.open(tmp_path / "a.tar.gz", "w:gz") as made:
+        for kind in (tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.FIFOTYPE, tarfile.CHRTYPE):
+            member = tarfile.TarInfo(f"special_{kind.decode()}")
+            member.type, member.linkname = kind, "/etc/passwd"
+            made.addfile(member)
+        member = tarfile.TarInfo("run")
+        member.size, member.mode = 1, 0o755
+        made.addfile(member, io.BytesIO(b"x"))
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as made:
+        link = zipfile.ZipInfo("link")
+        link.external_attr = (stat.S_IFLNK | 0o777) << 16
+        made.writestr(link, "/etc/passwd")
+    for name, special, files in (("a.tar.gz", 4, ["run"]), ("a.zip", 1, [])):
+        to = tmp_path / f"to_{name}"
+        to.mkdir()
+        assert unpack(tmp_path / name, to, Allowance()) == special
+        assert [path.name for path in to.iterdir()] == files
+    assert os.access(tmp_path / "to_a.tar.gz" / "run", os.X_OK)
+
+
+def test_an_archive_that_grows_too_large_is_refused(tmp_path):
+    bomb = tmp_path / "a.zip"
+    with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as made:
+        made.writestr("zeros", bytes(10_000_000))
+    (tmp_path / "to").mkdir()
+    with pytest.raises(ArchiveError, match="too large"):
+        unpack(bomb, tmp_path / "to", Allowance(size=1_000_000))
+    assert (tmp_path / "to" / "zeros").stat().st_size <= 1_000_000
+    many = archive(tmp_path / "many.zip", {str(n): "" for n in range(30)})
+    with pytest.raises(ArchiveError, match="too large"):
+        unpack(many, tmp_path / "to", Allowance(files=20))
+
+
+@pytest.mark.parametrize("name", ["a.zip", "a.tar.gz", "a.tar.xz"])
+def test_a_broken_archive_is_one_sentence(name, tmp_path):
+    good = io.BytesIO()
+    with zipfile.ZipFile(good, "w") as made:
+        made.writestr("a", "x" * 1000)
+    (tmp_path / name).write_bytes(good.getvalue()[:-40])
+    (tmp_path / "to").mkdir()
+    with pytest.raises(ArchiveError, match=f"{name} (is broken|cannot be unpacked)"):
+        unpack(tmp_path / name, tmp_path / "to", Allowance())
+
+
+def test_suffixes_are_read_in_any_case():
+    assert archives.suffix_of("Ann.ZIP") == ".zip"
+    assert archives.suffix_of("zip") == ""
+
+
+# ---------------------------------------------------------------------------- which exercise
+
+
+@pytest.mark.parametrize(
+    ("name", "numbers"),
+    [
+        ("ex3.launch", {3}), ("course_03", {3}), ("husky_5th_ex.launch", {5}), ("exercise_one", {1}),
+        ("MyHusky3.launch", {3}), ("husky_highlevel_controller_v2", set()), ("ros1_ws", set()),
+        ("tf2_demo", set()), ("2020", set()), ("laser_2d", set()), ("group_4", set()), ("python3", set()),
+    ],
+)  # fmt: skip
+def test_numbers_of_exercises_in_names(name, numbers):
+    assert exercise_numbers(name) == numbers
+
+
+def test_the_innermost_number_counts():
+    assert fits_exercise(PurePosixPath("exercise5/ex3.launch"), 3) == 2
+    assert fits_exercise(PurePosixPath("exercise3/husky.launch"), 3) == 2
+    assert fits_exercise(PurePosixPath("exercise3/ex5.launch"), 3) == 0
+    assert fits_exercise(PurePosixPath("src/husky.launch"), 3) == 1
+
+
+def test_of_two_packages_with_one_name_the_exercise_s_is_taken(tmp_path):
+    for number in (2, 3, 5):
+        package(tmp_path / "class" / "ann" / f"course{number}" / "husky", "husky")
+    for exercise in (3, 5):
+        place = tmp_path / str(exercise)
+        place.mkdir()
+        _, (taken,), notes = chosen(tmp_path / "class", place, exercise)
+        assert str(taken.place) == f"course{exercise}/husky"
+        assert f"package husky is taken from course{exercise}/husky" in notes[0]
+
+
+def test_an_archive_with_the_exercise_s_number_is_the_real_hand_in(tmp_path):
+    package(tmp_path / "class" / "ann" / "husky", "husky")
+    archive(
+        tmp_path / "class" / "ann" / "ex3_husky.zip", {"husky/package.xml": MANIFEST.format("husky", "", "")}
+    )
+    _, (taken,), _ = chosen(tmp_path / "class", tmp_path)
+    assert str(taken.place) == "ex3_husky.zip/husky"
+
+
+def test_other_exercises_and_known_packages_are_left_aside_unless_needed(tmp_path):
+    ann = tmp_path / "class" / "ann"
+    package(ann / "ex3" / "husky", "husky", "messages")
+    package(ann / "ex2" / "messages", "messages")
+    package(ann / "ex4" / "slam", "slam")
+    package(ann / "teleop", "teleop_twist_keyboard")
+    _, packages, notes = chosen(tmp_path / "class", tmp_path)
+    assert [each.name for each in packages] == ["husky", "messages"]
+    assert "left aside, because not the student's own: teleop_twist_keyboard" in notes
+    assert "left aside, because of other exercises: slam" in notes
+
+
+# ---------------------------------------------------------------------------- the launch file
+
+
+@pytest.mark.parametrize(
+    ("files", "taken"),
+    [
+        ({"launch/a.launch": [NODE], "launch/b.launch": [RVIZ]}, "a.launch"),
+        ({"launch/ex2.launch": [NODE], "launch/ex3.launch": [NODE]}, "ex3.launch"),
+        ({"launch/ex3_cpp.launch": ["<!--", NODE, "-->"], "launch/any.launch": [NODE]}, "any.launch"),
+        ({"launch/a.launch": [NODE], "launch/b.launch": [NODE, WORLD]}, "b.launch"),
+        ({"launch/a.launch": [NODE], "launch/b.launch": [NODE, RVIZ]}, "b.launch"),
+        ({"launch/a_test.launch": [NODE, RVIZ], "launch/b.launch": [NODE]}, "b.launch"),
+        (
+            {"launch/a.launch": ['<group if="false">', NODE, "</group>"], "launch/b.launch": [NODE]},
+            "b.launch",
+        ),
+        (
+            {"launch/a.launch": ['<include file="$(find husky)/launch/parts/b.launch"/>', WORLD, RVIZ],
+             "launch/parts/b.launch": [NODE]},
+            "a.launch",
+        ),
+        ({"launch/a.launch": ['<include file="$(find husky)/launch/a.launch"/>', NODE]}, "a.launch"),
+    ],
+)  # fmt: skip
+def test_the_launch_file_is_found_by_what_is_in_it(files, taken, tmp_path):
+    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
+    for name, content in files.items():
+        launch(folder / name, *(each.format("husky") for each in content))
+    contents, packages, _ = chosen(tmp_path / "class", tmp_path)
+    found, why = choose_launch_file(contents, packages, 3)
+    assert found.path.name == taken
+    assert "starts husky/controller" in why
+
+
+def test_a_launch_file_may_lie_beside_its_package(tmp_path):
+    package(tmp_path / "class" / "ann" / "exercise3" / "husky", "husky")
+    launch(tmp_path / "class" / "ann" / "exercise3" / "ex3.launch", NODE.format("husky"))
+    contents, packages, _ = chosen(tmp_path / "class", tmp_path)
+    found, why = choose_launch_file(contents, packages, 3)
+    assert (str(found.place), found.package) == ("exercise3/ex3.launch", "husky")
+    assert "is named for exercise 3" in why
+
+
+def test_without_a_launch_file_that_fits_there_is_no_mark(tmp_path):
+    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
+    launch(folder / "rviz.launch", RVIZ)
+    put(folder / "broken.launch", "<launch>")
+    os.mkfifo(folder / "fifo.launch")
+    contents, packages, _ = chosen(tmp_path / "class", tmp_path)
+    with pytest.raises(NotMarkableError, match="no launch file starts a node of the hand-in"):
+        choose_launch_file(contents, packages, 3)
+
+
+def test_a_teacher_may_name_the_launch_file(tmp_path):
+    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
+    for name in ("a/run.launch", "b/run.launch"):
+        launch(folder / name, NODE.format("husky"))
+    contents, packages, _ = chosen(tmp_path / "class", tmp_path)
+    assert str(named_launch_file(contents, packages, "a/run.launch").place) == "husky/a/run.launch"
+    with pytest.raises(NotMarkableError, match="2 fit it"):
+        named_launch_file(contents, packages, "run.launch")
+
+
+# ---------------------------------------------------------------------------- builds
+
+
+def test_a_copy_has_no_links_and_nothing_built_and_scripts_that_run(tmp_path):
+    folder = package(tmp_path / "class" / "ann" / "husky", "husky", email="")
+    put(folder / "scripts" / "node.py", "#!/usr/bin/env python3\n").chmod(0o644)
+    put(folder / "build" / "old")
+    (folder / "link").symlink_to("/etc/passwd")
+    os.mkfifo(folder / "fifo")
+    _, packages, _ = chosen(tmp_path / "class", tmp_path)
+    folders, notes = copy_packages(packages, tmp_path / "ws")
+    copied = sorted(path.name for path in folders.packages["husky"].rglob("*") if path.is_file())
+    assert copied == ["node.py", "package.xml"]
+    assert os.access(folders.packages["husky"] / "scripts" / "node.py", os.X_OK)
+    assert "made executable, which a copy through an archive may undo: node.py" in notes
+    assert "catkin refuses the package.xml of husky" in notes[1], "it has no e-mail address"
+    assert 'email="a@b.org"' in (folders.packages["husky"] / "package.xml").read_text()
+
+
+def test_all_packages_that_are_not_installed_are_found_at_once(tmp_path):
+    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
+    put(
+        folder / "CMakeLists.txt",
+        "find_package(catkin REQUIRED COMPONENTS # cmake\n  roscpp no_such_one husky\n no_such_two ${A}\n)",
+    )
+    _, packages, _ = chosen(tmp_path / "class", tmp_path)
+    folders, _ = copy_packages(packages, tmp_path / "ws")
+    missing = missing_packages(folders, {"husky"}, dict(os.environ))
+    assert missing - {"roscpp"} == {"no_such_one", "no_such_two"}
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [
+        (
+            "x\nCMake Error at a:1 (find_package):\n  Could not\n",
+            "CMake Error at a:1 (find_package): Could not",
+        ),
+        ("a\n/ws/src/a.cpp:3:1: error: 'x' was not declared\nb", "a.cpp:3:1: 'x' was not declared"),
+        ("/ws/src/a.h:3:1: fatal error: no_such/x.h: No such file\n", "a.h:3:1: no_such/x.h: No such file"),
+        ("one\ntwo", "one two"),
+        ("", ""),
+    ],
+)
+def test_a_build_that_fails_is_one_line(output, words, tmp_path):
+    assert build_error(output, PurePosixPath("/ws")) == words
+
+
+def test_a_changed_file_or_override_changes_the_fingerprint(tmp_path):
+    put(tmp_path / "a", "1")
+    before = fingerprint(tmp_path, Override())
+    assert fingerprint(tmp_path, Override()) == before
+    assert fingerprint(tmp_path, Override(husky="melodic")) != before
+    put(tmp_path / "a", "12")
+    assert fingerprint(tmp_path, Override()) != before
+
+
+# ---------------------------------------------------------------------------- what a teacher sets
+
+MARKING = """
+students:
+  ann:
+    launch: ex3.launch
+    arguments: ["a:=b"]
+    husky: melodic
+    exercise: 3
+    points: {marker: {points: 15, word: seen at the desk}}
+    late: {percent: 10, word: two days}
+"""
+
+
+def test_points_by_hand_and_a_late_penalty(tmp_path):
+    put(tmp_path / "marking.yaml", MARKING)
+    override = read_overrides(tmp_path, ["ann", "bob"])["ann"]
+    assert (override.launch, override.arguments, override.husky) == ("ex3.launch", ("a:=b",), "melodic")
+    result = Result("ann", "w", {}, (Item("drive", 35.0, 50.0, ""), Item("marker", None, 20.0, "?")))
+    marked = override.apply(result)
+    assert [(item.name, item.points) for item in marked.items] == [
+        ("drive", 35),
+        ("marker", 15),
+        ("late", -5),
+    ]
+    assert marked.items[1].evidence == "by hand: seen at the desk"
+    assert marked.items[2].evidence == "10 % of 50 points: two days"
+    assert (marked.points, marked.max_points) == (45.0, 70.0)
+    assert not read_overrides(tmp_path / "ann", [])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("student: {}", "marking.yaml: 'student' is not known; there are: students"),
+        ("students: {cid: {}}", "students: 'cid' is not known; there are: ann, bob"),
+        ("students: {ann: {lunch: a}}", "students/ann: 'lunch' is not known; there are: launch"),
+        ("students: {ann: {launch: 3}}", "students/ann/launch = 3 is not a text"),
+        ("students: {ann: {launch: a, node: p t}}", "has both launch and node"),
+        ("students: {ann: {node: p}}", "node = 'p' is not a package and a type"),
+        ("students: {ann: {husky: kinetic}}", "is not one of: noetic, melodic"),
+        ("students: {ann: {late: {percent: 200, word: x}}}", "is not a number in 0..100"),
+        ("students: {ann: {late: {percent: .nan, word: x}}}", "is not a number in 0..100"),
+        ("students: {ann: {points: {a: {points: 1}}}}", "points/a/word is missing"),
+        ("students: [", "marking.yaml: while parsing"),
+        ("- a", "is not a mapping"),
+    ],
+)
+def test_a_mistake_in_marking_yaml_is_named(text, words, tmp_path):
+    put(tmp_path / "marking.yaml", text)
+    with pytest.raises(ConfigError) as refused:
+        read_overrides(tmp_path, ["ann", "bob"])
+    assert words in str(refused.value)
+
+
+def test_points_for_an_item_that_is_none_or_too_many_are_refused(tmp_path):
+    result = Result("ann", "w", {}, (Item("drive", 35.0, 50.0, ""),))
+    for given, words in (
+        ("{x: {points: 1, word: w}}", "is not an item"),
+        ("{drive: {points: 51, word: w}}", "more"),
+    ):
+        put(tmp_path / "marking.yaml", f"students: {{ann: {{points: {given}}}}}")
+        with pytest.raises(ConfigError, match=words):
+            read_overrides(tmp_path, ["ann"])["ann"].apply(result)
+
+
+# ---------------------------------------------------------------------------- every hand-in has a result
+
+
+class BrokenGrader:
+    """Fails in another way for each student."""
+
+    settings, exercise = {"exercise": 3}, 3
+
+    def mark(self, submission, name, out, notes=(), husky=""):
+        raise {"ann": ZeroDivisionError("odd"), "bob": OSError(28, "No space left on device")}[name]
+
+
+def test_every_hand_in_has_a_row_whatever_goes_wrong(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "husky_highlevel_controller.grading.batch.prepare", lambda *_: (None, [])
+    )  # a build takes seconds
+    put(tmp_path / "class" / "ann" / "a")
+    put(tmp_path / "class" / "bob" / "a")
+    results = mark_all(BrokenGrader(), Batch(tmp_path / "class", tmp_path / "out"))
+    assert [result.problem for result in results] == [
+        "marking has failed: ZeroDivisionError: odd", "No space left on device",
+    ]  # fmt: skip
+    assert "ZeroDivisionError" in (tmp_path / "out" / "ann" / "traceback.txt").read_text()
+    assert not list((tmp_path / "out").glob("*/result.json")), "nothing that a resume takes for done"
+    rows = (tmp_path / "out" / "results.csv").read_text().splitlines()
+    assert len(rows) == 3
+    assert "could not be marked" in (tmp_path / "out" / "index.html").read_text()
+
+
+def test_what_could_not_be_marked_is_no_zero_in_any_file():
+    marked = Result("ann", "w", {}, (Item("drive", 35.0, 50.0, ""),))
+    unmarked = Result("bob", "", {}, (), (), "no launch file")
+    assert not unmarked.full
+    assert to_csv([unmarked, marked]).splitlines()[1] == "bob,,,,could not be marked: no launch file,"
+    assert 'errors="1"' in to_junit([unmarked])
+    assert "could not be marked: no launch file" in class_page([marked, unmarked], {}, {})

@@ -1,0 +1,311 @@
+"""Untrusted programs: what they may see, write and use up, and that none of them is left."""
+
+import errno
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from husky_highlevel_controller.grading.isolation import limits, sandbox
+from husky_highlevel_controller.grading.isolation.files import (
+    UnreadableFileError,
+    read_regular,
+    walk,
+    write_whole,
+)
+from husky_highlevel_controller.grading.isolation.process import LOG_HEAD, LOG_TAIL, Process, end_all, wait
+from husky_highlevel_controller.grading.isolation.sandbox import (
+    BUBBLEWRAP,
+    NAMESPACE,
+    NONE,
+    Workspace,
+    kind_of_sandbox,
+)
+
+SOURCES = Path(__file__).parents[3] / "src"
+KINDS = {BUBBLEWRAP: 0, NAMESPACE: 1, NONE: 2}
+
+
+def run(folder, code, workspace=None, **env):
+    """Start Python code as an untrusted program that may write its folder only."""
+    folder.mkdir(exist_ok=True)
+    command = [sys.executable, "-c", code]
+    return Process(command, folder / "log", {**os.environ, **env}, folder, workspace or Workspace())
+
+
+def output_of(process, seconds=60.0):
+    try:
+        assert wait(lambda: not process.running, seconds), process.output
+        assert wait(lambda: not process._pump.is_alive(), 10.0)
+    finally:
+        end_all([process])
+    return process.output
+
+
+def named(name):
+    """Command lines of processes that call themselves so."""
+    found = []
+    for process in psutil.process_iter(["cmdline"]):
+        found += [process] * ((process.info["cmdline"] or [""])[0] == name)
+    return found
+
+
+@pytest.fixture(params=list(KINDS))
+def kind(request, monkeypatch):
+    """Each kind of sandbox that this machine can make."""
+    if KINDS[request.param] < KINDS[kind_of_sandbox()] or (
+        request.param == NAMESPACE and not sandbox._works("unshare", *sandbox._NAMESPACE, "true")
+    ):
+        pytest.skip(f"this machine does not make a {request.param}")
+    monkeypatch.setattr(sandbox, "kind_of_sandbox", lambda: request.param)
+    return request.param
+
+
+def test_output_without_end_fills_no_disk(tmp_path):
+    process = run(tmp_path, "for i in range(600000): print('0123456789')\nprint('the end')")
+    assert output_of(process).endswith("the end\n")
+    assert len(process.output) <= LOG_HEAD + LOG_TAIL + 1
+    assert (tmp_path / "log").read_bytes().endswith(b"the end\n")
+    assert (tmp_path / "log").stat().st_size < LOG_HEAD + LOG_TAIL + 100
+
+
+def test_it_gets_no_input(tmp_path):
+    keyboard, mine = os.pipe()[0], os.dup(0)
+    os.dup2(keyboard, 0)  # no input comes on it, so a program that reads it waits for ever
+    try:
+        assert output_of(run(tmp_path, "import sys; print([sys.stdin.read()])")) == "['']\n"
+    finally:
+        os.dup2(mine, 0)
+
+
+HIDDEN = """
+import os, signal, time
+for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    signal.signal(each, signal.SIG_IGN)
+if os.fork() == 0:
+    os.setsid()
+    if os.fork() == 0:
+        os.execve("/usr/bin/tail", ["NAME", "-f", "/dev/null"], {})
+    os._exit(0)
+time.sleep(1000)
+"""
+
+
+def test_no_process_is_left_that_hides(kind, tmp_path):
+    """The hidden one has no parent, no session and no environment of ours."""
+    name = f"hidden_{os.getpid()}_{kind.replace(' ', '_')}"
+    process = run(tmp_path, HIDDEN.replace("NAME", name))
+    assert wait(lambda: named(name), 30.0)
+    assert end_all([process]) == []
+    assert not named(name)
+
+
+def test_what_it_leaves_behind_ends_with_it(kind, tmp_path):
+    name = f"left_{os.getpid()}_{kind.replace(' ', '_')}"
+    code = HIDDEN.replace("NAME", name).replace("time.sleep(1000)\n", "raise SystemExit(3)\n")
+    process = run(tmp_path, code)
+    assert wait(lambda: not process.running, 30.0)
+    assert process.popen.returncode == 3
+    assert not named(name)
+
+
+def test_all_end_when_marking_is_killed(kind, tmp_path):
+    """As the kernel does it when memory runs out: no handler of marking runs."""
+    name = f"orphan_{os.getpid()}_{kind.replace(' ', '_')}"
+    code = (
+        "import os, sys\nfrom pathlib import Path\n"
+        "from husky_highlevel_controller.grading.isolation import sandbox\n"
+        "from husky_highlevel_controller.grading.isolation.process import Process, Workspace\n"
+        f"sandbox.kind_of_sandbox = lambda: {kind!r}\nfolder = Path({str(tmp_path)!r})\n"
+        f"command = ['bash', '-c', 'exec -a {name} tail -f /dev/null']\n"
+        "start = lambda workspace: Process(command, folder / 'log', dict(os.environ), folder, workspace)\n"
+        "kept = [start(Workspace()), start(None)]\n"
+        "print('up', flush=True)\nsys.stdin.read()"
+    )
+    env = {**os.environ, "PYTHONPATH": f"{SOURCES}:{os.environ.get('PYTHONPATH', '')}"}
+    marking = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, env=env)
+    try:
+        assert wait(lambda: len(named(name)) == 2, 30.0)
+    finally:
+        marking.kill()
+        marking.communicate()
+    assert wait(lambda: not named(name), 10.0)
+
+
+# ---------------------------------------------------------------------------- what it may see and write
+
+
+def test_it_sees_no_process_but_its_own(kind, tmp_path):
+    if kind == NONE:
+        pytest.skip("without namespaces it does")
+    code = "import os; print(max(int(p) for p in os.listdir('/proc') if p.isdigit()) < 10)"
+    assert output_of(run(tmp_path, code)) == "True\n"
+
+
+needs_bubblewrap = pytest.mark.skipif(kind_of_sandbox() != BUBBLEWRAP, reason="no bubblewrap here")
+TRY = """
+from pathlib import Path
+for path, content in {}:
+    try:
+        print(Path(path).write_text(content) if content else Path(path).read_text())
+    except OSError as error:
+        print(error.strerror)
+"""
+
+
+@needs_bubblewrap
+def test_it_reads_and_writes_nothing_of_others(tmp_path):
+    home, mine, others, workspace = (tmp_path / name for name in ("home", "mine", "others", "ws"))
+    for path in (home / ".ssh" / "id", others / "answer", workspace / "devel" / "setup.bash"):
+        path.parent.mkdir(parents=True)
+        path.write_text("export FOUND=1")
+    tries = [
+        (home / ".ssh" / "id", ""),
+        (others / "answer", ""),
+        (others / "new", "x"),
+        (workspace / "devel" / "setup.bash", "x"),
+        (SOURCES / "new", "x"),
+        ("/etc/new", "x"),
+        (mine / "new", "x"),
+    ]
+    workspace = Workspace({**os.environ}, (workspace / "devel" / "setup.bash",), (), (others,))
+    code = (
+        TRY.format([(str(path), content) for path, content in tries])
+        + "import os; print(os.environ['FOUND'])"
+    )
+    lines = output_of(run(mine, code, workspace, HOME=str(home))).splitlines()
+    absent, read_only = "No such file or directory", "Read-only file system"
+    # what is written into an empty folder that hides another is gone with the sandbox
+    assert lines == [absent, absent, "1", read_only, read_only, read_only, "1", "1"]
+    assert not (others / "new").exists()
+    assert (mine / "new").read_text() == "x"
+
+
+def test_a_setup_file_runs_inside_and_changes_nothing_outside(kind, tmp_path):
+    """Such as an env hook of catkin: its search path does not find marking's own programs."""
+    setup = tmp_path / "ws" / "devel" / "setup.bash"
+    setup.parent.mkdir(parents=True)
+    evil = tmp_path / "ws" / "unshare"
+    evil.write_text("#!/bin/bash\necho evil\n")
+    evil.chmod(0o755)
+    setup.write_text(f"export PATH={evil.parent}:$PATH LD_PRELOAD=/no/such.so HOOK=$$\n")
+    process = run(
+        tmp_path / "run", "import os; print(os.environ['HOOK'])", Workspace(dict(os.environ), (setup,))
+    )
+    lines = output_of(process).splitlines()
+    assert "evil" not in lines
+    assert kind == NONE or int(lines[-1]) < 10, "its process id is one of the sandbox"
+    assert "HOOK" not in os.environ
+
+
+@pytest.mark.skipif(
+    subprocess.run(["unshare", "--user", "--map-root-user", "--net", "true"], capture_output=True).returncode
+    != 0,
+    reason="no network namespaces here",
+)
+def test_the_private_network_has_a_loopback_and_no_way_out(tmp_path):
+    code = (
+        "import socket, sys\n"
+        "from husky_highlevel_controller.grading.isolation import private_network\nprivate_network.enter()\n"
+        "print(private_network.is_private())\nserver = socket.create_server(('127.0.0.1', 0))\n"
+        "socket.create_connection(server.getsockname()).close()\n"
+        "try:\n    socket.create_connection(('192.0.2.1', 80), 5)\n"
+        "except OSError as error:\n    print(error.strerror)\n"
+        "try:\n    socket.create_connection(('127.0.0.1', int(sys.argv[1])), 5)\n"
+        "except OSError as error:\n    print(error.strerror)\n"
+    )
+    script = tmp_path / "inside.py"
+    script.write_text(code)
+    env = {**os.environ, "PYTHONPATH": f"{SOURCES}:{os.environ.get('PYTHONPATH', '')}"}
+    with socket.create_server(("127.0.0.1", 0)) as outside:
+        port = str(outside.getsockname()[1])
+        done = subprocess.run(
+            [sys.executable, script, port], env=env, capture_output=True, text=True, check=True
+        )
+    assert done.stdout.splitlines() == ["True", "Network is unreachable", "Connection refused"]
+
+
+# ---------------------------------------------------------------------------- what it may use up
+
+SHARED = """
+import mmap, time
+kept = [mmap.mmap(-1, 20_000_000) for _ in range(20)]
+for each in kept:
+    each.write(b"x" * 20_000_000)
+time.sleep(1000)
+"""
+
+
+def test_memory_that_is_shared_counts_too(kind, tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "MEMORY", 200_000_000)
+    process = run(tmp_path, SHARED)
+    assert wait(lambda: not process.running, 60.0)
+    assert process.problem == "it was ended: it used more than 0.2 GB of memory"
+    end_all([process])
+
+
+def test_many_files_count_together(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "DISK", 50_000_000)
+    code = "import time\nfor n in range(10): open(str(n), 'wb').write(bytes(10_000_000))\ntime.sleep(1000)"
+    process = run(tmp_path, code)
+    assert wait(lambda: not process.running, 60.0)
+    assert process.problem == "it was ended: it wrote more than 0.05 GB of files"
+    end_all([process])
+
+
+# ---------------------------------------------------------------------------- files that it left
+
+
+def test_a_fifo_or_a_device_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    for path in (tmp_path / "fifo", Path("/dev/zero"), tmp_path, tmp_path / "none", Path("a\0b")):
+        with pytest.raises(UnreadableFileError):
+            read_regular(path)
+    (tmp_path / "large").write_bytes(bytes(11))
+    with pytest.raises(UnreadableFileError, match="larger than 10 bytes"):
+        read_regular(tmp_path / "large", 10)
+    assert read_regular(tmp_path / "large", 11) == bytes(11)
+
+
+def test_links_are_not_followed(tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "file").touch()
+    (tmp_path / "a" / "loop").symlink_to(tmp_path)
+    os.mkfifo(tmp_path / "fifo")
+    assert list(walk(tmp_path)) == [tmp_path / "a" / "file"]
+
+
+def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    write_whole(tmp_path / "result.json", "before")
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_whole(tmp_path / "result.json", "after")
+    assert (tmp_path / "result.json").read_text() == "before"
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_ctrl_c_ends_every_wait(tmp_path):
+    code = (
+        "import signal, sys\nfrom husky_highlevel_controller.grading.isolation import process\n"
+        "signal.signal(signal.SIGINT, lambda *_: process.request_stop())\nprint('up', flush=True)\n"
+        "process.wait(lambda: False, 1000.0)"
+    )
+    env = {**os.environ, "PYTHONPATH": f"{SOURCES}:{os.environ.get('PYTHONPATH', '')}"}
+    marking = subprocess.Popen(
+        [sys.executable, "-c", code], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert marking.stdout.readline() == "up\n"
+    began = time.monotonic()
+    marking.send_signal(signal.SIGINT)
+    _, error = marking.communicate(timeout=60)
+    assert "the marking was stopped" in error
+    assert time.monotonic() - began < 60.0

@@ -1,0 +1,75 @@
+"""The teacher's page and a student's feedback: sorted, self-contained, harmless."""
+
+import re
+
+import pytest
+
+from husky_highlevel_controller.grading.page import class_page, feedback_page, histogram
+from husky_highlevel_controller.grading.report import Result
+from husky_highlevel_controller.grading.rubrics.items import Item
+
+PNG = b"\x89PNG\r\n\x1a\n"
+SETTINGS = {"exercise": 3, "seed": 0}
+
+
+def result(name, points, open_points=0.0, **more):
+    items = (
+        Item("drives", points, 50.0, "half of the way <b>after</b> 10.20 s", 10.2),
+        Item("RViz", None if open_points else 20.0, 20.0, "for a person"),
+    )
+    return Result(name, "controller.launch", SETTINGS, more.pop("items", items), **more)
+
+
+CLASS = [
+    result("Zoe", 50.0),
+    result("anna", 25.0, open_points=20.0),
+    result("Bob", 0.0, items=(), problem="it does not build: no 'foo.h'"),
+]
+
+
+def test_the_class_is_sorted_and_each_has_points_sum_and_state():
+    page = class_page(CLASS, {}, {})
+    names = re.findall(r'<a href="#s\d+">([^<]+)</a>', page)
+    assert names == ["anna", "Bob", "Zoe"]
+    assert "for a person / 20" in page
+    assert "70 / 70" in page  # Zoe's sum
+    assert "could not be marked: it does not build: no &#39;foo.h&#39;" in page
+    for state, count in (("marked", 1), ("for a person", 1), ("could not be marked", 1)):
+        assert f"<b>{count}</b><span>{state}</span>" in page
+
+
+def test_the_median_and_the_histogram_are_of_those_that_were_marked():
+    page = class_page(CLASS, {}, {})
+    assert "<b>47.5</b><span>median of 70 points</span>" in page
+    bars = histogram([70.0, 25.0, 0.0], [70.0, 50.0, 0.0])
+    assert [bar["count"] for bar in bars] == [1, 0, 0, 0, 0, 1, 0, 0, 0, 1]
+    assert max(bar["height"] for bar in bars) == 60
+
+
+def test_logs_are_linked_and_odd_file_names_stay_names():
+    page = class_page(CLASS, {}, {"anna": [("build log", 'anna/ws/"><script>.log')]})
+    assert '<a href="anna/ws/%22%3E%3Cscript%3E.log">build log</a>' in page
+
+
+def test_what_a_submission_wrote_is_text():
+    evil = result("<script>alert(1)</script>", 1.0, notes=("<img src=x onerror=alert(1)>",))
+    for page in (class_page([evil], {evil.name: [PNG]}, {}), feedback_page(evil, [PNG])):
+        assert "<script" not in page
+        assert "<img src=x" not in page
+        assert "<b>after</b>" not in page
+        assert page.count("data:image/png;base64,") == 1
+        assert not re.search(r'(src|href)="(?!data:|#)', page)
+
+
+def test_feedback_is_about_one_student():
+    page = feedback_page(CLASS[1], [PNG])
+    assert "anna" in page
+    assert "25 / 50" in page
+    assert "and 20 that a person has to give" in page
+    assert "Zoe" not in page
+    assert "Bob" not in page
+
+
+@pytest.mark.parametrize("results", [[], [CLASS[2]]])
+def test_a_class_without_points_has_a_page_too(results):
+    assert "median" not in class_page(results, {}, {})

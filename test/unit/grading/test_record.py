@@ -1,0 +1,80 @@
+"""A record of a marking: the same drive has the same hash, and what differs is named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller.datatypes import HuskyError, Pose2D
+from husky_highlevel_controller.grading.record import (
+    Record,
+    differences,
+    hash_of_poses,
+    hashes_of_files,
+    load_record,
+    to_json,
+)
+from husky_highlevel_controller.grading.recording import Recording
+
+RECORD = Record(
+    "ann", ("--launch", "ann", "a.launch"), (), ("/class",), {"exercise": 3, "seed": 0},
+    {"a.launch": "1", "a.py": "2"}, {"python": "3.11"}, ("aa", "bb"), {"drives": 20.0, "RViz": None},
+)  # fmt: skip
+
+
+def drive(seconds):
+    """Straight to a pillar at 10 m, standing there from 8 s on."""
+    times = np.round(np.arange(0.02, seconds, 0.02), 2)
+    x = np.minimum(1.15 * times, 9.2)
+    poses = np.column_stack([x, np.zeros_like(x), np.zeros_like(x)])
+    speeds = np.column_stack([np.where(times < 8.0, 1.15, 0.0), np.zeros_like(x)])
+    return Recording(Pose2D(), (10.0, 0.0), 60.0, times, poses, speeds, times)
+
+
+def test_how_long_recording_went_on_after_the_end_does_not_count():
+    assert hash_of_poses(drive(12.0)) == hash_of_poses(drive(14.0))
+    moved = drive(12.0)
+    poses = moved.poses.copy()
+    poses[100, 1] += 0.001
+    assert hash_of_poses(replace(moved, poses=poses)) != hash_of_poses(moved)
+
+
+def test_a_record_comes_back_from_its_file(tmp_path):
+    path = tmp_path / "record.json"
+    path.write_text(to_json(RECORD))
+    assert load_record(path) == RECORD
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"schema": "other"}'])
+def test_what_is_no_record_is_an_error(text, tmp_path):
+    path = tmp_path / "record.json"
+    path.write_text(text)
+    with pytest.raises(HuskyError, match="not a record"):
+        load_record(path)
+
+
+def test_what_differs_is_named():
+    assert differences(RECORD, RECORD) == []
+    assert differences(RECORD, replace(RECORD, versions={"python": "3.12"})) == []
+    after = replace(
+        RECORD, inputs={"a.launch": "1", "a.py": "3", "b.py": "4"}, drives=("aa", "cc"),
+        points={"drives": 10.0, "RViz": None}, versions={"python": "3.12"},
+    )  # fmt: skip
+    assert differences(RECORD, after) == [
+        "file a.py has changed",
+        "file b.py is new",
+        "drive 2 is another one",
+        "drives: 20.0 points before, 10.0 now",
+        "python was 3.11, is 3.12",
+    ]
+
+
+def test_files_are_hashed_by_their_content(tmp_path):
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src" / "a.py").write_text("x")
+    (tmp_path / ".git").mkdir()
+    (tmp_path / ".git" / "HEAD").write_text("y")
+    first = hashes_of_files(tmp_path)
+    (tmp_path / "src" / "a.py").write_text("z")
+    assert list(first) == ["src/a.py"]
+    assert hashes_of_files(tmp_path) != first

@@ -1,0 +1,78 @@
+"""What marking writes: for people, for programs, for spreadsheets and browsers."""
+
+import csv
+import io
+import json
+import re
+
+import pytest
+from defusedxml import ElementTree
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.report import (
+    Result,
+    from_json,
+    table,
+    to_csv,
+    to_json,
+    to_junit,
+)
+from husky_highlevel_controller.grading.rubrics.items import Item
+
+ITEMS = (
+    Item("drives", 20.0, 20.0, "half of the way after 10.20 s", 10.2),
+    Item("arrives", 12.5, 30.0, "stops <short> & far", 17.0),
+    Item("style", None, 30.0, "for a person"),
+)
+RESULT = Result("=ann", "--launch ann a.launch", {"seed": 0}, ITEMS, ("<b>package</b> 'x' is missing",))
+
+
+def test_the_table_has_item_points_evidence_moment_and_total():
+    lines = table(RESULT).splitlines()
+    assert any(
+        re.search(r"^drives +20/20 +half of the way after 10.20 s \[10.20 s\]$", line) for line in lines
+    )
+    assert any(re.search(r"^arrives +12.5/30 ", line) for line in lines)
+    assert any(re.search(r"^total +32.5/50 +and 30 that a person has to give$", line) for line in lines)
+    assert max(map(len, lines)) <= 110
+
+
+def test_full_marks_are_all_that_a_machine_can_give():
+    assert not RESULT.full
+    assert Result("a", "", {}, (ITEMS[0], ITEMS[2])).full
+
+
+def test_json_comes_back():
+    assert from_json(to_json(RESULT)) == RESULT
+    assert json.loads(to_json(RESULT))["points"] == 32.5
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", "null"])
+def test_what_is_no_result_is_an_error(text):
+    with pytest.raises(HuskyError, match="not a result"):
+        from_json(text)
+
+
+def test_junit_has_a_case_for_each_item():
+    (suite,) = ElementTree.fromstring(to_junit([RESULT])).findall("testsuite")
+    assert (suite.get("tests"), suite.get("failures"), suite.get("skipped")) == ("3", "1", "1")
+    cases = suite.findall("testcase")
+    assert [case.get("name") for case in cases] == ["drives", "arrives", "style"]
+    assert cases[1].find("failure").get("message") == "12.5/30: stops <short> & far"
+    assert cases[2].find("skipped") is not None
+
+
+def test_csv_has_a_line_each_and_no_formulas():
+    rows = list(csv.reader(io.StringIO(to_csv([RESULT, RESULT]))))
+    assert rows[0] == ["submission", "drives", "arrives", "style", "total", "of", "state", "notes"]
+    assert rows[1] == [
+        "'=ann",
+        "20",
+        "12.5",
+        "",
+        "32.5",
+        "50",
+        "for a person",
+        "<b>package</b> 'x' is missing",
+    ]
+    assert len(rows) == 3

@@ -1,0 +1,264 @@
+"""The border: what goes into a message comes out of it, also over the wire."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from math import inf, nan
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Point, Twist, Vector3
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker
+
+from husky_highlevel_controller.datatypes import (
+    Odometry,
+    Pose,
+    Pose2D,
+    RobotState,
+    Scan,
+    Twist2D,
+    WheelState,
+)
+from husky_highlevel_controller.geometry import quat_from_rpy
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.markers import (
+    ball_to_marker,
+    disc_to_marker,
+    line_to_marker,
+    no_marker,
+    pillar_to_marker,
+    text_to_marker,
+)
+
+LAW = settings(derandomize=True, deadline=None, max_examples=60)
+
+numbers = st.floats(-1e6, 1e6)
+stamps = st.integers(0, 10**15).map(lambda ns: ns * 1e-9)  # [s], up to eleven days
+
+
+def over_the_wire(msg):
+    """The message as another node gets it."""
+    buffer = BytesIO()
+    msg.serialize(buffer)
+    return type(msg)().deserialize(buffer.getvalue())
+
+
+def xyz(it):
+    return it.x, it.y, it.z
+
+
+def xyzw(it):
+    return it.x, it.y, it.z, it.w
+
+
+# ---------------------------------------------------------------------------- time
+
+
+@LAW
+@given(st.integers(0, 10**7), st.sampled_from([50, 100, 200, 240, 1000]))
+def test_a_stamp_is_the_nearest_nanosecond_so_that_steps_never_drift(step, rate):
+    stamp = conversions.time_to_msg(step / rate)
+    assert stamp.to_nsec() == round(step * 10**9 / rate)
+    assert 0 <= stamp.nsecs < 10**9
+
+
+def test_a_stamp_a_hair_below_a_full_second_is_that_second():
+    stamp = conversions.time_to_msg(1.9999999999)
+    assert (stamp.secs, stamp.nsecs) == (2, 0)
+
+
+# ---------------------------------------------------------------------------- scans
+
+readings = st.one_of(st.floats(0.11, 29.9), st.sampled_from([inf, -inf, nan, 0.1, 30.0]))
+
+
+@LAW
+@given(stamps, st.lists(readings, min_size=2, max_size=50), st.floats(-3.1, 0.0), st.floats(0.1, 3.1))
+def test_a_scan_survives_the_wire(stamp, ranges, angle_min, angle_max):
+    scan = Scan(stamp, "front_laser", angle_min, angle_max, 0.1, 30.0, np.array(ranges))
+    got = conversions.scan_from_msg(over_the_wire(conversions.scan_to_msg(scan)))
+    assert got.stamp == pytest.approx(stamp, abs=1e-9)
+    assert got.frame == "front_laser"
+    # LaserScan carries 32-bit floats
+    np.testing.assert_allclose(got.ranges, scan.ranges, rtol=1e-6)
+    np.testing.assert_allclose(got.bearings, scan.bearings, atol=1e-6)
+    assert np.array_equal(got.valid, scan.valid)
+
+
+def test_the_husky_s_last_beam_still_points_at_angle_max_after_the_wire():
+    scan = Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, np.full(720, inf))
+    msg = over_the_wire(conversions.scan_to_msg(scan))
+    assert msg.angle_increment == pytest.approx(2.0 * 2.35619 / 719.0)
+    assert conversions.scan_from_msg(msg).bearings[-1] == pytest.approx(2.35619, abs=1e-6)
+
+
+def test_a_scan_message_has_the_fields_of_gazebo_s_lidar():
+    scan = Scan(1.5, "front_laser", -1.0, 1.0, 0.1, 30.0, np.array([1.0, inf, 3.0]))
+    msg = over_the_wire(conversions.scan_to_msg(scan))
+    assert (msg.header.frame_id, msg.header.stamp.to_sec()) == ("front_laser", 1.5)
+    assert (msg.time_increment, msg.scan_time) == (0.0, 0.0)
+    assert list(msg.intensities) == [0.0, 0.0, 0.0]
+    assert (msg.angle_min, msg.angle_max, msg.angle_increment) == (-1.0, 1.0, 1.0)
+    assert (msg.range_min, msg.range_max) == (pytest.approx(0.1), 30.0)
+
+
+def test_a_lidar_that_miscounts_its_last_angle_is_believed_in_its_increment():
+    # drivers differ in whether angle_max is that of the last beam or one step beyond
+    msg = LaserScan(angle_min=-1.0, angle_max=1.0, angle_increment=0.5, ranges=[1.0] * 4)
+    assert conversions.scan_from_msg(msg).bearings == pytest.approx([-1.0, -0.5, 0.0, 0.5])
+
+
+@pytest.mark.parametrize("ranges", [[], [1.0]])
+def test_a_scan_without_a_step_between_beams_is_read_all_the_same(ranges):
+    msg = LaserScan(angle_min=0.25, angle_max=0.25, angle_increment=0.0, range_max=30.0, ranges=ranges)
+    scan = conversions.scan_from_msg(msg)
+    assert scan.bearings.tolist() == [0.25] * len(ranges)
+    assert scan.ranges.tolist() == ranges
+
+
+@pytest.mark.parametrize("increment", [nan, inf, -inf, 0.0, 5e-324, 1e-12, 7.0])
+def test_a_scan_whose_beams_have_no_directions_is_refused_with_a_sentence(increment):
+    msg = LaserScan(angle_min=-1.0, angle_increment=increment, range_max=30.0, ranges=[1.0] * 9)
+    msg.header.frame_id = "front_laser"
+    with pytest.raises(conversions.ScanError, match="9 beams in 'front_laser' has angle_increment = "):
+        conversions.scan_from_msg(msg)
+
+
+@pytest.mark.parametrize("angle", [nan, inf, -inf])
+def test_a_scan_without_a_first_direction_is_refused_with_a_sentence(angle):
+    with pytest.raises(conversions.ScanError, match="angle_min = "):
+        conversions.scan_from_msg(LaserScan(angle_min=angle, angle_increment=0.1, ranges=[1.0, 1.0]))
+
+
+def test_a_received_scan_cannot_be_written_into():
+    scan = conversions.scan_from_msg(over_the_wire(LaserScan(angle_increment=0.1, ranges=[1.0, 2.0])))
+    with pytest.raises(ValueError, match="read-only"):
+        scan.ranges[0] = 0.0
+
+
+# ---------------------------------------------------------------------------- motion
+
+
+@LAW
+@given(st.builds(Twist2D, numbers, numbers))
+def test_a_twist_survives_the_wire(twist):
+    assert conversions.twist_from_msg(over_the_wire(conversions.twist_to_msg(twist))) == twist
+
+
+def test_only_what_a_skid_steer_robot_can_follow_is_taken_from_a_twist():
+    msg = Twist(linear=Vector3(0.5, 9.0, 9.0), angular=Vector3(9.0, 9.0, -0.25))
+    assert conversions.twist_from_msg(msg) == Twist2D(0.5, -0.25)
+
+
+@LAW
+@given(stamps, st.tuples(numbers, numbers, numbers), st.tuples(*[st.floats(-4.0, 4.0)] * 3))
+def test_a_pose_survives_the_wire_as_a_transform(stamp, position, rpy):
+    pose = Pose(position, quat_from_rpy(*rpy))
+    msg = over_the_wire(conversions.transform_to_msg(pose, stamp, "odom", "base_link"))
+    assert conversions.pose_from_transform(msg) == pose
+    assert (msg.header.frame_id, msg.child_frame_id) == ("odom", "base_link")
+    assert msg.header.stamp.to_sec() == pytest.approx(stamp, abs=1e-9)
+
+
+def test_odometry_is_a_pose_in_odom_and_a_twist_in_base_with_the_husky_s_covariance():
+    odometry = Odometry(Pose2D(1.0, 2.0, 0.5), Twist2D(0.3, -0.4))
+    msg = over_the_wire(conversions.odometry_to_msg(odometry, 2.5, "odom", "base_link"))
+    assert (msg.header.frame_id, msg.child_frame_id, msg.header.stamp.to_sec()) == ("odom", "base_link", 2.5)
+    assert xyz(msg.pose.pose.position) == (1.0, 2.0, 0.0)
+    assert xyzw(msg.pose.pose.orientation) == quat_from_rpy(0.0, 0.0, 0.5)
+    assert (xyz(msg.twist.twist.linear), xyz(msg.twist.twist.angular)) == ((0.3, 0.0, 0.0), (0.0, 0.0, -0.4))
+    # husky_control 0.6.10, control.yaml
+    for covariance in (msg.pose.covariance, msg.twist.covariance):
+        assert np.array_equal(np.reshape(covariance, (6, 6)), np.diag([0.001] * 5 + [0.03]))
+
+
+def test_the_truth_is_told_in_all_six_dimensions():
+    pose = Pose((1.0, 2.0, 3.0), quat_from_rpy(0.1, 0.2, 0.3))
+    robot = RobotState(pose, (0.1, 0.2, 0.3), (0.4, 0.5, 0.6))
+    msg = over_the_wire(conversions.truth_to_msg(robot, 2.5, "world", "base_link"))
+    assert (msg.header.frame_id, msg.child_frame_id, msg.header.stamp.to_sec()) == ("world", "base_link", 2.5)
+    assert (xyz(msg.pose.pose.position), xyzw(msg.pose.pose.orientation)) == (pose.position, pose.quat_xyzw)
+    assert (xyz(msg.twist.twist.linear), xyz(msg.twist.twist.angular)) == ((0.1, 0.2, 0.3), (0.4, 0.5, 0.6))
+    assert set(msg.pose.covariance) == set(msg.twist.covariance) == {0.0}
+
+
+def test_joint_states_keep_each_wheel_s_numbers_with_its_name():
+    wheels = WheelState(("front_left_wheel", "front_right_wheel"), (1.0, 2.0), (3.0, 4.0), (5.0, 6.0))
+    msg = over_the_wire(conversions.wheels_to_msg(wheels, 2.5))
+    assert msg.header.stamp.to_sec() == 2.5
+    assert list(zip(msg.name, msg.position, msg.velocity, msg.effort)) == [
+        ("front_left_wheel", 1.0, 3.0, 5.0),
+        ("front_right_wheel", 2.0, 4.0, 6.0),
+    ]
+
+
+# ---------------------------------------------------------------------------- markers
+
+
+def test_a_pillar_s_marker_is_an_upright_cylinder_as_wide_as_the_pillar():
+    color = ColorRGBA(0.1, 0.2, 0.3, 1.0)
+    msg = over_the_wire(pillar_to_marker(Point(1.0, 2.0, 0.4), 0.2, 2.5, "odom", "pillar", color))
+    assert (msg.action, msg.type) == (Marker.ADD, Marker.CYLINDER)
+    assert (msg.header.frame_id, msg.header.stamp.to_sec(), msg.ns) == ("odom", 2.5, "pillar")
+    assert xyz(msg.pose.position) == (1.0, 2.0, 0.4)
+    assert xyzw(msg.pose.orientation) == (0.0, 0.0, 0.0, 1.0)
+    assert (msg.scale.x, msg.scale.y) == (0.4, 0.4)
+    assert msg.scale.z > 0.0
+    assert msg.color.a == 1.0
+    assert msg.color.b == pytest.approx(0.3)
+    assert msg.lifetime.is_zero()  # until replaced or deleted
+
+
+def test_taking_a_marker_away_names_the_same_marker():
+    shown = pillar_to_marker(Point(), 0.2, 2.5, "odom", "pillar", ColorRGBA())
+    gone = over_the_wire(no_marker(2.6, "odom", "pillar"))
+    assert gone.action == Marker.DELETE
+    assert (gone.ns, gone.id) == (shown.ns, shown.id)
+
+
+# what RViz needs of each kind: visualization_msgs 1.13, display types of rviz 1.14
+EACH_KIND = {
+    Marker.CYLINDER: disc_to_marker(Point(1.0, 2.0, 0.0), 0.3, 2.5, "odom", "it", ColorRGBA()),
+    Marker.SPHERE: ball_to_marker(Point(1.0, 2.0, 0.0), 0.3, 2.5, "odom", "it", ColorRGBA()),
+    Marker.LINE_STRIP: line_to_marker(
+        [Point(1.0, 2.0, 0.0), Point(3.0, 4.0, 0.0)], 0.05, 2.5, "odom", "it", ColorRGBA()
+    ),
+    Marker.TEXT_VIEW_FACING: text_to_marker(
+        "words", Point(1.0, 2.0, 0.0), 0.25, 2.5, "odom", "it", ColorRGBA()
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", EACH_KIND)
+def test_a_marker_of_any_kind_has_type_place_name_and_a_rotation(kind):
+    msg = over_the_wire(EACH_KIND[kind])
+    assert (msg.type, msg.action, msg.ns) == (kind, Marker.ADD, "it")
+    assert (msg.header.frame_id, msg.header.stamp.to_sec()) == ("odom", 2.5)
+    assert xyzw(msg.pose.orientation) == (0.0, 0.0, 0.0, 1.0)
+    if kind != Marker.LINE_STRIP:  # its points say where it is
+        assert xyz(msg.pose.position) == (1.0, 2.0, 0.0)
+
+
+def test_sizes_are_where_rviz_looks_for_them():
+    scale = {kind: xyz(msg.scale) for kind, msg in EACH_KIND.items()}
+    assert scale[Marker.CYLINDER][:2] == (0.6, 0.6)
+    assert 0.0 < scale[Marker.CYLINDER][2] < 0.05, "a disc is flat"
+    assert scale[Marker.SPHERE] == (0.6, 0.6, 0.6)
+    assert scale[Marker.LINE_STRIP][0] == 0.05
+    assert scale[Marker.TEXT_VIEW_FACING][2] == 0.25
+
+
+def test_a_line_keeps_its_points_and_a_text_its_words():
+    line, text = EACH_KIND[Marker.LINE_STRIP], EACH_KIND[Marker.TEXT_VIEW_FACING]
+    assert [xyz(point) for point in over_the_wire(line).points] == [(1.0, 2.0, 0.0), (3.0, 4.0, 0.0)]
+    assert over_the_wire(text).text == "words"
+
+
+def test_a_frame_with_a_leading_slash_is_one_that_tf2_knows():
+    msg = LaserScan()
+    msg.header.frame_id = "/base_laser"
+    assert conversions.scan_from_msg(msg).frame == "base_laser"

@@ -1,0 +1,55 @@
+"""A program that crashes is started once more, one that ends otherwise is not."""
+
+import os
+import signal
+import subprocess
+import sys
+
+from husky_highlevel_controller.paths import share_folder
+
+CRASH_ONCE = """
+import os, sys
+path = sys.argv[1]
+starts = int(open(path).read()) if os.path.exists(path) else 0
+open(path, "w").write(str(starts + 1))
+if starts < int(sys.argv[2]):
+    os.abort()
+sys.exit(int(sys.argv[3]))
+"""
+RESTART = [sys.executable, "-c", "from husky_highlevel_controller.ros.restart import main; main()"]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(share_folder() / "src")}
+
+
+def run(path, crashes, code):
+    """Exit code, number of starts, and what was said, of a program that crashes at first."""
+    command = [*RESTART, sys.executable, "-c", CRASH_ONCE, str(path), str(crashes), str(code)]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60.0)
+    return done.returncode, int(path.read_text()), done.stderr
+
+
+def test_a_crash_is_followed_by_one_more_start_that_is_announced(tmp_path):
+    code, starts, said = run(tmp_path / "starts", crashes=1, code=0)
+    assert (code, starts) == (0, 2)
+    assert "crashed with SIGABRT; starting it once more" in said
+
+
+def test_a_second_crash_is_the_end(tmp_path):
+    code, starts, _ = run(tmp_path / "starts", crashes=9, code=0)
+    assert (code, starts) == (128 + signal.SIGABRT, 2)
+
+
+def test_an_error_of_the_program_s_own_is_not_repeated(tmp_path):
+    assert run(tmp_path / "starts", crashes=0, code=3)[:2] == (3, 1)
+
+
+def test_an_interrupt_reaches_the_program_and_ends_both(tmp_path):
+    script = (
+        "import signal, sys; signal.signal(signal.SIGINT, lambda *_: sys.exit(7));"
+        "print('up', flush=True); signal.pause()"
+    )
+    command = [*RESTART, sys.executable, "-c", script]
+    process = subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "up\n"
+    process.send_signal(signal.SIGINT)
+    process.stdout.close()
+    assert process.wait(60.0) == 7

@@ -1,0 +1,166 @@
+"""Every scan becomes one observation, with the pose of its own stamp, whichever of the two arrives last."""
+
+import numpy as np
+import pytest
+
+rospy = pytest.importorskip("rospy")
+tf2_ros = pytest.importorskip("tf2_ros")
+
+from geometry_msgs.msg import TransformStamped  # noqa: E402
+
+from husky_highlevel_controller.datatypes import Scan  # noqa: E402
+from husky_highlevel_controller.ros.controller.scan_placement import (  # noqa: E402
+    START_TIMEOUT,
+    TRANSFORM_TIMEOUT,
+    ScanPlacement,
+)
+
+
+class Fixture:
+    """A placement with its TF buffer, the observations it made, and a wall clock that is set by hand."""
+
+    def __init__(self):
+        self.now, self.observations = 0.0, []
+        self.transforms = tf2_ros.Buffer(debug=False)
+        self.placement = ScanPlacement(self.transforms, self.observations.append, lambda: self.now)
+
+    def mount(self):
+        self.transforms.set_transform_static(transform("base_link", "laser", 0.0, 0.3), "test")
+
+    def pose(self, stamp, x):
+        self.transforms.set_transform(transform("odom", "base_link", stamp, x), "test")
+        self.placement.update()
+
+    def scan(self, stamp):
+        self.placement.add(scan(stamp), rospy.Time.from_sec(stamp))
+
+    def answers(self):
+        """Stamp and x of base_link in odom of each observation; None for no pose."""
+        return [(seen.scan.stamp, seen.base_in_odom and seen.base_in_odom.x) for seen in self.observations]
+
+
+def transform(parent, child, stamp, x):
+    msg = TransformStamped(child_frame_id=child)
+    msg.header.frame_id, msg.header.stamp = parent, rospy.Time.from_sec(stamp)
+    msg.transform.translation.x, msg.transform.rotation.w = x, 1.0
+    return msg
+
+
+def scan(stamp):
+    return Scan(stamp, "laser", -1.0, 1.0, 0.1, 30.0, np.full(3, 2.0))
+
+
+@pytest.fixture
+def placed():
+    """A placement that knows the lidar's mount and has answered the scan of 1 s."""
+    fixture = Fixture()
+    fixture.mount()
+    fixture.pose(1.0, 10.0)
+    fixture.scan(1.0)
+    assert fixture.answers() == [(1.0, 10.0)]
+    fixture.observations.clear()
+    return fixture
+
+
+def test_a_pose_that_arrives_first_waits_for_its_scan(placed):
+    placed.pose(2.0, 20.0)
+    assert placed.answers() == []
+    placed.scan(2.0)
+    assert placed.answers() == [(2.0, 20.0)]
+
+
+def test_a_scan_that_arrives_first_waits_for_its_pose(placed):
+    placed.scan(2.0)
+    placed.pose(1.5, 15.0)
+    assert placed.answers() == []
+    placed.pose(2.0, 20.0)
+    placed.pose(3.0, 30.0)
+    assert placed.answers() == [(2.0, 20.0)]
+
+
+def test_a_stamp_between_two_poses_is_interpolated(placed):
+    placed.scan(1.5)
+    placed.pose(2.0, 20.0)
+    assert placed.answers() == [(1.5, pytest.approx(15.0))]
+
+
+def test_of_the_scans_that_arrive_while_one_is_pending_the_newest_is_next(placed):
+    for stamp in (2.0, 3.0, 4.0):
+        placed.scan(stamp)
+    placed.pose(2.0, 20.0)
+    placed.pose(3.0, 30.0)
+    assert placed.answers() == [(2.0, 20.0)]
+    placed.pose(4.0, 40.0)
+    assert placed.answers() == [(2.0, 20.0), (4.0, 40.0)]
+
+
+def test_poses_that_are_always_later_than_the_next_scan_starve_no_scan(placed):
+    for stamp in range(2, 20):
+        placed.scan(float(stamp))
+        placed.pose(stamp - 1.0, 0.0)
+    assert [stamp for stamp, _ in placed.answers()] == list(range(2, 19))
+
+
+def test_a_pending_scan_that_is_sent_again_is_answered_once(placed):
+    placed.scan(2.0)
+    placed.scan(2.0)
+    placed.pose(2.0, 20.0)
+    placed.pose(3.0, 30.0)
+    assert placed.answers() == [(2.0, 20.0)]
+
+
+def test_odometry_that_stops_is_waited_for_once_and_then_its_last_pose_has_to_do(placed):
+    placed.scan(2.0)
+    placed.now = 0.9 * TRANSFORM_TIMEOUT
+    placed.placement.refresh()
+    assert placed.answers() == []
+    placed.now = 1.1 * TRANSFORM_TIMEOUT
+    placed.placement.refresh()
+    placed.scan(3.0)
+    assert placed.answers() == [(2.0, 10.0), (3.0, 10.0)]
+    placed.pose(3.5, 35.0)
+    placed.scan(4.0)
+    assert len(placed.answers()) == 2, "odometry is back: its pose is waited for again"
+
+
+def test_a_clock_that_starts_again_drops_the_scans_of_before(placed):
+    placed.scan(2.0)
+    placed.scan(3.0)
+    placed.transforms.clear()
+    placed.pose(0.05, 0.5)
+    placed.scan(0.1)
+    placed.pose(0.1, 1.0)
+    placed.pose(3.0, 30.0)
+    assert placed.answers() == [(0.1, 1.0)]
+
+
+def test_discarded_scans_are_not_answered(placed):
+    placed.scan(2.0)
+    placed.scan(3.0)
+    placed.placement.discard()
+    placed.pose(3.0, 30.0)
+    assert placed.answers() == []
+
+
+def test_the_first_scan_waits_until_lidar_and_odometry_have_a_place():
+    fixture = Fixture()
+    fixture.scan(1.0)
+    fixture.pose(1.0, 10.0)
+    assert fixture.answers() == []
+    fixture.mount()
+    fixture.placement.update()
+    assert fixture.answers() == [(1.0, 10.0)]
+    assert fixture.observations[0].laser_in_base.position[0] == pytest.approx(0.3)
+
+
+def test_without_any_transform_the_first_scan_is_answered_at_a_deadline_and_the_others_at_once():
+    fixture = Fixture()
+    fixture.scan(1.0)
+    fixture.now = 0.9 * START_TIMEOUT
+    fixture.placement.refresh()
+    assert fixture.answers() == []
+    fixture.now = 1.1 * START_TIMEOUT
+    fixture.placement.refresh()
+    fixture.scan(2.0)
+    assert fixture.answers() == [(1.0, None), (2.0, None)]
+    assert fixture.observations[0].laser_in_base is None

@@ -1,0 +1,163 @@
+"""What is drawn: meshes of shapes and markers, frames, clouds, the robot's visuals."""
+
+import numpy as np
+import pytest
+from genpy import Duration
+from geometry_msgs.msg import Point
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker
+
+from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_highlevel_controller.geometry import quat_from_rpy
+from husky_highlevel_controller.ros.web import shapes
+from husky_highlevel_controller.ros.web.clouds import points_from_msg
+from husky_highlevel_controller.ros.web.frames import Frames
+from husky_highlevel_controller.ros.web.markers import Dots, Lines, Markers, MeshFile, Solid, Words, pieces
+from husky_highlevel_controller.ros.web.robot import rigid_groups
+
+RED, GREEN = ColorRGBA(1, 0, 0, 1), ColorRGBA(0, 1, 0, 1)
+
+
+def volume(mesh):
+    """Of a closed mesh whose faces turn outwards; negative if they turn inwards."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(float) for i in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+
+def marker(kind, size=(1.0, 1.0, 1.0), points=(), colors=(), **fields):
+    msg = Marker(type=kind, color=RED, points=[Point(*p) for p in points], colors=list(colors), **fields)
+    msg.scale.x, msg.scale.y, msg.scale.z = size
+    msg.pose.orientation.w = 1.0
+    return msg
+
+
+@pytest.mark.parametrize(
+    ("mesh", "expected"),
+    [
+        (shapes.cube(), 1.0),
+        (shapes.cylinder(), np.pi / 4.0),
+        (shapes.sphere(), np.pi / 6.0),
+        (shapes.arrow(1.0, 0.2, 0.5, 0.4), np.pi * (0.01 + 0.04 * 0.5 / 3.0)),
+    ],
+)
+def test_shapes_are_closed_and_turn_outwards(mesh, expected):
+    assert volume(mesh) == pytest.approx(expected, rel=0.03)
+
+
+def test_a_cube_marker_has_the_size_of_its_scale():
+    (solid,) = pieces(marker(Marker.CUBE, (1.0, 2.0, 3.0)))
+    assert np.ptp(solid.mesh.vertices, axis=0) == pytest.approx([1.0, 2.0, 3.0])
+    assert solid.rgba == (1, 0, 0, 1)
+
+
+def test_an_arrow_goes_from_its_first_point_to_its_second():
+    (solid,) = pieces(marker(Marker.ARROW, (0.1, 0.2, 0.0), [(1, 1, 0), (1, 3, 0)]))
+    assert solid.mesh.vertices[:, 1].min() == pytest.approx(1.0)
+    assert solid.mesh.vertices[:, 1].max() == pytest.approx(3.0)
+    assert np.abs(solid.mesh.vertices[:, 0] - 1.0).max() == pytest.approx(0.1, abs=1e-6)
+
+
+def test_a_strip_joins_neighbours_and_a_list_pairs():
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    (strip,), (pairs,) = (
+        pieces(marker(kind, points=corners)) for kind in (Marker.LINE_STRIP, Marker.LINE_LIST)
+    )
+    assert isinstance(strip, Lines)
+    assert len(strip.points) == 3
+    assert pairs.points.tolist() == [[[0, 0, 0], [1, 0, 0]], [[1, 1, 0], [0, 1, 0]]]
+
+
+def test_lists_are_one_solid_for_each_colour():
+    drawn = pieces(
+        marker(Marker.CUBE_LIST, points=[(0, 0, 0), (5, 0, 0), (9, 0, 0)], colors=[RED, GREEN, RED])
+    )
+    assert [piece.rgba for piece in drawn] == [(1, 0, 0, 1), (0, 1, 0, 1)]
+    assert drawn[0].mesh.vertices[:, 0].max() == pytest.approx(9.5)
+
+
+def test_points_texts_meshes_and_triangles():
+    (dots,) = pieces(marker(Marker.POINTS, (0.1, 0.1, 0.0), [(0, 0, 1)]))
+    assert dots == Dots(dots.points, dots.colors, 0.1)
+    assert pieces(marker(Marker.TEXT_VIEW_FACING, (0, 0, 0.3), text="arrived")) == [Words("arrived", 0.3)]
+    (file,) = pieces(marker(Marker.MESH_RESOURCE, mesh_resource="package://a/b.stl"))
+    assert file == MeshFile("package://a/b.stl", (1.0, 1.0, 1.0), (1, 0, 0, 1))
+    (sheet,) = pieces(marker(Marker.TRIANGLE_LIST, points=[(0, 0, 0), (1, 0, 0), (0, 1, 0), (7, 7, 7)]))
+    assert isinstance(sheet, Solid)
+    assert len(sheet.mesh.faces) == 1
+
+
+@pytest.mark.parametrize("broken", [float("nan"), float("inf")])
+def test_what_is_not_finite_is_not_drawn(broken):
+    assert pieces(marker(Marker.CUBE, (broken, 1.0, 1.0))) == []
+    assert pieces(marker(Marker.LINE_STRIP, points=[(0, 0, 0), (broken, 0, 0)])) == []
+
+
+def test_markers_are_replaced_deleted_and_die():
+    markers = Markers()
+    markers.apply("/a", Marker(ns="x", id=1), 0.0)
+    markers.apply("/a", Marker(ns="y", id=1, lifetime=Duration(2)), 0.0)
+    markers.apply("/b", Marker(ns="x", id=1), 0.0)
+    markers.apply("/a", Marker(ns="x", id=1, text="new"), 1.0)
+    assert markers.shown["/a", "x", 1].text == "new"
+    markers.expire(1.9)
+    assert len(markers.shown) == 3
+    markers.expire(2.0)
+    assert set(markers.shown) == {("/a", "x", 1), ("/b", "x", 1)}
+    markers.apply("/b", Marker(ns="x", id=1, action=Marker.DELETE), 3.0)
+    markers.apply("/a", Marker(action=Marker.DELETEALL), 3.0)
+    assert not markers.shown
+
+
+def test_frames_are_joined_over_a_common_root_at_a_moment():
+    frames = Frames()
+    frames.update("odom", "base", 1.0, Pose((1.0, 0.0, 0.0)))
+    frames.update("odom", "base", 2.0, Pose((2.0, 0.0, 0.0), quat_from_rpy(0.0, 0.0, np.pi / 2.0)))
+    frames.update("base", "laser", 0.0, Pose((0.5, 0.0, 0.0)))
+    frames.update("odom", "map", 0.0, Pose((0.0, 3.0, 0.0)))
+    assert frames.pose("laser", "odom", 1.1).position == pytest.approx((1.5, 0.0, 0.0))
+    assert frames.pose("laser", "odom").position == pytest.approx((2.0, 0.5, 0.0))
+    assert frames.pose("laser", "map").position == pytest.approx((2.0, -2.5, 0.0))
+    assert frames.pose("elsewhere", "odom") is None
+
+
+def test_frames_survive_a_circle_and_a_clock_that_runs_backwards():
+    frames = Frames()
+    frames.update("a", "b", 5.0, Pose())
+    frames.update("b", "a", 5.0, Pose())
+    assert frames.pose("a", "c") is None
+    frames.update("odom", "base", 9.0, Pose((9.0, 0.0, 0.0)))
+    frames.update("odom", "base", 1.0, Pose((1.0, 0.0, 0.0)))
+    assert frames.pose("base", "odom", 9.0).position == (1.0, 0.0, 0.0)
+
+
+def test_a_cloud_is_thinned_and_loses_what_is_not_finite():
+    points = np.array([[0, 0, 0, 9], [np.nan, 0, 0, 9], [1, 2, 3, 9], [4, 5, 6, 9]], "<f4")
+    fields = [PointField(axis, 4 * i, PointField.FLOAT32, 1) for i, axis in enumerate("xyz")]
+    msg = PointCloud2(height=1, width=4, fields=fields, point_step=16, row_step=64, data=points.tobytes())
+    assert points_from_msg(msg).tolist() == [[0, 0, 0], [1, 2, 3], [4, 5, 6]]
+    assert points_from_msg(msg, max_points=2).tolist() == [[0, 0, 0], [1, 2, 3]]
+    assert len(points_from_msg(PointCloud2(height=1, width=4, fields=fields, point_step=16))) == 0
+
+
+URDF = """<robot name="r"><material name="red"><color rgba="1 0 0 1"/></material>
+<link name="base"><visual><geometry><box size="1 2 3"/></geometry><material name="red"/></visual></link>
+<link name="plate"><visual><origin xyz="0 0 1"/><geometry><mesh filename="file:///x.stl"/></geometry></visual></link>
+<link name="wheel"><visual><geometry><cylinder radius="0.5" length="0.1"/></geometry></visual></link>
+<joint name="a" type="fixed"><origin xyz="0 0 2"/><parent link="base"/><child link="plate"/></joint>
+<joint name="b" type="continuous"><parent link="plate"/><child link="wheel"/></joint></robot>"""
+
+
+def test_visuals_hang_on_the_link_that_moves_them():
+    groups = rigid_groups(URDF)
+    assert set(groups) == {"base", "wheel"}
+    box, mesh = groups["base"]
+    assert box.shape.rgba == (1, 0, 0, 1)
+    assert mesh.shape.uri == "file:///x.stl"
+    assert mesh.pose_in_frame.position == (0, 0, 3)
+
+
+@pytest.mark.parametrize("text", ["no xml", URDF.replace("1 2 3", "1 2"), URDF.replace("0.5", "half")])
+def test_a_broken_description_is_an_error_in_words(text):
+    with pytest.raises(HuskyError, match="robot_description"):
+        rigid_groups(text)

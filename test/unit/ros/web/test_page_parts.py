@@ -1,0 +1,221 @@
+"""What the page does: holding to drive, who may come in, parameters, the log, curves, worlds, rays."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller.datatypes import STOP, HuskyError, Twist2D
+from husky_highlevel_controller.ros.web.curves import Curve, Rate
+from husky_highlevel_controller.ros.web.gate import refusal
+from husky_highlevel_controller.ros.web.hold_to_drive import EXPIRY, HoldToDrive, share
+from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, LogBuffer, to_html
+from husky_highlevel_controller.ros.web.parameters import from_yaml, parameters, to_yaml
+from husky_highlevel_controller.ros.web.plots import chart_html
+from husky_highlevel_controller.ros.web.rays import point_on_level
+from husky_highlevel_controller.ros.web.worlds import models
+
+AHEAD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.8)
+
+
+def test_a_held_command_goes_on_and_stops_once_when_let_go():
+    hold = HoldToDrive()
+    assert hold.command(0.0) is None
+    hold.hold(1, AHEAD, 0.0)
+    assert hold.command(0.1) == AHEAD
+    hold.hold(1, STOP, 0.15)
+    assert [hold.command(0.2), hold.command(0.25)] == [STOP, None]
+
+
+def test_a_page_that_is_silent_or_gone_stops_the_robot():
+    hold = HoldToDrive()
+    hold.hold(1, AHEAD, 0.0)
+    assert hold.command(EXPIRY - 0.01) == AHEAD
+    assert hold.command(EXPIRY + 0.01) == STOP
+    hold.hold(1, AHEAD, 1.0)
+    hold.release(1)
+    assert hold.command(1.01) == STOP
+    assert not hold.is_active
+
+
+def test_the_page_that_took_hold_first_drives():
+    hold = HoldToDrive()
+    hold.hold(1, AHEAD, 0.0)
+    hold.hold(2, TURN, 0.1)
+    hold.release(2)
+    assert hold.command(0.2) == AHEAD
+    hold.hold(2, TURN, 1.0)  # page 1 is silent by now
+    assert hold.command(1.0) == TURN
+
+
+@pytest.mark.parametrize("value", ["1", None, True, float("nan"), float("inf"), [1]])
+def test_what_is_no_number_is_no_share(value):
+    assert share(value) is None
+
+
+def test_a_share_is_limited_to_full_speed():
+    assert (share(3), share(-0.5)) == (1.0, -0.5)
+
+
+HERE = {"Host": "127.0.0.1:8080"}
+
+
+@pytest.mark.parametrize(
+    ("headers", "path", "is_loopback", "token", "words"),
+    [
+        (HERE, "/", True, None, None),
+        ({"Host": "localhost:9000", "Origin": "http://localhost:9000"}, "/drive", True, None, None),
+        ({"Host": "evil.example:8080"}, "/", True, None, "evil.example"),  # a name that points here by DNS
+        ({**HERE, "Origin": "http://evil.example"}, "/drive", True, None, "another site"),
+        ({**HERE, "Origin": "null"}, "/", True, None, "another site"),
+        ({"Host": "10.0.0.5:8080"}, "/", False, "s3cret", "token"),
+        ({"Host": "10.0.0.5:8080"}, "/?token=wrong", False, "s3cret", "token"),
+        ({"Host": "10.0.0.5:8080"}, "/?token=s3cret", False, "s3cret", None),
+        ({"Host": "10.0.0.5:8080", "Cookie": "husky_token=s3cret"}, "/drive", False, "s3cret", None),
+        ({"Host": "10.0.0.5:8080", "Cookie": "husky_token=s3cre"}, "/drive", False, "s3cret", "token"),
+    ],
+)
+def test_who_may_come_in(headers, path, is_loopback, token, words):
+    reason = refusal(headers, path, is_loopback, token)
+    assert (reason is None) if words is None else (words in reason)
+
+
+def entry(name, kind, low, high, default, **more):
+    return {
+        "name": name,
+        "type": kind,
+        "min": low,
+        "max": high,
+        "default": default,
+        "description": "",
+        **more,
+    }
+
+
+DESCRIPTION = {
+    "parameters": [
+        entry("p_gain", "double", 0.0, 10.0, 2.0, description="forward speed for each metre [1/s]"),
+        entry("beams", "int", 1, 720, 2),
+        entry("search", "bool", False, True, True),
+    ],
+    "groups": {"more": {"parameters": [entry("name", "str", "", "", "x")], "groups": {}}},
+}
+
+
+def test_parameters_of_all_groups_with_their_units():
+    found = parameters(DESCRIPTION)
+    assert [item.label for item in found] == ["p_gain [1/s]", "beams", "search", "name"]
+    assert [item.has_slider for item in found] == [True, True, False, False]
+    assert [found[0].step, found[1].step] == [0.01, 1]
+
+
+def test_an_enumeration_has_choices():
+    method = "{'enum': [{'name': 'Low', 'value': 0}, {'name': 'High', 'value': 2}]}"
+    (found,) = parameters({"parameters": [entry("level", "int", 0, 2, 0, edit_method=method)]})
+    assert found.choices == (("Low", 0), ("High", 2))
+    assert not found.has_slider
+
+
+def test_yaml_goes_round():
+    known = {"/node": parameters(DESCRIPTION)}
+    values = {"/node": {"p_gain": 3.5, "beams": 4, "search": False, "name": "y"}}
+    assert from_yaml(to_yaml(values), known) == values
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{", "no YAML"),
+        ("3", "name nodes"),
+        ("/other: {p_gain: 1}", "/other"),
+        ("/node: {q_gain: 1}", "q_gain"),
+        ("/node: {p_gain: 11}", "p_gain = 11 is not within 0.0..10.0"),
+        ("/node: {p_gain: fast}", "p_gain = 'fast'"),
+        ("/node: {beams: 2.5}", "beams = 2.5"),
+        ("/node: {search: 1}", "search = 1"),
+        ("/node: {p_gain: .nan}", "p_gain"),
+    ],
+)
+def test_a_file_that_cannot_be_is_refused_in_words(text, words):
+    with pytest.raises(HuskyError) as error:
+        from_yaml(text, {"/node": parameters(DESCRIPTION)})
+    assert words in str(error.value)
+
+
+def line(text, level="info", node="/robot", stamp=1.0):
+    header = SimpleNamespace(stamp=SimpleNamespace(to_sec=lambda: stamp))
+    return SimpleNamespace(level=LEVELS[level], header=header, name=node, msg=text)
+
+
+def test_the_log_is_filtered_newest_first_and_capped():
+    log = LogBuffer()
+    for number in range(CAPACITY + 10):
+        log.add(line(f"line {number}"))
+    log.add(line("Pillar lost", "warn", "/controller"))
+    assert [item.text for item in log.select(Filter())[:2]] == ["Pillar lost", f"line {CAPACITY + 9}"]
+    assert len(log.select(Filter())) == SHOWN
+    assert [item.text for item in log.select(Filter(level=LEVELS["warn"]))] == ["Pillar lost"]
+    assert [item.text for item in log.select(Filter(node="contr", text="pillar"))] == ["Pillar lost"]
+    assert log.select(Filter(text="line 3 ")) == []
+
+
+def test_a_line_of_the_log_is_never_markup():
+    log = LogBuffer()
+    log.add(line("<script>alert(1)</script>", node="/<b>"))
+    html = to_html(log.select(Filter()))
+    assert "<script>" not in html
+    assert "/<b>" not in html
+
+
+def test_a_curve_keeps_its_window_and_begins_anew_when_time_runs_backwards():
+    curve = Curve(1, window=10.0)
+    for second in range(30):
+        curve.add(float(second), second / 2.0)
+        curve.add(float(second), -1.0)  # the clock stands still
+    times, values = curve.arrays
+    assert times.tolist() == [float(second) for second in range(19, 30)]
+    assert values[-1] == 14.5
+    curve.add(0.0, 7.0)
+    assert [array.tolist() for array in curve.arrays] == [[0.0], [7.0]]
+
+
+def test_a_rate_is_the_growth_over_the_last_seconds():
+    rate = Rate(window=2.0)
+    assert rate.value is None
+    for second in np.arange(0.0, 10.0, 0.5):
+        rate.add(50.0 * second, second)
+    assert rate.value == pytest.approx(50.0)
+    rate.add(0.0, 10.0)  # begins anew
+    assert rate.value is None
+
+
+def test_a_click_meets_the_ground_below_the_horizon_only():
+    assert point_on_level((0, 0, 2), (1, 0, -1), 0.5) == pytest.approx((1.5, 0.0, 0.5))
+    assert point_on_level((0, 0, 2), (1, 0, 1), 0.0) is None
+    assert point_on_level((0, 0, 2), (1, 0, 0), 0.0) is None
+    assert point_on_level((0, 0, 2), (1, 0, -1e-4), 0.0) is None
+
+
+WORLD = """<sdf version="1.4"><world name="w"><include><uri>model://sun</uri></include>
+<include><uri>model://ground_plane</uri></include>
+<model name="pillar"><pose>1 2 0 0 0 0</pose><link name="l"/></model></world></sdf>"""
+
+
+def test_a_world_is_its_models_without_ground_and_sun():
+    (model,) = models(WORLD, "w.world")
+    assert model.name == "pillar"
+    assert "<pose>1 2 0 0 0 0</pose>" in model.xml
+
+
+@pytest.mark.parametrize("text", ["no", "<sdf/>", WORLD.replace("model://sun", "model://house")])
+def test_a_world_that_cannot_be_loaded_is_refused_by_name(text):
+    with pytest.raises(HuskyError, match=r"w\.world"):
+        models(text, "w.world")
+
+
+def test_a_chart_draws_gaps_as_gaps_and_survives_nothing():
+    times, values = np.arange(4.0), np.array([0.0, 1.0, np.nan, 0.5])
+    html = chart_html("speed", ("commanded", "measured"), (times, values, values))
+    assert "M0.0,110.0L100.0,0.0M300.0,55.0" in html
+    assert "0.50" in html
+    assert "<svg" in chart_html("speed", ("commanded", "measured"), (np.zeros(0),) * 3)

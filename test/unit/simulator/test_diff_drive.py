@@ -1,0 +1,181 @@
+"""Velocity commands on their way to the wheels: limits, geometry, timeout, nonsense refused."""
+
+from __future__ import annotations
+
+from math import inf, nan
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from husky_highlevel_controller.datatypes import STOP, Twist2D
+from husky_highlevel_controller.simulator.diff_drive import (
+    CommandError,
+    Drive,
+    DriveConfig,
+    limit,
+    twist_of_wheels,
+    wheel_speeds,
+)
+
+CONFIG = DriveConfig()
+DT = 0.01  # [s]
+LAW = settings(derandomize=True, deadline=None, max_examples=80)
+
+anything = st.builds(Twist2D, st.floats(-1e3, 1e3), st.floats(-1e3, 1e3))
+allowed = st.builds(Twist2D, st.floats(-1.0, 1.0), st.floats(-2.0, 2.0))
+steps = st.floats(0.0, 1.0)
+
+
+def near(twist, tolerance=1e-9):
+    return pytest.approx((twist.linear, twist.angular), abs=tolerance)
+
+
+def numbers(twist):
+    return twist.linear, twist.angular
+
+
+# ---------------------------------------------------------------------------- limits
+
+
+@LAW
+@given(anything, allowed, steps)
+def test_limiting_twice_is_limiting_once(target, previous, dt):
+    once = limit(target, previous, dt, CONFIG)
+    assert numbers(limit(once, previous, dt, CONFIG)) == numbers(once)
+
+
+@LAW
+@given(anything, allowed, steps)
+def test_neither_speed_nor_acceleration_exceeds_its_limit(target, previous, dt):
+    it = limit(target, previous, dt, CONFIG)
+    assert abs(it.linear) <= 1.0
+    assert abs(it.angular) <= 2.0
+    assert abs(it.linear - previous.linear) <= 3.0 * dt + 1e-12
+    assert abs(it.angular - previous.angular) <= 6.0 * dt + 1e-12
+
+
+@LAW
+@given(allowed, allowed)
+def test_what_can_be_reached_in_time_is_reached_exactly(target, previous):
+    # at 3 m/s^2 and 6 rad/s^2 every allowed speed is at most 2/3 s away
+    assert limit(target, previous, 0.7, CONFIG) == target
+
+
+@LAW
+@given(anything, allowed, steps)
+def test_backwards_and_right_are_limited_like_forwards_and_left(target, previous, dt):
+    it = limit(target, previous, dt, CONFIG)
+    mirrored = limit(
+        Twist2D(-target.linear, -target.angular), Twist2D(-previous.linear, -previous.angular), dt, CONFIG
+    )
+    assert numbers(mirrored) == (-it.linear, -it.angular)
+
+
+# ---------------------------------------------------------------------------- wheels
+
+
+@LAW
+@given(anything)
+def test_wheel_odometry_of_the_wheel_speeds_of_a_twist_gives_that_twist_back(twist):
+    assert numbers(twist_of_wheels(*wheel_speeds(twist, CONFIG), CONFIG)) == near(twist)
+
+
+def test_both_wheels_turn_alike_when_driving_straight():
+    assert wheel_speeds(Twist2D(1.0, 0.0), CONFIG) == pytest.approx((1.0 / 0.1651,) * 2)
+
+
+def test_a_left_turn_drives_the_right_wheels_forward_over_the_widened_track():
+    # 1.875 x 0.5708 m between the wheels of the Noetic Husky
+    assert wheel_speeds(Twist2D(0.0, 1.0), CONFIG) == pytest.approx((-3.24122, 3.24122), abs=1e-5)
+
+
+# ---------------------------------------------------------------------------- the drive in time
+
+
+def run(drive, start, duration):
+    """Update every DT from `start` for `duration`; the outputs."""
+    first, count = round(start / DT), round(duration / DT)
+    return [drive.update((first + i) * DT, DT) for i in range(1, count + 1)]
+
+
+def commanded(twist, now=0.0):
+    drive = Drive(CONFIG)
+    drive.command(twist, now)
+    return drive
+
+
+def test_it_stands_still_before_the_first_command():
+    assert run(Drive(CONFIG), 0.0, 1.0) == [STOP] * 100
+
+
+def test_it_speeds_up_within_the_limit_and_then_holds_the_command():
+    outputs = run(commanded(Twist2D(0.3, 0.6)), 0.0, 0.25)
+    assert [it.linear for it in outputs[:10]] == pytest.approx([0.03 * i for i in range(1, 11)])
+    assert [it.angular for it in outputs[:10]] == pytest.approx([0.06 * i for i in range(1, 11)])
+    assert set(outputs[10:]) == {Twist2D(0.3, 0.6)}
+
+
+def test_a_command_holds_for_a_quarter_second_and_then_brakes_within_the_limit():
+    drive = commanded(Twist2D(0.6, 0.0))
+    assert run(drive, 0.0, 0.25)[-1] == Twist2D(0.6, 0.0)
+    braking = [it.linear for it in run(drive, 0.25, 0.3)]
+    assert braking[:20] == pytest.approx([0.6 - 0.03 * i for i in range(1, 21)], abs=1e-9)
+    assert braking[20:] == [0.0] * 10
+
+
+def test_repeating_a_command_keeps_it_in_force():
+    drive = Drive(CONFIG)
+    for i in range(10):
+        drive.command(Twist2D(0.5, 0.0), i * 0.2)
+        last = run(drive, i * 0.2, 0.2)[-1]
+    assert last == Twist2D(0.5, 0.0)
+
+
+def test_a_command_after_a_timeout_counts_again():
+    drive = commanded(Twist2D(0.5, 0.0))
+    assert run(drive, 0.0, 2.0)[-1] == STOP
+    drive.command(Twist2D(-0.2, 1.0), 2.0)
+    assert run(drive, 2.0, 0.2)[-1] == Twist2D(-0.2, 1.0)
+
+
+@pytest.mark.parametrize(
+    "nonsense", [Twist2D(nan, 0.0), Twist2D(0.0, nan), Twist2D(inf, 0.0), Twist2D(0.0, -inf)]
+)
+def test_a_command_that_is_no_number_is_refused_and_the_previous_stays_in_force(nonsense):
+    drive = commanded(Twist2D(0.3, 0.6))
+    with pytest.raises(CommandError, match=r"linear\.x = .*(nan|inf)|angular\.z = .*(nan|inf)"):
+        drive.command(nonsense, 0.1)
+    assert run(drive, 0.0, 0.25)[-1] == Twist2D(0.3, 0.6)
+
+
+def test_a_refused_command_does_not_prolong_the_previous_one():
+    drive = commanded(Twist2D(0.3, 0.0))
+    run(drive, 0.0, 0.2)
+    with pytest.raises(CommandError):
+        drive.command(Twist2D(nan, 0.0), 0.2)
+    assert run(drive, 0.2, 0.2)[-1] == STOP
+
+
+def test_reset_stands_still_at_once_and_forgets_the_command():
+    drive = commanded(Twist2D(1.0, 1.0))
+    run(drive, 0.0, 0.2)
+    drive.reset()
+    assert drive.output == STOP
+    assert run(drive, 0.0, 0.1) == [STOP] * 10
+
+
+@LAW
+@given(st.lists(st.tuples(anything, st.integers(0, 40)), max_size=6))
+def test_whatever_is_commanded_the_wheels_set_point_never_jumps_nor_races(commands):
+    drive, now, before = Drive(CONFIG), 0, STOP
+    for twist, hold in commands:
+        drive.command(twist, now * DT)
+        for _ in range(hold):
+            now += 1
+            after = drive.update(now * DT, DT)
+            assert abs(after.linear) <= 1.0
+            assert abs(after.angular) <= 2.0
+            assert abs(after.linear - before.linear) <= 3.0 * DT + 1e-12
+            assert abs(after.angular - before.angular) <= 6.0 * DT + 1e-12
+            before = after

@@ -1,0 +1,61 @@
+"""The satellite receiver: where on Earth, how fast, how wrong."""
+
+from __future__ import annotations
+
+from math import cos, radians
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller.datatypes import Pose, RobotState
+from husky_highlevel_controller.geometry import quat_from_rpy
+from husky_highlevel_controller.simulator.sensors.gps import Gps, GpsConfig
+
+EXACT = GpsConfig(drift=0.0)
+
+
+def locate(position=(0.0, 0.0, 0.0), yaw=0.0, velocity=(0.0, 0.0, 0.0), config=EXACT):
+    state = RobotState(Pose(position, quat_from_rpy(0.0, 0.0, yaw)), velocity, (0.0, 0.0, 0.0))
+    return make_gps(config, 0.025, seed=1).sample(state, 0.025)
+
+
+def make_gps(config, period, seed):
+    gps = Gps(config, period)
+    gps.reset(np.random.default_rng(seed))
+    return gps
+
+
+def test_the_world_s_origin_is_where_the_husky_s_is():
+    fix = locate(position=(0.0, 0.0, 0.3))
+    assert (fix.latitude, fix.longitude, fix.altitude, fix.stamp) == (49.9, 8.9, 0.3, 0.025)
+
+
+def test_x_is_east_and_y_is_north():
+    """One degree is 111.2 km north at 49.9 degrees, and 71.8 km east (published)."""
+    east, north = locate(position=(1000.0, 0.0, 0.0)), locate(position=(0.0, 1000.0, 0.0))
+    assert (east.latitude, north.longitude) == (49.9, 8.9)
+    assert east.longitude - 8.9 == pytest.approx(1000.0 / 71.8e3, rel=2e-3)
+    assert north.latitude - 49.9 == pytest.approx(1000.0 / 111.2e3, rel=2e-3)
+
+
+def test_a_degree_of_longitude_shrinks_towards_the_pole():
+    steps = [
+        locate(position=(100.0, 0.0, 0.0), config=GpsConfig(latitude=phi, drift=0.0)).longitude - 8.9
+        for phi in (0.0, 60.0)
+    ]
+    assert steps[1] / steps[0] == pytest.approx(1.0 / cos(radians(60.0)), rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "velocity"), [(0.0, (0.0, -1.0, 0.0)), (np.pi / 2, (1.0, 0.0, 0.0)), (np.pi, (0.0, 1.0, 0.0))]
+)
+def test_velocity_is_towards_north_west_and_up(yaw, velocity):
+    assert locate(yaw=yaw, velocity=(1.0, 0.0, 0.0)).velocity == pytest.approx(velocity, abs=1e-12)
+
+
+def test_the_error_wanders_slowly_by_as_much_as_asked_for():
+    gps = make_gps(GpsConfig(drift=2.0), 60.0, seed=4)
+    state = RobotState(Pose(), (0.0,) * 3, (0.0,) * 3)
+    heights = np.array([gps.sample(state, 60.0 * i).altitude for i in range(20000)])
+    assert np.std(heights) == pytest.approx(2.0, rel=0.2)
+    assert np.std(np.diff(heights)) < 0.5

@@ -1,0 +1,453 @@
+"""The robot description: what RViz shows, what the engine weighs, what is refused."""
+
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from math import cos, pi, sin
+from pathlib import Path
+from urllib.parse import unquote, urlparse
+
+import numpy as np
+import pybullet
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_highlevel_controller.geometry import matrix_from_quat
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.simulator.models.husky_xacro import (
+    DescriptionError,
+    main,
+    mesh_folder,
+    robot_description,
+)
+from husky_highlevel_controller.simulator.models.robot_model import WHEEL_JOINTS, robot_model
+
+# parents in the Noetic Husky's TF tree
+TREE = {
+    "base_footprint": "base_link",
+    "inertial_link": "base_link",
+    "imu_link": "base_link",
+    "front_left_wheel_link": "base_link",
+    "front_right_wheel_link": "base_link",
+    "rear_left_wheel_link": "base_link",
+    "rear_right_wheel_link": "base_link",
+    "top_chassis_link": "base_link",
+    "front_bumper_link": "base_link",
+    "rear_bumper_link": "base_link",
+    "user_rail_link": "base_link",
+    "top_plate_link": "base_link",
+    "top_plate_front_link": "top_plate_link",
+    "top_plate_rear_link": "top_plate_link",
+    "front_laser_mount": "top_plate_link",
+    "front_laser": "front_laser_mount",
+}
+HUSKY = robot_description()
+
+
+def small_robot(body="", extra=""):
+    """A robot of 10 kg with four wheels; `body` goes into base_link, `extra` beside it."""
+    wheels = "".join(
+        f"""<link name="{name}_link">
+              <inertial><mass value="2"/>
+                <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.1"/></inertial>
+              <collision><origin rpy="1.5707963267948966 0 0"/>
+                <geometry><cylinder radius="0.2" length="0.1"/></geometry></collision>
+            </link>
+            <joint name="{name}" type="continuous"><origin xyz="{x} {y} 0"/><axis xyz="0 1 0"/>
+              <parent link="base_link"/><child link="{name}_link"/></joint>"""
+        for name, x, y in zip(WHEEL_JOINTS, (1, 1, -1, -1), (1, -1, 1, -1))
+    )
+    return f"""<robot name="small"><link name="base_link">
+        <inertial><mass value="10"/><inertia ixx="1" ixy="0" ixz="0" iyy="2" iyz="0" izz="2.5"/></inertial>
+        {body}</link>{wheels}{extra}</robot>"""
+
+
+def fixed_to_base(link, inside="", origin=""):
+    return f"""<link name="{link}">{inside}</link><joint name="{link}_joint" type="fixed">{origin}
+        <parent link="base_link"/><child link="{link}"/></joint>"""
+
+
+# ---------------------------------------------------------------------------- the URDF
+
+
+def test_the_tree_of_frames_is_the_noetic_huskys():
+    robot = ET.fromstring(HUSKY)
+    parents = {j.find("child").get("link"): j.find("parent").get("link") for j in robot.findall("joint")}
+    assert parents == TREE
+    assert {link.get("name") for link in robot.findall("link")} == {"base_link", *TREE}
+
+
+def test_the_root_weighs_nothing_so_that_kdl_has_nothing_to_ignore():
+    base = ET.fromstring(HUSKY).find("link[@name='base_link']")
+    assert base.find("inertial") is None
+
+
+def test_the_lidar_hangs_upside_down_where_the_real_one_does():
+    pose = robot_model(HUSKY).fixed_poses["front_laser"]
+    assert pose.position == pytest.approx((0.3370, 0.0, 0.30795))
+    assert matrix_from_quat(pose.quat_xyzw) == pytest.approx(np.diag([1.0, -1.0, -1.0]), abs=1e-12)
+
+
+def test_without_a_tower_the_lidar_stands_upright():
+    pose = robot_model(robot_description(laser_tower=False)).fixed_poses["front_laser"]
+    assert pose.position == pytest.approx((0.3568, 0.0, 0.28785))
+    assert matrix_from_quat(pose.quat_xyzw) == pytest.approx(np.eye(3))
+
+
+def test_base_link_is_a_wheel_radius_minus_the_axle_height_above_the_ground():
+    assert robot_model(HUSKY).fixed_poses["base_footprint"].position == pytest.approx((0.0, 0.0, -0.13228))
+
+
+def test_a_husky_without_lidar_is_lighter_and_has_no_laser_frame():
+    model = robot_model(robot_description(laser_enabled=False))
+    assert model.total_mass == pytest.approx(56.582)
+    assert not [frame for frame in model.fixed_poses if "laser" in frame]
+
+
+def test_the_prefix_names_the_lidars_frames():
+    poses = robot_model(robot_description(laser_prefix="rear")).fixed_poses
+    assert [frame for frame in poses if "laser" in frame] == ["rear_laser_mount", "rear_laser"]
+
+
+def test_every_mesh_is_a_file_that_exists():
+    files = [Path(unquote(urlparse(mesh.get("filename")).path)) for mesh in ET.fromstring(HUSKY).iter("mesh")]
+    assert len(files) == 9
+    assert all(file.is_file() for file in files)
+
+
+def test_the_wheels_one_sees_touch_the_ground():
+    mesh = ET.fromstring(HUSKY).find("link[@name='front_left_wheel_link']/visual/geometry/mesh")
+    data = Path(unquote(urlparse(mesh.get("filename")).path)).read_bytes()
+    triangle = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    corners = np.frombuffer(data[84:], triangle)["corners"].reshape(-1, 3)
+    scale = np.array(mesh.get("scale").split(), dtype=float)
+    assert np.abs(corners * scale).max(axis=0) == pytest.approx((0.1651, 0.0572, 0.1651), abs=2e-4)
+
+
+def test_without_meshes_the_robot_is_drawn_with_plain_shapes():
+    robot = ET.fromstring(robot_description(meshes=""))
+    assert not list(robot.iter("mesh"))
+    assert len(list(robot.iter("visual"))) > 15
+
+
+def test_looks_do_not_change_the_physics():
+    assert robot_model(robot_description(meshes="")).physics_urdf == robot_model(HUSKY).physics_urdf
+
+
+def test_the_meshes_are_looked_for_without_loading_pybullets_data_package():
+    program = (
+        "import sys; from husky_highlevel_controller.simulator.models import husky_xacro as x;"
+        "x.mesh_folder();"
+        "sys.exit('pybullet' in sys.modules or 'pybullet_data' in sys.modules)"
+    )
+    source = Path(__file__).resolve().parents[3] / "src"
+    assert subprocess.run([sys.executable, "-c", program], env={"PYTHONPATH": str(source)}).returncode == 0
+
+
+def test_where_pybullet_is_not_installed_there_are_no_meshes(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert mesh_folder() == ""
+
+
+def test_an_installed_module_finds_the_data_beside_its_library(monkeypatch, tmp_path):
+    module = tmp_path / "lib/python3/dist-packages/husky_highlevel_controller/paths.py"
+    share = tmp_path / "share/husky_highlevel_controller"
+    (share / "urdf").mkdir(parents=True)
+    monkeypatch.setattr("husky_highlevel_controller.paths.__file__", str(module))
+    assert share_folder() == share.resolve()
+
+
+def test_missing_data_is_reported_with_the_places_searched(monkeypatch, tmp_path):
+    module = tmp_path / "lib/python3/dist-packages/husky_highlevel_controller/paths.py"
+    monkeypatch.setattr("husky_highlevel_controller.paths.__file__", str(module))
+    with pytest.raises(HuskyError, match=r"no folder urdf/ in .*share/husky_highlevel_controller"):
+        share_folder()
+
+
+# ---------------------------------------------------------------------------- the command
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    """Calls robot_description with arguments; what it printed and wrote to stderr."""
+
+    def call(*arguments):
+        monkeypatch.setattr("sys.argv", ["robot_description", *arguments])
+        main()
+        return capsys.readouterr()
+
+    return call
+
+
+def test_the_command_prints_the_urdf(command):
+    printed = command("laser_tower:=0", "meshes:=")
+    assert printed.err == ""
+    assert printed.out.strip() == robot_description(laser_tower=False, meshes="").strip()
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ("laser:=true", "unknown argument 'laser'; there are laser_enabled:=true|false"),
+        ("laser_enabled=true", "unknown argument 'laser_enabled=true'"),
+        ("laser_enabled:=yes", "laser_enabled is 'yes'; use true|false"),
+        ("laser_tower:=", "laser_tower is ''; use true|false"),
+        ("laser_prefix:=", "laser_prefix is ''; use a name, e.g. front"),
+        ("laser_prefix:=$(find x)", "laser_prefix is '$(find x)'; use a name, e.g. front"),
+        ("laser_prefix:=${1/0}", "laser_prefix is '${1/0}'; use a name"),
+        ("meshes:=meshes/husky", "meshes is 'meshes/husky'; use a URI"),
+        ("meshes:=file:///$(find x)", "meshes is 'file:///$(find x)'; use a URI"),
+    ],
+)
+def test_a_wrong_argument_is_refused_with_a_hint(argument, words, command, capsys):
+    with pytest.raises(SystemExit) as stop:
+        command(argument)
+    printed = capsys.readouterr()
+    assert stop.value.code == 2
+    assert printed.out == ""
+    assert words in printed.err
+
+
+@pytest.mark.parametrize("no", ["false", "False", "0"])
+def test_switches_may_be_spelled_as_roslaunch_or_as_the_environment_does(no, command):
+    assert "front_laser" not in command(f"laser_enabled:={no}").out
+
+
+# ---------------------------------------------------------------------------- the model
+
+
+def test_the_rigid_body_is_the_published_base_and_lidar_together():
+    # two bodies, by hand: 46.034 kg at c1 and 1.1 kg at c2
+    c1, c2 = np.array([-0.00065, -0.085, 0.062]), np.array([0.3370, 0.0, 0.30795])
+    base = np.array(
+        [[0.6022, -0.02364, -0.1197], [-0.02364, 1.7386, -0.001544], [-0.1197, -0.001544, 2.0296]]
+    )
+    lidar = 1.1 / 12 * np.diag([0.102**2 + 0.152**2, 0.105**2 + 0.152**2, 0.105**2 + 0.102**2])
+    d, reduced = c2 - c1, 46.034 * 1.1 / 47.134
+    model = robot_model(HUSKY)
+    assert model.mass == pytest.approx(47.134)
+    assert model.com == pytest.approx((46.034 * c1 + 1.1 * c2) / 47.134)
+    assert model.inertia == pytest.approx(base + lidar + reduced * (d @ d * np.eye(3) - np.outer(d, d)))
+
+
+def test_the_wheels_are_the_published_ones():
+    model = robot_model(HUSKY)
+    assert [wheel.joint for wheel in model.wheels] == list(WHEEL_JOINTS)
+    assert [wheel.position for wheel in model.wheels] == [
+        (0.256, 0.2854, 0.03282),
+        (0.256, -0.2854, 0.03282),
+        (-0.256, 0.2854, 0.03282),
+        (-0.256, -0.2854, 0.03282),
+    ]
+    assert {(w.radius, w.mass, w.axial_inertia) for w in model.wheels} == {(0.1651, 2.637, 0.04411)}
+
+
+def test_the_totals_include_the_wheels():
+    model = robot_model(small_robot())
+    assert model.total_mass == pytest.approx(18.0)
+    assert model.total_com == pytest.approx((0.0, 0.0, 0.0))
+    assert model.total_yaw_inertia == pytest.approx(
+        2.5 + 4 * (0.1 + 2 * 2.0)
+    )  # body, wheels, 2 kg at sqrt(2) m
+
+
+def test_the_inertia_is_read_only():
+    with pytest.raises(ValueError, match="read-only"):
+        robot_model(HUSKY).inertia[0, 0] = 1.0
+
+
+@settings(max_examples=50, derandomize=True, deadline=None)
+@given(
+    st.tuples(*[st.floats(-1, 1)] * 3),
+    st.tuples(st.floats(-pi, pi), st.floats(-pi / 2, pi / 2), st.floats(-pi, pi)),
+    st.floats(0.1, 20),
+)
+def test_a_mass_on_a_turned_link_counts_as_if_it_were_on_base_link(xyz, rpy, mass):
+    r, p, y = rpy
+    turn_x = np.array([[1, 0, 0], [0, cos(r), -sin(r)], [0, sin(r), cos(r)]])
+    turn_y = np.array([[cos(p), 0, sin(p)], [0, 1, 0], [-sin(p), 0, cos(p)]])
+    turn_z = np.array([[cos(y), -sin(y), 0], [sin(y), cos(y), 0], [0, 0, 1]])
+    turn = turn_z @ turn_y @ turn_x
+    at = np.array(xyz)
+    load = f"""<inertial><mass value="{mass!r}"/>
+        <inertia ixx="1" ixy="0" ixz="0" iyy="2" iyz="0" izz="2.5"/></inertial>"""
+    origin = f'<origin xyz="{xyz[0]!r} {xyz[1]!r} {xyz[2]!r}" rpy="{r!r} {p!r} {y!r}"/>'
+    model = robot_model(small_robot(extra=fixed_to_base("load", load, origin)))
+    own = np.diag([1.0, 2.0, 2.5])
+    reduced = 10.0 * mass / (10.0 + mass)
+    expected = own + turn @ own @ turn.T + reduced * (at @ at * np.eye(3) - np.outer(at, at))
+    assert model.mass == pytest.approx(10.0 + mass)
+    assert model.com == pytest.approx(mass * at / (10.0 + mass), abs=1e-12)
+    assert model.inertia == pytest.approx(expected, abs=1e-9)
+
+
+def test_frames_above_base_link_are_known_too():
+    above = """<link name="base_footprint"/><joint name="up" type="fixed"><origin xyz="0 0 0.2"/>
+        <parent link="base_footprint"/><child link="base_link"/></joint>"""
+    assert robot_model(small_robot(extra=above)).fixed_poses["base_footprint"] == Pose((0.0, 0.0, -0.2))
+
+
+# ---------------------------------------------------------------------------- in the engine
+
+
+class Engine:
+    """A model in PyBullet, base_link in the world's origin."""
+
+    def __init__(self, folder, model):
+        self.model = model
+        path = folder / "robot.urdf"
+        path.write_text(model.physics_urdf)
+        self.client = pybullet.connect(pybullet.DIRECT)
+        flags = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
+        self.robot = pybullet.loadURDF(str(path), flags=flags, physicsClientId=self.client)
+        self.base = self.dynamics(-1)
+        pybullet.resetBasePositionAndOrientation(
+            self.robot, self.base[3], self.base[4], physicsClientId=self.client
+        )
+        joints = range(pybullet.getNumJoints(self.robot, physicsClientId=self.client))
+        info = [pybullet.getJointInfo(self.robot, joint, physicsClientId=self.client) for joint in joints]
+        self.links = {"base_link": -1, **{row[12].decode(): row[0] for row in info}}
+
+    def dynamics(self, link):
+        return pybullet.getDynamicsInfo(self.robot, link, physicsClientId=self.client)
+
+    def hit(self, start, end):
+        return pybullet.rayTest(start, end, physicsClientId=self.client)[0]
+
+    def close(self):
+        pybullet.disconnect(self.client)
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Loads robot models into engines of their own."""
+    engines = []
+
+    def loader(model):
+        engines.append(Engine(tmp_path, model))
+        return engines[-1]
+
+    yield loader
+    for engine in engines:
+        engine.close()
+
+
+def test_the_engine_has_mass_centre_and_inertia_of_the_model(load):
+    engine = load(robot_model(HUSKY))
+    model = engine.model
+    assert engine.base[0] == pytest.approx(model.mass)
+    assert engine.base[3] == pytest.approx(model.com)
+    assert sorted(engine.base[2]) == pytest.approx(np.linalg.eigvalsh(model.inertia))
+    axes = matrix_from_quat(engine.base[4])
+    assert axes @ np.diag(engine.base[2]) @ axes.T == pytest.approx(model.inertia, abs=1e-9)
+
+
+def test_the_engine_has_four_wheels_and_nothing_else_that_weighs(load):
+    engine = load(robot_model(HUSKY))
+    masses = {name: engine.dynamics(link)[0] for name, link in engine.links.items()}
+    assert masses == {**{f"{joint}_link": 2.637 for joint in WHEEL_JOINTS}, "base_link": engine.model.mass}
+    for wheel in engine.model.wheels:
+        assert engine.dynamics(engine.links[wheel.link])[2] == pytest.approx((0.02467, 0.04411, 0.02467))
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "link", "point"),
+    [
+        ((2, 0, 0.06), (-2, 0, 0.06), "base_link", (0.4937, 0, 0.06)),  # nose
+        ((-2, 0, 0.06), (2, 0, 0.06), "base_link", (-0.4937, 0, 0.06)),  # tail
+        ((2, 0, 0.2), (-2, 0, 0.2), "base_link", (0.39496, 0, 0.2)),  # upper body
+        ((0, 0, 2), (0, 0, -2), "base_link", (0, 0, 0.2513)),  # top plate
+        ((0, 0, -2), (0, 0, 2), "base_link", (0, 0, 0)),  # underside
+        ((0.256, 0.2854, -2), (0.256, 0.2854, 2), "front_left_wheel_link", (0.256, 0.2854, -0.13228)),
+        ((-0.256, -2, 0), (-0.256, 2, 0), "rear_right_wheel_link", (-0.256, -0.34255, 0)),
+    ],
+)
+def test_the_shapes_are_where_the_robots_are(start, end, link, point, load):
+    engine = load(robot_model(HUSKY))
+    hit = engine.hit(start, end)
+    assert hit[1] == engine.links[link]
+    assert hit[3] == pytest.approx(point, abs=1e-5)
+
+
+def test_a_wheel_stands_on_the_middle_of_its_tread(load):
+    engine = load(robot_model(HUSKY))
+    for across, radius in ((0.0, 0.1651), (0.05, 0.1601)):
+        hit = engine.hit((0.256, 0.2854 + across, -2), (0.256, 0.2854 + across, 2))
+        assert hit[3][2] == pytest.approx(0.03282 - radius, abs=1e-5)
+
+
+def test_collision_meshes_are_left_out_and_named():
+    mesh = '<collision><geometry><mesh filename="package://some/where.dae"/></geometry></collision>'
+    model = robot_model(small_robot(extra=fixed_to_base("plate", mesh)))
+    assert model.meshes_left_out == ("plate",)
+    assert "mesh" not in model.physics_urdf
+
+
+@pytest.mark.parametrize("radius", ["0.01", "0.0100", "0.01000"])  # moves what a cut would cut
+def test_a_robot_of_many_shapes_reaches_the_engine_whole(radius, load):
+    sphere = (
+        f'<collision><origin xyz="0 0 {{!r}}"/><geometry><sphere radius="{radius}"/></geometry></collision>'
+    )
+    heights = [i / 7 for i in range(300)]
+    engine = load(robot_model(small_robot("".join(map(sphere.format, heights)))))
+    shapes = pybullet.getCollisionShapeData(
+        engine.robot, engine.links["base_link"], physicsClientId=engine.client
+    )
+    assert sorted(shape[5][2] for shape in shapes) == pytest.approx(heights)
+
+
+@pytest.mark.parametrize("pitch", [-pi / 2, 0.3, pi / 2])
+def test_a_tilted_shape_stays_where_it_was_drawn(pitch, load):
+    box = f"""<collision><origin xyz="0 0 2" rpy="0.4 {pitch!r} -1.1"/>
+        <geometry><box size="0.2 0.4 0.6"/></geometry></collision>"""
+    engine = load(robot_model(small_robot(box)))
+    quat = pybullet.getQuaternionFromEuler((0.4, pitch, -1.1))
+    axes = matrix_from_quat(quat)
+    for axis, half in zip(axes.T, (0.1, 0.2, 0.3)):
+        centre = np.array([0.0, 0.0, 2.0])
+        hit = engine.hit((centre + axis).tolist(), (centre - axis).tolist())
+        assert hit[3] == pytest.approx(centre + half * axis, abs=1e-5)
+
+
+# ---------------------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "not XML"),
+        ("<robot>", "not XML"),
+        ('<!DOCTYPE r [<!ENTITY e "boo">]><robot>&e;</robot>', "not XML that can be read"),
+        ("<sdf/>", "the root element is <sdf>"),
+        ('<robot><link name="chassis"/></robot>', "no link 'base_link'; there are: chassis"),
+        ("<robot><link/></robot>", "a <link> has no name"),
+        (HUSKY.replace('"rear_left_wheel"', '"back_left_wheel"'), "no joint 'rear_left_wheel'; wheels are"),
+        (HUSKY.replace('"46.034"', '"-46.034"'), "link 'inertial_link': its mass is -46.034"),
+        (HUSKY.replace('"46.034"', '"nan"'), "link 'inertial_link': value is 'nan'"),
+        (HUSKY.replace('<mass value="46.034"/>', ""), "link 'inertial_link': value is missing"),
+        (HUSKY.replace('"0.6022"', '"inf"'), "link 'inertial_link': ixx is 'inf'"),
+        (HUSKY.replace('"0.6022"', '"-3"'), "principal moments of inertia"),
+        (HUSKY.replace('value="2.637"', 'value="0"'), "front_left_wheel_link': mass 0.0"),
+        (
+            HUSKY.replace('xyz="0.19 0 0.149"', 'xyz="0.19 0"'),
+            "joint 'imu_joint': xyz is '0.19 0'; it must be 3",
+        ),
+        (HUSKY.replace('xyz="0.19 0 0.149"', 'xyz="$(imu) 0 0"'), "joint 'imu_joint': xyz is"),
+        (HUSKY.replace('radius="0.1651"', 'radius="-0.1651"'), "a collision cylinder has"),
+        (HUSKY.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>'), "a wheel turns about 0 1 0"),
+        (HUSKY.replace('type="continuous"', 'type="fixed"', 1), "joint 'front_left_wheel' is fixed"),
+        (HUSKY.replace('<child link="imu_link"/>', '<child link="imu"/>'), "its child 'imu' is not a link"),
+        (
+            HUSKY.replace('name="imu_joint" type="fixed"', 'name="imu_joint" type="revolute"'),
+            "link 'imu_link' is neither fixed to base_link nor a wheel",
+        ),
+        (small_robot("<collision/>"), "link 'base_link': a <collision> needs a <geometry>"),
+        (small_robot().replace("<cylinder", "<capsule"), "has no collision cylinder"),
+    ],
+)
+def test_a_description_physics_cannot_use_is_refused_by_name_and_value(text, words):
+    with pytest.raises(DescriptionError) as refusal:
+        robot_model(text)
+    assert words in str(refusal.value)

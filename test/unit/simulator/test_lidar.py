@@ -1,0 +1,156 @@
+"""One sweep of the lidar over a circle in closed form: misses, limits, noise, seeds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from husky_highlevel_controller.datatypes import Pose, RobotState
+from husky_highlevel_controller.simulator.sensors.lidar import Lidar, LidarConfig
+
+SICK = LidarConfig()
+QUIET = replace(SICK, noise=0.0)
+LAW = settings(derandomize=True, deadline=None, max_examples=40)
+
+
+def circle(x, y, radius):
+    """Casts rays at a circle in the laser's frame; the laser stays outside."""
+
+    def cast_rays(pose_laser_in_world, beams, max_range):
+        angles = beams.bearings
+        along, across = x * np.cos(angles) + y * np.sin(angles), x * np.sin(angles) - y * np.cos(angles)
+        half = np.sqrt(np.maximum(radius**2 - across**2, 0.0))
+        distances = np.where((np.abs(across) <= radius) & (along > 0.0), along - half, np.inf)
+        return np.where(distances <= max_range, distances, np.inf)
+
+    return cast_rays
+
+
+def returns(distances):
+    """Casts rays that always come back from these distances."""
+    return lambda pose, beams, max_range: np.array(distances, dtype=float)
+
+
+def make_lidar(cast_rays, config=QUIET, seed=0, pose_in_base=Pose()):  # noqa: B008
+    lidar = Lidar(config, cast_rays, "front_laser", pose_in_base)
+    lidar.reset(np.random.default_rng(seed))
+    return lidar
+
+
+def robot_at(position):
+    return RobotState(Pose(position), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+def look(cast_rays, config=QUIET, seed=0):
+    return make_lidar(cast_rays, config, seed).sample(robot_at((0.0, 0.0, 0.0)), 1.5)
+
+
+def ranges_of(distances, config=QUIET, seed=0):
+    return look(returns(distances), replace(config, beams=len(distances)), seed).ranges
+
+
+# ---------------------------------------------------------------------------- geometry
+
+
+def test_a_circle_is_seen_at_its_distance_in_its_direction_and_nothing_elsewhere():
+    scan = look(circle(3.0, 4.0, 0.5))
+    seen = np.flatnonzero(scan.valid)
+    assert scan.ranges[seen].min() == pytest.approx(4.5, abs=1e-3)
+    assert scan.bearings[seen].mean() == pytest.approx(np.arctan2(4.0, 3.0), abs=scan.angle_increment)
+    assert np.ptp(scan.bearings[seen]) == pytest.approx(2.0 * np.arcsin(0.1), abs=2.0 * scan.angle_increment)
+    assert np.all(scan.ranges[~scan.valid] == inf)
+
+
+def test_the_scan_carries_the_lidar_s_numbers_stamp_and_frame():
+    scan = look(circle(5.0, 0.0, 0.2))
+    assert (scan.stamp, scan.frame) == (1.5, "front_laser")
+    assert (scan.angle_min, scan.angle_max) == (-2.35619, 2.35619)
+    assert (scan.range_min, scan.range_max) == (0.1, 30.0)
+    assert len(scan.ranges) == 720
+
+
+def test_beams_are_cast_where_the_scan_says_they_point_and_as_far_as_it_reaches():
+    asked = []
+
+    def cast_rays(pose, beams, max_range):
+        asked.append((pose, beams, max_range))
+        return np.full(len(beams.bearings), inf)
+
+    lidar = make_lidar(cast_rays, SICK, pose_in_base=Pose((0.5, 0.0, 0.25)))
+    scan = lidar.sample(robot_at((1.0, 2.0, 3.0)), 0.0)
+    ((pose, beams, max_range),) = asked
+    assert pose == Pose((1.5, 2.0, 3.25))
+    assert np.array_equal(beams.bearings, scan.bearings)
+    assert np.array_equal(beams.directions, (np.cos(scan.bearings), np.sin(scan.bearings)))
+    assert max_range == 30.0
+
+
+@pytest.mark.parametrize("name", ["ranges", "bearings"])
+def test_the_arrays_of_a_scan_are_read_only(name):
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(look(circle(5.0, 0.0, 0.2)), name)[0] = 1.0
+
+
+# ---------------------------------------------------------------------------- limits (REP 117)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.001, 0.5])
+@pytest.mark.parametrize(
+    ("distance", "reading"), [(inf, inf), (30.0, inf), (31.0, inf), (0.0, -inf), (0.05, -inf), (0.1, -inf)]
+)
+def test_a_miss_reads_plus_inf_and_too_close_minus_inf_whatever_the_noise(noise, distance, reading):
+    assert set(ranges_of([distance] * 500, replace(SICK, noise=noise))) == {reading}
+
+
+@LAW
+@given(st.floats(0.1001, 29.999), st.floats(0.0, 1.0), st.integers(0, 2**32 - 1))
+def test_noise_never_turns_a_hit_into_a_miss_nor_leaves_the_range_limits(distance, noise, seed):
+    ranges = ranges_of([distance] * 50, replace(SICK, noise=noise), seed)
+    assert ranges.min() >= SICK.range_min
+    assert ranges.max() <= SICK.range_max
+
+
+# ---------------------------------------------------------------------------- noise
+
+
+def test_without_noise_distances_come_through_exactly():
+    assert ranges_of([0.2, 1.0, 29.9]).tolist() == [0.2, 1.0, 29.9]
+
+
+def test_noise_has_the_standard_deviation_asked_for_and_no_bias():
+    errors = ranges_of([10.0] * 16384, replace(SICK, noise=0.02)) - 10.0
+    assert errors.std() == pytest.approx(0.02, rel=0.03)
+    assert abs(errors.mean()) < 0.02 * 4.0 / 128.0  # four standard errors
+
+
+def test_noise_is_as_strong_far_away_as_close_by_and_differs_from_beam_to_beam():
+    near, far = (ranges_of([d] * 720, SICK) - d for d in (1.0, 20.0))
+    assert near == pytest.approx(far, abs=1e-12)
+    assert len(set(near)) == 720
+
+
+@LAW
+@given(
+    st.lists(st.sampled_from([0.0, 0.5, 5.0, 50.0, inf]), min_size=20, max_size=20),
+    st.lists(st.sampled_from([0.0, 0.5, 5.0, 50.0, inf]), min_size=20, max_size=20),
+)
+def test_the_noise_of_a_beam_does_not_depend_on_what_the_other_beams_meet(some, others):
+    a, b = ranges_of(some, SICK), ranges_of(others, SICK)
+    alike = np.array(some) == np.array(others)
+    assert np.array_equal(a[alike], b[alike])
+
+
+def test_the_same_seed_gives_the_same_scans_and_another_seed_others():
+    def two_scans(seed):
+        lidar = make_lidar(circle(2.0, 0.0, 1.0), SICK, seed)
+        return [lidar.sample(robot_at((0.0, 0.0, 0.0)), 0.0).ranges.tolist() for _ in range(2)]
+
+    first, second = two_scans(7)
+    assert two_scans(7) == [first, second]
+    assert first != second
+    assert two_scans(8) != [first, second]

@@ -1,0 +1,456 @@
+"""Rays against shapes: held against Bullet, against distance fields, and against the laws of geometry."""
+
+from __future__ import annotations
+
+from math import inf, pi
+from typing import List, Tuple
+
+import numpy as np
+import pybullet
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Pose, Shape, Sphere, beams_at
+from husky_highlevel_controller.geometry import (
+    compose,
+    matrix_from_quat,
+    quat_from_rpy,
+)
+from husky_highlevel_controller.simulator.sensors import raycast
+from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make_scene
+
+Placed = List[Tuple[Shape, Pose]]
+
+ORIGIN = Pose()
+ALL_ROUND = np.linspace(-pi, pi, 121)
+SICK = np.linspace(-2.35619, 2.35619, 720)
+REACH = 12.0  # [m]
+LAW = settings(derandomize=True, deadline=None, max_examples=60)
+
+edges = st.floats(0.05, 3.0)
+angles = st.one_of(st.sampled_from([0.0, pi / 2.0, pi]), st.floats(-pi, pi))
+quats = st.builds(quat_from_rpy, angles, angles, angles)
+lengths = st.floats(-8.0, 8.0)
+poses = st.builds(Pose, st.tuples(lengths, lengths, lengths), quats)
+# about the laser's height, so that most of them are met
+level_poses = st.builds(Pose, st.tuples(lengths, lengths, st.floats(-1.0, 1.0)), quats)
+tilts = st.one_of(st.just(0.0), st.floats(-0.3, 0.3))
+lasers = st.builds(
+    Pose,
+    st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(-0.5, 0.5)),
+    st.builds(quat_from_rpy, st.one_of(tilts, st.just(pi)), tilts, angles),
+)
+
+boxes = st.builds(Box, st.tuples(edges, edges, edges))
+cylinders = st.builds(Cylinder, edges, edges)
+spheres = st.builds(Sphere, st.floats(0.05, 2.0))
+planes = st.just(Plane((0.0, 0.0, 1.0), (1.0, 1.0)))
+
+
+def worlds(*shapes, most=6):
+    return st.lists(st.tuples(st.one_of(*shapes), level_poses), max_size=most)
+
+
+def cast(world: Placed, laser: Pose = ORIGIN, bearings=ALL_ROUND, reach: float = REACH) -> np.ndarray:
+    return cast_rays(make_scene(world), laser, beams_at(bearings), reach)
+
+
+def ahead(world: Placed, reach: float = REACH) -> float:
+    """What the beam straight ahead reads."""
+    return float(cast(world, bearings=[0.0], reach=reach)[0])
+
+
+def at(x: float, y: float = 0.0, z: float = 0.0, roll=0.0, pitch=0.0, yaw=0.0) -> Pose:
+    return Pose((x, y, z), quat_from_rpy(roll, pitch, yaw))
+
+
+# ---------------------------------------------------------------------------- distance fields
+
+
+def outside_by(shape: Shape, points: np.ndarray) -> np.ndarray:
+    """How far points (N, 3) in a shape's frame are from its surface [m]; negative inside a solid."""
+    if isinstance(shape, Plane):
+        return np.abs(points @ shape.normal)
+    if isinstance(shape, Sphere):
+        return np.linalg.norm(points, axis=1) - shape.radius
+    if isinstance(shape, Box):
+        over = np.abs(points) - np.array(shape.size) / 2.0
+    else:
+        around = np.hypot(points[:, 0], points[:, 1]) - shape.radius
+        over = np.column_stack([around, np.abs(points[:, 2]) - shape.length / 2.0])
+    return np.linalg.norm(np.maximum(over, 0.0), axis=1) + np.minimum(over.max(axis=1), 0.0)
+
+
+def clearance(world: Placed, points_in_world: np.ndarray) -> np.ndarray:
+    """Distance of points (N, 3) to the nearest surface of a world [m]; negative inside a solid."""
+    nearest = np.full(len(points_in_world), np.inf)
+    for shape, pose in world:
+        points = (points_in_world - pose.position) @ matrix_from_quat(pose.quat_xyzw)
+        nearest = np.minimum(nearest, outside_by(shape, points))
+    return nearest
+
+
+def beams_of(laser: Pose, bearings: np.ndarray) -> Tuple[np.ndarray, np.ndarray]:
+    """Where beams start (3,) and point (N, 3), in the world."""
+    flat = np.column_stack([np.cos(bearings), np.sin(bearings), np.zeros(len(bearings))])
+    return np.array(laser.position), flat @ matrix_from_quat(laser.quat_xyzw).T
+
+
+def free_lengths(world: Placed, start: np.ndarray, directions: np.ndarray, reach: float) -> np.ndarray:
+    """How far each ray surely flies free [m]: it steps ahead by its clearance as long as there is any."""
+    flown = np.zeros(len(directions))
+    for _ in range(150):
+        left = clearance(world, start + flown[:, None] * directions)
+        flown = np.minimum(flown + np.where(left > 1e-7, left, 0.0), reach)
+    return flown
+
+
+def assert_true_to_the_distance_field(world: Placed, laser: Pose) -> None:
+    """Nothing stands before a hit, a hit is on a surface, and a laser inside a solid reads 0."""
+    got = cast(world, laser)
+    start, directions = beams_of(laser, ALL_ROUND)
+    if clearance(world, start[None])[0] < -1e-6:
+        assert set(got) == {0.0}
+        return
+    hit = np.isfinite(got)
+    points = start + got[hit, None] * directions[hit]
+    assert np.abs(clearance(world, points)) == pytest.approx(0.0, abs=1e-6)
+    free = free_lengths(world, start, directions, REACH)
+    assert np.all(got >= free - 1e-6)
+    # where the march stopped, it met something that the ray must not fly through ...
+    stops = start + free[:, None] * directions
+    blocked = (free < REACH - 1e-6) & (clearance(world, stops + 1e-3 * directions) < -1e-6)
+    assert np.all(np.abs(got - free)[blocked] < 1e-3)
+
+
+@LAW
+@given(worlds(boxes, cylinders, spheres, planes), lasers)
+def test_every_beam_ends_on_the_first_surface_it_meets(world, laser):
+    assert_true_to_the_distance_field(world, laser)
+
+
+@LAW
+@given(worlds(cylinders, most=3), lasers)
+def test_cylinders_are_exact_at_any_tilt(world, laser):
+    assert_true_to_the_distance_field(world, laser)
+
+
+# ---------------------------------------------------------------------------- Bullet
+
+
+@pytest.fixture(scope="module")
+def bullet():
+    client = pybullet.connect(pybullet.DIRECT)
+    yield client
+    pybullet.disconnect(client)
+
+
+def bullet_casts(client: int, world: Placed, starts: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """What Bullet makes of rays (N, 3), (N, 3): distances (N,) [m]."""
+    pybullet.resetSimulation(physicsClientId=client)
+    for shape, pose in world:
+        if isinstance(shape, Box):
+            size = {"shapeType": pybullet.GEOM_BOX, "halfExtents": [edge / 2.0 for edge in shape.size]}
+        elif isinstance(shape, Sphere):
+            size = {"shapeType": pybullet.GEOM_SPHERE, "radius": shape.radius}
+        else:
+            size = {"shapeType": pybullet.GEOM_PLANE, "planeNormal": shape.normal}
+        collision = pybullet.createCollisionShape(physicsClientId=client, **size)
+        pybullet.createMultiBody(0.0, collision, -1, pose.position, pose.quat_xyzw, physicsClientId=client)
+    ends = starts + REACH * directions
+    hits = pybullet.rayTestBatch(starts.tolist(), ends.tolist(), physicsClientId=client)
+    return np.array([REACH * hit[2] if hit[0] >= 0 else np.inf for hit in hits])
+
+
+def test_bullet_sees_the_same(bullet):
+    @LAW
+    @given(worlds(boxes, spheres, planes), lasers)
+    def hold(world, laser):
+        start, directions = beams_of(laser, ALL_ROUND)
+
+        assume(clearance(world, start[None])[0] > 0.01)  # Bullet does not see what it starts in
+        got = cast(world, laser)
+        # a ray that grazes an edge may fall on either side of it: Bullet's neighbours show both
+        up = np.broadcast_to(matrix_from_quat(laser.quat_xyzw)[:, 2], directions.shape)
+        side = np.cross(directions, up)
+        shifts = [0.003 * shift for shift in (0.0 * up, side, -side, up, -up)]
+        seen = [bullet_casts(bullet, world, start + shift, directions) for shift in shifts]
+        assert np.all(got >= np.min(seen, axis=0) - 0.001)
+        assert np.all(got <= np.max(seen, axis=0) + 0.001)
+
+    hold()
+
+
+# ---------------------------------------------------------------------------- laws
+
+
+def some_world(seed: int, count: int, spread: float = 8.0, planes: int = 0) -> Placed:
+    """Shapes without anything special about where they stand: no ray touches an edge exactly."""
+    rng = np.random.default_rng(seed)
+    world: Placed = []
+    for _ in range(count):
+        a, b, c = rng.uniform(0.1, 1.5, 3)
+        shape = [Box((a, b, c)), Cylinder(a / 2.0, b), Sphere(a / 2.0)][rng.integers(3)]
+        x, y = rng.uniform(-spread, spread, 2)
+        world.append((shape, at(x, y, rng.uniform(-0.3, 0.3), *rng.uniform(-pi, pi, 3))))
+    for _ in range(planes):
+        world.append((Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0, 0.0, -2.0, *rng.uniform(-0.5, 0.5, 2))))
+    return world
+
+
+SOME_WORLD = some_world(seed=2, count=20, planes=1)
+
+
+def assert_same_ranges(got, expected) -> None:
+    np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-7)
+
+
+def test_the_world_of_these_laws_has_something_to_hit_and_something_to_miss():
+    seen = np.isfinite(cast(SOME_WORLD))
+    assert 20 < seen.sum() < len(seen) - 20
+
+
+@settings(LAW, max_examples=25)
+@given(worlds(boxes, cylinders, spheres, planes), lasers)
+def test_a_beam_reads_the_same_alone_as_among_others(world, laser):
+    alone = [cast(world, laser, [bearing])[0] for bearing in ALL_ROUND]
+    assert_same_ranges(cast(world, laser), alone)
+
+
+@LAW
+@given(worlds(boxes, cylinders, spheres, planes), worlds(boxes, cylinders, spheres, planes), lasers)
+def test_two_worlds_together_read_the_nearer_of_both(some, others, laser):
+    nearer = np.minimum(cast(some, laser), cast(others, laser))
+    assert_same_ranges(cast(some + others, laser), nearer)
+    assert_same_ranges(cast(others + some, laser), nearer)
+
+
+def test_few_shapes_read_the_same_one_by_one_as_all_at_once(monkeypatch):
+    @settings(LAW, max_examples=200)
+    @given(worlds(boxes, cylinders, spheres, planes), lasers, st.sampled_from([SICK[::6], ALL_ROUND]))
+    def hold(world, laser, bearings):
+        one_by_one = cast(world, laser, bearings)
+        with monkeypatch.context() as patch:
+            patch.setattr(raycast, "FEW", -1)
+            np.testing.assert_allclose(cast(world, laser, bearings), one_by_one, rtol=0.0, atol=1e-9)
+
+    hold()
+
+
+def test_a_forest_reads_the_nearest_of_its_three_hundred_trees():
+    forest = some_world(seed=3, count=300, spread=11.0)
+    each = [cast([tree]) for tree in forest]
+    assert_same_ranges(cast(forest), np.min(each, axis=0))
+
+
+@LAW
+@given(poses)
+def test_moving_the_world_and_the_laser_alike_changes_nothing(motion):
+    moved = [(shape, compose(motion, pose)) for shape, pose in SOME_WORLD]
+    assert_same_ranges(cast(moved, motion), cast(SOME_WORLD))
+
+
+@LAW
+@given(st.integers(-119, 119))
+def test_turning_the_laser_shifts_the_scan_round_and_round(beams):
+    step = ALL_ROUND[1] - ALL_ROUND[0]
+    turned = cast(SOME_WORLD, at(0.0, yaw=beams * step))
+    assert_same_ranges(turned[:-1], np.roll(cast(SOME_WORLD)[:-1], -beams))
+
+
+def test_an_upside_down_laser_reads_from_left_to_right():
+    assert_same_ranges(cast(SOME_WORLD, at(0.0, roll=pi)), cast(SOME_WORLD)[::-1])
+
+
+def test_a_world_twice_as_big_reads_twice_as_far():
+    def twice(pose):
+        return Pose(tuple(2.0 * c for c in pose.position), pose.quat_xyzw)
+
+    small, big = [
+        (Box((1.0, 0.5, 2.0)), at(3.0, 1.0, 0.2, 0.1, 0.2, 0.3)),
+        (Cylinder(0.3, 1.5), at(-2.0, 2.0, 0.1, 0.4, 0.1, 0.0)),
+        (Sphere(0.7), at(0.5, -3.0, 0.3)),
+    ], [
+        (Box((2.0, 1.0, 4.0)), at(3.0, 1.0, 0.2, 0.1, 0.2, 0.3)),
+        (Cylinder(0.6, 3.0), at(-2.0, 2.0, 0.1, 0.4, 0.1, 0.0)),
+        (Sphere(1.4), at(0.5, -3.0, 0.3)),
+    ]  # fmt: skip
+    big = [(shape, twice(pose)) for shape, pose in big]
+    seen = cast(small)
+    assert np.isfinite(seen).sum() > 10
+    assert_same_ranges(cast(big, reach=2.0 * REACH), 2.0 * seen)
+
+
+@LAW
+@given(st.floats(0.0, REACH))
+def test_a_shorter_reach_only_forgets_what_is_farther(reach):
+    full = cast(SOME_WORLD)
+    assert_same_ranges(cast(SOME_WORLD, reach=reach), np.where(full <= reach, full, np.inf))
+
+
+# ---------------------------------------------------------------------------- plain cases
+
+
+def test_gazebo_sees_the_same_three_beams_of_the_exercise_s_pillar():
+    # Gazebo 11 with husky 0.6.10: pillar at (20, 5), upside-down laser 0.337 m ahead and 0.44 m up
+    pillar = (Cylinder(0.2, 2.0), at(20.0, 5.0, 0.5))
+    laser = at(0.3370, 0.0, 0.44023, roll=pi)
+    ranges = cast([pillar], laser, np.linspace(-2.35619, 2.35619, 720), 30.0)
+    assert np.flatnonzero(np.isfinite(ranges)).tolist() == [321, 322, 323]
+    assert ranges[321:323] == pytest.approx([20.1020, 20.0986], abs=0.002)
+    # on the flank 0.0002 rad of the robot's heading are 0.02 m of range
+    assert ranges[323] == pytest.approx(20.2421, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    ("world", "distance"),
+    [
+        ([], inf),
+        ([(Box((1.0, 2.0, 3.0)), at(5.0))], 4.5),
+        ([(Box((1.0, 2.0, 3.0)), at(5.0, yaw=pi / 2.0))], 4.0),
+        ([(Box((1.0, 1.0, 1.0)), at(5.0, yaw=pi / 4.0))], 5.0 - 0.5**0.5),
+        ([(Box((1.0, 1.0, 1.0)), at(5.0, z=0.51))], inf),
+        ([(Box((1.0, 1.0, 1.0)), at(-5.0))], inf),
+        ([(Sphere(0.5), at(5.0, y=0.3))], 5.0 - 0.4),
+        ([(Sphere(0.5), at(5.0, z=0.3))], 5.0 - 0.4),
+        ([(Sphere(0.5), at(5.0, z=-0.51))], inf),
+        ([(Cylinder(0.5, 2.0), at(5.0))], 4.5),
+        ([(Cylinder(0.5, 2.0), at(5.0, z=1.01))], inf),
+        ([(Cylinder(0.5, 2.0), at(5.0, pitch=pi / 2.0))], 4.0),
+        ([(Cylinder(0.5, 2.0), at(5.0, y=0.3, roll=pi / 2.0))], 4.5),
+        ([(Cylinder(0.5, 2.0), at(5.0, z=0.51, roll=pi / 2.0))], inf),
+        ([(Sphere(0.5), at(7.0)), (Sphere(0.5), at(5.0)), (Sphere(0.5), at(9.0))], 4.5),
+    ],
+)
+def test_what_a_beam_straight_ahead_reads(world, distance):
+    assert ahead(world) == pytest.approx(distance)
+
+
+def test_a_floor_is_met_where_a_tilted_laser_looks_down_and_nowhere_by_a_level_one():
+    floor = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0))]
+    assert set(cast(floor, at(0.0, z=0.5))) == {inf}
+    ranges = cast(floor, at(0.0, z=0.5, pitch=pi / 6.0), [-pi / 2.0, 0.0, pi / 3.0, pi])
+    assert ranges == pytest.approx([inf, 1.0, 2.0, inf])
+
+
+def test_a_plane_s_normal_is_in_its_own_frame_and_both_sides_are_seen():
+    wall = [(Plane((1.0, 0.0, 0.0), (1.0, 1.0)), at(0.0, 3.0, yaw=pi / 2.0))]  # y = 3
+    for y, distance in ((0.0, 3.0), (5.0, 2.0)):
+        assert np.nanmin(cast(wall, at(7.0, y))) == pytest.approx(distance, abs=0.01)
+
+
+@pytest.mark.parametrize("shape", [Box((2.0, 2.0, 2.0)), Cylinder(1.0, 2.0), Sphere(1.0)])
+def test_a_laser_inside_a_solid_reads_zero_all_round(shape):
+    assert set(cast([(shape, at(0.3, -0.2, 0.4, yaw=1.0))])) == {0.0}
+
+
+@pytest.mark.parametrize("y", [0.0, 0.1, -0.1])
+def test_a_shape_behind_is_seen_on_both_sides_of_the_seam(y):
+    ranges = cast([(Sphere(0.5), at(-3.0, y))])
+    assert ranges[0] == pytest.approx(3.0 - (0.25 - y**2) ** 0.5)
+    assert ranges[-1] == pytest.approx(ranges[0])
+    assert np.isfinite(ranges[1])
+    assert np.isfinite(ranges[-2])
+    assert not np.isfinite(ranges[10:-10]).any()
+
+
+def test_a_shape_as_far_as_the_reach_is_seen_and_one_beyond_is_not():
+    box = [(Box((1.0, 1.0, 1.0)), at(5.0))]
+    assert ahead(box, reach=4.5) == 4.5
+    assert ahead(box, reach=4.499) == inf
+
+
+def test_a_wall_is_seen_as_far_as_the_reach_and_not_on_to_its_end():
+    wall = [(Box((1.0, 6.0, 1.0)), at(5.0))]
+    assert cast(wall, bearings=[-0.5, 0.0, 0.5], reach=5.1) == pytest.approx([inf, 4.5, inf])
+    assert ahead(wall, reach=5.1) < cast(wall, bearings=[0.5])[0] < REACH
+
+
+def test_a_far_shape_is_as_exact_as_a_near_one():
+    assert ahead([(Cylinder(0.2, 2.0), at(900.0, 0.1))], 1000.0) == pytest.approx(900.0 - 0.03**0.5, abs=1e-9)
+
+
+def test_a_beam_along_a_face_reads_the_shape_or_nothing_but_no_third():
+    touching = [(Box((1.0, 1.0, 1.0)), at(5.0, 0.5)), (Cylinder(0.5, 1.0), at(0.0, 5.0, 0.5))]
+    ranges = cast(touching, bearings=[0.0, pi / 2.0])
+    for reading in ranges:
+        assert reading in (pytest.approx(4.5), inf)
+
+
+def test_no_beams_no_readings():
+    assert cast(SOME_WORLD, bearings=[]).shape == (0,)
+
+
+def test_a_shape_that_moved_is_seen_where_it_is_now():
+    floor = (Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0, z=-1.0))
+    scene = make_scene([(Sphere(0.5), at(5.0)), floor, (Box((1.0, 4.0, 1.0)), at(0.0, 5.0))])
+    scene.move(1, at(3.0, yaw=pi / 2.0))  # the box, second of the solid shapes
+    assert cast_rays(scene, Pose(), beams_at([0.0, pi / 2.0]), REACH) == pytest.approx([1.0, inf])
+
+
+# ---------------------------------------------------------------------------- what is left out
+
+
+def some_field(seed: int, count: int) -> Placed:
+    """Objects that stand or lie about on a square of 100 m, on a floor."""
+    rng = np.random.default_rng(seed)
+    field: Placed = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0))]
+    for number in range(count):
+        a, b, c = rng.uniform(0.1, 1.5, 3)
+        shape = [Box((a, b, c)), Cylinder(a / 2.0, b), Sphere(a / 2.0)][number % 3]
+        x, y = rng.uniform(-50.0, 50.0, 2)
+        turned = rng.uniform(-pi, pi, 3) if rng.random() < 0.3 else (0.0, 0.0, rng.uniform(-pi, pi))
+        field.append((shape, at(x, y, rng.uniform(0.0, 0.8), *turned)))
+    return field
+
+
+FIELD = some_field(seed=4, count=1000)
+
+
+def every_pair(centers, _bounds, bearings, _reach):
+    """Every beam may meet every shape."""
+    shapes = np.arange(len(centers))
+    return shapes, np.zeros_like(shapes), np.full_like(shapes, len(bearings))
+
+
+def test_what_is_left_out_among_a_thousand_objects_would_not_have_been_seen(monkeypatch):
+    @settings(LAW, max_examples=20)
+    @given(
+        st.builds(
+            Pose,
+            st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(0.2, 0.8)),
+            st.builds(quat_from_rpy, st.one_of(tilts, st.just(pi)), tilts, angles),
+        ),
+        st.sampled_from([SICK[::6], ALL_ROUND]),
+    )
+    def hold(laser, bearings):
+        got = cast(FIELD, laser, bearings, 30.0)
+        with monkeypatch.context() as patch:
+            patch.setattr(raycast, "_candidates", every_pair)
+            assert_same_ranges(got, cast(FIELD, laser, bearings, 30.0))
+
+    hold()
+
+
+@settings(LAW, max_examples=20)
+@given(
+    st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(0.2, 0.8)),
+    st.builds(quat_from_rpy, st.one_of(tilts, st.just(pi)), tilts, angles),
+)
+def test_a_thousand_objects_read_the_same_all_at_once_as_each_alone(position, quat):
+    laser = Pose(position, quat)
+    each = [cast([body], laser, SICK, 30.0) for body in FIELD]
+    np.testing.assert_allclose(cast(FIELD, laser, SICK, 30.0), np.min(each, axis=0), rtol=0.0, atol=1e-9)
+
+
+def test_a_field_of_a_thousand_objects_is_full_of_things_to_see():
+    seen = np.isfinite(cast(FIELD, at(0.0, z=0.4), SICK, 30.0))
+    assert 100 < seen.sum() < 700
+
+
+def test_a_floor_is_met_as_far_as_the_reach_by_a_laser_that_hardly_looks_down():
+    floor = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0))]
+    for distance, seen in ((0.999 * REACH, 0.999 * REACH), (1.001 * REACH, inf)):
+        laser = at(0.0, z=0.5, pitch=float(np.arcsin(0.5 / distance)))
+        assert cast(floor, laser, [0.0]) == pytest.approx([seen])

@@ -1,0 +1,565 @@
+"""World files: what is read, what is named in a warning, what is refused."""
+
+import logging
+import re
+from math import isfinite, pi
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from husky_highlevel_controller.datatypes import (
+    Body,
+    Box,
+    Cylinder,
+    Geometry,
+    HuskyError,
+    Plane,
+    Pose,
+    Sphere,
+    World,
+)
+from husky_highlevel_controller.geometry import compose, quat_from_rpy, transform_point, yaw_from_quat
+from husky_highlevel_controller.simulator.models.sdf_world import WorldError, load_world, parse_world
+
+ROOT = Path(__file__).resolve().parents[3]
+DATA = ROOT / "test" / "data"
+EVERYTHING = (DATA / "everything.world").read_text()
+
+
+def bodies_of(world):
+    return {body.name: body for body in world.bodies}
+
+
+def sdf(*inside, version="1.6"):
+    return f'<sdf version="{version}"><world name="w">{"".join(inside)}</world></sdf>'
+
+
+def model(*inside, name="m"):
+    return f'<model name="{name}"><link name="link">{"".join(inside)}</link></model>'
+
+
+def solid(geometry):
+    return model(f'<collision name="c"><geometry>{geometry}</geometry></collision>')
+
+
+def only_thing(*inside, **attributes):
+    (body,) = parse_world(sdf(*inside, **attributes), "test.world").bodies
+    return body
+
+
+def refusal(text):
+    with pytest.raises(WorldError) as caught:
+        parse_world(text, "test.world")
+    return str(caught.value)
+
+
+@pytest.fixture(autouse=True)
+def no_models(monkeypatch):
+    monkeypatch.delenv("GAZEBO_MODEL_PATH", raising=False)
+
+
+# ---------------------------------------------------------------------------- our own worlds
+
+
+def test_single_pillar_is_the_course_pillar():
+    bodies = bodies_of(load_world(ROOT / "worlds" / "singlePillar.world"))
+    assert list(bodies) == ["ground_plane", "unit_cylinder"]
+    pillar = bodies["unit_cylinder"]
+    assert pillar.pose_in_world == Pose((20.0, 5.0, 0.5))
+    assert pillar.mass == 1.0
+    assert [part.shape for part in pillar.collisions] == [Cylinder(radius=0.2, length=2.0)]
+    assert [part.shape for part in pillar.visuals] == [Cylinder(radius=0.2, length=2.0)]
+
+
+def test_drive_through_has_two_such_pillars():
+    (pillar,) = load_world(ROOT / "worlds" / "singlePillar.world").bodies[1:]
+    left_to_right = load_world(ROOT / "worlds" / "driveThrough.world").bodies[1:]
+    assert [body.pose_in_world.position[:2] for body in left_to_right] == [(20.0, 5.0), (20.0, 8.0)]
+    assert all(body.collisions == pillar.collisions and body.mass == 1.0 for body in left_to_right)
+
+
+def test_empty_world_is_a_static_ground():
+    (ground,) = load_world(ROOT / "worlds" / "empty.world").bodies
+    assert ground.mass == 0.0
+    assert ground.collisions[0].shape == Plane((0.0, 0.0, 1.0), (100.0, 100.0))
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "worlds").glob("*.world")), ids=lambda path: path.name)
+def test_our_worlds_need_no_warning_and_say_what_they_are(path, caplog):
+    load_world(path)
+    assert not caplog.records
+    assert re.match(r"<\?xml [^>]*\?>\s*<!--", path.read_text())
+
+
+# ---------------------------------------------------------------------------- what is read
+
+
+def test_every_body_is_a_thing_with_its_model_in_its_name():
+    world = load_world(DATA / "everything.world")
+    assert world.name == "everything"
+    assert world.gravity == (0.0, 0.0, -1.62)
+    assert [body.name for body in world.bodies] == ["floor", "tower::foot", "tower::lamp", "tower::flag"]
+
+
+def test_poses_of_model_link_and_part_add_up():
+    bodies = bodies_of(load_world(DATA / "everything.world"))
+    foot = bodies["tower::foot"]
+    # the tower is turned to the left, so its forward is the world's y
+    assert foot.pose_in_world.position == pytest.approx((10.0, 1.0, 0.5))
+    assert yaw_from_quat(foot.pose_in_world.quat_xyzw) == pytest.approx(pi / 2)
+    box = compose(foot.pose_in_world, foot.collisions[0].pose_in_body)
+    assert box.position == pytest.approx((10.0, 1.5, 0.5))
+    assert bodies["tower::flag"].pose_in_world.position == pytest.approx((10.0, 2.0, 0.0))
+    assert bodies["floor"].pose_in_world.position == (0.0, 0.0, -1.0)
+
+
+def test_shapes_masses_and_colours_are_read():
+    bodies = bodies_of(load_world(DATA / "everything.world"))
+    foot, lamp, flag = bodies["tower::foot"], bodies["tower::lamp"], bodies["tower::flag"]
+    assert foot.collisions[0].shape == Box((1.0, 2.0, 3.0))
+    assert foot.visuals[0].shape == Sphere(0.5)
+    assert lamp.visuals[0].shape == Cylinder(0.1, 4.0)
+    assert flag.collisions[0].shape == Plane((0.0, 0.0, -1.0), (7.0, 8.0))
+    assert (foot.mass, lamp.mass) == (2.5, 1.0)  # a link that says nothing weighs 1 kg
+    assert flag.mass == 0.0  # static, whatever it weighs
+    assert foot.visuals[0].rgba == (0.1, 0.2, 0.3, 0.25)  # diffuse before ambient, three quarters transparent
+    assert lamp.visuals[0].rgba == (1.0, 0.0, 0.0, 1.0)
+
+
+def test_a_thing_may_be_drawn_without_being_solid():
+    lamp = bodies_of(load_world(DATA / "everything.world"))["tower::lamp"]
+    assert lamp.collisions == ()
+    assert len(lamp.visuals) == 1
+
+
+def test_a_static_model_fixes_the_models_in_it():
+    inner = model(name="inner")
+    outer = f'<model name="outer"><static>1</static><link name="link"/>{inner}</model>'
+    world = parse_world(sdf(outer), "test.world")
+    assert [(body.name, body.mass) for body in world.bodies] == [("outer", 0.0), ("outer::inner", 0.0)]
+
+
+@pytest.mark.parametrize(("text", "mass"), [("1", 0.0), ("true", 0.0), ("0", 1.0), ("false", 1.0)])
+def test_static_is_said_in_four_ways(text, mass):
+    assert only_thing(f'<model name="m"><static>{text}</static><link name="l"/></model>').mass == mass
+
+
+def test_gravity_of_sdf_1_4_stands_in_physics():
+    text = sdf("<physics type='ode'><gravity>0 0 -3.7</gravity></physics>", version="1.4")
+    assert parse_world(text, "test.world").gravity == (0.0, 0.0, -3.7)
+
+
+@pytest.mark.parametrize("version", ["1.4", "1.5", "1.6", "1.7"])
+def test_gravity_is_the_earths_when_nothing_is_said(version):
+    assert parse_world(sdf(version=version), "test.world").gravity == (0.0, 0.0, -9.8)
+
+
+@pytest.mark.parametrize(
+    ("material", "rgba"),
+    [
+        ("<ambient>0.1 0.2 0.3 0.4</ambient>", (0.1, 0.2, 0.3, 0.4)),
+        ("<diffuse>0.1 0.2 0.3</diffuse>", (0.1, 0.2, 0.3, 1.0)),
+        ("<diffuse>255 51 0 1</diffuse>", (1.0, 0.2, 0.0, 1.0)),
+        ("<script><name>Gazebo/Blue</name></script>", (0.0, 0.0, 1.0, 1.0)),
+        ("<script><name>Gazebo/Blue</name></script><diffuse>1 0 0 1</diffuse>", (1.0, 0.0, 0.0, 1.0)),
+        ("", (0.7, 0.7, 0.7, 1.0)),
+    ],
+)
+def test_colours_come_from_numbers_or_gazebos_names(material, rgba):
+    ball = "<geometry><sphere><radius>1</radius></sphere></geometry>"
+    body = only_thing(model(f'<visual name="v">{ball}<material>{material}</material></visual>'))
+    assert body.visuals[0].rgba == pytest.approx(rgba)
+
+
+def test_relative_to_names_world_model_and_parent(caplog):
+    (post,) = load_world(DATA / "frames.world").bodies
+    assert post.pose_in_world.position == (5.0, 0.0, 3.0)
+    centres = [transform_point(post.pose_in_world, part.pose_in_body.position) for part in post.collisions]
+    for centre in centres[:3]:
+        assert centre == pytest.approx((5.0, 0.0, 1.0))
+    # what it does not know it reads relative to the parent, and says so
+    assert post.collisions[3].pose_in_body.position == (0.0, 0.0, 9.0)
+    (message,) = caplog.messages
+    assert "read relative to the parent" in message
+    assert "model 'post' > link 'rod' > collision 'd' > pose 'elsewhere'" in message
+
+
+coordinates = st.floats(-500.0, 500.0)
+lengths = st.floats(2e-3, 400.0)  # whose diameters, too, are within what the simulation accepts
+shares = st.floats(0.0, 1.0)
+rpys = st.tuples(*[st.floats(-pi, pi)] * 3)
+shapes = st.one_of(
+    st.builds(Box, st.tuples(lengths, lengths, lengths)),
+    st.builds(Cylinder, lengths, lengths),
+    st.builds(Sphere, lengths),
+)
+
+
+def numbers(values):
+    return " ".join(repr(value) for value in values)
+
+
+def shape_text(shape):
+    sizes = {"size": numbers(shape.size)} if isinstance(shape, Box) else vars(shape)
+    inside = "".join(f"<{key}>{value}</{key}>" for key, value in sizes.items())
+    kind = type(shape).__name__.lower()
+    return f"<geometry><{kind}>{inside}</{kind}></geometry>"
+
+
+@st.composite
+def posed(draw):
+    """A pose as text and as record."""
+    position, rpy = draw(st.tuples(coordinates, coordinates, coordinates)), draw(rpys)
+    return f"<pose>{numbers(position + rpy)}</pose>", Pose(position, quat_from_rpy(*rpy))
+
+
+@st.composite
+def parts(draw, tag):
+    texts, records = [], []
+    for number in range(draw(st.integers(0, 2))):
+        (pose, pose_in_body), shape = draw(posed()), draw(shapes)
+        rgba = draw(st.tuples(shares, shares, shares, shares)) if tag == "visual" else Geometry(shape).rgba
+        look = f"<material><diffuse>{numbers(rgba)}</diffuse></material>" if tag == "visual" else ""
+        texts.append(f'<{tag} name="{number}">{pose}{shape_text(shape)}{look}</{tag}>')
+        records.append(Geometry(shape, pose_in_body, rgba))
+    return "".join(texts), tuple(records)
+
+
+@st.composite
+def worlds(draw):
+    """A world as text and as record."""
+    gravity = draw(st.tuples(coordinates, coordinates, coordinates))
+    texts, bodies = [f"<gravity>{numbers(gravity)}</gravity>"], []
+    for number in range(draw(st.integers(0, 3))):
+        (pose, pose_in_world), mass = draw(posed()), draw(st.one_of(st.just(0.0), lengths))
+        (collisions, solid_parts), (visuals, drawn_parts) = draw(parts("collision")), draw(parts("visual"))
+        weight = f"<inertial><mass>{mass}</mass></inertial>" if mass else ""
+        static = "" if mass else "<static>true</static>"
+        link = f'<link name="link">{weight}{collisions}{visuals}</link>'
+        texts.append(f'<model name="{number}">{static}{pose}{link}</model>')
+        bodies.append(Body(str(number), pose_in_world, solid_parts, drawn_parts, mass))
+    return sdf(*texts), World("w", tuple(bodies), gravity)
+
+
+@given(worlds())
+@settings(derandomize=True, deadline=None, max_examples=50)
+def test_what_is_written_is_what_is_read(both):
+    text, world = both
+    assert parse_world(text, "test.world") == world
+
+
+# ---------------------------------------------------------------------------- includes
+
+
+def make_model(folder, name, text, file="model.sdf"):
+    (folder / name).mkdir(exist_ok=True)
+    (folder / name / file).write_text(text)
+
+
+def include(name, *inside):
+    return f"<include><uri>model://{name}</uri>{''.join(inside)}</include>"
+
+
+BALL = (
+    '<sdf version="1.5"><model name="ball"><pose>1 1 1 0 0 0</pose><link name="link"><collision name="c">'
+    "<geometry><sphere><radius>{radius}</radius></sphere></geometry></collision></link></model></sdf>"
+)
+
+
+@pytest.fixture
+def models(tmp_path, monkeypatch):
+    """A model folder with a ball; the path also names a folder that is not there, as paths do."""
+    monkeypatch.setenv("GAZEBO_MODEL_PATH", f"{tmp_path / 'missing'}:{tmp_path}")
+    make_model(tmp_path, "ball", BALL.format(radius=0.1))
+    return tmp_path
+
+
+@pytest.mark.usefixtures("models")
+def test_a_model_is_found_and_stands_where_its_include_says():
+    own = only_thing(include("ball"))
+    assert (own.name, own.pose_in_world.position, own.mass) == ("ball", (1.0, 1.0, 1.0), 1.0)
+    told = "<name>football</name><pose>4 0 0 0 0 0</pose><static>true</static>"
+    placed = only_thing(include("ball", told))
+    assert (placed.name, placed.pose_in_world.position, placed.mass) == ("football", (4.0, 0.0, 0.0), 0.0)
+
+
+@pytest.mark.usefixtures("models")
+def test_an_include_in_a_model_is_a_model_in_a_model():
+    car = f'<model name="car"><pose>0 0 5 0 0 0</pose>{include("ball", "<name>wheel</name>")}</model>'
+    wheel = only_thing(car)
+    assert wheel.name == "car::wheel"
+    assert wheel.pose_in_world.position == (1.0, 1.0, 6.0)
+
+
+@pytest.mark.usefixtures("models")
+def test_nameless_includes_of_one_model_are_numbered():
+    # the course's football world has its two goals like this
+    world = parse_world(sdf(include("ball"), include("ball"), include("ball")), "test.world")
+    assert [body.name for body in world.bodies] == ["ball", "ball_1", "ball_2"]
+
+
+def test_the_newest_readable_file_of_a_model_is_taken(models):
+    offers = {"1.4": "old.sdf", "1.6": "new.sdf", "1.9": "too_new.sdf"}
+    lines = "".join(f'<sdf version="{version}">{file}</sdf>' for version, file in offers.items())
+    make_model(models, "ball", f"<model><name>ball</name>{lines}</model>", "model.config")
+    make_model(models, "ball", BALL.format(radius=0.4), "old.sdf")
+    make_model(models, "ball", BALL.format(radius=0.6), "new.sdf")
+    assert only_thing(include("ball")).collisions[0].shape == Sphere(0.6)
+
+
+def test_a_model_for_newer_gazebos_only_is_refused(models):
+    make_model(models, "ball", '<model><sdf version="1.9">model.sdf</sdf></model>', "model.config")
+    assert re.search(r"model\.config.*'1\.9' is not supported; 1\.4, ", refusal(sdf(include("ball"))))
+
+
+def test_a_model_that_includes_itself_is_refused(models):
+    make_model(models, "egg", f'<sdf version="1.5"><model name="egg">{include("hen")}</model></sdf>')
+    make_model(models, "hen", f'<sdf version="1.5"><model name="hen">{include("egg")}</model></sdf>')
+    assert re.search(r"hen/model\.sdf:1.*includes itself.*egg.*hen.*egg", refusal(sdf(include("egg"))))
+
+
+def test_a_lamp_may_be_included(models, caplog):
+    make_model(models, "lamp", '<sdf version="1.5"><light name="lamp" type="point"/></sdf>')
+    assert parse_world(sdf(include("lamp")), "test.world").bodies == ()
+    assert not caplog.records
+
+
+def test_a_missing_model_is_refused_and_says_where_it_was_sought(models):
+    message = refusal(sdf(include("cathedral")))
+    assert "model://cathedral" in message
+    assert str(models) in message
+    assert "GAZEBO_MODEL_PATH" in message
+
+
+def test_an_error_in_a_model_names_the_models_file(models):
+    make_model(models, "ball", BALL.format(radius=-1))
+    message = refusal(sdf(include("ball")))
+    assert message.startswith(str(models / "ball" / "model.sdf"))
+    assert "'-1'" in message
+
+
+# ---------------------------------------------------------------------------- what is named in a warning
+
+
+def test_what_is_not_supported_is_named_once_per_kind(caplog):
+    world = load_world(DATA / "unsupported.world")
+    assert [body.name for body in world.bodies] == ["house::walls", "house::roof", "hill"]
+    walls = bodies_of(world)["house::walls"]
+    assert walls.collisions == ()
+    assert [part.shape for part in walls.visuals] == [Box((1.0, 0.1, 2.0))]
+    tags = [
+        "mesh",
+        "heightmap",
+        "joint",
+        "sensor",
+        "plugin",
+        "actor",
+        "state",
+        "kinematic",
+        "gravity",
+        "model",
+    ]
+    kinds = [*(f"<{tag}>" for tag in tags), "<include>", "material", "<inertial>"]
+    for kind in kinds:
+        assert sum(kind in message.split(": ")[0] for message in caplog.messages) == 1, kind
+    assert len(caplog.messages) == len(kinds)
+    assert {record.levelno for record in caplog.records} == {logging.WARNING}
+    (mesh,) = (message for message in caplog.messages if "mesh" in message)
+    for words in ("unsupported.world:", "model 'house' > link 'walls' > collision 'walls'", "visual 'walls'"):
+        assert words in mesh
+
+
+def test_values_that_differ_are_one_kind(caplog):
+    uris = ("<uri>https://models.example/tree</uri>", "<uri>https://models.example/cafe</uri>")
+    parse_world(sdf(*(f"<include>{uri}</include>" for uri in uris)), "test.world")
+    (message,) = caplog.messages
+    assert "https://models.example/tree" in message
+    assert "https://models.example/cafe" in message
+
+
+def test_many_places_of_one_kind_are_counted(caplog):
+    parse_world(sdf('<plugin name="p" filename="f"/>' * 10), "test.world")
+    (message,) = caplog.messages
+    assert message.endswith("and 7 more")
+
+
+def test_a_second_world_is_not_read_in_silence(caplog):
+    assert (
+        parse_world('<sdf version="1.4"><world name="a"/><world name="b"/></sdf>', "test.world").name == "a"
+    )
+    assert "only the first <world>" in caplog.text
+
+
+def test_a_slip_in_an_elements_name_is_noticed(caplog):
+    parse_world(sdf(model("<colision/>")), "test.world")
+    (message,) = caplog.messages
+    assert "<colision>" in message
+    assert "model 'm' > link 'link'" in message
+
+
+def test_wind_that_does_not_blow_is_no_matter(caplog):
+    parse_world(sdf("<wind/>"), "test.world")
+    assert not caplog.records
+    parse_world(sdf("<wind><linear_velocity>1 0 0</linear_velocity></wind>"), "test.world")
+    assert "<wind>" in caplog.text
+
+
+# ---------------------------------------------------------------------------- what is refused
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("not_xml", r"is not XML: .*line 3"),
+        ("no_world", r":1: .*needs a <world>"),
+        ("version", r":1: SDF version '1\.9' is not supported; 1\.4, 1\.5, 1\.6, 1\.7 are"),
+        ("not_sdf", r":1: needs <sdf>.* not <robot>"),
+        (
+            "radius",
+            r":6: model 'pillar' > link 'link' > collision 'collision' > geometry > cylinder: .*<radius>",
+        ),
+        ("pose", r":6: model 'pillar' > link 'link' > collision 'collision' > pose: .*'20 5 nan 0 0 0'"),
+        ("twins", r":4: model 'pillar': .*'pillar'"),
+        ("entities", r"entities are refused"),
+    ],
+)
+def test_a_broken_world_is_refused_with_file_line_element_and_value(file, words):
+    with pytest.raises(WorldError, match=rf"invalid_{file}\.world.*{words}") as caught:
+        load_world(DATA / f"invalid_{file}.world")
+    assert isinstance(caught.value, HuskyError)
+
+
+@pytest.mark.parametrize(
+    ("inside", "words"),
+    [
+        (solid("<sphere><radius>0</radius></sphere>"), "sphere > radius: must be greater than zero, not '0'"),
+        (solid("<box><size>1 -1 1</size></box>"), "size: must be greater than zero, not '1 -1 1'"),
+        (solid("<box><size>1 1</size></box>"), "size: needs 3 finite numbers, not '1 1'"),
+        (solid("<cylinder><radius>1</radius></cylinder>"), "<cylinder> needs a <length>"),
+        (solid("<plane><normal>0 0 0</normal></plane>"), "normal: must have a direction, not '0 0 0'"),
+        (solid(""), "geometry: needs a shape; box, cylinder, sphere, plane are supported"),
+        (model('<collision name="c"/>'), "<collision> needs a <geometry>"),
+        (
+            model("<inertial><mass>-1</mass></inertial>"),
+            "mass: must be greater than zero (<static> is for what never moves), not '-1'",
+        ),
+        (model("<inertial><mass>0</mass></inertial>"), "never moves), not '0'"),
+        (model("<pose>1 2 3</pose>"), "pose: needs 6 finite numbers, not '1 2 3'"),
+        (model("<pose>1e999 0 0 0 0 0</pose>"), "not '1e999 0 0 0 0 0'"),
+        (
+            '<model name="m"><static>maybe</static></model>',
+            "static: must be true, false, 1 or 0, not 'maybe'",
+        ),
+        ("<model/>", "<model> needs a name"),
+        ("<include/>", "<include> needs a <uri>"),
+        ("<gravity>down</gravity>", "gravity: needs 3 finite numbers, not 'down'"),
+        ('<model name="m"><link name="a"/><link name="a"/></model>', "'m::a'"),
+    ],
+)
+def test_broken_values_are_refused_in_plain_words(inside, words):
+    message = refusal(sdf(inside))
+    assert message.startswith("test.world:1")
+    assert words in message
+
+
+def test_a_pose_without_numbers_is_no_offset():
+    assert only_thing(model("<pose/>")).pose_in_world == Pose()
+
+
+@pytest.mark.parametrize(
+    "path", [DATA / "nowhere.world", DATA, "\0"], ids=["missing", "folder", "not a path"]
+)
+def test_what_is_no_file_is_refused(path):
+    with pytest.raises(WorldError, match="cannot be read") as caught:
+        load_world(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_file_says_its_own_encoding(tmp_path):
+    file = tmp_path / "latin.world"
+    text = '<?xml version="1.0" encoding="iso-8859-1"?><sdf version="1.4"><world name="Säule"/></sdf>'
+    file.write_bytes(text.encode("iso-8859-1"))
+    assert load_world(file).name == "Säule"
+    file.write_bytes(text.replace("iso-8859-1", "klingon").encode("iso-8859-1"))
+    with pytest.raises(WorldError, match="is not XML"):
+        load_world(file)
+
+
+def test_models_without_end_are_refused():
+    depth = 5000
+    nested = "".join(f'<model name="{i}">' for i in range(depth)) + "</model>" * depth
+    assert "too deeply" in refusal(sdf(nested))
+
+
+def numeric_places():
+    """Every number in the world that has one of everything: (which element, which word)."""
+    for index, element in enumerate(ElementTree.fromstring(EVERYTHING).iter()):
+        for position, word in enumerate((element.text or "").split()):
+            if re.fullmatch(r"[-\d.e]+", word):
+                yield index, position
+
+
+@pytest.mark.parametrize("broken", ["nan", "inf", "-inf", "abc", "1,5", "0x1p3"])
+def test_no_number_may_be_broken(broken):
+    places = list(numeric_places())
+    assert len(places) > 60
+    for index, position in places:
+        root = ElementTree.fromstring(EVERYTHING)
+        element = list(root.iter())[index]
+        words = element.text.split()
+        words[position] = broken
+        element.text = " ".join(words)
+        message = refusal(ElementTree.tostring(root, encoding="unicode"))
+        assert element.tag in message
+        assert broken in message
+
+
+@given(
+    st.integers(0, len(EVERYTHING)),
+    st.integers(0, 30),
+    st.sampled_from(["", "<", ">", "0", "-", "nan", "</link>", "é"]),
+)
+@settings(derandomize=True, deadline=None, max_examples=300)
+def test_a_sloppy_edit_is_read_or_refused_never_a_crash(start, length, replacement):
+    text = EVERYTHING[:start] + replacement + EVERYTHING[start + length :]
+    try:
+        world = parse_world(text, "test.world")
+    except WorldError:
+        return
+    assert all(isfinite(value) for body in world.bodies for value in body.pose_in_world.position)
+
+
+# ---------------------------------------------------------------------------- bounds
+
+
+@pytest.mark.parametrize(
+    ("inside", "words"),
+    [
+        ("<gravity>0 0 -1e300</gravity>", "gravity .* is stronger than 1000.0"),
+        (
+            solid("<sphere><radius>1e300</radius></sphere>"),
+            "'m.*': size .* is not within 0.001..1000.0 m",
+        ),
+        (model("<pose>3e38 0 0 0 0 0</pose>"), "'m.*': position"),
+    ],
+)
+def test_numbers_that_physics_cannot_use_are_refused_by_file_and_value(inside, words):
+    with pytest.raises(WorldError, match=f"my.world: {words}"):
+        parse_world(sdf(inside), "my.world")
+
+
+def test_a_tree_of_includes_that_doubles_with_every_level_has_an_end(tmp_path, monkeypatch):
+    monkeypatch.setenv("GAZEBO_MODEL_PATH", str(tmp_path))
+    for level in range(14):
+        folder = tmp_path / f"m{level}"
+        folder.mkdir()
+        include = f"<include><uri>model://m{level + 1}</uri><name>{{}}</name></include>"
+        inside = "" if level == 13 else include.format("a") + include.format("b")
+        (folder / "model.sdf").write_text(f"<sdf version='1.6'><model name='m'>{inside}</model></sdf>")
+    with pytest.raises(WorldError, match="more than 1000 models are included"):
+        parse_world(
+            "<sdf version='1.6'><world name='w'><include><uri>model://m0</uri></include></world></sdf>", "w"
+        )

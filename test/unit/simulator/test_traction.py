@@ -1,0 +1,243 @@
+"""Wheels on the ground: what friction may and may not do, and how a skid-steer robot turns by it."""
+
+from __future__ import annotations
+
+from math import hypot, radians, sin, tan
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from husky_highlevel_controller.datatypes import Twist2D
+from husky_highlevel_controller.simulator.diff_drive import DriveConfig, wheel_speeds
+from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
+
+# Husky URDF, husky_description 0.6.10: wheelbase 0.512 m, track 0.5708 m, mass with the lidar
+HALF_BASE, HALF_TRACK = 0.256, 0.2854  # [m]
+MASS, YAW_INERTIA = 57.682, 3.8  # [kg], [kg m^2]
+GRAVITY = 9.81  # [m/s^2]
+WEIGHT = MASS * GRAVITY  # [N]
+CONFIG = TractionConfig()
+DT = 0.005  # [s]
+CORNERS = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # front left, front right, rear left, rear right
+REST = (0.0, 0.0, 0.0)
+LEVEL = (0.0, 0.0)
+LAW = settings(derandomize=True, deadline=None, max_examples=50)
+
+speeds = st.floats(-2.0, 2.0)
+velocities = st.tuples(speeds, speeds, st.floats(-3.0, 3.0))
+pulls = st.tuples(st.floats(-300.0, 300.0), st.floats(-300.0, 300.0))
+loads = st.one_of(st.just(0.0), st.floats(1.0, 600.0))
+contacts_of_a_robot = st.tuples(
+    *(
+        st.builds(WheelContact, st.just(x * HALF_BASE), st.just(y * HALF_TRACK), loads, speeds)
+        for x, y in CORNERS
+    )
+)
+configs = st.builds(TractionConfig, st.floats(0.1, 1.5), st.floats(1e-4, 0.1))
+periods = st.floats(1e-4, 0.02)
+
+
+def robot(left=0.0, right=0.0, loads=(WEIGHT / 4.0,) * 4):
+    """The contacts of a symmetric Husky whose treads run at `left` and `right` [m/s]."""
+    return [
+        WheelContact(x * HALF_BASE, y * HALF_TRACK, load, left if y > 0 else right)
+        for (x, y), load in zip(CORNERS, loads)
+    ]
+
+
+def forces_on(contacts, velocity=REST, external=LEVEL, dt=DT, config=CONFIG):
+    return ground_forces(contacts, velocity, external, MASS, YAW_INERTIA, dt, config)
+
+
+def after(contacts, velocity, external, dt, forces):
+    """Newton: the velocity one step later, in the axes of base_link before the step."""
+    fx = external[0] + sum(f[0] for f in forces)
+    fy = external[1] + sum(f[1] for f in forces)
+    torque = sum(c.x * f[1] - c.y * f[0] for c, f in zip(contacts, forces))
+    vx, vy, yaw_rate = velocity
+    return vx + dt * fx / MASS, vy + dt * fy / MASS, yaw_rate + dt * torque / YAW_INERTIA
+
+
+def slip(contact, velocity):
+    vx, vy, yaw_rate = velocity
+    return vx - yaw_rate * contact.y - contact.surface_speed, vy + yaw_rate * contact.x
+
+
+def most(contact, config=CONFIG):
+    """The most that friction can hold [N]: mu N (N/N0)^(-1/3)."""
+    return (
+        config.friction * contact.load * (4.0 * contact.load / WEIGHT) ** (-1.0 / 3.0)
+        if contact.load
+        else 0.0
+    )
+
+
+def drive(contacts, duration, velocity=REST, external=LEVEL, dt=DT, config=CONFIG):
+    """The velocity in base_link after every step of `duration` s; `external` turns with the robot."""
+    passed = []
+    for _ in range(round(duration / dt)):
+        forces = forces_on(contacts, velocity, external, dt, config)
+        vx, vy, yaw_rate = after(contacts, velocity, external, dt, forces)
+        # seen from the turned base_link
+        turn = dt * yaw_rate
+        velocity = (vx + turn * vy, vy - turn * vx, yaw_rate)
+        passed.append(velocity)
+    return passed
+
+
+def kinetic_energy(velocity):
+    vx, vy, yaw_rate = velocity
+    return (MASS * (vx * vx + vy * vy) + YAW_INERTIA * yaw_rate * yaw_rate) / 2.0
+
+
+# ---------------------------------------------------------------------------- laws
+
+
+@LAW
+@given(contacts_of_a_robot, velocities, pulls, periods, configs)
+def test_a_wheel_in_the_air_gets_no_force(contacts, velocity, external, dt, config):
+    lifted = [contacts[0]._replace(load=0.0), contacts[1]._replace(load=-3.0), *contacts[2:]]
+    forces = forces_on(lifted, velocity, external, dt, config)
+    assert forces[:2] == [(0.0, 0.0), (0.0, 0.0)]
+    # nor does what its tread does matter to the others
+    idle = [contact._replace(surface_speed=0.0) for contact in lifted[:2]]
+    assert forces_on([*idle, *contacts[2:]], velocity, external, dt, config)[2:] == forces[2:]
+
+
+@LAW
+@given(contacts_of_a_robot, velocities, pulls, periods, configs)
+def test_friction_opposes_the_slip_and_never_drives_it(contacts, velocity, external, dt, config):
+    forces = forces_on(contacts, velocity, external, dt, config)
+    moved = after(contacts, velocity, external, dt, forces)
+    for contact, (fx, fy) in zip(contacts, forces):
+        sx, sy = slip(contact, moved)
+        assert fx * sx + fy * sy <= 1e-6
+        assert fx * sy - fy * sx == pytest.approx(0.0, abs=1e-6)  # along the slip, not across it
+
+
+@LAW
+@given(contacts_of_a_robot, velocities, pulls, periods, configs)
+def test_a_mirrored_robot_feels_mirrored_forces(contacts, velocity, external, dt, config):
+    forces = forces_on(contacts, velocity, external, dt, config)
+    mirrored = forces_on(
+        [contact._replace(y=-contact.y) for contact in contacts],
+        (velocity[0], -velocity[1], -velocity[2]),
+        (external[0], -external[1]),
+        dt,
+        config,
+    )
+    assert [(x, -y) for x, y in mirrored] == [pytest.approx(force, abs=1e-6) for force in forces]
+
+
+@LAW
+@given(contacts_of_a_robot, velocities, pulls, configs)
+def test_no_wheel_holds_more_than_its_load_allows_at_any_instant(contacts, velocity, external, config):
+    for contact, force in zip(contacts, forces_on(contacts, velocity, external, 1e-9, config)):
+        assert hypot(*force) <= most(contact, config) * (1.0 + 1e-3)
+
+
+@LAW
+@given(contacts_of_a_robot, velocities, periods, configs)
+def test_wheels_at_rest_only_take_energy_away(contacts, velocity, dt, config):
+    contacts = [contact._replace(surface_speed=0.0) for contact in contacts]
+    passed = drive(contacts, 10 * dt, velocity, dt=dt, config=config)
+    energies = [kinetic_energy(v) for v in (velocity, *passed)]
+    # base_link turns within the step: that moves the velocity by the square of a small angle
+    assert all(b <= a * (1.0 + (4.0 * dt) ** 2) for a, b in zip(energies, energies[1:]))
+
+
+# ---------------------------------------------------------------------------- standing
+
+
+def test_a_robot_at_rest_on_level_ground_feels_nothing():
+    assert forces_on(robot()) == [(0.0, 0.0)] * 4
+    assert forces_on(robot(loads=(100.0, 300.0, 50.0, 0.0))) == [(0.0, 0.0)] * 4
+
+
+def test_it_stops_when_its_wheels_do_and_slides_no_farther_than_friction_lets_it():
+    passed = drive(robot(), 0.2, velocity=(1.0, 0.0, 0.0))
+    braking = [v[0] for v in passed]
+    assert braking == sorted(braking, reverse=True)
+    assert braking[-1] == pytest.approx(0.0, abs=1e-3)
+    # v^2 / (2 mu g) = 0.051 m
+    assert sum(braking) * DT == pytest.approx(1.0 / (2.0 * GRAVITY), abs=1.0 * DT)
+
+
+def test_a_parked_robot_creeps_down_a_slope_at_about_the_slip_speed_times_the_slope():
+    slope = radians(5.0)
+    passed = drive(robot(), 1.0, external=(-WEIGHT * sin(slope), 0.0))
+    assert passed[-1] == pytest.approx((-tan(slope) * CONFIG.slip_speed, 0.0, 0.0), rel=0.02, abs=1e-12)
+
+
+@pytest.mark.parametrize("along", [0, 1])
+def test_a_pull_that_friction_cannot_hold_makes_it_slide_against_full_friction(along):
+    pull = tuple(2.0 * WEIGHT if axis == along else 0.0 for axis in (0, 1))
+    passed = drive(robot(), 0.5, external=pull)
+    assert passed[-1][along] - passed[-2][along] == pytest.approx((2.0 - 1.0) * GRAVITY * DT, rel=0.02)
+
+
+def test_a_wheel_with_twice_the_load_holds_less_than_twice_as_much():
+    sliding = (0.0, 5.0, 0.0)
+    forces = forces_on(robot(loads=(WEIGHT / 4.0, WEIGHT / 2.0, 0.0, WEIGHT / 4.0)), sliding)
+    assert -forces[0][1] == pytest.approx(WEIGHT / 4.0, rel=0.02)
+    assert forces[1][1] / forces[0][1] == pytest.approx(2.0 ** (2.0 / 3.0), rel=0.02)
+
+
+def test_half_the_friction_coefficient_is_half_the_grip():
+    sliding = (3.0, 4.0, 0.0)
+    ice = forces_on(robot(), sliding, dt=1e-6, config=TractionConfig(friction=0.5))
+    assert ice == [
+        pytest.approx((x / 2.0, y / 2.0), rel=1e-4) for x, y in forces_on(robot(), sliding, dt=1e-6)
+    ]
+
+
+# ---------------------------------------------------------------------------- driving
+
+
+@pytest.mark.parametrize("speed", [1.0, 0.1, -0.7])
+def test_driving_straight_it_reaches_its_wheels_speed_and_neither_overshoots_nor_veers(speed):
+    passed = drive(robot(speed, speed), 0.5)
+    assert passed[-1] == pytest.approx((speed, 0.0, 0.0), abs=1e-3)
+    assert max(abs(v[0]) for v in passed) <= abs(speed) + 1e-9
+    assert max(abs(v[1]) + abs(v[2]) for v in passed) < 1e-9
+
+
+def test_a_robot_heavier_on_its_right_still_drives_straight_in_the_end():
+    right_heavy = tuple(WEIGHT / 2.0 * share for share in (0.38, 0.62, 0.38, 0.62))
+    assert drive(robot(1.0, 1.0, right_heavy), 2.0)[-1] == pytest.approx((1.0, 0.0, 0.0), abs=2e-3)
+
+
+def test_spinning_wheels_accelerate_it_by_no_more_than_friction():
+    first = drive(robot(1.0, 1.0), DT)[0]
+    assert first[0] == pytest.approx(GRAVITY * DT, rel=0.06)
+
+
+@pytest.mark.parametrize("yaw_rate", [0.25, 1.0, -1.0, 2.0])
+def test_it_turns_in_place_about_as_fast_as_commanded_with_the_husky_s_multiplier(yaw_rate):
+    drive_config = DriveConfig()
+    left, right = (w * drive_config.wheel_radius for w in wheel_speeds(Twist2D(0.0, yaw_rate), drive_config))
+    vx, vy, turning = drive(robot(left, right), 2.0)[-1]
+    assert turning / yaw_rate == pytest.approx(1.04, abs=0.01)
+    assert hypot(vx, vy) < 1e-6
+
+
+def test_swapped_wheel_speeds_turn_it_the_other_way():
+    vx, vy, yaw_rate = drive(robot(0.3, 0.7), 1.0)[-1]
+    assert yaw_rate > 0.3
+    assert drive(robot(0.7, 0.3), 1.0)[-1] == pytest.approx((vx, -vy, -yaw_rate))
+
+
+# ---------------------------------------------------------------------------- stability
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.0005])
+@pytest.mark.parametrize("slip_speed", [1e-4, 0.1])
+@pytest.mark.parametrize(("left", "right"), [(0.0, 0.0), (1.0, 1.0), (-0.5, 0.5)])
+def test_it_settles_at_any_step_and_slip_speed(dt, slip_speed, left, right):
+    config = TractionConfig(slip_speed=slip_speed)
+    passed = drive(robot(left, right), 2.0, velocity=(0.3, -0.2, 0.5), dt=dt, config=config)
+    last, before = passed[-1], passed[-2]
+    assert last == pytest.approx(before, abs=1e-4)
+    assert last[0] == pytest.approx((left + right) / 2.0, abs=5e-3)
+    assert last[1] == pytest.approx(0.0, abs=5e-3)

@@ -1,0 +1,124 @@
+"""./dev before it installs anything: what it refuses at once, and the packages it would ask for."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def bash(script, **env):
+    """Run a script with the functions of ./dev; its output of both kinds and its exit code."""
+    begin = f"cd {ROOT}; here=$PWD state=$PWD/.dev; source tools/packages.bash; source tools/install.bash\n"
+    done = subprocess.run(
+        ["bash", "-eo", "pipefail", "-c", begin + script],
+        env={**os.environ, **env}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return done.stdout + done.stderr, done.returncode
+
+
+def test_a_folder_with_a_space_in_its_name_is_refused_at_once(tmp_path):
+    copy = tmp_path / "my robot"
+    copy.mkdir()
+    shutil.copy(ROOT / "dev", copy)
+    shutil.copytree(ROOT / "tools", copy / "tools")
+    done = subprocess.run([copy / "dev", "launch"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert f"the folder '{copy}' has a space or a colon in its name" in done.stderr
+    assert not (copy / ".dev").exists()
+
+
+def test_launching_asks_for_no_packages_of_tests_or_marking():
+    output, _ = bash("packages_of launch")
+    launch = set(output.split())
+    for group in ("test", "lint", "grade"):
+        others, _ = bash(f"packages_of {group}")
+        assert set(others.split()).isdisjoint(launch), group
+    assert {"rviz", "python3-rospy"} <= launch
+
+
+def test_with_ros_in_opt_nothing_of_ros_is_asked_of_apt():
+    output, _ = bash("opt_ros=/opt/ros/noetic; packages_of launch; packages_of test; packages_of lint")
+    assert "python3-venv" in output
+    assert "ros" not in output.replace("procps", "")
+    assert "catkin" not in output
+
+
+def test_a_system_without_ros_in_its_archive_is_sent_to_the_container():
+    output, code = bash(
+        "opt_ros=; missing_packages() { echo rviz; };"
+        "os_codename() { echo noble; }; os_name() { echo Ubuntu 24.04; };"
+        "state=$(mktemp -d); install_debian_packages launch"
+    )
+    assert code == 1
+    assert "Ubuntu 24.04 has no ROS 1 in its archive: use the container" in output
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("Err:1 Temporary failure resolving 'example.org'", "no network: apt-get could not reach its server"),
+        ("E: You don't have enough free space in /var/cache/apt/archives/.", "the disk is full"),
+        ("E: Unable to locate package rvix", "E: Unable to locate package rvix"),
+    ],
+)
+def test_a_failed_installation_tells_its_cause(line, words, tmp_path):
+    log = tmp_path / "apt.log"
+    log.write_text(line + "\n")
+    output, code = bash(f"die_of_log apt-get {log}")
+    assert code == 1
+    assert words in output
+
+
+def test_progress_is_told_every_ten_percent_and_the_rest_is_logged(tmp_path):
+    lines = [f"pmstatus:libc6:amd64:{percent}.5:Installing" for percent in range(100)]
+    (tmp_path / "in").write_text(
+        "\n".join(["Reading package lists...", "dlstatus:1:0.1:Retrieving", *lines]) + "\n"
+    )
+    output, _ = bash(f"show_progress {tmp_path}/log < {tmp_path}/in")
+    assert output.count("installing the packages") == 10
+    assert output.count("fetching the packages") == 1
+    assert (tmp_path / "log").read_text() == "Reading package lists...\n"
+
+
+def test_a_folder_of_logs_that_cannot_be_written_is_named_with_the_remedy():
+    output, code = bash("need_log_folder", ROS_HOME="/proc/nowhere", ROS_LOG_DIR="")
+    assert code == 1
+    assert "cannot write logs to /proc/nowhere" in output
+    assert "ROS_HOME=" in output
+
+
+@pytest.mark.parametrize(
+    ("uri", "arguments", "port"),
+    [
+        ("http://localhost:15311", "roscore", "-p 15311"),
+        ("http://localhost:15311", "roscore -p 7", ""),
+        ("", "roscore", ""),
+    ],
+)
+def test_roscore_listens_where_ros_master_uri_says(uri, arguments, port):
+    function = next(
+        part for part in (ROOT / "dev").read_text().split("\n\n") if "find_roscore_port() {" in part
+    )
+    output, _ = bash(
+        f'{function}\nfind_roscore_port {arguments}; echo "${{roscore_port[*]}}"', ROS_MASTER_URI=uri
+    )
+    assert output.strip() == port
+
+
+def test_doctor_names_problems_and_fails_for_them(tmp_path):
+    for file in ("dev", "package.xml", "requirements.txt"):
+        shutil.copy(ROOT / file, tmp_path)
+    shutil.copytree(ROOT / "tools", tmp_path / "tools")
+    environment = {**os.environ, "ROS_MASTER_URI": "nowhere", "ROS_IP": "", "ROS_HOSTNAME": "no.such.host"}
+    done = subprocess.run(
+        [tmp_path / "dev", "doctor"], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert "PROBLEM  ROS_MASTER_URI='nowhere' is not of the form http://HOST:PORT" in done.stdout
+    assert "PROBLEM  nodes give their address as 'no.such.host'" in done.stdout
+    assert "PROBLEM  the workspace in .dev/ws is not built: ./dev setup" in done.stdout
+    assert not (tmp_path / ".dev").exists(), "doctor changes nothing"

@@ -1,0 +1,96 @@
+"""docs/reference.md agrees with the code about arguments, parameters, topics and defaults."""
+
+import re
+from dataclasses import fields
+
+import pytest
+import yaml
+from defusedxml import ElementTree
+
+from husky_highlevel_controller.config import read_config
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.crash_detection import CrashConfig
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig
+from husky_highlevel_controller.controller.safety import ProximityConfig
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.ros.controller.display import ESTIMATE, IN_LASER, IN_ODOM, PATH, STATE, TARGET
+from husky_highlevel_controller.ros.controller.node import ScanTopicConfig, StartStopConfig
+from husky_highlevel_controller.simulator.sensors.gps import GpsConfig
+from husky_highlevel_controller.simulator.sensors.imu import ImuConfig
+from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
+
+SHARE = share_folder()
+REFERENCE = (SHARE / "docs" / "reference.md").read_text()
+
+
+def rows():
+    """The cells of every table row."""
+    return [line.strip("|").split("|") for line in REFERENCE.splitlines() if line.startswith("|")]
+
+
+def named(name, default):
+    """A parameter has a table row, with its default; two nodes may have parameters of one name."""
+    told = [cells[1] for cells in rows() if f"`{name}`" in cells[0]]
+    assert told, f"{name} has no row"
+    words = str(default).lower() if isinstance(default, bool) else str(default)
+    assert any(words in cell for cell in told), f"{name}: docs/reference.md says {told}, the code {default}"
+
+
+@pytest.mark.parametrize("file", ["controller.launch", "simulator.launch"])
+def test_every_launch_argument_has_a_row(file):
+    for argument in ElementTree.parse(SHARE / "launch" / file).getroot().findall("arg"):
+        default = argument.get("default")
+        if argument.get("name") in ("rviz", "world_name"):  # told in words
+            default = ""
+        named(argument.get("name"), re.sub(r"\$\(optenv (\w+) (\S+)\)", r"`$\1`, else `\2`", default))
+
+
+NODE_RECORDS = [ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig, ProximityConfig, CrashConfig]
+
+
+@pytest.mark.parametrize("record", NODE_RECORDS)
+def test_every_parameter_of_a_node_has_a_row(record):
+    for parameter in fields(record):
+        named(f"~{parameter.name}", parameter.default)
+
+
+@pytest.mark.parametrize(
+    ("namespace", "record"), [("lidar", LidarConfig), ("imu", ImuConfig), ("gps", GpsConfig)]
+)
+def test_every_parameter_of_a_sensor_has_a_row(namespace, record):
+    for parameter in fields(record):
+        named(f"~{namespace}/{parameter.name}", parameter.default)
+
+
+def test_the_controller_s_yaml_says_what_the_code_says():
+    values = yaml.safe_load((SHARE / "config" / "controller.yaml").read_text())
+    switch, control, looks = read_config(
+        values, "controller.yaml: ", StartStopConfig, ControlConfig, PillarConfig
+    )
+    assert (switch, control, looks) == (StartStopConfig(), ControlConfig(), PillarConfig())
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "simulator/publishers",
+        "simulator/depth_camera",
+        "simulator/commands",
+        "simulator/world_services",
+        "simulator/node",
+        "controller/node",
+        "controller/display",
+        "controller/diagnostics",
+    ],
+)
+def test_every_topic_and_service_has_a_row(module):
+    source = (SHARE / "src/husky_highlevel_controller/ros" / f"{module}.py").read_text()
+    names = re.findall(r'rospy\.(?:Publisher|Subscriber|Service)\(\s*"([^"]+)"', source)
+    assert names
+    for name in names:
+        assert f"`{name}`" in REFERENCE, name
+
+
+@pytest.mark.parametrize("namespace", [ESTIMATE, IN_LASER, IN_ODOM, PATH, STATE, TARGET])
+def test_every_marker_namespace_is_told(namespace):
+    assert f"`{namespace}`" in REFERENCE

@@ -1,0 +1,87 @@
+# `./dev doctor`: what is installed, what is missing, and whether ROS nodes can reach one another. Changes nothing.
+# shellcheck shell=bash disable=SC2154  # sourced by ./dev
+
+problems=0
+good() { printf '  ok       %s\n' "$*"; }
+note() { printf '  note     %s\n' "$*"; }
+bad() { printf '  PROBLEM  %s\n' "$*"; problems=$((problems + 1)); }
+
+check_system() {
+  echo "This machine"
+  if [ -n "$opt_ros" ]; then
+    good "$(os_name), with ROS 1 in $opt_ros"
+  elif [[ " ${ros_in_archive[*]} " == *" $(os_codename) "* ]]; then
+    good "$(os_name): its archive has ROS 1"
+  else
+    bad "$(os_name) has no ROS 1 in its archive: use the container (docs/install.md)"
+  fi
+  case $here in
+    *[[:space:]:]*) bad "the folder '$here' has a space or a colon in its name: move it" ;;
+    *) if [ -w "$here" ]; then good "the repository $here can be written to"; else bad "$here cannot be written to"; fi ;;
+  esac
+  local free
+  free=$(df -Pm "$here" | awk 'NR == 2 {print $4}')
+  if [ "$free" -ge 2500 ] || [ -f "$state/build.done" ]; then good "$free MB of disk are free"
+  else bad "$free MB of disk are free; an installation needs $disk_needed"; fi
+  if [ "$(id -u)" -ne 0 ] && ! command -v sudo >/dev/null; then
+    note "neither root nor sudo: only an administrator can install packages"
+  fi
+}
+
+check_installation() {
+  local group missing
+  echo "Installed"
+  for group in launch test lint grade; do
+    mapfile -t missing < <(missing_packages "$group")
+    if [ ${#missing[@]} -eq 0 ]; then good "all Debian packages for '$group'"
+    elif [ "$group" = launch ]; then bad "${#missing[@]} Debian packages for 'launch' are missing: ./dev setup (${missing[*]})"
+    else note "${#missing[@]} Debian packages for '$group' are missing; ./dev setup $group installs them (${missing[*]})"; fi
+  done
+  if done_before venv "${venv_requirements[@]}"; then good "Python packages in .dev/venv"
+  else bad "Python packages in .dev/venv are missing or of another version: ./dev setup"; fi
+  if [ -f "$state/build.done" ] && [ -f "$workspace/devel/setup.bash" ]; then good "the workspace in .dev/ws is built"
+  else bad "the workspace in .dev/ws is not built: ./dev setup"; fi
+  local folder=${ROS_LOG_DIR:-${ROS_HOME:-$HOME/.ros}}
+  if [ -w "$folder" ] || { [ ! -e "$folder" ] && [ -w "$(dirname "$folder")" ]; }; then good "logs go to $folder"
+  else bad "logs cannot be written to $folder: set ROS_HOME to a folder where you may write"; fi
+}
+
+# Whether something listens on port $2 of host $1.
+# shellcheck disable=SC2016  # bash -c expands them
+listens() { timeout 3 bash -c 'exec 3<>"/dev/tcp/$0/$1"' "$1" "$2" 2>/dev/null; }
+
+check_network() {
+  echo "The network of nodes"
+  local uri=${ROS_MASTER_URI:-http://localhost:11311} name master port
+  if [[ $uri =~ ^http://([^:/]+):([0-9]+)/?$ ]]; then
+    master=${BASH_REMATCH[1]} port=${BASH_REMATCH[2]}
+    if listens "$master" "$port"; then good "a ROS master answers at $uri"
+    else note "no ROS master at $uri yet; ./dev launch starts one if that is this machine"; fi
+    getent hosts "$master" >/dev/null || bad "the host '$master' of ROS_MASTER_URI is not known to this machine: /etc/hosts"
+  else
+    bad "ROS_MASTER_URI='$uri' is not of the form http://HOST:PORT"
+  fi
+  name=${ROS_IP:-${ROS_HOSTNAME:-$(uname -n)}}
+  if getent hosts "$name" >/dev/null; then good "nodes give their address as '$name', which is known here"
+  elif [ -n "$ROS_IP$ROS_HOSTNAME" ]; then bad "nodes give their address as '$name' (ROS_IP or ROS_HOSTNAME), which is not known here"
+  else note "the host name '$name' is not known here: ./dev sets ROS_IP=127.0.0.1, so nodes on other machines cannot reach these"; fi
+  if [ -z "$ROS_IP$ROS_HOSTNAME" ] && [ "${master:-localhost}" != localhost ] && [ "$master" != 127.0.0.1 ]; then
+    note "the master is on '$master': set ROS_IP to this machine's address there, or its nodes cannot answer"
+  fi
+  if [ "$(date +%s)" -gt "$(stat -c %Y "$here/package.xml")" ]; then good "the clock says $(date '+%F %T')"
+  else bad "the clock says $(date '+%F %T'), which is before this repository was made"; fi
+}
+
+check_display() {
+  echo "Windows"
+  if [ -z "$DISPLAY" ]; then note "no display (DISPLAY is empty): ./dev launch runs without RViz"
+  elif [[ $DISPLAY =~ ^:([0-9]+) ]] && [ ! -S "/tmp/.X11-unix/X${BASH_REMATCH[1]}" ]; then
+    bad "DISPLAY=$DISPLAY, but no X server is there: unset DISPLAY, or ./dev launch gui:=false"
+  else good "display $DISPLAY"; fi
+}
+
+check_system
+check_installation
+check_network
+check_display
+if [ "$problems" -eq 0 ]; then echo "No problem found."; else echo "$problems problem(s) found."; exit 1; fi

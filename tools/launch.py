@@ -1,0 +1,203 @@
+"""`./dev launch`: roslaunch that checks the arguments first and exits with 1 when a required node failed.
+
+Usage: launch.py FILE.launch [name:=value ...] [options of roslaunch]. FILE is one of this package or a path.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+import shlex
+import shutil
+import sys
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Set
+from xml.etree import ElementTree
+
+import roslaunch
+import roslaunch.arg_dump
+import roslaunch.parent
+import roslaunch.pmon
+import rospkg
+from roslaunch import substitution_args
+
+PACKAGE = "husky_highlevel_controller"
+PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
+COMPAT = PACKAGE_FOLDER / "compat"
+# programs that open a window of their own around a node, as in launch-prefix="xterm -e"
+TERMINALS = {
+    "xterm",
+    "gnome-terminal",
+    "konsole",
+    "xfce4-terminal",
+    "terminator",
+    "x-terminal-emulator",
+    "urxvt",
+}
+
+
+def say(sentence: str) -> None:
+    """Print a sentence in the way of ./dev."""
+    print(f"[dev] {sentence}", file=sys.stderr, flush=True)
+
+
+def find_launch_file(name: str) -> Path:
+    """The launch file called `name`: one of this package, or any by its path."""
+    own = PACKAGE_FOLDER / "launch" / name
+    path = own if own.is_file() and "/" not in name else Path(name)
+    if not path.is_file():
+        known = ", ".join(sorted(file.name for file in (PACKAGE_FOLDER / "launch").glob("*.launch")))
+        raise SystemExit(f"[dev] error: no launch file '{name}'; this package has {known}")
+    return path.absolute()
+
+
+def declared_arguments(file: Path) -> Optional[Set[str]]:
+    """Names of the arguments that a launch file takes; None if that cannot be said before it runs.
+
+    An include with pass_all_args hands down what the file itself does not declare.
+    """
+    try:
+        names = set(roslaunch.arg_dump.get_args([str(file)]))
+        for include in ElementTree.parse(file).iter("include"):
+            if include.get("pass_all_args", "").lower() in ("1", "true"):
+                context = {"filename": str(file), "arg": {}}
+                inner = declared_arguments(
+                    Path(substitution_args.resolve_args(include.get("file"), context=context))
+                )
+                if inner is None:
+                    return None
+                names |= inner
+    except Exception:  # roslaunch reports what is wrong with the file, with more words
+        return None
+    return names
+
+
+def check_arguments(file: Path, given: List[str]) -> None:
+    """Refuse an argument that the launch file does not take; roslaunch would ignore it in silence."""
+    declared = declared_arguments(file)
+    if declared is None:
+        return
+    for argument in given:
+        name, assigned, _ = argument.partition(":=")
+        if assigned and not name.startswith("_") and name not in declared:
+            near = difflib.get_close_matches(name, declared, n=1)
+            hint = f"did you mean '{near[0]}'? " if near else ""
+            known = ", ".join(sorted(declared)) or "none"
+            raise SystemExit(f"[dev] error: {file.name} has no argument '{name}'; {hint}It takes: {known}")
+
+
+def drop_missing_terminals(config: Any) -> None:
+    """Start nodes whose launch-prefix is a terminal without it where it cannot open."""
+    for node in config.nodes:
+        program = shlex.split(node.launch_prefix or "")[:1]
+        if not program:
+            continue
+        missing = shutil.which(program[0]) is None
+        if missing or (Path(program[0]).name in TERMINALS and not os.environ.get("DISPLAY")):
+            why = "is not installed" if missing else "has no display"
+            prefix = f"launch-prefix '{node.launch_prefix}'"
+            say(f"warning: node {node.name} starts without {prefix}: {program[0]} {why}")
+            node.launch_prefix = None
+
+
+def package_of(file: Path) -> Optional[Path]:
+    """The folder of the ROS package that a file lies in."""
+    return next((folder for folder in file.parents if (folder / "package.xml").is_file()), None)
+
+
+def hide_own_package() -> None:
+    """Take this package's workspace out of the environment: another package has its name."""
+    own = str(PACKAGE_FOLDER / ".dev")
+    for variable in ("ROS_PACKAGE_PATH", "CMAKE_PREFIX_PATH", "PYTHONPATH"):
+        paths = os.environ.get(variable, "").split(os.pathsep)
+        os.environ[variable] = os.pathsep.join(path for path in paths if path and not path.startswith(own))
+
+
+def find_packages_for(file: Path) -> None:
+    """Make a launch file's own package found first, and stand-ins for missing Gazebo packages."""
+    package = package_of(file.resolve())
+    if package == PACKAGE_FOLDER:
+        package = None
+    if package and (ElementTree.parse(package / "package.xml").findtext("name") or "").strip() == PACKAGE:
+        hide_own_package()
+    paths = [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
+    if package:
+        paths.insert(0, str(package))
+    os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(paths)
+    known = set(rospkg.RosPack().list())
+    paths += [str(folder) for folder in sorted(COMPAT.iterdir()) if folder.name not in known]
+    os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(paths)
+
+
+def adapt(config: Any) -> None:
+    """Make the nodes of a launch file for Gazebo and a desktop start here."""
+    drop_missing_terminals(config)
+    names = {node.type for node in config.nodes}
+    if "/gazebo_world/world_name" in config.params and "spawn_husky" not in names:
+        say("warning: the launch file has a world but no robot (husky_gazebo/launch/spawn_husky.launch)")
+    if any(node.package == "rviz" and node.name != "gazebo_gui" for node in config.nodes):
+        config.nodes = [node for node in config.nodes if node.name != "gazebo_gui"]  # one window is enough
+
+
+class Failures(roslaunch.pmon.ProcessListener):
+    """Remembers how nodes ended."""
+
+    def __init__(self) -> None:
+        self.required: Set[str] = set()
+        self.first: Optional[str] = None
+        self.exit_code = 0
+
+    def process_died(self, process_name: str, exit_code: Optional[int]) -> None:
+        """Roslaunch calls it when a process has ended by itself."""
+        node = process_name.rsplit("-", 1)[0]
+        if self.first is None and exit_code and node in self.required:
+            self.first, self.exit_code = process_name, exit_code
+
+
+def last_fatal(process_name: str, log_folder: Path) -> Optional[str]:
+    """The last FATAL message that a rospy node wrote into its log."""
+    for log in log_folder.glob(f"{process_name}.log"):
+        found = re.findall(
+            r"\]\[(?:FATAL|CRITICAL)\][^:]*:\d+:\d+,\d+: (.*)", log.read_text(errors="replace")
+        )
+        if found:
+            return found[-1]
+    return None
+
+
+def launch(file: Path, options: List[str]) -> int:
+    """Run roslaunch; 0, or 1 if a required node failed."""
+    failures = Failures()
+    run: Dict[str, str] = {}
+
+    class Parent(roslaunch.parent.ROSLaunchParent):
+        def __init__(self, run_id: str, *arguments: Any, **named: Any) -> None:
+            run["id"] = run_id
+            super().__init__(run_id, *arguments, process_listeners=[failures], **named)
+
+        def _load_config(self) -> None:  # the only place between reading the file and starting its nodes
+            super()._load_config()
+            adapt(self.config)
+            failures.required = {node.name for node in self.config.nodes if node.required}
+
+    roslaunch.parent.ROSLaunchParent = Parent
+    roslaunch.main(["roslaunch", str(file), *options])
+    if failures.first is None:
+        return 0
+    name = failures.first.rsplit("-", 1)[0]
+    sentence = last_fatal(failures.first, Path(rospkg.get_log_dir()) / run["id"])
+    say(f"error: {name}: {sentence or f'ended with exit code {failures.exit_code}'}")
+    return 1
+
+
+def main() -> int:
+    """Check, then launch."""
+    file = find_launch_file(sys.argv[1])
+    find_packages_for(file)
+    check_arguments(file, sys.argv[2:])
+    return launch(file, sys.argv[2:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,98 @@
+// Drives from the page: keys W A S D and the pad, as long as they are held, and the emergency stop.
+// What is held is sent again and again; where the page, the network or the key goes, nothing is sent, and the robot stops.
+(() => {
+  "use strict";
+  const PERIOD = 50; // [ms] between two commands while something is held
+  const KEYS = { KeyW: [1, 0], KeyS: [-1, 0], KeyA: [0, 1], KeyD: [0, -1] };
+  const held = new Set();
+  let pad = null; // [linear, angular], each -1..1, while the pad is dragged
+  let socket = null;
+  let timer = null;
+
+  const connect = () => {
+    socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/drive`);
+    socket.onclose = () => setTimeout(connect, 1000);
+  };
+  const send = (message) => {
+    if (socket !== null && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+  };
+  const command = () => {
+    if (pad !== null) return pad;
+    const sum = [0, 0];
+    held.forEach((code) => KEYS[code].forEach((value, index) => (sum[index] += value)));
+    return sum;
+  };
+  const isHeld = () => pad !== null || held.size > 0;
+  const update = () => {
+    const [linear, angular] = command();
+    if (isHeld()) {
+      send({ linear, angular });
+      if (timer === null) timer = setInterval(update, PERIOD);
+    } else if (timer !== null) {
+      clearInterval(timer);
+      timer = null;
+      send({ linear: 0, angular: 0 });
+    }
+    drawKnob(linear, angular);
+  };
+  const release = () => {
+    held.clear();
+    pad = null;
+    update();
+  };
+  const drawKnob = (linear, angular) => {
+    document.querySelectorAll(".husky-knob").forEach((knob) => {
+      knob.style.transform = `translate(${-angular * 60}px, ${-linear * 60}px)`;
+    });
+  };
+
+  const isTyping = (target) =>
+    target instanceof Element && target.closest("input, textarea, select, [contenteditable=true]") !== null;
+  window.addEventListener("keydown", (event) => {
+    if (!(event.code in KEYS) || event.ctrlKey || event.altKey || event.metaKey || isTyping(event.target)) return;
+    event.stopImmediatePropagation(); // the camera would fly off by the same keys
+    event.preventDefault();
+    if (!event.repeat) {
+      held.add(event.code);
+      update();
+    }
+  }, true);
+  window.addEventListener("keyup", (event) => {
+    if (held.delete(event.code)) {
+      event.stopImmediatePropagation();
+      update();
+    }
+  }, true);
+  window.addEventListener("blur", release);
+  window.addEventListener("pagehide", release);
+  document.addEventListener("visibilitychange", () => { if (document.hidden) release(); });
+
+  const clamp = (value) => Math.max(-1, Math.min(1, value));
+  const follow = (element, event) => {
+    const box = element.getBoundingClientRect();
+    const half = box.width / 2;
+    pad = [clamp((box.top + half - event.clientY) / (0.8 * half)), clamp((box.left + half - event.clientX) / (0.8 * half))];
+    update();
+  };
+  document.addEventListener("pointerdown", (event) => {
+    const element = event.target instanceof Element ? event.target.closest(".husky-pad") : null;
+    if (element === null) return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    element.setPointerCapture(event.pointerId);
+    element.onpointermove = (move) => follow(element, move);
+    element.onpointerup = element.onpointercancel = element.onlostpointercapture = () => {
+      element.onpointermove = null;
+      release();
+    };
+    follow(element, event);
+  }, true);
+  document.addEventListener("click", (event) => {
+    const button = event.target instanceof Element ? event.target.closest("[data-husky-e-stop]") : null;
+    if (button !== null) send({ e_stop: button.dataset.huskyEStop === "true" });
+  }, true);
+  window.addEventListener("load", () => {
+    if (location.search.includes("token=")) history.replaceState(null, "", "/"); // it is a cookie by now
+  });
+  connect();
+})();
