@@ -33,6 +33,8 @@ ARGUMENTS = [
     "laser_topic:=scan",
     "laser_prefix:=base",
     "kinect_enabled:=false",
+    "profile:=robot",
+    "ground:=soft",
     "paused:=true",
     "use_sim_time:=false",
     "headless:=true",
@@ -43,6 +45,9 @@ ARGUMENTS = [
     "yaw:=3",
     "lockstep:=false",
     "seed:=7",
+    "web:=false",
+    "web_address:=localhost",
+    "web_port:=8090",
     "rviz:=false",
 ]
 
@@ -126,7 +131,7 @@ def start_node(core, executable, name, config, parameters):
 def start_simulator(core, **changes):
     parameters = {
         "world_name": "singlePillar.world", "x": 0.0, "y": 0.0, "yaw": 0.0, "seed": 0,
-        "real_time_factor": 1.0, "lockstep": False, "paused": False, "kinect_enabled": False,
+        "profile": "gazebo", "ground": "hard", "real_time_factor": 1.0, "lockstep": False, "paused": False, "kinect_enabled": False,
         "laser_frame": "front_laser", **changes,
     }  # fmt: skip
     core.master("setParam", "/robot_description", parameters.pop("/robot_description", robot_description()))
