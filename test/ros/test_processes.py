@@ -131,8 +131,8 @@ def start_node(core, executable, name, config, parameters):
 def start_simulator(core, **changes):
     parameters = {
         "world_name": "singlePillar.world", "x": 0.0, "y": 0.0, "yaw": 0.0, "seed": 0,
-        "profile": "gazebo", "ground": "hard", "real_time_factor": 1.0, "lockstep": False, "paused": False, "kinect_enabled": False,
-        "laser_frame": "front_laser", **changes,
+        "profile": "gazebo", "ground": "hard", "real_time_factor": 1.0, "lockstep": False, "paused": False,
+        "kinect_enabled": False, "laser_frame": "front_laser", **changes,
     }  # fmt: skip
     core.master("setParam", "/robot_description", parameters.pop("/robot_description", robot_description()))
     return start_node(core, "husky_simulator", "/husky_simulator", "simulator.yaml", parameters)
