@@ -12,7 +12,9 @@ import yaml
 
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
+from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.evaluate import ROBOT_DETECTOR, ROBOT_GAINS
 from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
@@ -218,6 +220,42 @@ def test_every_parameter_says_what_it_is_and_its_default_is_allowed(record):
             assert item.metadata["min"] <= getattr(record(), item.name) <= item.metadata["max"], item.name
         else:
             assert hints[item.name] in (bool, str) or is_dataclass(hints[item.name]), item.name
+
+
+@pytest.mark.parametrize(
+    ("record", "name", "least", "most"),
+    [
+        (ControlConfig, "p_gain_vel", 0.0, 10.0),
+        (ControlConfig, "p_gain_ang", 0.0, 10.0),
+        (ControlConfig, "stop_distance", 0.0, 10.0),
+        (ControlConfig, "max_linear", 0.0, 1.0),
+        (ControlConfig, "max_angular", 0.0, 2.0),
+        (ControlConfig, "arrival_tolerance", 0.001, 0.09),
+        (ControlConfig, "search_rate", 0.05, 2.0),
+        (ControlConfig, "search_radius_step", 0.1, 10.0),
+        (PillarConfig, "pillar_radius", 0.02, 2.0),
+        (PillarConfig, "radius_tolerance", 0.001, 1.0),
+        (PillarConfig, "max_residual", 0.001, 0.5),
+        (PillarConfig, "range_noise", 0.0001, 0.2),
+        (PillarConfig, "min_beams", 2, 100),
+        (ProximityConfig, "margin", 0.0, 1.0),
+        (ProximityConfig, "reaction_time", 0.0, 2.0),
+        (ProximityConfig, "braking", 0.1, 10.0),
+        (CrashConfig, "max_loss", 0.01, 5.0),
+        (CrashConfig, "window", 0.02, 0.5),
+        (CrashConfig, "max_loss_rough", 0.01, 5.0),
+        (CrashConfig, "vibration_factor", 0.0, 20.0),
+        (CrashConfig, "odometry_delay", 0.0, 0.5),
+    ],
+)
+def test_what_moves_or_stops_the_robot_is_taken_within_its_range_and_refused_outside(
+    record, name, least, most
+):
+    step = 1 if isinstance(least, int) else 1e-6
+    for bound, beyond in ((least, least - step), (most, most + step)):
+        assert getattr(read_config({**vars(record()), name: bound}, "~", record)[0], name) == bound
+        with pytest.raises(ConfigError, match=f"~{name} = "):
+            read_config({**vars(record()), name: beyond}, "~", record)
 
 
 @pytest.mark.parametrize("value", [10**400, -(10**400), float("inf"), float("nan")])

@@ -12,8 +12,6 @@ from scenes import UPRIGHT, UPSIDE_DOWN
 
 from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.controller.control import (
-    TOUCH_LEAST_SPEED,
-    TOUCH_SPEED,
     ControlConfig,
     Target,
     limited,
@@ -112,11 +110,12 @@ def test_a_pillar_beside_the_robot_touches_when_it_meets_its_side():
     assert remaining_distance(at(0.0, HALF_WIDTH + 0.2 + 0.3), TOUCHING) == pytest.approx(0.3)
 
 
-def test_the_last_of_the_way_to_a_touch_is_slow_but_never_stands():
-    speeds = [steer(ahead(0.1567 + 0.01 * step), TOUCHING).linear for step in range(1, 24)]
-    assert max(speeds) <= TOUCH_SPEED
+def test_the_last_quarter_metre_to_a_touch_is_slow_but_never_stands():
+    speeds = [steer(ahead(0.1567 + 0.01 * step), TOUCHING).linear for step in range(1, 25)]
+    assert max(speeds) == pytest.approx(0.1)
+    assert steer(ahead(0.1567 + 0.26), TOUCHING).linear > 0.4
     for config in (TOUCHING, ControlConfig(p_gain_vel=0.1, stop_distance=0.0)):
-        assert steer(ahead(0.1567), config).linear == pytest.approx(TOUCH_LEAST_SPEED)
+        assert steer(ahead(0.1567), config).linear == pytest.approx(0.04)
 
 
 def test_without_a_gain_it_does_not_drive():

@@ -100,6 +100,15 @@ def test_who_stands_is_not_too_close_however_near_it_is():
     assert verdict(wall_ahead(0.02), linear=0.01, angular=0.01) is None, "odometry has noise"
 
 
+@pytest.mark.parametrize(
+    ("linear", "angular", "moving"),
+    [(0.019, 0.0, False), (0.021, 0.0, True), (0.0, 0.049, False), (0.0, 0.051, True)],
+)
+def test_slower_than_2_cm_a_second_and_3_degrees_a_second_is_the_noise_of_standing(linear, angular, moving):
+    for side in (1.0, -1.0):
+        assert is_moving(Twist2D(side * linear, side * angular)) is moving
+
+
 def test_who_backs_off_is_not_too_close():
     assert verdict(wall_ahead(0.02), linear=-0.5) is None
 
@@ -260,7 +269,7 @@ def test_turning_is_braked_with_the_drive_s_6_rad_s2_no_sooner_and_no_later(side
             (corner + 0.09) * cos(nearest + turn), side * (corner + 0.09) * sin(nearest + turn), radius=0.04
         )
 
-    assert verdict(beside(0.85), angular=side * 2.0) is not None
+    assert verdict(beside(0.95), angular=side * 2.0) is not None
     assert verdict(beside(1.10), angular=side * 2.0) is None
 
 

@@ -114,3 +114,125 @@ def test_free_running_obeys_every_command(impatient, warnings):
         steps.wait_for_answer(nothing, nothing)  # in vain
         steps.answer("cmd_vel")
         assert not steps.drops("cmd_vel")
+
+
+# ---------------------------------------------------------------------------- how long it waits
+
+
+class Clock:
+    """Wall time that goes on by what is waited for, and by 0.05 s with each look for service calls."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+    def look(self):
+        self.now += 0.05
+
+
+class Controller:
+    """Stands in for the processes that receive the scans."""
+
+    def __init__(self, asleep):
+        self.is_asleep = asleep
+
+    def asleep(self):
+        return self.is_asleep
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(lockstep, "time", clock)
+    monkeypatch.setattr(lockstep, "POLL_PERIOD", 0.0)
+    monkeypatch.setattr(rospy, "loginfo", nothing_of)
+    monkeypatch.setattr(rospy, "loginfo_once", nothing_of)
+    return clock
+
+
+def nothing_of(_):
+    """A log without lines."""
+
+
+def begun(asleep):
+    """Lockstep that has had its first command."""
+    steps = make(True)
+    steps._listeners = Controller(asleep)
+    steps.answer("cmd_vel")
+    return steps
+
+
+def test_a_controller_that_computes_has_five_seconds_for_a_command(clock, warnings):
+    steps = begun(asleep=False)
+    steps.begin_scan()
+    steps.wait_for_answer(clock.look, pytest.fail)
+    assert clock.now == pytest.approx(5.0, abs=0.2)
+    assert "after 5 s of wall time no command answers the scan" in warnings[0]
+
+
+def test_without_a_controller_time_begins_after_a_minute(clock, warnings):
+    class Nobody:
+        resolved_name = "/front/scan"
+
+        def get_num_connections(self):
+            return 0
+
+    make(True).wait_for_partner([Nobody()], Nobody(), [], clock.look)
+    assert clock.now == pytest.approx(60.0, abs=0.2)
+    assert "after 60 s of wall time there is no subscriber of /front/scan" in warnings[0]
+
+
+def test_the_first_scan_is_sent_again_after_a_second(clock):
+    steps, sent = make(True), []
+    steps._listeners = Controller(asleep=False)
+
+    def resend():
+        sent.append(clock.now)
+        steps.answer("cmd_vel")
+
+    steps.begin_scan()
+    steps.wait_for_answer(clock.look, resend)
+    assert sent == [pytest.approx(1.0, abs=0.1)]
+
+
+def test_a_controller_that_sleeps_is_waited_for_a_third_of_a_second_and_then_no_longer(clock, warnings):
+    steps = begun(asleep=True)
+    steps.begin_scan()
+    steps.wait_for_answer(clock.look, pytest.fail)
+    assert clock.now == pytest.approx(0.3, abs=0.1)
+    asleep_from = clock.now
+    for _ in range(20):
+        steps.begin_scan()
+        steps.wait_for_answer(clock.look, pytest.fail)
+    assert clock.now - asleep_from < 20 * 0.1
+    assert warnings == []
+
+
+def test_ten_scans_answered_in_a_row_end_the_sleep(clock):
+    steps = begun(asleep=True)
+    steps.begin_scan()
+    steps.wait_for_answer(clock.look, pytest.fail)
+    for answered in range(1, 11):
+        steps.begin_scan()
+        steps.answer("cmd_vel")
+        assert not steps.drops("cmd_vel"), f"asleep, after {answered - 1} answers"
+        steps.wait_for_answer(clock.look, pytest.fail)
+    steps.begin_scan()
+    steps.answer("cmd_vel")
+    assert steps.drops("cmd_vel"), "it answers every scan again"
+
+
+def test_a_sleeping_controller_that_stays_busy_ends_lockstep(clock, warnings):
+    steps = begun(asleep=True)
+    steps.begin_scan()
+    steps.wait_for_answer(clock.look, pytest.fail)
+    steps._listeners.is_asleep = False
+    before = clock.now
+    steps.settle(clock.look)
+    assert clock.now - before == pytest.approx(5.0, abs=0.2)
+    assert "a controller that sleeps between scans is still busy" in warnings[0]

@@ -1,0 +1,189 @@
+"""The search's legs and turns, what counts as near, and which way is free."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import atan2, cos, degrees, hypot, pi, radians, sin
+
+import numpy as np
+import pytest
+from scenes import UPSIDE_DOWN, look
+
+from husky_highlevel_controller.controller.control import ControlConfig, target_at
+from husky_highlevel_controller.controller.search import (
+    Search,
+    free_bearing,
+    is_free,
+    near_points,
+    search_on,
+)
+from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Twist2D
+from husky_highlevel_controller.evaluation.scenarios import SICK, scan_of
+from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH
+
+CONFIG = ControlConfig()
+NOTHING = np.empty((0, 2))
+LOOK_AHEAD = 1.0  # [m], free way wanted ahead of the hull
+INCREMENT = 2.0 * SICK.angle_max / (SICK.beams - 1)  # [rad]
+
+
+def point(x, y=0.0):
+    return np.array([[x, y]])
+
+
+# ---------------------------------------------------------------------------- legs and turns
+
+
+def legs(config=CONFIG, count=5):
+    """(turn before it [rad], length [m]) of the first legs in free space, by 0.1 rad and 0.05 m at a time."""
+    search, pose, found = Search(), Pose2D(), []
+    turned = before = driven = 0.0
+    while len(found) < count:
+        search, twist = search_on(search, pose, NOTHING, config)
+        if twist.angular > 0.0:
+            if driven > 0.0:
+                found.append((before, driven))
+                driven, turned = 0.0, 0.0
+            pose = pose._replace(yaw=pose.yaw + 0.1)
+            turned += 0.1
+        elif twist.linear > 0.0:
+            before = turned
+            pose = pose._replace(x=pose.x + 0.05)
+            driven += 0.05
+    return found
+
+
+def test_it_looks_all_round_and_then_drives_a_square_that_widens_every_second_leg():
+    turns, lengths = zip(*legs())
+    assert lengths == pytest.approx((1.5, 1.5, 3.0, 3.0, 4.5), abs=0.06)
+    assert turns[0] == pytest.approx(2.0 * pi, abs=0.11)
+    # all round, and a quarter on to the next side
+    assert turns[1:] == pytest.approx([2.5 * pi] * 4, abs=0.11)
+
+
+def test_the_search_widens_by_its_parameter():
+    lengths = [length for _, length in legs(replace(CONFIG, search_radius_step=0.5), 3)]
+    assert lengths == pytest.approx([0.5, 0.5, 1.0], abs=0.06)
+
+
+def test_it_turns_at_its_parameter_and_drives_at_half_a_metre_a_second():
+    assert search_on(Search(), Pose2D(), NOTHING, CONFIG)[1] == Twist2D(0.0, 0.5)
+    assert search_on(Search(), Pose2D(), NOTHING, replace(CONFIG, search_rate=0.3))[1] == Twist2D(0.0, 0.3)
+    leg = Search(leg=1, to_turn=0.0, to_drive=1.0)
+    assert search_on(leg, Pose2D(), NOTHING, CONFIG)[1] == Twist2D(0.5, 0.0)
+
+
+@pytest.mark.parametrize(("clearance", "goes_on"), [(LOOK_AHEAD - 0.02, False), (LOOK_AHEAD + 0.02, True)])
+def test_a_leg_ends_a_metre_before_what_stands_ahead_with_a_quarter_turn(clearance, goes_on):
+    leg = Search(leg=1, to_turn=0.0, to_drive=5.0)
+    search, twist = search_on(leg, Pose2D(), point(HALF_LENGTH + clearance), CONFIG)
+    assert (twist != STOP) is goes_on
+    assert search.to_drive == (5.0 if goes_on else 0.0)
+    assert search.to_turn == (0.0 if goes_on else pytest.approx(pi / 2.0))
+
+
+# ---------------------------------------------------------------------------- what is near
+
+
+def scan_with(readings):
+    """All beams without a return but those of {beam: range}."""
+    ranges = np.full(SICK.beams, np.inf)
+    ranges[list(readings)] = list(readings.values())
+    return scan_of(ranges)
+
+
+AWAY = Pose((5.0, 0.0, 0.0))  # a lidar far from the robot's own body
+
+
+def ranges_near(readings, laser=AWAY):
+    points = near_points(scan_with(readings), laser, None)
+    return sorted(round(hypot(x - laser.position[0], y), 3) for x, y in points.tolist())
+
+
+def test_near_is_within_two_metres_of_the_lidar():
+    readings = {300: 1.95, 301: 1.95, 400: 2.05, 401: 2.05, 500: 0.5, 501: 0.5}
+    assert ranges_near(readings) == [0.5, 0.5, 1.95, 1.95]
+
+
+def test_a_return_without_a_neighbour_is_speckle():
+    assert ranges_near({300: 1.0}) == []
+    assert ranges_near({300: 1.0, 302: 1.0}) == [1.0, 1.0], "one beam between them may be missing"
+    assert ranges_near({300: 1.0, 303: 1.0}) == []
+    assert ranges_near({300: 1.0, 301: 1.19}) == [1.0, 1.19]
+    assert ranges_near({300: 1.0, 301: 1.21}) == [], "another body"
+    assert ranges_near({300: 1.0, 301: 1.0, 302: 1.5, 400: 0.5}) == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(("beyond", "kept"), [(0.007, 0), (0.015, 2)])
+def test_returns_within_a_centimetre_of_the_outline_are_the_robot_itself(beyond, kept):
+    laser = Pose()
+    middle = (SICK.beams - 1) / 2.0
+    beams = [int(middle), int(middle) + 1]
+    assert len(near_points(scan_with(dict.fromkeys(beams, HALF_LENGTH + beyond)), laser, None)) == kept
+
+
+@pytest.mark.parametrize(("off", "kept"), [(0.12, 0), (0.18, 2)])
+def test_what_is_within_15_cm_of_the_pillar_is_not_in_the_way_to_it(off, kept):
+    target = target_at((6.5, 0.0), 0.2, AWAY)
+    middle = (SICK.beams - 1) / 2.0
+    scan = scan_with(dict.fromkeys([int(middle), int(middle) + 1], 1.5 - 0.2 - off))
+    assert len(near_points(scan, AWAY, target)) == kept
+    assert len(near_points(scan, AWAY, None)) == 2
+
+
+def test_points_are_where_the_bodies_are_whichever_way_up_the_lidar_hangs():
+    x, y, z = UPSIDE_DOWN.position
+    scan = look([(1.2, -0.9, 0.1)])  # in the lidar's frame: on its right, which is the robot's left
+    points = near_points(scan, UPSIDE_DOWN, None)
+    assert len(points) > 5
+    distances = np.hypot(points[:, 0] - x - 1.2, points[:, 1] - y - 0.9)
+    assert distances == pytest.approx(0.1, abs=1e-6)
+
+
+# ---------------------------------------------------------------------------- which way is free
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("beside", "free"), [(0.14, False), (0.16, True)])
+def test_a_free_way_is_15_cm_wider_than_the_robot_on_each_side(beside, free, side):
+    assert is_free(point(0.8, side * (HALF_WIDTH + beside)), 0.0, LOOK_AHEAD) is free
+    assert is_free(point(-0.8, side * (HALF_WIDTH + beside)), 0.0, LOOK_AHEAD)
+
+
+def test_a_free_way_is_as_long_as_asked_and_counts_from_the_hull():
+    assert not is_free(point(HALF_LENGTH + 0.48), 0.0, 0.5)
+    assert is_free(point(HALF_LENGTH + 0.52), 0.0, 0.5)
+    assert is_free(point(0.0, HALF_LENGTH + 0.48), 0.0, 0.5)
+    assert not is_free(point(0.0, HALF_LENGTH + 0.48), pi / 2.0, 0.5)
+    assert is_free(NOTHING, 0.0, 100.0)
+
+
+def ring(gap_at, radius=1.4):
+    """Points all round but towards `gap_at` [rad], where just one way is free."""
+    half = np.arcsin((HALF_WIDTH + 0.16) / radius)
+    angles = np.linspace(0.0, 2.0 * pi, 720) + gap_at + half
+    angles = angles[(angles - gap_at) < 2.0 * pi - half]
+    return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+@pytest.mark.parametrize("gap", [30, -45, 105, -120])
+def test_it_finds_the_one_way_that_is_free_in_steps_of_15_degrees(gap):
+    assert degrees(free_bearing(ring(radians(gap)), 0.0, LOOK_AHEAD)) == pytest.approx(gap)
+
+
+def test_it_looks_for_a_way_no_farther_round_than_120_degrees():
+    assert free_bearing(ring(radians(135)), 0.0, LOOK_AHEAD) is None
+    assert degrees(free_bearing(ring(radians(135)), radians(30), LOOK_AHEAD)) == pytest.approx(135.0)
+
+
+def test_the_wanted_way_is_taken_if_it_is_free_however_short_it_is():
+    assert free_bearing(point(1.2), 0.0, 0.5) == 0.0
+    assert free_bearing(point(1.2), 0.0, 1.0) != 0.0
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_of_two_equally_near_ways_the_one_that_the_robot_faces_more_is_taken(side):
+    wanted = side * 0.6
+    post = point(1.2 * cos(wanted), 1.2 * sin(wanted))
+    assert abs(free_bearing(post, wanted, LOOK_AHEAD)) < 0.6
+    assert atan2(post[0, 1], post[0, 0]) == pytest.approx(wanted)
