@@ -48,6 +48,36 @@ class Segment(NamedTuple):
         return 0.5 * (self.beams[0] + self.beams[-1])
 
 
+class Segments(NamedTuple):
+    """Many segments of one scan (S of them) in arrays, without a list for each."""
+
+    beams: np.ndarray  # (B,) of all segments, one after the other, ascending in each
+    ranges: np.ndarray  # (B,) [m]
+    counts: np.ndarray  # (S,) beams of each
+    near: np.ndarray  # (S,) [m], the shortest range of each
+    step: float  # [rad], from one beam of the scan to the next
+
+    @property
+    def starts(self) -> np.ndarray:
+        """Where each begins in `beams` and `ranges`, (S,)."""
+        starts: np.ndarray = np.cumsum(self.counts) - self.counts
+        return starts
+
+    def those(self, chosen: np.ndarray) -> Segments:
+        """Those for which `chosen`, (S,) bool, is true."""
+        of = np.repeat(chosen, self.counts)
+        return Segments(self.beams[of], self.ranges[of], self.counts[chosen], self.near[chosen], self.step)
+
+    def one_by_one(self) -> List[Segment]:
+        """Each by itself."""
+        beams, ranges = self.beams.tolist(), self.ranges.tolist()
+        bounds = zip(self.starts.tolist(), self.counts.tolist(), self.near.tolist())
+        return [
+            Segment(beams[start : start + count], ranges[start : start + count], near, self.step)
+            for start, count, near in bounds
+        ]
+
+
 class Circle(NamedTuple):
     """A fitted circle."""
 

@@ -10,15 +10,14 @@ fit decides about the rest, so that the pillars found are the same as without th
 
 from __future__ import annotations
 
-from itertools import chain
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.controller.circle_fit import (
     MAX_STEPS,
     MIN_COSINE,
-    Segment,
+    Segments,
     fit_step,
     line_misfit,
 )
@@ -54,8 +53,8 @@ class _Fits(NamedTuple):
     last: np.ndarray  # beam
 
 
-def may_be_pillars(scan: Scan, segments: Sequence[Segment], limits: Limits) -> List[Segment]:
-    """The segments, in their order, that the exact fit may find to be pillars.
+def may_be_pillars(scan: Scan, segments: Segments, limits: Limits) -> Segments:
+    """The segments that the exact fit may find to be pillars.
 
     Args:
         scan: that they are of.
@@ -63,34 +62,32 @@ def may_be_pillars(scan: Scan, segments: Sequence[Segment], limits: Limits) -> L
         limits: what a pillar's circle meets.
     """
     fits = _geometric_fits(segments, limits.radius, limits.noise)
-    round_enough = (
+    kept = (
         (fits.x > fits.near - _MARGIN)
         & (fits.residual <= limits.max_residual + _MARGIN)
         & (np.abs(fits.radius - limits.radius) <= limits.tolerance + _MARGIN)
         & (fits.line_lead < limits.line_odds + _ODDS_MARGIN)
     )
-    (kept,) = round_enough.nonzero()
     fits = _Fits(*(column[kept] for column in fits))
     missing, hidden = _silhouettes(scan, fits, 4.0 * limits.max_residual)
     framed = (missing <= fits.counts // 10) & (
         (hidden == 0) | (fits.line_lead < limits.hidden_odds + _ODDS_MARGIN)
     )
-    return [segments[index] for index in kept[framed].tolist()]
+    kept[kept] = framed
+    return segments.those(kept)
 
 
-def _geometric_fits(segments: Sequence[Segment], radius: float, noise: float) -> _Fits:
+def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     """Every segment's circle, made as `fit_circle` refines one, and the lead of its line."""
-    near = np.array([segment.near for segment in segments])
-    count = np.array([len(segment.beams) for segment in segments])
-    starts = np.cumsum(count) - count
-    of = np.repeat(np.arange(len(segments)), count)  # which segment a beam is of
-    beams = np.array(list(chain.from_iterable(segment.beams for segment in segments)))
-    ranges = np.array(list(chain.from_iterable(segment.ranges for segment in segments)))
+    beams, ranges, count, near, step = segments
+    starts = segments.starts
+    of = np.repeat(np.arange(len(count)), count)  # which segment a beam is of
     first, last = beams[starts], beams[starts + count - 1]
-    angles = segments[0].step * (beams - (0.5 * (first + last))[of])
+    angles = step * (beams - (0.5 * (first + last))[of])
     cosines, sines = np.cos(angles), np.sin(angles)
     px, py, origin = ranges * cosines, ranges * sines, near + radius
-    x, y, r = np.zeros(len(segments)), np.zeros(len(segments)), np.full(len(segments), radius)
+    x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
+    terms = np.empty((9, len(beams)))  # products of two derivatives, or of one and the error
     for steps_left in range(MAX_STEPS, -1, -1):
         dx, dy = (origin + x)[of] - px, y[of] - py
         rho = np.maximum(np.sqrt(dx * dx + dy * dy), 1e-9)
@@ -98,12 +95,15 @@ def _geometric_fits(segments: Sequence[Segment], radius: float, noise: float) ->
         dy /= rho
         error = rho - r[of]
         cosine = np.maximum(dx * cosines + dy * sines, MIN_COSINE)
-        weight = 1.0 / (cosine * cosine)
+        weight = np.divide(1.0, cosine * cosine, out=terms[7])
         if steps_left == 0:
             break
         wx, wy, we = weight * dx, weight * dy, weight * error
-        terms = np.stack((wx * dx, wx * dy, -wx, wx * error, wy * dy, -wy, wy * error, weight, -we))
-        xx, xy, xr, xe, yy, yr, ye, rr, re = np.add.reduceat(terms, starts, axis=1)
+        for row, (one, other) in enumerate(((wx, dx), (wx, dy), (wx, error), (wy, dy), (wy, error))):
+            np.multiply(one, other, out=terms[row])
+        terms[5], terms[6], terms[8] = wx, wy, we
+        xx, xy, xe, yy, ye, xr, yr, rr, re = np.add.reduceat(terms, starts, axis=1)
+        xr, yr, re = -xr, -yr, -re
         # the fourth row, of the error, takes no part in a step
         products = [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, rr, re], []]
         step_x, step_y, step_r = fit_step((x, y, r), products, radius)

@@ -19,6 +19,7 @@ import numpy as np
 from husky_highlevel_controller.controller.circle_fit import (
     Circle,
     Segment,
+    Segments,
     corner_sum_squared_error,
     fit_circle,
     line_sum_squared_error,
@@ -59,7 +60,8 @@ _HIDDEN_ODDS = 2.0  # by which a circle must beat a line where part of the silho
 _HOPELESS = 3.0  # times the largest residual: an algebraic fit as bad as this is not refined
 _FEW = 16  # up to so many valid beams are compared one by one: NumPy is no faster for few
 _FEW_SEGMENTS = 8  # up to so many are fitted without a screen, which would take as long
-MAX_FITS = 32  # exact fits for one scan; they bound the time that clutter takes
+MAX_FITS = 24  # exact fits for one scan; they bound the time that clutter takes
+_MANY_EXPECTED = 100  # more beams than this on a silhouette are compared by arrays
 _FEW_SUSPECTS = 40  # up to so many neighbours that differ are compared one by one
 _MAX_SKIPPED = 2  # beams without a return that a pillar may have between two with one
 
@@ -89,25 +91,27 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
 
 def _candidates(scan: Scan, config: PillarConfig) -> List[Segment]:
     """The segments worth an exact fit; of clutter the nearest ones, at most `MAX_FITS`."""
-    segments = [
-        segment
-        for beams, ranges in cluster(scan, config)
-        if (segment := _plausible(scan, config, beams, ranges)) is not None
-    ]
-    if len(segments) <= _FEW_SEGMENTS:
-        return segments
-    limits = Limits(
-        config.pillar_radius,
-        config.radius_tolerance,
-        config.max_residual,
-        config.range_noise,
-        _LINE_ODDS,
-        -_HIDDEN_ODDS,
-    )
-    segments = may_be_pillars(scan, segments, limits)
-    if len(segments) <= MAX_FITS:
-        return segments
-    return sorted(segments, key=lambda segment: segment.near)[:MAX_FITS]
+    valid, measured, breaks = _split(scan, config)
+    if len(breaks) < _FEW_SEGMENTS:
+        runs = _runs(valid, measured, breaks, config.min_beams)
+        found = [_plausible(scan, config, beams, ranges) for beams, ranges in runs]
+        return [segment for segment in found if segment is not None]
+    segments = _plausible_of_many(scan, config, valid, measured, breaks)
+    if len(segments.counts) > _FEW_SEGMENTS:
+        limits = Limits(
+            config.pillar_radius,
+            config.radius_tolerance,
+            config.max_residual,
+            config.range_noise,
+            _LINE_ODDS,
+            -_HIDDEN_ODDS,
+        )
+        segments = may_be_pillars(scan, segments, limits)
+    if len(segments.counts) > MAX_FITS:
+        nearest = np.zeros(len(segments.counts), dtype=bool)
+        nearest[np.argsort(segments.near, kind="stable")[:MAX_FITS]] = True
+        segments = segments.those(nearest)
+    return segments.one_by_one()
 
 
 def cluster(scan: Scan, config: PillarConfig) -> List[Tuple[List[int], List[float]]]:
@@ -120,16 +124,27 @@ def cluster(scan: Scan, config: PillarConfig) -> List[Tuple[List[int], List[floa
     Returns:
         Of each segment the beams, and their ranges [m].
     """
+    return _runs(*_split(scan, config), config.min_beams)
+
+
+def _runs(
+    valid: np.ndarray, measured: np.ndarray, breaks: List[int], min_beams: int
+) -> List[Tuple[List[int], List[float]]]:
+    """Beams and ranges of each segment of enough beams."""
+    beams, ranges = valid.tolist(), measured.tolist()
+    bounds = zip([0, *breaks], [*breaks, len(beams)])
+    return [(beams[start:stop], ranges[start:stop]) for start, stop in bounds if stop - start >= min_beams]
+
+
+def _split(scan: Scan, config: PillarConfig) -> Tuple[np.ndarray, np.ndarray, List[int]]:
+    """The valid beams without speckle, their ranges [m], and where among them another body begins."""
     (valid,) = scan.valid.nonzero()
     measured, step = scan.returns[valid], abs(scan.angle_increment)
     breaks, speckle = _breaks(config, step, valid, measured)
     if speckle:
         valid, measured = np.delete(valid, speckle), np.delete(measured, speckle)
         breaks, _ = _breaks(config, step, valid, measured)
-    beams, ranges = valid.tolist(), measured.tolist()
-    bounds = zip([0, *breaks], [*breaks, len(beams)])
-    least = config.min_beams
-    return [(beams[start:stop], ranges[start:stop]) for start, stop in bounds if stop - start >= least]
+    return valid, measured, breaks
 
 
 def _breaks(
@@ -190,6 +205,26 @@ def _plausible(scan: Scan, config: PillarConfig, beams: List[int], ranges: List[
     return Segment(beams, ranges, near, scan.angle_increment)
 
 
+def _plausible_of_many(
+    scan: Scan, config: PillarConfig, valid: np.ndarray, ranges: np.ndarray, breaks: List[int]
+) -> Segments:
+    """What `_plausible` lets pass, by arrays: sooner done where there are many segments."""
+    starts = np.array([0, *breaks])
+    stops = np.array([*breaks, len(valid)])
+    counts, step = stops - starts, abs(scan.angle_increment)
+    near, far = np.minimum.reduceat(ranges, starts), np.maximum.reduceat(ranges, starts)
+    span, largest = valid[stops - 1] - valid[starts], config.pillar_radius + config.radius_tolerance
+    widest = 2.0 * np.arcsin(largest / (np.maximum(near, 0.0) + largest)) + step
+    plausible = (
+        (counts >= config.min_beams)
+        & (near > 0.0)
+        & (span * step <= widest)
+        & (far - near <= largest + 4.0 * config.max_residual)
+        & (near * step <= 2.0 * largest)
+    )
+    return Segments(valid, ranges, counts, near, scan.angle_increment).those(plausible)
+
+
 def _judge(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[Pillar]:
     """The pillar that a segment is, if it is one."""
     radius, tolerance = config.pillar_radius, config.radius_tolerance
@@ -240,6 +275,15 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     expected_to = range(max(ceil(centre - reach), -1), min(floor(centre + reach), len(scan.ranges)) + 1)
     # none of its own is farther off than the root of the sum of squares
     known = beams if circle.sum_squared_error < slack**2 else []
+    if len(expected_to) > _MANY_EXPECTED:
+        others = np.setdiff1d(np.arange(expected_to.start, expected_to.stop), known)
+        psis = (others - centre) * step
+        offset = np.minimum(np.abs(distance * np.sin(psis)), circle.radius)
+        depth = distance * np.cos(psis) - np.sqrt(circle.radius**2 - offset**2)
+        outside = (others < 0) | (others >= len(scan.ranges))
+        readings = np.where(outside, nan, scan.returns[np.where(outside, 0, others)])
+        passed = (np.abs(psis) <= half) & (readings > depth + slack)
+        return int(passed.sum()), int((~(readings >= depth - slack)).sum())
     missing = hidden = 0
     for beam in set(expected_to).difference(known):
         psi = (beam - centre) * step
