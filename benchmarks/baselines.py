@@ -1,4 +1,4 @@
-"""What the figures are held against, without this package's own simulation: PyBullet, and nothing around it.
+"""Baselines of the benchmark: PyBullet alone, without this package.
 
 As a program it runs the bare loop in a process of its own: `baselines.py RESULT.json SECONDS`.
 """
@@ -31,7 +31,7 @@ OUTSIDE = 0.15  # [m] from the optical centre: here rays are out of the lidar's 
 def bare_loop(seconds: float, tuned: bool = False) -> Dict[str, float]:
     """Simulate the Husky in the course's world as one does who knows PyBullet's quick start.
 
-    240 steps and 50 batches of 720 rays a second; the robot drives on, nobody looks at what it sees.
+    240 steps and 50 batches of 720 rays a second; the robot drives on, its ranges are not used.
 
     Args:
         seconds: of simulated time.

@@ -1,4 +1,4 @@
-"""How fast the package is, beside what one could compare it with: `./dev bench`.
+"""Benchmark of the package against baselines: `./dev bench`.
 
 Every figure is measured by turns with its yardstick, so that what else the machine does falls on both; the
 ratios are what to look at.

@@ -1,4 +1,4 @@
-"""The figures of whole runs: each measures this package and its yardstick by turns, and compares them."""
+"""Benchmarks of whole runs: each measures this package and its baseline by turns, and compares them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from husky_highlevel_controller.evaluation.rollout import rollout
 from husky_highlevel_controller.evaluation.scenarios import Lidar, course_scenario, pillar_scene, scan_of
 
 WARM_UP = 1.0  # [s] of simulated time that does not count
-# what is hoped for at real time: this share of a core, on a machine that runs the bare loop 16 to 21 times as
+# target at real time: this share of a core, on a machine that runs the bare loop 16 to 21 times as
 # fast as time passes
 QUIET_SHARE, QUIET_BARE = 0.10, 1.0 / 18.5
 READY = (

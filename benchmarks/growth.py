@@ -1,4 +1,4 @@
-"""How the cost of a scan grows, with beams and with objects."""
+"""Benchmark of a scan over the number of beams and of objects."""
 
 from __future__ import annotations
 

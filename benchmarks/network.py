@@ -1,4 +1,4 @@
-"""A ROS network to measure in: starts launch files and probes on it, and reads what they cost."""
+"""Private ROS network of a benchmark: starts launch files and probes, measures CPU time and memory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from husky_highlevel_controller.grading.isolation.process import Process, wait, 
 HERE = Path(__file__).parent
 PACKAGE = "husky_highlevel_controller"
 DEADLINE = 60.0  # [s] of wall time, for anything that hangs
-GLANCE = 0.01  # [s] of wall time between two looks
+POLL_PERIOD = 0.01  # [s] of wall time between two looks
 TICK = os.sysconf("SC_CLK_TCK")  # [Hz], of the CPU times in /proc
 
 
@@ -80,7 +80,7 @@ class Network(ros_network.Network):
         return found
 
     def _until(self, condition: Callable[[], bool], what: str) -> None:
-        if not wait(condition, DEADLINE, GLANCE):
+        if not wait(condition, DEADLINE, POLL_PERIOD):
             raise self._error(f"waited {DEADLINE:g} s until {what}")
 
     def _error(self, what: str) -> BenchError:

@@ -35,7 +35,7 @@ from husky_highlevel_controller.simulator.simulation import Simulation, Simulato
 
 PERIOD = 0.02  # [s] between two scans
 WAY = 19.2  # [s] at 1 m/s: it ends 1.2 m from the pillar's centre
-PATIENCE = 1.0  # [s] of wall time for the answer to one scan
+ANSWER_TIMEOUT = 1.0  # [s] of wall time for the answer to one scan
 Arrival = Tuple[float, float]  # stamp of a scan, and when it was received [s]
 
 
@@ -109,7 +109,7 @@ def latency(count: int) -> Dict[str, Any]:
         answered.clear()
         sent = time.monotonic()
         scan.publish(msg)
-        if answered.wait(PATIENCE):
+        if answered.wait(ANSWER_TIMEOUT):
             times.append(answers[-1] - sent)
         time.sleep(max(begin + PERIOD - time.monotonic(), 0.0))
     return {"latencies": times[len(times) // 10 :], "missing": count - len(times)}  # the first ones warm up
@@ -160,7 +160,7 @@ def main() -> None:
         figures = latency(int(wanted.numbers[0]))
     partial = wanted.result.with_suffix(".part")
     partial.write_text(json.dumps(figures))
-    os.replace(partial, wanted.result)  # whoever waits for it never reads half of it
+    os.replace(partial, wanted.result)  # a reader never sees half of it
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the benchmark tells: one figure beside its yardstick, and whether it is what was hoped for."""
+"""Rows of the benchmark's table: one figure, its baseline, their ratio, and the target."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Row:
     yardstick: float
     against: str  # what the yardstick is
     ratio: float  # the median of the runs' own ratios, ours to the yardstick
-    reach: str = ""  # what was hoped for
+    reach: str = ""  # the target
     met: Optional[bool] = None  # whether it was reached
     runs: List[Tuple[float, float]] = field(default_factory=list)  # (ours, yardstick), in the order measured
 
@@ -47,5 +47,5 @@ def compare(what: str, unit: str, runs: Sequence[Tuple[float, float]], against: 
 
 
 def reaching(row: Row, text: str, value: float, least: float = -np.inf, most: float = np.inf) -> Row:
-    """The row, and whether `value` is what was hoped for."""
+    """The row, and whether `value` meets the target."""
     return Row(**{**row.__dict__, "reach": text, "met": bool(least <= value <= most)})

@@ -1,4 +1,4 @@
-"""For every test: what runs for long is named, so that the suite is never silent for long."""
+"""For every test: long-running ones are named, so that the suite is never silent for long."""
 
 import threading
 import time

@@ -1,4 +1,4 @@
-"""Parameters become typed records.
+"""Typed parameter records: reads and checks ROS parameters or YAML.
 
 In: a mapping from the parameter server or a YAML file. Out: frozen records.
 Must not know: ROS.

@@ -1,4 +1,4 @@
-"""The course's world: its file, its pillar, and which topics the Huskies of the courses use.
+"""The course's world: its file, its pillar, and the topics of the courses' Huskies.
 
 In: nothing. Out: constants. Must not know: ROS, how a world file is read.
 

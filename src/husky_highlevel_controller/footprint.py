@@ -1,6 +1,6 @@
-"""The Husky seen from above: the one outline that everything measures clearances from.
+"""Footprint of the Husky: its outline from above, and clearances from it.
 
-In: points in base_link. Out: their distances from the outline. Must not know: ROS, who asks.
+In: points in base_link. Out: their distances from the outline. Must not know: ROS, the caller.
 
 Numbers: husky_description 0.6.10, husky.urdf.xacro and wheel.urdf.xacro; a test holds them to the URDF.
 """

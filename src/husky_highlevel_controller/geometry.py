@@ -1,4 +1,4 @@
-"""Rotations and poses in plane and space.
+"""Rotations, quaternions and poses in 2D and 3D.
 
 In: numbers. Out: numbers. Must not know: ROS, PyBullet.
 Quaternions are xyzw; roll-pitch-yaw is the URDF/SDF convention (fixed axes x, y, z: R = Rz Ry Rx).

@@ -1,4 +1,4 @@
-"""Where the package's data files are: worlds, launch files, configuration, the robot's description.
+"""Paths of the package's data files: worlds, launch files, configuration, robot description.
 
 In: where this module lies. Out: a folder. Must not know: ROS, what the files hold.
 """

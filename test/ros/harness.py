@@ -1,4 +1,4 @@
-"""What the rostest scripts here share: a node that remembers messages, and waits that end."""
+"""Shared by the rostest scripts: a node that records messages, and waits with a deadline."""
 
 import time
 import unittest

@@ -1,4 +1,4 @@
-"""What rostest scripts share that play the robot: they make up scans and poses, the controller answers."""
+"""Shared by rostest scripts that stand in for the robot: made-up scans and poses for the controller."""
 
 from math import acos, atan2, cos, hypot, inf, pi, sin, sqrt
 

@@ -1,4 +1,4 @@
-"""Does to a simulator what test_faults.py asks for, then says what came of it and ends.
+"""Stress client of a simulator for test_faults.py: floods, hangs, dies, and reports what happened.
 
 speed V WORDS: wait until the robot drives at V m/s, then print WORDS.
 time T:        wait until simulated time is T s, then print it.

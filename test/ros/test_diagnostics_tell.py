@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""/diagnostics says once a second how the controller fares: OK, WARN or ERROR, with figures and a remedy."""
+"""/diagnostics reports once a second how the controller is: OK, WARN or ERROR, figures and a remedy."""
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus

@@ -22,7 +22,7 @@ SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--n
 SIZE = {"width": 900, "height": 560}
 COARSENESS = 0.25  # drawn pixels for each of the page's, along x and y: 16 times as fast by software
 ADDRESS = re.compile(r"\]: (http://127\.0\.0\.1:\d+)\n")
-PATIENCE = 90.0  # [s] of wall time for anything that a browser without a graphics card draws
+DRAW_TIMEOUT = 90.0  # [s] of wall time for anything that a browser without a graphics card draws
 
 
 class Robot:
@@ -36,9 +36,9 @@ class Robot:
 
 
 def wait_until(condition, what):
-    end = time.monotonic() + PATIENCE
+    end = time.monotonic() + DRAW_TIMEOUT
     while not condition():
-        assert time.monotonic() < end, f"waited {PATIENCE} s until {what}"
+        assert time.monotonic() < end, f"waited {DRAW_TIMEOUT} s until {what}"
         time.sleep(0.05)
 
 
@@ -74,7 +74,7 @@ def browser():
 
 def opened(browser, address):
     page = browser.new_page(viewport=SIZE, device_scale_factor=COARSENESS)
-    page.set_default_timeout(1000.0 * PATIENCE)
+    page.set_default_timeout(1000.0 * DRAW_TIMEOUT)
     page.complaints, page.hosts = [], set()
     page.on("console", lambda msg: msg.type == "error" and page.complaints.append(msg.text))
     page.on("pageerror", lambda error: page.complaints.append(str(error)))

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""RViz's tools change the world: boxes are dropped, dragged and deleted, the robot is moved; RViz is told."""
+"""RViz's tools change the world and RViz shows it: boxes dropped, dragged, deleted, the robot moved."""
 
 from math import dist, nan
 

@@ -1,4 +1,4 @@
-"""What the tests here share: Huskies, bodies to put beside them, and driving."""
+"""Shared by the tests here: Huskies, bodies to put beside them, and driving."""
 
 from husky_highlevel_controller.datatypes import Body, Geometry, Plane, Pose, Twist2D
 from husky_highlevel_controller.geometry import quat_from_rpy

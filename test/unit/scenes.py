@@ -1,4 +1,4 @@
-"""What the unit tests of the controller see and drive: flat scenes and a robot without physics."""
+"""Shared by the unit tests of the controller: flat scenes, and a robot without physics."""
 
 from __future__ import annotations
 

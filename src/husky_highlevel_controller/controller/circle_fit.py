@@ -1,4 +1,4 @@
-"""Fits a circle, a line and a corner to a segment of beams.
+"""Least-squares fits of a circle, a line and a corner to a segment of beams.
 
 In: a `Segment`. Out: a `Circle`, and how well a line or two lines would do.
 Must not know: ROS, PyBullet, what counts as a pillar besides its radius.
@@ -290,7 +290,7 @@ def line_sum_squared_error(segment: Segment) -> float:
     """Sum of squares along the beams of the best line [m^2]."""
     terms = _terms(segment)
     u, v, w = (terms @ terms.T).tolist()
-    return float(line_misfit(np.array((u[0], u[1], v[1], u[2], v[2], w[2]))))
+    return float(line_squared_error(np.array((u[0], u[1], v[1], u[2], v[2], w[2]))))
 
 
 def corner_sum_squared_error(segment: Segment) -> float:
@@ -298,7 +298,7 @@ def corner_sum_squared_error(segment: Segment) -> float:
     terms = _terms(segment)
     left = np.cumsum(terms[[0, 0, 1, 0, 1, 2]] * terms[[0, 1, 1, 2, 2, 2]], axis=1)
     right = left[:, -1:] - left
-    return float((line_misfit(left[:, :-1]) + line_misfit(right[:, :-1])).min())
+    return float((line_squared_error(left[:, :-1]) + line_squared_error(right[:, :-1])).min())
 
 
 def _terms(segment: Segment) -> np.ndarray:
@@ -307,7 +307,7 @@ def _terms(segment: Segment) -> np.ndarray:
     return np.vstack([_directions(segment) * (ranges * ranges), ranges])
 
 
-def line_misfit(sums: np.ndarray) -> np.ndarray:
+def line_squared_error(sums: np.ndarray) -> np.ndarray:
     """Sum of squares left by r = a u + b v, from the sums of uu, uv, vv, ur, vr, rr, (6, ...)."""
     uu, uv, vv, ur, vr, rr = sums
     spread = np.maximum(uu * vv - uv * uv, 1e-9 * uu * vv)

@@ -1,4 +1,4 @@
-"""Rejects most of many segments at once: the bound on the work that one scan can cause.
+"""Vectorised pre-selection of segments before the exact circle fit: bounds the computing time of a scan.
 
 In: a scan's segments. Out: those that may be pillars, to be fitted one by one.
 Must not know: ROS, PyBullet, what happens to the segments that are left.
@@ -19,7 +19,7 @@ from husky_highlevel_controller.controller.circle_fit import (
     MIN_COSINE,
     Segments,
     fit_step,
-    line_misfit,
+    line_squared_error,
 )
 from husky_highlevel_controller.datatypes import Scan
 
@@ -115,7 +115,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     line_terms = (u * u, u * v, v * v, u * ranges, v * ranges, ranges * ranges)
     sums = np.add.reduceat(np.stack((squares, weight * squares, *line_terms)), starts, axis=1)
     noises = count * noise**2
-    lead = np.maximum(count - 2, 1) * np.log((sums[1] + noises) / (line_misfit(sums[2:]) + noises))
+    lead = np.maximum(count - 2, 1) * np.log((sums[1] + noises) / (line_squared_error(sums[2:]) + noises))
     return _Fits(origin + x, y, r, np.sqrt(sums[0] / count), lead, near, count, first, last)
 
 

@@ -1,4 +1,4 @@
-"""The laws of the drive to a pillar, and when it is reached.
+"""Proportional control of the drive to a pillar, its limits, and the remaining distance.
 
 In: where the pillar is, seen from base_link. Out: the twist to command.
 Must not know: ROS, PyBullet, scans, time.

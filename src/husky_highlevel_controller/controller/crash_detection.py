@@ -1,4 +1,4 @@
-"""Detects collisions: a loss of speed that neither the wheels nor the roughness of the ground explain.
+"""Collision detection by IMU: a loss of speed that neither wheels nor rough ground explain.
 
 In: IMU samples and wheel speeds. Out: the speed lost in a collision. Must not know: ROS, PyBullet.
 

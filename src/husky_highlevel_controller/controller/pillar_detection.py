@@ -1,4 +1,4 @@
-"""Finds pillars in a lidar scan.
+"""Pillar detection in a lidar scan: segmentation, circle fit, rival shapes.
 
 In: one `Scan`. Out: the pillars in it, in the laser's own frame.
 Must not know: ROS, PyBullet, how the lidar is mounted, what the robot does next.

@@ -1,4 +1,4 @@
-"""Decides when to stop a driving robot: something is too close on its way to standstill; one stop per danger.
+"""Braking distance and collision check of the stop guards; one stop per danger.
 
 In: scans and velocities. Out: the clearance, and whether to call for a stop now.
 Must not know: ROS, PyBullet, who drives and why.

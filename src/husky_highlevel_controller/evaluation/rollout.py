@@ -1,4 +1,4 @@
-"""Drives the simulated Husky with the controller, without ROS.
+"""Rollout of simulator and controller in one process, without ROS.
 
 In: a `Scenario`, the controller's parameters. Out: a `Trace`. Only here simulator and controller meet.
 Must not know: ROS, clocks, files.

@@ -1,4 +1,4 @@
-"""Situations to try the controller in, drawn from a seed: whole runs, and single scans.
+"""Random scenarios from a seed: whole runs, and single scans.
 
 In: numbers and a seed. Out: `Scenario`s to drive, `PillarScan`s to analyse; number n of a seed never changes.
 Must not know: ROS, how anything is decided.

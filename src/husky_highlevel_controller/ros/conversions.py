@@ -1,4 +1,4 @@
-"""The border: records become ROS messages, and messages become records.
+"""Conversions between records and ROS messages.
 
 In and out: records and messages. Must not know: nodes, topics, rospy.
 """

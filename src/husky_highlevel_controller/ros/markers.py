@@ -1,4 +1,4 @@
-"""The border, what RViz draws: places become markers.
+"""Conversions to visualization_msgs markers for RViz.
 
 In: points, sizes, words. Out: messages. Must not know: nodes, topics, rospy.
 """

@@ -1,4 +1,4 @@
-"""How every node of this package starts, publishes and ends."""
+"""Start-up, publishing and shutdown common to all nodes of this package."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
     """Make and run a node; bad input ends it with a message and exit code 1, a signal with 0.
 
     With the argument --debug it logs at DEBUG level and shows a stack trace should the engine crash. A node
-    that tells the time itself need not listen to /clock.
+    that sets its own time does not subscribe to /clock.
     """
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)  # a log that is piped is seen line by line

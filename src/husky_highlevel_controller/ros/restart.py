@@ -1,4 +1,4 @@
-"""Run a program, and once more if it crashes: RViz 1.14 aborts now and then while it starts.
+"""Runs a program, and once more if it crashes: RViz 1.14 aborts now and then while it starts.
 
 In: a command line, as roslaunch's launch-prefix hands it over. Out: the program's exit code.
 Must not know: what the program does.

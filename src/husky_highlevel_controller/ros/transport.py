@@ -1,4 +1,4 @@
-"""Sends a message at once where its subscriber can take it, and queues it only where it cannot.
+"""Transport of topics: sends a message directly if the socket has room, and queues it otherwise.
 
 rospy hands every message of a publisher with a queue to a thread of each subscriber; waking that thread takes
 four times as long as sending. Here the queue is used while a subscriber is busy, so that one that

@@ -1,4 +1,4 @@
-"""The drive of a real Husky: a control loop of 10 Hz, one speed limit for both sides, wheels that take time.
+"""Drive of a real Husky: 10 Hz control loop, one speed limit for both sides, wheels with a time constant.
 
 In: velocity commands and the time. Out: the wheels' speeds.
 Must not know: ROS, PyBullet, the ground.

@@ -1,4 +1,4 @@
-"""Dead reckoning from the wheels, and from the wheels with a gyro.
+"""Odometry: dead reckoning from the wheels, and from the wheels with a gyro.
 
 In: the wheels' angles, the gyro's yaw rate. Out: poses in odom and twists in base_link.
 Must not know: ROS, PyBullet, the true pose.

@@ -1,4 +1,4 @@
-"""Keeps simulated time in step with the clock on the wall.
+"""Real-time pacing: keeps simulated time in step with wall time.
 
 In: both times. Out: how long to wait, and whether the machine falls behind.
 Must not know: ROS, how to sleep.

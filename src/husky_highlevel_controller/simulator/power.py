@@ -1,4 +1,4 @@
-"""Currents, battery and temperatures of a driving Husky.
+"""Power model of a driving Husky: motor currents, battery, temperatures.
 
 In: the torque on each side's wheels, the time. Out: a `PowerState`.
 Must not know: ROS, PyBullet.

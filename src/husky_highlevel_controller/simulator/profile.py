@@ -33,7 +33,7 @@ class Ground:
     rolling_current: float = field(
         metadata={"min": 0.0, "max": 100.0, "help": "of both motors, straight on [A]"}
     )
-    vibration: VibrationConfig = field(metadata={"help": "what the IMU feels of it"})
+    vibration: VibrationConfig = field(metadata={"help": "vibration that the IMU measures"})
 
 
 PROFILES, GROUNDS = ("gazebo", "robot"), ("hard", "soft")

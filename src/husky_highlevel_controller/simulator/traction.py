@@ -1,4 +1,4 @@
-"""How the wheels of a skid-steer robot hold the ground.
+"""Traction of a skid-steer robot: friction forces between wheels and ground.
 
 In: the robot's velocity in the plane, where and how hard each wheel touches. Out: the ground's forces.
 Must not know: ROS, PyBullet.

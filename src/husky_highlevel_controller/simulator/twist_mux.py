@@ -1,4 +1,4 @@
-"""Which of several senders drives the robot, as the Husky's twist_mux decides it.
+"""Command priorities and locks of the Husky's twist_mux: which sender drives the robot.
 
 In: who sent a command, and when. Out: whether it is obeyed.
 Must not know: ROS, what was commanded.
@@ -30,13 +30,13 @@ class CommandMux:
 
     def forget(self) -> None:
         """Take every input for silent; a lock stays."""
-        self._heard: Dict[str, float] = {}
+        self._last_stamps: Dict[str, float] = {}
 
     def passes(self, topic: str, now: float) -> bool:
         """Note that an input sent a command at `now` [s]; whether it is the one to obey."""
-        self._heard[topic] = now
+        self._last_stamps[topic] = now
         priority = self._inputs[topic]
         return not self.locked and not any(
-            self._inputs[other] > priority and now - heard <= self._timeout
-            for other, heard in self._heard.items()
+            self._inputs[other] > priority and now - stamp <= self._timeout
+            for other, stamp in self._last_stamps.items()
         )

@@ -1,4 +1,4 @@
-"""Collisions are felt on smooth and on rough ground, and rough ground alone is no collision."""
+"""Collisions are detected on smooth and on rough ground, and rough ground alone is no collision."""
 
 from __future__ import annotations
 

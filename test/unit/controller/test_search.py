@@ -132,7 +132,7 @@ def test_what_is_within_15_cm_of_the_pillar_is_not_in_the_way_to_it(off, kept):
 
 
 def test_points_are_where_the_bodies_are_whichever_way_up_the_lidar_hangs():
-    x, y, z = UPSIDE_DOWN.position
+    x, y, _ = UPSIDE_DOWN.position
     scan = look([(1.2, -0.9, 0.1)])  # in the lidar's frame: on its right, which is the robot's left
     points = near_points(scan, UPSIDE_DOWN, None)
     assert len(points) > 5

@@ -1,4 +1,4 @@
-"""What is believed of one pillar from scan to scan: how long, how surely, and which other one is taken for it."""
+"""Tracking of one pillar from scan to scan: when it is given up, how certain it is, which one matches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What RViz is told to draw: every shape where it is, level handles, quiet planes."""
+"""Interactive markers of bodies: every shape where it is, level handles, muted planes."""
 
 from math import pi, sqrt
 

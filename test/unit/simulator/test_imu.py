@@ -1,4 +1,4 @@
-"""What the IMU tells of a motion: specific force, not acceleration, and along the robot's axes."""
+"""What the IMU measures of a motion: specific force, not acceleration, and along the robot's axes."""
 
 from __future__ import annotations
 

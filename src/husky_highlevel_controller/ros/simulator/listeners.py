@@ -1,4 +1,4 @@
-"""Finds out from /proc whether the processes that receive a topic are asleep: all is read, no thread runs.
+"""Detects from /proc whether all subscribers of a topic are idle: nothing unread, no thread running.
 
 A node that waits for simulated time (ros::Rate, ros::Duration::sleep, rospy.sleep) answers nothing until the
 clock goes on. What it sends does not distinguish it from one that computes; what its threads do does.

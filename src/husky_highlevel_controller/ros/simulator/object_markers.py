@@ -1,4 +1,4 @@
-"""A body of the world becomes an interactive marker for RViz.
+"""Interactive markers of RViz for the bodies of the world.
 
 In: a `Body`, and where it is. Out: messages. Must not know: topics, rospy, the simulation.
 """
@@ -36,7 +36,7 @@ X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarker:
-    """All that is drawn of a body; one that can move can be dragged on the level, and has a menu."""
+    """Interactive marker of a body; a movable one can be dragged in the plane, and has a menu."""
     marker = InteractiveMarker(
         header=Header(frame_id=frame),  # without a stamp: it stays where it is in its frame
         name=body.name,
@@ -60,7 +60,7 @@ def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarke
 
 
 def upwards(pose: Pose) -> Vector3:
-    """Which way is up, along the axes of what has this pose in a level frame."""
+    """Unit vector of up, in the axes of this pose in a level frame."""
     return rotate(quat_inverse(pose.quat_xyzw), Z)
 
 
@@ -84,7 +84,7 @@ def _geometry_to_msg(geometry: Geometry) -> Marker:
 
 
 def _sheet(pose: Pose, size: Sequence[float], rgba: Rgba) -> Marker:
-    """A rectangle across the z axis; with a colour for each corner RViz leaves it unlit; it were black."""
+    """Rectangle across the z axis; a colour for each corner keeps RViz from shading it black."""
     x, y = size[0] / 2.0, size[1] / 2.0
     corners = [Point(*corner, 0.0) for corner in ((-x, -y), (x, -y), (x, y), (-x, -y), (x, y), (-x, y))]
     return Marker(

@@ -1,4 +1,4 @@
-"""One simulator on a master: a second one would end the first, or set another time.
+"""Check that no simulator runs on this master yet: a second one would set another time, or end the first.
 
 In: the ROS master. Out: the name of the simulator that runs already, the other publishers of /clock.
 Must not know: the simulation.

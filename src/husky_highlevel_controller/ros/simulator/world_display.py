@@ -1,4 +1,4 @@
-"""The world in RViz: it is drawn there, and RViz's tools change it.
+"""Displays the world in RViz as interactive markers; RViz's tools change it.
 
 Drawn in odom, since the Husky's TF has no frame of the world: bodies lie where the lidar's points are shown,
 also when odom drifts. A body can be dragged and deleted; *Publish Point* drops a box, *2D Pose Estimate*
@@ -32,7 +32,7 @@ from husky_highlevel_controller.simulator.spawn_request import ObjectError, chec
 PERIOD = 0.1  # [s] of simulated time between two looks at what has moved
 TIPPED = 0.1  # [rad]; what tips more is drawn anew
 NOTICED = 0.001  # [m]; what moved less is not sent again
-REACH = 2.0  # [m], where a turn of odom is to be noticed; farther away the lidar's noise hides it
+TURN_RADIUS = 2.0  # [m], where a turn of odom is to be noticed; farther away the lidar's noise hides it
 BOX_SIZE = (0.4, 0.4, 0.8)  # [m]; the lidar looks 0.44 m above the ground
 BOX_MASS = 5.0  # [kg]
 BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
@@ -41,11 +41,11 @@ BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
 class _Shown(NamedTuple):
     body: Body
     up: Vector3  # in the body's frame, when it was drawn: across which it can be dragged
-    pose_in_world: Optional[Pose]  # None: to be sent again, whatever it is
+    pose_in_world: Optional[Pose]  # None: to be sent again in any case
 
 
 class _Server(InteractiveMarkerServer):
-    """The library's server, in the hands of one thread."""
+    """Interactive marker server that one thread owns."""
 
     def __init__(self, name: str, on_feedback: Callable[[InteractiveMarkerFeedback], None]) -> None:
         self._on_feedback = on_feedback
@@ -62,11 +62,11 @@ class _Server(InteractiveMarkerServer):
         """Not from the library's own thread: that could overtake an update, and RViz would begin anew."""
 
     def processFeedback(self, feedback: InteractiveMarkerFeedback) -> None:  # noqa: N802
-        """Only pass it on: a body is where the engine has it, not where somebody drags its marker."""
+        """Only pass it on: the simulation decides where a body is, not the dragged marker."""
         self._on_feedback(feedback)
 
     def send(self) -> None:
-        """Send what has changed, and a sign of life, also while the clock stands still."""
+        """Send changes and a keep-alive, also while the clock stands still."""
         try:
             self.applyChanges()
             super().keepAlive(None)
@@ -109,7 +109,7 @@ class WorldDisplay:
 
     def _draw(self) -> None:
         bodies, world_in_odom = self._simulation.bodies, self._simulation.pose_world_in_odom
-        drifted = _noticeable(self._world_in_odom, world_in_odom, REACH)
+        drifted = _noticeable(self._world_in_odom, world_in_odom, TURN_RADIUS)
         if drifted:
             self._world_in_odom = world_in_odom
         for name in self._shown.keys() - bodies.keys():
@@ -204,8 +204,8 @@ def _has_moved(before: Optional[Pose], now: Pose) -> bool:
     return before is None or (before != now and _noticeable(before, now, 1.0))
 
 
-def _noticeable(before: Pose, after: Pose, reach: float) -> bool:
-    """Whether a point `reach` m from the origin of what is moved moves noticeably."""
+def _noticeable(before: Pose, after: Pose, radius: float) -> bool:
+    """Whether a point `radius` m from the origin of what is moved moves noticeably."""
     alike = abs(sum(a * b for a, b in zip(before.quat_xyzw, after.quat_xyzw)))
     turn = 2.0 * acos(min(1.0, alike))
-    return dist(before.position, after.position) + reach * turn > NOTICED
+    return dist(before.position, after.position) + radius * turn > NOTICED

@@ -1,1 +1,1 @@
-"""PyBullet in this package's words; the only folder that imports pybullet."""
+"""PyBullet behind typed methods; the only folder that imports pybullet."""

@@ -1,4 +1,4 @@
-"""PyBullet, in this package's words: one robot with four driven wheels, in a world of bodies.
+"""PyBullet robot with four driven wheels, in a world of bodies.
 
 In: a robot's model, wheel speeds, forces. Out: how it moves and what it touches.
 Must not know: ROS, commands, sensors, how a tyre grips.
@@ -23,7 +23,7 @@ _URDF_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_C
 
 
 class ContactPoint(NamedTuple):
-    """One point where the robot touches something."""
+    """One contact point of the robot with another body."""
 
     body: str
     wheel: Optional[int]  # index of the wheel that touches; None for the rest of the robot
@@ -36,7 +36,7 @@ class RobotWorld(BulletWorld):
     """A Bullet physics server with one robot in it."""
 
     def add_robot(self, model: RobotModel, pose: Pose) -> None:
-        """Put the robot into the world with base_link at `pose`.
+        """Add the robot with base_link at `pose`.
 
         Raises:
             PlacementError: something stands there.
@@ -72,7 +72,7 @@ class RobotWorld(BulletWorld):
         self.check_room(ROBOT)
 
     def move_robot(self, pose: Pose) -> None:
-        """Put the robot somewhere else, at rest, with base_link at `pose`.
+        """Move the robot, at rest, with base_link at `pose`.
 
         Raises:
             PlacementError: something stands there; the robot stays where it is.
@@ -94,7 +94,7 @@ class RobotWorld(BulletWorld):
         return self._pose(self._robot), velocity, spin
 
     def contact_points(self) -> List[ContactPoint]:
-        """Every point where something presses on the robot."""
+        """Contact points of the robot with other bodies."""
         contacts = pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client)
         names, wheel_of = self._names, self._wheel_of
         return [
@@ -110,7 +110,7 @@ class RobotWorld(BulletWorld):
         return WheelState(self._wheel_names, angles, speeds, torques)
 
     def drive_wheels(self, speeds: Sequence[float]) -> None:
-        """Let the motors hold these speeds [rad/s]."""
+        """Set the velocity targets of the wheel motors [rad/s]."""
         if speeds == self._wheel_targets:
             return
         self._wheel_targets = speeds
@@ -124,7 +124,7 @@ class RobotWorld(BulletWorld):
         )
 
     def push_robot(self, force_in_world: Vector3, point_in_world: Vector3) -> None:
-        """Push the robot's body_id during the next step, at a point [N, m]."""
+        """Apply an external force to the robot's base during the next step, at a point [N, m]."""
         pybullet.applyExternalForce(
             self._robot,
             BASE_INDEX,

@@ -1,4 +1,4 @@
-"""PyBullet, in this package's words: a world of bodies.
+"""PyBullet world of bodies: add, remove, move, step.
 
 In: records. Out: records. Only this folder talks to PyBullet.
 Must not know: ROS, commands, sensors, what time it is.
@@ -28,17 +28,17 @@ from husky_highlevel_controller.datatypes import (
 from husky_highlevel_controller.geometry import compose, inverse, rotate, transform_point
 
 ROBOT = "husky"  # the robot's name among the bodies
-BASE_INDEX = -1  # Bullet's index of a body_id's base link
+BASE_INDEX = -1  # Bullet's link index of a body's base
 
 log = logging.getLogger("rosout.engine")  # a child of rospy's logger: reaches /rosout without rospy
 
 _SOLVER_ITERATIONS = 20  # instead of 50: the same motion to 0.1 %, in half the time
 _LIFT_FROM = 1e-3  # [m], what is sunk deeper into the ground is put on top of it
-_TOO_DEEP = 1e-3  # [m], what reaches farther into another body_id stands inside it
+_TOO_DEEP = 1e-3  # [m], what reaches farther into another body stands inside it
 
 
 class PlacementError(HuskyError):
-    """Something cannot be put into the world as asked."""
+    """A body cannot be placed: its name is taken or unknown, or there is no room."""
 
 
 class BulletWorld:
@@ -52,11 +52,11 @@ class BulletWorld:
             raise HuskyError("PyBullet did not start a physics server")
 
     def close(self) -> None:
-        """Give the server's memory back; the engine is of no use afterwards."""
+        """Disconnect from the server and free its memory; nothing else may be called afterwards."""
         pybullet.disconnect(self._client)
 
     def clear(self, gravity: Vector3) -> None:
-        """Begin again with an empty world."""
+        """Remove every body and set gravity."""
         pybullet.resetSimulation(physicsClientId=self._client)
         pybullet.setGravity(*gravity, physicsClientId=self._client)
         pybullet.setPhysicsEngineParameter(
@@ -73,7 +73,7 @@ class BulletWorld:
         self._body_in_inertial: Dict[int, Pose] = {}
 
     def add_body(self, body: Body) -> None:
-        """Put a body into the world; one that can move and is sunk into the ground is stood on it.
+        """Add a body; a movable one that is sunk into the ground is placed on top of it.
 
         Raises:
             PlacementError: it is a plane that can move, or has the robot's name.
@@ -93,7 +93,7 @@ class BulletWorld:
                 self._lift_out_of_the_ground(body_id)
 
     def remove_body(self, name: str) -> None:
-        """Take a body out of the world."""
+        """Remove a body from the world."""
         for body_id in self._ids.pop(name):
             pybullet.removeBody(body_id, physicsClientId=self._client)
             del self._names[body_id], self._inertial_in_body[body_id], self._body_in_inertial[body_id]
@@ -101,7 +101,7 @@ class BulletWorld:
                 self._planes.remove(body_id)
 
     def move_body(self, name: str, pose_in_world: Pose) -> None:
-        """Put a body somewhere else, at rest.
+        """Move a body to another pose, at rest.
 
         Raises:
             PlacementError: it is a plane.
@@ -114,7 +114,7 @@ class BulletWorld:
             self._lift_out_of_the_ground(body_id)
 
     def show_body(self, name: str, pose_in_world: Pose) -> None:
-        """Put a body somewhere else, wherever that is: for a world that is only looked at."""
+        """Move a body without checking for room, for a world that is only rendered."""
         self._put(self._ids[name][-1], pose_in_world)
 
     def depth_buffer(
@@ -165,7 +165,7 @@ class BulletWorld:
         pybullet.resetBaseVelocity(body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), physicsClientId=self._client)
 
     def check_room(self, name: str) -> None:
-        """Make sure that a body, or the robot, stands in free space; planes do not count.
+        """Check that a body, or the robot, overlaps no other; planes do not count.
 
         Raises:
             PlacementError: it reaches into something else.
@@ -186,7 +186,7 @@ class BulletWorld:
                     raise PlacementError(f"'{name}' would stand inside '{self._names[other]}'")
 
     def pose_of(self, name: str) -> Pose:
-        """Where a body is now, in the world."""
+        """Pose of a body in the world."""
         return self._pose(self._ids[name][-1])
 
     def _pose(self, body_id: int) -> Pose:
@@ -228,14 +228,14 @@ class BulletWorld:
         )
 
     def _shape_of(self, solids: Sequence[Geometry]) -> int:
-        """Bullet's shape; equal ones share it, because Bullet frees none before the next `clear`."""
+        """Collision shape; equal ones share it, because Bullet frees none before the next `clear`."""
         key = tuple((geometry.shape, geometry.pose_in_body) for geometry in solids)
         if key not in self._shapes:
             self._shapes[key] = _compound(solids, self._client)
         return self._shapes[key]
 
     def _lift_out_of_the_ground(self, body_id: int) -> None:
-        """Stand a movable body_id on the plane it was put into; Bullet would fling it into the air."""
+        """Place a movable body on top of the plane it is sunk into; Bullet would fling it into the air."""
         for plane in self._planes:
             points = pybullet.getClosestPoints(body_id, plane, 0.0, physicsClientId=self._client)
             depth, normal = max(((-point[8], point[7]) for point in points), default=(0.0, ()))
@@ -247,7 +247,7 @@ class BulletWorld:
                 log.info("'%s' was sunk %.2f m into '%s' and now stands on it", names[0], depth, names[1])
 
     def step(self) -> None:
-        """Let the world go on by one step."""
+        """Advance the physics by one step."""
         pybullet.stepSimulation(physicsClientId=self._client)
 
 
@@ -272,7 +272,7 @@ def _volume(geometry: Geometry) -> float:
 
 
 def _compound(geometries: Sequence[Geometry], client: int) -> int:
-    """One Bullet shape of several geometries; a cylinder is a true cylinder, not a hull of polygons."""
+    """Compound collision shape of several geometries; cylinders are exact, not hulls of polygons."""
     kinds = {Box: pybullet.GEOM_BOX, Cylinder: pybullet.GEOM_CYLINDER, Sphere: pybullet.GEOM_SPHERE}
     shapes = [geometry.shape for geometry in geometries]
     shape: int = pybullet.createCollisionShapeArray(

@@ -1,4 +1,4 @@
-"""Reads a robot's description for what physics needs of it.
+"""Robot model for physics, from a URDF: masses, wheels, collision shapes, mounts of sensors.
 
 In: the text of any Husky-like URDF. Out: a `RobotModel`.
 Must not know: ROS, PyBullet.
@@ -68,7 +68,7 @@ class RobotModel:
 
 
 def robot_model(urdf_text: str, laser_frame: str = "front_laser") -> RobotModel:
-    """Read a URDF of base_link, four wheels and whatever is fixed to base_link.
+    """Read a URDF of base_link, four wheels and the links fixed to base_link.
 
     Links without <inertial> weigh nothing here; PyBullet would give each 1 kg, so `physics_urdf` has none.
 

@@ -1,4 +1,4 @@
-"""What an SDF <geometry> and <material> mean.
+"""SDF <geometry> and <material>: shapes and colours.
 
 In: `Node`s. Out: shapes and colours. Must not know: poses, models, worlds.
 """

@@ -1,4 +1,4 @@
-"""SDF text as elements that know their file, line and trail, so that every complaint can name them.
+"""SDF parser: elements with file, line and path, which every error message names.
 
 In: bytes or text of an SDF file. Out: `Node`s to read numbers and names from.
 Must not know: what the elements mean.
@@ -41,7 +41,7 @@ class WorldError(HuskyError):
 
 @dataclass
 class Load:
-    """What one load has gathered so far."""
+    """State of one load: files read so far, and notes for warnings."""
 
     notes: Dict[str, List[str]] = field(default_factory=dict)  # sentence -> places
     names: Set[str] = field(default_factory=set)  # of models and bodies
@@ -54,7 +54,7 @@ class _Element(ElementTree.Element):
 
 
 class _LineBuilder(ElementTree.TreeBuilder):
-    """Builds elements that know their line."""
+    """Builder of elements with a line number."""
 
     expat: Any = None
 
@@ -66,7 +66,7 @@ class _LineBuilder(ElementTree.TreeBuilder):
 
 @dataclass(frozen=True)
 class Node:
-    """An element and where it stands."""
+    """An XML element with its file, line and path."""
 
     element: ElementTree.Element
     load: Load
@@ -94,7 +94,7 @@ class Node:
         return WorldError(f"{self.where}: {problem}")
 
     def note(self, sentence: str, value: str = "") -> None:
-        """Remember for the warning of this kind that something here was not understood."""
+        """Note an unsupported element for the warning of this kind."""
         self.load.notes.setdefault(sentence, []).append(f"{self.where} '{value}'" if value else self.where)
 
     def note_unknown(self) -> None:
@@ -170,7 +170,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
-    """The outermost element, which knows lines. Raises WorldError on what is not XML, or not safe to read."""
+    """Parse XML into its root element, with line numbers. Raises WorldError on invalid or unsafe XML."""
     builder = _LineBuilder(element_factory=_Element)
     parser = DefusedXMLParser(target=builder)
     builder.expat = parser.parser
@@ -185,12 +185,12 @@ def read_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
 
 
 def bad_version(where: str, version: str) -> str:
-    """What to say about an SDF version that is not read here."""
+    """Error message for an unsupported SDF version."""
     return f"{where}: SDF version '{version}' is not supported; {', '.join(VERSIONS)} are"
 
 
 def open_sdf(data: Union[str, bytes], source: str, load: Load) -> Node:
-    """The <sdf> element of a file. Raises WorldError on anything else, or another version."""
+    """Parse a file into its <sdf> element. Raises WorldError on anything else, or another version."""
     root = Node(read_xml(data, source), load, source)
     if root.tag != "sdf":
         raise root.error(f"needs <sdf> as its outermost element, not <{root.tag}>")

@@ -1,10 +1,10 @@
-"""Reads a world file (SDF 1.4 to 1.7, what Gazebo classic reads) into records.
+"""SDF world loader: a world file (SDF 1.4 to 1.7, as Gazebo classic reads it) becomes records.
 
 In: SDF text, and for `model://` includes the folders of GAZEBO_MODEL_PATH. Out: a `World` of rigid bodies.
 Must not know: ROS, PyBullet, what is done with the world.
 
 Links are read one by one, joints are not: what hangs together in Gazebo falls apart here; a warning says so.
-Whatever is not understood is named in one warning per kind; whatever is broken is a `WorldError`.
+Elements that are not supported are named in one warning per kind; invalid ones raise `WorldError`.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
 
 
 def find_world(name: str, folders: Sequence[Path]) -> Path:
-    """The file that a world's name means: an absolute path, or relative to one of `folders`.
+    """Resolve the name of a world file: an absolute path, or relative to one of `folders`.
 
     Raises:
         WorldError: there is no such file.
@@ -119,7 +119,7 @@ def _parse(data: Union[str, bytes], source: str) -> World:
 
 
 def _check_bounds(world: World, source: str) -> None:
-    """Raises WorldError for numbers with which physics cannot be computed."""
+    """Check the bounds within which physics can be computed. Raises WorldError."""
     if hypot(*world.gravity) > MAX_GRAVITY:
         raise WorldError(f"{source}: gravity {world.gravity} is stronger than {MAX_GRAVITY} m/s^2")
     for body in world.bodies:
@@ -143,7 +143,7 @@ _ORIGIN = Pose()
 
 @dataclass(frozen=True)
 class _Parent:
-    """The world, model or link that an element stands in."""
+    """Enclosing world, model or link of an element."""
 
     name: str = "world"  # as relative_to calls it
     full_name: str = ""  # with those of the models around it
@@ -156,7 +156,7 @@ class _Parent:
 
 
 def _pose(node: Optional[Node], parent: _Parent) -> Pose:
-    """Pose in the parent that a <pose> means; left out or empty, the parent's own."""
+    """Pose of an element in the world, from its <pose>; without one, the pose of its parent."""
     if node is None:
         return _ORIGIN
     x, y, z, roll, pitch, yaw = node.numbers(6) if node.text else (0.0,) * 6

@@ -1,4 +1,4 @@
-"""What the elements of a URDF say, checked; and how they are written.
+"""URDF elements: checked values read from them, and how they are written.
 
 In: XML elements. Out: numbers and poses; a `DescriptionError` names the element and what it says.
 Must not know: ROS, PyBullet, what a robot is made of.
@@ -66,7 +66,7 @@ def number_of(element: Optional[ET.Element], attribute: str, where: str) -> floa
 
 
 def origin_of(element: ET.Element, where: str) -> Pose:
-    """Its <origin> in whatever it hangs on [m]; none is the identity."""
+    """Pose from <origin>, in the parent [m]; identity without one."""
     origin = element.find("origin")
     x, y, z = numbers_of(origin, "xyz", (0.0, 0.0, 0.0), where)
     roll, pitch, yaw = numbers_of(origin, "rpy", (0.0, 0.0, 0.0), where)

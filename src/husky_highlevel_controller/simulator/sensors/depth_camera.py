@@ -1,4 +1,4 @@
-"""A depth camera: what it is, and what its image means in space.
+"""Depth camera: its parameters, and 3D points from its depth image.
 
 In: a depth buffer from a renderer. Out: a `DepthImage`, points.
 Must not know: ROS, PyBullet.

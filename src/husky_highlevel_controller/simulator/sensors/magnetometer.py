@@ -1,4 +1,4 @@
-"""The magnetometer in a real Husky's IMU: the Earth's field along base_link's axes.
+"""Simulated magnetometer of a real Husky's IMU: the Earth's magnetic field in base_link.
 
 In: the true attitude of base_link, a random generator. Out: a `MagSample`.
 Must not know: ROS, PyBullet.

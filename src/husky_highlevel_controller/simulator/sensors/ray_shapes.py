@@ -1,4 +1,4 @@
-"""Where beams of a planar lidar enter boxes, cylinders and spheres, in closed form.
+"""Ray intersection of a planar lidar with boxes, cylinders and spheres, in closed form.
 
 In: numbers of one shape, or arrays of many: the formulas are the same. Out: distances along the beams.
 Must not know: ROS, PyBullet, scenes, which beams may hit what.
@@ -51,7 +51,7 @@ def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
 
 def enter_flank(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Where beams enter a cylinder that is ahead of them all, if it has no ends."""
+    """Distances at which beams enter an endless cylinder that is ahead of them all."""
     a, ahead, root = _flank(along, numbers)
     return (ahead - root) / a
 
@@ -75,7 +75,7 @@ def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
 
 class Formula(NamedTuple):
-    """What is particular about a kind of shape."""
+    """Intersection formula of one kind of shape."""
 
     axes: slice  # which of its axes matter
     prepare: Callable[[Number3, Sequence[Number3], Number3], Prepared]
@@ -92,7 +92,7 @@ Span = Tuple[np.ndarray, np.ndarray]  # between which t a ray is inside [m]; nan
 
 
 def _slab(directions: np.ndarray, middles: np.ndarray, halves: np.ndarray, depths: np.ndarray) -> Span:
-    """Between which t |t direction - middle| <= half; depth = half - |middle|."""
+    """Slab method: the interval of t with |t direction - middle| <= half; depth = half - |middle|."""
     steep = np.abs(directions)
     middle, half = middles / directions, halves / steep
     return _unless(steep < 1e-9, depths, middle - half, middle + half)
@@ -107,7 +107,7 @@ def _unless(parallel: np.ndarray, depths: np.ndarray, near: np.ndarray, far: np.
 
 
 def _entries(enter: np.ndarray, leave: np.ndarray) -> np.ndarray:
-    """Where rays that are inside from `enter` to `leave` first are, from 0 on; +inf for nowhere."""
+    """First distance from 0 on at which rays inside from `enter` to `leave` are inside; +inf for none."""
     enter = np.maximum(enter, 0.0)
     return np.where(enter <= leave, enter, inf)
 

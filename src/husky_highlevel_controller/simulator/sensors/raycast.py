@@ -1,4 +1,4 @@
-"""Casts a planar lidar's rays at boxes, cylinders, spheres and planes, in closed form.
+"""Ray casting of a planar lidar against boxes, cylinders, spheres and planes, in closed form.
 
 In: shapes with poses, where the laser stands, its beams' bearings. Out: distances.
 Must not know: ROS, PyBullet, noise.
@@ -47,7 +47,7 @@ class Solid(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What rays can hit. The sizes never change; the poses may be moved."""
+    """Shapes that rays can hit; their sizes are fixed, their poses may change."""
 
     solids: List[Solid]  # (M,)
     planes: Tuple[Tuple[Vector3, Vector3], ...]  # (point, unit normal) of each plane, in the world
@@ -59,14 +59,14 @@ class Scene:
     axes: np.ndarray  # (M, 3, 3), an axis in each row
 
     def move(self, index: int, pose_in_world: Pose) -> None:
-        """Put a solid shape somewhere else."""
+        """Set the pose of a solid shape."""
         position, axes = pose_in_world.position, axes_from_quat(pose_in_world.quat_xyzw)
         self.solids[index] = self.solids[index]._replace(position=position, axes=axes)
         self.positions[index], self.axes[index] = position, axes
 
 
 def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> Scene:
-    """Gather shapes and their poses in the world; the solid ones keep their order, planes stand apart."""
+    """Build a scene of shapes and their poses in the world; solid shapes keep their order."""
     solids: List[Solid] = []
     planes: List[Tuple[Vector3, Vector3]] = []
     for shape, pose in shapes:
