@@ -68,3 +68,9 @@ class Rate:
             return None
         (first, start), (last, end) = self._samples[0], self._samples[-1]
         return (last - first) / (end - start) if end > start else None
+
+
+def fixed(value: float, digits: int) -> str:
+    """A number with so many digits after the point; what rounds to nothing has no sign."""
+    text = f"{value:.{digits}f}"
+    return text.lstrip("-") if float(text) == 0.0 else text

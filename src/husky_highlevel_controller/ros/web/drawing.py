@@ -10,6 +10,7 @@ from husky_highlevel_controller.datatypes import Pose, Quaternion, Rgba
 from husky_highlevel_controller.ros.web import meshes
 from husky_highlevel_controller.ros.web.markers import Dots, Lines, MeshFile, Piece, Solid, Words
 
+LETTER_HEIGHT = 0.45  # of a text marker's scale, as RViz's letters measure
 MIN_OPACITY = 0.02  # what is fainter is not drawn: RViz shows nothing either
 
 
@@ -49,7 +50,7 @@ def draw(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose: Pose
                 name,
                 piece.text,
                 font_size_mode="scene",
-                font_scene_height=piece.height,
+                font_scene_height=LETTER_HEIGHT * piece.height,
                 anchor="bottom-center",
                 **where,
             )

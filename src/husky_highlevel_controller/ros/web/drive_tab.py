@@ -10,6 +10,7 @@ import viser
 from std_srvs.srv import SetBool, Trigger
 
 from husky_highlevel_controller.ros.web.actions import Actions, call
+from husky_highlevel_controller.ros.web.curves import fixed
 from husky_highlevel_controller.ros.web.teleop import Teleop
 from husky_highlevel_controller.srv import StepWorld
 
@@ -133,7 +134,7 @@ def _button(style: str, locks: str, words: str) -> str:
 
 
 def _number(value: Optional[float], unit: str, digits: int = 3) -> str:
-    return "&ndash;" if value is None else f"{value:.{digits}f} {unit}"
+    return "&ndash;" if value is None else f"{fixed(value, digits)} {unit}"
 
 
 def _set(html: Any, content: str) -> None:

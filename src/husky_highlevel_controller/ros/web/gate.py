@@ -7,6 +7,7 @@ token where there is one, adds the package's own script to the page, and answers
 
 from __future__ import annotations
 
+import base64
 import hmac
 import http
 import json
@@ -65,14 +66,32 @@ def _shows(token: str, headers: Mapping[str, str], path: str) -> bool:
     return any(hmac.compare_digest(item.encode(), token.encode()) for item in shown)
 
 
+def _viser_page() -> str:
+    html = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text()
+    return html.replace("<title>Viser</title>", "<title>Husky</title>")
+
+
+def replay_page(recording: bytes) -> bytes:
+    """Viser's page as a player of one recording, which it holds: it needs no server.
+
+    Args:
+        recording: as serialized by viser.
+    """
+    html = _viser_page()
+    at = html.index("</head>")
+    data = base64.b64encode(recording).decode()
+    # the names that viser's own StateSerializer.as_html gives them; that cannot be called a second time
+    script = f'window.__VISER_EMBED_DATA__="{data}";window.__VISER_EMBED_CONFIG__={{darkMode:false}};'
+    return f"{html[:at]}<script>{script}</script>{html[at:]}".encode()
+
+
 def page() -> bytes:
     """Viser's page with the package's script and style."""
-    html = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text()
-    folder = share_folder() / "web"
+    html, folder = _viser_page(), share_folder() / "web"
     script, style = (folder / "page.js").read_text(), (folder / "page.css").read_text()
     at = html.index("<head>") + len("<head>")
     ours = f"<script>{script}</script><style>{style}</style>"
-    return f"{html[:at]}{ours}{html[at:].replace('<title>Viser</title>', '<title>Husky</title>')}".encode()
+    return f"{html[:at]}{ours}{html[at:]}".encode()
 
 
 class Gate:

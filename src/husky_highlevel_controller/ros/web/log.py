@@ -6,11 +6,13 @@ In: rosgraph_msgs/Log. Out: HTML. Must not know: rospy, viser.
 from __future__ import annotations
 
 from collections import deque
+from datetime import datetime, timezone
 from html import escape
 from typing import Any, Deque, Iterable, List, NamedTuple
 
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "error": 8, "fatal": 16}  # rosgraph_msgs/Log
 CAPACITY = 2000  # lines kept
+DAY_ONE = 1e9  # [s]; a stamp from here on (2001) is no simulated time
 SHOWN = 150  # lines of one page
 
 
@@ -61,9 +63,16 @@ def to_html(lines: Iterable[Line]) -> str:
     """Lines as HTML; whatever a node has logged is text, never markup."""
     names = {number: name for name, number in LEVELS.items()}
     rows = [
-        f'<div class="{names.get(line.level, "info")}"><span class="time">{line.stamp:.2f}</span> '
+        f'<div class="{names.get(line.level, "info")}"><span class="time">{_moment(line.stamp)}</span> '
         f'<b>{names.get(line.level, "?")}</b> <span class="node">{escape(line.node)}</span> '
         f"{escape(line.text)}</div>"
         for line in lines
     ]
     return f'<div class="husky-block husky-log">{"".join(rows) or "no lines pass the filter"}</div>'
+
+
+def _moment(stamp: float) -> str:
+    """Simulated time in seconds, or the time of day (UTC) of a node that keeps the machine's time."""
+    if stamp < DAY_ONE:
+        return f"{stamp:.2f}"
+    return datetime.fromtimestamp(stamp, timezone.utc).strftime("%H:%M:%S")

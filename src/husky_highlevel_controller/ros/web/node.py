@@ -27,6 +27,7 @@ from husky_highlevel_controller.ros.web.objects import Objects
 from husky_highlevel_controller.ros.web.page_server import serve
 from husky_highlevel_controller.ros.web.pages import Page, theme
 from husky_highlevel_controller.ros.web.plots import Plots
+from husky_highlevel_controller.ros.web.recorder import Recorder
 from husky_highlevel_controller.ros.web.scene import Scene
 from husky_highlevel_controller.ros.web.teleop import Teleop
 from husky_highlevel_controller.ros.web.topics import Topics
@@ -109,10 +110,12 @@ class WebNode:
             self._tuning = Tuning(server, self._actions)
         with self._tabs["Curves"]:
             self._plots = Plots(server)
-        with self._tabs["View"], server.gui.add_folder("Layers, for every page"):
-            for layer, is_shown in self._scene.layers.items():
-                box = server.gui.add_checkbox(layer, is_shown)
-                box.on_update(partial(self._on_layer, layer))
+        with self._tabs["View"]:
+            with server.gui.add_folder("Layers, for every page"):
+                for layer, is_shown in self._scene.layers.items():
+                    box = server.gui.add_checkbox(layer, is_shown)
+                    box.on_update(partial(self._on_layer, layer))
+            self._recorder = Recorder(server, self._actions)
 
     def run(self) -> None:
         """Work until the node is shut down."""
@@ -140,6 +143,7 @@ class WebNode:
         if self._topics.is_open:
             self._topics.close()
             self._tuning.close()
+            self._recorder.stop()
             self._objects.clear()
             self._scene.forget()
             self._drive.forget()
@@ -176,6 +180,7 @@ class WebNode:
         base = self._scene.base
         for page in self._pages.values():
             page.update(None if base is None else base.position, self._pillar)
+        self._recorder.tick(now, None if base is None else base.position)
 
     def _take_numbers(self, now: float) -> None:
         clock = self._topics.take("clock")

@@ -74,9 +74,9 @@ class Page:
     def _make_view(self, tab: Any) -> None:
         with tab:
             gui = self.client.gui
-            camera = gui.add_button_group("Camera", CAMERAS)
+            camera = gui.add_button_group("Camera", CAMERAS, order=-2)
             camera.on_click(self._on_camera)
-            dark = gui.add_checkbox("Dark", False, hint="for this page only")
+            dark = gui.add_checkbox("Dark", False, hint="for this page only", order=-1)
             dark.on_update(lambda event: theme(gui, event.target.value))
 
     def make_tools(self, tab: Any) -> None:

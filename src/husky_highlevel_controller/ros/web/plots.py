@@ -10,7 +10,7 @@ from typing import Any, Dict, List, Sequence, Tuple
 import numpy as np
 import viser
 
-from husky_highlevel_controller.ros.web.curves import Curve
+from husky_highlevel_controller.ros.web.curves import Curve, fixed
 
 COLORS = ("#2b86d9", "#e07b00")
 WIDTH, HEIGHT = 300.0, 110.0  # of a chart's own units
@@ -52,8 +52,9 @@ def chart_html(title: str, labels: Sequence[str], arrays: Sequence[np.ndarray]) 
         f'<span style="color:{color}">&#9632;</span> {label} {_newest(values)}'
         for label, color, values in zip(labels, COLORS, series)
     )
+    limits = f"{fixed(low, 2)} to {fixed(low + span, 2)}, last {_length(times):.0f} s"
     return (
-        f'<div class="husky-block"><b>{title}</b>, {low:.2f} to {low + span:.2f}<br>{key}'
+        f'<div class="husky-block"><b>{title}</b>, {limits}<br>{key}'
         f'<svg viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" style="width:100%;display:block">'
         f"{''.join(lines)}</svg></div>"
     )
@@ -79,4 +80,8 @@ def _line(start: float, end: float, low: float, span: float, color: str) -> str:
 
 
 def _newest(values: np.ndarray) -> str:
-    return f"{values[-1]:.2f}" if len(values) and values[-1] == values[-1] else "&ndash;"
+    return fixed(float(values[-1]), 2) if len(values) and values[-1] == values[-1] else "&ndash;"
+
+
+def _length(times: np.ndarray) -> float:
+    return float(times[-1] - times[0]) if len(times) else 0.0

@@ -26,7 +26,9 @@ from husky_highlevel_controller.ros.web.topics import Topics
 SCAN_COLOR, TRAIL_COLOR, CLOUD_COLOR = (215, 60, 235), (110, 130, 150), (60, 170, 160)
 POINT_SIZE = 0.05  # [m], of the scan's points
 TRAIL_STEP, TRAIL_POINTS = 0.1, 1000  # [m] between two points of the trail, and how many
+TRAIL_JUMP = 1.0  # [m] from here on the robot was put elsewhere, and the trail begins anew
 GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m], of the robot that is dragged
+_NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
 BASE, FOOTPRINT = "base_link", "base_footprint"
 
 
@@ -175,6 +177,8 @@ class Scene:
         point = (x, y, self.ground + 0.01)
         if self._trail and dist(self._trail[-1], point) < TRAIL_STEP:
             return
+        if self._trail and dist(self._trail[-1], point) > TRAIL_JUMP:
+            self._trail.clear()
         self._trail = [*self._trail[-TRAIL_POINTS:], point]
         line = np.array(self._trail, np.float32)
         self._trail_line.points = np.stack([line[:-1], line[1:]], axis=1)
@@ -218,7 +222,7 @@ class Scene:
             if name not in self._axes:
                 path = f"/frames/{quote(name, safe='')}"
                 axes = self._scene.add_frame(path, axes_length=0.25, axes_radius=0.01, visible=False)
-                self._axes[name] = (axes, self._scene.add_label(f"{path}/name", name))
+                self._axes[name] = (axes, self._scene.add_label(f"{path}/name", name, **_NAME_LABEL))
             self._show(self._axes[name][0], self.frames.pose(name, self.fixed_frame))
 
 
