@@ -136,6 +136,16 @@ class MarkersShow(Player):
         gone = {marker.ns for marker in self.single if marker.action == Marker.DELETE}
         self.assertEqual(gone, {"pillar_in_odom", "pillar_in_laser"})
 
+    def test_6_the_path_of_a_robot_that_was_put_elsewhere_begins_there(self):
+        self.drive()
+        for step in range(3):
+            self.stand_at(-5.0 + 0.2 * step, 3.0)
+            self.answer(self.look())
+        moment = Player.moment
+        self.wait_until(lambda: self.at(moment), "the last scan is shown")
+        (path,) = [marker for marker in self.at(moment) if marker.ns == "path"]
+        self.assertEqual([(round(point.x, 2), point.y) for point in path.points][0], (-5.0, 3.0))
+
 
 if __name__ == "__main__":
     run(MarkersShow)

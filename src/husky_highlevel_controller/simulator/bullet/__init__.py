@@ -1,1 +1,21 @@
-"""PyBullet behind typed methods; the only folder that imports pybullet."""
+"""PyBullet in this package's words; the only folder that imports pybullet.
+
+Importing PyBullet prints its build time to standard error, from C. The first import happens here, with that
+descriptor pointed elsewhere: a program does not begin with a line that says nothing to its user.
+"""
+
+import os
+
+
+def _import_silently() -> None:
+    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        import pybullet  # noqa: F401 - to have it imported
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(null)
+
+
+_import_silently()

@@ -244,7 +244,7 @@ class BulletWorld:
                 lifted = [a + depth * n for a, n in zip(position, normal)]
                 pybullet.resetBasePositionAndOrientation(body_id, lifted, quat, physicsClientId=self._client)
                 names = self._names[body_id], self._names[plane]
-                log.info("'%s' was sunk %.2f m into '%s' and now stands on it", names[0], depth, names[1])
+                log.debug("'%s' was sunk %.2f m into '%s' and now stands on it", names[0], depth, names[1])
 
     def step(self) -> None:
         """Advance the physics by one step."""
