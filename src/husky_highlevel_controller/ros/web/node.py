@@ -11,6 +11,7 @@ from typing import Any, Dict, List, Optional, Tuple
 import rospy
 import viser
 from geometry_msgs.msg import PointStamped, TwistStamped, Vector3Stamped
+from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
 
 from husky_highlevel_controller.config import read_config
@@ -34,7 +35,8 @@ from husky_highlevel_controller.ros.web.topics import Topics
 from husky_highlevel_controller.ros.web.tuning import Tuning
 from husky_highlevel_controller.ros.web.world_tab import WorldTab
 
-READINGS_PERIOD = 0.2  # [s] between two updates of numbers, curves and logs
+READINGS_PERIOD = 0.2  # [s] between two updates of numbers and diagnostics
+CURVES_PERIOD = 1.0  # [s]
 NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
 IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
 
@@ -120,12 +122,12 @@ class WebNode:
     def run(self) -> None:
         """Work until the node is shut down."""
         period = 1.0 / self._config.rate
-        readings_due = network_due = 0.0
+        readings_due = curves_due = network_due = 0.0
         while not rospy.is_shutdown():
             self._greet()
             if not self._pages:
                 self._sleep_until_somebody_comes()
-                readings_due = network_due = 0.0
+                readings_due = curves_due = network_due = 0.0
                 continue
             now = time.monotonic()
             if now >= network_due:
@@ -134,8 +136,11 @@ class WebNode:
             with self._server.atomic():
                 self._update(now)
                 if now >= readings_due:
-                    self._update_readings()
+                    self._update_readings(now)
                     readings_due = now + READINGS_PERIOD
+                if now >= curves_due:
+                    self._plots.update()
+                    curves_due = now + CURVES_PERIOD
             time.sleep(max(0.0, period - (time.monotonic() - now)))
         self._server.stop()
 
@@ -160,6 +165,9 @@ class WebNode:
             return
         self._topics.follow(published)
         offered = dict(published)
+        has_truth = self._topics.name("truth") in offered
+        self._topics.listen("truth", Odometry, has_truth)
+        self._topics.listen("odometry", Odometry, not has_truth)
         self._topics.listen("command", TwistStamped, self._topics.name("command") in offered)
         self._topics.listen("error", Vector3Stamped, self._topics.name("error") in offered)
         self._topics.listen("pillar", PointStamped, self._topics.name("pillar") in offered)
@@ -183,10 +191,6 @@ class WebNode:
         self._recorder.tick(now, None if base is None else base.position)
 
     def _take_numbers(self, now: float) -> None:
-        clock = self._topics.take("clock")
-        if clock is not None:
-            self._time = clock.clock.to_sec()
-            self._clock_rate.add(self._time, now)
         odometry = self._topics.take("truth") or self._topics.take("odometry")
         if odometry is not None:
             self._speeds["measured"] = conversions.twist_from_msg(odometry.twist.twist)
@@ -209,7 +213,9 @@ class WebNode:
             self._plots.curves["speed"].add(self._time, commanded[0], measured[0])
             self._plots.curves["turning"].add(self._time, commanded[1], measured[1])
 
-    def _update_readings(self) -> None:
+    def _update_readings(self, now: float) -> None:
+        if self._time is not None:
+            self._clock_rate.add(self._time, now)
         scan = self._topics.newest.get("scan")
         if scan is not None and scan.count:
             self._scan_rate.add(scan.count, self._scene.scan_stamp)
@@ -219,7 +225,6 @@ class WebNode:
         rates = self._clock_rate.value, self._scan_rate.value
         status = Status(self._time, *rates, distance, bearing, speed)
         self._drive.update(status, [received.msg for received in self._topics.take_all("diagnostics")])
-        self._plots.update()
 
     # ------------------------------------------------------------------ pages come and go
 

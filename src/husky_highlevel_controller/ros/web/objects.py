@@ -20,7 +20,7 @@ from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
-from husky_highlevel_controller.ros.web.drawing import draw, place
+from husky_highlevel_controller.ros.web.drawing import clickable, draw, place
 from husky_highlevel_controller.ros.web.frames import Frames
 from husky_highlevel_controller.ros.web.markers import Piece, Solid, pieces, pose_of
 from husky_highlevel_controller.ros.web.topics import Received
@@ -145,7 +145,7 @@ class Objects:
         parts = [part for control in marker.controls for part in control.markers]
         for number, part in enumerate(parts):
             seen = [piece for piece in pieces(part) if not _is_ground(piece)]
-            drawn += draw(self._scene, f"{path}/{number}", seen, pose_of(part) or Pose())
+            drawn += clickable(draw(self._scene, f"{path}/{number}", seen, pose_of(part) or Pose()))
         self.shown[key] = Object(
             node,
             marker.header.frame_id.lstrip("/"),

@@ -8,6 +8,7 @@ import io
 import ipaddress
 import secrets
 import socket
+import warnings
 from typing import Any, Callable, Dict, NamedTuple, Optional
 
 import rospy
@@ -76,6 +77,7 @@ def serve(
     is_loopback = _is_loopback(host)
     token = None if is_loopback else secrets.token_urlsafe(16)
     _infra.AsyncMessageBuffer = MessageBuffer  # type: ignore
+    warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # a page may leave at any moment
     gate = Gate(is_loopback, token, on_message, on_leave)
     with gate.guards(), contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of its own
         server = PageServer(host=host, port=port, label="Husky", verbose=False)

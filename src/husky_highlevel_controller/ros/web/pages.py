@@ -64,7 +64,8 @@ class Page:
             self._is_placed = True
         elif self._at is not None and max(abs(a - b) for a, b in zip(target, self._at)) > 0.002:
             shift = tuple(a - b for a, b in zip(target, self._at))
-            camera.position = _sum(camera.position, shift)  # look_at moves along
+            with self.client.atomic():
+                camera.position = _sum(camera.position, shift)  # look_at moves along
         else:
             return
         self._at = target

@@ -13,6 +13,7 @@ import viser
 from husky_highlevel_controller.ros.web.curves import Curve, fixed
 
 COLORS = ("#2b86d9", "#e07b00")
+RESOLUTION = 0.2  # [s] between two points of a curve: more are not seen, and are sent again and again
 WIDTH, HEIGHT = 300.0, 110.0  # of a chart's own units
 PLOTS: Dict[str, Tuple[str, Tuple[str, str]]] = {
     "error": ("error", ("distance [m]", "bearing [rad]")),
@@ -61,8 +62,11 @@ def chart_html(title: str, labels: Sequence[str], arrays: Sequence[np.ndarray]) 
 
 
 def _path(times: np.ndarray, values: np.ndarray, low: float, span: float) -> str:
-    if len(times) < 2:
+    if len(times) < 3:
         return ""
+    bins = np.floor(times / RESOLUTION)  # of absolute time: what is drawn once stays drawn
+    kept = np.append(np.flatnonzero(np.diff(bins)), len(times) - 1)
+    times, values = times[kept], values[kept]
     x = WIDTH * (times - times[0]) / (times[-1] - times[0])
     y = HEIGHT * (1.0 - (values - low) / span)
     words: List[str] = []

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from math import dist
+from dataclasses import dataclass, field
+from math import dist, inf
 from typing import Any, Dict, List, Optional, Tuple
 from urllib.parse import quote
 
@@ -17,7 +18,7 @@ from husky_highlevel_controller.geometry import compose, matrix_from_quat
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.clouds import points_from_msg, points_from_scan
-from husky_highlevel_controller.ros.web.drawing import draw, place
+from husky_highlevel_controller.ros.web.drawing import clickable, draw, place, redraw
 from husky_highlevel_controller.ros.web.frames import Frames
 from husky_highlevel_controller.ros.web.markers import Key, Markers, Solid, looks, pieces, pose_of
 from husky_highlevel_controller.ros.web.robot import rigid_groups
@@ -25,11 +26,25 @@ from husky_highlevel_controller.ros.web.topics import Topics
 
 SCAN_COLOR, TRAIL_COLOR, CLOUD_COLOR = (215, 60, 235), (110, 130, 150), (60, 170, 160)
 POINT_SIZE = 0.05  # [m], of the scan's points
-TRAIL_STEP, TRAIL_POINTS = 0.1, 1000  # [m] between two points of the trail, and how many
+TRAIL_STEP, TRAIL_POINTS = 0.25, 1000  # [m] between two points of the trail, and how many
 TRAIL_JUMP = 1.0  # [m] from here on the robot was put elsewhere, and the trail begins anew
 GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m], of the robot that is dragged
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
+LOOKS_PERIOD = 0.2  # [s] between two changes of what a marker looks like
 BASE, FOOTPRINT = "base_link", "base_footprint"
+
+
+@dataclass
+class DrawnMarker:
+    """A marker as it is in the view."""
+
+    name: str  # of its node
+    node: Any
+    marker: Optional[Marker] = None
+    looks: Optional[Tuple[Any, ...]] = None
+    drawn_at: float = -inf  # [s]
+    is_stale: bool = False  # it looks different by now
+    parts: List[Any] = field(default_factory=list)  # nodes of its pieces
 
 
 class Scene:
@@ -48,8 +63,9 @@ class Scene:
         }
         self.scan_stamp = 0.0  # [s]
         self._robot: Dict[str, Any] = {}
+        self._robot_root = BASE
         self.robot_shapes: List[Any] = []  # nodes that the mouse can take hold of
-        self._drawn: Dict[Key, Tuple[Any, Any]] = {}  # node and looks of each marker
+        self._drawn: Dict[Key, DrawnMarker] = {}
         self._axes: Dict[str, Any] = {}
         self._trail: List[Tuple[float, float, float]] = []
         # without a graphics card shadows and reflections take a second a frame, the rest 1/60 s
@@ -91,12 +107,14 @@ class Scene:
         except HuskyError as error:
             rospy.logwarn(str(error))
             return
+        self._robot_root = BASE if BASE in groups else next(iter(groups), BASE)
         for frame, visuals in groups.items():
-            name = f"/robot/{quote(frame, safe='')}"
+            # all others move with the first, so that only what turns has to be sent
+            name = "/robot" if frame == self._robot_root else f"/robot/frames/{quote(frame, safe='')}"
             self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
             for number, visual in enumerate(visuals):
-                self.robot_shapes += draw(
-                    self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame
+                self.robot_shapes += clickable(
+                    draw(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
                 )
 
     @property
@@ -120,7 +138,8 @@ class Scene:
                 parent, child = msg.header.frame_id.lstrip("/"), msg.child_frame_id.lstrip("/")
                 self.frames.update(parent, child, stamp, pose)
         for frame, node in self._robot.items():
-            self._show(node, self.frames.pose(frame, self.fixed_frame))
+            parent = self.fixed_frame if frame == self._robot_root else self._robot_root
+            self._show(node, self.frames.pose(frame, parent))
         self._update_scan(topics.take("scan"))
         self._update_cloud(topics.take("cloud"))
         self._update_trail()
@@ -191,27 +210,40 @@ class Scene:
         self.markers.expire(now)
         shown = self.markers.shown if self.layers["markers"] else {}
         for key in self._drawn.keys() - shown.keys():
-            self._drawn.pop(key)[0].remove()
+            self._drawn.pop(key).node.remove()
         for key, marker in shown.items():
-            self._draw_marker(key, marker)
+            self._draw_marker(key, marker, now)
 
-    def _draw_marker(self, key: Key, marker: Marker) -> None:
-        node, old = self._drawn.get(key, (None, None))
-        if old is not None and old[0] is marker and not marker.frame_locked and node.visible:
-            return  # it stays where it was in the fixed frame when it came
-        appearance = old[1] if old is not None and old[0] is marker else looks(marker)
-        if node is None or old[1] != appearance:
+    def _draw_marker(self, key: Key, marker: Marker, now: float) -> None:
+        drawn = self._drawn.get(key)
+        is_known = drawn is not None and drawn.marker is marker
+        if drawn is None:
             topic, namespace, number = key
             name = f"/markers/{quote(topic, safe='')}/{quote(namespace, safe='')}_{number}"
-            if node is not None:
-                node.remove()
             node = self._scene.add_frame(name, show_axes=False, visible=False)
-            draw(self._scene, name, pieces(marker), Pose())
-        self._drawn[key] = (node, (marker, appearance))
+            drawn = self._drawn[key] = DrawnMarker(name, node)
+        if is_known and not drawn.is_stale and not marker.frame_locked and drawn.node.visible:
+            return  # it stays where it was in the fixed frame when it came
+        drawn.marker = marker
+        if not is_known or drawn.is_stale:
+            self._draw_looks(drawn, marker, now)
         stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
         frame = self.frames.pose(marker.header.frame_id.lstrip("/"), self.fixed_frame, stamp)
         pose = pose_of(marker)
-        self._show(node, None if frame is None or pose is None else compose(frame, pose))
+        self._show(drawn.node, None if frame is None or pose is None else compose(frame, pose))
+
+    def _draw_looks(self, drawn: DrawnMarker, marker: Marker, now: float) -> None:
+        """Draw it anew if it looks different, not more often than the eye needs."""
+        appearance = looks(marker)
+        drawn.is_stale = appearance != drawn.looks and now < drawn.drawn_at + LOOKS_PERIOD
+        if appearance == drawn.looks or drawn.is_stale:
+            return
+        drawn.looks, drawn.drawn_at = appearance, now
+        seen = pieces(marker)
+        if not redraw(drawn.parts, seen):
+            for part in drawn.parts:
+                part.remove()
+            drawn.parts = draw(self._scene, drawn.name, seen, Pose())
 
     def _update_axes(self) -> None:
         names = self.frames.names if self.layers["frames"] else []

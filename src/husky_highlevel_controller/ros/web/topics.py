@@ -8,8 +8,6 @@ from typing import Any, Callable, Deque, Dict, List, NamedTuple, Optional, Tuple
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Clock
 from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan, PointCloud2
 from tf2_msgs.msg import TFMessage
@@ -81,14 +79,7 @@ class Topics:
 
     def open(self) -> None:
         """Listen to what every robot has; `follow` adds what the network offers."""
-        kinds = {
-            "clock": Clock,
-            "scan": numpy_msg(LaserScan),
-            "odometry": Odometry,
-            "truth": Odometry,
-        }
-        for use, kind in kinds.items():
-            self.newest[use] = Newest("/clock" if use == "clock" else self._names[use], kind)
+        self.listen("scan", numpy_msg(LaserScan), True)
         for topic in ("/tf", "/tf_static"):
             self._subscribe(topic, TFMessage, "tf")
         self._subscribe("/diagnostics", DiagnosticArray, "diagnostics")
