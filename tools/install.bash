@@ -183,7 +183,7 @@ set_up() {
   build_workspace
   exec 9>&-
   # shellcheck disable=SC1091
-  source "$workspace/devel/setup.bash"
+  source "$workspace/devel/setup.bash" 2>"$state/source.log" || { cat "$state/source.log" >&2; exit 1; }
   case ":$ROS_PACKAGE_PATH:" in
     *":$workspace/src"*) ;;
     *) export ROS_PACKAGE_PATH=$workspace/src:${ROS_PACKAGE_PATH:-/usr/share} ;;   # Debian 13's catkin sets none

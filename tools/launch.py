@@ -10,6 +10,7 @@ import os
 import re
 import shlex
 import shutil
+import signal
 import sys
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set
@@ -193,6 +194,7 @@ def launch(file: Path, options: List[str]) -> int:
 
 def main() -> int:
     """Check, then launch."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # ./dev has it ignored, which nodes must not inherit
     file = find_launch_file(sys.argv[1])
     find_packages_for(file)
     check_arguments(file, sys.argv[2:])

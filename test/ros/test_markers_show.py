@@ -144,7 +144,7 @@ class MarkersShow(Player):
         moment = Player.moment
         self.wait_until(lambda: self.at(moment), "the last scan is shown")
         (path,) = [marker for marker in self.at(moment) if marker.ns == "path"]
-        self.assertEqual([(round(point.x, 2), point.y) for point in path.points][0], (-5.0, 3.0))
+        self.assertEqual(next((round(point.x, 2), point.y) for point in path.points), (-5.0, 3.0))
 
 
 if __name__ == "__main__":

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import faulthandler
+import signal
 import sys
+import threading
 from io import TextIOWrapper
 from typing import Any, Callable, Protocol
 
@@ -23,6 +25,20 @@ def publish(publisher: rospy.Publisher, message: Any) -> None:
     except (rospy.ROSException, ValueError):  # ValueError: its buffer is closed already
         if not rospy.core.is_shutdown_requested():
             raise
+
+
+def _end_on_signals() -> None:
+    """Shut down on SIGINT and SIGTERM in a thread of its own.
+
+    rospy's handler shuts down in the middle of whatever the main thread does, and waits for ever for a lock
+    that it holds there: 1 of 25 launches that were ended while they started.
+    """
+
+    def end(number: int, _: object) -> None:
+        threading.Thread(target=rospy.signal_shutdown, args=(f"signal {number}",)).start()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, end)
 
 
 class Runnable(Protocol):
@@ -45,7 +61,8 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
         faulthandler.enable()
     send_promptly()
     level = rospy.DEBUG if debug else rospy.INFO
-    rospy.init_node(name, log_level=level, disable_rostime=not listen_to_clock)
+    rospy.init_node(name, log_level=level, disable_rostime=not listen_to_clock, disable_signals=True)
+    _end_on_signals()
     try:
         make().run()
     except HuskyError as error:
