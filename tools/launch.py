@@ -170,7 +170,8 @@ def last_fatal(process_name: str, log_folder: Path) -> Optional[str]:
 def launch(file: Path, options: List[str]) -> int:
     """Run roslaunch; 0, or 1 if a required node failed."""
     failures = Failures()
-    run: Dict[str, str] = {}
+    run: Dict[str, Any] = {"started": False}
+    end = roslaunch.pmon.rl_signal
 
     class Parent(roslaunch.parent.ROSLaunchParent):
         def __init__(self, run_id: str, *arguments: Any, **named: Any) -> None:
@@ -182,6 +183,21 @@ def launch(file: Path, options: List[str]) -> int:
             adapt(self.config)
             failures.required = {node.name for node in self.config.nodes if node.required}
 
+        def start(self, auto_terminate: bool = True) -> None:
+            super().start(auto_terminate)
+            run["started"] = True
+
+    def end_also_while_starting(number: int, frame: Any) -> None:
+        """Python programs that still import end at SIGTERM in silence, at SIGINT with a traceback."""
+        if not run["started"]:
+            for process in [process for monitor in roslaunch.pmon._pmons for process in monitor.procs]:
+                if process.popen is not None and process.popen.poll() is None:
+                    os.killpg(process.popen.pid, signal.SIGTERM)
+        end(number, frame)
+        if not run["started"]:
+            raise SystemExit(128 + signal.SIGINT)  # or roslaunch would wait for the master that it has ended
+
+    roslaunch.pmon.rl_signal = end_also_while_starting
     roslaunch.parent.ROSLaunchParent = Parent
     roslaunch.main(["roslaunch", str(file), *options])
     if failures.first is None:
