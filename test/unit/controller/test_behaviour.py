@@ -498,6 +498,25 @@ def test_the_time_of_a_drive_begins_where_the_robot_leaves_the_pillar_or_is_put_
     assert leaving <= toy.controller_state.started_at < leaving + 1.5
 
 
+@pytest.mark.parametrize(
+    ("seconds", "metres", "moved"),
+    [(0.02, 0.25, False), (0.02, 0.45, True), (0.5, 1.2, False), (0.5, 1.4, True)],
+)
+def test_a_robot_farther_off_than_30_cm_and_2_m_a_second_was_put_there(seconds, metres, moved):
+    toy = Toy([(6.0, 0.0, 0.2)])
+    toy.step()
+    toy.pose, toy.time = Pose2D(toy.pose.x + metres), seconds
+    assert toy.step().output.moved is moved
+
+
+@pytest.mark.parametrize(("shift", "state"), [(0.08, State.ARRIVED), (0.13, State.DRIVING)])
+def test_an_arrived_robot_drives_again_when_the_pillar_is_10_cm_farther_off(shift, state):
+    toy = Toy([(1.2, 0.0, 0.2)], period=0.05)
+    assert toy.drive(3.0)[-1].output.state is State.ARRIVED
+    toy.circles = [(1.2 + shift, 0.0, 0.2)]
+    assert toy.step().output.state is state
+
+
 def test_a_robot_that_only_drives_is_never_taken_for_one_that_was_moved():
     assert not any(step.output.moved for step in Toy([(12.0, 5.0, 0.2)], period=0.1).drive(15.0))
 

@@ -119,7 +119,8 @@ class Publishers:
 
     def _set_time(self, now: rospy.Time) -> None:
         if self._tells_time:
-            # as rospy's own subscriber of /clock does; 6 us
+            # As rospy's own subscriber of /clock does. A subscription of its own would cost the simulator
+            # 3 % more CPU time in lockstep, and its time would lag behind what it publishes.
             rospy.rostime._set_rostime(now)
 
 
