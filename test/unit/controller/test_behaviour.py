@@ -147,6 +147,20 @@ def test_stop_distance_zero_drives_slowly_into_a_touch_and_stops_there():
         assert steps[-1].output.twist == STOP
 
 
+@pytest.mark.parametrize(("gap", "state"), [(0.0025, State.ARRIVED), (0.004, State.DRIVING)])
+def test_a_gap_of_3_mm_to_what_is_touched_is_noise(gap, state):
+    """Held there, it presses for a fifth of a second and has arrived."""
+    toy, steps = Toy([(2.0, 0.0, 0.2)], stop_distance=0.0), []
+    place = Pose2D(2.0 - 0.2 - HALF_LENGTH - gap)
+    for _ in range(20):
+        toy.pose, toy.twist = place, STOP
+        steps.append(toy.step())
+    assert steps[-1].output.state is state
+    if state is State.ARRIVED:
+        assert arrival(steps) == pytest.approx(0.22, abs=0.03)
+        assert {step.output.twist.linear for step in steps if step.time < 0.19} == {0.04}
+
+
 # ---------------------------------------------------------------------------- which one
 
 
