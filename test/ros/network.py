@@ -14,10 +14,10 @@ PACKAGE = "husky_highlevel_controller"
 DEADLINE = 60.0  # [s], for anything that hangs
 
 
-def wait_until(condition, what):
-    end = time.monotonic() + DEADLINE
+def wait_until(condition, what, deadline=DEADLINE):
+    end = time.monotonic() + deadline
     while not condition():
-        assert time.monotonic() < end, f"waited {DEADLINE} s until {what}"
+        assert time.monotonic() < end, f"waited {deadline} s until {what}"
         time.sleep(0.05)
 
 

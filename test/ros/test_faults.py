@@ -140,7 +140,7 @@ def test_an_hour_of_driving_misses_no_scan_and_takes_no_memory(seconds, ros):
     start_simulator(ros, "real_time_factor:=0", "lockstep:=true", "world_name:=empty.world")
     (pid,) = pids(ros, "husky_simulator")
     report = pester(ros, "drive", str(seconds), str(pid)).splitlines()[-1]  # rospy may warn before it
-    count, growth, gap = (float(word) for word in report.split())
+    count, growth, *gaps = (float(word) for word in report.split())
     assert count >= seconds * 50
-    assert gap == 20.0, "ms, and no other gap"
+    assert gaps == [20.0], "ms, and no other gap"
     assert growth < 2000

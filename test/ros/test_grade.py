@@ -176,9 +176,9 @@ def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
     command = [*GRADE, "--all", str(tmp_path / "class"), "--jobs", str(JOBS), *QUICK, "--out", str(out)]
     # the first result, then Ctrl-C
     first = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    wait_until(lambda: list(out.glob("*/result.json")), "one submission is marked")
+    wait_until(lambda: list(out.glob("*/result.json")), "one submission is marked", 600.0)
     first.send_signal(signal.SIGINT)
-    printed, _ = first.communicate(timeout=60)
+    printed, _ = first.communicate(timeout=600)
     assert first.returncode == 2, printed
     assert "goes on from here" in printed
     for place in out.glob("*/drive_*/assignment.json"):
