@@ -211,3 +211,15 @@ def test_an_upside_down_lidar_looks_at_the_same_place():
     ranges[there - 15 : there + 16] = np.inf
     assert look_at(Estimate(x, y, 0.2, 0.0, 0.0), scan_at(0.0, ranges), below) is Visibility.EMPTY
     assert hypot(*transform_point(inverse(below), (x, y, 0.3))[:2]) == pytest.approx(hypot(3.0, 1.0))
+
+
+def test_a_place_at_the_lidar_itself_is_no_error():
+    for distance in (0.0, 0.1, 0.19):
+        assert look_at(known(distance).estimate, scan_at(0.0, 0.5), LASER) is not Visibility.SEEN
+
+
+@pytest.mark.parametrize("y", [1.0, -1.0])
+def test_a_lidar_that_counts_from_0_to_360_degrees_sees_the_place_too(y):
+    ranges = np.full(720, np.inf)
+    all_round = replace(scan_at(0.0), angle_min=0.0, angle_max=2.0 * np.pi, ranges=ranges)
+    assert look_at(known(3.0, y).estimate, all_round, LASER) is Visibility.EMPTY
