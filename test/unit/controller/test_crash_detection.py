@@ -107,6 +107,12 @@ def test_what_pushes_a_robot_on_is_no_crash_but_the_same_push_stops_one_that_dri
     assert bump(-LOSS, speed=0.0)
 
 
+@pytest.mark.parametrize(("speed", "felt"), [(0.015, True), (0.03, False)])
+def test_wheels_slower_than_2_cm_a_second_stand(speed, felt):
+    """Then it may be pushed either way; one that drives loses speed in a crash, and gains none."""
+    assert bool(bump(-LOSS, speed=speed)) is felt
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_push_from_the_side_is_felt(side):
     assert bump(0.0, side * LOSS)
@@ -128,6 +134,37 @@ def test_speeding_up_braking_and_curves_are_what_the_wheels_say():
     assert not drive.go(push(1.0), 0.0)
     curve = Drive(wheels_rate=50)
     assert not curve.go(push(3.0, left=1.0 * 2.0), 1.0, yaw_rate=2.0)
+
+
+@pytest.mark.parametrize(("loss", "felt"), [(0.1, False), (0.25, True)])
+def test_a_crash_while_it_brakes_is_felt(loss, felt):
+    """Of 0.3 m/s that the wheels lose within a window 0.24 m/s are believed."""
+    drive = Drive(wheels_rate=50)
+    drive.go(push(2.0), 1.0)
+    braking, speeds = push(0.3, -3.0), np.linspace(1.0, 0.1, 30)
+    braking[5:13, 0] -= loss / 0.08
+    assert bool(drive.go(np.concatenate([braking, push(0.3)]), np.append(speeds, np.full(30, 0.1)))) is felt
+
+
+def test_a_shock_ahead_with_one_from_below_is_the_ground():
+    shock = push(0.4)
+    shock[3:6] = (-30.0, 0.0, 30.0)
+    drive = Drive()
+    drive.go(push(2.0))
+    assert not drive.go(shock)
+
+
+def test_it_learns_the_ground_for_half_a_second_before_it_judges():
+    for begin, felt in ((0.3, False), (0.5, True)):
+        assert bool(Drive().go(np.concatenate([push(begin), push(0.08, LOSS), push(0.3)]))) is felt
+
+
+@pytest.mark.parametrize(("gap", "felt"), [(0.15, True), (0.3, False)])
+def test_a_gap_of_more_than_a_fifth_of_a_second_between_samples_is_a_new_beginning(gap, felt):
+    drive = Drive()
+    drive.go(push(2.0))
+    drive.step += round(gap * RATE)
+    assert bool(drive.go(np.concatenate([push(0.02), push(0.08, LOSS), push(0.3)]))) is felt
 
 
 def test_without_odometry_a_crash_is_felt_all_the_same():
@@ -205,6 +242,33 @@ def test_on_rough_ground_a_loss_of_0_4_m_s_within_80_ms_is_felt_within_0_3_s(dev
         felt += any(now > 2.0 for now, _ in drive.go(piece))
         trials += 1
     assert felt == trials
+
+
+@pytest.mark.parametrize(("seconds", "felt"), [(0.8, False), (1.3, True)])
+def test_rough_ground_is_forgotten_after_a_second_on_smooth_ground(seconds, felt):
+    drive = Drive()
+    drive.go(0.8 * vibration(3.0, FLOORING, 0))
+    assert bool(drive.go(np.concatenate([push(seconds), push(0.08, -0.15 / 0.08), push(0.3)]))) is felt
+
+
+def on_shaking_ground(amplitude, ahead=0.0, left=0.0):
+    """Crashes felt where the ground shakes the robot up and down [m/s^2], and it loses or gains speed [m/s]."""
+    drive, shaking = Drive(), np.zeros((340, 3))
+    shaking[:, 2] = amplitude * np.sin(2.0 * pi * np.arange(340) / 23.0)
+    shaking[300:308, :2] += (ahead / 0.08, left / 0.08)
+    return drive.go(shaking)
+
+
+@pytest.mark.parametrize(("amplitude", "felt"), [(0.1, True), (0.2, False)])
+def test_the_limit_grows_with_the_ground_s_vibration(amplitude, felt):
+    """5 mm/s within a window, as under an A200 that stands, and 10 mm/s."""
+    assert bool(on_shaking_ground(amplitude, ahead=-0.2)) is felt
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("gained", "felt"), [(0.2, False), (0.25, True)])
+def test_sideways_rough_ground_counts_twice(gained, felt, side):
+    assert bool(on_shaking_ground(0.1, left=side * gained)) is felt
 
 
 # ---------------------------------------------------------------------------- real runs, where they are
