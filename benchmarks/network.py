@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import Any, Callable, Dict, Optional, Sequence
 
+import psutil
+
 from husky_highlevel_controller.grading.isolation import ros_network
 from husky_highlevel_controller.grading.isolation.process import Process, wait, with_variable
 
@@ -16,7 +18,6 @@ HERE = Path(__file__).parent
 PACKAGE = "husky_highlevel_controller"
 DEADLINE = 60.0  # [s] of wall time, for anything that hangs
 POLL_PERIOD = 0.01  # [s] of wall time between two looks
-TICK = os.sysconf("SC_CLK_TCK")  # [Hz], of the CPU times in /proc
 
 
 class BenchError(Exception):
@@ -76,7 +77,11 @@ class Network(ros_network.Network):
 
     def pid(self, script: str) -> int:
         """The one process of this network that runs a script."""
-        (found,) = (pid for pid in with_variable("ROS_MASTER_URI", self.uri) if script in _program(pid))
+        (found,) = (
+            pid
+            for pid in with_variable("ROS_MASTER_URI", self.uri)
+            if any(os.path.basename(word) == script for word in psutil.Process(pid).cmdline())
+        )
         return found
 
     def _until(self, condition: Callable[[], bool], what: str) -> None:
@@ -87,19 +92,10 @@ class Network(ros_network.Network):
         return BenchError("\n".join([what, *(process.output[-500:] for process in self.processes)]))
 
 
-def _program(pid: int) -> Sequence[str]:
-    """What a process runs: the names of the files in its command line."""
-    try:
-        words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-    except OSError:  # it has just ended
-        return []
-    return [os.path.basename(word.decode()) for word in words]
-
-
 def cpu_seconds(pid: int) -> float:
-    """What a process has used of the CPU so far, all its threads [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICK
+    """CPU time of a process so far, all its threads [s]."""
+    times = psutil.Process(pid).cpu_times()
+    return float(times.user + times.system)
 
 
 def peak_megabytes(pid: Optional[int] = None) -> float:

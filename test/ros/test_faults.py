@@ -6,6 +6,7 @@ import signal
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
 from network import PACKAGE, memory, wait_until
 
@@ -20,10 +21,7 @@ def pids(ros, executable):
     return [
         pid
         for pid in ros.left()
-        if any(
-            word.endswith(f"/{executable}".encode())
-            for word in Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-        )
+        if any(word.endswith(f"/{executable}") for word in psutil.Process(pid).cmdline())
     ]
 
 

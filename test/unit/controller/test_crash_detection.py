@@ -136,6 +136,14 @@ def test_speeding_up_braking_and_curves_are_what_the_wheels_say():
     assert not curve.go(push(3.0, left=1.0 * 2.0), 1.0, yaw_rate=2.0)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_curve_that_begins_at_once_is_no_push_from_the_side(side):
+    drive = Drive()
+    drive.go(push(2.0), 1.0)
+    assert not drive.go(push(0.5, left=side * 2.0), 1.0, yaw_rate=side * 2.0)
+    assert Drive().go(np.concatenate([push(2.0), push(0.5, left=side * 2.0)]), 1.0)
+
+
 @pytest.mark.parametrize(("loss", "felt"), [(0.1, False), (0.25, True)])
 def test_a_crash_while_it_brakes_is_felt(loss, felt):
     """Of 0.3 m/s that the wheels lose within a window 0.24 m/s are believed."""
@@ -252,7 +260,7 @@ def test_rough_ground_is_forgotten_after_a_second_on_smooth_ground(seconds, felt
 
 
 def on_shaking_ground(amplitude, ahead=0.0, left=0.0):
-    """Crashes felt where the ground shakes the robot up and down [m/s^2], and it loses or gains speed [m/s]."""
+    """Crashes felt where the ground shakes the robot up and down [m/s^2] and its speed changes [m/s]."""
     drive, shaking = Drive(), np.zeros((340, 3))
     shaking[:, 2] = amplitude * np.sin(2.0 * pi * np.arange(340) / 23.0)
     shaking[300:308, :2] += (ahead / 0.08, left / 0.08)
