@@ -38,11 +38,13 @@ def legs(config=CONFIG, count=5):
     """(turn before it [rad], length [m]) of the first legs in free space, by 0.1 rad and 0.05 m at a time."""
     search, pose, found = Search(), Pose2D(), []
     turned = before = driven = 0.0
-    while len(found) < count:
+    for _ in range(1000):
         search, twist = search_on(search, pose, NOTHING, config)
         if twist.angular > 0.0:
             if driven > 0.0:
                 found.append((before, driven))
+                if len(found) == count:
+                    break
                 driven, turned = 0.0, 0.0
             pose = pose._replace(yaw=pose.yaw + 0.1)
             turned += 0.1

@@ -105,9 +105,10 @@ def test_eight_places_given_up_are_remembered(others, remembered):
     for place in range(others + 1):
         track, sighting, _ = seen(track, now + 0.02, pillar(4.0, 2.0 * (place - 4), beams=5))
         assert sighting is not None
-        while track.estimate is not None:
+        for _ in range(7):  # until it is given up
             now += 0.1
             track, _, _ = seen(track, now)
+        assert track.estimate is None
     first = seen(track, now + 0.02, pillar(4.0, -8.0, beams=5))[1]
     assert (first is None) is remembered
 
