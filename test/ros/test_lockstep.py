@@ -111,7 +111,9 @@ def sleeping_drive(ros):
     end = "12"
     recorder = ros.start(sys.executable, RECORDER, str(ros.folder / "poses"), end)
     launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
-    launched.says("lockstep: time waits")  # a node that starts before /use_sim_time is set sleeps by wall time
+    launched.says(
+        "lockstep: time waits"
+    )  # a node that starts before /use_sim_time is set sleeps by wall time
     ros.start(sys.executable, "-c", RATE_LOOP)
     assert recorder.wait(SLEEPING_DEADLINE) == 0, recorder.output
     assert "running free" not in launched.output, launched.output

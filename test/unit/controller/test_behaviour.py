@@ -8,15 +8,15 @@ from math import atan2, cos, degrees, hypot, inf, isnan, nan, pi, sin
 
 import numpy as np
 import pytest
-from scenes import UPRIGHT, UPSIDE_DOWN, Toy
+from scenes import UPRIGHT, UPSIDE_DOWN, Toy, look
 
 from husky_highlevel_controller.controller.behaviour import ControllerState, Observation, State, decide
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
-from husky_highlevel_controller.datatypes import STOP, Pose2D
+from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D
 from husky_highlevel_controller.evaluation.scenarios import SICK, box, room, scan_of
 from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH
-from husky_highlevel_controller.geometry import wrap_angle
+from husky_highlevel_controller.geometry import quat_from_rpy, wrap_angle
 
 PILLAR = (20.0, 5.0, 0.2)
 COURSE = {"p_gain_vel": 0.1, "p_gain_ang": 0.4}
@@ -92,6 +92,13 @@ def test_it_turns_to_the_pillar_whichever_way_up_the_lidar_is(mount):
         assert output.twist.angular * y > 0.0
         assert output.target_in_base == pytest.approx((10.0, y), abs=0.01)
         assert (output.pillar.y * y > 0.0) is (mount is UPRIGHT)
+
+
+def test_a_tilted_lidar_s_pillar_is_where_its_beams_end():
+    tilted = Pose((0.3, 0.0, 0.3), quat_from_rpy(0.0, 0.2, 0.0))
+    observation = Observation(look([(5.0, 1.0, 0.2)]), tilted, Pose2D())
+    _, output = decide(ControllerState(), observation, True, ControlConfig(), PillarConfig())
+    assert output.target_in_base == pytest.approx((0.3 + 5.0 * cos(0.2), 1.0), abs=0.01)
 
 
 def test_errors_go_down_to_zero_on_the_way():

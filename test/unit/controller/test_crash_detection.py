@@ -154,6 +154,24 @@ def test_a_crash_while_it_brakes_is_felt(loss, felt):
     assert bool(drive.go(np.concatenate([braking, push(0.3)]), np.append(speeds, np.full(30, 0.1)))) is felt
 
 
+@pytest.mark.parametrize("late", [-0.09, 0.0, 0.09])
+def test_odometry_may_be_a_tenth_of_a_second_late_or_early(late):
+    braking = np.concatenate([push(0.3), push(0.3, -3.0), push(0.5)])
+    speeds = np.interp(np.arange(110) - late * RATE, np.arange(110), 1.0 + np.cumsum(braking[:, 0]) / RATE)
+    drive = Drive(wheels_rate=50)
+    drive.go(push(2.0), 1.0)
+    assert not drive.go(braking, speeds)
+
+
+def test_a_crash_a_fifth_of_a_second_after_it_braked_is_not_excused_by_that():
+    drive, moving, speeds = Drive(wheels_rate=50), push(1.0), np.full(100, 1.0)
+    drive.go(push(2.0), 1.0)
+    moving[30:40, 0] = -3.0
+    speeds[30:40], speeds[40:] = np.linspace(1.0, 0.7, 10), 0.7
+    moving[50:58, 0] = -0.3 / 0.08
+    assert drive.go(moving, speeds)
+
+
 def test_a_shock_ahead_with_one_from_below_is_the_ground():
     shock = push(0.4)
     shock[3:6] = (-30.0, 0.0, 30.0)
@@ -267,10 +285,13 @@ def on_shaking_ground(amplitude, ahead=0.0, left=0.0):
     return drive.go(shaking)
 
 
-@pytest.mark.parametrize(("amplitude", "felt"), [(0.1, True), (0.2, False)])
-def test_the_limit_grows_with_the_ground_s_vibration(amplitude, felt):
-    """5 mm/s within a window, as under an A200 that stands, and 10 mm/s."""
-    assert bool(on_shaking_ground(amplitude, ahead=-0.2)) is felt
+@pytest.mark.parametrize(
+    ("amplitude", "loss", "felt"),
+    [(0.1, 0.2, True), (0.2, 0.2, False), (0.4, 0.25, False), (0.4, 0.35, True)],
+)
+def test_the_limit_grows_with_the_ground_s_vibration(amplitude, loss, felt):
+    """5 mm/s within a window, as under an A200 that stands, 10 and 20 mm/s."""
+    assert bool(on_shaking_ground(amplitude, ahead=-loss)) is felt
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
