@@ -1,13 +1,9 @@
-"""Random files of hand-ins: each is read, or refused with an error of ours, and in bounded time.
-
-`./dev test -m fuzz` runs thousands of cases, the normal run a few of the same kind; both are seeded.
-"""
+"""Random files of hand-ins: each is read, or refused with an error of ours, and in bounded time."""
 
 import json
-import random
 
-import pytest
 import yaml
+from damage import WORDS, damaged, mutated
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading import rviz_check
@@ -24,13 +20,6 @@ from husky_highlevel_controller.grading.launch_choice import choose_launch_file
 from husky_highlevel_controller.grading.overrides import read_overrides
 from husky_highlevel_controller.grading.report import from_json
 
-WORDS = [
-    "", " ", "a", "husky", "husky/n", "../../etc", "/dev/zero", "-d", "-d 'my view.rviz", '"', "\\", "nan",
-    "1e999", "$(find husky)", "$(find husky)/launch/a.launch", "$(arg x)", "$(eval 1/0)", "$(dirname)/a",
-    "none", "ü", "\u202e", "\x7f", "=1+1", "<b>", "&", "singlePillar", "rviz", "true", "false", "9" * 400,
-    "x" * 5000,
-]  # fmt: skip
-VALUES = [None, True, -1, 5, 10**400, 0.5, float("nan"), float("inf"), [], {}, *WORDS]
 MANIFEST = (
     '<package format="2"><name>husky</name><version>0.0.0</version><description>d</description>'
     '<maintainer email="a@b.org">m</maintainer><license>BSD</license><depend>roscpp</depend></package>'
@@ -67,39 +56,6 @@ MARKING = (
     "points: {b: {points: 1, word: w}}, late: {percent: 1, word: w}}}"
 )
 RESULT = {"name": "a", "what": "b", "settings": {}, "notes": [], "items": [], "problem": ""}
-
-
-@pytest.fixture(
-    params=[pytest.param(30, id="short"), pytest.param(3000, id="long", marks=[pytest.mark.fuzz])]
-)
-def cases(request):
-    """A random generator for each case."""
-    return [random.Random(f"{request.node.originalname} {number}") for number in range(request.param)]
-
-
-def damaged(rng, text):
-    """Text with some of its parts cut, repeated, replaced or swapped."""
-    for _ in range(rng.choice([0, 0, 1, 1, 2, 4])):
-        start = rng.randrange(len(text) + 1)
-        end = min(len(text), start + rng.choice([1, 3, 20, 200]))
-        new = rng.choice([*WORDS, text[start:end] * 3, chr(rng.randrange(1, 0x2FF))])
-        text = text[:start] + new + text[end:]
-    return text
-
-
-def mutated(rng, value):
-    """A value of YAML or JSON in which some parts are of another kind."""
-    if rng.random() < 0.08:
-        return rng.choice(VALUES)
-    if isinstance(value, dict):
-        return {
-            (rng.choice(WORDS) if rng.random() < 0.03 else key): mutated(rng, each)
-            for key, each in value.items()
-            if rng.random() > 0.03
-        }
-    if isinstance(value, list):
-        return [mutated(rng, each) for each in value for _ in range(rng.choice([0, 1, 1, 1, 1, 2]))]
-    return value
 
 
 def put(path, text):

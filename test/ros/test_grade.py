@@ -1,8 +1,10 @@
 """Marking, as a teacher sees it: good and bad controllers get exactly what they deserve, and all end."""
 
+import csv
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -16,7 +18,7 @@ from network import wait_until
 from husky_highlevel_controller.grading.cli import Marking
 from husky_highlevel_controller.grading.drive import GradingConfig, Submission, plan
 from husky_highlevel_controller.grading.isolation.process import with_variable
-from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+from husky_highlevel_controller.grading.isolation.sandbox import BUBBLEWRAP, Workspace, kind_of_sandbox
 
 SUBMISSIONS = Path(__file__).parents[1] / "submissions"
 sys.path.insert(0, str(SUBMISSIONS))
@@ -198,6 +200,61 @@ def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
         "not installed: no_such_package (not in Debian: --underlay SETUP.bash)"
         in second.stdout + (out / "results.csv").read_text()
     )
+
+
+# what must not happen to a class; each is one of the attacks that test/submissions has
+ATTACKS = {
+    "blocks_readers": "for a person",
+    "breaks_readers": "marked",
+    "escapes": "for a person",
+    "hooks_the_setup": "for a person",
+    "names_a_path": "could not be marked: no catkin package in it; package.xml: <name> is "
+    "'/var/tmp/husky_named_a_path', which is not the name of a package",
+}  # fmt: skip
+
+
+def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
+    for name in ATTACKS:
+        make_package(name, tmp_path / "class")
+    with (tmp_path / "key").open("w") as key, socket.create_server(("127.0.0.1", 0)) as server:
+        key.write("secret")
+        outside = [Path("/var/tmp"), Path("/usr/local/bin"), tmp_path, tmp_path / "out"]
+        env = {
+            **os.environ, "ESCAPES_READS": key.name, "ESCAPES_WRITES": ":".join(map(str, outside)),
+            "ESCAPES_TO_PORT": str(server.getsockname()[1]), "ESCAPES_KILLS": str(os.getpid()),
+        }  # fmt: skip
+        command = [
+            "--all",
+            tmp_path / "class",
+            "--jobs",
+            "2",
+            "--trials",
+            "1",
+            "--deadline",
+            "5",
+            "--pace",
+            "8",
+        ]
+        done = grade(*command, "--out", tmp_path / "out", env=env)
+        assert done.returncode == 2, done.stdout + done.stderr
+        server.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            server.accept()
+    with (tmp_path / "out" / "results.csv").open(newline="") as table:
+        rows = {row["submission"]: row for row in csv.DictReader(table)}
+    assert {name: row["state"] for name, row in rows.items()} == ATTACKS
+    assert {row["total"] for name, row in rows.items() if name != "names_a_path"} == {"0"}
+    notes = rows["breaks_readers"]["notes"]
+    assert "launch-prefix 'xterm -e' of node controller is dropped" in notes
+    assert "node breaks_readers/no_such_program cannot be started" in notes
+    said = (tmp_path / "out" / "escapes" / "drive_1" / "submission.log").read_text()
+    assert "all attempted" in said
+    if kind_of_sandbox() == BUBBLEWRAP:
+        assert "escaped" not in said
+        assert not [path for folder in outside for path in folder.glob("escaped")]
+        assert not list(Path("/var/tmp").glob("husky_*"))
+    running = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if path.exists()]
+    assert b"sleep\0" + b"86399\0" not in running, "what an environment hook started"
 
 
 @pytest.mark.parametrize(

@@ -211,12 +211,13 @@ def _plausible_of_many(
     counts, step = stops - starts, abs(scan.angle_increment)
     near, far = np.minimum.reduceat(ranges, starts), np.maximum.reduceat(ranges, starts)
     span, largest = valid[stops - 1] - valid[starts], config.pillar_radius + config.radius_tolerance
-    widest = 2.0 * np.arcsin(largest / (np.maximum(near, 0.0) + largest)) + step
+    ahead = np.maximum(near, 0.0)
+    widest = 2.0 * np.arcsin(largest / (ahead + largest)) + step
     plausible = (
         (counts >= config.min_beams)
         & (near > 0.0)
         & (span * step <= widest)
-        & (far - near <= largest + 4.0 * config.max_residual)
+        & (far - ahead <= largest + 4.0 * config.max_residual)
         & (near * step <= 2.0 * largest)
     )
     return Segments(valid, ranges, counts, near, scan.angle_increment).those(plausible)

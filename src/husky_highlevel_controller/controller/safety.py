@@ -9,7 +9,7 @@ A planar lidar sees what is at its own height, and nothing behind the robot beyo
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import copysign, hypot, isfinite
+from math import copysign, hypot
 from typing import List, Optional, Tuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from husky_highlevel_controller.geometry import advance, matrix_from_quat
 ANGULAR_BRAKING = 6.0  # [rad/s^2], the drive's limit (husky_control 0.6.10, control.yaml)
 
 MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05  # [m/s], [rad/s]: slower is standing, for odometry has noise
+FASTEST = 100.0  # [m/s] and [rad/s]: a measured velocity beyond it is none
 PATH_STEPS = 12  # poses looked at on the way to standstill
 APPROACH = 1e-3  # [m], what does not come nearer by this much is not being approached
 STOPPING_TIMEOUT = 1.0  # [s], after a stop was called for the robot stands, or it is driven by another node
@@ -69,7 +70,7 @@ def too_close(
     """
     if not is_moving(twist_in_base):
         return None
-    if not (isfinite(twist_in_base.linear) and isfinite(twist_in_base.angular)):
+    if not (abs(twist_in_base.linear) <= FASTEST and abs(twist_in_base.angular) <= FASTEST):
         return 0.0  # nothing is known of the way to standstill
     way = _way_to_standstill(twist_in_base, config)
     points_in_base = _points(scan, pose_laser_in_base)

@@ -160,9 +160,11 @@ def _is_event(event: Any) -> bool:
     if not isinstance(event, dict):
         return False
     kind, code = event.get("event"), event.get("exit_code")
+    if not isinstance(kind, str):
+        return False
     if kind == "died":
         in_range = code is None or (type(code) is int and abs(code) < 256)
-        return isinstance(event.get("node"), str) and in_range
+        return isinstance(event.get("node"), str) and "exit_code" in event and in_range
     if kind == "plan":
         named = all(_are_words(event.get(key)) for key in ("nodes", "left_out"))
         return named and isinstance(event.get("rviz"), list) and all(map(_is_rviz_node, event["rviz"]))

@@ -5,6 +5,7 @@ In: a path for the socket. Out: `TruthRow`s and sentences, to callbacks. Must no
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 import threading
@@ -15,6 +16,7 @@ from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import yaw_from_quat
 
 BUFFER = 1 << 16  # [bytes]
+READ = b"."  # answers each state: the simulator waits for it, so that markers that come get the right time
 
 
 class TruthRow(NamedTuple):
@@ -66,5 +68,7 @@ class TruthFeed:
                 for key, value in json.loads(line).items():
                     if key == "truth":
                         self._on_truth(row_from_line(value))
+                        with contextlib.suppress(OSError):
+                            connection.sendall(READ)
                     else:
                         self._on_event(key, str(value))

@@ -5,7 +5,7 @@ In and out: records and messages. Must not know: nodes, topics, rospy.
 
 from __future__ import annotations
 
-from math import hypot, isfinite, pi
+from math import hypot, inf, isfinite, pi
 from typing import Tuple
 
 import numpy as np
@@ -84,14 +84,14 @@ def scan_to_msg(scan: Scan) -> LaserScan:
 
 
 class ScanError(HuskyError):
-    """A LaserScan whose beams have no directions."""
+    """A LaserScan whose beams have no directions, or no shortest range."""
 
 
 def scan_from_msg(msg: LaserScan) -> Scan:
     """A lidar's scan; the last beam's angle follows from the increment, not from angle_max.
 
     Raises:
-        ScanError: angle_min or angle_increment gives the beams no directions.
+        ScanError: angle_min or angle_increment gives the beams no directions, or range_min is no distance.
     """
     if not isfinite(msg.angle_min):
         raise ScanError(f"a scan in '{msg.header.frame_id}' has angle_min = {msg.angle_min} rad")
@@ -100,6 +100,8 @@ def scan_from_msg(msg: LaserScan) -> Scan:
             f"a scan of {len(msg.ranges)} beams in '{msg.header.frame_id}' has angle_increment = "
             f"{msg.angle_increment} rad; {LEAST_INCREMENT:g} to {2.0 * pi:.2f} rad are possible"
         )
+    if not 0.0 <= msg.range_min < inf:
+        raise ScanError(f"a scan in '{msg.header.frame_id}' has range_min = {msg.range_min} m")
     ranges = np.array(msg.ranges, dtype=float)
     ranges.setflags(write=False)
     steps = max(len(ranges) - 1, 0)

@@ -1,9 +1,12 @@
-"""When a drive is over, and which call of exercise 5 is due."""
+"""When a drive is over, which call of exercise 5 is due, and how the truth comes."""
+
+import json
+import socket
 
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.grading.call_plan import CallPlan, exercise_2_over, exercise_2_speed
 from husky_highlevel_controller.grading.drive_end import DriveEnd
-from husky_highlevel_controller.grading.truth_feed import TruthRow, row_from_line
+from husky_highlevel_controller.grading.truth_feed import READ, TruthFeed, TruthRow, row_from_line
 
 
 def end_of(states):
@@ -73,3 +76,17 @@ def test_a_line_of_the_truth_becomes_a_row():
     assert (row.stamp, row.speed, row.yaw_rate) == (1.5, 0.3, -0.2)
     assert row.pose_in_world.position == (1.0, 2.0, 0.1)
     assert abs(abs(row.yaw) - 3.14159) < 1e-3
+
+
+def test_each_state_is_answered_once_it_is_read(tmp_path):
+    rows, events = [], []
+    TruthFeed(tmp_path / "truth", rows.append, lambda *event: events.append(event))
+    with socket.socket(socket.AF_UNIX) as simulator:
+        simulator.settimeout(20.0)
+        simulator.connect(str(tmp_path / "truth"))
+        for stamp in (0.02, 0.04):
+            for line in ({"changed": "moved"}, {"truth": [stamp, 0, 0, 0, 0, 0, 0, 1, 0, 0]}):
+                simulator.sendall((json.dumps(line) + "\n").encode())
+            assert simulator.recv(10) == READ
+            assert rows[-1].stamp == stamp
+    assert events == [("changed", "moved")] * 2

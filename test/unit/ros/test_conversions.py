@@ -134,6 +134,12 @@ def test_a_scan_without_a_first_direction_is_refused_with_a_sentence(angle):
         conversions.scan_from_msg(LaserScan(angle_min=angle, angle_increment=0.1, ranges=[1.0, 1.0]))
 
 
+@pytest.mark.parametrize("range_min", [nan, -inf, inf, -1.0])
+def test_a_scan_without_a_shortest_range_is_refused(range_min):
+    with pytest.raises(conversions.ScanError, match="range_min = "):
+        conversions.scan_from_msg(LaserScan(angle_increment=0.1, ranges=[1.0, 2.0], range_min=range_min))
+
+
 def test_a_received_scan_cannot_be_written_into():
     scan = conversions.scan_from_msg(over_the_wire(LaserScan(angle_increment=0.1, ranges=[1.0, 2.0])))
     with pytest.raises(ValueError, match="read-only"):

@@ -429,6 +429,15 @@ def test_a_tilted_shape_stays_where_it_was_drawn(pitch, load):
         (HUSKY.replace('<mass value="46.034"/>', ""), "link 'inertial_link': value is missing"),
         (HUSKY.replace('"0.6022"', '"inf"'), "link 'inertial_link': ixx is 'inf'"),
         (HUSKY.replace('"0.6022"', '"-3"'), "principal moments of inertia"),
+        (HUSKY.replace('"0.6022"', '"1e300"'), "ixx is '1e300'; no number may be beyond 1e+06"),
+        (HUSKY.replace('"0.6022"', '"9e5"'), "no body has one above the sum of the others"),
+        (HUSKY.replace('value="2.637"', 'value="1e-9"'), "the mass must be at least 0.001 kg"),
+        (HUSKY.replace('value="2.637"', 'value="5e-324"'), "the mass must be at least 0.001 kg"),
+        (
+            HUSKY.replace("2.637", "0.002").replace("0.02467", "100").replace("0.04411", "100"),
+            "radii of gyration 0.0001 to 100 m",
+        ),
+        (HUSKY.replace('length="0.1143"', 'length="3e38"'), "length is '3e38'"),
         (HUSKY.replace('value="2.637"', 'value="0"'), "front_left_wheel_link': mass 0.0"),
         (
             HUSKY.replace('xyz="0.19 0 0.149"', 'xyz="0.19 0"'),

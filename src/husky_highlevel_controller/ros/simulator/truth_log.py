@@ -37,6 +37,21 @@ class TruthLog:
             pose = robot.pose_in_world
             speed, yaw_rate = robot.velocity_in_base[0], robot.angular_velocity_in_base[2]
             self.write_line("truth", [snapshot.stamp, *pose.position, *pose.quat_xyzw, speed, yaw_rate])
+            self._wait_for_reader()
+
+    def _wait_for_reader(self) -> None:
+        """Until the state is read: a busy reader must not take what comes now for something later."""
+        if self._socket is None:
+            return
+        try:
+            if not self._socket.recv(1):
+                raise ConnectionResetError("it has closed the socket")
+        except OSError as error:
+            self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        rospy.logwarn(f"the reader of {VARIABLE} is gone: {error}")
+        self._socket = None
 
     def write_line(self, key: str, value: Any) -> None:
         """One line."""
@@ -45,5 +60,4 @@ class TruthLog:
         try:
             self._socket.sendall((json.dumps({key: value}) + "\n").encode())
         except OSError as error:
-            rospy.logwarn(f"the reader of {VARIABLE} is gone: {error}")
-            self._socket = None
+            self._give_up(error)

@@ -37,6 +37,12 @@ WHEEL_JOINTS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rea
 TREAD_WIDTH = 0.004  # [m]
 FLANK_DEPTH = 0.005  # [m]
 
+# Beyond these the engine's numbers overflow, and the robot's pose is NaN without a word.
+MIN_MASS = 0.001  # [kg], of the body, and of each wheel
+MIN_GYRATION, MAX_GYRATION = 1e-4, 100.0  # [m]
+FLATNESS = 1.001  # a flat plate has 1, and rounding
+MIN_SIZE, MAX_SIZE = 1e-4, 1000.0  # [m], of collision shapes
+
 
 @dataclass(frozen=True)
 class Wheel:
@@ -220,11 +226,26 @@ def _merge(parts: Sequence[Inertial]) -> Inertial:
 
 
 def _require_solid(inertial: Inertial, what: str) -> Inertial:
+    """Itself, if a body of its mass can have its inertia.
+
+    Raises:
+        DescriptionError: nothing solid has these numbers, or nothing with which physics can be computed.
+    """
     mass, _, inertia = inertial
     moments = np.linalg.eigvalsh(inertia)
     if mass <= 0.0 or moments[0] <= 0.0:
         raise DescriptionError(
             f"{what}: mass {mass}, principal moments of inertia {moments}; they must be positive"
+        )
+    if moments[-1] > FLATNESS * (moments[0] + moments[1]):  # the engine would take them all for zero
+        raise DescriptionError(
+            f"{what}: principal moments of inertia {moments}; no body has one above the sum of the others"
+        )
+    least, most = mass * MIN_GYRATION**2, mass * MAX_GYRATION**2
+    if mass < MIN_MASS or moments[0] < least or moments[-1] > most:
+        raise DescriptionError(
+            f"{what}: mass {mass}, principal moments of inertia {moments}; the mass must be at least "
+            f"{MIN_MASS} kg, and its radii of gyration {MIN_GYRATION} to {MAX_GYRATION:g} m"
         )
     return inertial
 
@@ -240,8 +261,10 @@ def _shape(collision: ET.Element, where: str) -> ET.Element:
     elif shape.tag != "mesh":
         names = ("radius", "length") if shape.tag == "cylinder" else ("radius",)
         sizes = tuple(number_of(shape, name, where) for name in names)
-    if any(size <= 0.0 for size in sizes):
-        raise DescriptionError(f"{where}: a collision {shape.tag} has {shape.attrib}; sizes must be positive")
+    if not all(MIN_SIZE <= size <= MAX_SIZE for size in sizes):
+        raise DescriptionError(
+            f"{where}: a collision {shape.tag} has {shape.attrib}; sizes are {MIN_SIZE} to {MAX_SIZE:g} m"
+        )
     return shape
 
 

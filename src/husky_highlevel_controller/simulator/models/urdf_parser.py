@@ -14,6 +14,8 @@ from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import matrix_from_quat, quat_from_rpy
 from husky_highlevel_controller.simulator.models.husky_xacro import DescriptionError
 
+MAX_NUMBER = 1e6  # in metres, kilograms or their products: a robot's are far smaller, and physics needs room
+
 
 def name_of(element: ET.Element) -> str:
     """An element's name, which must be given."""
@@ -43,7 +45,7 @@ def ends_of(joint: ET.Element, links: Mapping[str, ET.Element]) -> Tuple[str, st
 def numbers_of(
     element: Optional[ET.Element], attribute: str, default: Tuple[float, ...], where: str
 ) -> Tuple[float, ...]:
-    """An attribute's finite numbers, as many as the default has; the default where it is not given."""
+    """An attribute's numbers up to MAX_NUMBER, as many as the default has; that where it is not given."""
     text = None if element is None else element.get(attribute)
     if text is None:
         return default
@@ -55,6 +57,8 @@ def numbers_of(
         raise DescriptionError(
             f"{where}: {attribute} is '{text}'; it must be {len(default)} finite number(s)"
         )
+    if any(abs(number) > MAX_NUMBER for number in numbers):
+        raise DescriptionError(f"{where}: {attribute} is '{text}'; no number may be beyond {MAX_NUMBER:g}")
     return numbers
 
 
