@@ -4,6 +4,8 @@ Importing PyBullet prints its build time to standard error, from C. The first im
 descriptor pointed elsewhere: a program does not begin with a line that says nothing to its user.
 """
 
+from __future__ import annotations
+
 import os
 
 
