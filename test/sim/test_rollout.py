@@ -15,13 +15,8 @@ from husky_highlevel_controller.controller.behaviour import State
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.datatypes import Body, Cylinder, Geometry, Pose, Pose2D
 from husky_highlevel_controller.evaluation import evaluate
-from husky_highlevel_controller.evaluation.evaluate import (
-    COURSE_GAINS,
-    TOUCHING,
-    center_error,
-    false_pillars,
-    run,
-)
+from husky_highlevel_controller.evaluation.evaluate import COURSE_GAINS, TOUCHING
+from husky_highlevel_controller.evaluation.metrics import center_error, false_pillars, run
 from husky_highlevel_controller.evaluation.rollout import rollout
 from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
 from husky_highlevel_controller.simulator.models.husky_xacro import robot_description

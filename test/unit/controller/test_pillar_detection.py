@@ -422,6 +422,6 @@ def test_every_setting_declares_a_range_that_holds_its_default():
 def test_a_near_wall_far_to_the_side_makes_no_far_pillar_doubtful(side):
     """Only what hides part of its silhouette does."""
     wall = ((-1.0, side * 1.5, 3.0, side * 1.5),)
-    for distance in (12.0, 15.0, 18.0):
+    for distance in (12.0, 24.0, 28.0):
         (found,) = find_pillars(look([(distance, 0.0, 0.2)], wall), CONFIG)
         assert hypot(found.x - distance, found.y) < 0.05

@@ -1,0 +1,132 @@
+"""Metrics of the controller: of single scans, and of whole drives.
+
+In: numbers of random scenes, scenarios, gains. Out: errors, times, touches, against the true poses.
+Must not know: ROS, which figures are wanted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, hypot, inf, pi, sin
+from typing import Optional, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
+from husky_highlevel_controller.course import PILLAR_RADIUS
+from husky_highlevel_controller.evaluation.rollout import Trace, husky, rollout
+from husky_highlevel_controller.evaluation.scenarios import Scenario, bare_scene, pillar_scene
+from husky_highlevel_controller.footprint import HALF_LENGTH
+from husky_highlevel_controller.simulator.diff_drive import DriveConfig
+from husky_highlevel_controller.simulator.simulation import SimulatorConfig
+
+SAME_PILLAR = 0.2  # [m], a pillar found this near to the true one is that one
+MANY_BEAMS = 8  # from here on one scan distinguishes an object from a pillar
+ALIGNED = 0.005  # [rad], within this the robot faces the pillar; a swing beyond it is a crossing
+DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0  # [s] of simulated time after which a run ends
+
+
+# ---------------------------------------------------------------------------- single scans
+
+
+def center_error(number: int, seed: int, clutter: bool) -> float:
+    """How far from a random pillar the nearest one found is [m]; inf where none is the same."""
+    scene = pillar_scene(number, seed, clutter=clutter)
+    assert scene.pillar is not None
+    x, y, _ = scene.pillar
+    error = min((hypot(p.x - x, p.y - y) for p in find_pillars(scene.scan, PillarConfig())), default=inf)
+    return error if error < SAME_PILLAR else inf
+
+
+def false_pillars(number: int, seed: int) -> int:
+    """How many pillars of many beams are found in a random scene without one."""
+    found = find_pillars(bare_scene(number, seed).scan, PillarConfig())
+    return sum(pillar.beams >= MANY_BEAMS for pillar in found)
+
+
+# ---------------------------------------------------------------------------- whole runs
+
+
+@dataclass(frozen=True)
+class DriveResult:
+    """What counts of one run."""
+
+    name: str
+    arrived_at: float  # [s]; inf if it did not
+    bound: float  # [s], no robot with these limits could be there earlier, even if it faced the pillar
+    final_error: float  # [m], true distance from the lidar to the pillar, less the one asked for
+    gap: float  # [m], true, from the hull's front to the pillar, in the end
+    pushed: float  # [m], how far the pillar was moved
+    touched: Tuple[str, ...]
+    crossings: int  # of zero by the true bearing, after the first alignment
+
+    @property
+    def ratio(self) -> float:
+        """Time to arrival over the bound."""
+        return self.arrived_at / self.bound
+
+    @property
+    def good(self) -> bool:
+        """It stands where it should, and touched nothing."""
+        return self.arrived_at < inf and not self.touched and abs(self.final_error) <= 0.02
+
+
+def run(
+    control: ControlConfig,
+    scenario: Scenario,
+    simulator: Optional[SimulatorConfig] = None,
+    detector: Optional[PillarConfig] = None,
+) -> DriveResult:
+    """Drive a scenario and judge it."""
+    settle = 3.0 if control.stop_distance == 0.0 else 1.0
+    # a real Husky may have to search first
+    seconds = SEARCH_SECONDS if simulator and simulator.real else DRIVE_SECONDS
+    trace = rollout(scenario, control, detector, simulator, settle=settle, seconds=seconds)
+    distance = _lidar_to_pillar(trace, -1)
+    first_x, first_y = trace.pillars[0]
+    last_x, last_y = trace.pillars[-1]
+    lidar_x = husky().fixed_poses[husky().laser_frame].position[0]
+    return DriveResult(
+        name=scenario.name,
+        arrived_at=inf if trace.arrived_at is None else trace.arrived_at,
+        bound=time_bound(trace, control, lidar_x),
+        final_error=distance - control.stop_distance,
+        gap=distance - (HALF_LENGTH - lidar_x),
+        pushed=hypot(last_x - first_x, last_y - first_y),
+        touched=trace.touched,
+        crossings=crossings(trace),
+    )
+
+
+def _lidar_to_pillar(trace: Trace, row: int) -> float:
+    """True distance from the lidar to the pillar's surface [m]."""
+    x, y, yaw = trace.poses[row]
+    lidar_x, lidar_y, _ = husky().fixed_poses[husky().laser_frame].position
+    x, y = x + cos(yaw) * lidar_x - sin(yaw) * lidar_y, y + sin(yaw) * lidar_x + cos(yaw) * lidar_y
+    return hypot(trace.pillars[row, 0] - x, trace.pillars[row, 1] - y) - PILLAR_RADIUS
+
+
+def time_bound(trace: Trace, control: ControlConfig, lidar_x: float) -> float:
+    """Shortest time to the stop point, straight, at the drive's limits of speed and acceleration [s]."""
+    (x, y, _), (pillar_x, pillar_y) = trace.poses[0], trace.pillars[0]
+    stop = max(control.stop_distance, HALF_LENGTH - lidar_x)
+    length = max(hypot(pillar_x - x, pillar_y - y) - PILLAR_RADIUS - stop - lidar_x, 0.0)
+    speed, acceleration = DriveConfig.max_linear, DriveConfig.max_linear_acceleration
+    if length < speed**2 / acceleration:  # never at full speed
+        return 2.0 * float(np.sqrt(length / acceleration))
+    return length / speed + speed / acceleration
+
+
+def crossings(trace: Trace) -> int:
+    """How often the true bearing swings to the other side after it was first aligned, up to the arrival."""
+    until = inf if trace.arrived_at is None else trace.arrived_at
+    dx, dy = (trace.pillars - trace.poses[:, :2]).T
+    bearings = (np.arctan2(dy, dx) - trace.poses[:, 2] + pi) % (2.0 * pi) - pi
+    bearings = bearings[trace.times <= until]
+    aligned = np.flatnonzero(np.abs(bearings) < ALIGNED)
+    if not len(aligned):
+        return 0
+    after = bearings[aligned[0] :]
+    sides = np.sign(np.append(after[0], after[np.abs(after) >= ALIGNED]))
+    return int((np.diff(sides) != 0.0).sum())
