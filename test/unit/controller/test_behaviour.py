@@ -255,6 +255,16 @@ def test_a_pillar_put_back_where_it_was_is_believed_again():
     assert toy.drive(3.0)[-1].output.state is State.ARRIVED
 
 
+def test_at_the_stop_point_without_seeing_the_pillar_it_turns_to_where_it_was():
+    toy = Toy([(1.187, 0.0, 0.2)], pose=Pose2D(yaw=0.1))
+    toy.step()
+    toy.circles, toy.pose = [], Pose2D(0.26, 0.0, 0.1)
+    output = toy.step().output
+    assert (output.state, output.reason) == (State.DRIVING, "looking where the pillar was")
+    assert output.twist.linear == 0.0
+    assert output.twist.angular == pytest.approx(-0.2, abs=0.01)
+
+
 def test_a_single_scan_without_the_pillar_changes_nothing():
     toy = Toy([(6.0, 1.0, 0.2)])
     toy.drive(1.0)
