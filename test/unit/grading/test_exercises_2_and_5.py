@@ -132,3 +132,10 @@ def test_a_robot_that_waits_for_its_first_start_is_judged():
 def test_no_service_is_told():
     items = judge_calls(recording(notes=("node x ends",)))
     assert [item.evidence for item in items] == ["no std_srvs/SetBool service: node x ends"] * 2
+
+
+def test_that_it_sleeps_is_no_reason_to_have_no_service():
+    slow = "it does not answer every scan with a command: simulated time goes on while it sleeps"
+    items = judge_calls(recording(notes=(slow,)))
+    assert [item.evidence for item in items] == ["no std_srvs/SetBool service"] * 2
+    assert "does not subscribe to the scans" in judge_output(recording(notes=(slow,))).evidence

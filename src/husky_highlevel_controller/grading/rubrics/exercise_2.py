@@ -13,6 +13,7 @@ from typing import List, Sequence
 import numpy as np
 
 from husky_highlevel_controller.grading.recording import Recording
+from husky_highlevel_controller.grading.rubrics.exercise_3 import causes
 from husky_highlevel_controller.grading.rubrics.items import Item, RvizView, forfeited
 from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules
 
@@ -35,7 +36,7 @@ def judge_output(recording: Recording) -> Item:
     item = Item(ITEMS[0], 0.0, 40.0, "")
     truth = recording.nearest[np.isfinite(recording.nearest[:, 1]), 1]
     if not recording.subscribed or not len(truth):
-        why = recording.notes[0] if recording.notes else "it does not subscribe to the scans"
+        why = (causes(recording) or ["it does not subscribe to the scans"])[0]
         return replace(item, evidence=f"nothing to print: {why}")
     low, high = float(truth.min()), float(truth.max())
     printed = [value for line in recording.output.splitlines() for value in _ranges_in(line, low, high)]

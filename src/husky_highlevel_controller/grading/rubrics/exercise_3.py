@@ -140,10 +140,15 @@ def _why_it_stands(recording: Recording) -> str:
     return f"the robot never moves: {first_cause(recording)}"
 
 
+def causes(recording: Recording) -> List[str]:
+    """Notes on what went wrong; that it sleeps or is slow is no cause."""
+    return [note for note in recording.notes if "does not answer" not in note]
+
+
 def first_cause(recording: Recording) -> str:
     """Why the robot stands: the first link of the chain node, scan, command that is broken."""
     silent, unread = ", ".join(recording.silent_topics), ", ".join(recording.unread_topics)
-    ended = [note for note in recording.notes if "does not answer" not in note]
+    ended = causes(recording)
     if not recording.subscribed and silent and not ended:
         return f"it listens to {silent}, where nothing is sent"
     if ended:

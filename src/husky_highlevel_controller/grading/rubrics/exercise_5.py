@@ -12,7 +12,7 @@ from typing import List, Sequence
 import numpy as np
 
 from husky_highlevel_controller.grading.recording import Call, Recording
-from husky_highlevel_controller.grading.rubrics.exercise_3 import first_cause
+from husky_highlevel_controller.grading.rubrics.exercise_3 import causes, first_cause
 from husky_highlevel_controller.grading.rubrics.items import Item, RvizView, forfeited
 from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules
 
@@ -47,8 +47,7 @@ def judge_calls(recording: Recording) -> List[Item]:
     if not recording.calls:
         offered = recording.services
         why = f"{offered[0]} was not called" if offered else "no std_srvs/SetBool service"
-        if recording.notes:
-            why += f": {recording.notes[0]}"
+        why += "".join(f": {cause}" for cause in causes(recording)[:1])
         return [replace(stop, evidence=why), replace(start, evidence=why)]
     name = recording.services[0] if recording.services else "its service"
     effects = [Effect(call, *_speeds(recording, call)) for call in recording.calls]
