@@ -27,8 +27,9 @@ from husky_highlevel_controller.grading.isolation.files import (
 from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 
-BUILD_DEADLINE = 600.0  # [s] of wall time, for each of the two attempts
+BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
 APT_DEADLINE = 20.0  # [s] of wall time
+RETRIES = 2  # of a build that fails
 MAX_MISSING = 10  # packages that CMake misses one after the other
 # boost::bind's _1 was global before Boost 1.73
 OLD_BOOST = "-DBOOST_BIND_GLOBAL_PLACEHOLDERS -include boost/bind.hpp"
@@ -208,10 +209,14 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         missing |= more
     if missing:
         notes.append(missing_note(missing))
-    if code:  # a second time, for headers that were generated too late
-        output, code = _catkin_make(
-            folders, needed, underlay, OLD_BOOST if _PLACEHOLDER.search(output) else ""
-        )
+    for _ in range(RETRIES):
+        if not code:
+            break
+        # headers may have been generated too late, and hide that the placeholders are missing, too
+        flags = OLD_BOOST if _PLACEHOLDER.search(output) else ""
+        output, code = _catkin_make(folders, needed, underlay, flags)
+        if flags or not _PLACEHOLDER.search(output):
+            break
     if code is None:
         notes.append(f"it does not build within {BUILD_DEADLINE:g} s")
     elif code:

@@ -12,9 +12,16 @@ import pytest
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading import archives
+from husky_highlevel_controller.grading import build as build_module
 from husky_highlevel_controller.grading.archives import Allowance, ArchiveError, unpack
 from husky_highlevel_controller.grading.batch import Batch, fingerprint, mark_all
-from husky_highlevel_controller.grading.build import build_error, copy_packages, missing_packages
+from husky_highlevel_controller.grading.build import (
+    OLD_BOOST,
+    Folders,
+    build_error,
+    copy_packages,
+    missing_packages,
+)
 from husky_highlevel_controller.grading.hand_in import (
     NotMarkableError,
     choose_packages,
@@ -23,6 +30,7 @@ from husky_highlevel_controller.grading.hand_in import (
     fits_exercise,
     open_hand_in,
 )
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.launch_choice import choose_launch_file, named_launch_file
 from husky_highlevel_controller.grading.overrides import Override, read_overrides
 from husky_highlevel_controller.grading.page import class_page
@@ -352,6 +360,31 @@ def test_all_packages_that_are_not_installed_are_found_at_once(tmp_path):
 )
 def test_a_build_that_fails_is_one_line(output, words, tmp_path):
     assert build_error(output, PurePosixPath("/ws")) == words
+
+
+@pytest.mark.parametrize(
+    ("outputs", "flags"),
+    [
+        ([("a.h: No such file", 2), ("error: _1 was not declared", 2), ("", 0)], ["", "", OLD_BOOST]),
+        ([("error: _1 was not declared", 2), ("", 0)], ["", OLD_BOOST]),
+        ([("a.h: No such file", 2), ("", 0)], ["", ""]),
+        ([("error: 5", 2), ("error: 5", 2)], ["", ""]),
+        ([("", 0)], [""]),
+    ],
+)
+def test_a_build_is_tried_again_for_late_headers_and_then_for_old_placeholders(
+    outputs, flags, tmp_path, monkeypatch
+):
+    tried = []
+
+    def make(folders, needed, underlay, flags):
+        tried.append(flags)
+        return outputs[len(tried) - 1]
+
+    monkeypatch.setattr(build_module, "_catkin_make", make)
+    built = build_module.build(Folders(tmp_path), frozenset(), Workspace({}))
+    assert tried == flags
+    assert built.complete == (outputs[-1][1] == 0)
 
 
 def test_a_changed_file_or_override_changes_the_fingerprint(tmp_path):
