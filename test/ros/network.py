@@ -69,6 +69,16 @@ class Ros:
         self.processes.append(Process(command, self.folder, {**self.env, **env}))
         return self.processes[-1]
 
+    def run(self, *command):
+        """What a command prints; it must succeed."""
+        return subprocess.run(
+            command, check=True, stdout=subprocess.PIPE, env=self.env, timeout=DEADLINE
+        ).stdout
+
+    def call(self, service, *arguments):
+        """What a service answers, as YAML."""
+        return self.run("rosservice", "call", service, *arguments)
+
     def roslaunch(self, file, *arguments, **env):
         return self.start("roslaunch", "-p", str(self.port), PACKAGE, file, "gui:=false", *arguments, **env)
 

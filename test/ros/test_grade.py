@@ -134,6 +134,10 @@ def test_the_reference_gets_100_from_several_starts(tmp_path):
     assert (suite.get("tests"), suite.get("failures")) == ("5", "0")
     for picture in ("drive.png", "rviz.png"):
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
+    feedback = (tmp_path / "feedback.html").read_text()
+    for number in (1, 2):
+        assert f"drive {number}" in (tmp_path / f"drive_{number}" / "replay.html").read_text()
+        assert f'<iframe title="replay of drive {number}"' in feedback
 
 
 def test_the_start_and_stop_service_of_exercise_5(tmp_path):

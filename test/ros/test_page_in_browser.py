@@ -3,15 +3,23 @@
 import json
 import re
 import shutil
-import subprocess
+import socket
 import sys
 import time
 from math import dist
 from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
+import numpy as np
 import pytest
+import viser
 import yaml
 from network import Ros
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from husky_highlevel_controller.replay import Replay, to_html
 
 CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium")
 if CHROMIUM is None:
@@ -51,7 +59,7 @@ def network(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def launched(network):
-    process = network.roslaunch("controller.launch", "web:=true", "world_name:=empty.world", "seed:=1")
+    process = network.roslaunch("controller.launch", "web:=true", "seed:=1")
     wait_until(lambda: ADDRESS.search(process.output), "the page's address is printed")
     return ADDRESS.search(process.output).group(1)
 
@@ -74,14 +82,18 @@ def browser():
 
 def opened(browser, address):
     page = browser.new_page(viewport=SIZE, device_scale_factor=COARSENESS)
+    watch(page)
+    page.goto(address)
+    page.wait_for_selector("text=EMERGENCY STOP")
+    return page
+
+
+def watch(page):
     page.set_default_timeout(1000.0 * DRAW_TIMEOUT)
     page.complaints, page.hosts = [], set()
     page.on("console", lambda msg: msg.type == "error" and page.complaints.append(msg.text))
     page.on("pageerror", lambda error: page.complaints.append(str(error)))
     page.on("request", lambda request: page.hosts.add(request.url))
-    page.goto(address)
-    page.wait_for_selector("text=EMERGENCY STOP")
-    return page
 
 
 @pytest.fixture(scope="module")
@@ -97,11 +109,56 @@ def press(page, name):
     page.get_by_role("button", name=name, exact=True).click()
 
 
-def test_the_page_opens_without_a_complaint_and_asks_no_other_host(page, launched):
-    wait_until(lambda: "no diagnostics" not in page.inner_text("body"), "the page shows the diagnostics")
-    assert page.complaints == []
-    foreign = [url for url in page.hosts if not url.startswith((launched, "data:", "blob:"))]
-    assert foreign == []
+def test_a_slider_that_is_moved_slows_the_robot(page, robot, network):
+    show(page, "Tune")
+    slider = slider_of(page, "max_linear")
+    network.call("/husky_simulator/reset")  # 20 s to the pillar from here
+    wait_until(lambda: robot.speed > 0.8, "the controller drives")
+    track = slider.locator("xpath=..").bounding_box()
+    thumb = slider.bounding_box()
+    y = thumb["y"] + thumb["height"] / 2.0
+    page.mouse.move(thumb["x"] + thumb["width"] / 2.0, y)
+    page.mouse.down()
+    page.mouse.move(track["x"] + 0.3 * track["width"], y, steps=3)
+    page.mouse.up()
+    wait_until(lambda: 0.1 < robot.speed < 0.5, "the robot slows")
+
+
+def test_a_parameter_that_is_changed_elsewhere_moves_the_slider(page, network):
+    node = "/husky_highlevel_controller"
+    network.run("rosrun", "dynamic_reconfigure", "dynparam", "set", node, "max_linear", "0.8")
+    slider = slider_of(page, "max_linear")
+    wait_until(lambda: float(slider.get_attribute("aria-valuenow")) == 0.8, "the slider has moved")
+
+
+def slider_of(page, name):
+    row = page.locator("label", has_text=name).locator("xpath=ancestor::div[.//*[@role='slider']][1]")
+    return row.get_by_role("slider").first
+
+
+def test_the_log_is_filtered_by_text(page, network):
+    show(page, "Log")
+    for text in ("one of a kind", "another"):
+        network.run("rostopic", "pub", "-1", "/rosout", "rosgraph_msgs/Log", f"{{level: 2, msg: {text}}}")
+    page.wait_for_selector(".husky-log >> text=another")
+    everything = page.locator(".husky-log div").count()
+    label = page.locator("label", has_text=re.compile("^Text$"))
+    field = label.locator("xpath=ancestor::div[.//input][1]").locator("input")
+    field.fill("ONE OF A KIND")
+    wait_until(lambda: 0 < page.locator(".husky-log div").count() < everything, "fewer lines are shown")
+    lines = page.locator(".husky-log div").all_inner_texts()
+    assert lines
+    assert all("one of a kind" in line for line in lines)
+    field.fill("nothing has said this")
+    page.wait_for_selector("text=no lines pass the filter")
+    field.fill("")
+    show(page, "Drive")
+
+
+def wait_until_it_stands(page, robot):
+    # a page that draws by software hears of the key late
+    page.wait_for_function("document.querySelector('.husky-knob').style.transform === 'translate(0px, 0px)'")
+    wait_until(lambda: robot.commanded == 0.0 and abs(robot.speed) < 0.01, "the robot stands again")
 
 
 def test_a_key_drives_while_it_is_held(page, robot):
@@ -109,8 +166,7 @@ def test_a_key_drives_while_it_is_held(page, robot):
     page.keyboard.down("w")
     wait_until(lambda: robot.speed > 0.4, "the robot drives")
     page.keyboard.up("w")
-    wait_until(lambda: abs(robot.speed) < 0.01, "the robot stands again")
-    assert robot.commanded == 0.0
+    wait_until_it_stands(page, robot)
     sent = robot.commands
     page.keyboard.type("q")
     assert robot.commands == sent
@@ -124,12 +180,19 @@ def test_the_pad_drives_while_it_is_dragged(page, robot):
     page.mouse.move(x, y + 60.0)
     wait_until(lambda: robot.speed < -0.3, "the robot drives backwards")
     page.mouse.up()
-    wait_until(lambda: abs(robot.speed) < 0.01, "the robot stands again")
+    wait_until_it_stands(page, robot)
 
 
-def test_the_emergency_stop_locks_and_releases(page, robot):
+def test_the_emergency_stop_locks_and_releases_for_every_page(page, robot, browser, launched):
     page.click("text=EMERGENCY STOP")
     wait_until(lambda: robot.is_locked, "e_stop is sent")
+    page.wait_for_selector("text=RELEASE")
+    late = browser.new_page(viewport=SIZE, device_scale_factor=COARSENESS)
+    watch(late)
+    late.goto(launched)
+    late.wait_for_selector("text=RELEASE")
+    late.close()
+    page.reload()
     page.wait_for_selector("text=RELEASE")
     page.keyboard.down("w")
     wait_until(lambda: robot.commanded > 0.0, "the key is still sent")
@@ -145,10 +208,7 @@ def objects(network):
     """A function that lists positions of the world's objects by name."""
 
     def listed():
-        call = ["rosservice", "call", "/husky_simulator/list", "reference_frame: world"]
-        answer = yaml.safe_load(
-            subprocess.run(call, check=True, stdout=subprocess.PIPE, env=network.env).stdout
-        )
+        answer = yaml.safe_load(network.call("/husky_simulator/list", "reference_frame: world"))
         poses = (pose["position"] for pose in answer["poses"])
         return {name: (pose["x"], pose["y"]) for name, pose in zip(answer["model_names"], poses)}
 
@@ -167,3 +227,98 @@ def test_a_click_on_the_ground_puts_a_box_there(page, robot, objects):
     assert dist(position, robot.position) < 8.0  # near what is seen
     press(page, "Look")
     show(page, "Drive")
+
+
+VISER = f"viser-v{viser.__version__}"
+
+
+def connected(address, **headers):
+    """A client without a browser, which reads nothing by itself."""
+    socket = address.replace("http", "ws", 1)
+    return connect(socket, subprotocols=[VISER], max_size=None, open_timeout=DRAW_TIMEOUT, **headers)
+
+
+def test_ten_more_clients_of_which_one_reads_nothing_disturb_nobody(page, robot, launched):
+    clients = [connected(launched) for _ in range(10)]
+    for client in clients[1:]:
+        assert len(client.recv(DRAW_TIMEOUT)) > 100  # the scene
+    page.keyboard.down("w")
+    wait_until(lambda: robot.speed > 0.4, "the robot drives")
+    for client in clients[1:]:
+        client.socket.close()  # without a word
+    page.keyboard.up("w")
+    wait_until_it_stands(page, robot)
+    clients[0].close()
+
+
+def test_a_recording_is_saved_and_replayed_from_disk_and_by_the_page(page, browser, tmp_path):
+    show(page, "View")
+    page.locator("button", has_text="Record").click()
+    page.wait_for_selector("text=recording, 1 s")
+    page.locator("button", has_text="Stop").locator("visible=true").click()
+    page.wait_for_selector("text=s recorded,")
+    for button, file in (("HTML page", "drive.html"), ("Replay file", "drive.viser")):
+        press(page, button)
+        with page.expect_download() as download:
+            page.click(f"text={file}")
+        download.value.save_as(tmp_path / file)
+    from_disk = browser.new_page(viewport=SIZE, device_scale_factor=COARSENESS)
+    watch(from_disk)
+    from_disk.goto((tmp_path / "drive.html").as_uri())
+    from_disk.wait_for_selector("input[value='1x']")  # the player's speed
+    wait_until(lambda: float(from_disk.locator("input").first.input_value()) > 0.2, "the replay goes on")
+    from_disk.close()
+    assert from_disk.complaints == []
+    assert {url for url in from_disk.hosts if not url.startswith(("file:", "data:", "blob:"))} == set()
+    with page.context.expect_page() as opening:
+        page.set_input_files("[data-husky-replay]", tmp_path / "drive.viser")
+    opening.value.set_default_timeout(1000.0 * DRAW_TIMEOUT)
+    opening.value.wait_for_selector("input[value='1x']")
+    opening.value.close()
+    show(page, "Drive")
+
+
+def test_another_address_asks_for_the_token(network, launched, browser):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    other = network.start(
+        "roslaunch", "husky_highlevel_controller", "web.launch", "web_address:=0.0.0.0",
+        f"web_port:={port}", ROS_NAMESPACE="other",
+    )  # fmt: skip
+    wait_until(lambda: "?token=" in other.output, "the page's address is printed")
+    token = re.search(r"token=(\S+)", other.output).group(1)
+    address = f"http://127.0.0.1:{port}"
+    for wrong in ("", "/?token=guess"):
+        with pytest.raises(HTTPError) as refused:
+            urlopen(address + wrong)
+        assert refused.value.code == 403
+    for path in ("", "/drive"):
+        with pytest.raises(InvalidStatus):
+            connected(address + path)
+        connected(address + path, additional_headers={"Cookie": f"husky_token={token}"}).close()
+    page = opened(browser, f"{address}/?token={token}")
+    page.close()
+    assert (token in page.url, page.complaints) == (False, [])
+
+
+def test_nothing_was_complained_of_and_no_other_host_was_asked(page, launched):
+    assert page.complaints == []
+    assert [url for url in page.hosts if not url.startswith((launched, "data:", "blob:"))] == []
+
+
+def test_the_page_of_a_marked_drive_plays_it(browser, tmp_path):
+    times = np.arange(0.0, 2.0, 0.02)
+    poses = np.column_stack([times, 0.0 * times, 0.0 * times])
+    html = to_html(Replay("</script>a drive", "it ended", times, poses, np.array([[3.0, 0.0]])))
+    (tmp_path / "replay.html").write_text(html)
+    page = browser.new_page(viewport=SIZE)
+    watch(page)
+    page.goto((tmp_path / "replay.html").as_uri())
+    page.wait_for_selector("text=</script>a drive")
+    page.wait_for_selector("text=1.98 s")  # the end
+    assert "0.82 m to the pillar" in page.inner_text("output")
+    press(page, "Play")
+    wait_until(lambda: "1.98 s" not in page.inner_text("output"), "it begins again")
+    assert page.complaints == []
+    page.close()

@@ -10,6 +10,7 @@ import argparse
 from functools import partial
 from math import inf, nan
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Callable, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from tqdm import tqdm
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.evaluation.metrics import DriveResult, center_error, false_pillars, run
+from husky_highlevel_controller.evaluation.replays import write_index
 from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
 from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
 from husky_highlevel_controller.simulator.simulation import SimulatorConfig
@@ -102,7 +104,9 @@ def touch_figures(run: DriveResult) -> List[Figure]:
     ]
 
 
-def evaluate_robot(seed: int, starts: int, jobs: int, ground: str) -> List[Tuple[str, List[Figure]]]:
+def evaluate_robot(
+    seed: int, starts: int, jobs: int, ground: str, replays: Optional[Path] = None
+) -> List[Tuple[str, List[Figure]]]:
     """The runs on a real Husky's profile, in sections with a title.
 
     Its beams cannot surely see a pillar of 0.4 m at 20 m, so the controller searches until they do, and the
@@ -110,9 +114,10 @@ def evaluate_robot(seed: int, starts: int, jobs: int, ground: str) -> List[Tuple
     distance, and that of robot.launch does not. Single scans are not among these figures.
     """
     simulator = SimulatorConfig(real=RobotProfile().on(ground))
-    drive = partial(run, scenario=course_scenario(seed), simulator=simulator, detector=ROBOT_DETECTOR)
+    saved = partial(run, replays=replays, simulator=simulator, detector=ROBOT_DETECTOR)
+    drive = partial(saved, scenario=course_scenario(seed))
     standard, slow = work(drive, [ControlConfig(), ROBOT_GAINS], jobs, "course runs")
-    start = partial(run, ROBOT_GAINS, simulator=simulator, detector=ROBOT_DETECTOR)
+    start = partial(saved, ROBOT_GAINS)
     runs = work(start, random_starts(starts, seed), jobs, "random starts")
     late = [
         Figure(
@@ -131,7 +136,9 @@ def evaluate_robot(seed: int, starts: int, jobs: int, ground: str) -> List[Tuple
     ]
 
 
-def evaluate(seed: int, scenes: int, starts: int, jobs: int) -> List[Tuple[str, List[Figure]]]:
+def evaluate(
+    seed: int, scenes: int, starts: int, jobs: int, replays: Optional[Path] = None
+) -> List[Tuple[str, List[Figure]]]:
     """All figures on Gazebo's profile, in sections with a title.
 
     Args:
@@ -139,6 +146,7 @@ def evaluate(seed: int, scenes: int, starts: int, jobs: int) -> List[Tuple[str, 
         scenes: single scans of each kind.
         starts: random starts.
         jobs: processes; the figures do not depend on it.
+        replays: folder for pages that play the drives.
     """
     numbers = range(scenes)
     alone = work(partial(center_error, seed=seed, clutter=False), numbers, jobs, "pillars alone")
@@ -146,8 +154,9 @@ def evaluate(seed: int, scenes: int, starts: int, jobs: int) -> List[Tuple[str, 
     false = work(partial(false_pillars, seed=seed), numbers, jobs, "scenes without")
     course = course_scenario(seed)
     controls = [ControlConfig(), COURSE_GAINS, TOUCHING]
-    standard, gains, touch = work(partial(run, scenario=course), controls, jobs, "course runs")
-    runs = work(partial(run, ControlConfig()), random_starts(starts, seed), jobs, "random starts")
+    saved = partial(run, replays=replays)
+    standard, gains, touch = work(partial(saved, scenario=course), controls, jobs, "course runs")
+    runs = work(partial(saved, ControlConfig()), random_starts(starts, seed), jobs, "random starts")
     false_share = 100.0 * float(np.mean([count > 0 for count in false]))
     return [
         (
@@ -184,16 +193,21 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("--jobs", type=_positive, default=2, help="processes (default 2)")
     parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
     parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
+    parser.add_argument("--replays", type=Path, help="folder for a page that plays each drive, and an index")
     options = parser.parse_args(arguments)
+    if options.replays is not None:
+        options.replays.mkdir(parents=True, exist_ok=True)
     if options.profile == "robot":
-        sections = evaluate_robot(options.seed, options.starts, options.jobs, options.ground)
+        sections = evaluate_robot(options.seed, options.starts, options.jobs, options.ground, options.replays)
     else:
-        sections = evaluate(options.seed, options.scenes, options.starts, options.jobs)
-    print(f"seed {options.seed}")
+        sections = evaluate(options.seed, options.scenes, options.starts, options.jobs, options.replays)
+    lines = [f"seed {options.seed}"]
     for title, figures in sections:
-        print(f"\n{title}")
-        for figure in figures:
-            print(figure)
+        lines += ["", title, *map(str, figures)]
+    table = "\n".join(lines)
+    print(table)
+    if options.replays is not None:
+        write_index(options.replays, table)
     if not all(figure.met for _, figures in sections for figure in figures):
         raise SystemExit(1)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, hypot, inf, pi, sin
+from pathlib import Path
 from typing import Optional, Tuple
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 from husky_highlevel_controller.course import PILLAR_RADIUS
+from husky_highlevel_controller.evaluation.replays import write_replay
 from husky_highlevel_controller.evaluation.rollout import Trace, husky, rollout
 from husky_highlevel_controller.evaluation.scenarios import Scenario, bare_scene, pillar_scene
 from husky_highlevel_controller.footprint import HALF_LENGTH
@@ -67,6 +69,13 @@ class DriveResult:
         return self.arrived_at / self.bound
 
     @property
+    def words(self) -> str:
+        """How it ended, in a sentence."""
+        end = f"arrived after {self.arrived_at:.2f} s" if self.arrived_at < inf else "did not arrive"
+        touched = f", touched {', '.join(self.touched)}" if self.touched else ""
+        return f"{end}, {100.0 * self.final_error:+.1f} cm from where it should stand{touched}"
+
+    @property
     def good(self) -> bool:
         """It stands where it should, and touched nothing."""
         return self.arrived_at < inf and not self.touched and abs(self.final_error) <= 0.02
@@ -77,8 +86,17 @@ def run(
     scenario: Scenario,
     simulator: Optional[SimulatorConfig] = None,
     detector: Optional[PillarConfig] = None,
+    replays: Optional[Path] = None,
 ) -> DriveResult:
-    """Drive a scenario and judge it."""
+    """Drive a scenario and judge it.
+
+    Args:
+        control: gains and limits.
+        scenario: where, from where, with which noise.
+        simulator: how the simulation runs.
+        detector: what counts as a pillar.
+        replays: folder for a page that plays the drive; None: none is written.
+    """
     settle = 3.0 if control.stop_distance == 0.0 else 1.0
     # a real Husky may have to search first
     seconds = SEARCH_SECONDS if simulator and simulator.real else DRIVE_SECONDS
@@ -87,7 +105,7 @@ def run(
     first_x, first_y = trace.pillars[0]
     last_x, last_y = trace.pillars[-1]
     lidar_x = husky().fixed_poses[husky().laser_frame].position[0]
-    return DriveResult(
+    result = DriveResult(
         name=scenario.name,
         arrived_at=inf if trace.arrived_at is None else trace.arrived_at,
         bound=time_bound(trace, control, lidar_x),
@@ -97,6 +115,9 @@ def run(
         touched=trace.touched,
         crossings=crossings(trace),
     )
+    if replays is not None:
+        write_replay(replays, result.name, result.words, control, trace)
+    return result
 
 
 def _lidar_to_pillar(trace: Trace, row: int) -> float:

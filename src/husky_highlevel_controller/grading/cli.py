@@ -37,6 +37,7 @@ from husky_highlevel_controller.grading.record import (
 )
 from husky_highlevel_controller.grading.record import to_json as record_to_json
 from husky_highlevel_controller.grading.recording import Recording, empty_recording
+from husky_highlevel_controller.grading.replays import REPLAY, replay_page
 from husky_highlevel_controller.grading.report import Result, table
 from husky_highlevel_controller.grading.result_files import add_step_summary, write_result
 from husky_highlevel_controller.grading.rubrics import exercise_2, exercise_3, exercise_5
@@ -119,6 +120,10 @@ class Marking:
         record = self._record(result, submission, planned, config, recordings)
         write_whole(out / "record.json", record_to_json(record))
         (out / "drive.png").write_bytes(draw_drives(recordings, name))
+        for trial, recording in zip(drives, recordings):
+            page = replay_page(recording, f"{name}, drive {trial.number}")
+            if page:
+                write_whole(out / f"drive_{trial.number}" / REPLAY, page)
         if pixels is not None:
             (out / "rviz.png").write_bytes(draw_pixels(pixels))
         return result

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 import statistics
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 from urllib.parse import quote
 
@@ -31,6 +31,7 @@ class Row:
     cells: Tuple[Optional[Item], ...]  # one for each column
     pictures: Tuple[str, ...]  # PNG in base64
     files: Tuple[Tuple[str, str], ...]  # words and address
+    replays: Tuple[str, ...] = ()  # HTML, each a page of its own
 
     @property
     def open(self) -> float:
@@ -73,9 +74,16 @@ def class_page(
     )
 
 
-def feedback_page(result: Result, pictures: Sequence[bytes]) -> str:
-    """One student's page, which needs no other file and names no other student."""
-    return _render("feedback.html", row=_row(result, [], pictures, ()), settings=_settings(result))
+def feedback_page(result: Result, pictures: Sequence[bytes], replays: Sequence[str] = ()) -> str:
+    """One student's page, which needs no other file and names no other student.
+
+    Args:
+        result: the student's.
+        pictures: PNGs.
+        replays: HTML pages that play the drives.
+    """
+    row = replace(_row(result, [], pictures, ()), replays=tuple(replays))
+    return _render("feedback.html", row=row, settings=_settings(result))
 
 
 def histogram(points: Sequence[float], max_points: Sequence[float]) -> List[Dict[str, Any]]:

@@ -12,6 +12,7 @@ from typing import Dict, List, Sequence, Tuple
 from husky_highlevel_controller.grading.exports import to_step_summary, write_exports
 from husky_highlevel_controller.grading.isolation.files import write_whole
 from husky_highlevel_controller.grading.page import class_page, feedback_page
+from husky_highlevel_controller.grading.replays import REPLAY
 from husky_highlevel_controller.grading.report import Result, table, to_csv, to_json, to_junit
 
 PICTURES = ("drive.png", "rviz.png")
@@ -27,7 +28,7 @@ def write_result(result: Result, out: Path) -> None:
     """
     write_whole(out / "table.txt", table(result) + "\n")
     write_whole(out / "junit.xml", to_junit([result]))
-    write_whole(out / "feedback.html", feedback_page(result, _pictures(out)))
+    write_whole(out / "feedback.html", feedback_page(result, _pictures(out), _replays(out)))
     write_exports(result, out)
     write_whole(out / "result.json", to_json(result))
 
@@ -41,7 +42,8 @@ def write_class(results: Sequence[Result], out: Path) -> None:
     pictures: Dict[str, Sequence[bytes]] = {result.name: _pictures(out / result.name) for result in results}
     for result in results:
         if result.problem and (out / result.name).is_dir():  # the others have theirs
-            write_whole(out / result.name / "feedback.html", feedback_page(result, pictures[result.name]))
+            page = feedback_page(result, pictures[result.name], _replays(out / result.name))
+            write_whole(out / result.name / "feedback.html", page)
             write_exports(result, out / result.name)
     files = {result.name: _files(result.name, out) for result in results}
     write_whole(out / "results.csv", to_csv(results))
@@ -62,9 +64,14 @@ def _pictures(out: Path) -> List[bytes]:
     return [(out / name).read_bytes() for name in PICTURES if (out / name).is_file()]
 
 
+def _replays(out: Path) -> List[str]:
+    return [path.read_text() for path in sorted(out.glob(f"drive_*/{REPLAY}"))]
+
+
 def _files(name: str, out: Path) -> List[Tuple[str, str]]:
     """Words and addresses, relative to the class's page, of what there is of a student."""
     logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]
     for folder in sorted((out / name).glob("drive_*")):
+        logs.append((f"replay of {folder.name.replace('_', ' ')}", f"{folder.name}/{REPLAY}"))
         logs.append((f"log of {folder.name.replace('_', ' ')}", f"{folder.name}/submission.log"))
     return [(words, f"{name}/{path}") for words, path in logs if (out / name / path).is_file()]

@@ -1,15 +1,18 @@
 """What the page does: holding to drive, who may come in, parameters, the log, curves, worlds, rays."""
 
+import asyncio
+import base64
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from husky_highlevel_controller.datatypes import STOP, HuskyError, Twist2D
-from husky_highlevel_controller.ros.web.curves import Curve, Rate
-from husky_highlevel_controller.ros.web.gate import refusal
+from husky_highlevel_controller.ros.web.curves import Curve, Rate, fixed
+from husky_highlevel_controller.ros.web.gate import refusal, replay_page
 from husky_highlevel_controller.ros.web.hold_to_drive import EXPIRY, HoldToDrive, share
 from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, LogBuffer, to_html
+from husky_highlevel_controller.ros.web.page_server import LoopEvent, MessageBuffer
 from husky_highlevel_controller.ros.web.parameters import from_yaml, parameters, to_yaml
 from husky_highlevel_controller.ros.web.plots import chart_html
 from husky_highlevel_controller.ros.web.rays import point_on_level
@@ -219,3 +222,40 @@ def test_a_chart_draws_gaps_as_gaps_and_survives_nothing():
     assert "M0.0,110.0L100.0,0.0M300.0,55.0" in html
     assert "0.50" in html
     assert "<svg" in chart_html("speed", ("commanded", "measured"), (np.zeros(0),) * 3)
+
+
+def test_a_message_of_another_thread_wakes_the_pages_by_their_own_loop():
+    # viser sets the event in both; the first is a race that ends the caller (seen in a drive)
+    async def scenario():
+        event, loop = LoopEvent(), asyncio.get_running_loop()
+        waiter = loop.create_task(event.wait())
+        await loop.run_in_executor(None, event.set)
+        before = event.is_set()
+        loop.call_soon_threadsafe(event.set)
+        await asyncio.wait_for(waiter, 10.0)
+        return before, event.is_set()
+
+    assert asyncio.run(scenario()) == (False, True)
+    assert isinstance(MessageBuffer(None, True).message_event, LoopEvent)
+
+
+def test_a_number_that_rounds_to_nothing_has_no_sign():
+    assert [fixed(value, 2) for value in (-0.001, 0.0, -0.01, 1.005, -12.0)] == [
+        "0.00", "0.00", "-0.01", "1.00", "-12.00",
+    ]  # fmt: skip
+
+
+def test_a_log_line_of_wall_time_shows_the_time_of_day():
+    buffer = LogBuffer()
+    for stamp in (12.5, 1700000000.0):
+        header = SimpleNamespace(stamp=SimpleNamespace(to_sec=lambda stamp=stamp: stamp))
+        buffer.add(SimpleNamespace(level=LEVELS["info"], header=header, name="/a", msg="b"))
+    html = to_html(buffer.select(Filter()))
+    assert ">12.50<" in html
+    assert ">22:13:20<" in html
+
+
+def test_a_saved_page_holds_the_recording_and_not_the_script_that_drives():
+    page = replay_page(b"recorded").decode()
+    assert base64.b64encode(b"recorded").decode() in page
+    assert "/drive" not in page

@@ -1,0 +1,61 @@
+"""A drive as one HTML page that plays it in 3D: it needs no server, no other file and no library.
+
+In: times and poses. Out: HTML, some tens of kilobytes. Must not know: ROS, where they come from.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from husky_highlevel_controller.course import PILLAR_RADIUS
+from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH
+from husky_highlevel_controller.paths import share_folder
+
+PERIOD = 0.1  # [s] between two poses that are kept; the page draws what lies between
+MAX_POSES = 3000  # a longer drive is kept more coarsely
+MAX_MARKS = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """What is shown of a drive, in the world's frame."""
+
+    title: str
+    words: str  # how it ended
+    times: np.ndarray  # (N,) [s], rising
+    poses: np.ndarray  # (N, 3) [m, m, rad], x, y and yaw of base_link
+    pillars: np.ndarray  # (1, 2) or (N, 2) [m], centre of the pillar, for good or at each of the times
+    marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (M, 3) [s, m, m], of the pillar
+
+
+def to_html(replay: Replay) -> str:
+    """The page, of at least one pose; it keeps those that the eye needs."""
+    kept = _kept(replay.times)
+    pillars = replay.pillars if len(replay.pillars) == 1 else replay.pillars[kept]
+    marks = replay.marks[np.isfinite(replay.marks).all(axis=1)]
+    data = {
+        "title": replay.title,
+        "words": replay.words,
+        "times": _rounded(replay.times[kept]),
+        "poses": _rounded(replay.poses[kept]),
+        "pillars": _rounded(pillars[:1] if (pillars == pillars[:1]).all() else pillars),
+        "marks": _rounded(marks[:: -(-len(marks) // MAX_MARKS) or 1]),
+        "robot": {"length": HALF_LENGTH, "width": HALF_WIDTH, "pillar": PILLAR_RADIUS},
+    }
+    text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")  # a title is anybody's
+    return (share_folder() / "web" / "replay.html").read_text().replace("@DATA@", text)
+
+
+def _kept(times: np.ndarray) -> np.ndarray:
+    """The first row of each period, and the last row."""
+    period = max(PERIOD, float(times[-1] - times[0]) / MAX_POSES)
+    first_of_each = np.flatnonzero(np.diff(np.floor(times / period), prepend=-np.inf))
+    return np.unique(np.append(first_of_each, len(times) - 1))
+
+
+def _rounded(array: np.ndarray) -> Any:
+    return np.round(np.asarray(array, float), 3).tolist()
