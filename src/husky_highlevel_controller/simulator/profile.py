@@ -37,8 +37,12 @@ class Ground:
 
 
 PROFILES, GROUNDS = ("gazebo", "robot"), ("hard", "soft")
-HARD = Ground(friction=1.0, lateral_grip=0.92, rolling_current=3.9, vibration=VibrationConfig(4.0, 1.8, 0.07))
-SOFT = Ground(friction=1.0, lateral_grip=1.40, rolling_current=7.5, vibration=VibrationConfig(8.0, 3.5, 0.18))
+HARD = Ground(
+    friction=1.0, lateral_grip=0.92, rolling_current=3.9, vibration=VibrationConfig(3.1, 1.3, 0.06, 0.6)
+)
+SOFT = Ground(
+    friction=1.0, lateral_grip=1.40, rolling_current=7.5, vibration=VibrationConfig(4.8, 1.7, 0.16, 0.3)
+)
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,17 @@
 In: an IMU, the robot's true motion, a random generator. Out: an `ImuSample`.
 Must not know: ROS, PyBullet.
 
-Measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877; IMU at 100 Hz, slow changes taken
-out). Standard deviations of ax, ay, az [m/s^2] and the rates [rad/s] at a mean wheel speed v:
+Measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877), medians over steady seconds of
+means of two samples at 100 Hz. Standard deviations of ax, ay, az [m/s^2] and the rates [rad/s] at a mean wheel
+speed v:
 
-    flooring 0.25 m/s: 1.0 0.9 0.45, 0.02     ice 0.13 m/s: 0.33 0.32 0.13, 0.01
-    asphalt 0.25 m/s: 1.3 1.5 0.55, 0.03      asphalt 0.5 m/s: 2.1 2.3 0.9, 0.035
-    loam 0.25 m/s: 1.6 1.7 0.7, 0.05          snow 0.12-0.25 m/s: 2.2-2.8 2.9-4.2 1.3, 0.04
+    flooring 0.11 m/s: 0.5 0.5 0.2, 0.01      ice 0.30 m/s: 0.9 0.6 0.3, 0.01
+    flooring 0.28 m/s: 0.9 0.8 0.4, 0.02      ice 0.60 m/s: 1.1 1.3 0.45, 0.02
+    asphalt 0.27 m/s: 0.9 1.0 0.35, 0.02      loam 0.30 m/s: 1.45 1.3 0.5, 0.05
+    asphalt 0.57 m/s: 2.0 1.8 0.7, 0.03       snow 0.12, 0.28 m/s: 2.1, 1.1 2.0, 0.7 1.0, 0.3, 0.03
 
-so about proportional to v, with the factors of profile.py. The samples' correlation, 0.15 one and -0.4 two
+so about proportional to v up to 0.6 m/s on hard ground, the fastest that was measured, and not growing beyond
+0.3 m/s on soft; what a faster robot feels is not known, and here it is no more. The samples' correlation, 0.15 one and -0.4 two
 periods of 50 Hz later, is that of an autoregressive process of second order; the measured peaks, 6 to 8
 standard deviations, those of Student's distribution with five degrees of freedom.
 """
@@ -47,6 +50,9 @@ class VibrationConfig:
     rate: float = field(
         metadata={"min": 0.0, "max": 5.0, "help": "std of the rates per speed [(rad/s)/(m/s)]"}
     )
+    saturation: float = field(
+        metadata={"min": 0.0, "max": 10.0, "help": "speed beyond which it grows no more [m/s]"}
+    )
 
 
 class ShakenImu:
@@ -55,6 +61,7 @@ class ShakenImu:
     def __init__(self, imu: Imu, config: VibrationConfig, track: float) -> None:
         """`track`: the effective one, by which turning makes the wheels roll [m]."""
         self._imu, self._track = imu, track
+        self._saturation = config.saturation
         self._scale = [config.horizontal] * 2 + [config.vertical] + [config.rate] * 3
 
     def reset(self, rng: np.random.Generator) -> None:
@@ -78,7 +85,8 @@ class ShakenImu:
         self._last, self._before = now, self._last
         linear, turning = state.velocity_in_base[0], state.angular_velocity_in_base[2] * self._track / 2.0
         wheel_speed = max(abs(linear), abs(turning))  # the mean of |linear - turning| and |linear + turning|
-        shaken = [wheel_speed * scale * x for scale, x in zip(self._scale, now)]
+        speed = min(wheel_speed, self._saturation)
+        shaken = [speed * scale * x for scale, x in zip(self._scale, now)]
         (fx, fy, fz), (wx, wy, wz) = sample.specific_force, sample.angular_velocity
         self.yaw_rate = wz + shaken[5]
         return sample._replace(
