@@ -1,5 +1,6 @@
 """For every test: long-running ones are named, so that the suite is never silent for long."""
 
+import os
 import threading
 import time
 
@@ -11,8 +12,8 @@ QUIET = 20.0  # [s] without a line after which the tests that run are named
 class Heartbeat:
     """Names the tests that are running when nothing was printed for a while."""
 
-    def __init__(self, reporter):
-        self._reporter, self._running, self._printed = reporter, {}, time.monotonic()
+    def __init__(self, output):
+        self._output, self._running, self._printed = output, {}, time.monotonic()
         self._ended = threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
 
@@ -25,6 +26,7 @@ class Heartbeat:
 
     def pytest_unconfigure(self):
         self._ended.set()
+        self._output.close()
 
     def _watch(self):
         while not self._ended.wait(1.0):
@@ -32,11 +34,14 @@ class Heartbeat:
             if self._running and now - self._printed > QUIET:
                 self._printed = now
                 running = ", ".join(f"{test} ({now - since:.0f} s)" for test, since in self._running.items())
-                self._reporter.write_line(f"still running: {running}")
+                print(f"\nstill running: {running}", file=self._output, flush=True)
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config):
     reporter = config.pluginmanager.getplugin("terminalreporter")
     if reporter and not hasattr(config, "workerinput"):
-        config.pluginmanager.register(Heartbeat(reporter), "heartbeat")
+        # past pytest's capture, which takes whatever is printed while a test runs for the test's own
+        with config.pluginmanager.getplugin("capturemanager").global_and_fixture_disabled():
+            output = os.fdopen(os.dup(1), "w")
+        config.pluginmanager.register(Heartbeat(output), "heartbeat")

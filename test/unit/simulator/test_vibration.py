@@ -26,9 +26,9 @@ def test_standing_nothing_shakes():
 @pytest.mark.parametrize(
     ("ground", "speed", "low", "high"),
     [
-        (HARD, 0.25, (0.8, 0.8, 0.4, 0.012), (1.5, 1.8, 0.6, 0.03)),  # flooring to asphalt
-        (HARD, 0.5, (1.9, 1.9, 0.8, 0.025), (2.5, 2.7, 1.1, 0.045)),  # asphalt
-        (SOFT, 0.25, (1.4, 1.2, 0.45, 0.033), (2.3, 4.3, 1.2, 0.06)),  # loam to snow
+        (HARD, 0.28, (0.75, 0.75, 0.33, 0.012), (1.05, 1.05, 0.45, 0.025)),  # flooring, asphalt
+        (HARD, 0.57, (1.4, 1.6, 0.5, 0.025), (2.0, 1.9, 0.8, 0.04)),  # asphalt
+        (SOFT, 0.3, (1.2, 1.2, 0.4, 0.03), (1.7, 1.7, 0.7, 0.06)),  # loam
     ],
 )
 def test_it_shakes_as_measured_and_more_the_faster_the_wheels_roll(ground, speed, low, high):
@@ -37,6 +37,11 @@ def test_it_shakes_as_measured_and_more_the_faster_the_wheels_roll(ground, speed
     assert (std < high).all()
     turning = samples(ground, 0.0, speed / (TRACK / 2.0)).std(axis=0)[[0, 1, 2, 5]]
     assert turning == pytest.approx(std, rel=0.05), "in place the wheels roll as fast"
+
+
+@pytest.mark.parametrize(("ground", "fastest"), [(HARD, 0.6), (SOFT, 0.3)])
+def test_faster_than_measured_it_shakes_no_more(ground, fastest):
+    assert samples(ground, 1.0).std(axis=0) == pytest.approx(samples(ground, fastest).std(axis=0), rel=0.05)
 
 
 def test_neighbouring_samples_are_correlated_as_measured_and_peaks_are_high():

@@ -4,8 +4,8 @@ In: an IMU, the robot's true motion, a random generator. Out: an `ImuSample`.
 Must not know: ROS, PyBullet.
 
 Measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877), medians over steady seconds of
-means of two samples at 100 Hz. Standard deviations of ax, ay, az [m/s^2] and the rates [rad/s] at a mean wheel
-speed v:
+means of two samples at 100 Hz. Standard deviations of ax, ay, az [m/s^2] and the rates [rad/s] at a mean
+wheel speed v:
 
     flooring 0.11 m/s: 0.5 0.5 0.2, 0.01      ice 0.30 m/s: 0.9 0.6 0.3, 0.01
     flooring 0.28 m/s: 0.9 0.8 0.4, 0.02      ice 0.60 m/s: 1.1 1.3 0.45, 0.02
@@ -13,9 +13,9 @@ speed v:
     asphalt 0.57 m/s: 2.0 1.8 0.7, 0.03       snow 0.12, 0.28 m/s: 2.1, 1.1 2.0, 0.7 1.0, 0.3, 0.03
 
 so about proportional to v up to 0.6 m/s on hard ground, the fastest that was measured, and not growing beyond
-0.3 m/s on soft; what a faster robot feels is not known, and here it is no more. The samples' correlation, 0.15 one and -0.4 two
-periods of 50 Hz later, is that of an autoregressive process of second order; the measured peaks, 6 to 8
-standard deviations, those of Student's distribution with five degrees of freedom.
+0.3 m/s on soft; what a faster robot feels is not known, and here it is no more. The samples' correlation,
+0.15 one and -0.4 two periods of 50 Hz later, is that of an autoregressive process of second order; the
+measured peaks, 6 to 8 standard deviations, those of Student's distribution with seven degrees of freedom.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from husky_highlevel_controller.datatypes import ImuSample, RobotState
 from husky_highlevel_controller.simulator.sensors.imu import Imu
 
 CORRELATION_1, CORRELATION_2 = 0.15, -0.40  # of samples one and two periods apart, at 50 Hz
-DEGREES_OF_FREEDOM = 5  # of Student's distribution
+DEGREES_OF_FREEDOM = 7  # of Student's distribution: 8 standard deviations about once in 5 minutes
 # Yule-Walker: x[n] = A x[n-1] + B x[n-2] + e[n], of variance 1
 A = CORRELATION_1 * (1.0 - CORRELATION_2) / (1.0 - CORRELATION_1**2)
 B = (CORRELATION_2 - CORRELATION_1**2) / (1.0 - CORRELATION_1**2)
