@@ -15,7 +15,8 @@ class Heartbeat:
     def __init__(self, output):
         self._output, self._running, self._printed = output, {}, time.monotonic()
         self._ended = threading.Event()
-        threading.Thread(target=self._watch, daemon=True).start()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self._thread.start()
 
     def pytest_runtest_logstart(self, nodeid):
         self._running[nodeid] = time.monotonic()
@@ -26,6 +27,7 @@ class Heartbeat:
 
     def pytest_unconfigure(self):
         self._ended.set()
+        self._thread.join()
         self._output.close()
 
     def _watch(self):
