@@ -63,9 +63,11 @@ class Page:
                 camera.look_at = target
             self._is_placed = True
         elif self._at is not None and max(abs(a - b) for a, b in zip(target, self._at)) > 0.002:
-            shift = tuple(a - b for a, b in zip(target, self._at))
+            # the page's positions come late, the direction that it looks in does not
+            eye, center = camera.position, camera.look_at
             with self.client.atomic():
-                camera.position = _sum(camera.position, shift)  # look_at moves along
+                camera.position = _sum(target, (eye - center).tolist())
+                camera.look_at = target
         else:
             return
         self._at = target

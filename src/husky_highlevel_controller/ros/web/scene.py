@@ -63,7 +63,6 @@ class Scene:
         }
         self.scan_stamp = 0.0  # [s]
         self._robot: Dict[str, Any] = {}
-        self._robot_root = BASE
         self.robot_shapes: List[Any] = []  # nodes that the mouse can take hold of
         self._drawn: Dict[Key, DrawnMarker] = {}
         self._axes: Dict[str, Any] = {}
@@ -107,10 +106,8 @@ class Scene:
         except HuskyError as error:
             rospy.logwarn(str(error))
             return
-        self._robot_root = BASE if BASE in groups else next(iter(groups), BASE)
         for frame, visuals in groups.items():
-            # all others move with the first, so that only what turns has to be sent
-            name = "/robot" if frame == self._robot_root else f"/robot/frames/{quote(frame, safe='')}"
+            name = f"/robot/{quote(frame, safe='')}"
             self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
             for number, visual in enumerate(visuals):
                 self.robot_shapes += clickable(
@@ -138,8 +135,7 @@ class Scene:
                 parent, child = msg.header.frame_id.lstrip("/"), msg.child_frame_id.lstrip("/")
                 self.frames.update(parent, child, stamp, pose)
         for frame, node in self._robot.items():
-            parent = self.fixed_frame if frame == self._robot_root else self._robot_root
-            self._show(node, self.frames.pose(frame, parent))
+            self._show(node, self.frames.pose(frame, self.fixed_frame))
         self._update_scan(topics.take("scan"))
         self._update_cloud(topics.take("cloud"))
         self._update_trail()
