@@ -4,8 +4,10 @@ In: the pillars of a scan, and where the lidar was. Out: the one that is followe
 Must not know: ROS, PyBullet, what the robot does about it.
 
 The first pillar seen, or the nearest of several, is followed until it proves to be none: its place is in
-view, nothing hides it, and yet no pillar is there. A place that was given up is believed again only when more
-beams fall on it, that is, from nearer by.
+view, nothing hides it, and yet no pillar is there for EMPTY_TIMEOUT. A near place that stays hidden counts
+a tenth of that time, so it is given up after 5 s, but not by a robot that has arrived; one out of view is kept
+for as long as odom is, ever less certain. A place that was given up is believed again only when more beams
+fall on it, that is, from nearer by.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from typing import List, NamedTuple, Optional, Tuple
 from husky_highlevel_controller.datatypes import Pillar, Pose, Scan
 from husky_highlevel_controller.geometry import inverse, transform_point
 
-MISSED_TIMEOUT = 0.5  # [s], this long a place may look empty before it is given up
+EMPTY_TIMEOUT = 0.5  # [s], this long a place may look empty before it is given up
 _HIDDEN_WEIGHT = 0.1  # of a second, what a second counts in which a near place is hidden
 _AT_PLACE = 2.0  # [m] from the lidar: a place this near should be seen
 _MANY_BEAMS = 8  # a pillar of so many is believed, whatever was there before
@@ -91,7 +93,7 @@ def follow(
         visibility = look_at(track.estimate, scan, laser_in_odom)
         weight = _weight(visibility, track.estimate, laser_in_odom, patient)
         track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
-        if track.missed_time <= MISSED_TIMEOUT:
+        if track.missed_time <= EMPTY_TIMEOUT:
             return track, None, visibility
         track = _give_up(track)
     for sighting in sightings:

@@ -1,4 +1,4 @@
-"""Differential drive kinematics and limits of the Husky's diff_drive_controller: cmd_vel to wheel speeds.
+"""Differential drive kinematics, limits and time-out, as in diff_drive_controller: cmd_vel to wheel speeds.
 
 In: velocity commands and the time. Out: the limited command and four wheel speeds.
 Must not know: ROS, PyBullet, the ground.

@@ -48,7 +48,7 @@ def test_it_waits_until_a_command_answers_the_scan(warnings):
 
 def test_a_command_from_before_the_scan_does_not_answer_it(impatient, warnings):
     steps = make(True)
-    steps.answer("cmd_vel")
+    steps.command_arrived("cmd_vel")
     steps.begin_scan()
     steps.wait_for_answer(nothing, nothing)
     assert warnings == [
@@ -79,7 +79,7 @@ def test_the_scan_is_sent_again_if_the_very_first_command_does_not_come(monkeypa
 
     def resend():
         sent.append(1)
-        steps.answer("cmd_vel")
+        steps.command_arrived("cmd_vel")
 
     steps.begin_scan()
     steps.wait_for_answer(nothing, resend)
@@ -88,7 +88,7 @@ def test_the_scan_is_sent_again_if_the_very_first_command_does_not_come(monkeypa
     def answer_late():
         checks.append(1)
         if len(checks) == 3:
-            steps.answer("cmd_vel")
+            steps.command_arrived("cmd_vel")
 
     steps.begin_scan()
     steps.wait_for_answer(answer_late, pytest.fail)
@@ -97,11 +97,11 @@ def test_the_scan_is_sent_again_if_the_very_first_command_does_not_come(monkeypa
 def test_of_several_commands_for_one_scan_the_first_counts_on_each_topic():
     steps = make(True)
     assert not steps.drops("cmd_vel"), "before the first scan"
-    steps.answer("cmd_vel")
+    steps.command_arrived("cmd_vel")
     assert not steps.drops("cmd_vel"), "before the first scan"
     steps.begin_scan()
     assert not steps.drops("cmd_vel")
-    steps.answer("cmd_vel")
+    steps.command_arrived("cmd_vel")
     assert steps.drops("cmd_vel")
     assert not steps.drops("joy_teleop/cmd_vel"), "which may take over"
     steps.begin_scan()
@@ -112,7 +112,7 @@ def test_free_running_obeys_every_command(impatient, warnings):
     for steps in (make(False), make(True)):
         steps.begin_scan()
         steps.wait_for_answer(nothing, nothing)  # in vain
-        steps.answer("cmd_vel")
+        steps.command_arrived("cmd_vel")
         assert not steps.drops("cmd_vel")
 
 
@@ -163,7 +163,7 @@ def begun(asleep):
     """Lockstep that has had its first command."""
     steps = make(True)
     steps._listeners = Controller(asleep)
-    steps.answer("cmd_vel")
+    steps.command_arrived("cmd_vel")
     return steps
 
 
@@ -193,7 +193,7 @@ def test_the_first_scan_is_sent_again_after_a_second(clock):
 
     def resend():
         sent.append(clock.now)
-        steps.answer("cmd_vel")
+        steps.command_arrived("cmd_vel")
 
     steps.begin_scan()
     steps.wait_for_answer(clock.look, resend)
@@ -219,11 +219,11 @@ def test_ten_scans_answered_in_a_row_end_the_sleep(clock):
     steps.wait_for_answer(clock.look, pytest.fail)
     for answered in range(1, 11):
         steps.begin_scan()
-        steps.answer("cmd_vel")
+        steps.command_arrived("cmd_vel")
         assert not steps.drops("cmd_vel"), f"asleep, after {answered - 1} answers"
         steps.wait_for_answer(clock.look, pytest.fail)
     steps.begin_scan()
-    steps.answer("cmd_vel")
+    steps.command_arrived("cmd_vel")
     assert steps.drops("cmd_vel"), "it answers every scan again"
 
 

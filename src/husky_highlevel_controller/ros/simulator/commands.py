@@ -76,7 +76,7 @@ class Commands:
             )
             return
         self._arrived.append((topic, msg))
-        self._lockstep.answer(topic)
+        self._lockstep.command_arrived(topic)
 
     def _warn_of_two_senders(self, topic: str, sender: str) -> None:
         now = rospy.get_time()

@@ -48,8 +48,8 @@ class Lockstep:
         """
         return self._on and self._scanned and not self._sleeps and topic in self._answered_on
 
-    def answer(self, topic: str) -> None:
-        """Note that a command is ready to be taken. Any thread."""
+    def command_arrived(self, topic: str) -> None:
+        """Take a command on any velocity topic for the answer to the last scan. Any thread."""
         self._answered_on.add(topic)
         self._begun = True
         self._answered.set()
