@@ -5,9 +5,9 @@ Must not know: ROS, PyBullet, what the robot does about it.
 
 The first pillar seen, or the nearest of several, is followed until it proves to be none: its place is in
 view, nothing hides it, and yet no pillar is there for EMPTY_TIMEOUT. A near place that stays hidden counts
-a tenth of that time, so it is given up after 5 s, but not by a robot that has arrived; one out of view is kept
-for as long as odom is, ever less certain. A place that was given up is believed again only when more beams
-fall on it, that is, from nearer by.
+a tenth of that time, so it is given up after 5 s, but not by a robot that has arrived; one out of view is
+kept for as long as odom is, ever less certain. A place that was given up is believed again only when more
+beams fall on it, that is, from nearer by.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ def test_it_waits_until_a_command_answers_the_scan(warnings):
 
     def meanwhile():
         during.append("a service call")
-        threading.Thread(target=steps.answer, args=("cmd_vel",)).start()
+        threading.Thread(target=steps.command_arrived, args=("cmd_vel",)).start()
 
     steps.wait_for_answer(meanwhile, nothing)
     assert during
