@@ -252,7 +252,7 @@ def _require_solid(inertial: Inertial, what: str) -> Inertial:
 
 def _shape(collision: ET.Element, where: str) -> ET.Element:
     """The shape's element, checked."""
-    shape = next(iter(collision.find("geometry") or ()), None)
+    shape = collision.find("geometry/*")
     if shape is None or shape.tag not in ("box", "cylinder", "sphere", "mesh"):
         raise DescriptionError(f"{where}: a <collision> needs a <geometry> of box, cylinder, sphere or mesh")
     sizes: Tuple[float, ...] = ()
