@@ -64,7 +64,7 @@ def drive(end, pid):
         if not stamps or scan.header.stamp != stamps[-1]:  # the first one comes again if its answer was lost
             stamps.append(scan.header.stamp)
         if len(stamps) in (500, round(float(end) * 50)):
-            sizes.append(memory(pid))
+            sizes.append(memory(int(pid)))
         turning = 0.5 if len(stamps) % 1000 < 500 else -0.4
         velocity.publish(Twist(Vector3(0.7, 0.0, 0.0), Vector3(0.0, 0.0, turning)))
 
