@@ -102,6 +102,15 @@ def drop_missing_terminals(config: Any) -> None:
             node.launch_prefix = None
 
 
+def check_integers(config: Any) -> None:
+    """Refuse whole numbers that the parameter server cannot take; roslaunch would end in a traceback."""
+    for param in config.params.values():
+        if isinstance(param.value, int) and not -(2**31) <= param.value < 2**31:
+            value = str(param.value)
+            value = value if len(value) <= 20 else f"{value[:20]}... ({len(value)} digits)"
+            raise SystemExit(f"[dev] error: {param.key} = {value} is beyond a parameter's 32 bits")
+
+
 def package_of(file: Path) -> Optional[Path]:
     """The folder of the ROS package that a file lies in."""
     return next((folder for folder in file.parents if (folder / "package.xml").is_file()), None)
@@ -133,6 +142,7 @@ def find_packages_for(file: Path) -> None:
 
 def adapt(config: Any) -> None:
     """Make the nodes of a launch file for Gazebo and a desktop start here."""
+    check_integers(config)
     drop_missing_terminals(config)
     names = {node.type for node in config.nodes}
     if "/gazebo_world/world_name" in config.params and "spawn_husky" not in names:

@@ -56,6 +56,16 @@ def test_the_sentence_of_a_required_node_that_failed_comes_last(launch):
     )
 
 
+@pytest.mark.parametrize(
+    ("value", "words"), [("3000000000", "3000000000"), (str(10**400), f"1{'0' * 19}... (401 digits)")]
+)
+def test_a_whole_number_that_ros_cannot_send_is_refused(launch, value, words):
+    launched = launch("controller.launch", "gui:=false", f"seed:={value}")
+    assert launched.wait() == 1
+    assert f"/husky_simulator/seed = {words} is beyond a parameter's 32 bits" in launched.output
+    assert "Traceback" not in launched.output
+
+
 def test_a_required_node_that_ends_well_is_no_failure(launch, tmp_path):
     file = tmp_path / "short.launch"
     file.write_text(

@@ -61,16 +61,15 @@ def class_page(
     rows = [
         _row(result, columns, pictures.get(result.name, ()), files.get(result.name, ())) for result in ordered
     ]
-    marked = [result for result in ordered if not result.problem]
+    shares = [result.points / result.max_points for result in ordered if result.max_points]
     return _render(
         "class.html",
         rows=rows,
         columns=columns,
         settings=_settings(ordered[0]) if ordered else "no submissions",
         counts=[(state, n) for state in COLOURS if (n := sum(r.state == state for r in ordered))],
-        median=statistics.median(result.points for result in marked) if marked else None,
-        max_points=max((result.max_points for result in marked), default=0.0),
-        bars=histogram([result.points for result in marked], [result.max_points for result in marked]),
+        median=round(100.0 * statistics.median(shares), 1) if shares else None,
+        bars=histogram(shares),
     )
 
 
@@ -86,11 +85,11 @@ def feedback_page(result: Result, pictures: Sequence[bytes], replays: Sequence[s
     return _render("feedback.html", row=row, settings=_settings(result))
 
 
-def histogram(points: Sequence[float], max_points: Sequence[float]) -> List[Dict[str, Any]]:
-    """Bars over shares of what could be reached: count, height in pixels, label in percent."""
+def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
+    """Bars over shares (0 to 1) of the points that were decided: count, height in pixels, label in percent."""
     counts = [0] * BARS
-    for given, most in zip(points, max_points):
-        counts[min(int(BARS * given / most), BARS - 1) if most else 0] += 1
+    for share in shares:
+        counts[min(int(BARS * share), BARS - 1)] += 1
     highest = max([*counts, 1])
     return [
         {"count": count, "height": round(BAR_HEIGHT * count / highest), "label": f"{100 * number // BARS} %"}

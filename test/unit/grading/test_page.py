@@ -39,9 +39,10 @@ def test_the_class_is_sorted_and_each_has_points_sum_and_state():
 
 
 def test_the_median_and_the_histogram_are_of_those_that_were_marked():
-    page = class_page(CLASS, {}, {})
-    assert "<b>47.5</b><span>median of 70 points</span>" in page
-    bars = histogram([70.0, 25.0, 0.0], [70.0, 50.0, 0.0])
+    open_only = result("Eve", 0.0, items=(Item("RViz", None, 20.0, "for a person"),))
+    page = class_page([*CLASS, open_only], {}, {})
+    assert "<b>75 %</b><span>median of the points decided</span>" in page  # 70 of 70, 25 of 50
+    bars = histogram([1.0, 0.5, 0.0])
     assert [bar["count"] for bar in bars] == [1, 0, 0, 0, 0, 1, 0, 0, 0, 1]
     assert max(bar["height"] for bar in bars) == 60
 
