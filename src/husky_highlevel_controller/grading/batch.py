@@ -23,10 +23,13 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.build import build, copy_packages
 from husky_highlevel_controller.grading.drive import Submission
 from husky_highlevel_controller.grading.hand_in import (
+    BUILT,
+    Contents,
     HandIn,
     NotMarkableError,
     choose_packages,
     find_hand_ins,
+    fits_exercise,
     open_hand_in,
     with_dependencies,
 )
@@ -208,6 +211,8 @@ def prepare(
             notes.append(why)
         needed = set(launch.uses) or set(by_name)
     folders, repairs = copy_packages(packages, out / "ws")
+    if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
+        notes.append("RViz's configuration lies beside the packages")
     underlay = Workspace(
         batch.underlay.env, batch.underlay.setups, batch.underlay.packages,
         (*batch.underlay.hidden, batch.folder, batch.out),
@@ -221,6 +226,21 @@ def prepare(
     )
     what = ("--launch", launch.package, str(file), *override.arguments)
     return Submission(what, built.workspace, " ".join([str(launch.place), *override.arguments])), notes
+
+
+def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
+    """Copy .rviz files beside the packages, such as ~/.rviz/default.rviz, into one that has none of its own."""
+    if any(path.suffix == ".rviz" for path in walk(package)):
+        return False
+    added = False
+    for folder, place in contents.places.items():
+        for path in walk(folder, BUILT):
+            inside = any(other.path in path.parents for other in contents.packages)
+            fits = fits_exercise(place / path.relative_to(folder).as_posix(), exercise)
+            if path.suffix == ".rviz" and fits and not inside:
+                shutil.copyfile(path, package / path.name)
+                added = True
+    return added
 
 
 def _launch_file_in(launch: LaunchFile, package: Path, copy: Path, workspace: Path) -> Path:

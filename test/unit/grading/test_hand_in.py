@@ -14,7 +14,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading import archives
 from husky_highlevel_controller.grading import build as build_module
 from husky_highlevel_controller.grading.archives import Allowance, ArchiveError, unpack
-from husky_highlevel_controller.grading.batch import Batch, fingerprint, mark_all
+from husky_highlevel_controller.grading.batch import Batch, add_rviz_files, fingerprint, mark_all
 from husky_highlevel_controller.grading.build import (
     OLD_BOOST,
     Folders,
@@ -292,6 +292,20 @@ def test_a_launch_file_may_lie_beside_its_package(tmp_path):
     found, why = choose_launch_file(contents, packages, 3)
     assert (str(found.place), found.package) == ("exercise3/ex3.launch", "husky")
     assert "is named for exercise 3" in why
+
+
+def test_rviz_s_default_file_beside_a_package_is_its_configuration(tmp_path):
+    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
+    put(tmp_path / "class" / "ann" / ".rviz" / "default.rviz", "shown")
+    put(tmp_path / "class" / "ann" / "exercise2" / "other.rviz")
+    put(package(tmp_path / "class" / "ann" / "other", "other") / "other.rviz")
+    contents = opened(tmp_path / "class", tmp_path)
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    assert add_rviz_files(contents, 3, copy)
+    assert {path.name: path.read_text() for path in copy.iterdir()} == {"default.rviz": "shown"}
+    put(folder / "own.rviz")
+    assert not add_rviz_files(contents, 3, folder), "which has one of its own"
 
 
 def test_without_a_launch_file_that_fits_there_is_no_mark(tmp_path):
