@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Markers and numbers show what the robot sees, remembers, wants and does, where it is, and each once."""
 
+import subprocess
 from math import atan2, cos, hypot, pi, sin
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped
-from harness import run, stamp
+from harness import WALL_LIMIT, run, stamp
 from player import LASER_X, NODE, NOTHING, Player, pillar_at
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -145,6 +146,17 @@ class MarkersShow(Player):
         self.wait_until(lambda: self.at(moment), "the last scan is shown")
         (path,) = [marker for marker in self.at(moment) if marker.ns == "path"]
         self.assertEqual(next((round(point.x, 2), point.y) for point in path.points), (-5.0, 3.0))
+
+    def test_7_who_comes_late_is_shown_the_last_scan(self):
+        self.drive()
+        topics = {
+            f"{NODE}/visualization_marker": "pillar_in_odom",
+            f"{NODE}/visualization_marker_array": "path",
+        }
+        for topic, namespace in topics.items():
+            count = "2" if namespace == "pillar_in_odom" else "1"
+            shown = subprocess.check_output(["rostopic", "echo", "-n", count, topic], timeout=WALL_LIMIT)
+            self.assertIn(f'ns: "{namespace}"', shown.decode())
 
 
 if __name__ == "__main__":

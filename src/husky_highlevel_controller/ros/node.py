@@ -27,6 +27,23 @@ def publish(publisher: rospy.Publisher, message: Any) -> None:
             raise
 
 
+class Newcomers(rospy.SubscribeListener):
+    """Whether somebody has subscribed to a publisher since it was last asked."""
+
+    def __init__(self) -> None:
+        self._came = threading.Event()
+
+    def peer_subscribe(self, *_: Any) -> None:
+        """Called by rospy, in a thread of its own."""
+        self._came.set()
+
+    def take(self) -> bool:
+        """True once after somebody has come."""
+        came = self._came.is_set()
+        self._came.clear()
+        return came
+
+
 def _end_on_signals() -> None:
     """Shut down on SIGINT and SIGTERM in a thread of its own.
 

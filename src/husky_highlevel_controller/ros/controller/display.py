@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from math import hypot, inf
-from typing import Deque, Dict, List, Optional, Set
+from typing import Deque, Dict, List, Optional, Set, Tuple
 
 import rospy
 from geometry_msgs.msg import Point, PointStamped, Vector3, Vector3Stamped
@@ -22,7 +23,7 @@ from husky_highlevel_controller.ros.markers import (
     pillar_to_marker,
     text_to_marker,
 )
-from husky_highlevel_controller.ros.node import publish
+from husky_highlevel_controller.ros.node import Newcomers, publish
 
 ODOM, BASE = "odom", "base_link"
 # namespaces of the markers, and their colours; the first two are sent one by one, the others as an array
@@ -49,14 +50,19 @@ class Display:
     """Publishes markers and errors once for each scan, each only if its topic has a subscriber."""
 
     def __init__(self) -> None:
-        self._marker = rospy.Publisher("~visualization_marker", Marker, queue_size=10)
-        self._array = rospy.Publisher("~visualization_marker_array", MarkerArray, queue_size=10)
+        self._newcomers = Newcomers()
+        self._marker = rospy.Publisher("~visualization_marker", Marker, self._newcomers, queue_size=10)
+        self._array = rospy.Publisher(
+            "~visualization_marker_array", MarkerArray, self._newcomers, queue_size=10
+        )
         self._pillar = rospy.Publisher("~pillar", PointStamped, queue_size=10)
         self._error = rospy.Publisher("~error", Vector3Stamped, queue_size=10)
         self._path: Deque[Point] = deque(maxlen=PATH_POINTS)
         self._shown: Dict[rospy.Publisher, Set[str]] = {self._marker: set(), self._array: set()}
         self._array_at = -inf
         self._state: Optional[State] = None
+        self._last: Optional[Tuple[Observation, ControlOutput, float]] = None
+        self._turn = threading.Lock()
 
     def show(self, observation: Observation, output: ControlOutput, stop_distance: float) -> None:
         """Show one scan and what follows from it.
@@ -66,6 +72,19 @@ class Display:
             output: what the controller answers.
             stop_distance: from the lidar to the pillar's surface [m].
         """
+        with self._turn:
+            self._last = (observation, output, stop_distance)
+            self._show(*self._last)
+
+    def update(self) -> None:
+        """Show the last scan again if somebody has come: a paused world has no other. Call it now and then."""
+        if self._newcomers.take():
+            with self._turn:
+                if self._last is not None:
+                    self._array_at = -inf
+                    self._show(*self._last)
+
+    def _show(self, observation: Observation, output: ControlOutput, stop_distance: float) -> None:
         stamp = observation.scan.stamp
         if stamp < self._array_at:  # the simulator was started again
             self._path.clear()

@@ -118,6 +118,7 @@ class ControllerNode:
         """Work until the node is shut down."""
         while not rospy.is_shutdown():
             self._diagnostics.update()
+            self._display.update()
             self._placement.refresh()
             time.sleep(POLL_PERIOD)
 

@@ -10,6 +10,8 @@ from math import isfinite
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
+from nav_msgs.msg import Path
+from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
 from husky_highlevel_controller.datatypes import Pose, Rgba
@@ -20,6 +22,7 @@ from husky_highlevel_controller.ros.web.shapes import Mesh
 
 MAX_COPIES = 2000  # of a cube or sphere that a list draws; a page with more does not turn smoothly
 ARROW_HEAD = 0.23  # of an arrow that is given by its length
+PATH_COLOR, PATH_WIDTH = ColorRGBA(0.1, 0.8, 0.1, 1.0), 0.03  # [m], of a nav_msgs/Path; green, as in RViz
 Key = Tuple[str, str, int]  # topic, namespace, id
 
 
@@ -116,6 +119,19 @@ def looks(marker: Marker) -> Tuple[Any, ...]:
         marker.mesh_resource,
         marker.mesh_use_embedded_materials,
     )
+
+
+def markers_of(msg: Any) -> Sequence[Marker]:
+    """The markers of a Marker, a MarkerArray or a Path; a path is a line, an empty one deletes it."""
+    if isinstance(msg, Marker):
+        return [msg]
+    if not isinstance(msg, Path):
+        return list(msg.markers)
+    line = Marker(header=msg.header, type=Marker.LINE_STRIP, color=PATH_COLOR)
+    line.action = Marker.ADD if msg.poses else Marker.DELETE
+    line.scale.x, line.pose.orientation.w = PATH_WIDTH, 1.0
+    line.points = [stamped.pose.position for stamped in msg.poses]
+    return [line]
 
 
 def pose_of(marker: Marker) -> Optional[Pose]:

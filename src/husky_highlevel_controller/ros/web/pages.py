@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import dist
 from typing import Any, Callable, Optional, Sequence, Tuple
 
 import viser
@@ -12,7 +13,8 @@ from husky_highlevel_controller.ros.web.log import LEVELS, Filter, LogBuffer, to
 FOLLOW, PILLAR, ABOVE, FREE = CAMERAS = ("Follow", "Pillar", "Above", "Free")
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
 # of the camera from what it looks at [m]
-OFFSETS = {FOLLOW: (-3.6, -2.4, 2.4), PILLAR: (-3.0, -3.4, 2.0), ABOVE: (-0.01, 0.0, 14.0)}
+OFFSETS = {FOLLOW: (-3.6, 2.4, 2.4), PILLAR: (-3.0, -3.4, 2.0), ABOVE: (-0.01, 0.0, 14.0)}
+JUMP = 1.0  # [m] from here on the robot was put elsewhere
 BRAND = (30, 110, 190)
 
 
@@ -37,6 +39,7 @@ class Page:
         self.client, self.tool, self._log = client, LOOK, log
         self._camera, self._is_placed = FOLLOW, False
         self._at: Optional[Vector3] = None
+        self._offset, self._is_settled = OFFSETS[FOLLOW], True
         self._filter, self._log_count = Filter(), -1
         self._on_tool = on_tool
         self._make_view(tabs[0])
@@ -56,21 +59,31 @@ class Page:
         if target is None or self._camera == FREE or camera.update_timestamp == 0.0:
             return
         if not self._is_placed:
-            offset = OFFSETS[self._camera]
-            with self.client.atomic():
-                camera.up_direction = (0.0, 0.0, 1.0)
-                camera.position = _sum(target, offset)
-                camera.look_at = target
-            self._is_placed = True
-        elif self._at is not None and max(abs(a - b) for a, b in zip(target, self._at)) > 0.002:
-            # the page's positions come late, the direction that it looks in does not
-            eye, center = camera.position, camera.look_at
-            with self.client.atomic():
-                camera.position = _sum(target, (eye - center).tolist())
-                camera.look_at = target
+            self._offset, self._is_settled = OFFSETS[self._camera], False
+        elif self._at is not None and dist(target, self._at) > 0.002:
+            self._is_settled &= dist(target, self._at) < JUMP
+            self._take_offset(target)
         else:
             return
-        self._at = target
+        with self.client.atomic():
+            if not self._is_placed:
+                camera.up_direction = (0.0, 0.0, 1.0)
+            camera.position = _sum(target, self._offset)
+            camera.look_at = target
+        self._is_placed, self._at = True, target
+
+    def _take_offset(self, target: Vector3) -> None:
+        """Look from where the page's mouse has turned the view to.
+
+        The page's positions come late, the direction that it looks in does not; but while the camera jumps, the
+        page tells of its new position with the old point that it looks at.
+        """
+        center = self.client.camera.look_at.tolist()
+        offset = (self.client.camera.position - self.client.camera.look_at).tolist()
+        if not self._is_settled:
+            self._is_settled = dist(center, target) < JUMP and dist(offset, self._offset) < JUMP
+        if self._is_settled:
+            self._offset = (offset[0], offset[1], offset[2])
 
     # ------------------------------------------------------------------ fields
 

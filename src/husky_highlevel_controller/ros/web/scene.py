@@ -20,7 +20,7 @@ from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.clouds import points_from_msg, points_from_scan
 from husky_highlevel_controller.ros.web.drawing import clickable, draw, place, redraw
 from husky_highlevel_controller.ros.web.frames import Frames
-from husky_highlevel_controller.ros.web.markers import Key, Markers, Solid, looks, pieces, pose_of
+from husky_highlevel_controller.ros.web.markers import Key, Markers, Solid, looks, markers_of, pieces, pose_of
 from husky_highlevel_controller.ros.web.robot import rigid_groups
 from husky_highlevel_controller.ros.web.topics import Topics
 
@@ -201,7 +201,7 @@ class Scene:
     def _update_markers(self, topics: Topics) -> None:
         now = time.monotonic()
         for topic, msg in topics.take_all("markers"):
-            for marker in [msg] if isinstance(msg, Marker) else msg.markers:
+            for marker in markers_of(msg):
                 self.markers.apply(topic, marker, now)
         self.markers.expire(now)
         shown = self.markers.shown if self.layers["markers"] else {}

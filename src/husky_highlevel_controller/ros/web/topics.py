@@ -8,14 +8,14 @@ from typing import Any, Callable, Deque, Dict, List, NamedTuple, Optional, Tuple
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Path
 from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan, PointCloud2
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdate, Marker, MarkerArray
 
 QUEUE = 2000  # messages of one topic kept between two looks; a page that stays behind loses the oldest
-MARKERS = "visualization_msgs/Marker"
-MARKER_ARRAYS = "visualization_msgs/MarkerArray"
+DRAWN = {kind._type: kind for kind in (Marker, MarkerArray, Path)}
 INTERACTIVE = "visualization_msgs/InteractiveMarkerUpdate"
 
 
@@ -85,14 +85,12 @@ class Topics:
         self._subscribe("/diagnostics", DiagnosticArray, "diagnostics")
 
     def follow(self, published: List[Tuple[str, str]]) -> None:
-        """Subscribe to every topic of markers, and to commands and errors by the type they have here."""
+        """Subscribe to every topic of markers and paths, and to commands and errors by the type they have here."""
         for topic, kind in published:
             if topic in self._subscribers:
                 continue
-            if kind == MARKERS:
-                self._subscribe(topic, Marker, "markers")
-            elif kind == MARKER_ARRAYS:
-                self._subscribe(topic, MarkerArray, "markers")
+            if kind in DRAWN:
+                self._subscribe(topic, DRAWN[kind], "markers")
             elif kind == INTERACTIVE:
                 self._subscribe(topic, InteractiveMarkerUpdate, "objects")
                 self._subscribe(topic + "_full", InteractiveMarkerInit, "objects")

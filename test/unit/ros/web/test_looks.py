@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from genpy import Duration
-from geometry_msgs.msg import Point
+from geometry_msgs.msg import Point, PoseStamped
+from nav_msgs.msg import Path
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
@@ -13,7 +14,16 @@ from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.clouds import points_from_msg
 from husky_highlevel_controller.ros.web.frames import Frames
-from husky_highlevel_controller.ros.web.markers import Dots, Lines, Markers, MeshFile, Solid, Words, pieces
+from husky_highlevel_controller.ros.web.markers import (
+    Dots,
+    Lines,
+    Markers,
+    MeshFile,
+    Solid,
+    Words,
+    markers_of,
+    pieces,
+)
 from husky_highlevel_controller.ros.web.robot import rigid_groups
 
 RED, GREEN = ColorRGBA(1, 0, 0, 1), ColorRGBA(0, 1, 0, 1)
@@ -56,6 +66,24 @@ def test_an_arrow_goes_from_its_first_point_to_its_second():
     assert solid.mesh.vertices[:, 1].min() == pytest.approx(1.0)
     assert solid.mesh.vertices[:, 1].max() == pytest.approx(3.0)
     assert np.abs(solid.mesh.vertices[:, 0] - 1.0).max() == pytest.approx(0.1, abs=1e-6)
+
+
+def test_a_path_is_a_line_in_its_frame_that_an_empty_path_deletes():
+    path = Path(poses=[PoseStamped() for _ in range(3)])
+    path.header.frame_id = "map"
+    for x, stamped in enumerate(path.poses):
+        stamped.pose.position.x = x
+    shown = Markers()
+    for marker in markers_of(path):
+        shown.apply("/plan", marker, 0.0)
+    (line,) = shown.shown.values()
+    assert line.header.frame_id == "map"
+    (lines,) = pieces(line)
+    assert lines.points.tolist() == [[[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [2, 0, 0]]]
+    assert lines.width > 0.0
+    for marker in markers_of(Path()):
+        shown.apply("/plan", marker, 1.0)
+    assert shown.shown == {}
 
 
 def test_a_strip_joins_neighbours_and_a_list_pairs():
