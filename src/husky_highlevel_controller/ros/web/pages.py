@@ -75,8 +75,8 @@ class Page:
     def _take_offset(self, target: Vector3) -> None:
         """Look from where the page's mouse has turned the view to.
 
-        The page's positions come late, the direction that it looks in does not; but while the camera jumps, the
-        page tells of its new position with the old point that it looks at.
+        The page's positions come late, the direction that it looks in does not; but while the camera jumps,
+        the page tells of its new position with the old point that it looks at.
         """
         center = self.client.camera.look_at.tolist()
         offset = (self.client.camera.position - self.client.camera.look_at).tolist()

@@ -85,7 +85,7 @@ class Topics:
         self._subscribe("/diagnostics", DiagnosticArray, "diagnostics")
 
     def follow(self, published: List[Tuple[str, str]]) -> None:
-        """Subscribe to every topic of markers and paths, and to commands and errors by the type they have here."""
+        """Subscribe to every topic of markers, paths and objects that can be dragged."""
         for topic, kind in published:
             if topic in self._subscribers:
                 continue
