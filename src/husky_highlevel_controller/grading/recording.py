@@ -77,6 +77,7 @@ class Recording:
     markers: Tuple[MarkerSample, ...] = ()
     marker_topics: Tuple[str, ...] = ()  # that the submission publishes, whether or not anything came
     services: Tuple[str, ...] = ()  # std_srvs/SetBool that the submission offers
+    other_services: Tuple[str, ...] = ()  # of other types that it offers, as "/name (package/Type)"
     calls: Tuple[Call, ...] = ()
     topic_parameters: Tuple[str, ...] = ()  # private parameters whose value is the scans' topic
     queue_parameters: Tuple[

@@ -134,8 +134,15 @@ def test_no_service_is_told():
     assert [item.evidence for item in items] == ["no std_srvs/SetBool service: node x ends"] * 2
 
 
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_a_service_of_another_type_is_left_to_a_person(speed):
+    items = judge_exercise_5([recording(speed, other_services=("/go (std_srvs/Empty)",))], VIEW, SCAN)
+    assert [item.points for item in items[:2]] == [None, None]
+    assert items[0].evidence == "no std_srvs/SetBool service, but /go (std_srvs/Empty): for a person"
+
+
 def test_that_it_sleeps_is_no_reason_to_have_no_service():
     slow = "it does not answer every scan with a command: simulated time goes on while it sleeps"
-    items = judge_calls(recording(notes=(slow,)))
+    items = judge_calls(recording(notes=(slow, "it floods cmd_vel: 9000 commands in 25 simulated seconds")))
     assert [item.evidence for item in items] == ["no std_srvs/SetBool service"] * 2
     assert "does not subscribe to the scans" in judge_output(recording(notes=(slow,))).evidence

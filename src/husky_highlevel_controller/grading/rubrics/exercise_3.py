@@ -141,8 +141,9 @@ def _why_it_stands(recording: Recording) -> str:
 
 
 def causes(recording: Recording) -> List[str]:
-    """Notes on what went wrong; that it sleeps or is slow is no cause."""
-    return [note for note in recording.notes if "does not answer" not in note]
+    """Notes on what went wrong; that it sleeps, is slow or sends too much is no cause."""
+    harmless = ("does not answer", "it floods")
+    return [note for note in recording.notes if not any(words in note for words in harmless)]
 
 
 def first_cause(recording: Recording) -> str:

@@ -47,6 +47,9 @@ def judge_calls(recording: Recording) -> List[Item]:
     if not recording.calls:
         offered = recording.services
         why = f"{offered[0]} was not called" if offered else "no std_srvs/SetBool service"
+        if not offered and recording.other_services:
+            why += f", but {', '.join(recording.other_services)}: for a person"
+            return [replace(stop, points=None, evidence=why), replace(start, points=None, evidence=why)]
         why += "".join(f": {cause}" for cause in causes(recording)[:1])
         return [replace(stop, evidence=why), replace(start, evidence=why)]
     name = recording.services[0] if recording.services else "its service"
@@ -125,7 +128,8 @@ def judge_exercise_5(
     """All of exercise 5: 50 and 50, and two bonuses by hand."""
     by_hand = "for a person: a node of its own"
     items = judge_calls(recordings[0])
-    if not (np.abs(recordings[0].speeds[:, 0]) > FAST).any():
+    drives = (np.abs(recordings[0].speeds[:, 0]) > FAST).any()
+    if not drives and (recordings[0].services or not recordings[0].other_services):
         why = f"it never drives, so it cannot be stopped: {first_cause(recordings[0])}"
         items = [replace(items[0], points=0.0, evidence=why), replace(items[1], points=0.0)]
     items += [Item(name, None, 25.0, by_hand) for name in ITEMS[2:]]

@@ -22,7 +22,8 @@ class ExerciseDriver:
 
     def __init__(self, exercise: int, scan_topic: str, ours: Set[str]) -> None:
         self._exercise, self._scan_topic, self._ours = exercise, scan_topic, ours
-        self.services: Set[str] = set()
+        self.services: Set[str] = set()  # that are a std_srvs/SetBool
+        self.other_services: Set[str] = set()  # "/name (package/Type)"
         self.calls: List[Call] = []
         self._plan, self._calling = CallPlan(), False
         self._probed: Set[str] = set()
@@ -49,7 +50,7 @@ class ExerciseDriver:
             self._velocity.publish(Twist(linear=Vector3(exercise_2_speed(now), 0.0, 0.0)))
 
     def look(self, services: Sequence[Any]) -> None:
-        """Find the submission's SetBool services in the master's list."""
+        """Find the submission's services in the master's list."""
         if self._exercise != 5:
             return
         for name, nodes in services:
@@ -59,8 +60,11 @@ class ExerciseDriver:
 
     def _probe(self, name: str) -> None:
         try:
-            if rosservice.get_service_type(name) == "std_srvs/SetBool":
+            kind = rosservice.get_service_type(name)
+            if kind == "std_srvs/SetBool":
                 self.services.add(name)
+            elif kind:
+                self.other_services.add(f"{name} ({kind})")
         except (rosservice.ROSServiceException, OSError):
             self._probed.discard(name)
 

@@ -197,6 +197,7 @@ class Recorder:
             markers=self._watch.samples(times, [row.pose_in_world for row in truth], pillar),
             marker_topics=self._watch.topics,
             services=tuple(sorted(self._driver.services)),
+            other_services=tuple(sorted(self._driver.other_services)),
             calls=tuple(self._driver.calls),
             topic_parameters=topic_parameters,
             queue_parameters=queue_parameters,
