@@ -312,7 +312,7 @@ def test_the_page_of_a_marked_drive_plays_it(browser, tmp_path):
     poses = np.column_stack([times, 0.0 * times, 0.0 * times])
     html = to_html(Replay("</script>a drive", "it ended", times, poses, np.array([[3.0, 0.0]])))
     (tmp_path / "replay.html").write_text(html)
-    page = browser.new_page(viewport=SIZE)
+    page = browser.new_page(viewport=SIZE, device_scale_factor=COARSENESS)
     watch(page)
     page.goto((tmp_path / "replay.html").as_uri())
     page.wait_for_selector("text=</script>a drive")
