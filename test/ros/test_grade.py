@@ -28,7 +28,7 @@ GRADE = ["rosrun", "husky_highlevel_controller", "grade"]
 REFERENCE = ["--launch", "husky_highlevel_controller", "controller.launch"]
 QUICK = ["--trials", "1", "--deadline", "25", "--pace", "8"]
 JOBS = 3
-WAITED_FOR = ("never_publishes", "listens_elsewhere", "hangs")  # in vain, up to a deadline: the first to start
+WAITED_FOR = ("never_publishes", "listens_elsewhere", "hangs")  # in vain, up to a deadline: they start first
 
 # points of: drives towards it, reaches it, RViz, marker's place, marker in RViz (None: for a person, since no
 # RViz configuration was handed in); and words that must be said

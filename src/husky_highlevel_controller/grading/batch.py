@@ -229,7 +229,7 @@ def prepare(
 
 
 def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
-    """Copy .rviz files beside the packages, such as ~/.rviz/default.rviz, into one that has none of its own."""
+    """Copy .rviz files beside the packages, such as ~/.rviz/default.rviz, into one that has none."""
     if any(path.suffix == ".rviz" for path in walk(package)):
         return False
     added = False

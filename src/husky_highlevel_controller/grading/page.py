@@ -86,7 +86,7 @@ def feedback_page(result: Result, pictures: Sequence[bytes], replays: Sequence[s
 
 
 def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
-    """Bars over shares (0 to 1) of the points that were decided: count, height in pixels, label in percent."""
+    """Bars over shares (0 to 1) of the points that were decided: count, height [px], label [%]."""
     counts = [0] * BARS
     for share in shares:
         counts[min(int(BARS * share), BARS - 1)] += 1
