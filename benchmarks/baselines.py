@@ -10,6 +10,7 @@ import os
 import sys
 import tempfile
 import time
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Dict, Sequence, Tuple
 
@@ -21,6 +22,7 @@ from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Pose, Sha
 from husky_highlevel_controller.evaluation.rollout import husky
 from husky_highlevel_controller.evaluation.scenarios import course_scenario
 from husky_highlevel_controller.geometry import matrix_from_quat
+from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 
 STEP_RATE, SCAN_RATE = 240, 50  # [Hz]
@@ -117,7 +119,7 @@ class BulletRays:
 def _load_husky(client: int, flags: int) -> int:
     handle, path = tempfile.mkstemp(suffix=".urdf")
     with os.fdopen(handle, "w") as file:
-        file.write(husky().physics_urdf)
+        file.write(_with_joints(husky()))
     height = husky().wheels[0].radius - husky().wheels[0].position[2]
     robot: int = pybullet.loadURDF(path, (0.0, 0.0, height), flags=flags, physicsClientId=client)
     os.remove(path)
@@ -128,6 +130,34 @@ def _load_husky(client: int, flags: int) -> int:
         forces=[WHEEL_TORQUE] * len(wheels), physicsClientId=client,
     )  # fmt: skip
     return robot
+
+
+def _with_joints(robot: RobotModel) -> str:
+    """The robot's URDF with wheels that turn on joints, as one has it who knows nothing of traction.py."""
+    root = ET.fromstring(robot.physics_urdf)
+    base = root.find("link")
+    assert base is not None
+    mass = robot.mass - sum(wheel.mass for wheel in robot.wheels)
+    base.find("inertial/mass").set("value", repr(mass))  # type: ignore[union-attr]
+    for wheel in robot.wheels:
+        link = ET.SubElement(root, "link", name=wheel.link)
+        solid = ET.SubElement(link, "inertial")
+        ET.SubElement(solid, "mass", value=repr(wheel.mass))
+        across, axial = repr(wheel.axial_inertia / 1.8), repr(wheel.axial_inertia)  # the published wheel's share
+        ET.SubElement(solid, "inertia", ixx=across, ixy="0", ixz="0", iyy=axial, iyz="0", izz=across)
+        joint = ET.SubElement(root, "joint", name=wheel.joint, type="continuous")
+        place = " ".join(map(repr, wheel.position))
+        ET.SubElement(joint, "origin", xyz=place)
+        ET.SubElement(joint, "parent", link="base_link")
+        ET.SubElement(joint, "child", link=wheel.link)
+        ET.SubElement(joint, "axis", xyz="0 1 0")
+        for collision in base.findall("collision"):
+            origin = collision.find("origin")
+            if collision.find("geometry/cylinder") is not None and origin.get("xyz") == place:  # type: ignore[union-attr]
+                base.remove(collision)
+                origin.set("xyz", "0 0 0")  # type: ignore[union-attr]
+                link.append(collision)
+    return ET.tostring(root, encoding="unicode")
 
 
 if __name__ == "__main__":

@@ -6,28 +6,41 @@ Must not know: ROS, PyBullet, sensors, commands.
 
 from __future__ import annotations
 
-from typing import Sequence, Tuple
+from math import hypot
+from typing import List, Optional, Sequence, Tuple
 
-from husky_highlevel_controller.datatypes import Pose, RobotState, Vector3
+from husky_highlevel_controller.datatypes import Pose, RobotState, Vector3, WheelState
 from husky_highlevel_controller.geometry import Axes, axes_from_quat, compose
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
-from husky_highlevel_controller.simulator.models.robot_model import RobotModel
+from husky_highlevel_controller.simulator.models.robot_model import FLANK_DEPTH, RobotModel
 from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
 
 LOAD_SMOOTHING = 0.02  # [s], low-pass on the wheels' normal forces: the solver's are rough
 SUPPORT_SLOPE = 0.5  # a wheel stands on what pushes it up at least steeply (cosine), and bumps into the rest
+CONTACT_DEPTH = 0.003  # [m], a contact point this far off a tyre's surface is on it
+HULL_FRICTION = 0.25  # of the hull on whatever it touches: that of two bodies with Bullet's defaults
+HULL_SLIP_SPEED = 0.1  # [m/s], viscous below; slower, and 5 ms steps of this explicit force would ring
+
+Drag = Tuple[Vector3, Vector3, float]  # point [m] and normal of a contact, in base_link, and its force [N]
 
 
 class Chassis:
-    """The robot in a Bullet world."""
+    """The robot in a Bullet world: one rigid body, whose wheels turn in numbers only.
+
+    A wheel obeys its commanded speed exactly (Gazebo: ideal velocity interface), so its angle is the sum of
+    its speeds, and its motor's torque follows from the ground's force and its own inertia.
+    """
 
     def __init__(self, bullet: RobotWorld, robot: RobotModel, traction: TractionConfig, dt: float) -> None:
         self._bullet, self._robot, self._traction, self._dt = bullet, robot, traction, dt
         self._radii = [wheel.radius for wheel in robot.wheels]
+        self._axial_inertias = [wheel.axial_inertia for wheel in robot.wheels]
+        self._yaw_inertia = float(robot.inertia[2, 2])
 
     def place(self, pose_base_in_world: Pose, gravity: Vector3) -> None:
         """Put the robot into a Bullet world that has none."""
         self._gravity = gravity
+        self._angles = [0.0] * len(self._robot.wheels)  # [rad], not wrapped
         self._bullet.add_robot(self._robot, pose_base_in_world)
         self._land()
 
@@ -48,16 +61,24 @@ class Chassis:
     def _land(self) -> None:
         wheels = self._robot.wheels
         self._loads = [0.0] * len(wheels)
-        self.torques = [0.0] * len(wheels)
         self._footprints = [(w.position[0], w.position[1], w.position[2] - w.radius) for w in wheels]
+        self._ground: Vector3 = (0.0, 0.0, 0.0)  # normal forces under the wheels, in base_link [N]
+        self._drags: List[Drag] = []
+        self._speeds: Sequence[float] = (0.0,) * len(wheels)
+        self.torques = [0.0] * len(wheels)  # [N m], of the wheels' motors
         self.observe()
+
+    def wheels(self) -> WheelState:
+        """Angles, speeds and torques of the wheels."""
+        names = tuple(wheel.joint for wheel in self._robot.wheels)
+        return WheelState(names, tuple(self._angles), tuple(self._speeds), tuple(self.torques))
 
     def observe(self) -> RobotState:
         """Read the robot's pose and velocity; kept as `state`."""
         pose, velocity, spin = self._bullet.robot_motion()
         self._axes = axes_from_quat(pose.quat_xyzw)
         (vx, vy, vz), (wx, wy, wz) = (_onto(self._axes, v) for v in (velocity, spin))
-        x, y, z = self._bullet.robot_com
+        x, y, z = self._robot.com
         # v(base_link) = v(com) - w x com
         at_base = (vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x))
         self.state = RobotState(pose, at_base, (wx, wy, wz))
@@ -65,67 +86,115 @@ class Chassis:
 
     def drive(self, speeds: Sequence[float]) -> None:
         """Turn the wheels at these speeds [rad/s] and apply the ground's forces, for one step."""
-        self._bullet.drive_wheels(speeds)
-        robot, state = self._robot, self.state
-        com_x, com_y, _ = robot.total_com
+        robot, state, dt = self._robot, self.state, self._dt
+        com_x, com_y, _ = robot.com
         contacts = [
             WheelContact(point[0] - com_x, point[1] - com_y, load, speed * radius)
             for point, load, speed, radius in zip(self._footprints, self._loads, speeds, self._radii)
         ]
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
-        pull_x, pull_y, _ = _onto(self._axes, self._gravity)
+        pull_x, pull_y = self._downhill()
         forces = ground_forces(
             contacts,
             velocity=(vx - yaw_rate * com_y, vy + yaw_rate * com_x, yaw_rate),
-            external=(robot.total_mass * pull_x, robot.total_mass * pull_y),
-            mass=robot.total_mass,
-            yaw_inertia=robot.total_yaw_inertia,
-            dt=self._dt,
+            external=(robot.mass * pull_x, robot.mass * pull_y),
+            mass=robot.mass,
+            yaw_inertia=self._yaw_inertia,
+            dt=dt,
             config=self._traction,
         )
         self.torques = [
-            along * radius for (along, _), radius in zip(forces, self._radii)
-        ]  # [N m], at the wheels
-        ahead, left, up = self._axes
-        px, py, pz = state.pose_in_world.position
-        for (x, y, z), load, (along, across) in zip(self._footprints, self._loads, forces):
+            along * radius + inertia * (speed - before) / dt
+            for (along, _), radius, inertia, speed, before in zip(
+                forces, self._radii, self._axial_inertias, speeds, self._speeds
+            )
+        ]
+        self._angles = [angle + speed * dt for angle, speed in zip(self._angles, speeds)]
+        self._speeds = speeds
+        # the engine looks for contacts before it moves the robot
+        self._contact_axes, self._contact_position = self._axes, state.pose_in_world.position
+        for footprint, load, (along, across) in zip(self._footprints, self._loads, forces):
             if load > 0.0:
-                self._bullet.push_robot(
-                    (
-                        along * ahead[0] + across * left[0],
-                        along * ahead[1] + across * left[1],
-                        along * ahead[2] + across * left[2],
-                    ),
-                    (
-                        px + x * ahead[0] + y * left[0] + z * up[0],
-                        py + x * ahead[1] + y * left[1] + z * up[1],
-                        pz + x * ahead[2] + y * left[2] + z * up[2],
-                    ),
-                )
+                self._push((along, across, 0.0), footprint)
+        for point, normal, load in self._drags:
+            self._push(self._drag(point, normal, load), point)
+
+    def _downhill(self) -> Tuple[float, float]:
+        """Gravity along the ground, on base_link's x and y [m/s^2]; on its springs the robot leans a little."""
+        gx, gy, gz = _onto(self._axes, self._gravity)
+        nx, ny, nz = self._ground
+        square = nx * nx + ny * ny + nz * nz
+        into = (gx * nx + gy * ny + gz * nz) / square if square > 0.0 else 0.0
+        return gx - into * nx, gy - into * ny
+
+    def _push(self, force: Vector3, point: Vector3) -> None:
+        """Push the robot during the next step, with a force [N] at a point [m], both in base_link."""
+        fx, fy, fz = force
+        x, y, z = point
+        px, py, pz = self.state.pose_in_world.position
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._axes
+        self._bullet.push_robot(
+            (fx * ax + fy * bx + fz * cx, fx * ay + fy * by + fz * cy, fx * az + fy * bz + fz * cz),
+            (
+                px + x * ax + y * bx + z * cx,
+                py + x * ay + y * by + z * cy,
+                pz + x * az + y * bz + z * cz,
+            ),
+        )
+
+    def _drag(self, point: Vector3, normal: Vector3, load: float) -> Vector3:
+        """Friction at a contact of the hull, in base_link [N]; what is touched does not feel it."""
+        x, y, z = point
+        (vx, vy, vz), (wx, wy, wz) = self.state.velocity_in_base, self.state.angular_velocity_in_base
+        vx, vy, vz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+        nx, ny, nz = normal
+        into = vx * nx + vy * ny + vz * nz
+        vx, vy, vz = vx - into * nx, vy - into * ny, vz - into * nz
+        k = -HULL_FRICTION * load / (hypot(vx, vy, vz) + HULL_SLIP_SPEED)
+        return (k * vx, k * vy, k * vz)
 
     def update_contacts(self) -> Tuple[str, ...]:
         """Update each wheel's load and footprint; names of what the robot touches but does not stand on."""
-        ux, uy, uz = self._axes[2]
+        axes, (px, py, pz) = self._contact_axes, self._contact_position
         underfoot = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]  # load [N], and load times point [N m]
+        ground_x = ground_y = ground_z = 0.0
         contacts = set()
-        for body, wheel, (x, y, z), (nx, ny, nz), force in self._bullet.contact_points():
-            support = nx * ux + ny * uy + nz * uz
+        self._drags = []
+        for body, (x, y, z), normal_in_world, force in self._bullet.contact_points():
+            point, normal = _onto(axes, (x - px, y - py, z - pz)), _onto(axes, normal_in_world)
+            wheel, support = self._wheel_at(point), normal[2]
             if wheel is None or support < SUPPORT_SLOPE:
                 contacts.add(body)
+                if wheel is None:
+                    self._drags.append((point, normal, force))
                 continue
+            ground_x += force * normal[0]
+            ground_y += force * normal[1]
+            ground_z += force * support
             load, sums = force * support, underfoot[wheel]
             sums[0] += load
-            sums[1] += load * x
-            sums[2] += load * y
-            sums[3] += load * z
-        px, py, pz = self.state.pose_in_world.position
+            sums[1] += load * point[0]
+            sums[2] += load * point[1]
+            sums[3] += load * point[2]
+        self._ground = (ground_x, ground_y, ground_z)
         for wheel, (load, x, y, z) in enumerate(underfoot):
             if load <= 0.0:
                 self._loads[wheel] = 0.0  # in the air: no grip, at once
                 continue
             self._loads[wheel] += (load - self._loads[wheel]) * self._dt / (self._dt + LOAD_SMOOTHING)
-            self._footprints[wheel] = _onto(self._axes, (x / load - px, y / load - py, z / load - pz))
+            self._footprints[wheel] = (x / load, y / load, z / load)
         return tuple(sorted(contacts))
+
+    def _wheel_at(self, point: Vector3) -> Optional[int]:
+        """Index of the wheel on whose tyre a point of base_link lies; None: it is on the hull."""
+        x, y, z = point
+        for index, wheel in enumerate(self._robot.wheels):
+            wheel_x, wheel_y, wheel_z = wheel.position
+            if abs(y - wheel_y) <= wheel.width / 2.0 + CONTACT_DEPTH:
+                depth = wheel.radius - hypot(x - wheel_x, z - wheel_z)
+                if -CONTACT_DEPTH <= depth <= FLANK_DEPTH + CONTACT_DEPTH:
+                    return index
+        return None
 
 
 def _onto(axes: Axes, vector: Vector3) -> Vector3:

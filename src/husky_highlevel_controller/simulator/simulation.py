@@ -184,7 +184,7 @@ class Simulation:
         self._bullet.clear(self._world.gravity)
         self._objects.load(self._world.bodies)
         self._chassis.place(self._chassis.on_ground(pose_from_2d(self._start)), self._world.gravity)
-        self._odometer.reset(self._bullet.wheels())
+        self._odometer.reset(self._chassis.wheels())
 
     @property
     def stamp(self) -> float:
@@ -229,7 +229,7 @@ class Simulation:
 
     def _read_wheels(self) -> WheelState:
         """The wheels as their encoders report them."""
-        wheels = self._bullet.wheels()
+        wheels = self._chassis.wheels()
         if not self._real:
             return wheels
         return as_encoded(wheels, self._real.base.speed_resolution, self.config.drive.wheel_radius)

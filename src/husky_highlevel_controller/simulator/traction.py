@@ -14,11 +14,12 @@ viscous below the slip speed vs and dry friction above it. The power is the load
 matters here: the published centre of mass puts 62 % of the Husky's weight on its right wheels.
 
 All wheels are solved together, and implicitly in the velocity after the step, which is stable for any vs and
-dt: with k held over the step,
+dt. In base_link, which turns by w dt meanwhile, a velocity that stays in the world turns back:
 
-    (M + dt sum J'kJ) u+ = M u + dt (sum J'k w + external),   F = -k s(u+).
+    (M + dt sum J'kJ) u+ = M u + dt (sum J'k v_tread + external - M w x u),   F = -k s(u+).
 
-The price: k belongs to the slip before the step, so while slip grows a force may exceed mu N by up to 20 %.
+k belongs to the slip after the step too: it is found in a few rounds, none of them needed at steady speed.
+With k of the slip before, 60 s of mixed driving at 200 Hz end 0.10 m from those at 2000 Hz; so, 0.01 m.
 
 The published wheel_separation_multiplier of 1.875, found on real ground, follows from this to within 5 %: in
 place lengthwise and sideways forces balance at an effective track of (1 + g (wheelbase / track)^2) track,
@@ -37,6 +38,7 @@ from husky_highlevel_controller.datatypes import Vector3
 Vector2 = Tuple[float, float]
 
 LOAD_SENSITIVITY = -1.0 / 3.0
+MOST_ROUNDS, SETTLED = 3, 0.1  # of solving; done when a round changes the speeds by this share of vs
 STANDARD_GRAVITY = 9.81  # [m/s^2]
 
 
@@ -78,35 +80,39 @@ def ground_forces(
         dt: the step [s].
         config: the tyres.
     """
-    vx, vy, yaw_rate = velocity
-    share = mass * STANDARD_GRAVITY / 4.0
-
-    # [[a, 0, b], [0, e, c], [b, c, d]] u+ = (px, py, pw)
-    a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
-    grip = config.lateral_grip
-    px = mass * vx + dt * external[0]
-    py = mass * vy + dt * external[1]
-    pw = yaw_inertia * yaw_rate
-    ks = []
-    for contact in contacts:
-        x, y, load, surface_speed = contact.x, contact.y, contact.load, contact.surface_speed
-        k = 0.0
-        if load > 0.0:
-            slip = hypot(vx - yaw_rate * y - surface_speed, vy + yaw_rate * x, config.slip_speed)
-            k = config.friction * load * (load / share) ** LOAD_SENSITIVITY / slip
-        ks.append(k)
-        kdt = k * dt
-        a += kdt
-        b -= kdt * y
-        c += kdt * x * grip
-        d += kdt * (x * x * grip + y * y)
-        e += kdt * grip
-        px += kdt * surface_speed
-        pw -= kdt * surface_speed * y
-    c_by_e = c * (a / e)  # equal grip: a == e, and what follows is the isotropic case to the last bit
-    yaw_rate = (pw - (b * px + c_by_e * py) / a) / (d - (b * b + c_by_e * c) / a)
-    vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e  # after the step
+    vx, vy, yaw_rate = before = velocity
+    grip, share = config.lateral_grip, mass * STANDARD_GRAVITY / 4.0
+    treads = [
+        (x, y, config.friction * load * (load / share) ** LOAD_SENSITIVITY if load > 0.0 else 0.0, speed)
+        for x, y, load, speed in contacts
+    ]
+    push_x = mass * vx + dt * (external[0] + mass * yaw_rate * vy)
+    push_y = mass * vy + dt * (external[1] - mass * yaw_rate * vx)
+    spin = yaw_inertia * yaw_rate
+    ks: List[float] = []
+    for _ in range(MOST_ROUNDS):
+        # [[a, 0, b], [0, e, c], [b, c, d]] u+ = (px, py, pw)
+        a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
+        px, py, pw = push_x, push_y, spin
+        ks = []
+        for x, y, limit, speed in treads:
+            k = limit / hypot(vx - yaw_rate * y - speed, vy + yaw_rate * x, config.slip_speed)
+            ks.append(k)
+            kdt = k * dt
+            a += kdt
+            b -= kdt * y
+            c += kdt * x * grip
+            d += kdt * (x * x * grip + y * y)
+            e += kdt * grip
+            px += kdt * speed
+            pw -= kdt * speed * y
+        c_by_e = c * (a / e)  # equal grip: a == e, and what follows is the isotropic case to the last bit
+        yaw_rate = (pw - (b * px + c_by_e * py) / a) / (d - (b * b + c_by_e * c) / a)
+        vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e  # after the step
+        if hypot(vx - before[0], vy - before[1], yaw_rate - before[2]) < SETTLED * config.slip_speed:
+            break
+        before = (vx, vy, yaw_rate)
     return [
-        (-k * (vx - yaw_rate * contact.y - contact.surface_speed), -k * grip * (vy + yaw_rate * contact.x))
-        for k, contact in zip(ks, contacts)
+        (-k * (vx - yaw_rate * y - speed), -k * grip * (vy + yaw_rate * x))
+        for k, (x, y, _, speed) in zip(ks, treads)
     ]

@@ -102,7 +102,7 @@ def test_base_link_is_a_wheel_radius_minus_the_axle_height_above_the_ground():
 
 def test_a_husky_without_lidar_is_lighter_and_has_no_laser_frame():
     model = robot_model(robot_description(laser_enabled=False))
-    assert model.total_mass == pytest.approx(56.582)
+    assert model.mass == pytest.approx(56.582)
     assert not [frame for frame in model.fixed_poses if "laser" in frame]
 
 
@@ -218,18 +218,22 @@ def test_switches_may_be_spelled_as_roslaunch_or_as_the_environment_does(no, com
 # ---------------------------------------------------------------------------- the model
 
 
-def test_the_rigid_body_is_the_published_base_and_lidar_together():
-    # two bodies, by hand: 46.034 kg at c1 and 1.1 kg at c2
-    c1, c2 = np.array([-0.00065, -0.085, 0.062]), np.array([0.3370, 0.0, 0.30795])
-    base = np.array(
-        [[0.6022, -0.02364, -0.1197], [-0.02364, 1.7386, -0.001544], [-0.1197, -0.001544, 2.0296]]
-    )
+def test_the_rigid_body_is_the_published_base_lidar_and_wheels_together():
+    base = [[0.6022, -0.02364, -0.1197], [-0.02364, 1.7386, -0.001544], [-0.1197, -0.001544, 2.0296]]
     lidar = 1.1 / 12 * np.diag([0.102**2 + 0.152**2, 0.105**2 + 0.152**2, 0.105**2 + 0.102**2])
-    d, reduced = c2 - c1, 46.034 * 1.1 / 47.134
+    corners = [(0.256, 0.2854), (0.256, -0.2854), (-0.256, 0.2854), (-0.256, -0.2854)]
+    parts = [
+        (46.034, (-0.00065, -0.085, 0.062), np.array(base)),
+        (1.1, (0.3370, 0.0, 0.30795), lidar),
+        *[(2.637, (x, y, 0.03282), np.diag([0.02467, 0.04411, 0.02467])) for x, y in corners],
+    ]
+    mass = sum(m for m, _, _ in parts)
+    about_base = sum(i + m * (np.dot(c, c) * np.eye(3) - np.outer(c, c)) for m, c, i in parts)
+    com = sum(m * np.array(c) for m, c, _ in parts) / mass
     model = robot_model(HUSKY)
-    assert model.mass == pytest.approx(47.134)
-    assert model.com == pytest.approx((46.034 * c1 + 1.1 * c2) / 47.134)
-    assert model.inertia == pytest.approx(base + lidar + reduced * (d @ d * np.eye(3) - np.outer(d, d)))
+    assert model.mass == pytest.approx(mass)
+    assert model.com == pytest.approx(com)
+    assert model.inertia == pytest.approx(about_base - mass * (com @ com * np.eye(3) - np.outer(com, com)))
 
 
 def test_the_wheels_are_the_published_ones():
@@ -241,16 +245,15 @@ def test_the_wheels_are_the_published_ones():
         (-0.256, 0.2854, 0.03282),
         (-0.256, -0.2854, 0.03282),
     ]
-    assert {(w.radius, w.mass, w.axial_inertia) for w in model.wheels} == {(0.1651, 2.637, 0.04411)}
+    assert {(w.radius, w.width) for w in model.wheels} == {(0.1651, 0.1143)}
+    assert {(w.mass, w.axial_inertia) for w in model.wheels} == {(2.637, 0.04411)}
 
 
-def test_the_totals_include_the_wheels():
+def test_mass_and_inertia_include_the_wheels():
     model = robot_model(small_robot())
-    assert model.total_mass == pytest.approx(18.0)
-    assert model.total_com == pytest.approx((0.0, 0.0, 0.0))
-    assert model.total_yaw_inertia == pytest.approx(
-        2.5 + 4 * (0.1 + 2 * 2.0)
-    )  # body, wheels, 2 kg at sqrt(2) m
+    assert model.mass == pytest.approx(18.0)
+    assert model.com == pytest.approx((0.0, 0.0, 0.0))
+    assert model.inertia[2, 2] == pytest.approx(2.5 + 4 * (0.1 + 2 * 2.0))  # 2 kg at sqrt(2) m
 
 
 def test_the_inertia_is_read_only():
@@ -276,10 +279,11 @@ def test_a_mass_on_a_turned_link_counts_as_if_it_were_on_base_link(xyz, rpy, mas
     origin = f'<origin xyz="{xyz[0]!r} {xyz[1]!r} {xyz[2]!r}" rpy="{r!r} {p!r} {y!r}"/>'
     model = robot_model(small_robot(extra=fixed_to_base("load", load, origin)))
     own = np.diag([1.0, 2.0, 2.5])
-    reduced = 10.0 * mass / (10.0 + mass)
-    expected = own + turn @ own @ turn.T + reduced * (at @ at * np.eye(3) - np.outer(at, at))
-    assert model.mass == pytest.approx(10.0 + mass)
-    assert model.com == pytest.approx(mass * at / (10.0 + mass), abs=1e-12)
+    reduced = 18.0 * mass / (18.0 + mass)
+    alone = robot_model(small_robot()).inertia
+    expected = alone + turn @ own @ turn.T + reduced * (at @ at * np.eye(3) - np.outer(at, at))
+    assert model.mass == pytest.approx(18.0 + mass)
+    assert model.com == pytest.approx(mass * at / (18.0 + mass), abs=1e-12)
     assert model.inertia == pytest.approx(expected, abs=1e-9)
 
 
@@ -302,16 +306,10 @@ class Engine:
         self.client = pybullet.connect(pybullet.DIRECT)
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
         self.robot = pybullet.loadURDF(str(path), flags=flags, physicsClientId=self.client)
-        self.base = self.dynamics(-1)
+        self.base = pybullet.getDynamicsInfo(self.robot, -1, physicsClientId=self.client)
         pybullet.resetBasePositionAndOrientation(
             self.robot, self.base[3], self.base[4], physicsClientId=self.client
         )
-        joints = range(pybullet.getNumJoints(self.robot, physicsClientId=self.client))
-        info = [pybullet.getJointInfo(self.robot, joint, physicsClientId=self.client) for joint in joints]
-        self.links = {"base_link": -1, **{row[12].decode(): row[0] for row in info}}
-
-    def dynamics(self, link):
-        return pybullet.getDynamicsInfo(self.robot, link, physicsClientId=self.client)
 
     def hit(self, start, end):
         return pybullet.rayTest(start, end, physicsClientId=self.client)[0]
@@ -344,31 +342,27 @@ def test_the_engine_has_mass_centre_and_inertia_of_the_model(load):
     assert axes @ np.diag(engine.base[2]) @ axes.T == pytest.approx(model.inertia, abs=1e-9)
 
 
-def test_the_engine_has_four_wheels_and_nothing_else_that_weighs(load):
+def test_the_engine_has_one_body_that_weighs_all(load):
     engine = load(robot_model(HUSKY))
-    masses = {name: engine.dynamics(link)[0] for name, link in engine.links.items()}
-    assert masses == {**{f"{joint}_link": 2.637 for joint in WHEEL_JOINTS}, "base_link": engine.model.mass}
-    for wheel in engine.model.wheels:
-        assert engine.dynamics(engine.links[wheel.link])[2] == pytest.approx((0.02467, 0.04411, 0.02467))
+    assert pybullet.getNumJoints(engine.robot, physicsClientId=engine.client) == 0
+    assert engine.base[0] == pytest.approx(46.034 + 1.1 + 4 * 2.637)
 
 
 @pytest.mark.parametrize(
-    ("start", "end", "link", "point"),
+    ("start", "end", "point"),
     [
-        ((2, 0, 0.06), (-2, 0, 0.06), "base_link", (0.4937, 0, 0.06)),  # nose
-        ((-2, 0, 0.06), (2, 0, 0.06), "base_link", (-0.4937, 0, 0.06)),  # tail
-        ((2, 0, 0.2), (-2, 0, 0.2), "base_link", (0.39496, 0, 0.2)),  # upper body
-        ((0, 0, 2), (0, 0, -2), "base_link", (0, 0, 0.2513)),  # top plate
-        ((0, 0, -2), (0, 0, 2), "base_link", (0, 0, 0)),  # underside
-        ((0.256, 0.2854, -2), (0.256, 0.2854, 2), "front_left_wheel_link", (0.256, 0.2854, -0.13228)),
-        ((-0.256, -2, 0), (-0.256, 2, 0), "rear_right_wheel_link", (-0.256, -0.34255, 0)),
+        ((2, 0, 0.06), (-2, 0, 0.06), (0.4937, 0, 0.06)),  # nose
+        ((-2, 0, 0.06), (2, 0, 0.06), (-0.4937, 0, 0.06)),  # tail
+        ((2, 0, 0.2), (-2, 0, 0.2), (0.39496, 0, 0.2)),  # upper body
+        ((0, 0, 2), (0, 0, -2), (0, 0, 0.2513)),  # top plate
+        ((0, 0, -2), (0, 0, 2), (0, 0, 0)),  # underside
+        ((0.256, 0.2854, -2), (0.256, 0.2854, 2), (0.256, 0.2854, -0.13228)),
+        ((-0.256, -2, 0), (-0.256, 2, 0), (-0.256, -0.34255, 0)),
     ],
 )
-def test_the_shapes_are_where_the_robots_are(start, end, link, point, load):
+def test_the_shapes_are_where_the_robots_are(start, end, point, load):
     engine = load(robot_model(HUSKY))
-    hit = engine.hit(start, end)
-    assert hit[1] == engine.links[link]
-    assert hit[3] == pytest.approx(point, abs=1e-5)
+    assert engine.hit(start, end)[3] == pytest.approx(point, abs=1e-5)
 
 
 def test_a_wheel_stands_on_the_middle_of_its_tread(load):
@@ -393,9 +387,10 @@ def test_a_robot_of_many_shapes_reaches_the_engine_whole(radius, load):
     heights = [i / 7 for i in range(300)]
     engine = load(robot_model(small_robot("".join(map(sphere.format, heights)))))
     shapes = pybullet.getCollisionShapeData(
-        engine.robot, engine.links["base_link"], physicsClientId=engine.client
+        engine.robot, -1, physicsClientId=engine.client
     )
-    assert sorted(shape[5][2] for shape in shapes) == pytest.approx(heights)
+    found = [shape[5][2] for shape in shapes if shape[2] == pybullet.GEOM_SPHERE]
+    assert sorted(found) == pytest.approx(heights)
 
 
 @pytest.mark.parametrize("pitch", [-pi / 2, 0.3, pi / 2])

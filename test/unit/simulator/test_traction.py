@@ -51,11 +51,11 @@ def forces_on(contacts, velocity=REST, external=LEVEL, dt=DT, config=CONFIG):
 
 
 def after(contacts, velocity, external, dt, forces):
-    """Newton: the velocity one step later, in the axes of base_link before the step."""
-    fx = external[0] + sum(f[0] for f in forces)
-    fy = external[1] + sum(f[1] for f in forces)
-    torque = sum(c.x * f[1] - c.y * f[0] for c, f in zip(contacts, forces))
+    """Newton: the velocity one step later, in the axes of base_link after the step, which has turned."""
     vx, vy, yaw_rate = velocity
+    fx = external[0] + sum(f[0] for f in forces) + MASS * yaw_rate * vy
+    fy = external[1] + sum(f[1] for f in forces) - MASS * yaw_rate * vx
+    torque = sum(c.x * f[1] - c.y * f[0] for c, f in zip(contacts, forces))
     return vx + dt * fx / MASS, vy + dt * fy / MASS, yaw_rate + dt * torque / YAW_INERTIA
 
 
@@ -78,10 +78,7 @@ def drive(contacts, duration, velocity=REST, external=LEVEL, dt=DT, config=CONFI
     passed = []
     for _ in range(round(duration / dt)):
         forces = forces_on(contacts, velocity, external, dt, config)
-        vx, vy, yaw_rate = after(contacts, velocity, external, dt, forces)
-        # seen from the turned base_link
-        turn = dt * yaw_rate
-        velocity = (vx + turn * vy, vy - turn * vx, yaw_rate)
+        velocity = after(contacts, velocity, external, dt, forces)
         passed.append(velocity)
     return passed
 
@@ -241,3 +238,14 @@ def test_it_settles_at_any_step_and_slip_speed(dt, slip_speed, left, right):
     assert last == pytest.approx(before, abs=1e-4)
     assert last[0] == pytest.approx((left + right) / 2.0, abs=5e-3)
     assert last[1] == pytest.approx(0.0, abs=5e-3)
+
+
+def test_while_it_speeds_up_and_turns_coarse_steps_slip_as_fine_ones_do():
+    def speed_after(duration, dt):
+        velocity = REST
+        for step in range(1, round(duration / dt) + 1):
+            contacts = robot(3.0 * step * dt, 2.0 * step * dt)
+            velocity = after(contacts, velocity, LEVEL, dt, forces_on(contacts, velocity, dt=dt))
+        return velocity
+
+    assert speed_after(0.2, dt=0.005) == pytest.approx(speed_after(0.2, dt=0.0001), abs=0.002)

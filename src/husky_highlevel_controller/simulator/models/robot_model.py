@@ -26,7 +26,6 @@ from husky_highlevel_controller.simulator.models.urdf_parser import (
     number_of,
     numbers_of,
     origin_of,
-    text_of,
     write_origin,
 )
 
@@ -52,25 +51,23 @@ class Wheel:
     link: str
     position: Vector3  # [m], of its centre, in base_link
     radius: float  # [m], of the collision cylinder
+    width: float  # [m], of the collision cylinder
     mass: float  # [kg]
     axial_inertia: float  # [kg m^2], about the axle
 
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """What physics needs of a robot: one rigid body and four wheels."""
+    """What physics needs of a robot: one rigid body that stands on four wheels."""
 
     fixed_poses: Mapping[str, Pose]  # of every link that is rigidly attached to base_link, in base_link
     laser_frame: str  # where rays start; not in fixed_poses if the robot has no lidar
-    mass: float  # [kg], of the rigid body: the robot without its wheels
-    com: Vector3  # [m], of the rigid body, in base_link
-    inertia: np.ndarray  # (3, 3) [kg m^2], of the rigid body, about its com, along base_link's axes
+    mass: float  # [kg], wheels included
+    com: Vector3  # [m], wheels included, in base_link
+    inertia: np.ndarray  # (3, 3) [kg m^2], wheels included, about com, along base_link's axes
     wheels: Tuple[Wheel, ...]  # in the order of WHEEL_JOINTS
-    total_mass: float  # [kg], wheels included
-    total_com: Vector3  # [m], wheels included, in base_link
-    total_yaw_inertia: float  # [kg m^2], wheels included, about base_link's z axis through total_com
     meshes_left_out: Tuple[str, ...]  # links whose collision meshes physics does without
-    physics_urdf: str  # for PyBullet: base_link with everything fixed to it, and the wheels
+    physics_urdf: str  # for PyBullet: one link, base_link with everything fixed to it and the wheels
 
 
 def robot_model(urdf_text: str, laser_frame: str = "front_laser") -> RobotModel:
@@ -99,13 +96,10 @@ def robot_model(urdf_text: str, laser_frame: str = "front_laser") -> RobotModel:
     cluster = [(links[name], pose) for name, pose in poses.items()]
     body = _require_solid(_merge([_inertial(link, pose) for link, pose in cluster]), "base_link's rigid body")
     base = ET.SubElement(physics, "link", name="base_link")
-    _write_inertial(base, body)
     _write_collisions(base, cluster)
-    wheels, wheel_inertials = zip(
-        *(_write_wheel(physics, joints[name], links, poses) for name in WHEEL_JOINTS)
-    )
-    mass, com, inertia = body
-    total_mass, total_com, total_inertia = _merge([body, *wheel_inertials])
+    wheels, inertials = zip(*(_write_wheel(base, joints[name], links, poses) for name in WHEEL_JOINTS))
+    mass, com, inertia = _merge([body, *inertials])
+    _write_inertial(base, (mass, com, inertia))
 
     for name in sorted(set(links) - set(poses) - {wheel.link for wheel in wheels}):
         raise DescriptionError(
@@ -121,9 +115,6 @@ def robot_model(urdf_text: str, laser_frame: str = "front_laser") -> RobotModel:
         com=com,
         inertia=inertia,
         wheels=wheels,
-        total_mass=total_mass,
-        total_com=total_com,
-        total_yaw_inertia=float(total_inertia[2, 2]),
         meshes_left_out=meshes,
         physics_urdf=ET.tostring(physics, encoding="unicode"),
     )
@@ -159,9 +150,9 @@ def _fixed_poses(links: Mapping[str, ET.Element], joints: Mapping[str, ET.Elemen
 
 
 def _write_wheel(
-    physics: ET.Element, joint: ET.Element, links: Mapping[str, ET.Element], fixed_poses: Mapping[str, Pose]
+    base: ET.Element, joint: ET.Element, links: Mapping[str, ET.Element], fixed_poses: Mapping[str, Pose]
 ) -> Tuple[Wheel, Inertial]:
-    """Write a wheel's link and joint; say what it is, and its inertia in base_link."""
+    """Write a wheel's shapes, which need not turn; say what it is, and its inertia in base_link."""
     name, where = name_of(joint), label_of(joint)
     parent, child = ends_of(joint, links)
     if joint.get("type") != "continuous" or parent not in fixed_poses:
@@ -179,16 +170,14 @@ def _write_wheel(
             f"{label_of(links[child])} has no collision cylinder, so the wheel has no radius"
         )
 
-    inertial = _require_solid(_inertial(links[child], Pose()), label_of(links[child]))
-    wheel = ET.SubElement(physics, "link", name=child)
-    _write_inertial(wheel, inertial)
-    _write_collisions(wheel, [(links[child], Pose())])
-    _crown(wheel)
-    ET.SubElement(_write_joint(physics, name, "continuous", child, pose), "axis", xyz=text_of(axis))
-    inertial_in_base = _inertial(links[child], pose)
-    axial_inertia = float(inertial_in_base[2][1, 1])
+    _require_solid(_inertial(links[child], Pose()), label_of(links[child]))
+    for collision in _write_collisions(base, [(links[child], pose)]):
+        _crown(base, collision)
+    inertial = _inertial(links[child], pose)
     radius = number_of(cylinder, "radius", label_of(links[child]))
-    return Wheel(name, child, pose.position, radius, inertial[0], axial_inertia), inertial_in_base
+    width = number_of(cylinder, "length", label_of(links[child]))
+    axial_inertia = float(inertial[2][1, 1])
+    return Wheel(name, child, pose.position, radius, width, inertial[0], axial_inertia), inertial
 
 
 # ---------------------------------------------------------------------------- bodies
@@ -277,8 +266,9 @@ def _write_inertial(link: ET.Element, inertial: Inertial) -> None:
     ET.SubElement(element, "inertia", {key: repr(float(inertia[at])) for key, at in places.items()})
 
 
-def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose]]) -> None:
+def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose]]) -> List[ET.Element]:
     """Copy the collision shapes of other links, at their poses in this one."""
+    copies = []
     for source, pose_of_source in sources:
         for collision in source.findall("collision"):
             shape = _shape(collision, label_of(source))
@@ -287,26 +277,18 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
             written = ET.SubElement(link, "collision")
             write_origin(written, compose(pose_of_source, origin_of(collision, label_of(source))))
             ET.SubElement(written, "geometry").append(copy.deepcopy(shape))
+            copies.append(written)
+    return copies
 
 
-def _crown(wheel: ET.Element) -> None:
+def _crown(link: ET.Element, collision: ET.Element) -> None:
     """Give a wheel's cylinder a crowned tread."""
-    for collision in wheel.findall("collision"):
-        tread = collision.find("geometry/cylinder")
-        if tread is not None:
-            flanks = copy.deepcopy(collision)
-            cylinder = flanks.find("geometry/cylinder")
-            assert cylinder is not None
-            cylinder.set("radius", repr(float(tread.attrib["radius"]) - FLANK_DEPTH))
-            wheel.append(flanks)
-            tread.set("length", repr(TREAD_WIDTH))
-
-
-def _write_joint(
-    physics: ET.Element, name: str, kind: str, child: str, pose_child_in_base: Pose
-) -> ET.Element:
-    joint = ET.SubElement(physics, "joint", name=name, type=kind)
-    write_origin(joint, pose_child_in_base)
-    ET.SubElement(joint, "parent", link="base_link")
-    ET.SubElement(joint, "child", link=child)
-    return joint
+    tread = collision.find("geometry/cylinder")
+    if tread is None:
+        return
+    flanks = copy.deepcopy(collision)
+    cylinder = flanks.find("geometry/cylinder")
+    assert cylinder is not None
+    cylinder.set("radius", repr(float(tread.attrib["radius"]) - FLANK_DEPTH))
+    link.append(flanks)
+    tread.set("length", repr(TREAD_WIDTH))
