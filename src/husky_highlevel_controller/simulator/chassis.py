@@ -35,6 +35,8 @@ class Chassis:
         self._bullet, self._robot, self._traction, self._dt = bullet, robot, traction, dt
         self._radii = [wheel.radius for wheel in robot.wheels]
         self._axial_inertias = [wheel.axial_inertia for wheel in robot.wheels]
+        self._names = tuple(wheel.joint for wheel in robot.wheels)
+        self._tyres = [(wheel.position, wheel.radius, wheel.width / 2.0) for wheel in robot.wheels]
         self._yaw_inertia = float(robot.inertia[2, 2])
 
     def place(self, pose_base_in_world: Pose, gravity: Vector3) -> None:
@@ -70,8 +72,7 @@ class Chassis:
 
     def wheels(self) -> WheelState:
         """Angles, speeds and torques of the wheels."""
-        names = tuple(wheel.joint for wheel in self._robot.wheels)
-        return WheelState(names, tuple(self._angles), tuple(self._speeds), tuple(self.torques))
+        return WheelState(self._names, tuple(self._angles), tuple(self._speeds), tuple(self.torques))
 
     def observe(self) -> RobotState:
         """Read the robot's pose and velocity; kept as `state`."""
@@ -113,11 +114,23 @@ class Chassis:
         self._speeds = speeds
         # the engine looks for contacts before it moves the robot
         self._contact_axes, self._contact_position = self._axes, state.pose_in_world.position
-        for footprint, load, (along, across) in zip(self._footprints, self._loads, forces):
-            if load > 0.0:
-                self._push((along, across, 0.0), footprint)
-        for point, normal, load in self._drags:
-            self._push(self._drag(point, normal, load), point)
+        pushes = [
+            ((along, across, 0.0), footprint)
+            for footprint, load, (along, across) in zip(self._footprints, self._loads, forces)
+            if load > 0.0
+        ]
+        pushes += [(self._drag(point, normal, load), point) for point, normal, load in self._drags]
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._axes
+        px, py, pz = state.pose_in_world.position
+        for (fx, fy, fz), (x, y, z) in pushes:
+            self._bullet.push_robot(
+                (fx * ax + fy * bx + fz * cx, fx * ay + fy * by + fz * cy, fx * az + fy * bz + fz * cz),
+                (
+                    px + x * ax + y * bx + z * cx,
+                    py + x * ay + y * by + z * cy,
+                    pz + x * az + y * bz + z * cz,
+                ),
+            )
 
     def _downhill(self) -> Tuple[float, float]:
         """Gravity along the ground, on base_link's x and y [m/s^2]; on its springs the robot leans a little."""
@@ -126,21 +139,6 @@ class Chassis:
         square = nx * nx + ny * ny + nz * nz
         into = (gx * nx + gy * ny + gz * nz) / square if square > 0.0 else 0.0
         return gx - into * nx, gy - into * ny
-
-    def _push(self, force: Vector3, point: Vector3) -> None:
-        """Push the robot during the next step, with a force [N] at a point [m], both in base_link."""
-        fx, fy, fz = force
-        x, y, z = point
-        px, py, pz = self.state.pose_in_world.position
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._axes
-        self._bullet.push_robot(
-            (fx * ax + fy * bx + fz * cx, fx * ay + fy * by + fz * cy, fx * az + fy * bz + fz * cz),
-            (
-                px + x * ax + y * bx + z * cx,
-                py + x * ay + y * by + z * cy,
-                pz + x * az + y * bz + z * cz,
-            ),
-        )
 
     def _drag(self, point: Vector3, normal: Vector3, load: float) -> Vector3:
         """Friction at a contact of the hull, in base_link [N]; what is touched does not feel it."""
@@ -188,10 +186,9 @@ class Chassis:
     def _wheel_at(self, point: Vector3) -> Optional[int]:
         """Index of the wheel on whose tyre a point of base_link lies; None: it is on the hull."""
         x, y, z = point
-        for index, wheel in enumerate(self._robot.wheels):
-            wheel_x, wheel_y, wheel_z = wheel.position
-            if abs(y - wheel_y) <= wheel.width / 2.0 + CONTACT_DEPTH:
-                depth = wheel.radius - hypot(x - wheel_x, z - wheel_z)
+        for index, ((wheel_x, wheel_y, wheel_z), radius, half_width) in enumerate(self._tyres):
+            if abs(y - wheel_y) <= half_width + CONTACT_DEPTH:
+                depth = radius - hypot(x - wheel_x, z - wheel_z)
                 if -CONTACT_DEPTH <= depth <= FLANK_DEPTH + CONTACT_DEPTH:
                     return index
         return None

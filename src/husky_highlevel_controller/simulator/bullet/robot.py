@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from typing import List, NamedTuple, Tuple
+from typing import List, Tuple
 
 import pybullet
 
@@ -19,13 +19,9 @@ from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 _URDF_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
 
 
-class ContactPoint(NamedTuple):
-    """One contact point of the robot with another body."""
-
-    body: str
-    point_in_world: Vector3  # [m]
-    normal_in_world: Vector3  # unit, from the body to the robot
-    force: float  # [N], along the normal
+# a contact point of the robot: the other body, the point in the world [m], the unit normal from that body to the
+# robot, the force along it [N]; a plain tuple, because every physics step makes several
+ContactPoint = Tuple[str, Vector3, Vector3, float]
 
 
 class RobotWorld(BulletWorld):
@@ -84,9 +80,7 @@ class RobotWorld(BulletWorld):
         contacts = pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client)
         names = self._names
         return [
-            ContactPoint(names[other], point, normal, force)
-            for _, _, other, _, _, point, _, normal, _, force, *_ in contacts
-            if force > 0.0
+            (names[contact[2]], contact[5], contact[7], contact[9]) for contact in contacts if contact[9] > 0.0
         ]
 
     def push_robot(self, force_in_world: Vector3, point_in_world: Vector3) -> None:
