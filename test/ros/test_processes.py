@@ -97,6 +97,13 @@ def test_the_environment_can_take_the_lidar_away(ros):
     assert "front_laser" not in ros.master("getParam", "/robot_description")
 
 
+def test_as_fast_as_it_goes_time_waits_for_the_controller_that_was_launched(ros):
+    launched = ros.roslaunch("controller.launch", "real_time_factor:=0")
+    launched.says("driving to the pillar")
+    (seen_at,) = re.findall(r", ([0-9.]+)\]: driving to the pillar", launched.output)
+    assert float(seen_at) < 5.0  # it was ten and more, and the arrival as late
+
+
 def test_start_pose_and_seed_reach_the_simulation(ros):
     launched = ros.roslaunch("simulator.launch", "x:=1.5", "y:=-2.0", "yaw:=0.5", "real_time_factor:=0")
     launched.says("simulating")

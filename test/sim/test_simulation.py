@@ -20,7 +20,7 @@ from husky_highlevel_controller.datatypes import (
     Twist2D,
     World,
 )
-from husky_highlevel_controller.geometry import yaw_from_quat
+from husky_highlevel_controller.geometry import quat_from_rpy, rotate, yaw_from_quat
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.simulator.bullet.world import PlacementError
 from husky_highlevel_controller.simulator.diff_drive import CommandError
@@ -108,6 +108,45 @@ def test_standing_it_neither_creeps_nor_shivers(simulate):
     turned = np.array([pose.quat_xyzw for pose in poses]) - before.quat_xyzw
     assert np.abs(away).max() < 1e-4
     assert 2.0 * np.abs(turned).max() < 1e-4
+
+
+def test_on_its_side_it_lies(simulate):
+    simulation = simulate()
+    simulation.move("husky", Pose((0.0, 0.0, 0.6), quat_from_rpy(radians(80.0), 0.0, 0.0)))
+    snapshots = drive(simulation, 5.0, 1.0)  # whatever its wheels do
+    end = snapshots[-1].robot
+    _, _, up = rotate(end.pose_in_world.quat_xyzw, (0.0, 0.0, 1.0))
+    assert abs(up) < 0.2
+    assert np.linalg.norm(end.velocity_in_base) < 0.02
+    assert snapshots[-1].contacts == ("ground",)
+    x, y, z = end.pose_in_world.position
+    assert hypot(x, y) < 1.0
+    assert 0.2 < z < 0.4  # half its width
+
+
+def test_on_its_side_it_slides_down_a_slope_against_friction(simulate):
+    slope = radians(20.0)
+    simulation = simulate(ground=body("ramp", Plane((0.0, 0.0, 1.0), (9.0, 9.0)), rpy=(0.0, slope, 0.0)))
+    simulation.move("husky", Pose((0.0, 0.0, 0.5), quat_from_rpy(radians(90.0), slope, 0.0)))
+    slow, fast = (drive(simulation, 1.0)[-1].robot.velocity_in_base[0] for _ in range(2))
+    # 9.8 m/s^2 (sin - 0.25 cos), and nothing of its own
+    assert fast - slow == pytest.approx(9.8 * (sin(slope) - 0.25 * cos(slope)), rel=0.15)
+
+
+def test_coarse_physics_drives_as_fine_physics_does(simulate):
+    def places(rate):
+        simulation = simulate(config=SimulatorConfig(physics_rate=rate))
+        rng, found = np.random.default_rng(1), []
+        for _ in range(14):
+            linear, angular = rng.uniform(-0.7, 1.0), rng.uniform(-1.2, 1.2)
+            for _ in range(15):
+                simulation.command(Twist2D(linear, angular))
+                found.append(place([simulation.step() for _ in range(rate // 10)][-1]))
+        return np.unwrap(found, axis=0)
+
+    away = places(200) - places(1000)
+    assert np.hypot(away[:, 0], away[:, 1]).max() < 0.02  # [m], within 21 s
+    assert np.abs(away[:, 2]).max() < 0.02
 
 
 @pytest.mark.parametrize("heading", [0.0, 90.0, 37.0])

@@ -18,7 +18,7 @@ from husky_highlevel_controller.simulator.traction import TractionConfig, WheelC
 LOAD_SMOOTHING = 0.02  # [s], low-pass on the wheels' normal forces: the solver's are rough
 SUPPORT_SLOPE = 0.5  # a wheel stands on what pushes it up at least steeply (cosine), and bumps into the rest
 CONTACT_DEPTH = 0.003  # [m], a contact point this far off a tyre's surface is on it
-HULL_FRICTION = 0.25  # of the hull on whatever it touches: that of two bodies with Bullet's defaults
+HULL_FRICTION = 0.25  # of what else touches something: that of two bodies with Bullet's defaults
 HULL_SLIP_SPEED = 0.1  # [m/s], viscous below; slower, and 5 ms steps of this explicit force would ring
 
 Drag = Tuple[Vector3, Vector3, float]  # point [m] and normal of a contact, in base_link, and its force [N]
@@ -141,7 +141,7 @@ class Chassis:
         return gx - into * nx, gy - into * ny
 
     def _drag(self, point: Vector3, normal: Vector3, load: float) -> Vector3:
-        """Friction at a contact of the hull, in base_link [N]; what is touched does not feel it."""
+        """Friction where it bumps or lies, in base_link [N]; what is touched does not feel it."""
         x, y, z = point
         (vx, vy, vz), (wx, wy, wz) = self.state.velocity_in_base, self.state.angular_velocity_in_base
         vx, vy, vz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
@@ -163,8 +163,7 @@ class Chassis:
             wheel, support = self._wheel_at(point), normal[2]
             if wheel is None or support < SUPPORT_SLOPE:
                 contacts.add(body)
-                if wheel is None:
-                    self._drags.append((point, normal, force))
+                self._drags.append((point, normal, force))
                 continue
             ground_x += force * normal[0]
             ground_y += force * normal[1]

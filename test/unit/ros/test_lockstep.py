@@ -177,12 +177,12 @@ def test_a_controller_that_computes_has_five_seconds_for_a_command(clock, warnin
 
 def test_without_a_controller_time_begins_after_a_minute(clock, warnings):
     class Nobody:
-        resolved_name = "/front/scan"
+        topics, command_topic = "/front/scan", "/cmd_vel"
 
-        def get_num_connections(self):
-            return 0
+        def joined(self):
+            return False
 
-    make(True).wait_for_partner([Nobody()], Nobody(), [], clock.look)
+    make(True).wait_for_partners(Nobody(), clock.look)
     assert clock.now == pytest.approx(60.0, abs=0.2)
     assert "after 60 s of wall time there is no subscriber of /front/scan" in warnings[0]
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Callable, Sequence, Set
+from typing import Callable, Set
 
-import rosgraph
 import rospy
 
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
+from husky_highlevel_controller.ros.simulator.partners import Partners
 
 # [s] of wall time
 PARTNER_TIMEOUT = 60.0  # for a controller to connect
@@ -54,36 +54,19 @@ class Lockstep:
         self._begun = True
         self._answered.set()
 
-    def wait_for_partner(
-        self,
-        needed: Sequence[rospy.Publisher],
-        commands: rospy.Subscriber,
-        others: Sequence[rospy.Publisher],
-        meanwhile: Callable[[], None],
-    ) -> None:
-        """Wait until all `needed` topics have subscribers and commands have a publisher, calling `meanwhile`.
-
-        All nodes subscribed to these topics or to the `others` must be connected by then: a transform that
-        is lost at the beginning would make the run another one.
-        """
-        master = rosgraph.Master(rospy.get_name())
+    def wait_for_partners(self, partners: Partners, meanwhile: Callable[[], None]) -> None:
+        """Wait until the partners have joined, calling `meanwhile`."""
 
         def joined() -> bool:
             meanwhile()
-            if not all(connected.get_num_connections() for connected in (*needed, commands)):
-                return False
-            subscribed = {topic: len(nodes) for topic, nodes in master.getSystemState()[1]}
-            return all(
-                publisher.get_num_connections() >= subscribed.get(publisher.resolved_name, 0)
-                for publisher in (*needed, *others)
-            )
+            return partners.joined()
 
-        names = " and ".join(publisher.resolved_name for publisher in needed)
         if self._on:
             rospy.loginfo(
-                f"lockstep: time waits for a subscriber of {names} and a sender of {commands.resolved_name}"
+                f"lockstep: time waits for a subscriber of {partners.topics} and a sender of "
+                f"{partners.command_topic}"
             )
-        missing = f"there is no subscriber of {names} or no sender of {commands.resolved_name}"
+        missing = f"there is no subscriber of {partners.topics} or no sender of {partners.command_topic}"
         self._wait(joined, PARTNER_TIMEOUT, missing)
 
     def begin_scan(self) -> None:

@@ -24,6 +24,7 @@ from husky_highlevel_controller.ros.simulator.commands import Commands
 from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCamera
 from husky_highlevel_controller.ros.simulator.lockstep import Lockstep
 from husky_highlevel_controller.ros.simulator.one_simulator import refusal, running_simulator, watch_clock
+from husky_highlevel_controller.ros.simulator.partners import Partners, launched_beside
 from husky_highlevel_controller.ros.simulator.publishers import Publishers
 from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
 from husky_highlevel_controller.ros.simulator.world_services import WorldServices, ask
@@ -37,7 +38,9 @@ from husky_highlevel_controller.simulator.simulation import Simulation, Simulato
 from husky_highlevel_controller.srv import StepWorld, StepWorldRequest, StepWorldResponse
 
 MAX_STEPS = 100_000  # in one request
-PAUSE_POLL_PERIOD = 0.05  # [s] of wall time between two checks for the end of a pause
+# [s] of wall time
+PAUSE_POLL_PERIOD = 0.05  # between two checks for the end of a pause
+LAUNCH_TIMEOUT, PARTNERS_POLL_PERIOD = 10.0, 0.02  # for the nodes launched with this one, as fast as it goes
 
 
 @dataclass(frozen=True)
@@ -121,12 +124,11 @@ class SimulatorNode:
         watch_clock(rospy.get_name(), rosgraph.get_master_uri(), rospy.logwarn)
         # the subscriber of scans answers them, that of joint states sends the robot's frames
         needed, others = [publishers.scan, publishers.joints], [publishers.clock, publishers.transforms]
-
-        def meanwhile() -> None:
-            self._calls.process()
-            publishers.publish_clock(simulation.stamp)
-
-        self._lockstep.wait_for_partner(needed, self._commands.main, others, meanwhile)
+        partners = Partners(needed, self._commands.main, others)
+        if self._start.lockstep:
+            self._lockstep.wait_for_partners(partners, self._wait_a_little)
+        elif self._start.real_time_factor == 0.0 and not self._paused:
+            self._wait_for_launch(partners)
         self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
         while not rospy.is_shutdown():
             self._calls.process(PAUSE_POLL_PERIOD if self._paused else 0.0)
@@ -140,6 +142,26 @@ class SimulatorNode:
         if self._camera:
             self._camera.close()
         simulation.close()
+
+    def _wait_a_little(self) -> None:
+        self._calls.process()
+        self._publishers.publish_clock(self._simulation.stamp)
+
+    def _wait_for_launch(self, partners: Partners) -> None:
+        """As fast as it goes, ten seconds pass while a controller starts: time waits for those launched."""
+        end = time.monotonic() + LAUNCH_TIMEOUT
+        while not rospy.is_shutdown() and not partners.joined():
+            beside = launched_beside()
+            if not beside:
+                return
+            if time.monotonic() > end:
+                rospy.loginfo(
+                    f"time begins: {', '.join(sorted(beside))} did not join on {partners.topics} and "
+                    f"{partners.command_topic} within {LAUNCH_TIMEOUT:g} s of wall time"
+                )
+                return
+            self._wait_a_little()
+            time.sleep(PARTNERS_POLL_PERIOD)
 
     def _advance(self) -> bool:
         """One step of the physics, and its messages; whether /clock was published."""

@@ -1,0 +1,57 @@
+"""Partners of the simulator: the nodes that must have joined before time begins.
+
+In: the topics they share with the simulator, the ROS master. Out: whether they are there.
+Must not know: the simulation.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Sequence, Set
+from xmlrpc.client import Error, ServerProxy
+
+import rosgraph
+import rospy
+
+# roslaunch's own processes, and the nodes of simulator.launch: none of them drives the robot
+OWN = {"master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_web"}
+
+
+class Partners:
+    """Whoever listens to scans and sends commands, and those who listen besides."""
+
+    def __init__(
+        self, needed: Sequence[rospy.Publisher], commands: rospy.Subscriber, others: Sequence[rospy.Publisher]
+    ) -> None:
+        """All `needed` topics need a subscriber and `commands` a publisher.
+
+        All nodes subscribed to these topics or to the `others` must be connected too: a transform that is lost
+        at the beginning would make the run another one.
+        """
+        self._needed, self._commands, self._others = needed, commands, others
+        self._master = rosgraph.Master(rospy.get_name())
+        self.topics = " and ".join(publisher.resolved_name for publisher in needed)
+        self.command_topic: str = commands.resolved_name
+
+    def joined(self) -> bool:
+        """Whether all are connected."""
+        if not all(connected.get_num_connections() for connected in (*self._needed, self._commands)):
+            return False
+        subscribed = {topic: len(nodes) for topic, nodes in self._master.getSystemState()[1]}
+        return all(
+            publisher.get_num_connections() >= subscribed.get(publisher.resolved_name, 0)
+            for publisher in (*self._needed, *self._others)
+        )
+
+
+def launched_beside() -> Set[str]:
+    """Names of the nodes, besides the simulator's own, that a roslaunch on this master has started."""
+    names: Set[str] = set()
+    for uri in rospy.get_param("/roslaunch/uris", {}).values():
+        try:
+            with ServerProxy(uri) as launcher:
+                found: Any = launcher.list_processes()
+        except (OSError, Error):
+            continue  # it has ended
+        # "NODE-COUNT" of each process that lives, and how often it was started
+        names.update(name.rsplit("-", 1)[0] for name, _ in found[2][0])
+    return names - OWN
