@@ -18,19 +18,16 @@ from pathlib import Path
 from typing import Dict, List
 
 from figures import FIGURES
-from rows import SHORT, Effort, Row
+from rows import SHORT, Effort, Row, cpu_model
 
 RESULTS = Path(__file__).resolve().parent.parent / ".dev" / "bench.json"
 
 
 def machine() -> Dict[str, object]:
     """What the figures were measured on."""
-    models = [
-        line.split(": ")[1] for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line
-    ]
     memory = Path("/proc/meminfo").read_text().split()[1]
     return {
-        "cpu": models[0] if models else platform.machine(),
+        "cpu": cpu_model(),
         "cores": os.cpu_count(),
         "memory_gb": round(int(memory) * 1024 / 1e9, 1),
         "system": platform.platform(),

@@ -1,6 +1,7 @@
-"""Nodes of the benchmark, each a process of its own: `probe.py RESULT.json first|scans|latency|answer ...`.
+"""Nodes of the benchmark, each a process of its own: `probe.py RESULT.json NODE ...`.
 
 first            say when the first scan was received, by the machine's monotonic clock
+arrived          say when the controller had arrived, by the same
 scans FROM TO    let time begin and say how fast it passed from one stamp to the other [s]
 latency SCANS    send scans of a whole drive at 50 Hz and time the commands that answer them
 answer           answer every scan with an empty command: the least that a controller can do
@@ -23,6 +24,7 @@ import rosgraph
 import rospy
 from geometry_msgs.msg import Twist
 from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool
 from std_srvs.srv import Empty
 from tf2_msgs.msg import TFMessage
 
@@ -43,6 +45,13 @@ def first() -> Dict[str, Any]:
     """Receive one scan."""
     rospy.wait_for_message("/front/scan", rospy.AnyMsg)
     return {"first": time.monotonic()}
+
+
+def arrived() -> Dict[str, Any]:
+    """Hear that the controller has arrived."""
+    while not rospy.wait_for_message("/husky_highlevel_controller/arrived", Bool).data:
+        pass
+    return {"arrived": time.monotonic()}
 
 
 def scans(start: float, end: float) -> Dict[str, Any]:
@@ -145,19 +154,19 @@ def main() -> None:
     """Run one of the nodes."""
     parser = argparse.ArgumentParser()
     parser.add_argument("result", type=Path)
-    parser.add_argument("node", choices=["first", "scans", "latency", "answer"])
+    parser.add_argument("node", choices=["first", "arrived", "scans", "latency", "answer"])
     parser.add_argument("numbers", type=float, nargs="*")
     wanted = parser.parse_args()
     rospy.init_node(f"bench_{wanted.node}", anonymous=True, disable_rosout=True)
     if wanted.node == "answer":
         answer()
         return
-    if wanted.node == "first":
-        figures = first()
-    elif wanted.node == "scans":
+    if wanted.node == "scans":
         figures = scans(*wanted.numbers)
-    else:
+    elif wanted.node == "latency":
         figures = latency(int(wanted.numbers[0]))
+    else:
+        figures = {"first": first, "arrived": arrived}[wanted.node]()
     partial = wanted.result.with_suffix(".part")
     partial.write_text(json.dumps(figures))
     os.replace(partial, wanted.result)  # a reader never sees half of it

@@ -386,9 +386,7 @@ def test_a_robot_of_many_shapes_reaches_the_engine_whole(radius, load):
     )
     heights = [i / 7 for i in range(300)]
     engine = load(robot_model(small_robot("".join(map(sphere.format, heights)))))
-    shapes = pybullet.getCollisionShapeData(
-        engine.robot, -1, physicsClientId=engine.client
-    )
+    shapes = pybullet.getCollisionShapeData(engine.robot, -1, physicsClientId=engine.client)
     found = [shape[5][2] for shape in shapes if shape[2] == pybullet.GEOM_SPHERE]
     assert sorted(found) == pytest.approx(heights)
 

@@ -24,8 +24,8 @@ class Partners:
     ) -> None:
         """All `needed` topics need a subscriber and `commands` a publisher.
 
-        All nodes subscribed to these topics or to the `others` must be connected too: a transform that is lost
-        at the beginning would make the run another one.
+        All nodes subscribed to these topics or to the `others` must be connected too: a transform that is
+        lost at the beginning would make the run another one.
         """
         self._needed, self._commands, self._others = needed, commands, others
         self._master = rosgraph.Master(rospy.get_name())

@@ -80,7 +80,9 @@ class RobotWorld(BulletWorld):
         contacts = pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client)
         names = self._names
         return [
-            (names[contact[2]], contact[5], contact[7], contact[9]) for contact in contacts if contact[9] > 0.0
+            (names[contact[2]], contact[5], contact[7], contact[9])
+            for contact in contacts
+            if contact[9] > 0.0
         ]
 
     def push_robot(self, force_in_world: Vector3, point_in_world: Vector3) -> None:
