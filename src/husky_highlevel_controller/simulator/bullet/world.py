@@ -38,8 +38,8 @@ _BREAKING_THRESHOLD = (
 )
 # Four rigid wheels on rigid ground share a weight in any way that the solver comes upon. On springs they share it
 # in one way, which the solver and the step do not change.
-_GROUND_STIFFNESS = 3e5  # [N/m], per contact; a Husky's wheel sinks 0.5 mm
-_GROUND_DAMPING = 5e3  # [N s/m], about critical for a quarter of the Husky
+_GROUND_STIFFNESS = 1e6  # [N/m], per contact; a Husky's wheel sinks 0.15 mm
+_GROUND_DAMPING = 8e3  # [N s/m], about critical for a quarter of the Husky
 _LIFT_FROM = 1e-3  # [m], what is sunk deeper into the ground is put on top of it
 _TOO_DEEP = 1e-3  # [m], what reaches farther into another body stands inside it
 
