@@ -28,7 +28,7 @@ ROLLOUT, FAST, LOCKSTEP = (7.5, 3.5, 2.5) if "AMD" in cpu_model() else (5.5, 2.5
 SCAN_TO_COMMAND = 1.3  # most, over the empty Twist
 ARRIVED = "/husky_highlevel_controller/arrived"
 # Gazebo 11.1 with the Noetic Husky stack, headless, this package's controller driving, on an Intel Xeon of
-# 2.1 GHz with 2 cores: how fast it goes, and roslaunch to arrival [s]. It steps at 1000 Hz, some scans are lost.
+# 2.1 GHz with 2 cores: how fast it goes, and roslaunch to arrival [s]. It steps at 1000 Hz, and loses scans.
 GAZEBO, GAZEBO_FACTOR, GAZEBO_DRIVE = "Gazebo, measured elsewhere", 5.74, 7.49
 READY = (
     "<launch><node pkg='rostopic' type='rostopic' name='ready' "

@@ -12,9 +12,9 @@ import copy
 import re
 import shlex
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import yaml
@@ -28,12 +28,13 @@ from husky_highlevel_controller.grading.ros_master import subscriptions
 from husky_highlevel_controller.grading.rubrics.items import RvizView
 from husky_highlevel_controller.grading.trials import rviz_world
 
-ATTEMPTS = 2  # drawing by software is not always stable
+ATTEMPTS = 3  # RViz at times crashes while it starts, the more so on a busy machine
 TILE = (800, 600)  # [pixels], one window
-SCREEN_DEADLINE, SHOW_DEADLINE = 20.0, 20.0  # [s] of wall time
+SCREEN_DEADLINE, SHOW_DEADLINE = 60.0, 60.0  # [s] of wall time
 CLASSES = {"tf": "rviz/TF", "robot": "rviz/RobotModel", "scan": "rviz/LaserScan"}
 ENOUGH = {"tf": 15, "robot": 60, "scan": 6}  # [pixels]; a distant point of the scan is one or two
 DIFFERENT = 30  # of 255, in a colour, from the background
+SIGNALS = 128  # of an exit code: above it stands the signal that ended a program
 BLACK = 8  # of 255: a screen without windows
 DRAWN = 0.05  # of the view must be background, or it is not there yet
 MARGINS = (0.12, 0.94, 0.03, 0.97)  # of the window: without menu, tools and status line
@@ -264,7 +265,7 @@ def _look_at(
             for name in set(CLASSES) & set(windows):
                 shown = foreground(screen.tile(*windows[name][1]), empty) >= ENOUGH[name]
                 looks[name] = looks[name] + 1 if shown else 0
-            if not running["all"].running:
+            if not all(window.running for window in running.values()):
                 return True
             return all(looks[name] >= 2 for name in windows if name != "all") and subscribed()
 
@@ -273,15 +274,31 @@ def _look_at(
             return config.scan_topic in topics if "scan" in windows else bool(topics)
 
         wait(done, SHOW_DEADLINE, 0.3)
-        code = running["all"].popen.poll()
-        whole = all(window.running for window in running.values())
-        problem = (
-            "" if code is None else f"RViz ends (exit code {code}): {running['all'].output.strip()[-200:]}"
-        )
+        ended = {
+            name: (window.popen.returncode, window.output.strip()[-200:])
+            for name, window in running.items()
+            if not window.running
+        }
         topics = subscriptions(network.uri, "/marking_rviz_all")
         picture = screen.tile(0, 0)
-    seen = {name: looks[name] >= 2 for name in CLASSES}
-    return RvizView(setup.source, topics, problem=problem, fixed_frame=fixed_frame, **seen), picture, whole
+    tf, robot, scan = (looks[name] >= 2 for name in CLASSES)
+    view = RvizView(setup.source, topics, tf, robot, scan, fixed_frame=fixed_frame)
+    return judged_by_ends(view, ended), picture, not ended
+
+
+def judged_by_ends(view: RvizView, ended: Mapping[str, Tuple[int, str]]) -> RvizView:
+    """The view, when some of RViz's windows ended by themselves.
+
+    Args:
+        view: what was seen.
+        ended: exit code and last words of each of these windows. A crash may be this machine's fault, so a
+            person has to look; any other end of the window with everything shows nothing.
+    """
+    for name, (code, words) in ended.items():
+        crashed = code < 0 or code > SIGNALS
+        if crashed or name == "all":
+            return replace(view, problem=f"RViz ends (exit code {code}): {words}", judged=not crashed)
+    return view
 
 
 def _start(

@@ -133,7 +133,7 @@ class Chassis:
             )
 
     def _downhill(self) -> Tuple[float, float]:
-        """Gravity along the ground, on base_link's x and y [m/s^2]; on its springs the robot leans a little."""
+        """Gravity along the ground, on base_link's x and y [m/s^2]: on its springs the robot leans a bit."""
         gx, gy, gz = _onto(self._axes, self._gravity)
         nx, ny, nz = self._ground
         square = nx * nx + ny * ny + nz * nz

@@ -33,6 +33,7 @@ from husky_highlevel_controller.grading.rubrics.exercise_3 import (
 )
 from husky_highlevel_controller.grading.rubrics.items import RvizView, over_trials, total
 from husky_highlevel_controller.grading.rubrics.rules import Rules, read_rules
+from husky_highlevel_controller.grading.rviz_check import judged_by_ends
 
 PILLAR = (10.0, 0.0)  # [m]
 NOSE = 0.4937  # [m], from base_link to the front
@@ -369,6 +370,24 @@ def test_several_drives_count_alike_and_the_worst_is_told():
     item = over_trials([GOOD, drive((3.0, 0.0)), GOOD], judge_arrival)
     assert item.points == 20.0
     assert "full marks in 2 of 3 drives; drive 2: " in item.evidence
+
+
+@pytest.mark.parametrize(
+    ("ended", "problem", "judged"),
+    [
+        ({}, "", True),
+        (
+            {"all": (-11, "free(): invalid next size")},
+            "RViz ends (exit code -11): free(): invalid next size",
+            False,
+        ),
+        ({"scan": (139, "core dumped")}, "RViz ends (exit code 139): core dumped", False),
+        ({"all": (1, "no such option")}, "RViz ends (exit code 1): no such option", True),
+        ({"scan": (1, "no such option")}, "", True),
+    ],
+)
+def test_an_rviz_that_crashes_is_for_a_person(ended, problem, judged):
+    assert judged_by_ends(FULL_VIEW, ended) == replace(FULL_VIEW, problem=problem, judged=judged)
 
 
 def test_what_is_not_judged_is_not_counted():

@@ -39,7 +39,7 @@ class RvizView:
     robot: bool = False  # the robot model is to be seen
     scan: bool = False  # the laser's points are to be seen
     problem: str = ""  # why there was nothing to look at
-    judged: bool = True  # False: this machine cannot run RViz
+    judged: bool = True  # False: RViz is not on this machine, or crashes on it
     fixed_frame: str = ""
 
 

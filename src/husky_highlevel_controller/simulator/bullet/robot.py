@@ -19,8 +19,8 @@ from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 _URDF_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
 
 
-# a contact point of the robot: the other body, the point in the world [m], the unit normal from that body to the
-# robot, the force along it [N]; a plain tuple, because every physics step makes several
+# a contact point of the robot: the other body, the point in the world [m], the unit normal from that body to
+# the robot, the force along it [N]; a plain tuple, because every physics step makes several
 ContactPoint = Tuple[str, Vector3, Vector3, float]
 
 

@@ -33,11 +33,9 @@ BASE_INDEX = -1  # Bullet's link index of a body's base
 log = logging.getLogger("rosout.engine")  # a child of rospy's logger: reaches /rosout without rospy
 
 _SOLVER_ITERATIONS = 20  # instead of 50: the same motion to 0.1 %, in half the time
-_BREAKING_THRESHOLD = (
-    0.005  # instead of 0.02: a tyre's flanks, 5 mm above the ground, are no contacts with it
-)
-# Four rigid wheels on rigid ground share a weight in any way that the solver comes upon. On springs they share it
-# in one way, which the solver and the step do not change.
+_BREAKING_THRESHOLD = 0.005  # instead of 0.02: a tyre's flanks, 5 mm above the ground, do not touch it
+# Four rigid wheels on rigid ground share a weight in any way that the solver comes upon. On springs they
+# share it in one way, which the solver and the step do not change.
 _GROUND_STIFFNESS = 1e6  # [N/m], per contact; a Husky's wheel sinks 0.15 mm
 _GROUND_DAMPING = 8e3  # [N s/m], about critical for a quarter of the Husky
 _LIFT_FROM = 1e-3  # [m], what is sunk deeper into the ground is put on top of it
