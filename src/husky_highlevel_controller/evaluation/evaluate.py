@@ -16,7 +16,6 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.controller.control import ControlConfig
-from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.evaluation.metrics import (
     DriveResult,
     center_error,
@@ -26,15 +25,12 @@ from husky_highlevel_controller.evaluation.metrics import (
 )
 from husky_highlevel_controller.evaluation.replays import write_index
 from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
-from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
-from husky_highlevel_controller.simulator.simulation import SimulatorConfig
+from husky_highlevel_controller.evaluation.setup import COURSE_GAINS, ROBOT_GAINS, setup_of
+from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
 from husky_highlevel_controller.tasks.workers import Workers
 
-COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
 TOUCHING = ControlConfig(stop_distance=0.0)
-ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # config/robot.yaml's, at the default limits
-ROBOT_DETECTOR = PillarConfig(range_noise=0.012)
 
 
 class Figure(NamedTuple):
@@ -120,8 +116,8 @@ def evaluate_robot(
     time to arrival has no bound. Its wheels are late by 0.3 s, so the default gain drives 0.1 m past the stop
     distance, and that of robot.launch does not. Single scans are not among these figures.
     """
-    simulator = SimulatorConfig(real=RobotProfile().on(ground))
-    options: Dict[str, Any] = {"simulator": simulator, "detector": ROBOT_DETECTOR}
+    setup = setup_of("robot", ground)
+    options: Dict[str, Any] = {"simulator": setup.simulator, "detector": setup.detector}
     course = partial(run, scenario=course_scenario(seed), **options)
     standard, slow = drives(course, [ControlConfig(), ROBOT_GAINS], workers, "course runs", replays)
     start = partial(run, ROBOT_GAINS, **options)
