@@ -9,11 +9,14 @@ thread, for threads that share a simulator spoil each other's results. All it ne
 
 from __future__ import annotations
 
+import asyncio
 import pickle
 import sys
 import time
 import warnings
 from collections import deque
+from concurrent.futures import CancelledError
+from functools import partial
 from typing import Any, Callable, Deque, Dict, FrozenSet, Generator, List, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import HuskyError
@@ -66,6 +69,7 @@ class Cluster:
         Raises:
             HuskyError: no worker can do it, one group ended several of them, or the scheduler is gone.
         """
+        _send_by_value(task)
         todo: Deque[int] = deque(range(len(groups)))
         running: Dict[Future, Tuple[int, FrozenSet[str]]] = {}  # group, who may do it
         looked_at = -POLL_PERIOD
@@ -85,7 +89,7 @@ class Cluster:
                 for future in self._ended(running):
                     number, _ = running.pop(future)
                     yield number, pickle.loads(_result(future, number, len(groups)))
-        except (CommClosedError, OSError) as error:
+        except (CommClosedError, CancelledError, OSError) as error:
             raise HuskyError(f"--cluster {self._address}: the scheduler is gone: {error}") from None
         finally:
             for future in running:
@@ -102,8 +106,9 @@ class Cluster:
     def _ended(self, running: Dict[Future, Any]) -> List[Future]:
         """Those that have ended, after POLL_PERIOD at the latest."""
         try:
-            return list(wait(list(running), timeout=POLL_PERIOD, return_when="FIRST_COMPLETED").done)
-        except TimeoutError:
+            with self._client.as_current():
+                return list(wait(list(running), timeout=POLL_PERIOD, return_when="FIRST_COMPLETED").done)
+        except asyncio.TimeoutError:
             return []
 
     def _wait_for_workers(self, starts_programs: bool) -> FrozenSet[str]:
@@ -156,6 +161,16 @@ class Cluster:
                 self._refused[address] = why
             else:
                 self._fit |= {address}
+
+
+def _send_by_value(task: Callable[[Any], Any]) -> None:
+    """Have the code of the caller's own module sent; what is installed is looked up by name over there."""
+    while isinstance(task, partial):
+        task = task.func
+    module = sys.modules.get(getattr(task, "__module__", ""))
+    own = getattr(module, "__file__", None) and "-packages" not in str(module.__file__)
+    if module and own and module.__name__.split(".")[0] not in (PACKAGE, "__main__"):
+        cloudpickle.register_pickle_by_value(module)
 
 
 def perform_packed(payload: bytes) -> bytes:
