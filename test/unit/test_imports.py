@@ -23,6 +23,7 @@ MAY_IMPORT = {
     "tasks": {"tasks"},
     "evaluation": {"evaluation", "simulator", "controller", "tasks"},
     "grading": {"grading", "tasks"},
+    "comparison": {"comparison", "evaluation", "grading", "simulator", "controller", "tasks"},
     "ros": {"ros"},
     **{f"ros/{room}": {f"ros/{room}", room} for room in ("simulator", "controller", "grading")},
     "ros/safety": {"ros/safety", "controller"},

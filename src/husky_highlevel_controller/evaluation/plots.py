@@ -12,8 +12,10 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
+from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.evaluation.setup import Axis
 
 COLORS = ("tab:blue", "tab:red")  # of A and B
@@ -46,6 +48,30 @@ def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, titl
     if handles:
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
     figure.suptitle(title, fontsize=11)
+    return _png(figure)
+
+
+def draw_ways(ways: Mapping[str, np.ndarray], pillar: Tuple[float, float], title: str) -> bytes:
+    """Ways to a pillar from above.
+
+    Args:
+        ways: (N, 3) poses [m, m, rad] in the world, by the words for the legend.
+        pillar: its centre in the world [m].
+        title: of the picture.
+    """
+    figure = _figure(6.0, 5.6)
+    plot = figure.subplots()
+    plot.add_patch(Circle(pillar, PILLAR_RADIUS, color="0.35", zorder=3))
+    for color, (words, poses) in zip(COLORS, ways.items()):
+        plot.plot(*poses[0, :2], "^", color="tab:green")
+        plot.plot(poses[:, 0], poses[:, 1], color=color, label=words.replace("$", r"\$"))
+        plot.plot(*poses[-1, :2], "o", color=color)
+    plot.set_aspect("equal", adjustable="datalim")
+    plot.set_xlabel("x in the world [m]")
+    plot.set_ylabel("y in the world [m]")
+    plot.grid(alpha=0.3)
+    plot.legend(fontsize=8)
+    plot.set_title(title)
     return _png(figure)
 
 

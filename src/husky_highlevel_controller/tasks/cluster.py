@@ -167,9 +167,9 @@ def _send_by_value(task: Callable[[Any], Any]) -> None:
     """Have the code of the caller's own module sent; what is installed is looked up by name over there."""
     while isinstance(task, partial):
         task = task.func
-    module = sys.modules.get(getattr(task, "__module__", ""))
-    own = getattr(module, "__file__", None) and "-packages" not in str(module.__file__)
-    if module and own and module.__name__.split(".")[0] not in (PACKAGE, "__main__"):
+    module: Any = sys.modules.get(getattr(task, "__module__", ""))
+    own = "-packages" not in str(getattr(module, "__file__", "-packages"))
+    if own and module.__name__.split(".")[0] not in (PACKAGE, "__main__"):
         cloudpickle.register_pickle_by_value(module)
 
 
