@@ -19,6 +19,9 @@ from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.metrics import run
 from husky_highlevel_controller.evaluation.scenarios import random_starts
+from husky_highlevel_controller.grading.batch import Batch, mark_all
+from husky_highlevel_controller.grading.cli import Marking
+from husky_highlevel_controller.grading.drive import GradingConfig
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -164,3 +167,17 @@ def test_without_dask_the_message_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(HuskyError, match=r"pip install -r requirements-cluster.txt"):
         Workers(cluster="tcp://127.0.0.1:8786")
+
+
+def test_a_class_is_marked_by_a_cluster_as_it_is_here(cluster, tmp_path):
+    folder, tables = tmp_path / "class", []
+    for name in ("ann", "bob", "eve"):
+        (folder / name).mkdir(parents=True)
+        (folder / name / "readme.txt").write_text("no package")
+    for number in range(2):
+        cluster.work(f"worker {number}", *WORKER, "--resources", "ROS=1")
+    for name, address in (("here", ""), ("there", cluster.address)):
+        results = mark_all(Marking(GradingConfig()), Batch(folder, tmp_path / name, cluster=address))
+        assert ["no catkin package in it" in result.problem for result in results] == [True] * 3
+        tables.append((tmp_path / name / "results.csv").read_text())
+    assert tables[0] == tables[1]
