@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import csv
 import math
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
 
 import pytest
 
@@ -12,8 +19,10 @@ from husky_highlevel_controller.evaluation.metrics import run
 from husky_highlevel_controller.evaluation.plots import draw_sweep
 from husky_highlevel_controller.evaluation.scenarios import random_starts
 from husky_highlevel_controller.evaluation.setup import Setup, parse_axis
+from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.tasks.workers import Workers
 
+SHARE = share_folder()
 AXES = ["p_gain_vel=1,4", "stop_distance=0.4,1"]
 PNG = b"\x89PNG"
 
@@ -58,6 +67,43 @@ def test_bad_input_is_a_sentence_and_exit_code_2(capsys, tmp_path):
         with pytest.raises(SystemExit, match="2"):
             sweep.main([*words, "--out", str(tmp_path)])
         assert sentence in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_it_and_keeps_what_was_driven(tmp_path):
+    command = [
+        sys.executable,
+        SHARE / "scripts" / "sweep",
+        "p_gain_vel=1:4:12",
+        "--jobs",
+        "1",
+        "--out",
+        tmp_path,
+    ]
+    running = subprocess.Popen(
+        command, env={**os.environ, "PYTHONPATH": str(SHARE / "src")}, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        end = time.monotonic() + 120.0
+        while not kept(tmp_path / "results.sqlite"):
+            assert time.monotonic() < end
+            assert running.poll() is None
+            time.sleep(0.1)
+        running.send_signal(signal.SIGINT)
+        _, told = running.communicate(timeout=120.0)
+    finally:
+        running.kill()
+    assert running.returncode == 130, told
+    assert told == "sweep: stopped; with the same results file the same command goes on from here\n"
+    assert 1 <= kept(tmp_path / "results.sqlite") < 12 * 20
+
+
+def kept(path):
+    """How many results a file has."""
+    try:
+        with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True)) as file:
+            return file.execute("SELECT count(*) FROM results").fetchone()[0]
+    except sqlite3.OperationalError:  # not there yet
+        return 0
 
 
 def test_one_axis_gives_curves_and_drives_that_never_arrive_have_no_time():
