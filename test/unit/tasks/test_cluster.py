@@ -154,6 +154,16 @@ def test_a_worker_of_another_kind_is_refused_by_name(cluster, tmp_path, capfd):
     assert "worker good" not in told
 
 
+def test_a_scheduler_that_dies_is_told(cluster):
+    cluster.work("worker")
+    with Workers(cluster=cluster.address) as workers:
+        results = workers.as_completed(noise, list(range(100)))
+        next(results)
+        cluster.started[0].kill()
+        with pytest.raises(HuskyError, match=f"--cluster {cluster.address}: the scheduler is gone"):
+            list(results)
+
+
 def test_where_no_scheduler_answers_the_command_says_so(monkeypatch):
     from husky_highlevel_controller.tasks import cluster
 
