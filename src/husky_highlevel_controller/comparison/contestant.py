@@ -12,7 +12,7 @@ import importlib.util
 import shlex
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import inf
 from pathlib import Path
@@ -61,6 +61,7 @@ class Outcome:
     nearest: float  # [m], smallest gap between outline and pillar
     poses: np.ndarray  # (N, 3) [m, m, rad], some of the way
     pillar: Tuple[float, float]  # [m], where it stood at first
+    notes: Tuple[str, ...] = ()  # what went wrong with its nodes, in sentences
 
     @property
     def success(self) -> bool:
@@ -71,6 +72,7 @@ class Outcome:
     def words(self) -> str:
         """How it ended."""
         touched = ", touched the pillar" if self.nearest <= TOUCH else ""
+        touched += f" ({'; '.join(self.notes)})" if self.notes else ""
         if self.arrived_at == inf:
             return f"not at the pillar in the end{touched}"
         return f"at the pillar after {self.arrived_at:.2f} s{touched}"
@@ -157,14 +159,29 @@ def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
 
 
 def _launched(one: Contestant, scenario: Scenario) -> Outcome:
+    problem = _launch_problem(one.launch)
+    if problem:
+        raise HuskyError(f"{one.name}: {problem}")
     trial = Trial(1, scenario.start, PILLAR_POSITION, scenario.seed)
     config = marking.GradingConfig(deadline=LAUNCH_DEADLINE, pace=LAUNCH_PACE)
-    submission = marking.Submission(("--launch", *one.launch))
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
-        recording = marking.drive(submission, trial, config, Path(folder))
-    if recording.notes:
-        raise HuskyError(f"{one.name} in {scenario.name}: {'; '.join(recording.notes)}")
-    return outcome(scenario.name, recording.times, recording.poses, trial.pillar)
+        recording = marking.drive(_submission(one.launch), trial, config, Path(folder))
+    if not len(recording.times):
+        raise HuskyError(f"{one.name} in {scenario.name}: {'; '.join(recording.notes) or 'no drive'}")
+    judged = outcome(scenario.name, recording.times, recording.poses, trial.pillar)
+    return replace(judged, notes=recording.notes)
+
+
+def _submission(launch: Tuple[str, ...]) -> marking.Submission:
+    return marking.Submission(("--launch", *launch))
+
+
+@lru_cache(maxsize=4)
+def _launch_problem(launch: Tuple[str, ...]) -> str:
+    """Why a launch file cannot drive; empty: it starts some node."""
+    with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
+        planned = marking.plan(_submission(launch), Path(folder))
+    return "" if planned.nodes else "; ".join(planned.notes) or "it starts no node"
 
 
 def outcome(scene: str, times: np.ndarray, poses: np.ndarray, pillar: Tuple[float, float]) -> Outcome:
