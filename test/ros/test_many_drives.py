@@ -46,13 +46,13 @@ def test_a_launch_file_that_starts_nothing_is_named(tmp_path):
 
 def test_a_class_is_marked_by_a_cluster(tmp_path):
     pytest.importorskip("distributed")
-    from dask_processes import SOURCES, WORKER, Processes
+    from dask_processes import WORKER, Processes
 
     make_package("stops_short", tmp_path / "class")
     cluster = Processes(tmp_path)
     try:
-        path = f"{SOURCES}:{os.environ['PYTHONPATH']}"
-        cluster.work("worker", *WORKER, "--resources", "ROS=1", path=path)
+        # the sourced workspace's, which has the messages
+        cluster.work("worker", *WORKER, "--resources", "ROS=1", path=os.environ["PYTHONPATH"])
         done = run("grade", "--all", "class", "--cluster", cluster.address, *QUICK, folder=tmp_path)
     finally:
         cluster.end()
