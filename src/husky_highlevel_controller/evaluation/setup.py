@@ -106,6 +106,17 @@ def about(name: str) -> Mapping[str, Any]:
     return found.metadata
 
 
+def described(name: str) -> str:
+    """Range, default and help of a number."""
+    told = about(name)
+    return f"{told['min']:g}..{told['max']:g}, default {parameters(Setup())[name]:g}: {told['help']}"
+
+
+def numbers() -> List[str]:
+    """Names of all parameters that are numbers."""
+    return [name for name, value in parameters(Setup()).items() if type(value) in (int, float)]
+
+
 def parse_axis(text: str) -> Axis:
     """An axis from NAME=FIRST:LAST:COUNT or NAME=VALUE,VALUE,...
 
@@ -116,13 +127,13 @@ def parse_axis(text: str) -> Axis:
     """
     name, equals, words = text.partition("=")
     defaults = parameters(Setup())
-    if not equals:
-        raise ConfigError(f"'{text}' is not NAME=FIRST:LAST:COUNT, such as p_gain_vel=0.1:4:12")
     if name not in defaults:
         raise ConfigError(f"{name} is not a parameter; there are: {', '.join(sorted(defaults))}")
     kind = type(defaults[name])
     if kind not in (int, float):
         raise ConfigError(f"{name} is not a number ({about(name)['help']})")
+    if not equals:
+        raise ConfigError(f"{name} has no values, such as {name}=FIRST:LAST:COUNT; {described(name)}")
     is_geometric = words.endswith(":log")
     try:
         values = _numbers(words[:-4] if is_geometric else words, is_geometric)

@@ -24,6 +24,8 @@ from husky_highlevel_controller.evaluation.setup import (
     ROBOT_GAINS,
     Axis,
     Setup,
+    described,
+    numbers,
     parameters,
     parse_axis,
     setup_of,
@@ -139,8 +141,10 @@ def write(result: Sweep, title: str, words: str, marked: Mapping[str, Sequence[f
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(
-        prog="sweep", description="Drive the same random scenes for every value of one or more parameters."
-    )
+        prog="sweep", description="Drive the same random scenes for every value of one or more parameters.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="parameters:\n" + "\n".join(f"  {name} {described(name)}" for name in numbers()),
+    )  # fmt: skip
     parser.add_argument(
         "axes", nargs="+", metavar="NAME=FIRST:LAST:COUNT[:log]",
         help="values of a parameter, at equal distances or ratios; or NAME=VALUE,VALUE,...",

@@ -38,7 +38,7 @@ def test_an_axis_is_read(text, values):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("p_gain_vel", "'p_gain_vel' is not NAME=FIRST:LAST:COUNT"),
+        ("p_gain_vel", "p_gain_vel=FIRST:LAST:COUNT; 0..10, default 2: forward speed"),
         ("gain=1:2:3", "gain is not a parameter; there are: arrival_tolerance, "),
         ("p_gain_vel=0:20:3", r"p_gain_vel = 20.0 is out of range 0.0..10.0 \(forward speed"),
         ("p_gain_vel=nan:1:3", "p_gain_vel = 'nan:1:3' is not .*: a limit is no number"),

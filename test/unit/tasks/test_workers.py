@@ -110,6 +110,8 @@ def test_the_words_tell_hash_and_machine():
     with Workers(1) as workers:
         workers.map(noise, range(2))
         assert workers.words == f"results {workers.results_hash} by {machine()}"
+        workers._machines.add("another one")
+        assert "by 2 kinds of machines, whose last bits may differ: another one; " in workers.words
     assert "numpy" in machine()
 
 
