@@ -6,6 +6,7 @@ In: a function, groups of items. Out: their results as they come. Must not know:
 from __future__ import annotations
 
 import signal
+import sys
 from collections import Counter, deque
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -47,27 +48,37 @@ def run_here(
     deaths: CounterType[int] = Counter()
     while todo:
         running: Dict[Future, int] = {}
-        with _executor(jobs, starts_programs) as executor:
-            try:
-                while todo or running:
-                    # what ended a process is tried alone first, so that nothing else gets the blame
-                    while todo and len(running) < (1 if deaths[todo[0]] else 2 * jobs):
-                        running[executor.submit(perform, task, groups[todo[0]])] = todo[0]
-                        todo.popleft()
-                    for future in wait(running, return_when=FIRST_COMPLETED).done:
-                        answer = future.result()
-                        yield running.pop(future), answer
-            except BrokenProcessPool:
-                lost = sorted(running.values())
-                deaths.update(lost)
-                worst = max(lost, key=lambda number: deaths[number], default=0)
-                if deaths[worst] >= MAX_DEATHS:
-                    words = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
-                    raise HuskyError(words) from None
-                todo.extendleft(reversed(lost))
-            finally:
-                for future in running:
-                    future.cancel()
+        executor = _executor(jobs, starts_programs)
+        try:
+            while todo or running:
+                # what ended a process is tried alone first, so that nothing else gets the blame
+                while todo and len(running) < (1 if deaths[todo[0]] else 2 * jobs):
+                    running[executor.submit(perform, task, groups[todo[0]])] = todo[0]
+                    todo.popleft()
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    answer = future.result()
+                    yield running.pop(future), answer
+        except BrokenProcessPool:
+            lost = sorted(running.values())
+            deaths.update(lost)
+            worst = max(lost, key=lambda number: deaths[number], default=0)
+            if deaths[worst] >= MAX_DEATHS:
+                words = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
+                raise HuskyError(words) from None
+            todo.extendleft(reversed(lost))
+        finally:
+            _end(executor)
+
+
+def _end(executor: Executor) -> None:
+    """Wait for what runs; what waits is cancelled, on Python 3.8 done.
+
+    Not by Future.cancel: a pool that is shut down over cancelled futures may hang (Python 3.11.2, gh-94777).
+    """
+    if sys.version_info >= (3, 9):
+        executor.shutdown(cancel_futures=True)
+    else:
+        executor.shutdown()
 
 
 def _executor(jobs: int, starts_programs: bool) -> Executor:

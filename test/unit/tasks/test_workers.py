@@ -87,12 +87,12 @@ def test_an_interrupted_map_goes_on_where_it_was(tmp_path):
         results = workers.as_completed(task, list(range(30)))
         first = [next(results) for _ in range(4)]
         results.close()
-    assert first == [(number, number**2) for number in range(4)]
+    assert all(result == number**2 for number, result in first)
     begun = len(list(tmp_path.glob("* *")))
     assert begun < 30, "what has not begun is cancelled"
     with Workers(1, resume=tmp_path / "file") as workers:
         assert workers.map(task, range(30)) == [number**2 for number in range(30)]
-    assert len(list(tmp_path.glob("0 *"))) == 1
+    assert all(len(list(tmp_path.glob(f"{number} *"))) == 1 for number, _ in first)
 
 
 def test_a_file_that_is_none_of_ours_is_refused(tmp_path):
