@@ -133,9 +133,10 @@ make_venv() {
 }
 
 make_test_venv() {
-  if ! done_before venv-test requirements-test.txt; then
-    pip_install "what tests and checks" requirements-test.txt
-    mark_done venv-test requirements-test.txt
+  local files=(requirements-test.txt requirements-cluster.txt)
+  if ! done_before venv-test "${files[@]}"; then
+    pip_install "what tests and checks" "${files[@]}"
+    mark_done venv-test "${files[@]}"
   fi
 }
 

@@ -34,3 +34,16 @@ def clearance(points_in_base: np.ndarray) -> np.ndarray:
 def clearance_at(x: float, y: float) -> float:
     """Distance from the outline to one point in base_link [m]; 0 inside."""
     return min(hypot(max(abs(x) - length, 0.0), max(abs(y) - width, 0.0)) for length, width in (HULL, WHEELS))
+
+
+def gaps(poses: np.ndarray, centers: np.ndarray, radius: float) -> np.ndarray:
+    """Gaps between the outline at each pose and a pillar's surface, (N,) [m]; negative: inside.
+
+    Args:
+        poses: (N, 3) [m, m, rad], x, y and yaw of base_link in the world.
+        centers: of the pillar in the world, (N, 2) or (2,) [m].
+        radius: of the pillar [m].
+    """
+    dx, dy = (np.asarray(centers) - poses[:, :2]).T
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return clearance(np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)) - radius

@@ -41,6 +41,12 @@ def test_sweep_gain_shows_that_a_higher_gain_arrives_earlier():
     assert arrivals == sorted(arrivals, reverse=True)
 
 
+def test_own_experiment_tells_difference_and_hash():
+    told = run("own_experiment")
+    assert re.search(r"1 mm: [+-]\d\.\d{3} s \[[+-]\d\.\d{3}, [+-]\d\.\d{3}\] until the arrival", told)
+    assert re.search(r"results \w{64} by .*numpy", told)
+
+
 def test_readme_shows_the_rollout_example():
     code = (EXAMPLES / "rollout").read_text().split('"""\n', 1)[1]
     assert f"```python\n{code}```" in (SHARE / "README.md").read_text()

@@ -16,7 +16,7 @@ from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.evaluate import ROBOT_DETECTOR, ROBOT_GAINS
+from husky_highlevel_controller.evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS
 from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
 from husky_highlevel_controller.simulator.power import PowerConfig
 from husky_highlevel_controller.simulator.profile import RobotProfile

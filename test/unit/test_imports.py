@@ -20,8 +20,10 @@ SHARED = sorted(name for name in SOURCES if "/" not in name)
 MAY_IMPORT = {
     "simulator": {"simulator"},
     "controller": {"controller"},
-    "evaluation": {"evaluation", "simulator", "controller"},
-    "grading": {"grading"},
+    "tasks": {"tasks"},
+    "evaluation": {"evaluation", "simulator", "controller", "tasks"},
+    "grading": {"grading", "tasks"},
+    "comparison": {"comparison", "evaluation", "grading", "simulator", "controller", "tasks"},
     "ros": {"ros"},
     **{f"ros/{room}": {f"ros/{room}", room} for room in ("simulator", "controller", "grading")},
     "ros/safety": {"ros/safety", "controller"},
@@ -97,7 +99,12 @@ def test_only_its_own_folder_talks_to_pybullet(name):
 
 @every
 def test_only_plots_load_matplotlib(name):
-    assert name == "grading/plots" or "matplotlib" not in libraries(name)
+    assert name.endswith("/plots") or "matplotlib" not in libraries(name)
+
+
+@every
+def test_only_one_module_loads_dask(name):
+    assert name == "tasks/cluster" or not {"dask", "distributed", "cloudpickle"} & libraries(name)
 
 
 def test_what_runs_beside_a_submission_imports_nothing_of_this_package():
@@ -112,8 +119,8 @@ def test_only_the_ros_room_talks_to_ros(name):
 
 
 @core
-def test_only_grading_and_ros_keep_time(name):
-    assert within(name, {"grading"}) or not CLOCKS & libraries(name)
+def test_only_grading_tasks_and_ros_keep_time(name):
+    assert within(name, {"grading", "tasks"}) or not CLOCKS & libraries(name)
 
 
 @every

@@ -7,27 +7,30 @@ Must not know: ROS.
 from __future__ import annotations
 
 import argparse
+import sys
 from functools import partial
 from math import inf, nan
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Callable, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
-from tqdm import tqdm
 
 from husky_highlevel_controller.controller.control import ControlConfig
-from husky_highlevel_controller.controller.pillar_detection import PillarConfig
-from husky_highlevel_controller.evaluation.metrics import DriveResult, center_error, false_pillars, run
+from husky_highlevel_controller.evaluation.metrics import (
+    DriveResult,
+    center_error,
+    false_pillars,
+    run,
+    run_with_page,
+)
 from husky_highlevel_controller.evaluation.replays import write_index
 from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
-from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
-from husky_highlevel_controller.simulator.simulation import SimulatorConfig
+from husky_highlevel_controller.evaluation.setup import COURSE_GAINS, ROBOT_GAINS, setup_of
+from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES
+from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
+from husky_highlevel_controller.tasks.workers import Workers
 
-COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
 TOUCHING = ControlConfig(stop_distance=0.0)
-ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # config/robot.yaml's, at the default limits
-ROBOT_DETECTOR = PillarConfig(range_noise=0.012)
 
 
 class Figure(NamedTuple):
@@ -105,7 +108,7 @@ def touch_figures(run: DriveResult) -> List[Figure]:
 
 
 def evaluate_robot(
-    seed: int, starts: int, jobs: int, ground: str, replays: Optional[Path] = None
+    seed: int, starts: int, workers: Workers, ground: str, replays: Optional[Path] = None
 ) -> List[Tuple[str, List[Figure]]]:
     """The runs on a real Husky's profile, in sections with a title.
 
@@ -113,12 +116,12 @@ def evaluate_robot(
     time to arrival has no bound. Its wheels are late by 0.3 s, so the default gain drives 0.1 m past the stop
     distance, and that of robot.launch does not. Single scans are not among these figures.
     """
-    simulator = SimulatorConfig(real=RobotProfile().on(ground))
-    saved = partial(run, replays=replays, simulator=simulator, detector=ROBOT_DETECTOR)
-    drive = partial(saved, scenario=course_scenario(seed))
-    standard, slow = work(drive, [ControlConfig(), ROBOT_GAINS], jobs, "course runs")
-    start = partial(saved, ROBOT_GAINS)
-    runs = work(start, random_starts(starts, seed), jobs, "random starts")
+    setup = setup_of("robot", ground)
+    options: Dict[str, Any] = {"simulator": setup.simulator, "detector": setup.detector}
+    course = partial(run, scenario=course_scenario(seed), **options)
+    standard, slow = drives(course, [ControlConfig(), ROBOT_GAINS], workers, "course runs", replays)
+    start = partial(run, ROBOT_GAINS, **options)
+    runs = drives(start, random_starts(starts, seed), workers, "random starts", replays)
     late = [
         Figure(
             "arrived, without a touch",
@@ -137,7 +140,7 @@ def evaluate_robot(
 
 
 def evaluate(
-    seed: int, scenes: int, starts: int, jobs: int, replays: Optional[Path] = None
+    seed: int, scenes: int, starts: int, workers: Workers, replays: Optional[Path] = None
 ) -> List[Tuple[str, List[Figure]]]:
     """All figures on Gazebo's profile, in sections with a title.
 
@@ -145,18 +148,19 @@ def evaluate(
         seed: of everything random.
         scenes: single scans of each kind.
         starts: random starts.
-        jobs: processes; the figures do not depend on it.
+        workers: who drive; the figures do not depend on them.
         replays: folder for pages that play the drives.
     """
-    numbers = range(scenes)
-    alone = work(partial(center_error, seed=seed, clutter=False), numbers, jobs, "pillars alone")
-    among = work(partial(center_error, seed=seed, clutter=True), numbers, jobs, "pillars in company")
-    false = work(partial(false_pillars, seed=seed), numbers, jobs, "scenes without")
-    course = course_scenario(seed)
+    numbers, chunk = range(scenes), min(50, scenes // 4 + 1)  # a scan takes a millisecond
+    alone = workers.map(partial(center_error, seed=seed, clutter=False), numbers, "pillars alone", chunk)
+    among = workers.map(partial(center_error, seed=seed, clutter=True), numbers, "pillars in company", chunk)
+    false = workers.map(partial(false_pillars, seed=seed), numbers, "scenes without", chunk)
+    course = partial(run, scenario=course_scenario(seed))
     controls = [ControlConfig(), COURSE_GAINS, TOUCHING]
-    saved = partial(run, replays=replays)
-    standard, gains, touch = work(partial(saved, scenario=course), controls, jobs, "course runs")
-    runs = work(partial(saved, ControlConfig()), random_starts(starts, seed), jobs, "random starts")
+    standard, gains, touch = drives(course, controls, workers, "course runs", replays)
+    runs = drives(
+        partial(run, ControlConfig()), random_starts(starts, seed), workers, "random starts", replays
+    )
     false_share = 100.0 * float(np.mean([count > 0 for count in false]))
     return [
         (
@@ -174,12 +178,16 @@ def evaluate(
     ]
 
 
-def work(task: Callable, items: Iterable, jobs: int, title: str) -> list:
-    """The task's result for each item, in order, by several processes; on a terminal with a progress bar."""
-    items = list(items)
-    with get_context("fork").Pool(jobs) as pool:
-        results = pool.imap(task, items, chunksize=max(1, min(50, len(items) // (4 * jobs))))
-        return list(tqdm(results, title, total=len(items), disable=None))
+def drives(
+    task: partial, items: Sequence[Any], workers: Workers, title: str, replays: Optional[Path]
+) -> List[DriveResult]:
+    """The results of `run` with some of its arguments; a page that plays each goes into `replays`."""
+    if replays is None:
+        return workers.map(task, items, title)
+    pages = workers.map(partial(run_with_page, *task.args, **task.keywords), items, title)
+    for _, name, page in pages:
+        (replays / name).write_text(page)
+    return [result for result, _, _ in pages]
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
@@ -187,20 +195,27 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser = argparse.ArgumentParser(prog="evaluate", description="Measure the controller, without ROS.")
     parser.add_argument("--seed", type=int, default=0, help="of everything random (default 0)")
     parser.add_argument(
-        "--scenes", type=_positive, default=2000, help="single scans of each kind (default 2000)"
+        "--scenes", type=positive, default=2000, help="single scans of each kind (default 2000)"
     )
-    parser.add_argument("--starts", type=_positive, default=200, help="random starts (default 200)")
-    parser.add_argument("--jobs", type=_positive, default=2, help="processes (default 2)")
+    parser.add_argument("--starts", type=positive, default=200, help="random starts (default 200)")
+    add_worker_options(parser)
+    parser.add_argument(
+        "--resume", type=Path, metavar="FILE", help="keep results there, and go on from there"
+    )
     parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
     parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
     parser.add_argument("--replays", type=Path, help="folder for a page that plays each drive, and an index")
     options = parser.parse_args(arguments)
-    if options.replays is not None:
-        options.replays.mkdir(parents=True, exist_ok=True)
-    if options.profile == "robot":
-        sections = evaluate_robot(options.seed, options.starts, options.jobs, options.ground, options.replays)
-    else:
-        sections = evaluate(options.seed, options.scenes, options.starts, options.jobs, options.replays)
+    with exit_codes("evaluate"):
+        if options.replays is not None:
+            options.replays.mkdir(parents=True, exist_ok=True)
+        with Workers(options.jobs, options.cluster, options.resume) as workers:
+            seed, starts, replays = options.seed, options.starts, options.replays
+            if options.profile == "robot":
+                sections = evaluate_robot(seed, starts, workers, options.ground, replays)
+            else:
+                sections = evaluate(seed, options.scenes, starts, workers, replays)
+            print(workers.words, file=sys.stderr)
     lines = [f"seed {options.seed}"]
     for title, figures in sections:
         lines += ["", title, *map(str, figures)]
@@ -210,10 +225,3 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         write_index(options.replays, table)
     if not all(figure.met for _, figures in sections for figure in figures):
         raise SystemExit(1)
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text} is less than 1")
-    return number

@@ -7,19 +7,19 @@ Must not know: ROS, which figures are wanted.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, hypot, inf, pi, sin
-from pathlib import Path
+from math import hypot, inf, pi
 from typing import Optional, Tuple
 
 import numpy as np
 
+from husky_highlevel_controller.controller.behaviour import decide
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 from husky_highlevel_controller.course import PILLAR_RADIUS
-from husky_highlevel_controller.evaluation.replays import write_replay
-from husky_highlevel_controller.evaluation.rollout import Trace, husky, rollout
+from husky_highlevel_controller.evaluation.replays import replay_page
+from husky_highlevel_controller.evaluation.rollout import Controller, Trace, husky, rollout
 from husky_highlevel_controller.evaluation.scenarios import Scenario, bare_scene, pillar_scene
-from husky_highlevel_controller.footprint import HALF_LENGTH
+from husky_highlevel_controller.footprint import HALF_LENGTH, gaps
 from husky_highlevel_controller.simulator.diff_drive import DriveConfig
 from husky_highlevel_controller.simulator.simulation import SimulatorConfig
 
@@ -62,6 +62,8 @@ class DriveResult:
     pushed: float  # [m], how far the pillar was moved
     touched: Tuple[str, ...]
     crossings: int  # of zero by the true bearing, after the first alignment
+    overshoot: float  # [m], how far the lidar drove past the stop distance, true, at most
+    nearest: float  # [m], smallest gap between outline and pillar, true
 
     @property
     def ratio(self) -> float:
@@ -86,7 +88,7 @@ def run(
     scenario: Scenario,
     simulator: Optional[SimulatorConfig] = None,
     detector: Optional[PillarConfig] = None,
-    replays: Optional[Path] = None,
+    controller: Controller = decide,
 ) -> DriveResult:
     """Drive a scenario and judge it.
 
@@ -95,37 +97,69 @@ def run(
         scenario: where, from where, with which noise.
         simulator: how the simulation runs.
         detector: what counts as a pillar.
-        replays: folder for a page that plays the drive; None: none is written.
+        controller: what answers a scan, called like `behaviour.decide`.
     """
+    return judge(drive(control, scenario, simulator, detector, controller), scenario, control)
+
+
+def run_with_page(
+    control: ControlConfig,
+    scenario: Scenario,
+    simulator: Optional[SimulatorConfig] = None,
+    detector: Optional[PillarConfig] = None,
+) -> Tuple[DriveResult, str, str]:
+    """As `run`, with the file name and the text of a page that plays the drive."""
+    trace = drive(control, scenario, simulator, detector)
+    result = judge(trace, scenario, control)
+    return (result, *replay_page(result.name, result.words, control, trace))
+
+
+def drive(
+    control: ControlConfig,
+    scenario: Scenario,
+    simulator: Optional[SimulatorConfig] = None,
+    detector: Optional[PillarConfig] = None,
+    controller: Controller = decide,
+) -> Trace:
+    """The rollout that `run` judges."""
     settle = 3.0 if control.stop_distance == 0.0 else 1.0
     # a real Husky may have to search first
     seconds = SEARCH_SECONDS if simulator and simulator.real else DRIVE_SECONDS
-    trace = rollout(scenario, control, detector, simulator, settle=settle, seconds=seconds)
-    distance = _lidar_to_pillar(trace, -1)
+    return rollout(
+        scenario, control, detector, simulator, settle=settle, seconds=seconds, controller=controller
+    )
+
+
+def judge(trace: Trace, scenario: Scenario, control: ControlConfig) -> DriveResult:
+    """What counts of a rollout."""
+    distances = _lidar_to_pillar(trace)
     first_x, first_y = trace.pillars[0]
     last_x, last_y = trace.pillars[-1]
     lidar_x = husky().fixed_poses[husky().laser_frame].position[0]
-    result = DriveResult(
+    return DriveResult(
         name=scenario.name,
         arrived_at=inf if trace.arrived_at is None else trace.arrived_at,
         bound=time_bound(trace, control, lidar_x),
-        final_error=distance - control.stop_distance,
-        gap=distance - (HALF_LENGTH - lidar_x),
+        final_error=float(distances[-1]) - control.stop_distance,
+        gap=float(distances[-1]) - (HALF_LENGTH - lidar_x),
         pushed=hypot(last_x - first_x, last_y - first_y),
         touched=trace.touched,
         crossings=crossings(trace),
+        overshoot=max(control.stop_distance - float(distances.min()), 0.0),
+        nearest=float(gaps(trace.poses, trace.pillars, PILLAR_RADIUS).min()),
     )
-    if replays is not None:
-        write_replay(replays, result.name, result.words, control, trace)
-    return result
 
 
-def _lidar_to_pillar(trace: Trace, row: int) -> float:
-    """True distance from the lidar to the pillar's surface [m]."""
-    x, y, yaw = trace.poses[row]
+def _lidar_to_pillar(trace: Trace) -> np.ndarray:
+    """True distance from the lidar to the pillar's surface, (N,) [m]."""
+    x, y, yaw = trace.poses.T
     lidar_x, lidar_y, _ = husky().fixed_poses[husky().laser_frame].position
-    x, y = x + cos(yaw) * lidar_x - sin(yaw) * lidar_y, y + sin(yaw) * lidar_x + cos(yaw) * lidar_y
-    return hypot(trace.pillars[row, 0] - x, trace.pillars[row, 1] - y) - PILLAR_RADIUS
+    x, y = (
+        x + np.cos(yaw) * lidar_x - np.sin(yaw) * lidar_y,
+        y + np.sin(yaw) * lidar_x + np.cos(yaw) * lidar_y,
+    )
+    distances: np.ndarray = np.hypot(trace.pillars[:, 0] - x, trace.pillars[:, 1] - y) - PILLAR_RADIUS
+    return distances
 
 
 def time_bound(trace: Trace, control: ControlConfig, lidar_x: float) -> float:

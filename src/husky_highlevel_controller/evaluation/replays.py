@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from html import escape
 from pathlib import Path
+from typing import Tuple
 from urllib.parse import quote
 
 from husky_highlevel_controller.controller.control import ControlConfig
@@ -18,12 +19,12 @@ INDEX = "index.html"
 HEAD = '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>Evaluation</title></head>'
 
 
-def write_replay(folder: Path, name: str, words: str, control: ControlConfig, trace: Trace) -> None:
-    """Write the page that plays a drive; the file's name tells scenario, gains and stop distance."""
+def replay_page(name: str, words: str, control: ControlConfig, trace: Trace) -> Tuple[str, str]:
+    """File name and text of the page that plays a drive; the name tells scenario, gains and stop distance."""
     gains = f"gains {control.p_gain_vel:g} {control.p_gain_ang:g}"
     title = f"{name}, {gains}, stop {control.stop_distance:g} m"
     page = to_html(Replay(title, words, trace.times, trace.poses, trace.pillars))
-    (folder / f"{re.sub(r'[^a-z0-9.]+', '_', title.lower())}.html").write_text(page)
+    return f"{re.sub(r'[^a-z0-9.]+', '_', title.lower())}.html", page
 
 
 def write_index(folder: Path, table: str) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
-from typing import List, Optional, Tuple
+from typing import Callable, List, Optional, Tuple
 
 import numpy as np
 
@@ -30,6 +30,10 @@ from husky_highlevel_controller.geometry import advance, yaw_from_quat
 from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
 from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
+
+Controller = Callable[
+    [ControllerState, Observation, bool, ControlConfig, PillarConfig], Tuple[ControllerState, ControlOutput]
+]  # called like `behaviour.decide`; the first state is ControllerState()
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +80,7 @@ def rollout(
     seconds: float = 180.0,
     settle: float = 1.0,
     robot: Optional[RobotModel] = None,
+    controller: Controller = decide,
 ) -> Trace:
     """Run a scenario until the robot has arrived, or time is up.
 
@@ -87,6 +92,7 @@ def rollout(
         seconds: simulated time after which it ends in any case [s].
         settle: how long it goes on after the arrival [s].
         robot: another robot than the standard one, such as one with an upright lidar.
+        controller: what answers a scan.
 
     Raises:
         HuskyError: the world cannot be simulated.
@@ -108,7 +114,9 @@ def rollout(
             if age > 0.0:  # a sweep that took time: where the robot was at its first beam
                 base_in_odom = advance(base_in_odom, odometry.twist_in_base, -age)
             observation = Observation(snapshot.scan, laser_in_base, base_in_odom)
-            controller_state, output = decide(controller_state, observation, True, control, detector_config)
+            controller_state, output = controller(
+                controller_state, observation, True, control, detector_config
+            )
             simulation.command(output.twist)
             x, y, _ = simulation.pose_of(scenario.pillar).position
             recorder.note(snapshot, snapshot.scan, output, (x, y))

@@ -12,10 +12,10 @@ import hashlib
 import shutil
 import sys
 import traceback
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Dict, List, Optional, Protocol, Sequence, Tuple
+from typing import Dict, Iterator, List, Optional, Protocol, Sequence, Tuple
 
 from tqdm import tqdm
 
@@ -40,6 +40,9 @@ from husky_highlevel_controller.grading.launch_choice import LaunchFile, choose_
 from husky_highlevel_controller.grading.overrides import Override, read_overrides
 from husky_highlevel_controller.grading.report import Result, from_json
 from husky_highlevel_controller.grading.result_files import write_class, write_result
+from husky_highlevel_controller.tasks.workers import Workers
+
+FINGERPRINT = "fingerprint"  # file: of what was marked
 
 
 class Grader(Protocol):
@@ -68,6 +71,7 @@ class Batch:
     jobs: int = 1  # hand-ins at a time
     only: Tuple[str, ...] = ()  # hand-ins to mark again; empty: all that are not marked yet
     underlay: Workspace = field(default_factory=Workspace)  # what hand-ins are built on
+    cluster: str = ""  # address of a Dask scheduler whose workers mark; empty: this machine
 
 
 def mark_all(grader: Grader, batch: Batch) -> List[Result]:
@@ -86,28 +90,23 @@ def mark_all(grader: Grader, batch: Batch) -> List[Result]:
     overrides = read_overrides(batch.folder, names)
     batch.out.mkdir(parents=True, exist_ok=True)
     results: Dict[str, Result] = {}
-    with ThreadPoolExecutor(batch.jobs) as pool, tqdm(total=len(hand_ins), unit="hand-in") as bar:
-        waiting: Dict[Future, str] = {}
-        for hand_in in hand_ins:
-            override = overrides.get(hand_in.name, Override())
-            earlier = _earlier(grader, hand_in, override, batch.out / hand_in.name)
-            if hand_in.name in batch.only or (earlier is None and not batch.only):
-                waiting[pool.submit(_mark_one, grader, hand_in, override, batch)] = hand_in.name
-            else:
-                if earlier is not None:
-                    results[hand_in.name] = earlier
-                bar.update()
-        for future in as_completed(waiting):
-            name = waiting[future]
-            try:
-                results[name] = future.result()
-            except StoppedError:
-                continue
-            if results[name].problem:
-                bar.write(f"{name}: could not be marked: {results[name].problem}", file=sys.stderr)
-            bar.update()
-    if STOP_REQUESTED.is_set():
-        raise HuskyError("stopped; the same command goes on from here")
+    waiting: List[Tuple[HandIn, Override]] = []
+    for hand_in in hand_ins:
+        override = overrides.get(hand_in.name, Override())
+        earlier = _earlier(grader, hand_in, override, batch)
+        if hand_in.name in batch.only or (earlier is None and not batch.only):
+            waiting.append((hand_in, override))
+        elif earlier is not None:
+            results[hand_in.name] = earlier
+    try:
+        with Workers(batch.jobs, batch.cluster) as workers:
+            for result in _marked_by(workers, grader, waiting, batch):
+                results[result.name] = result
+                if result.problem:
+                    words = f"{result.name}: could not be marked: {result.problem}"
+                    tqdm.write(words, file=sys.stderr)
+    except (StoppedError, KeyboardInterrupt):
+        raise HuskyError("stopped; the same command goes on from here") from None
     ordered = [results[name] for name in names if name in results]
     write_class(ordered, batch.out)
     for result in ordered:
@@ -115,6 +114,33 @@ def mark_all(grader: Grader, batch: Batch) -> List[Result]:
         print(f"{result.name:<40}{words}")
     print(f"\ntable: {batch.out / 'results.csv'}\npage:  {batch.out / 'index.html'}")
     return ordered
+
+
+def _marked_by(
+    workers: Workers, grader: Grader, waiting: Sequence[Tuple[HandIn, Override]], batch: Batch
+) -> Iterator[Result]:
+    """The result of each, in the order in which they come."""
+    title = f"hand-ins ({len(waiting)} to mark)"
+    if not batch.cluster:
+        task = partial(_mark_pair, grader, batch)
+        for _, result in workers.as_completed(task, list(waiting), title, starts_programs=True):
+            yield result
+        return
+    from husky_highlevel_controller.grading import remote  # it starts markings, and so imports this module
+
+    marks = [fingerprint(hand_in.path, override) for hand_in, override in waiting]
+    orders = [remote.order_for(grader, hand_in, override, batch) for hand_in, override in waiting]
+    answers = workers.as_completed(remote.mark_there, orders, title, starts_programs=True)
+    for number, (result, files) in answers:
+        out = batch.out / result.name
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir()
+        remote.bring_in(files, marks[number], out)
+        yield result
+
+
+def _mark_pair(grader: Grader, batch: Batch, pair: Tuple[HandIn, Override]) -> Result:
+    return mark_one(grader, *pair, batch)
 
 
 def fingerprint(path: Path, override: Override) -> str:
@@ -128,17 +154,21 @@ def fingerprint(path: Path, override: Override) -> str:
     return digest.hexdigest()
 
 
-def _earlier(grader: Grader, hand_in: HandIn, override: Override, out: Path) -> Optional[Result]:
+def _earlier(grader: Grader, hand_in: HandIn, override: Override, batch: Batch) -> Optional[Result]:
     """The result of an earlier marking of the same files with the same settings."""
+    out = batch.out / hand_in.name
     try:
         result = from_json((out / "result.json").read_text())
-        same = (out / "fingerprint").read_text() == fingerprint(hand_in.path, override)
+        same = (out / FINGERPRINT).read_text() == fingerprint(hand_in.path, override)
     except (OSError, HuskyError, ValueError):
         return None
-    return result if same and result.settings == grader.settings else None
+    settings = dict(grader.settings)
+    if batch.cluster:  # how the hand-in was kept apart is the worker's affair
+        settings.update({name: result.settings.get(name) for name in ("sandbox", "network")})
+    return result if same and result.settings == settings else None
 
 
-def _mark_one(grader: Grader, hand_in: HandIn, override: Override, batch: Batch) -> Result:
+def mark_one(grader: Grader, hand_in: HandIn, override: Override, batch: Batch) -> Result:
     """Its result, whatever it holds.
 
     Raises:
@@ -170,14 +200,14 @@ def _marked(grader: Grader, hand_in: HandIn, override: Override, batch: Batch, o
     if STOP_REQUESTED.is_set():
         raise StoppedError("the marking was stopped")
     out.mkdir(parents=True, exist_ok=True)
-    for name in ("result.json", "fingerprint", "traceback.txt"):
+    for name in ("result.json", FINGERPRINT, "traceback.txt"):
         (out / name).unlink(missing_ok=True)
     mark = fingerprint(hand_in.path, override)
     submission, notes = prepare(hand_in, override, grader.exercise, batch, out)
     result = grader.mark(submission, hand_in.name, out, notes, override.husky)
     result = override.apply(result)
     write_result(result, out)
-    write_whole(out / "fingerprint", mark)  # the last one: with it, it is done
+    write_whole(out / FINGERPRINT, mark)  # the last one: with it, it is done
     return result
 
 

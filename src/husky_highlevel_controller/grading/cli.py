@@ -43,6 +43,7 @@ from husky_highlevel_controller.grading.result_files import add_step_summary, wr
 from husky_highlevel_controller.grading.rubrics import exercise_2, exercise_3, exercise_5
 from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules, load_rules
 from husky_highlevel_controller.grading.trials import Trial, draw_trials
+from husky_highlevel_controller.tasks.command import add_cluster_option, positive
 
 RUBRICS = {
     2: exercise_2.judge_exercise_2,
@@ -192,7 +193,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     parser.add_argument(
         "--seed", type=_not_negative, default=0, help="of starts, pillars and noise (default 0)"
     )
-    parser.add_argument("--trials", type=_positive, default=3, help="drives in exercise 3 (default 3)")
+    parser.add_argument("--trials", type=positive, default=3, help="drives in exercise 3 (default 3)")
     parser.add_argument(
         "--deadline", type=_seconds, help="of a drive, simulated seconds (default 120; 60 in 2, 5)"
     )
@@ -207,9 +208,8 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         "--underlay", "--setup", dest="underlay", type=Path, metavar="SETUP.bash",
         help="sourced first: the submission's workspace, or with --all one that hand-ins are built on",
     )  # fmt: skip
-    parser.add_argument(
-        "--jobs", type=_positive, default=1, help="with --all: hand-ins at a time (default 1)"
-    )
+    parser.add_argument("--jobs", type=positive, default=1, help="with --all: hand-ins at a time (default 1)")
+    add_cluster_option(parser)
     parser.add_argument(
         "--rubric", type=Path, metavar="FILE", help="YAML: tolerances, weights, items that a person judges"
     )
@@ -217,6 +217,8 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         "--only", action="append", default=[], metavar="NAME", help="with --all: mark this one again"
     )
     options = parser.parse_args(arguments)
+    if options.cluster and not options.all:
+        parser.error(f"--cluster {options.cluster}: only with --all")
     for kind in ("launch", "node"):
         if getattr(options, kind) and len(getattr(options, kind)) < 2:
             parser.error(f"--{kind} wants a package and a {'file' if kind == 'launch' else 'type'}")
@@ -225,13 +227,6 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     if options.underlay and not options.underlay.is_file():
         parser.error(f"--underlay {options.underlay}: no such file")
     return options
-
-
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text} is less than 1")
-    return number
 
 
 def _not_negative(text: str) -> int:
@@ -276,7 +271,9 @@ def run(options: argparse.Namespace) -> int:
         return verify(options.verify, out / "verify", rules)
     underlay = Workspace(setups=(options.underlay.resolve(),) if options.underlay else ())
     if options.all:
-        what = batch.Batch(options.all.resolve(), out, options.jobs, tuple(options.only), underlay)
+        what = batch.Batch(
+            options.all.resolve(), out, options.jobs, tuple(options.only), underlay, options.cluster
+        )
         results = batch.mark_all(marking, what)
         return 2 if any(result.problem for result in results) else int(not all(r.full for r in results))
     kind = "launch" if options.launch else "node"
@@ -294,13 +291,14 @@ def run(options: argparse.Namespace) -> int:
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     options = parse(arguments)
-    private_network.enter()
 
     def stop(*_: Any) -> None:
         request_stop()
 
-    for asked in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(asked, stop)  # waits end, and clean up behind them
+    if not options.cluster:  # which is not reached from a network of one's own, and marks elsewhere
+        private_network.enter()
+        for asked in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(asked, stop)  # waits end, and clean up behind them
     try:
         code = run(options)
     except (HuskyError, OSError) as error:  # a full disk is an OSError
@@ -310,4 +308,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    from husky_highlevel_controller.grading import cli  # by its name, or no worker could load a Marking
+
+    cli.main()

@@ -16,7 +16,7 @@ import numpy as np
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
-from husky_highlevel_controller.footprint import clearance
+from husky_highlevel_controller.footprint import gaps
 
 ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker message
 
@@ -121,9 +121,7 @@ STANDS = 0.05  # [m/s] and [rad/s], slower is standing
 
 def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float]) -> np.ndarray:
     """From the robot's outline, seen from above, to the pillar's surface, (N,) [m]; negative: inside."""
-    dx, dy = (np.asarray(pillar) - poses[:, :2]).T
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    return clearance(np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)) - PILLAR_RADIUS
+    return gaps(poses, np.asarray(pillar), PILLAR_RADIUS)
 
 
 _ARRAYS = {"times": (-1,), "poses": (-1, 3), "speeds": (-1, 2), "commands": (-1,), "nearest": (-1, 2)}

@@ -2,7 +2,10 @@
 
 import io
 import os
+import pickle
+import shutil
 import stat
+import sys
 import tarfile
 import zipfile
 from pathlib import PurePosixPath
@@ -22,7 +25,10 @@ from husky_highlevel_controller.grading.build import (
     copy_packages,
     missing_packages,
 )
+from husky_highlevel_controller.grading.cli import Marking
+from husky_highlevel_controller.grading.drive import GradingConfig
 from husky_highlevel_controller.grading.hand_in import (
+    HandIn,
     NotMarkableError,
     choose_packages,
     exercise_numbers,
@@ -34,6 +40,7 @@ from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.launch_choice import choose_launch_file, named_launch_file
 from husky_highlevel_controller.grading.overrides import Override, read_overrides
 from husky_highlevel_controller.grading.page import class_page
+from husky_highlevel_controller.grading.remote import Parcel, bring_in, mark_there, order_for
 from husky_highlevel_controller.grading.report import Result, to_csv, to_junit
 from husky_highlevel_controller.grading.rubrics.items import Item
 
@@ -512,3 +519,45 @@ def test_what_could_not_be_marked_is_no_zero_in_any_file():
     assert to_csv([unmarked, marked]).splitlines()[1] == "bob,,,,could not be marked: no launch file,"
     assert 'errors="1"' in to_junit([unmarked])
     assert "could not be marked: no launch file" in class_page([marked, unmarked], {}, {})
+
+
+# ---------------------------------------------------------------------------- on another machine
+
+
+def test_a_hand_in_travels_with_its_links_and_permissions(tmp_path):
+    put(tmp_path / "class" / "ann" / "src" / "node", "#!/usr/bin/env python3")
+    (tmp_path / "class" / "ann" / "src" / "node").chmod(0o755)
+    (tmp_path / "class" / "ann" / "link").symlink_to("/etc/passwd")
+    sent = pickle.loads(pickle.dumps(Parcel(tmp_path / "class" / "ann")))
+    shutil.rmtree(tmp_path / "class")
+    (tmp_path / "there").mkdir()
+    path = sent.unpack(tmp_path / "there")
+    assert path == tmp_path / "there" / "ann"
+    assert (path / "src" / "node").stat().st_mode & 0o777 == 0o755
+    assert os.readlink(path / "link") == "/etc/passwd"
+
+
+def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(tmp_path):
+    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
+    hand_in, marking = HandIn("ann", tmp_path / "class" / "ann"), Marking(GradingConfig())
+    what = Batch(tmp_path / "class", tmp_path / "out")
+    order = pickle.loads(pickle.dumps(order_for(marking, hand_in, Override(), what)))
+    result, files = mark_there(order)
+    assert "no catkin package in it" in result.problem
+    assert result.settings["exercise"] == 3
+    assert "unpacked/readme.txt" not in files
+    bring_in({"drive_1/log": b"words", "fingerprint": b"theirs"}, "ours", tmp_path)
+    assert (tmp_path / "drive_1" / "log").read_bytes() == b"words"
+    assert (tmp_path / "fingerprint").read_text() == "ours"
+
+
+def test_a_marking_that_dies_there_is_a_problem_of_its_hand_in(tmp_path, monkeypatch):
+    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
+    order = order_for(
+        Marking(GradingConfig()), HandIn("ann", tmp_path / "class" / "ann"), Override(),
+        Batch(tmp_path / "class", tmp_path / "out"),
+    )  # fmt: skip
+    monkeypatch.setattr(sys, "executable", shutil.which("false"))
+    result, files = mark_there(pickle.loads(pickle.dumps(order)))
+    assert result.problem.startswith("marking has failed on ")
+    assert files == {}

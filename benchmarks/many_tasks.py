@@ -1,0 +1,110 @@
+"""What the seam for many tasks costs: ./dev run python benchmarks/many_tasks.py [--cluster tcp://HOST:8786].
+
+Prints overhead for one-second tasks, how much faster two workers are than one, memory over 10 000 short
+tasks, and the size of a report of 10 000 drives. On two idle cores; with --cluster, start two workers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from pathlib import Path
+from typing import Callable, List, Tuple
+
+import numpy as np
+import psutil
+
+from husky_highlevel_controller.evaluation.metrics import DriveResult
+from husky_highlevel_controller.evaluation.setup import parse_axis
+from husky_highlevel_controller.evaluation.sweep import Sweep, write
+from husky_highlevel_controller.tasks.workers import Workers
+
+TASKS, SHORT_TASKS = 16, 10000
+
+
+def compute(rounds: int) -> float:
+    """Something that takes time, and no memory."""
+    values = np.ones(1000)
+    for _ in range(rounds):
+        values = np.sqrt(values + 1.0)
+    return float(values[0])
+
+
+def memory(_: int) -> Tuple[int, int]:
+    """Process and its resident memory [bytes] after a short task."""
+    return os.getpid(), psutil.Process().memory_info().rss
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Wall time of a call."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def rounds_for_a_second() -> int:
+    """How often to go round for a second of this machine."""
+    return int(20000 / min(seconds(lambda: compute(20000)) for _ in range(3)))
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cluster", default="", help="scheduler; default: processes of this machine")
+    options = parser.parse_args()
+    rounds = [rounds_for_a_second()] * TASKS
+    alone = seconds(lambda: [compute(one) for one in rounds])
+    with Workers(2, options.cluster) as workers:
+        workers.map(compute, [1, 1])  # so that what is imported once is not counted
+        two = seconds(lambda: workers.map(compute, rounds))
+    print(f"{TASKS} tasks of {alone / TASKS:.2f} s: two workers {alone / two:.2f} times one (wanted: 1.8)")
+    if not options.cluster:
+        with Workers(1) as workers:
+            one = seconds(lambda: workers.map(compute, rounds))
+        print(f"overhead of the seam with one process: {100.0 * (one / alone - 1.0):.2f} % (wanted: 2)")
+    print_memory(options.cluster)
+    print_report()
+
+
+def print_memory(cluster: str) -> None:
+    """Memory of client and workers after a tenth and after all of the short tasks."""
+    with Workers(2, cluster) as workers:
+        rows: List[Tuple[int, Tuple[int, int], int]] = []
+        start = time.perf_counter()
+        for number, told in workers.as_completed(memory, list(range(SHORT_TASKS))):
+            if number % 100 == 0:
+                rows.append((number, told, psutil.Process().memory_info().rss))
+        took = time.perf_counter() - start
+    print(f"{SHORT_TASKS} short tasks: {1e3 * took / SHORT_TASKS:.2f} ms each")
+    early, late = rows[len(rows) // 10], rows[-1]
+    print(f"client: {early[2] / 1e6:.1f} MB after {early[0]}, {late[2] / 1e6:.1f} MB after {late[0]}")
+    for process in sorted({told[0] for _, told, _ in rows}):
+        own = [(number, told[1]) for number, told, _ in rows if told[0] == process]
+        first, last = own[len(own) // 10], own[-1]
+        print(f"worker: {first[1] / 1e6:.1f} MB after {first[0]}, {last[1] / 1e6:.1f} MB after {last[0]}")
+    if cluster:
+        from distributed import Client
+
+        with Client(cluster, set_as_default=False) as client:
+            held = client.run_on_scheduler(lambda: __import__("psutil").Process().memory_info().rss)
+        print(f"scheduler: {held / 1e6:.1f} MB in the end; call this again, and it should be the same")
+
+
+def print_report() -> None:
+    """A sweep of 10 000 drives: how long it takes to write, and how large its page is."""
+    axes = (parse_axis("p_gain_vel=0.1:10:25"), parse_axis("p_gain_ang=0.1:10:20"))
+    scenes = tuple(f"start {number}" for number in range(20))
+    drives = tuple(
+        DriveResult(scene, 20.0 + number % 7, 15.0, 0.01, 0.25, 0.0, (), 0, 0.001 * (number % 5), 0.25)
+        for number in range(25 * 20) for scene in scenes
+    )  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        took = seconds(lambda: write(Sweep(axes, scenes, drives), "title", "words", {}, Path(folder)))
+        size = (Path(folder) / "index.html").stat().st_size
+    print(f"report of {len(drives)} drives: written in {took:.2f} s, page of {size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()

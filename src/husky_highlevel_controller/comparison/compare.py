@@ -1,0 +1,182 @@
+"""Is B as good as A? Both drive the same scenes, and the differences are counted scene by scene.
+
+In: two contestants, scenes. Out: a table, pictures, an exit code. Must not know: how one is driven.
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.comparison.contestant import Contestant, Outcome, contestant, drive_scene
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.evaluation.plots import draw_ways
+from husky_highlevel_controller.evaluation.report import write_page, write_table
+from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
+from husky_highlevel_controller.evaluation.setup import setup_of
+from husky_highlevel_controller.evaluation.statistics import Interval, bootstrap
+from husky_highlevel_controller.grading.isolation.process import request_stop
+from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES
+from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
+from husky_highlevel_controller.tasks.workers import Workers
+
+RESULTS = "results.sqlite"  # in the output folder: what an interrupted command goes on from
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The same scenes by A and by B."""
+
+    names: Tuple[str, str]
+    a: Tuple[Outcome, ...]
+    b: Tuple[Outcome, ...]
+
+    @property
+    def pairs(self) -> List[Tuple[Outcome, Outcome]]:
+        """Those of the scenes in which both succeed."""
+        return [(a, b) for a, b in zip(self.a, self.b) if a.success and b.success]
+
+    @property
+    def only_a_fails(self) -> List[Tuple[Outcome, Outcome]]:
+        """Scenes in which B does better."""
+        return [(a, b) for a, b in zip(self.a, self.b) if not a.success and b.success]
+
+    @property
+    def only_b_fails(self) -> List[Tuple[Outcome, Outcome]]:
+        """Scenes in which A does better."""
+        return [(a, b) for a, b in zip(self.a, self.b) if a.success and not b.success]
+
+    def difference(self, quantity: str) -> Interval:
+        """B less A, over the scenes in which both succeed."""
+        return bootstrap([getattr(b, quantity) - getattr(a, quantity) for a, b in self.pairs])
+
+    def mean(self, quantity: str) -> Tuple[float, float]:
+        """Of A and of B, over the scenes in which both succeed."""
+        columns = [[getattr(one, quantity) for one in side] for side in zip(*self.pairs)] or [[np.nan]] * 2
+        return float(np.mean(columns[0])), float(np.mean(columns[1]))
+
+    def worse(self, margin: float) -> str:
+        """Why B is worse than A by more than a share of A's time; empty: it is not."""
+        lost, won = len(self.only_b_fails), len(self.only_a_fails)
+        if lost > won:
+            return f"it fails in {lost} scenes in which A does not, and A in {won} in which B does not"
+        if not self.pairs:
+            return (
+                "" if any(b.success for b in self.b) else "it never succeeds" * any(a.success for a in self.a)
+            )
+        allowed = margin * self.mean("arrived_at")[0]
+        high = self.difference("arrived_at").high
+        return f"it may be {high:.3f} s slower, {allowed:.3f} s are allowed" if high > allowed else ""
+
+    def table(self) -> List[Dict[str, Any]]:
+        """A row for each scene."""
+        return [{"scene": a.scene, **_columns("a", a), **_columns("b", b)} for a, b in zip(self.a, self.b)]
+
+    def words(self, margin: float) -> str:
+        """The whole of it, to be read."""
+        count, why = len(self.a), self.worse(margin)
+        shares = [100.0 * sum(one.success for one in side) / count for side in (self.a, self.b)]
+        lines = [f"{count} scenes; A: {self.names[0]}; B: {self.names[1]}", ""]
+        lines.append(f"  {'':<34}{'A':>10}{'B':>10}   B - A, 95 % of the bootstrap")
+        lines.append(f"  {'stands at the pillar, no touch [%]':<34}{shares[0]:>10.1f}{shares[1]:>10.1f}")
+        for title, quantity, unit, factor in (
+            ("time to arrival [s]", "arrived_at", "s", 1.0), ("nearest approach [cm]", "nearest", "cm", 100.0)
+        ):  # fmt: skip
+            a, b = (factor * value for value in self.mean(quantity))
+            lines.append(
+                f"  {title:<34}{a:>10.3f}{b:>10.3f}   {self.difference(quantity).words(unit, factor)}"
+            )
+        lines.append(f"  (times and distances of the {len(self.pairs)} scenes in which both succeed)")
+        for who, found in (("A", self.only_a_fails), ("B", self.only_b_fails)):
+            lines += [f"  only {who} fails in {a.scene}: A {a.words}, B {b.words}" for a, b in found]
+        lines += ["", f"B is worse than A: {why}" if why else "B is not worse than A"]
+        return "\n".join(lines)
+
+
+def _columns(side: str, one: Outcome) -> Dict[str, Any]:
+    return {
+        f"{side}_success": one.success,
+        f"{side}_arrived_at": one.arrived_at,
+        f"{side}_nearest": one.nearest,
+    }
+
+
+def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: Workers) -> Comparison:
+    """Drive every scene with both."""
+    sides = []
+    for letter, one in (("A", a), ("B", b)):
+        items = [(one, scene) for scene in scenes]
+        sides.append(tuple(workers.map(drive_scene, items, letter, starts_programs=bool(one.launch))))
+    return Comparison((a.name, b.name), sides[0], sides[1])
+
+
+def write(result: Comparison, words: str, out: Path) -> None:
+    """Write table, page and a picture of each scene in which one fails and the other does not."""
+    write_table(result.table(), out / "compare")
+    for old in out.glob("only_*_fails_*.png"):
+        old.unlink()
+    pictures = []
+    for who, found in (("a", result.only_a_fails), ("b", result.only_b_fails)):
+        for pair in found:
+            ways = {f"{name}: {one.words}": one.poses for name, one in zip("AB", pair)}
+            pictures.append(draw_ways(ways, pair[0].pillar, pair[0].scene))
+            (out / f"only_{who}_fails_{pair[0].scene.replace(' ', '_')}.png").write_bytes(pictures[-1])
+    write_page(out / "index.html", "A and B on the same scenes", words, [], pictures)
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> None:
+    """Run the command."""
+    parser = argparse.ArgumentParser(
+        prog="compare",
+        description="Drive the same random scenes with A and with B. "
+        "Exit code 0: B is not worse than A, 1: it is, 2: it could not be found out.",
+    )
+    kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or 'PACKAGE/FILE.launch [name:=value ...]'"
+    parser.add_argument("a", metavar="A", help=kinds)
+    parser.add_argument("b", metavar="B", help="the same")
+    parser.add_argument("--scenes", type=positive, default=50, help="random starts (default 50)")
+    parser.add_argument("--seed", type=int, default=0, help="of the scenes (default 0)")
+    parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
+    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
+    parser.add_argument(
+        "--margin", type=_share, default=0.05, metavar="SHARE",
+        help="of A's mean time, by which B may be slower and not be worse (default 0.05)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out", type=Path, default=Path("compare"), help="folder of results (default ./compare)"
+    )
+    add_worker_options(parser)
+    options = parser.parse_args(arguments)
+    with exit_codes("compare"):
+        base = setup_of(options.profile, options.ground)
+        a, b = contestant(options.a, base), contestant(options.b, base)
+        launches = bool(a.launch or b.launch)
+        if launches:
+            if options.profile != "gazebo":
+                raise HuskyError(
+                    f"--profile {options.profile}: a launch file drives with profile gazebo only"
+                )
+            signal.signal(signal.SIGINT, lambda *_: request_stop())  # its programs are ended first
+        options.out.mkdir(parents=True, exist_ok=True)
+        # what a launch file starts is not known, so its drives are not kept
+        with Workers(options.jobs, options.cluster, None if launches else options.out / RESULTS) as workers:
+            result = compare(a, b, random_starts(options.scenes, options.seed), workers)
+            words = result.words(options.margin)
+            write(result, f"{words}\n\n{workers.words}", options.out)
+            print(words)
+            print(f"\n{workers.words}\npage and pictures: {options.out / 'index.html'}", file=sys.stderr)
+        if result.worse(options.margin):
+            raise SystemExit(1)
+
+
+def _share(text: str) -> float:
+    number = float(text)
+    if not 0.0 <= number <= 10.0:
+        raise argparse.ArgumentTypeError(f"{text} is not in 0..10")
+    return number

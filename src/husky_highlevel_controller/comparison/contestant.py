@@ -1,0 +1,202 @@
+"""What takes part in a comparison: parameters, a function, or a launch file; and one drive of it.
+
+In: words of a command line, scenes. Out: `Outcome`s. Must not know: what they are compared for.
+
+All kinds are judged by the true poses alone, for a launch file tells nothing else.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import shlex
+import sys
+import tempfile
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import inf
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.controller.behaviour import decide
+from husky_highlevel_controller.course import PILLAR_POSITION, PILLAR_RADIUS
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.evaluation import metrics
+from husky_highlevel_controller.evaluation.rollout import Controller
+from husky_highlevel_controller.evaluation.scenarios import Scenario
+from husky_highlevel_controller.evaluation.setup import Setup, load_setup
+from husky_highlevel_controller.footprint import gaps
+from husky_highlevel_controller.grading import drive as marking
+from husky_highlevel_controller.grading.recording import STANDS
+from husky_highlevel_controller.grading.rubrics.exercise_3 import TOUCH
+from husky_highlevel_controller.grading.rubrics.rules import DEFAULT
+from husky_highlevel_controller.grading.trials import Trial
+
+PACKAGE = __name__.split(".")[0]
+LAUNCH_PACE, LAUNCH_DEADLINE = 5.0, metrics.DRIVE_SECONDS  # simulated seconds a second; [s], simulated
+DRAWN_POSES = 300  # of a drive, that are kept for its picture
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """One of the two."""
+
+    name: str
+    setup: Setup
+    function: str = ""  # what decides in place of `behaviour.decide`; empty: that does
+    module: str = ""  # the function's, if it is this package's
+    source: str = ""  # text of the function's file, else: it is sent to where it drives
+    launch: Tuple[str, ...] = ()  # package, launch file and its arguments; empty: it drives in process
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """One drive."""
+
+    scene: str
+    arrived_at: float  # [s], from when on it stands at the pillar; inf: it does not in the end
+    nearest: float  # [m], smallest gap between outline and pillar
+    poses: np.ndarray  # (N, 3) [m, m, rad], some of the way
+    pillar: Tuple[float, float]  # [m], where it stood at first
+    notes: Tuple[str, ...] = ()  # what went wrong with its nodes, in sentences
+
+    @property
+    def success(self) -> bool:
+        """It stands at the pillar, and has not touched it."""
+        return self.arrived_at < inf and self.nearest > TOUCH
+
+    @property
+    def words(self) -> str:
+        """How it ended."""
+        touched = ", touched the pillar" if self.nearest <= TOUCH else ""
+        touched += f" ({'; '.join(self.notes)})" if self.notes else ""
+        if self.arrived_at == inf:
+            return f"not at the pillar in the end{touched}"
+        return f"at the pillar after {self.arrived_at:.2f} s{touched}"
+
+
+def contestant(words: str, base: Setup) -> Contestant:
+    """What the words name: FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch [ARGUMENTS].
+
+    Raises:
+        HuskyError: none of these, or it cannot be read.
+    """
+    first, *arguments = shlex.split(words) or [""]
+    if first.endswith((".yaml", ".yml")):
+        return Contestant(words, load_setup(Path(first), base))
+    if first.endswith(".launch") and first.count("/") == 1:
+        return Contestant(words, base, launch=(*first.split("/"), *arguments))
+    place, colon, function = first.rpartition(":")
+    if not colon or not function.isidentifier() or arguments:
+        kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION and PACKAGE/FILE.launch"
+        raise HuskyError(f"'{words}' is none of {kinds}")
+    if place.split(".")[0] == PACKAGE:
+        made = Contestant(words, base, function, module=place)
+    else:
+        made = Contestant(words, base, function, source=_source(place))
+    controller_of(made)  # now, and not in the middle of many drives
+    return made
+
+
+def _source(place: str) -> str:
+    try:
+        path = Path(place)
+        if path.suffix != ".py":
+            found = importlib.util.find_spec(place)
+            path = Path(found.origin or "") if found else path
+        return path.read_text()
+    except (OSError, ValueError, ImportError) as error:
+        raise HuskyError(f"{place}: no such Python file or module: {error}") from None
+
+
+def controller_of(one: Contestant) -> Controller:
+    """The function that decides.
+
+    Raises:
+        HuskyError: its file cannot be run, or has no such function.
+    """
+    if not one.function:
+        return decide
+    try:
+        module: Any = importlib.import_module(one.module) if one.module else _module(one.source)
+        found: Controller = getattr(module, one.function)
+    except Exception as error:  # anything may be in a file
+        raise HuskyError(f"{one.name}: {type(error).__name__}: {error}") from None
+    if not callable(found):
+        raise HuskyError(f"{one.name}: {one.function} is not a function")
+    return found
+
+
+@lru_cache(maxsize=4)
+def _module(source: str) -> ModuleType:
+    module = ModuleType(f"contestant_{abs(hash(source))}")
+    sys.modules[module.__name__] = module  # dataclasses look their module up
+    exec(compile(source, module.__name__, "exec"), vars(module))
+    return module
+
+
+def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
+    """Drive a scene; a task for `Workers.map`.
+
+    Raises:
+        HuskyError: the function fails, or ROS does not work here.
+    """
+    one, scenario = item
+    if one.launch:
+        return _launched(one, scenario)
+    setup = one.setup
+    try:
+        trace = metrics.drive(setup.control, scenario, setup.simulator, setup.detector, controller_of(one))
+    except HuskyError:
+        raise
+    except Exception as error:
+        raise HuskyError(f"{one.name} fails in {scenario.name}: {type(error).__name__}: {error}") from error
+    x, y = trace.pillars[0]
+    return outcome(scenario.name, trace.times, trace.poses, (float(x), float(y)))
+
+
+def _launched(one: Contestant, scenario: Scenario) -> Outcome:
+    problem = _launch_problem(one.launch)
+    if problem:
+        raise HuskyError(f"{one.name}: {problem}")
+    trial = Trial(1, scenario.start, PILLAR_POSITION, scenario.seed)
+    config = marking.GradingConfig(deadline=LAUNCH_DEADLINE, pace=LAUNCH_PACE)
+    with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
+        recording = marking.drive(_submission(one.launch), trial, config, Path(folder))
+    if not len(recording.times):
+        raise HuskyError(f"{one.name} in {scenario.name}: {'; '.join(recording.notes) or 'no drive'}")
+    judged = outcome(scenario.name, recording.times, recording.poses, trial.pillar)
+    return replace(judged, notes=recording.notes)
+
+
+def _submission(launch: Tuple[str, ...]) -> marking.Submission:
+    return marking.Submission(("--launch", *launch))
+
+
+@lru_cache(maxsize=4)
+def _launch_problem(launch: Tuple[str, ...]) -> str:
+    """Why a launch file cannot drive; empty: it starts some node."""
+    with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
+        planned = marking.plan(_submission(launch), Path(folder))
+    return "" if planned.nodes else "; ".join(planned.notes) or "it starts no node"
+
+
+def outcome(scene: str, times: np.ndarray, poses: np.ndarray, pillar: Tuple[float, float]) -> Outcome:
+    """What a drive came to.
+
+    Args:
+        scene: its name.
+        times: (N,) [s].
+        poses: (N, 3) [m, m, rad], true, in the world.
+        pillar: its centre in the world at first [m].
+    """
+    gap = gaps(poses, np.array(pillar), PILLAR_RADIUS)
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
+    speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)
+    away = np.flatnonzero((speeds > STANDS) | (gap > DEFAULT.reached))
+    arrived = int(away[-1]) + 1 if len(away) else 0
+    arrived_at = float(times[arrived]) if arrived < len(times) else inf
+    return Outcome(scene, arrived_at, float(gap.min()), poses[:: len(poses) // DRAWN_POSES + 1], pillar)

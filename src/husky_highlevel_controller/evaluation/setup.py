@@ -1,0 +1,205 @@
+"""What a drive depends on beside its scene: gains, detector, simulator; parameters of all three by name.
+
+In: names and values, of a command line or a YAML file. Out: `Setup`s, `Axis`es.
+Must not know: ROS, what comes of a drive.
+
+A parameter of the simulator has its place in the name, as in config/simulator.yaml: lidar/noise.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Mapping, Tuple
+
+import numpy as np
+import yaml
+
+from husky_highlevel_controller.config import ConfigError, read_config
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig
+from husky_highlevel_controller.simulator.profile import RobotProfile
+from husky_highlevel_controller.simulator.simulation import SimulatorConfig
+
+COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
+ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # config/robot.yaml's, at the default limits
+ROBOT_DETECTOR = PillarConfig(range_noise=0.012)
+# in a YAML file of the controller's node, and nothing to a drive
+NODE_ONLY = ("start_stop_service_name", "start_enabled", "scan_topic_name", "scan_topic_queue_size")
+MAX_VALUES = 1000  # of one axis
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Everything a drive depends on but its scene."""
+
+    control: ControlConfig = field(default_factory=ControlConfig)
+    detector: PillarConfig = field(default_factory=PillarConfig)
+    simulator: SimulatorConfig = field(default_factory=SimulatorConfig)
+
+    def with_values(self, values: Mapping[str, Any], source: str = "") -> Setup:
+        """Another one, with some parameters changed.
+
+        Args:
+            values: by name.
+            source: where they come from, for error texts.
+
+        Raises:
+            ConfigError: a name is none, or a value is not allowed.
+        """
+        known = parameters(self)
+        groups = tuple({} for _ in range(3))  # type: Tuple[Dict[str, Any], ...]
+        for name in values:
+            if name not in known:
+                raise ConfigError(f"{source}{name} is not a parameter; there are: {', '.join(sorted(known))}")
+        for group, record in zip(groups, (self.control, self.detector, self.simulator)):
+            _update(group, _values(record), "", values)
+        (control,) = read_config(groups[0], source, ControlConfig)
+        (detector,) = read_config(groups[1], source, PillarConfig)
+        (simulator,) = read_config(groups[2], source, SimulatorConfig)
+        kept = {item.name: getattr(self.simulator, item.name) for item in fields(simulator) if not item.metadata}
+        return Setup(control, detector, replace(simulator, **kept))
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Values that a parameter takes in turn."""
+
+    name: str
+    values: Tuple[float, ...]
+    is_geometric: bool = False  # each is the same multiple of the one before
+
+    @property
+    def label(self) -> str:
+        """Name and unit."""
+        return f"{self.name} {unit_of(self.name)}".strip()
+
+
+def setup_of(profile: str = "gazebo", ground: str = "hard") -> Setup:
+    """What `evaluate` drives with: PROFILES and GROUNDS of simulator/profile.py."""
+    if profile == "gazebo":
+        return Setup()
+    return Setup(ROBOT_GAINS, ROBOT_DETECTOR, SimulatorConfig(real=RobotProfile().on(ground)))
+
+
+def parameters(setup: Setup) -> Dict[str, Any]:
+    """Every parameter and its value, by name."""
+    records = (setup.control, setup.detector, setup.simulator)
+    return {name: value for record in records for name, value in _flat(_values(record), "")}
+
+
+def unit_of(name: str) -> str:
+    """Unit of a parameter in brackets, as its help text ends with; empty: it has none."""
+    found = re.search(r"\[[^]]+\]$", about(name)["help"])
+    return found.group() if found else ""
+
+
+def about(name: str) -> Mapping[str, Any]:
+    """The metadata of a parameter: min, max, help."""
+    records: List[Any] = [ControlConfig(), PillarConfig(), SimulatorConfig()]
+    *places, last = name.split("/")
+    for place in places:
+        records = [getattr(record, place) for record in records if hasattr(record, place)]
+    (found,) = (item for record in records for item in fields(record) if item.name == last and item.metadata)
+    return found.metadata
+
+
+def described(name: str) -> str:
+    """Range, default and help of a number."""
+    told = about(name)
+    return f"{told['min']:g}..{told['max']:g}, default {parameters(Setup())[name]:g}: {told['help']}"
+
+
+def numbers() -> List[str]:
+    """Names of all parameters that are numbers."""
+    return [name for name, value in parameters(Setup()).items() if type(value) in (int, float)]
+
+
+def parse_axis(text: str) -> Axis:
+    """An axis from NAME=FIRST:LAST:COUNT or NAME=VALUE,VALUE,...
+
+    COUNT values at equal distances, or with :log behind it at equal ratios.
+
+    Raises:
+        ConfigError: it is none of these, or a value is not allowed.
+    """
+    name, equals, words = text.partition("=")
+    defaults = parameters(Setup())
+    if name not in defaults:
+        raise ConfigError(f"{name} is not a parameter; there are: {', '.join(sorted(defaults))}")
+    kind = type(defaults[name])
+    if kind not in (int, float):
+        raise ConfigError(f"{name} is not a number ({about(name)['help']})")
+    if not equals:
+        raise ConfigError(f"{name} has no values, such as {name}=FIRST:LAST:COUNT; {described(name)}")
+    is_geometric = words.endswith(":log")
+    try:
+        values = _numbers(words[:-4] if is_geometric else words, is_geometric)
+    except ValueError as error:
+        raise ConfigError(f"{name} = '{words}' is not FIRST:LAST:COUNT or VALUE,VALUE: {error}") from None
+    typed = tuple(dict.fromkeys(int(round(value)) if kind is int else value for value in values))
+    for value in typed:
+        Setup().with_values({name: value})
+    return Axis(name, typed, is_geometric)
+
+
+def _numbers(words: str, is_geometric: bool) -> List[float]:
+    if ":" not in words:
+        return sorted(float(word) for word in words.split(","))
+    first, last, count = words.split(":")
+    if not 1 <= int(count) <= MAX_VALUES:
+        raise ValueError(f"{count} values are not in 1..{MAX_VALUES}")
+    if is_geometric and not (float(first) > 0.0 and float(last) > 0.0):
+        raise ValueError("equal ratios need numbers above 0")
+    space = np.geomspace if is_geometric else np.linspace
+    ends = (float(first), float(last))
+    if not all(map(math.isfinite, ends)):
+        raise ValueError("a limit is no number")
+    return [float(f"{value:.6g}") for value in space(*ends, int(count))]  # to be read, and typed again
+
+
+def load_setup(path: Path, base: Setup) -> Setup:
+    """A setup from a YAML file with some of the controller's parameters, or all.
+
+    Raises:
+        ConfigError: it cannot be read, or holds something else.
+    """
+    try:
+        values = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeError, yaml.YAMLError) as error:
+        raise ConfigError(f"{path}: {' '.join(str(error).split())}") from None
+    if not isinstance(values, dict):
+        raise ConfigError(f"{path}: no parameters in it")
+    driving = {str(name): value for name, value in values.items() if name not in NODE_ONLY}
+    return base.with_values(driving, f"{path}: ")
+
+
+def to_yaml(values: Mapping[str, float], title: str) -> str:
+    """A YAML file of the controller's parameters, each with its help."""
+    lines = [f"{name}: {value!r}  # {about(name)['help']}" for name, value in values.items()]
+    return "\n".join([f"# {title}", *lines]) + "\n"
+
+
+def _values(record: Any) -> Dict[str, Any]:
+    """The parameters of a record; those of a record in it as a nested dictionary."""
+    found = {item.name: getattr(record, item.name) for item in fields(record) if item.metadata}
+    return {name: _values(value) if is_dataclass(value) else value for name, value in found.items()}
+
+
+def _flat(values: Mapping[str, Any], prefix: str) -> Iterator[Tuple[str, Any]]:
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}/")
+        else:
+            yield prefix + name, value
+
+
+def _update(target: Dict[str, Any], old: Mapping[str, Any], prefix: str, new: Mapping[str, Any]) -> None:
+    for name, value in old.items():
+        if isinstance(value, dict):
+            target[name] = {}
+            _update(target[name], value, f"{prefix}{name}/", new)
+        else:
+            target[name] = new.get(prefix + name, value)

@@ -1,0 +1,41 @@
+"""Statistics of paired drives: the same scenes, driven twice.
+
+In: differences. Out: means with confidence intervals. Must not know: ROS, what was driven.
+"""
+
+from __future__ import annotations
+
+from math import nan
+from typing import NamedTuple, Sequence
+
+import numpy as np
+
+RESAMPLES, LEVEL = 10000, 0.95
+
+
+class Interval(NamedTuple):
+    """A mean, and between which limits it would fall in 95 % of repetitions."""
+
+    mean: float
+    low: float
+    high: float
+
+    def words(self, unit: str, factor: float = 1.0) -> str:
+        """To be read."""
+        return f"{factor * self.mean:+.3f} {unit} [{factor * self.low:+.3f}, {factor * self.high:+.3f}]"
+
+
+def bootstrap(differences: Sequence[float], seed: int = 0) -> Interval:
+    """Mean of paired differences, with the percentile interval of the bootstrap; nan without any.
+
+    Args:
+        differences: one for each scene, finite.
+        seed: of the resampling: same differences, same interval.
+    """
+    values = np.asarray(differences, dtype=float)
+    if not len(values):
+        return Interval(nan, nan, nan)
+    rng = np.random.default_rng(seed)
+    means = np.array([values[rng.integers(len(values), size=len(values))].mean() for _ in range(RESAMPLES)])
+    low, high = np.quantile(means, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
+    return Interval(float(values.mean()), float(low), float(high))

@@ -1,0 +1,169 @@
+"""Sweep of parameters: the same scenes driven at every point of a grid, as a table and a picture.
+
+In: axes, scenes. Out: a row for each drive, CSV, heat maps. Must not know: ROS.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.evaluation.metrics import DriveResult, run
+from husky_highlevel_controller.evaluation.plots import Panel, draw_sweep
+from husky_highlevel_controller.evaluation.report import write_page, write_table
+from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
+from husky_highlevel_controller.evaluation.setup import (
+    COURSE_GAINS,
+    ROBOT_GAINS,
+    Axis,
+    Setup,
+    described,
+    numbers,
+    parameters,
+    parse_axis,
+    setup_of,
+)
+from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES
+from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
+from husky_highlevel_controller.tasks.workers import Workers
+
+RESULTS = "results.sqlite"  # in the output folder: what an interrupted command goes on from
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A grid that was driven."""
+
+    axes: Tuple[Axis, ...]
+    scenes: Tuple[str, ...]  # names
+    drives: Tuple[DriveResult, ...]  # of each point in turn, the last axis first, all scenes
+
+    @property
+    def points(self) -> List[Tuple[float, ...]]:
+        """The values at each point."""
+        return list(itertools.product(*(axis.values for axis in self.axes)))
+
+    def table(self) -> List[Dict[str, Any]]:
+        """A row for each drive."""
+        names = [axis.name for axis in self.axes]
+        pairs = itertools.product(self.points, range(len(self.scenes)))
+        return [{**dict(zip(names, point)), **row(drive)} for (point, _), drive in zip(pairs, self.drives)]
+
+    def grid(self, quantity: str, share: Any) -> np.ndarray:
+        """A quantity of the drives, brought together over the scenes, with a dimension for each axis."""
+        values = np.array([float(getattr(drive, quantity)) for drive in self.drives])
+        shape = [len(axis.values) for axis in self.axes]
+        grid: np.ndarray = share(values.reshape(*shape, len(self.scenes)), axis=-1)
+        return grid
+
+    def panels(self) -> List[Panel]:
+        """What is drawn."""
+        times, success = self.grid("arrived_at", np.median), 100.0 * self.grid("good", np.mean)
+        overshoot = 100.0 * self.grid("overshoot", np.mean)
+        nearest = 100.0 * self.grid("nearest", np.min)
+        limits = (0.0, max(1.0, float(overshoot.max())))
+        return [
+            Panel("time to arrival, median [s]", np.where(times < inf, times, np.nan), "viridis_r", True),
+            Panel("success: arrived, within 2 cm, no touch [%]", success, "RdYlGn", limits=(0.0, 100.0)),
+            Panel("overshoot of the stop distance, mean [cm]", overshoot, "magma_r", limits=limits),
+            Panel("nearest approach of the hull to the pillar [cm]", nearest, "cividis"),
+        ]
+
+
+def row(drive: DriveResult) -> Dict[str, Any]:
+    """One drive as a line of a table: seconds and metres."""
+    return {
+        "scene": drive.name, "success": drive.good, "arrived_at": drive.arrived_at, "bound": drive.bound,
+        "final_error": drive.final_error, "overshoot": drive.overshoot, "nearest": drive.nearest,
+        "crossings": drive.crossings, "touched": " ".join(drive.touched),
+    }  # fmt: skip
+
+
+def drive_with(item: Tuple[Setup, Scenario]) -> DriveResult:
+    """Drive a scene with a setup; a task for `Workers.map`."""
+    setup, scenario = item
+    return run(setup.control, scenario, setup.simulator, setup.detector)
+
+
+def sweep(axes: Sequence[Axis], scenes: Sequence[Scenario], setup: Setup, workers: Workers) -> Sweep:
+    """Drive every scene at every point of the grid."""
+    names = [axis.name for axis in axes]
+    points = itertools.product(*(axis.values for axis in axes))
+    setups = [setup.with_values(dict(zip(names, point))) for point in points]
+    drives = workers.map(drive_with, list(itertools.product(setups, scenes)), "drives")
+    return Sweep(tuple(axes), tuple(scene.name for scene in scenes), tuple(drives))
+
+
+def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
+    """What a picture of these axes marks: the defaults, and the course's gains where they are on it."""
+    known = {"defaults": Setup(), "the course's gains": Setup(COURSE_GAINS)}
+    if profile == "robot":
+        known["robot.launch's gains"] = Setup(ROBOT_GAINS)
+    found = {name: [float(parameters(setup)[axis.name]) for axis in axes] for name, setup in known.items()}
+    unlike = {tuple(values): name for name, values in reversed(found.items())}
+    inside = {
+        name: list(values) for values, name in unlike.items()
+        if all(min(axis.values) <= value <= max(axis.values) for axis, value in zip(axes, values))
+    }  # fmt: skip
+    return dict(sorted(inside.items(), key=lambda pair: list(found).index(pair[0])))
+
+
+def summary(result: Sweep) -> List[Dict[str, Any]]:
+    """A row for each point."""
+    names = [axis.name for axis in result.axes]
+    columns = [panel.values.ravel().tolist() for panel in result.panels()]
+    titles = [panel.title for panel in result.panels()]
+    return [
+        {**dict(zip(names, point)), **dict(zip(titles, values))}
+        for point, values in zip(result.points, zip(*columns))
+    ]
+
+
+def write(result: Sweep, title: str, words: str, marked: Mapping[str, Sequence[float]], out: Path) -> None:
+    """Write table, picture and page into a folder, and say where they are."""
+    files = write_table(result.table(), out / "sweep")
+    pictures = []
+    if len(result.axes) <= 2:
+        pictures = [draw_sweep(result.axes, result.panels(), marked, title)]
+        (out / "sweep.png").write_bytes(pictures[0])
+        files.append(out / "sweep.png")
+    write_page(out / "index.html", title, words, summary(result), pictures)
+    print("\n".join([title, words, *(f"file: {file}" for file in [*files, out / "index.html"])]))
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> None:
+    """Run the command."""
+    parser = argparse.ArgumentParser(
+        prog="sweep", description="Drive the same random scenes for every value of one or more parameters.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="parameters:\n" + "\n".join(f"  {name} {described(name)}" for name in numbers()),
+    )  # fmt: skip
+    parser.add_argument(
+        "axes", nargs="+", metavar="NAME=FIRST:LAST:COUNT[:log]",
+        help="values of a parameter, at equal distances or ratios; or NAME=VALUE,VALUE,...",
+    )  # fmt: skip
+    parser.add_argument("--scenes", type=positive, default=20, help="random starts (default 20)")
+    parser.add_argument("--seed", type=int, default=0, help="of the scenes (default 0)")
+    parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
+    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
+    parser.add_argument("--out", type=Path, default=Path("sweep"), help="folder of results (default ./sweep)")
+    add_worker_options(parser)
+    options = parser.parse_args(arguments)
+    with exit_codes("sweep"):
+        axes = [parse_axis(text) for text in options.axes]
+        names = [axis.name for axis in axes]
+        if len(set(names)) < len(names):
+            raise ConfigError(f"{max(names, key=names.count)} is given twice")
+        options.out.mkdir(parents=True, exist_ok=True)
+        scenes = random_starts(options.scenes, options.seed)
+        with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
+            result = sweep(axes, scenes, setup_of(options.profile, options.ground), workers)
+            title = f"{len(result.drives)} drives: {', '.join(names)}, profile {options.profile}"
+            write(result, title, workers.words, marks(axes, options.profile), options.out)

@@ -1,0 +1,248 @@
+"""Tuning: parameters for which an objective over random starts is smallest, checked on fresh ones.
+
+In: ranges of parameters, an objective. Out: a YAML file for controller.launch, and how good it is.
+Must not know: ROS.
+
+Optuna proposes whole batches and is told their results in order, so that the same seed finds the same values
+whoever drives; the results are kept, so that an interrupted tuning goes on where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass, fields
+from itertools import product
+from math import inf
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.evaluation.metrics import DriveResult
+from husky_highlevel_controller.evaluation.report import write_table
+from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
+from husky_highlevel_controller.evaluation.setup import Setup, about, parameters, setup_of, to_yaml, unit_of
+from husky_highlevel_controller.evaluation.statistics import bootstrap
+from husky_highlevel_controller.evaluation.sweep import RESULTS, drive_with
+from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES
+from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
+from husky_highlevel_controller.tasks.workers import Workers
+
+BATCH = 8  # setups that are proposed at once; fixed, for the proposals depend on it
+DIGITS = 4  # of a proposed value: what is driven is what the file says
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What one drive costs [s]: time beyond what the limits of the robot need, and penalties."""
+
+    failure: float = 60.0  # [s], for a drive that does not arrive, in place of its time
+    touch: float = 30.0  # [s], for a touch
+    overshoot: float = 100.0  # [s/m], for each metre beyond the stop distance
+    crossing: float = 1.0  # [s], for each swing across the pillar's direction
+
+    def cost(self, drive: DriveResult) -> float:
+        """Of one drive [s]."""
+        time = drive.arrived_at - drive.bound if drive.arrived_at < inf else self.failure
+        penalties = self.touch * bool(drive.touched) + self.overshoot * drive.overshoot
+        return time + penalties + self.crossing * drive.crossings
+
+    @property
+    def words(self) -> str:
+        """The formula."""
+        return (
+            f"mean over the starts of: time beyond the bound [s], or {self.failure:g} if it does not arrive, "
+            f"+ {self.touch:g} for a touch + {self.overshoot:g} x overshoot [m] + {self.crossing:g} x swings"
+        )
+
+
+class Range(NamedTuple):
+    """Where a parameter is looked for."""
+
+    name: str
+    low: float
+    high: float
+
+
+class Tuned(NamedTuple):
+    """What was found."""
+
+    values: Dict[str, float]
+    trials: List[Dict[str, Any]]  # a row for each setup that was tried
+
+
+Drive = Callable[[Tuple[Setup, Scenario]], DriveResult]
+
+
+def parse_range(text: str, base: Setup) -> Range:
+    """A range from NAME=LOW:HIGH, or NAME for all that is allowed.
+
+    Raises:
+        ConfigError: it is none, or the parameter is none of the controller's.
+    """
+    name, equals, words = text.partition("=")
+    own = [item.name for record in (base.control, base.detector) for item in fields(record)]
+    known = [key for key in own if type(parameters(base)[key]) in (int, float)]
+    if name not in known:
+        raise ConfigError(
+            f"{name} is not a number of the controller's; there are: {', '.join(sorted(known))}"
+        )
+    limits = [str(about(name)["min"]), str(about(name)["max"])]
+    try:
+        low, high = map(float, words.split(":") if equals else limits)
+    except ValueError:
+        raise ConfigError(f"{name} = '{words}' is not LOW:HIGH, such as {':'.join(limits)}") from None
+    kind = type(parameters(base)[name])
+    for limit in (low, high):
+        base.with_values({name: kind(limit)})
+    if not low < high:
+        raise ConfigError(f"{name} = {words}: {low:g} is not below {high:g}")
+    return Range(name, low, high)
+
+
+def parse_weights(words: Sequence[str]) -> Objective:
+    """The objective with some weights changed: NAME=NUMBER.
+
+    Raises:
+        ConfigError: there is no such weight, or it is negative.
+    """
+    known = [item.name for item in fields(Objective)]
+    given: Dict[str, float] = {}
+    for word in words:
+        name, _, number = word.partition("=")
+        if name not in known:
+            raise ConfigError(f"--weights {word}: {name} is not a weight; there are: {', '.join(known)}")
+        try:
+            given[name] = float(number)
+        except ValueError:
+            raise ConfigError(f"--weights {word}: '{number}' is not a number") from None
+        if not 0.0 <= given[name] < inf:
+            raise ConfigError(f"--weights {word}: {number} is not a positive number")
+    return Objective(**given)
+
+
+def tune(
+    ranges: Sequence[Range],
+    base: Setup,
+    scenes: Sequence[Scenario],
+    objective: Objective,
+    trials: int,
+    seed: int,
+    workers: Workers,
+    drive: Drive = drive_with,
+) -> Tuned:
+    """Try setups, the first of them `base`, and keep the one of the smallest cost.
+
+    Raises:
+        HuskyError: Optuna is not installed.
+    """
+    optuna = _optuna()
+    study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
+    defaults = parameters(base)
+    study.enqueue_trial({name: min(max(defaults[name], low), high) for name, low, high in ranges})
+    rows: List[Dict[str, Any]] = []
+    while len(rows) < trials:
+        asked = [study.ask() for _ in range(min(BATCH, trials - len(rows)))]
+        proposed = [_propose(trial, ranges, defaults) for trial in asked]
+        items = list(product([base.with_values(values) for values in proposed], scenes))
+        costs = [objective.cost(one) for one in workers.map(drive, items, f"setups from {len(rows) + 1}")]
+        means = np.array(costs).reshape(len(asked), len(scenes)).mean(axis=1).tolist()
+        for trial, values, mean in zip(asked, proposed, means):
+            study.tell(trial, mean)
+            rows.append({**values, "objective": mean})
+    best = min(rows, key=lambda row: row["objective"])
+    return Tuned({key: value for key, value in best.items() if key != "objective"}, rows)
+
+
+def _propose(trial: Any, ranges: Sequence[Range], defaults: Mapping[str, Any]) -> Dict[str, float]:
+    values: Dict[str, float] = {}
+    for name, low, high in ranges:
+        if type(defaults[name]) is int:
+            values[name] = trial.suggest_int(name, int(low), int(high))
+        else:
+            proposed = trial.suggest_float(name, low, high, log=low > 0.0)
+            values[name] = min(max(float(f"{proposed:.{DIGITS}g}"), low), high)
+    return values
+
+
+def _optuna() -> Any:
+    try:
+        import optuna
+    except ImportError as error:
+        raise HuskyError(
+            f"tune needs Optuna ({error}): pip install -r requirements-cluster.txt, see docs/evaluation.md"
+        ) from None
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    return optuna
+
+
+def verdict(
+    base: Setup,
+    found: Setup,
+    scenes: Sequence[Scenario],
+    objective: Objective,
+    workers: Workers,
+    drive: Drive,
+) -> str:
+    """Both setups on the same fresh scenes: a table with the paired differences."""
+    both = workers.map(drive, list(product([base, found], scenes)), "fresh starts")
+    sides = both[: len(scenes)], both[len(scenes) :]
+    lines = [
+        f"  {'on ' + str(len(scenes)) + ' fresh starts':<34}{'defaults':>10}{'found':>10}   found - defaults"
+    ]
+    shares = [100.0 * float(np.mean([one.good for one in side])) for side in sides]
+    lines.append(f"  {'arrived, within 2 cm, no touch [%]':<34}{shares[0]:>10.1f}{shares[1]:>10.1f}")
+    pairs = [(a, b) for a, b in zip(*sides) if a.arrived_at < inf and b.arrived_at < inf]
+    times = [[one.arrived_at for one in side] for side in zip(*pairs)] or [[], []]
+    costs = [[objective.cost(one) for one in side] for side in sides]
+    for title, (first, second) in (("time to arrival, mean [s]", times), ("objective [s]", costs)):
+        interval = bootstrap(np.subtract(second, first).tolist())
+        means = [float(np.mean(side)) if side else float("nan") for side in (first, second)]
+        lines.append(f"  {title:<34}{means[0]:>10.3f}{means[1]:>10.3f}   {interval.words('s')}")
+    return "\n".join(lines)
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> None:
+    """Run the command."""
+    parser = argparse.ArgumentParser(
+        prog="tune", description="Find parameters of the controller, and check them on fresh random starts."
+    )
+    parser.add_argument(
+        "ranges", nargs="+", metavar="NAME=LOW:HIGH", help="where to look for a parameter; NAME: everywhere"
+    )
+    parser.add_argument("--trials", type=positive, default=64, help="setups to try (default 64)")
+    parser.add_argument("--scenes", type=positive, default=10, help="starts for each of them (default 10)")
+    parser.add_argument("--fresh", type=positive, default=200, help="other starts to check on (default 200)")
+    parser.add_argument("--seed", type=int, default=0, help="of starts and proposals (default 0)")
+    parser.add_argument(
+        "--weights", nargs="+", default=[], metavar="NAME=NUMBER",
+        help=f"of the objective: {Objective().words} (failure, touch, overshoot, crossing)",
+    )  # fmt: skip
+    parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
+    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
+    parser.add_argument("--out", type=Path, default=Path("tune"), help="folder of results (default ./tune)")
+    add_worker_options(parser)
+    options = parser.parse_args(arguments)
+    with exit_codes("tune"):
+        base, objective = setup_of(options.profile, options.ground), parse_weights(options.weights)
+        ranges = [parse_range(text, base) for text in options.ranges]
+        _optuna()
+        options.out.mkdir(parents=True, exist_ok=True)
+        with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
+            seed, starts = options.seed, random_starts(options.scenes, options.seed)
+            tuned = tune(ranges, base, starts, objective, options.trials, seed, workers)
+            write_table(tuned.trials, options.out / "trials")
+            best = min(row["objective"] for row in tuned.trials)
+            file = options.out / "tuned.yaml"
+            file.write_text(to_yaml(tuned.values, f"Found by tune, seed {seed}, profile {options.profile}."))
+            print(f"objective: {objective.words}")
+            print(f"of {options.trials} setups on {options.scenes} starts: {best:.3f} s with")
+            for name, value in tuned.values.items():
+                print(f"  {name} {value:g} {unit_of(name)}, by default {parameters(base)[name]:g}")
+            found, fresh = base.with_values(tuned.values), random_starts(options.fresh, seed + 1)
+            print(verdict(base, found, fresh, objective, workers, drive_with))
+            print(f"\nroslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}")
+            print(workers.words, file=sys.stderr)

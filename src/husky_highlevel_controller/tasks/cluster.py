@@ -1,0 +1,208 @@
+"""Groups of tasks on a Dask cluster. The only module that loads Dask, which is optional.
+
+In: the address of a scheduler, a function, groups of items. Out: their results as they come.
+Must not know: what the tasks do.
+
+A worker gets work only after it was asked: it must have this Python and this version of the package, and one
+thread, for threads that share a simulator spoil each other's results. All it needs comes over the wire.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import pickle
+import sys
+import time
+import warnings
+from collections import deque
+from concurrent.futures import CancelledError
+from functools import partial
+from typing import Any, Callable, Deque, Dict, FrozenSet, Generator, List, Sequence, Tuple
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.tasks.fingerprint import PACKAGE, code_version
+from husky_highlevel_controller.tasks.local import Answer, Group, perform
+
+try:
+    import cloudpickle
+    from distributed import Client, Future, KilledWorker, wait
+    from distributed.comm import CommClosedError
+except ImportError as missing:
+    raise HuskyError(
+        f"--cluster needs Dask ({missing}): pip install -r requirements-cluster.txt, see docs/cluster.md"
+    ) from None
+
+CONNECT_DEADLINE = 20.0  # [s] for the scheduler to answer
+WORKER_DEADLINE = 600.0  # [s] without any worker that may be used
+POLL_PERIOD = 1.0  # [s] between two looks at which workers there are
+ROS = "ROS"  # the resource of workers on which ROS programs can be started
+
+
+class Cluster:
+    """A connection to a scheduler, and which of its workers may be used."""
+
+    def __init__(self, address: str) -> None:
+        """Connect.
+
+        Raises:
+            HuskyError: no scheduler answers there.
+        """
+        self._address = address
+        self._refused: Dict[str, str] = {}  # worker: why
+        self._fit: FrozenSet[str] = frozenset()
+        try:
+            self._client: Any = Client(address, timeout=CONNECT_DEADLINE, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise HuskyError(f"--cluster {address}: no Dask scheduler answers there: {error}") from None
+
+    def close(self) -> None:
+        """Disconnect; the cluster goes on."""
+        self._client.close(timeout=CONNECT_DEADLINE)
+
+    def run(
+        self, task: Callable[[Any], Any], groups: Sequence[Group], starts_programs: bool
+    ) -> Generator[Tuple[int, Answer], None, None]:
+        """The number of each group and its answer, in the order in which they end.
+
+        What a lost worker had is done by others; closing the iterator cancels what has not begun.
+
+        Raises:
+            HuskyError: no worker can do it, one group ended several of them, or the scheduler is gone.
+        """
+        _send_by_value(task)
+        todo: Deque[int] = deque(range(len(groups)))
+        running: Dict[Future, Tuple[int, FrozenSet[str]]] = {}  # group, who may do it
+        looked_at = -POLL_PERIOD
+        try:
+            while todo or running:
+                if time.monotonic() - looked_at >= POLL_PERIOD:
+                    workers, looked_at = self._wait_for_workers(starts_programs), time.monotonic()
+                    for future, (number, chosen) in list(running.items()):
+                        if not chosen & workers:  # all who may do it are gone
+                            future.cancel()
+                            del running[future]
+                            todo.appendleft(number)
+                while todo and len(running) < 2 * len(workers):
+                    number = todo.popleft()
+                    payload = cloudpickle.dumps((task, groups[number]))
+                    running[self._submit(payload, workers, starts_programs)] = (number, workers)
+                for future in self._ended(running):
+                    number, _ = running.pop(future)
+                    yield number, pickle.loads(_result(future, number, len(groups)))
+        except (CommClosedError, CancelledError, OSError) as error:
+            raise HuskyError(f"--cluster {self._address}: the scheduler is gone: {error}") from None
+        finally:
+            for future in running:
+                future.cancel()
+
+    def _submit(self, payload: bytes, workers: FrozenSet[str], starts_programs: bool) -> Future:
+        resources = {ROS: 1} if starts_programs else None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a hand-in may have some megabytes
+            return self._client.submit(
+                perform_packed, payload, workers=sorted(workers), resources=resources, pure=False
+            )
+
+    def _ended(self, running: Dict[Future, Any]) -> List[Future]:
+        """Those that have ended, after POLL_PERIOD at the latest."""
+        try:
+            with self._client.as_current():
+                return list(wait(list(running), timeout=POLL_PERIOD, return_when="FIRST_COMPLETED").done)
+        except asyncio.TimeoutError:
+            return []
+
+    def _wait_for_workers(self, starts_programs: bool) -> FrozenSet[str]:
+        """The workers that may be used now.
+
+        Raises:
+            HuskyError: there are only others, or none came in time.
+        """
+        end = time.monotonic() + WORKER_DEADLINE
+        while True:
+            found = self._client.scheduler_info(n_workers=-1)["workers"]
+            self._ask({address: about for address, about in found.items() if address not in self._refused})
+            workers = self._fit & set(found)
+            if starts_programs:
+                workers = frozenset(w for w in workers if ROS in found[w].get("resources", {}))
+            if workers:
+                return workers
+            if found and set(found) <= set(self._refused):
+                raise HuskyError(f"--cluster {self._address}: every worker is refused, see above")
+            if found and self._fit & set(found):
+                raise HuskyError(
+                    f"--cluster {self._address}: no worker has the resource: --resources {ROS}=1"
+                )
+            if time.monotonic() > end:
+                raise HuskyError(f"--cluster {self._address}: no worker came in {WORKER_DEADLINE:g} s")
+            time.sleep(POLL_PERIOD)
+
+    def _ask(self, found: Dict[str, Dict[str, Any]]) -> None:
+        """Ask new workers what they are, and say which are refused."""
+        new = [address for address in found if address not in self._fit]
+        if not new:
+            return
+        pythons = self._client.get_versions()["workers"]
+        for address in new:
+            python = pythons.get(address, {}).get("host", {}).get("python", "")
+            why = ""
+            if found[address]["nthreads"] != 1:
+                why = f"it has {found[address]['nthreads']} threads; start it with --nthreads 1"
+            elif not python:
+                continue  # it did not answer: asked again
+            elif python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
+                why = f"its Python is {python.split('.final')[0]}, here it is {sys.version.split()[0]}"
+            else:
+                (version,) = self._client.run(_asker(PACKAGE), workers=[address]).values()
+                if version != code_version():
+                    why = f"{version}; here it is {code_version()}"
+            if why:
+                name = found[address].get("name", address)
+                print(f"worker {name} at {address} is refused: {why}", file=sys.stderr)
+                self._refused[address] = why
+            else:
+                self._fit |= {address}
+
+
+def _send_by_value(task: Callable[[Any], Any]) -> None:
+    """Have the code of the caller's own module sent; what is installed is looked up by name over there."""
+    while isinstance(task, partial):
+        task = task.func
+    module: Any = sys.modules.get(getattr(task, "__module__", ""))
+    own = "-packages" not in str(getattr(module, "__file__", "-packages"))
+    if own and module.__name__.split(".")[0] not in (PACKAGE, "__main__"):
+        cloudpickle.register_pickle_by_value(module)
+
+
+def perform_packed(payload: bytes) -> bytes:
+    """Do a group of tasks on a worker; the scheduler sees bytes only."""
+    task, group = pickle.loads(payload)
+    return pickle.dumps(perform(task, group))
+
+
+def _result(future: Future, number: int, count: int) -> bytes:
+    try:
+        return bytes(future.result())
+    except KilledWorker as error:
+        raise HuskyError(f"task {number + 1} of {count} ended every worker that did it: {error}") from None
+
+
+def _asker(package: str) -> Callable[[], str]:
+    """A function that says which version a worker has.
+
+    A nested one is sent by its code, not by its name, so that a worker without the package can answer.
+    """
+
+    def ask() -> str:
+        import importlib
+
+        try:
+            importlib.import_module(package)
+        except ImportError:
+            return f"it has no package {package}"
+        try:
+            version = importlib.import_module(f"{package}.tasks.fingerprint").code_version()
+            return str(version)
+        except ImportError:
+            return f"its {package} is an older one"
+
+    return ask

@@ -1,0 +1,52 @@
+"""What the commands that do many tasks have in common: options, and how they end.
+
+In: an argument parser. Out: options, exit codes. Must not know: what the tasks do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from contextlib import contextmanager
+from typing import Iterator
+
+from husky_highlevel_controller.datatypes import HuskyError
+
+STOPPED = 130  # exit code of what Ctrl-C ended
+
+
+def add_worker_options(parser: argparse.ArgumentParser) -> None:
+    """Add --jobs and --cluster."""
+    parser.add_argument("--jobs", type=positive, default=2, help="processes of this machine (default 2)")
+    add_cluster_option(parser)
+
+
+def add_cluster_option(parser: argparse.ArgumentParser) -> None:
+    """Add --cluster."""
+    parser.add_argument(
+        "--cluster", default="", metavar="tcp://HOST:8786",
+        help="scheduler of a Dask cluster that does the work instead: docs/cluster.md",
+    )  # fmt: skip
+
+
+def positive(text: str) -> int:
+    """A whole number above 0, for argparse."""
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text} is less than 1")
+    return number
+
+
+@contextmanager
+def exit_codes(name: str) -> Iterator[None]:
+    """Bad input ends a command with a sentence and 2, Ctrl-C with STOPPED."""
+    try:
+        yield
+    except (HuskyError, OSError) as error:  # a full disk is an OSError
+        print(f"{name}: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        print(
+            f"{name}: stopped; with the same results file the same command goes on from here", file=sys.stderr
+        )
+        raise SystemExit(STOPPED) from None

@@ -1,0 +1,109 @@
+"""Fingerprints: of values, of this package's code, and of the machine that computes.
+
+In: plain values, records, arrays, functions. Out: SHA-256 in hexadecimal digits; words.
+Must not know: ROS, what is computed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import platform
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from functools import lru_cache, partial
+from importlib import metadata
+from pathlib import Path, PurePath
+from typing import Any, Iterator, Mapping
+
+import numpy as np
+
+from husky_highlevel_controller.paths import share_folder
+
+PACKAGE = __name__.split(".")[0]
+GENERATED = ("msg", "srv", "cfg")  # folders that catkin's install space adds to the package
+
+
+def fingerprint(value: Any) -> str:
+    """SHA-256 of what a value says: equal values have equal ones, in every process.
+
+    Raises:
+        TypeError: a part of it is of a kind that has none.
+    """
+    digest = hashlib.sha256()
+    for piece in _pieces(value):
+        digest.update(b"%d:" % len(piece) + piece)
+    return digest.hexdigest()
+
+
+def _pieces(value: Any) -> Iterator[bytes]:
+    if value is None or type(value) in (bool, int, float, str, bytes):
+        yield f"{type(value).__name__} {value!r}".encode(errors="backslashreplace")
+    elif isinstance(value, Enum):
+        yield f"{type(value).__qualname__}.{value.name}".encode()
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype.str} {value.shape}".encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif isinstance(value, np.generic):
+        yield from _pieces(value.item())
+    elif isinstance(value, (tuple, list)):
+        yield f"{len(value)} values".encode()
+        for one in value:
+            yield from _pieces(one)
+    elif isinstance(value, (set, frozenset)):
+        yield from _pieces(sorted(map(fingerprint, value)))
+    elif isinstance(value, Mapping):
+        yield from _pieces(sorted((fingerprint(key), fingerprint(one)) for key, one in value.items()))
+    elif isinstance(value, PurePath):
+        yield f"path {value}".encode()
+    elif is_dataclass(value) and not isinstance(value, type):
+        yield type(value).__qualname__.encode()
+        for item in fields(value):
+            yield from _pieces(getattr(value, item.name))
+    elif isinstance(value, partial):
+        yield from _pieces((value.func, value.args, value.keywords))
+    elif inspect.isfunction(value) or isinstance(value, type):
+        yield f"{value.__module__}.{value.__qualname__}".encode()
+        if value.__module__.split(".")[0] != PACKAGE:  # the package's own are in code_version
+            yield inspect.getsource(value).encode()
+    else:
+        raise TypeError(f"a {type(value).__name__} has no fingerprint: {value!r}"[:200])
+
+
+@lru_cache(maxsize=1)
+def code_version() -> str:
+    """Version of the package, and a hash of its sources, worlds and robot description."""
+    digest, package, share = hashlib.sha256(), Path(__file__).resolve().parents[1], share_folder()
+    files = {f"src/{path.relative_to(package).as_posix()}": path for path in package.rglob("*.py")}
+    for folder in ("urdf", "worlds"):
+        files.update(
+            {
+                path.relative_to(share).as_posix(): path
+                for path in (share / folder).rglob("*")
+                if path.is_file()
+            }
+        )
+    for name in sorted(files):
+        if name.split("/")[1] not in GENERATED:
+            digest.update(f"{name} {hashlib.sha256(files[name].read_bytes()).hexdigest()}\n".encode())
+    manifest = (share / "package.xml").read_text()
+    number = manifest.split("<version>", 1)[1].split("<", 1)[0]
+    return f"{number}+{digest.hexdigest()[:12]}"
+
+
+@lru_cache(maxsize=1)
+def machine() -> str:
+    """Processor, Python and libraries: between machines where these differ, the last bits may."""
+    cpu = platform.processor()
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        cpu = next(line.split(": ", 1)[1] for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration, IndexError):  # no Linux, or a processor without a name
+        pass
+    words = [platform.machine(), cpu, f"Python {platform.python_version()}"]
+    for library in ("numpy", "pybullet"):
+        try:
+            words.append(f"{library} {metadata.version(library)}")
+        except metadata.PackageNotFoundError:
+            continue
+    return ", ".join(word for word in words if word)

@@ -1,0 +1,55 @@
+"""Results that are kept in a file, so that the same command goes on where it was ended.
+
+In: results by fingerprint. Out: the same ones, in a later process. Must not know: what they are.
+
+The file holds pickles: open only one that this package wrote for you.
+"""
+
+from __future__ import annotations
+
+import pickle
+import sqlite3
+from pathlib import Path
+from typing import Any, Dict
+
+from husky_highlevel_controller.datatypes import HuskyError
+
+
+class Store:
+    """A file of results; what is saved is there even if the process is killed at once."""
+
+    def __init__(self, path: Path) -> None:
+        """Open or make it.
+
+        Raises:
+            HuskyError: it is another kind of file, or cannot be written.
+        """
+        self._path = path
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = sqlite3.connect(str(path))
+            self._file.execute("CREATE TABLE IF NOT EXISTS results (key TEXT PRIMARY KEY, result BLOB)")
+        except (sqlite3.Error, OSError) as error:
+            raise HuskyError(f"{path}: results cannot be kept there: {error}") from error
+
+    def load(self, key: str) -> Any:
+        """The result; None: there is none."""
+        row = self._file.execute("SELECT result FROM results WHERE key = ?", (key,)).fetchone()
+        return pickle.loads(row[0]) if row else None
+
+    def save(self, results: Dict[str, Any]) -> None:
+        """Keep results.
+
+        Raises:
+            HuskyError: such as a full disk.
+        """
+        rows = [(key, pickle.dumps(result)) for key, result in results.items()]
+        try:
+            with self._file:
+                self._file.executemany("INSERT OR REPLACE INTO results VALUES (?, ?)", rows)
+        except sqlite3.Error as error:
+            raise HuskyError(f"{self._path}: results cannot be kept there: {error}") from error
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()

@@ -1,0 +1,133 @@
+"""Maps a pure task over items, by this machine's processes or by a Dask cluster: the same results in order.
+
+In: a function, its items. Out: results, their hash, the machines that computed them.
+Must not know: what a task does.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import closing
+from pathlib import Path
+from typing import Any, Callable, Generator, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
+
+from tqdm import tqdm
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint
+from husky_highlevel_controller.tasks.local import Answer, Group, run_here
+from husky_highlevel_controller.tasks.store import Store
+
+Task = Callable[[Any], Any]
+
+
+class Workers:
+    """Those who do the tasks; a context manager."""
+
+    def __init__(self, jobs: int = 2, cluster: str = "", resume: Optional[Path] = None) -> None:
+        """Connect to them.
+
+        Args:
+            jobs: processes of this machine.
+            cluster: address of a Dask scheduler, such as tcp://host:8786; empty: this machine.
+            resume: file that keeps results: what is in it is not computed again. None: nothing is kept.
+
+        Raises:
+            HuskyError: Dask is not installed, no scheduler answers, or the file is of another kind.
+        """
+        if jobs < 1:
+            raise HuskyError(f"jobs = {jobs} is less than 1")
+        self.jobs, self._cluster = jobs, None
+        self._store = Store(resume) if resume else None
+        self._digest = hashlib.sha256()
+        self._machines: Set[str] = set()
+        if cluster:
+            from husky_highlevel_controller.tasks.cluster import Cluster  # optional: it loads Dask
+
+            self._cluster = Cluster(cluster)
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the cluster, close the file."""
+        if self._cluster:
+            self._cluster.close()
+        if self._store:
+            self._store.close()
+
+    def map(
+        self, task: Task, items: Iterable[Any], title: str = "", chunk: int = 1, starts_programs: bool = False
+    ) -> List[Any]:
+        """The task's result for each item, in order; on a terminal with progress and the time left.
+
+        Args:
+            task: a function of one item without side effects; it and the items can be pickled.
+            items: what it is called with.
+            title: of the progress bar.
+            chunk: items that are sent to a worker at once: more where one takes milliseconds.
+            starts_programs: the task starts ROS: here it runs in a thread, there where the resource ROS is.
+
+        Raises:
+            HuskyError: a worker cannot do it; and whatever the task raises.
+        """
+        items = list(items)
+        results = dict(self.as_completed(task, items, title, chunk, starts_programs))
+        ordered = [results[number] for number in range(len(items))]
+        self._digest.update(fingerprint(ordered).encode())
+        return ordered
+
+    def as_completed(
+        self, task: Task, items: List[Any], title: str = "", chunk: int = 1, starts_programs: bool = False
+    ) -> Iterator[Tuple[int, Any]]:
+        """As `map`, but number and result of each item in the order in which they come."""
+        keys = self._keys(task, items)
+        waiting: List[int] = []
+        with tqdm(total=len(items), desc=title, disable=None) as bar:
+            for number in range(len(items)):
+                kept = self._store.load(keys[number]) if self._store else None
+                if kept:
+                    self._machines.add(kept[0])
+                    bar.update()
+                    yield number, kept[1]
+                else:
+                    waiting.append(number)
+            groups = [waiting[first : first + chunk] for first in range(0, len(waiting), chunk)]
+            sent = [[items[n] for n in group] for group in groups]
+            with closing(self._answers(task, sent, starts_programs)) as answers:
+                for group_number, (machine, results) in answers:
+                    group = groups[group_number]
+                    self._machines.add(machine)
+                    if self._store:
+                        self._store.save({keys[n]: (machine, result) for n, result in zip(group, results)})
+                    bar.update(len(group))
+                    yield from zip(group, results)
+
+    def _keys(self, task: Task, items: List[Any]) -> List[str]:
+        """What a kept result is found by: the code, the task and the item; nothing without a file."""
+        if not self._store:
+            return []
+        common = fingerprint((code_version(), task))
+        return [fingerprint((common, item)) for item in items]
+
+    def _answers(
+        self, task: Task, groups: Sequence[Group], starts_programs: bool
+    ) -> Generator[Tuple[int, Answer], None, None]:
+        if self._cluster:
+            return self._cluster.run(task, groups, starts_programs)
+        return run_here(task, groups, self.jobs, starts_programs)
+
+    @property
+    def results_hash(self) -> str:
+        """SHA-256 of all results of all maps so far, whoever computed them."""
+        return str(self._digest.hexdigest())
+
+    @property
+    def words(self) -> str:
+        """The hash and the machines, for a report: on one kind of machine it is always the same."""
+        kinds = sorted(self._machines)
+        several = f"{len(kinds)} kinds of machines, whose last bits may differ: " if len(kinds) > 1 else ""
+        return f"results {self.results_hash} by {several}{'; '.join(kinds)}"

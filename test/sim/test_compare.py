@@ -1,0 +1,142 @@
+"""Two controllers on the same scenes: differences, scenes in which one fails, and the exit code for CI."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller.comparison import compare
+from husky_highlevel_controller.comparison.compare import Comparison
+from husky_highlevel_controller.comparison.contestant import Outcome, contestant, drive_scene, outcome
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.evaluation.scenarios import random_starts
+from husky_highlevel_controller.evaluation.setup import Setup
+
+BASE = Outcome("start 0", 10.0, 0.3, np.zeros((2, 3)), (20.0, 5.0))
+TIMID = '''
+from husky_highlevel_controller.controller.behaviour import decide as reference
+
+def decide(state, observation, enabled, control, detector):
+    """Far from the pillar it does not dare to move."""
+    state, output = reference(state, observation, enabled, control, detector)
+    far = output.distance_error > 6.0
+    return state, output._replace(twist=type(output.twist)(0.0, 0.0)) if far else output
+
+def broken(state, observation, enabled, control, detector):
+    return 1 / 0
+
+nothing = 3
+'''
+
+
+def times(*values):
+    return tuple(replace(BASE, scene=f"start {n}", arrived_at=value) for n, value in enumerate(values))
+
+
+def comparison(a, b):
+    return Comparison(("a", "b"), times(*a), times(*b))
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "why"),
+    [
+        ([10.0, 20.0], [10.0, 20.0], ""),
+        ([10.0, 20.0], [10.5, 20.5], ""),
+        ([10.0, 20.0], [11.0, 21.0], "it may be 1.000 s slower, 0.750 s are allowed"),
+        (
+            [10.0, 20.0],
+            [10.0, inf],
+            "it fails in 1 scenes in which A does not, and A in 0 in which B does not",
+        ),
+        ([10.0, inf], [10.0, 20.0], ""),
+        ([10.0, inf, 10.0], [inf, 20.0, 10.0], ""),
+        ([inf, inf], [inf, inf], ""),
+    ],
+)
+def test_worse_is_what_fails_more_often_or_may_be_slower_than_the_margin(a, b, why):
+    assert comparison(a, b).worse(0.05) == why
+
+
+def test_times_are_compared_where_both_succeed():
+    result = comparison([10.0, 20.0, inf], [9.0, 19.0, 1.0])
+    assert result.difference("arrived_at") == (-1.0, -1.0, -1.0)
+    assert "only A fails in start 2: A not at the pillar in the end, B at the pillar" in result.words(0.05)
+
+
+def test_an_outcome_is_judged_by_the_poses():
+    seconds = np.arange(0.0, 10.0, 0.1)
+    poses = np.zeros((100, 3))
+    poses[:, 0] = np.minimum(seconds, 4.0)  # stops with the hull's front at 4.49 m
+    there = outcome("s", seconds, poses, (5.0, 0.0))
+    assert there.success
+    assert there.arrived_at == pytest.approx(4.1)
+    assert there.nearest == pytest.approx(5.0 - 0.2 - 4.0 - 0.4937, abs=1e-3)
+    assert not outcome("s", seconds, poses, (5.6, 0.0)).success, "too far away"
+    assert outcome("s", seconds, poses, (4.68, 0.0)).words.endswith("touched the pillar")
+    poses[:, 0] = seconds
+    assert outcome("s", seconds, poses, (10.5, 0.0)).arrived_at == inf, "it still drives"
+
+
+def test_the_command_draws_where_one_fails_and_ends_with_1(tmp_path, capsys):
+    (tmp_path / "timid.py").write_text(TIMID)
+    (tmp_path / "quick.yaml").write_text("p_gain_vel: 3.0\n")
+    scenes = random_starts(2, 8)
+    distances = [np.hypot(20.0 - scene.start.x, 5.0 - scene.start.y) for scene in scenes]
+    far = [scene.name for scene, distance in zip(scenes, distances) if distance > 7.5]
+    assert len(far) == 1
+    words = [str(tmp_path / "quick.yaml"), f"{tmp_path}/timid.py:decide", "--scenes", "2", "--seed", "8"]
+    with pytest.raises(SystemExit, match="1"):
+        compare.main([*words, "--jobs", "1", "--out", str(tmp_path / "out")])
+    told = capsys.readouterr().out
+    for name in far:
+        assert f"only B fails in {name}: A at the pillar after" in told
+    pictures = sorted(path.stem for path in (tmp_path / "out").glob("*.png"))
+    assert pictures == sorted(f"only_b_fails_{name.replace(' ', '_')}" for name in far)
+    assert "B is worse than A: it fails in" in (tmp_path / "out" / "index.html").read_text()
+    assert (tmp_path / "out" / "compare.csv").read_text().count("\n") == 3
+
+
+def test_a_controller_is_not_worse_than_itself(tmp_path, capsys):
+    (tmp_path / "same.yaml").write_text("{p_gain_vel: 2.0, start_enabled: true}")
+    module = "husky_highlevel_controller.controller.behaviour:decide"
+    compare.main(
+        [str(tmp_path / "same.yaml"), module, "--scenes", "2", "--jobs", "1", "--out", str(tmp_path)]
+    )
+    told = capsys.readouterr().out
+    assert "+0.000 s [+0.000, +0.000]" in told
+    assert told.rstrip().endswith("B is not worse than A")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("a", "'a' is none of FILE.yaml"),
+        ("nowhere.yaml", "nowhere.yaml: .*No such file"),
+        ("nowhere.py:decide", "nowhere.py: no such Python file or module"),
+        ("no_module:decide", "no_module: no such Python file or module"),
+        ("FILE:nothing", "nothing is not a function"),
+        ("FILE:other", "has no attribute 'other'"),
+    ],
+)
+def test_what_is_no_contestant_is_named(tmp_path, words, sentence):
+    (tmp_path / "timid.py").write_text(TIMID)
+    with pytest.raises(HuskyError, match=sentence):
+        contestant(words.replace("FILE", f"{tmp_path}/timid.py"), Setup())
+
+
+def test_a_function_that_fails_is_named(tmp_path):
+    (tmp_path / "timid.py").write_text(TIMID)
+    one = contestant(f"{tmp_path}/timid.py:broken", Setup())
+    with pytest.raises(HuskyError, match=r"timid\.py:broken fails in start 0: ZeroDivisionError"):
+        drive_scene((one, random_starts(1, 0)[0]))
+
+
+def test_a_launch_file_is_known_by_its_package_and_drives_with_one_profile_only(tmp_path, capsys):
+    one = contestant("husky_highlevel_controller/controller.launch naive:=true", Setup())
+    assert one.launch == ("husky_highlevel_controller", "controller.launch", "naive:=true")
+    with pytest.raises(SystemExit, match="2"):
+        compare.main([one.name, one.name, "--profile", "robot", "--out", str(tmp_path)])
+    assert "--profile robot: a launch file drives with profile gazebo only" in capsys.readouterr().err

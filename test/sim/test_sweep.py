@@ -1,0 +1,126 @@
+"""A sweep drives the same scenes at every point, as its table, picture and page say."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from contextlib import closing
+
+import pytest
+
+from husky_highlevel_controller.evaluation import sweep
+from husky_highlevel_controller.evaluation.metrics import run
+from husky_highlevel_controller.evaluation.plots import draw_sweep
+from husky_highlevel_controller.evaluation.scenarios import random_starts
+from husky_highlevel_controller.evaluation.setup import Setup, parse_axis
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.tasks.workers import Workers
+
+SHARE = share_folder()
+AXES = ["p_gain_vel=1,4", "stop_distance=0.4,1"]
+PNG = b"\x89PNG"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("sweep")
+    for _ in range(2):  # the second time from the file
+        sweep.main([*AXES, "--scenes", "2", "--jobs", "1", "--out", str(out)])
+    return out
+
+
+def test_there_is_a_row_for_each_drive_with_what_it_came_to(folder):
+    rows = list(csv.DictReader((folder / "sweep.csv").read_text().splitlines()))
+    assert [(row["p_gain_vel"], row["stop_distance"], row["scene"]) for row in rows][:3] == [
+        ("1.0", "0.4", "start 0"), ("1.0", "0.4", "start 1"), ("1.0", "1.0", "start 0")
+    ]  # fmt: skip
+    assert len(rows) == 8
+    setup = Setup().with_values({"p_gain_vel": 4.0, "stop_distance": 1.0})
+    alone = run(setup.control, random_starts(2, 0)[1])
+    assert rows[-1] == {
+        "p_gain_vel": "4.0",
+        "stop_distance": "1.0",
+        **{k: str(v) for k, v in sweep.row(alone).items()},
+    }
+    assert all(float(row["nearest"]) > 0.2 and row["success"] == "True" for row in rows)
+
+
+def test_the_page_shows_the_picture_and_every_point(folder):
+    page = (folder / "index.html").read_text()
+    assert (folder / "sweep.png").read_bytes().startswith(PNG)
+    assert page.count("<img") == 1
+    assert page.count("<tr>") == 1 + 4
+    assert "results " in page
+
+
+def test_bad_input_is_a_sentence_and_exit_code_2(capsys, tmp_path):
+    for words, sentence in [
+        (["p_gain_vel=1:2"], "p_gain_vel = '1:2'"),
+        (["p_gain_vel=1", "p_gain_vel=2"], "twice"),
+    ]:
+        with pytest.raises(SystemExit, match="2"):
+            sweep.main([*words, "--out", str(tmp_path)])
+        assert sentence in capsys.readouterr().err
+
+
+def test_ctrl_c_ends_it_and_keeps_what_was_driven(tmp_path):
+    command = [
+        sys.executable,
+        SHARE / "scripts" / "sweep",
+        "p_gain_vel=1:4:12",
+        "--jobs",
+        "1",
+        "--out",
+        tmp_path,
+    ]
+    running = subprocess.Popen(
+        command, env={**os.environ, "PYTHONPATH": str(SHARE / "src")}, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        end = time.monotonic() + 120.0
+        while not kept(tmp_path / "results.sqlite"):
+            assert time.monotonic() < end
+            assert running.poll() is None
+            time.sleep(0.1)
+        running.send_signal(signal.SIGINT)
+        _, told = running.communicate(timeout=120.0)
+    finally:
+        running.kill()
+    assert running.returncode == 130, told
+    assert told == "sweep: stopped; with the same results file the same command goes on from here\n"
+    assert 1 <= kept(tmp_path / "results.sqlite") < 12 * 20
+
+
+def kept(path):
+    """How many results a file has."""
+    try:
+        with closing(sqlite3.connect(f"file:{path}?mode=ro", uri=True)) as file:
+            return file.execute("SELECT count(*) FROM results").fetchone()[0]
+    except sqlite3.OperationalError:  # not there yet
+        return 0
+
+
+def test_one_axis_gives_curves_and_drives_that_never_arrive_have_no_time():
+    axis = parse_axis("p_gain_vel=0,2")
+    with Workers(1) as workers:
+        result = sweep.sweep([axis], random_starts(1, 0), Setup(), workers)
+    never, soon = result.panels()[0].values
+    assert math.isnan(never)
+    assert soon < 30.0
+    marks = sweep.marks([axis], "gazebo")
+    assert marks == {"defaults": [2.0], "the course's gains": [0.1]}
+    assert draw_sweep(result.axes, result.panels(), marks, "title").startswith(PNG)
+
+
+def test_marks_that_are_not_in_the_picture_or_equal_are_left_out():
+    axes = [parse_axis("p_gain_ang=0.3:3:4"), parse_axis("stop_distance=0.1:1:2")]
+    assert sweep.marks(axes, "robot") == {
+        "defaults": [2.0, 0.4], "the course's gains": [0.4, 0.4], "robot.launch's gains": [1.0, 0.4]
+    }  # fmt: skip
+    assert list(sweep.marks(axes[1:], "robot")) == ["defaults"]

@@ -1,0 +1,125 @@
+"""Tuning finds the best values, the same for a seed, goes on after an end; the launch file loads them."""
+
+from __future__ import annotations
+
+import sys
+from math import inf
+from pathlib import Path
+
+import pytest
+import yaml
+
+from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.evaluation import tune
+from husky_highlevel_controller.evaluation.metrics import DriveResult
+from husky_highlevel_controller.evaluation.scenarios import random_starts
+from husky_highlevel_controller.evaluation.setup import Setup
+from husky_highlevel_controller.evaluation.tune import Objective, Range, parse_range, parse_weights
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.tasks.workers import Workers
+
+RANGES = [Range("p_gain_vel", 0.1, 10.0), Range("p_gain_ang", 0.1, 10.0), Range("min_beams", 2, 20)]
+CALLS = "calls"
+
+
+def valley(item):
+    """In place of a drive: the best values are 3, 5 and 2."""
+    setup, scene = item
+    time = 20.0 + (setup.control.p_gain_vel - 3.0) ** 2 + abs(setup.control.p_gain_ang - 5.0)
+    return DriveResult(scene.name, time + setup.detector.min_beams, 10.0, 0.0, 0.2, 0.0, (), 0, 0.0, 0.2)
+
+
+def valley_with_notes(item):
+    with Path(CALLS).open("a") as file:
+        file.write("x")
+    return valley(item)
+
+
+def search(jobs=2, seed=0, trials=40, resume=None, drive=valley):
+    pytest.importorskip("optuna")
+    with Workers(jobs, resume=resume) as workers:
+        return tune.tune(RANGES, Setup(), random_starts(2, 0), Objective(), trials, seed, workers, drive)
+
+
+def test_it_finds_the_valley_the_same_for_a_seed_whoever_drives():
+    found = search()
+    assert found == search(jobs=1)
+    assert found != search(seed=1)
+    assert found.trials[0] == {"p_gain_vel": 2.0, "p_gain_ang": 2.0, "min_beams": 2, "objective": 16.0}, (
+        "defaults"
+    )
+    assert min(row["objective"] for row in found.trials) < 14.5
+    assert abs(found.values["p_gain_vel"] - 3.0) < 1.0
+
+
+def test_an_interrupted_tuning_goes_on_where_it_was(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    search(trials=16, resume=tmp_path / "file", drive=valley_with_notes)
+    done = len(Path(CALLS).read_text())
+    whole = search(trials=32, resume=tmp_path / "file", drive=valley_with_notes)
+    assert whole == search(trials=32)
+    assert len(Path(CALLS).read_text()) == 2 * done == 64
+
+
+def test_the_cost_is_as_it_says():
+    drive = DriveResult("a", 12.0, 10.0, 0.0, 0.2, 0.0, (), 2, 0.05, 0.2)
+    assert Objective().cost(drive) == pytest.approx(2.0 + 5.0 + 2.0)
+    assert Objective(crossing=0.0, overshoot=0.0).cost(drive) == 2.0
+    lost = DriveResult("a", inf, 10.0, 0.0, 0.2, 0.0, ("unit_cylinder",), 0, 0.0, 0.0)
+    assert Objective().cost(lost) == 90.0
+    assert parse_weights(["touch=1", "failure=5"]) == Objective(touch=1.0, failure=5.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("gain=1:2", "gain is not a number of the controller's; there are: arrival_tolerance, "),
+        ("search", "search is not a number"),
+        ("lidar/noise=0:1", "lidar/noise is not a number of the controller's"),
+        ("p_gain_vel=1", "p_gain_vel = '1' is not LOW:HIGH, such as 0.0:10.0"),
+        ("p_gain_vel=1:11", "p_gain_vel = 11.0 is out of range"),
+        ("p_gain_vel=2:1", "p_gain_vel = 2:1: 2 is not below 1"),
+    ],
+)
+def test_what_is_no_range_is_named(text, words):
+    with pytest.raises(ConfigError, match=words):
+        parse_range(text, Setup())
+
+
+@pytest.mark.parametrize(
+    ("word", "sentence"),
+    [("time=1", "time is not a weight"), ("touch=a", "'a' is not a number"), ("touch=-1", "not a positive")],
+)
+def test_what_is_no_weight_is_named(word, sentence):
+    with pytest.raises(ConfigError, match=sentence):
+        parse_weights([word])
+
+
+def test_a_range_without_limits_is_all_that_is_allowed():
+    assert parse_range("p_gain_vel", Setup()) == ("p_gain_vel", 0.0, 10.0)
+    assert parse_range("min_beams=2:9", Setup()) == ("min_beams", 2.0, 9.0)
+
+
+def test_without_optuna_the_message_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "optuna", None)
+    with pytest.raises(HuskyError, match=r"pip install -r requirements-cluster\.txt"):
+        tune._optuna()
+
+
+def test_the_command_writes_what_the_launch_file_loads(tmp_path, capsys):
+    pytest.importorskip("optuna")
+    words = ["p_gain_vel=1:4", "--trials", "2", "--scenes", "1", "--fresh", "2", "--jobs", "1"]
+    tune.main([*words, "--out", str(tmp_path)])
+    told = capsys.readouterr().out
+    assert "on 2 fresh starts" in told
+    file = tmp_path / "tuned.yaml"
+    assert f"controller.launch parameters:={file}" in told
+    (value,) = yaml.safe_load(file.read_text()).values()
+    roslaunch = pytest.importorskip("roslaunch.config")
+    launch = str(share_folder() / "launch" / "controller.launch")
+    for arguments, loaded in ([], 2.0), ([f"parameters:={file}"], value):
+        config = roslaunch.load_config_default([(launch, ["rviz:=false", *arguments])], None, verbose=False)
+        name = "/husky_highlevel_controller/p_gain_vel"
+        assert config.params[name].value == loaded
+        assert config.params["/husky_highlevel_controller/p_gain_ang"].value == 2.0

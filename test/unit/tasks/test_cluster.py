@@ -1,0 +1,146 @@
+"""A Dask cluster of real processes gives the results of this machine, and uses no worker that would not."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sys
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.evaluation.metrics import run
+from husky_highlevel_controller.evaluation.scenarios import random_starts
+from husky_highlevel_controller.grading.batch import Batch, mark_all
+from husky_highlevel_controller.grading.cli import Marking
+from husky_highlevel_controller.grading.drive import GradingConfig
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.tasks.workers import Workers
+
+pytest.importorskip("distributed")
+from dask_processes import WORKER, Processes
+
+SHARE = share_folder()
+
+
+def noise(number):
+    return np.random.default_rng(number).normal(size=3).tolist()
+
+
+def noise_after_a_death(folder, number):
+    """The first worker that is to do number 5 is killed."""
+    if number == 5 and not (folder / "died").exists():
+        (folder / "died").write_text("")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return noise(number)
+
+
+def fail(number):
+    raise HuskyError(f"{number} is no world")
+
+
+def no_ros(number):
+    return number
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    processes = Processes(tmp_path)
+    yield processes
+    processes.end()
+
+
+def hash_of(task, items, **options):
+    with Workers(**options) as workers:
+        workers.map(task, items)
+        return workers.results_hash
+
+
+def test_the_hash_is_that_of_this_machine_also_when_a_worker_is_killed(cluster, tmp_path):
+    drives, task = random_starts(4, 1), partial(run, ControlConfig())
+    expected, expected_drives = hash_of(noise, range(60), jobs=1), hash_of(task, drives, jobs=2)
+    for number in range(3):
+        cluster.work(f"worker {number}")
+        if number in (0, 2):
+            assert hash_of(noise, range(60), cluster=cluster.address) == expected
+    assert hash_of(task, drives, cluster=cluster.address) == expected_drives
+    assert hash_of(partial(noise_after_a_death, tmp_path), range(60), cluster=cluster.address) == expected
+    assert sorted(process.poll() for process in cluster.started if process.poll()) == [-signal.SIGKILL]
+    with Workers(cluster=cluster.address) as workers, pytest.raises(HuskyError, match="0 is no world"):
+        workers.map(fail, [0])
+    with Workers(cluster=cluster.address) as workers, pytest.raises(HuskyError, match="--resources ROS=1"):
+        workers.map(no_ros, range(2), starts_programs=True)
+    cluster.work("ros", *WORKER, "--resources", "ROS=1")
+    with Workers(cluster=cluster.address) as workers:
+        (pid,) = set(workers.map(lambda _: os.getpid(), range(4), starts_programs=True))
+    assert pid == cluster.started[-1].pid
+
+
+def test_a_worker_of_another_kind_is_refused_by_name(cluster, tmp_path, capfd):
+    other = tmp_path / "other"
+    shutil.copytree(SHARE / "src", other / "src")
+    for name in ("urdf", "worlds", "package.xml"):
+        os.symlink(SHARE / name, other / name)
+    with (other / "src/husky_highlevel_controller/course.py").open("a") as file:
+        file.write("# changed\n")
+    cluster.work("bare", path=Path("/nowhere"))
+    cluster.work("changed", path=other / "src")
+    cluster.work("threads", "--nthreads", "2", *WORKER[2:])
+    with Workers(cluster=cluster.address) as workers, pytest.raises(
+        HuskyError, match="every worker is refused"
+    ):
+        workers.map(noise, range(4))
+    cluster.work("good")
+    capfd.readouterr()
+    assert hash_of(noise, range(20), cluster=cluster.address) == hash_of(noise, range(20), jobs=1)
+    told = capfd.readouterr().err
+    assert "worker bare at tcp://127.0.0.1:" in told
+    assert "is refused: it has no package husky_highlevel_controller" in told
+    assert "worker changed at" in told
+    assert "; here it is 0." in told
+    assert "it has 2 threads; start it with --nthreads 1" in told
+    assert "worker good" not in told
+
+
+def test_a_scheduler_that_dies_is_told(cluster):
+    cluster.work("worker")
+    with Workers(cluster=cluster.address) as workers:
+        results = workers.as_completed(noise, list(range(100)))
+        next(results)
+        cluster.started[0].kill()
+        with pytest.raises(HuskyError, match=f"--cluster {cluster.address}: the scheduler is gone"):
+            list(results)
+
+
+def test_where_no_scheduler_answers_the_command_says_so(monkeypatch):
+    from husky_highlevel_controller.tasks import cluster
+
+    monkeypatch.setattr(cluster, "CONNECT_DEADLINE", 0.5)
+    with pytest.raises(HuskyError, match=r"--cluster tcp://127.0.0.1:1: no Dask scheduler answers there"):
+        Workers(cluster="tcp://127.0.0.1:1")
+
+
+def test_without_dask_the_message_says_what_to_install(monkeypatch):
+    monkeypatch.delitem(sys.modules, "husky_highlevel_controller.tasks.cluster", raising=False)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(HuskyError, match=r"pip install -r requirements-cluster.txt"):
+        Workers(cluster="tcp://127.0.0.1:8786")
+
+
+def test_a_class_is_marked_by_a_cluster_as_it_is_here(cluster, tmp_path):
+    folder, tables = tmp_path / "class", []
+    for name in ("ann", "bob", "eve"):
+        (folder / name).mkdir(parents=True)
+        (folder / name / "readme.txt").write_text("no package")
+    for number in range(2):
+        cluster.work(f"worker {number}", *WORKER, "--resources", "ROS=1")
+    for name, address in (("here", ""), ("there", cluster.address)):
+        results = mark_all(Marking(GradingConfig()), Batch(folder, tmp_path / name, cluster=address))
+        assert ["no catkin package in it" in result.problem for result in results] == [True] * 3
+        tables.append((tmp_path / name / "results.csv").read_text())
+    assert tables[0] == tables[1]

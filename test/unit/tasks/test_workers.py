@@ -1,0 +1,156 @@
+"""Tasks on this machine: the same results in order, whoever dies, and no work done twice."""
+
+from __future__ import annotations
+
+import os
+import signal
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller.datatypes import HuskyError, Pose2D
+from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint, machine
+from husky_highlevel_controller.tasks.workers import Workers
+
+
+def noise(number):
+    return np.random.default_rng(number).normal(size=3).tolist()
+
+
+def noise_after_a_death(folder, number):
+    """The first one who is to do number 5 is killed, like by the kernel when memory ends."""
+    if number == 5 and not (folder / "died").exists():
+        (folder / "died").write_text("")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return noise(number)
+
+
+def kill_at_seven(number):
+    if number == 7:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def note(folder, number):
+    (folder / f"{number} {os.getpid()}").write_text("")
+    return number**2
+
+
+def note_and_fail(folder, number):
+    if number == 6:
+        raise HuskyError("six is no world")
+    return note(folder, number)
+
+
+@pytest.mark.parametrize(("jobs", "chunk"), [(1, 1), (2, 1), (3, 1), (3, 7)])
+def test_results_are_in_order_and_their_hash_is_the_same_for_any_number_of_processes(jobs, chunk):
+    expected = [noise(number) for number in range(40)]
+    with Workers(jobs) as workers:
+        assert workers.map(noise, range(40), chunk=chunk) == expected
+        assert workers.results_hash == sha256(fingerprint(expected).encode()).hexdigest()
+
+
+def test_a_process_that_is_killed_costs_nothing_but_time(tmp_path):
+    with Workers(2) as undisturbed, Workers(2) as workers:
+        undisturbed.map(noise, range(20))
+        workers.map(partial(noise_after_a_death, tmp_path), range(20))
+        assert (tmp_path / "died").exists()
+        assert workers.results_hash == undisturbed.results_hash
+
+
+def test_a_task_that_ends_every_process_is_named():
+    with Workers(2) as workers, pytest.raises(HuskyError, match="task 8 of 20 ended its process 3 times"):
+        workers.map(kill_at_seven, range(20))
+
+
+def test_what_is_kept_is_not_computed_again(tmp_path):
+    notes, file = tmp_path / "notes", tmp_path / "results"
+    notes.mkdir()
+    with Workers(1, resume=file) as workers, pytest.raises(HuskyError, match="six is no world"):
+        workers.map(partial(note_and_fail, notes), range(10))
+    kept = {path.name.split()[0] for path in notes.iterdir()}
+    assert kept >= {"0", "1", "2", "3", "4", "5"}
+    for _ in range(2):
+        with Workers(2, resume=file) as workers:
+            assert workers.map(partial(note, notes), range(10)) == [n**2 for n in range(10)]
+    assert len([path for path in notes.iterdir() if path.name.startswith("9 ")]) == 1 + ("9" in kept)
+
+
+def test_an_interrupted_map_goes_on_where_it_was(tmp_path):
+    task = partial(note, tmp_path)
+    with Workers(1, resume=tmp_path / "file") as workers:
+        results = workers.as_completed(task, list(range(30)))
+        first = [next(results) for _ in range(4)]
+        results.close()
+    assert all(result == number**2 for number, result in first)
+    begun = len(list(tmp_path.glob("* *")))
+    assert begun < 30, "what has not begun is cancelled"
+    with Workers(1, resume=tmp_path / "file") as workers:
+        assert workers.map(task, range(30)) == [number**2 for number in range(30)]
+    assert all(len(list(tmp_path.glob(f"{number} *"))) == 1 for number, _ in first)
+
+
+def test_a_file_that_is_none_of_ours_is_refused(tmp_path):
+    (tmp_path / "file").write_text("no results " * 100)
+    with pytest.raises(HuskyError, match="file: results cannot be kept there"):
+        Workers(resume=tmp_path / "file")
+
+
+def test_tasks_that_start_programs_run_in_threads_of_this_process(tmp_path):
+    with Workers(2) as workers:
+        assert set(workers.map(lambda _: os.getpid(), range(8), starts_programs=True)) == {os.getpid()}
+
+
+def test_the_words_tell_hash_and_machine():
+    with Workers(1) as workers:
+        workers.map(noise, range(2))
+        assert workers.words == f"results {workers.results_hash} by {machine()}"
+        workers._machines.add("another one")
+        assert "by 2 kinds of machines, whose last bits may differ: another one; " in workers.words
+    assert "numpy" in machine()
+
+
+# ---------------------------------------------------------------------------- fingerprints
+
+
+class Color(Enum):
+    RED = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    values: np.ndarray
+    path: Path = Path("a")
+
+
+DIFFERENT = [
+    None, True, 1, 1.0, "1", b"1", (1,), (1, 2), ((1,), 2), {"a": 1}, {"a": 2}, {1, 2}, Color.RED, Path("1"),
+    Pose2D(), Pose2D(1.0), Record(np.zeros(2)), Record(np.zeros((2, 1))), Record(np.ones(2)), noise, note,
+    partial(noise, 1), partial(noise, 2), float("nan"), -0.0, 0.0, np.float64(2.5),
+]  # fmt: skip
+
+
+def test_different_values_have_different_fingerprints():
+    assert len({fingerprint(value) for value in DIFFERENT}) == len(DIFFERENT)
+
+
+def test_equal_values_have_equal_fingerprints():
+    assert fingerprint({"a": 1, "b": {1, 2, 3}}) == fingerprint({"b": {3, 2, 1}, "a": 1})
+    assert fingerprint(float("nan")) == fingerprint(np.float64("nan"))
+    assert fingerprint([1, 2]) == fingerprint((1, 2))
+
+
+def test_what_has_no_fingerprint_is_named():
+    with pytest.raises(TypeError, match="a object has no fingerprint"):
+        fingerprint(object())
+
+
+def test_the_version_tells_number_and_sources():
+    number, _, digest = code_version().partition("+")
+    assert number.count(".") == 2
+    assert len(digest) == 12
