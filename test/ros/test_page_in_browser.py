@@ -287,8 +287,9 @@ def test_another_address_asks_for_the_token(network, launched, browser):
         f"web_port:={port}", ROS_NAMESPACE="other",
     )  # fmt: skip
     wait_until(lambda: "?token=" in other.output, "the page's address is printed")
-    token = re.search(r"token=(\S+)", other.output).group(1)
-    address = f"http://127.0.0.1:{port}"
+    here = re.compile(r"(http://127\.0\.0\.1:\d+)/\?token=(\S+) \(from another")
+    address, token = here.search(other.output).groups()
+    assert address.endswith(f":{port}")
     for wrong in ("", "/?token=guess"):
         with pytest.raises(HTTPError) as refused:
             urlopen(address + wrong)

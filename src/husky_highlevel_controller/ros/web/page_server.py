@@ -81,9 +81,12 @@ def serve(
     gate = Gate(is_loopback, token, on_message, on_leave)
     with gate.guards(), contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of its own
         server = PageServer(host=host, port=port, label="Husky", verbose=False)
-    shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
-    query = "" if token is None else f"/?token={token}"
-    return Served(server, f"http://{f'[{shown}]' if ':' in shown else shown}:{server.get_port()}{query}")
+    everywhere = host in ("0.0.0.0", "::")
+    shown = "127.0.0.1" if everywhere else f"[{host}]" if ":" in host else host
+    rest = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
+    # a container's host name is known to nobody else; its published port is this machine's
+    elsewhere = f" (from another machine: http://{socket.gethostname()}{rest})" if everywhere else ""
+    return Served(server, f"http://{shown}{rest}{elsewhere}")
 
 
 def _is_loopback(host: str) -> bool:
