@@ -80,7 +80,12 @@ def test_ctrl_c_ends_it_and_keeps_what_was_driven(tmp_path):
         tmp_path,
     ]
     running = subprocess.Popen(
-        command, env={**os.environ, "PYTHONPATH": str(SHARE / "src")}, stderr=subprocess.PIPE, text=True
+        command,
+        env={**os.environ, "PYTHONPATH": str(SHARE / "src")},
+        stderr=subprocess.PIPE,
+        text=True,
+        # a shell's background jobs ignore it, and so would this
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     try:
         end = time.monotonic() + 120.0
