@@ -12,6 +12,7 @@ import sys
 import time
 from contextlib import closing
 
+import psutil
 import pytest
 
 from husky_highlevel_controller.evaluation import sweep
@@ -70,29 +71,8 @@ def test_bad_input_is_a_sentence_and_exit_code_2(capsys, tmp_path):
 
 
 def test_ctrl_c_ends_it_and_keeps_what_was_driven(tmp_path):
-    command = [
-        sys.executable,
-        SHARE / "scripts" / "sweep",
-        "p_gain_vel=1:4:12",
-        "--jobs",
-        "1",
-        "--out",
-        tmp_path,
-    ]
-    running = subprocess.Popen(
-        command,
-        env={**os.environ, "PYTHONPATH": str(SHARE / "src")},
-        stderr=subprocess.PIPE,
-        text=True,
-        # a shell's background jobs ignore it, and so would this
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
+    running = start_sweep(tmp_path)
     try:
-        end = time.monotonic() + 120.0
-        while not kept(tmp_path / "results.sqlite"):
-            assert time.monotonic() < end
-            assert running.poll() is None
-            time.sleep(0.1)
         running.send_signal(signal.SIGINT)
         _, told = running.communicate(timeout=120.0)
     finally:
@@ -100,6 +80,33 @@ def test_ctrl_c_ends_it_and_keeps_what_was_driven(tmp_path):
     assert running.returncode == 130, told
     assert told == "sweep: stopped; with the same results file the same command goes on from here\n"
     assert 1 <= kept(tmp_path / "results.sqlite") < 12 * 20
+
+
+def test_who_kills_a_sweep_kills_its_processes(tmp_path):
+    running = start_sweep(tmp_path)
+    workers = psutil.Process(running.pid).children()
+    running.kill()
+    running.communicate(timeout=60.0)
+    assert workers
+    assert not psutil.wait_procs(workers, timeout=60.0)[1]
+
+
+def start_sweep(folder):
+    """A long sweep that has kept its first result."""
+    running = subprocess.Popen(
+        [sys.executable, SHARE / "scripts" / "sweep", "p_gain_vel=1:4:12", "--jobs", "1", "--out", folder],
+        env={**os.environ, "PYTHONPATH": str(SHARE / "src")},
+        stderr=subprocess.PIPE,
+        text=True,
+        # a shell's background jobs ignore it, and so would this
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    end = time.monotonic() + 120.0
+    while not kept(folder / "results.sqlite"):
+        assert time.monotonic() < end
+        assert running.poll() is None
+        time.sleep(0.1)
+    return running
 
 
 def kept(path):

@@ -5,6 +5,7 @@ In: a function, groups of items. Out: their results as they come. Must not know:
 
 from __future__ import annotations
 
+import ctypes
 import signal
 import sys
 from collections import Counter, deque
@@ -26,6 +27,7 @@ from husky_highlevel_controller.tasks.fingerprint import machine
 
 Group = Sequence[Any]  # items that are sent to a worker together
 Answer = Tuple[str, List[Any]]  # the machine that computed, and the result of each item of a group
+SET_PARENT_DEATH_SIGNAL = 1  # of prctl(2)
 MAX_DEATHS = 3  # of processes under one group; then it is its fault
 
 
@@ -84,9 +86,11 @@ def _end(executor: Executor) -> None:
 def _executor(jobs: int, starts_programs: bool) -> Executor:
     if starts_programs:
         return ThreadPoolExecutor(jobs)
-    return ProcessPoolExecutor(jobs, get_context("fork"), _ignore_interrupts)
+    return ProcessPoolExecutor(jobs, get_context("fork"), _obey_the_first)
 
 
-def _ignore_interrupts() -> None:
-    """Ctrl-C reaches every process of a terminal; the first one decides."""
+def _obey_the_first() -> None:
+    """Ctrl-C reaches every process of a terminal, but the first one decides; who kills it, kills all."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)
