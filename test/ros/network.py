@@ -13,7 +13,7 @@ import psutil
 from husky_highlevel_controller.grading.isolation.process import with_variable
 
 PACKAGE = "husky_highlevel_controller"
-DEADLINE = 60.0  # [s], for anything that hangs
+DEADLINE = 120.0  # [s], for anything that hangs
 
 
 def wait_until(condition, what, deadline=DEADLINE):

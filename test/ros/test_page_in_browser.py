@@ -30,7 +30,7 @@ SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--n
 SIZE = {"width": 900, "height": 560}
 COARSENESS = 0.25  # drawn pixels for each of the page's, along x and y: 16 times as fast by software
 ADDRESS = re.compile(r"\]: (http://127\.0\.0\.1:\d+)\n")
-DRAW_TIMEOUT = 90.0  # [s] of wall time for anything that a browser without a graphics card draws
+DRAW_TIMEOUT = 240.0  # [s] of wall time for anything that a browser without a graphics card draws
 
 
 class Robot:

@@ -10,7 +10,7 @@ from husky_highlevel_controller.simulator.sensors.renderer import Renderer
 
 CAMERA = CameraConfig(width=160, height=120)
 AHEAD = Pose((0.0, 0.0, 1.0), (-0.5, 0.5, -0.5, 0.5))  # optical: z along the world's x
-DEADLINE = 30.0  # [s]
+DEADLINE = 120.0  # [s]
 
 
 @pytest.fixture
