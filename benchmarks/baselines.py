@@ -143,10 +143,8 @@ def _with_joints(robot: RobotModel) -> str:
         link = ET.SubElement(root, "link", name=wheel.link)
         solid = ET.SubElement(link, "inertial")
         ET.SubElement(solid, "mass", value=repr(wheel.mass))
-        across, axial = (
-            repr(wheel.axial_inertia / 1.8),
-            repr(wheel.axial_inertia),
-        )  # the published wheel's share
+        axial = repr(wheel.axial_inertia)
+        across = repr(wheel.axial_inertia / 1.8)  # as the published wheel's
         ET.SubElement(solid, "inertia", ixx=across, ixy="0", ixz="0", iyy=axial, iyz="0", izz=across)
         joint = ET.SubElement(root, "joint", name=wheel.joint, type="continuous")
         place = " ".join(map(repr, wheel.position))

@@ -18,7 +18,9 @@ from pathlib import Path
 from typing import Dict, List
 
 from figures import FIGURES
-from rows import SHORT, Effort, Row, cpu_model
+from rows import SHORT, Effort, Row
+
+from husky_highlevel_controller.tasks.fingerprint import processor
 
 RESULTS = Path(__file__).resolve().parent.parent / ".dev" / "bench.json"
 
@@ -27,7 +29,7 @@ def machine() -> Dict[str, object]:
     """What the figures were measured on."""
     memory = Path("/proc/meminfo").read_text().split()[1]
     return {
-        "cpu": cpu_model(),
+        "cpu": processor() or platform.machine(),
         "cores": os.cpu_count(),
         "memory_gb": round(int(memory) * 1024 / 1e9, 1),
         "system": platform.platform(),

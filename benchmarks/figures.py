@@ -16,15 +16,16 @@ import numpy as np
 from baselines import bare_loop
 from growth import growth, milliseconds
 from network import HERE, Network, cpu_seconds, peak_megabytes
-from rows import Effort, Row, compare, cpu_model, reaching
+from rows import Effort, Row, compare, reaching
 
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 from husky_highlevel_controller.evaluation.rollout import rollout
 from husky_highlevel_controller.evaluation.scenarios import Lidar, course_scenario, pillar_scene, scan_of
+from husky_highlevel_controller.tasks.fingerprint import processor
 
 WARM_UP = 1.0  # [s] of simulated time that does not count
 # least, over the bare loop: an AMD EPYC runs Python faster beside Bullet than an Intel Xeon does
-ROLLOUT, FAST, LOCKSTEP = (7.5, 3.5, 2.5) if "AMD" in cpu_model() else (5.5, 2.5, 1.6)
+ROLLOUT, FAST, LOCKSTEP = (7.5, 3.5, 2.5) if "AMD" in processor() else (5.5, 2.5, 1.6)
 SCAN_TO_COMMAND = 1.3  # most, over the empty Twist
 ARRIVED = "/husky_highlevel_controller/arrived"
 # Gazebo 11.1 with the Noetic Husky stack, headless, this package's controller driving, on an Intel Xeon of

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import platform
 from dataclasses import dataclass, field
-from pathlib import Path
 from statistics import median
 from typing import List, Optional, Sequence, Tuple
 
@@ -51,10 +49,3 @@ def compare(what: str, unit: str, runs: Sequence[Tuple[float, float]], against: 
 def reaching(row: Row, text: str, value: float, least: float = -np.inf, most: float = np.inf) -> Row:
     """The row, and whether `value` meets the target."""
     return Row(**{**row.__dict__, "reach": text, "met": bool(least <= value <= most)})
-
-
-def cpu_model() -> str:
-    """What /proc/cpuinfo calls this machine's processor."""
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
-    models = [line.split(": ")[1] for line in lines if "model name" in line]
-    return models[0] if models else platform.machine()

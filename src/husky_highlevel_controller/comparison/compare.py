@@ -19,14 +19,12 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.plots import draw_ways
 from husky_highlevel_controller.evaluation.report import write_page, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import setup_of
+from husky_highlevel_controller.evaluation.setup import add_profile_options, setup_of
 from husky_highlevel_controller.evaluation.statistics import Interval, bootstrap
 from husky_highlevel_controller.grading.isolation.process import request_stop
-from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
+from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
-
-RESULTS = "results.sqlite"  # in the output folder: what an interrupted command goes on from
 
 
 @dataclass(frozen=True)
@@ -142,8 +140,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("b", metavar="B", help="the same")
     parser.add_argument("--scenes", type=positive, default=50, help="random starts (default 50)")
     parser.add_argument("--seed", type=int, default=0, help="of the scenes (default 0)")
-    parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
-    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
+    add_profile_options(parser)
     parser.add_argument(
         "--margin", type=_share, default=0.05, metavar="SHARE",
         help="of A's mean time, by which B may be slower and not be worse (default 0.05)",

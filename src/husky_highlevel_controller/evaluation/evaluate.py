@@ -25,8 +25,12 @@ from husky_highlevel_controller.evaluation.metrics import (
 )
 from husky_highlevel_controller.evaluation.replays import write_index
 from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import COURSE_GAINS, ROBOT_GAINS, setup_of
-from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES
+from husky_highlevel_controller.evaluation.setup import (
+    COURSE_GAINS,
+    ROBOT_GAINS,
+    add_profile_options,
+    setup_of,
+)
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -202,8 +206,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument(
         "--resume", type=Path, metavar="FILE", help="keep results there, and go on from there"
     )
-    parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
-    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
+    add_profile_options(parser)
     parser.add_argument("--replays", type=Path, help="folder for a page that plays each drive, and an index")
     options = parser.parse_args(arguments)
     with exit_codes("evaluate"):

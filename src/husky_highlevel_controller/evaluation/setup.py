@@ -8,6 +8,7 @@ A parameter of the simulator has its place in the name, as in config/simulator.y
 
 from __future__ import annotations
 
+import argparse
 import math
 import re
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -20,7 +21,7 @@ import yaml
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
-from husky_highlevel_controller.simulator.profile import RobotProfile
+from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
 from husky_highlevel_controller.simulator.simulation import SimulatorConfig
 
 COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
@@ -82,6 +83,12 @@ def setup_of(profile: str = "gazebo", ground: str = "hard") -> Setup:
     if profile == "gazebo":
         return Setup()
     return Setup(ROBOT_GAINS, ROBOT_DETECTOR, SimulatorConfig(real=RobotProfile().on(ground)))
+
+
+def add_profile_options(parser: argparse.ArgumentParser) -> None:
+    """Add --profile and --ground, which `setup_of` takes."""
+    parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
+    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
 
 
 def parameters(setup: Setup) -> Dict[str, Any]:

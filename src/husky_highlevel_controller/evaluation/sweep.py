@@ -24,17 +24,16 @@ from husky_highlevel_controller.evaluation.setup import (
     ROBOT_GAINS,
     Axis,
     Setup,
+    add_profile_options,
     described,
     numbers,
     parameters,
     parse_axis,
     setup_of,
 )
-from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
+from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
-
-RESULTS = "results.sqlite"  # in the output folder: what an interrupted command goes on from
 
 
 @dataclass(frozen=True)
@@ -118,8 +117,9 @@ def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
 def summary(result: Sweep) -> List[Dict[str, Any]]:
     """A row for each point."""
     names = [axis.name for axis in result.axes]
-    columns = [panel.values.ravel().tolist() for panel in result.panels()]
-    titles = [panel.title for panel in result.panels()]
+    panels = result.panels()
+    columns = [panel.values.ravel().tolist() for panel in panels]
+    titles = [panel.title for panel in panels]
     return [
         {**dict(zip(names, point)), **dict(zip(titles, values))}
         for point, values in zip(result.points, zip(*columns))
@@ -151,8 +151,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     )  # fmt: skip
     parser.add_argument("--scenes", type=positive, default=20, help="random starts (default 20)")
     parser.add_argument("--seed", type=int, default=0, help="of the scenes (default 0)")
-    parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
-    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
+    add_profile_options(parser)
     parser.add_argument("--out", type=Path, default=Path("sweep"), help="folder of results (default ./sweep)")
     add_worker_options(parser)
     options = parser.parse_args(arguments)

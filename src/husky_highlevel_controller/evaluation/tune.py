@@ -4,7 +4,7 @@ In: ranges of parameters, an objective. Out: a YAML file for controller.launch, 
 Must not know: ROS.
 
 Optuna proposes whole batches and is told their results in order, so that the same seed finds the same values
-whoever drives; the results are kept, so that an interrupted tuning goes on where it was.
+however many drive; the results are kept, so that an interrupted tuning goes on where it was.
 """
 
 from __future__ import annotations
@@ -24,11 +24,19 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.metrics import DriveResult
 from husky_highlevel_controller.evaluation.report import write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import Setup, about, parameters, setup_of, to_yaml, unit_of
+from husky_highlevel_controller.evaluation.setup import (
+    Setup,
+    about,
+    add_profile_options,
+    parameters,
+    setup_of,
+    to_yaml,
+    unit_of,
+)
 from husky_highlevel_controller.evaluation.statistics import bootstrap
-from husky_highlevel_controller.evaluation.sweep import RESULTS, drive_with
-from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES
+from husky_highlevel_controller.evaluation.sweep import drive_with
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
+from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
 
 BATCH = 8  # setups that are proposed at once; fixed, for the proposals depend on it
@@ -221,8 +229,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         "--weights", nargs="+", default=[], metavar="NAME=NUMBER",
         help=f"of the objective: {Objective().words} (failure, touch, overshoot, crossing)",
     )  # fmt: skip
-    parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
-    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
+    add_profile_options(parser)
     parser.add_argument("--out", type=Path, default=Path("tune"), help="folder of results (default ./tune)")
     add_worker_options(parser)
     options = parser.parse_args(arguments)

@@ -91,16 +91,19 @@ def code_version() -> str:
     return f"{number}+{digest.hexdigest()[:12]}"
 
 
+def processor() -> str:
+    """What this machine's processor is called; empty where that cannot be told."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(": ", 1)[1] for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration, IndexError):  # no Linux, or a processor without a name
+        return platform.processor()
+
+
 @lru_cache(maxsize=1)
 def machine() -> str:
     """Processor, Python and libraries: between machines where these differ, the last bits may."""
-    cpu = platform.processor()
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        cpu = next(line.split(": ", 1)[1] for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration, IndexError):  # no Linux, or a processor without a name
-        pass
-    words = [platform.machine(), cpu, f"Python {platform.python_version()}"]
+    words = [platform.machine(), processor(), f"Python {platform.python_version()}"]
     for library in ("numpy", "pybullet"):
         try:
             words.append(f"{library} {metadata.version(library)}")

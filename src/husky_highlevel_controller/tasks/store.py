@@ -14,6 +14,8 @@ from typing import Any, Dict
 
 from husky_highlevel_controller.datatypes import HuskyError
 
+RESULTS = "results.sqlite"  # its name in a command's folder of results
+
 
 class Store:
     """A file of results; what is saved is there even if the process is killed at once."""

@@ -122,7 +122,7 @@ class Workers:
 
     @property
     def results_hash(self) -> str:
-        """SHA-256 of all results of all maps so far, whoever computed them."""
+        """SHA-256 of all results of all maps so far, on whatever machine they were computed."""
         return str(self._digest.hexdigest())
 
     @property

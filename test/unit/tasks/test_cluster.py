@@ -9,7 +9,6 @@ import sys
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from husky_highlevel_controller.controller.control import ControlConfig
@@ -24,20 +23,9 @@ from husky_highlevel_controller.tasks.workers import Workers
 
 pytest.importorskip("distributed")
 from dask_processes import WORKER, Processes
+from noisy_tasks import noise, noise_after_a_death
 
 SHARE = share_folder()
-
-
-def noise(number):
-    return np.random.default_rng(number).normal(size=3).tolist()
-
-
-def noise_after_a_death(folder, number):
-    """The first worker that is to do number 5 is killed."""
-    if number == 5 and not (folder / "died").exists():
-        (folder / "died").write_text("")
-        os.kill(os.getpid(), signal.SIGKILL)
-    return noise(number)
 
 
 def fail(number):

@@ -12,22 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from noisy_tasks import noise, noise_after_a_death
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
 from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint, machine
 from husky_highlevel_controller.tasks.workers import Workers
-
-
-def noise(number):
-    return np.random.default_rng(number).normal(size=3).tolist()
-
-
-def noise_after_a_death(folder, number):
-    """The first one who is to do number 5 is killed, like by the kernel when memory ends."""
-    if number == 5 and not (folder / "died").exists():
-        (folder / "died").write_text("")
-        os.kill(os.getpid(), signal.SIGKILL)
-    return noise(number)
 
 
 def kill_at_seven(number):

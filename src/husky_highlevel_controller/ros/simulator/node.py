@@ -126,7 +126,7 @@ class SimulatorNode:
         needed, others = [publishers.scan, publishers.joints], [publishers.clock, publishers.transforms]
         partners = Partners(needed, self._commands.main, others)
         if self._start.lockstep:
-            self._lockstep.wait_for_partners(partners, self._wait_a_little)
+            self._lockstep.wait_for_partners(partners, self._hold_time)
         elif self._start.real_time_factor == 0.0 and not self._paused:
             self._wait_for_launch(partners)
         self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
@@ -143,7 +143,8 @@ class SimulatorNode:
             self._camera.close()
         simulation.close()
 
-    def _wait_a_little(self) -> None:
+    def _hold_time(self) -> None:
+        """Answer calls and tell the time, which stands still."""
         self._calls.process()
         self._publishers.publish_clock(self._simulation.stamp)
 
@@ -160,7 +161,7 @@ class SimulatorNode:
                     f"{partners.command_topic} within {LAUNCH_TIMEOUT:g} s of wall time"
                 )
                 return
-            self._wait_a_little()
+            self._hold_time()
             time.sleep(PARTNERS_POLL_PERIOD)
 
     def _advance(self) -> bool:

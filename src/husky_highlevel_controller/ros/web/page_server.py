@@ -84,7 +84,7 @@ def serve(
     everywhere = host in ("0.0.0.0", "::")
     shown = "127.0.0.1" if everywhere else f"[{host}]" if ":" in host else host
     rest = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
-    # a container's host name is known to nobody else; its published port is this machine's
+    # no other machine knows a container's host name; its published port is this machine's
     elsewhere = f" (from another machine: http://{socket.gethostname()}{rest})" if everywhere else ""
     return Served(server, f"http://{shown}{rest}{elsewhere}")
 
