@@ -16,7 +16,7 @@ from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.datatypes import Body, Cylinder, Geometry, Pose, Pose2D
 from husky_highlevel_controller.evaluation import evaluate
 from husky_highlevel_controller.evaluation.evaluate import COURSE_GAINS, TOUCHING
-from husky_highlevel_controller.evaluation.metrics import center_error, false_pillars, run
+from husky_highlevel_controller.evaluation.metrics import center_error, crossings, false_pillars, run
 from husky_highlevel_controller.evaluation.rollout import rollout
 from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
 from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
@@ -130,6 +130,16 @@ def test_random_starts_are_as_far_away_as_they_should_be_and_face_anywhere():
     assert np.ptp([one.start.yaw for one in scenarios]) > 6.0
     assert random_starts(2, seed=1) == scenarios[:2]
     assert random_starts(2, seed=2) != scenarios[:2]
+
+
+def test_a_turn_past_a_pillar_not_yet_seen_is_no_swing():
+    trace = rollout(NEAR, seconds=1.0)
+    rows = len(trace.times)
+    yaw = np.arctan2(*(trace.pillars - trace.poses[:, :2]).T[::-1]) + 0.1 * np.sin(np.arange(rows))
+    swinging = replace(trace, poses=np.column_stack([trace.poses[:, :2], yaw]))
+    assert crossings(swinging) > 10
+    unseen = np.where(np.arange(rows) < rows - 2, np.nan, 0.0)
+    assert crossings(replace(swinging, bearing_errors=unseen)) <= 1
 
 
 def test_a_number_of_a_seed_is_always_the_same_scene():

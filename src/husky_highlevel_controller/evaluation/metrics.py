@@ -61,7 +61,7 @@ class DriveResult:
     gap: float  # [m], true, from the hull's front to the pillar, in the end
     pushed: float  # [m], how far the pillar was moved
     touched: Tuple[str, ...]
-    crossings: int  # of zero by the true bearing, after the first alignment
+    crossings: int  # of zero by the true bearing, after the first alignment with a target
     overshoot: float  # [m], how far the lidar drove past the stop distance, true, at most
     nearest: float  # [m], smallest gap between outline and pillar, true
 
@@ -174,11 +174,14 @@ def time_bound(trace: Trace, control: ControlConfig, lidar_x: float) -> float:
 
 
 def crossings(trace: Trace) -> int:
-    """How often the true bearing swings to the other side after it was first aligned, up to the arrival."""
+    """How often the true bearing swings to the other side after it was first aligned, up to the arrival.
+
+    Only while the controller has a target: one that searches turns past the pillar that it does not see yet.
+    """
     until = inf if trace.arrived_at is None else trace.arrived_at
     dx, dy = (trace.pillars - trace.poses[:, :2]).T
     bearings = (np.arctan2(dy, dx) - trace.poses[:, 2] + pi) % (2.0 * pi) - pi
-    bearings = bearings[trace.times <= until]
+    bearings = bearings[(trace.times <= until) & np.isfinite(trace.bearing_errors)]
     aligned = np.flatnonzero(np.abs(bearings) < ALIGNED)
     if not len(aligned):
         return 0

@@ -23,27 +23,24 @@ class Curve:
             series: values of one sample.
             window: how far back the curve goes [s].
         """
-        self._window = window
-        self._data = np.full((series + 1, CAPACITY), np.nan)
-        self._count = 0  # of samples that are there, the newest last
+        self._window, self._series = window, series
+        self._samples: Deque[Tuple[float, ...]] = deque(maxlen=CAPACITY)  # time and values, the newest last
 
     def add(self, stamp: float, *values: float) -> None:
         """Add a sample; a time that runs backwards begins anew, one that stands still adds nothing."""
-        if self._count and stamp < self._data[0, -1]:
-            self._count = 0
-        if self._count and stamp == self._data[0, -1]:
+        samples = self._samples
+        if samples and stamp < samples[-1][0]:
+            samples.clear()
+        if samples and stamp == samples[-1][0]:
             return
-        self._data = np.roll(self._data, -1, axis=1)
-        self._data[:, -1] = (stamp, *values)
-        self._count = min(self._count + 1, CAPACITY)
+        samples.append((stamp, *values))
+        while stamp - samples[0][0] > self._window:
+            samples.popleft()
 
     @property
     def arrays(self) -> Tuple[np.ndarray, ...]:
         """Times and each series, oldest first; NaN where there was no value."""
-        data = self._data[:, CAPACITY - self._count :]
-        if self._count:
-            data = data[:, data[0] >= data[0, -1] - self._window]
-        return tuple(np.ascontiguousarray(row) for row in data)
+        return tuple(np.array(list(self._samples), float).reshape(-1, self._series + 1).T)
 
 
 class Rate:

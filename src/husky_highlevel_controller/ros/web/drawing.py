@@ -11,7 +11,7 @@ from husky_highlevel_controller.ros.web import meshes
 from husky_highlevel_controller.ros.web.markers import Dots, Lines, MeshFile, Piece, Solid, Words
 
 LETTER_HEIGHT = 0.45  # of a text marker's scale, as RViz's letters measure
-INVISIBLE = 2e-4  # [m], and of a quaternion: what moves less stays
+INVISIBLE = 5e-4  # [m], and of a quaternion (1 mrad): what moves less stays
 LINE_WIDTH = 0.01  # [m], of a line without a width
 MIN_OPACITY = 0.02  # what is fainter is not drawn: RViz shows nothing either
 

@@ -107,11 +107,11 @@ _UNIT_SHAPES = {Marker.CUBE: shapes.cube, Marker.SPHERE: shapes.sphere, Marker.C
 
 
 def looks(marker: Marker) -> Tuple[Any, ...]:
-    """All that `pieces` depends on: equal looks need not be drawn again."""
+    """All that `pieces` depends on, sizes to the millimetre: equal looks need not be drawn again."""
     scale, color = marker.scale, marker.color
     return (
         marker.type,
-        (scale.x, scale.y, scale.z),
+        (round(scale.x, 3), round(scale.y, 3), round(scale.z, 3)),
         (color.r, color.g, color.b, color.a),
         tuple((p.x, p.y, p.z) for p in marker.points),
         tuple((c.r, c.g, c.b, c.a) for c in marker.colors),

@@ -106,8 +106,10 @@ class Scene:
         except HuskyError as error:
             rospy.logwarn(str(error))
             return
-        for frame, visuals in groups.items():
-            name = f"/robot/{quote(frame, safe='')}"
+        for frame, visuals in sorted(groups.items(), key=lambda group: group[0] != BASE):
+            # wheels and the like hang on the base: one pose moves them all
+            parent = f"/robot/{BASE}" if BASE in self._robot else "/robot"
+            name = f"{parent}/{quote(frame, safe='')}"
             self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
             for number, visual in enumerate(visuals):
                 self.robot_shapes += clickable(
@@ -135,7 +137,8 @@ class Scene:
                 parent, child = msg.header.frame_id.lstrip("/"), msg.child_frame_id.lstrip("/")
                 self.frames.update(parent, child, stamp, pose)
         for frame, node in self._robot.items():
-            self._show(node, self.frames.pose(frame, self.fixed_frame))
+            parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
+            self._show(node, self.frames.pose(frame, parent))
         self._update_scan(topics.take("scan"))
         self._update_cloud(topics.take("cloud"))
         self._update_trail()
