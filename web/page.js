@@ -88,6 +88,10 @@
     };
     follow(element, event);
   }, true);
+  document.addEventListener("pointerdown", (event) => {
+    // viser prevents the default in a passive listener when a thing is dragged: only an error in the console
+    if (event.target instanceof HTMLCanvasElement) event.preventDefault = () => {};
+  }, true);
   document.addEventListener("click", (event) => {
     const button = event.target instanceof Element ? event.target.closest("[data-husky-e-stop]") : null;
     if (button !== null) send({ e_stop: button.dataset.huskyEStop === "true" });

@@ -215,7 +215,7 @@ def objects(network):
     return listed
 
 
-def test_a_click_on_the_ground_puts_a_box_there(page, robot, objects):
+def test_a_box_is_put_where_the_ground_is_clicked_dragged_and_deleted(page, robot, objects):
     before = objects()
     show(page, "World")
     press(page, "Put")
@@ -225,6 +225,17 @@ def test_a_click_on_the_ground_puts_a_box_there(page, robot, objects):
     ((name, position),) = [item for item in objects().items() if item[0] not in before]
     assert name.startswith("box")
     assert dist(position, robot.position) < 8.0  # near what is seen
+    press(page, "Move")
+    page.wait_for_selector("text=Drag an object")
+    page.mouse.move(300, 395)
+    page.mouse.down()
+    page.mouse.move(360, 415, steps=4)
+    page.mouse.up()
+    wait_until(lambda: dist(objects()[name], position) > 0.2, "the box has moved")
+    press(page, "Delete")
+    page.wait_for_selector("text=Click an object")
+    page.mouse.click(360, 415)
+    wait_until(lambda: name not in objects(), "the box is gone")
     press(page, "Look")
     show(page, "Drive")
 

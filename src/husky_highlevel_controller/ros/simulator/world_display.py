@@ -197,7 +197,7 @@ class WorldDisplay:
     def _ask(self, work: Callable[[Any], str], msg: Any) -> None:
         done, sentence = ask(self._calls, partial(work, msg))
         if done:
-            rospy.loginfo(f"RViz: {sentence}")
+            rospy.loginfo(f"by the mouse: {sentence}")
 
 
 def _has_moved(before: Optional[Pose], now: Pose) -> bool:
