@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import hypot, inf
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,9 @@ from stage import GROUND, HUSKY, body, drive
 
 from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, Pose2D, Sphere, World
 from husky_highlevel_controller.geometry import compose, quat_from_rpy, yaw_from_quat
+from husky_highlevel_controller.ros.web.worlds import models
 from husky_highlevel_controller.simulator.bullet.world import PlacementError
+from husky_highlevel_controller.simulator.models.sdf_world import load_world, parse_model
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
 
@@ -218,6 +221,18 @@ def test_what_is_only_drawn_is_listed_and_deleted_but_does_not_move(simulate):
     simulation.delete("lines")
     simulation.spawn([lines])
     assert set(simulation.bodies) == {"ground", "lines"}
+
+
+WORLDS = sorted((Path(__file__).parents[2] / "worlds").glob("*.world"))
+
+
+@pytest.mark.parametrize("path", WORLDS, ids=lambda path: path.stem)
+def test_every_world_can_be_put_together_model_by_model(path, simulate):
+    simulation = simulate()
+    for model in models(path.read_text(), path.name):  # as the page loads it
+        simulation.spawn(parse_model(model.xml, model.name, Pose()))
+    wanted = {body.name for body in load_world(path).bodies} - {"ground_plane"}
+    assert set(simulation.bodies) - {GROUND.name} == wanted
 
 
 def test_in_a_world_with_nothing_in_it_nothing_is_seen():

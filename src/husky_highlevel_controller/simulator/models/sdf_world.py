@@ -80,8 +80,8 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
     except RecursionError:
         raise WorldError(f"model_xml of '{name}': models are nested too deeply") from None
     _tell_notes(load)
-    if not any(body.collisions for body in bodies):
-        raise WorldError(f"model_xml of '{name}': nothing in it has a collision shape")
+    if not any(body.collisions or (body.visuals and body.mass == 0.0) for body in bodies):
+        raise WorldError(f"model_xml of '{name}': nothing in it has a collision shape, and it is not static")
     return bodies
 
 
