@@ -21,7 +21,7 @@ from husky_highlevel_controller.evaluation.setup import parse_axis
 from husky_highlevel_controller.evaluation.sweep import Sweep, write
 from husky_highlevel_controller.tasks.workers import Workers
 
-TASKS, SHORT_TASKS = 16, 10000
+TASKS, SHORT_TASKS, GROUP = 16, 10000, 20  # short ones are sent in groups, as evaluate sends its scans
 
 
 def compute(rounds: int) -> float:
@@ -73,7 +73,7 @@ def print_memory(cluster: str) -> None:
     with Workers(2, cluster) as workers:
         rows: List[Tuple[int, Tuple[int, int], int]] = []
         start = time.perf_counter()
-        for number, told in workers.as_completed(memory, list(range(SHORT_TASKS))):
+        for number, told in workers.as_completed(memory, list(range(SHORT_TASKS)), chunk=GROUP):
             if number % 100 == 0:
                 rows.append((number, told, psutil.Process().memory_info().rss))
         took = time.perf_counter() - start
