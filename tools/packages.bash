@@ -39,4 +39,4 @@ lint_packages=()
 lint_ros_packages=(catkin-lint)
 
 # releases whose own archive has all of the above (VERSION_CODENAME or UBUNTU_CODENAME in /etc/os-release)
-ros_in_archive=(bookworm trixie jammy)
+ros_in_archive=(bookworm trixie focal jammy)
