@@ -39,6 +39,15 @@ def run(folder, code, workspace=None, **env):
     return Process(command, folder / "log", {**os.environ, **env}, folder, workspace or Workspace())
 
 
+def test_what_has_been_ended_writes_its_log_no_more(tmp_path, monkeypatch):
+    read = Process._read
+    monkeypatch.setattr(Process, "_read", lambda process: (time.sleep(0.2), read(process)))  # a starved thread
+    process = Process([sys.executable, "-c", "print(1)"], tmp_path / "log", dict(os.environ), tmp_path)
+    wait(lambda: not process.running, 20.0)
+    end_all([process])
+    assert (tmp_path / "log").read_text() == process.output == "1\n"
+
+
 def output_of(process, seconds=60.0):
     try:
         assert wait(lambda: not process.running, seconds), process.output

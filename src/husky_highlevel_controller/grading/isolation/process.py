@@ -130,6 +130,7 @@ class Process:
             os.killpg(self.popen.pid, signal.SIGKILL)
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.popen.wait(END_DEADLINE)
+        self._pump.join(END_DEADLINE)  # it may be about to open the log, in a folder that the caller removes
 
 
 def _write(file: Optional[object], content: bytes) -> None:
