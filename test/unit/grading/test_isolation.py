@@ -40,8 +40,8 @@ def run(folder, code, workspace=None, **env):
 
 
 def test_what_has_been_ended_writes_its_log_no_more(tmp_path, monkeypatch):
-    read = Process._read
-    monkeypatch.setattr(Process, "_read", lambda process: (time.sleep(0.2), read(process)))  # a starved thread
+    read = Process._read  # in a thread, which may be starved
+    monkeypatch.setattr(Process, "_read", lambda process: (time.sleep(0.2), read(process)))
     process = Process([sys.executable, "-c", "print(1)"], tmp_path / "log", dict(os.environ), tmp_path)
     wait(lambda: not process.running, 20.0)
     end_all([process])
