@@ -58,10 +58,8 @@ def test_a_launch_file_starts_with_every_argument_and_documents_it(file, ros):
         ["roslaunch", "--ros-args", PACKAGE, file], env=ros.env, capture_output=True, text=True, check=True
     ).stdout
     names = set(re.findall(r"^  (\w+)", documented, re.MULTILINE))
-    arguments = ARGUMENTS
-    if file == "controller.launch":
-        parameters = share_folder() / "config" / "controller.yaml"
-        arguments = [*arguments, "naive:=false", f"parameters:={parameters}"]
+    parameters = share_folder() / "config" / "controller.yaml"
+    arguments = [*ARGUMENTS, "naive:=false", f"parameters:={parameters}"]
     assert names == {argument.split(":=")[0] for argument in arguments} | {"gui"}
     assert documented.count('default "') == len(names), "every argument has a default"
     assert not re.search(r"^  \w+ .*\): *$", documented, re.MULTILINE)
