@@ -98,7 +98,7 @@ class Scene:
 
     def draw_robot(self, description: str) -> None:
         """Draw the robot of a URDF; a text that is none is a warning."""
-        for node in self._robot.values():
+        for node in reversed(self._robot.values()):  # what hangs on the base before the base
             node.remove()
         self._robot, self.robot_shapes = {}, []
         try:
