@@ -12,12 +12,14 @@ import shlex
 import shutil
 import signal
 import sys
+import threading
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set
 from xml.etree import ElementTree
 
 import roslaunch
 import roslaunch.arg_dump
+import roslaunch.nodeprocess
 import roslaunch.parent
 import roslaunch.pmon
 import rospkg
@@ -180,7 +182,7 @@ def last_fatal(process_name: str, log_folder: Path) -> Optional[str]:
 def launch(file: Path, options: List[str]) -> int:
     """Run roslaunch; 0, or 1 if a required node failed."""
     failures = Failures()
-    run: Dict[str, Any] = {"started": False}
+    run: Dict[str, Any] = {"started": False, "forking": False, "signal": 0}
     end = roslaunch.pmon.rl_signal
 
     class Parent(roslaunch.parent.ROSLaunchParent):
@@ -199,14 +201,30 @@ def launch(file: Path, options: List[str]) -> int:
 
     def end_also_while_starting(number: int, frame: Any) -> None:
         """Python programs that still import end at SIGTERM in silence, at SIGINT with a traceback."""
+        run["signal"] = number
+        if run["forking"]:
+            return  # nobody could end a process that is half started; `start_process` comes back to it
         if not run["started"]:
             for process in [process for monitor in roslaunch.pmon._pmons for process in monitor.procs]:
                 if process.popen is not None and process.popen.poll() is None:
                     os.killpg(process.popen.pid, signal.SIGTERM)
         end(number, frame)
-        if not run["started"]:
-            raise SystemExit(128 + signal.SIGINT)  # or roslaunch would wait for the master that it has ended
+        if not run["started"]:  # or roslaunch would wait for the master that it has ended
+            sys.stdout.flush()
+            os._exit(128 + signal.SIGINT)  # an exception could be raised where Python ignores it
 
+    def start_process(process: Any) -> Any:
+        if run["started"] or threading.current_thread() is not threading.main_thread():
+            return start(process)
+        run["forking"] = True
+        try:
+            return start(process)
+        finally:
+            run["forking"] = False
+            if run["signal"]:
+                end_also_while_starting(run["signal"], None)
+
+    start, roslaunch.nodeprocess.LocalProcess.start = roslaunch.nodeprocess.LocalProcess.start, start_process
     roslaunch.pmon.rl_signal = end_also_while_starting
     roslaunch.parent.ROSLaunchParent = Parent
     roslaunch.main(["roslaunch", str(file), *options])

@@ -1,5 +1,6 @@
 """`./dev launch`: arguments are checked before anything starts, and a failed drive is a failed command."""
 
+import signal
 import sys
 
 import pytest
@@ -86,3 +87,29 @@ def test_a_terminal_that_cannot_open_is_left_away(launch, tmp_path):
         launched.says(f"[{node}] process has finished cleanly")
     assert "node noterm starts without launch-prefix 'noterm -e': noterm is not installed" in launched.output
     assert "node xterm starts without launch-prefix 'xterm -e'" in launched.output
+
+
+INTERRUPTED = """
+import os, runpy, signal, sys
+
+left = int(sys.argv.pop(1))
+
+def interrupt():
+    global left
+    left -= 1
+    if left == 0:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+os.register_at_fork(after_in_parent=interrupt)
+sys.argv.pop(0)
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize("which", range(1, 6))  # master, rosout, three nodes
+def test_a_signal_while_a_process_is_being_forked_ends_everything(which, ros):
+    arguments = ("controller.launch", "gui:=false", "-p", str(ros.port))
+    launched = ros.start(sys.executable, "-c", INTERRUPTED, str(which), COMMAND[1], *arguments)
+    assert launched.wait() == 128 + signal.SIGINT
+    assert "Traceback" not in launched.output
+    assert ros.left() == []
