@@ -48,8 +48,9 @@ class Screen:
 def test_rviz_shows_robot_scan_frames_and_marker(ros):
     screen = Screen(ros)
     launched = ros.start(
-        "roslaunch", "-p", str(ros.port), PACKAGE, "controller.launch", DISPLAY=screen.display
-    )
+        "roslaunch", "-p", str(ros.port), PACKAGE, "controller.launch",
+        DISPLAY=screen.display, GALLIUM_DRIVER="softpipe",
+    )  # fmt: skip
     launched.says("driving to the pillar")
     wait_until(lambda: ros.subscriptions("/rviz") >= SHOWN, f"rviz subscribes to {SHOWN}")
     for color in COLORS:
