@@ -6,7 +6,7 @@ from math import pi
 import rospy
 import tf2_ros
 from geometry_msgs.msg import Twist
-from harness import run
+from harness import run, stamp
 from player import LASER_X, NODE, Player, pillar_ahead, transform
 from rosgraph_msgs.msg import Log
 from visualization_msgs.msg import Marker
@@ -50,8 +50,9 @@ class WaitsForTransforms(Player):
 
 
 def places(markers):
-    """Where the pillar was shown in odom [m]."""
-    return [marker.pose.position.x for marker in list(markers) if marker.ns == "pillar_in_odom"]
+    """Where each scan's pillar was shown in odom [m]; to whoever has just subscribed one is shown twice."""
+    shown = {stamp(marker): marker for marker in list(markers) if marker.ns == "pillar_in_odom"}
+    return [marker.pose.position.x for marker in shown.values()]
 
 
 if __name__ == "__main__":
