@@ -201,9 +201,9 @@ def launch(file: Path, options: List[str]) -> int:
 
     def end_also_while_starting(number: int, frame: Any) -> None:
         """Python programs that still import end at SIGTERM in silence, at SIGINT with a traceback."""
-        run["signal"] = number
-        if run["forking"]:
-            return  # nobody could end a process that is half started; `start_process` comes back to it
+        if run["forking"]:  # nobody could end a process that is half started
+            run["signal"] = number  # `start_process` comes back to it
+            return
         if not run["started"]:
             for process in [process for monitor in roslaunch.pmon._pmons for process in monitor.procs]:
                 if process.popen is not None and process.popen.poll() is None:

@@ -311,8 +311,6 @@ def _is_crash(code: Optional[int]) -> bool:
 def _start(
     network: Network, submission: Submission, setup: Setup, screen: Screen, name: str, config: Dict[str, Any]
 ) -> Process:
-    # Mesa's softpipe, since llvmpipe (22.3 with LLVM 15, Debian 12) crashes RViz 1.14: in 14 of 164 starts,
-    # four at a time beside three busy loops; softpipe in none of 92, and it is no slower
     path = network.folder_of(f"rviz_{name}") / "view.rviz"
     path.write_text(yaml.safe_dump(config))
     return network.start(
@@ -321,6 +319,8 @@ def _start(
         submission.workspace,
         DISPLAY=screen.display,
         LIBGL_ALWAYS_SOFTWARE="1",
+        # Mesa's llvmpipe (22.3 with LLVM 15, Debian 12) crashes RViz 1.14: 14 of 164 starts, four at a time
+        # beside three busy loops; softpipe none of 92, and it is no slower
         GALLIUM_DRIVER="softpipe",
         QT_X11_NO_MITSHM="1",
         XDG_RUNTIME_DIR=str(path.parent),

@@ -30,12 +30,12 @@ class Store:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = sqlite3.connect(str(path))
+            try:
+                self._file.execute("CREATE TABLE IF NOT EXISTS results (key TEXT PRIMARY KEY, result BLOB)")
+            except sqlite3.Error:
+                self._file.close()
+                raise
         except (sqlite3.Error, OSError) as error:
-            raise HuskyError(f"{path}: results cannot be kept there: {error}") from error
-        try:
-            self._file.execute("CREATE TABLE IF NOT EXISTS results (key TEXT PRIMARY KEY, result BLOB)")
-        except sqlite3.Error as error:
-            self._file.close()
             raise HuskyError(f"{path}: results cannot be kept there: {error}") from error
 
     def load(self, key: str) -> Any:
