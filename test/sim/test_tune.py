@@ -43,9 +43,9 @@ def search(jobs=2, seed=0, trials=40, resume=None, drive=valley):
 
 
 def test_it_finds_the_valley_the_same_for_a_seed_whoever_drives():
-    found = search()
-    assert found == search(jobs=1)
-    assert found != search(seed=1)
+    found = search(trials=96)  # Optuna 4.5, the last for Python 3.8, needs more than Optuna 5
+    assert found == search(trials=96, jobs=1)
+    assert found.trials[:40] != search(seed=1).trials
     assert found.trials[0] == {"p_gain_vel": 2.0, "p_gain_ang": 2.0, "min_beams": 2, "objective": 16.0}, (
         "defaults"
     )
