@@ -130,8 +130,8 @@ class Page:
 
     def _on_tool_click(self, event: Any) -> None:
         self.tool = event.target.value
-        self._hint.content = _HINTS[self.tool]
         self._on_tool()
+        self._hint.content = _HINTS[self.tool]  # what it asks for works by now
 
 
 _HINTS = {
