@@ -31,7 +31,9 @@ SIZE = {"width": 900, "height": 560}
 COARSENESS = 0.25  # drawn pixels for each of the page's, along x and y: 16 times as fast by software
 ADDRESS = re.compile(r"\]: (http://127\.0\.0\.1:\d+)\n")
 # ten pictures a second at most: an open page would take a whole core all the time
-TEN_HZ = "const draw = requestAnimationFrame; window.requestAnimationFrame = f => setTimeout(() => draw(f), 100)"
+TEN_HZ = (
+    "const draw = requestAnimationFrame; window.requestAnimationFrame = f => setTimeout(() => draw(f), 100)"
+)
 NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 DRAW_TIMEOUT = 240.0  # [s] of wall time for anything that a browser without a graphics card draws
 
