@@ -87,41 +87,64 @@ def test_a_controller_that_computes_for_ever_holds_the_clock_only_until_a_deadli
     wait_until(lambda: launched.output.count("running free") == 1, "it says so once")
 
 
-RATE_LOOP = """
-import math, rospy
+HEAD = """
+import rospy
 from geometry_msgs.msg import Twist, Vector3
 from sensor_msgs.msg import LaserScan
+
+
+def steer(scan):
+    distance, beam = min((r, i) for i, r in enumerate(scan.ranges) if r > 0.1)
+    angle = scan.angle_min + beam * scan.angle_increment
+    velocity.publish(Twist(Vector3(0.5, 0.0, 0.0), Vector3(0.0, 0.0, -angle)))
+
+
 scans = []
 rospy.init_node("it")
 velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+"""
+LOOP = """
 rospy.Subscriber("front/scan", LaserScan, scans.append, queue_size=1)
 rospy.sleep(2.0)
-rate = rospy.Rate(10)
+rate = rospy.Rate({rate})
 while not rospy.is_shutdown():
     if scans:
-        distance, beam = min((r, i) for i, r in enumerate(scans[-1].ranges) if r > 0.1)
-        angle = scans[-1].angle_min + beam * scans[-1].angle_increment
-        velocity.publish(Twist(Vector3(0.5, 0.0, 0.0), Vector3(0.0, 0.0, -angle)))
+        steer(scans[-1])
         del scans[:-1]
     rate.sleep()
 """
+CALLBACK = """
+def on_scan(scan):
+    steer(scan)
+    rospy.Rate(1000).sleep()
 
 
-def sleeping_drive(ros):
-    """True poses of a drive of a controller that sleeps at its start and after each command."""
+rospy.Subscriber("front/scan", LaserScan, on_scan)
+rospy.spin()
+"""
+SLEEPERS = {  # what students write
+    "after each command": HEAD + LOOP.format(rate=10),
+    "to each tick of the clock": HEAD + LOOP.format(rate=100),
+    "in the callback": HEAD + CALLBACK,
+}
+
+
+def sleeping_drive(ros, script):
+    """True poses of a drive of a controller that sleeps by simulated time."""
     recorder = ros.start(sys.executable, RECORDER, str(ros.folder / "poses"), str(SLEEPING_END))
     launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
     # a node that starts before /use_sim_time is set sleeps by wall time
     launched.says("lockstep: time waits")
-    ros.start(sys.executable, "-c", RATE_LOOP)
+    ros.start(sys.executable, "-c", script)
     assert recorder.wait(SLEEPING_DEADLINE) == 0, recorder.output
     assert "running free" not in launched.output, launched.output
     rows = [line.split(maxsplit=1) for line in (ros.folder / "poses").read_text().splitlines()]
     return {int(stamp): pose for stamp, pose in rows}
 
 
-def test_a_controller_that_sleeps_by_simulated_time_repeats_itself_too(network):
-    first, second = sleeping_drive(network("first")), sleeping_drive(network("second"))
+@pytest.mark.parametrize("sleeps", SLEEPERS)
+def test_a_controller_that_sleeps_by_simulated_time_repeats_itself_too(network, sleeps):
+    first, second = (sleeping_drive(network(name), SLEEPERS[sleeps]) for name in ("first", "second"))
     common = sorted(first.keys() & second.keys())
     assert len(common) > 250
     assert first[common[0]] != first[common[-1]], "it drives"

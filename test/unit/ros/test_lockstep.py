@@ -11,8 +11,10 @@ from husky_highlevel_controller.ros.simulator import lockstep
 from husky_highlevel_controller.ros.simulator.lockstep import Lockstep
 
 
-def make(wanted):
-    return Lockstep(wanted, scans=None)  # whose listeners are asked only after SLEEP_TIMEOUT
+def make(wanted, asleep=True):
+    steps = Lockstep(wanted, scans=None)
+    steps._listeners = Controller(asleep)
+    return steps
 
 
 def nothing():
@@ -41,7 +43,7 @@ def test_it_waits_until_a_command_answers_the_scan(warnings):
         during.append("a service call")
         threading.Thread(target=steps.command_arrived, args=("cmd_vel",)).start()
 
-    steps.wait_for_answer(meanwhile, nothing)
+    steps.wait_for_answer(meanwhile, nothing, nothing)
     assert during
     assert warnings == []
 
@@ -50,7 +52,7 @@ def test_a_command_from_before_the_scan_does_not_answer_it(impatient, warnings):
     steps = make(True)
     steps.command_arrived("cmd_vel")
     steps.begin_scan()
-    steps.wait_for_answer(nothing, nothing)
+    steps.wait_for_answer(nothing, nothing, nothing)
     assert warnings == [
         "lockstep: after 0.02 s of wall time no command answers the scan; running free from now on"
     ]
@@ -60,7 +62,7 @@ def test_without_an_answer_it_runs_free_from_then_on_and_says_so_once(impatient,
     steps, during = make(True), []
     for _ in range(3):
         steps.begin_scan()
-        steps.wait_for_answer(lambda: during.append(1), nothing)
+        steps.wait_for_answer(lambda: during.append(1), nothing, nothing)
         during.append(0)
     assert during[-2:] == [0, 0], "no waiting any more"
     assert len(warnings) == 1
@@ -69,7 +71,7 @@ def test_without_an_answer_it_runs_free_from_then_on_and_says_so_once(impatient,
 def test_switched_off_it_never_waits(warnings):
     steps = make(False)
     steps.begin_scan()
-    steps.wait_for_answer(pytest.fail, pytest.fail)
+    steps.wait_for_answer(pytest.fail, pytest.fail, pytest.fail)
     assert warnings == []
 
 
@@ -82,7 +84,7 @@ def test_the_scan_is_sent_again_if_the_very_first_command_does_not_come(monkeypa
         steps.command_arrived("cmd_vel")
 
     steps.begin_scan()
-    steps.wait_for_answer(nothing, resend)
+    steps.wait_for_answer(nothing, resend, pytest.fail)
     assert len(sent) == 1
 
     def answer_late():
@@ -91,14 +93,15 @@ def test_the_scan_is_sent_again_if_the_very_first_command_does_not_come(monkeypa
             steps.command_arrived("cmd_vel")
 
     steps.begin_scan()
-    steps.wait_for_answer(answer_late, pytest.fail)
+    steps.wait_for_answer(answer_late, pytest.fail, nothing)
 
 
 def test_of_several_commands_for_one_scan_the_first_counts_on_each_topic():
     steps = make(True)
     assert not steps.drops("cmd_vel"), "before the first scan"
-    steps.command_arrived("cmd_vel")
-    assert not steps.drops("cmd_vel"), "before the first scan"
+    for number in range(10):
+        answer(steps)
+        assert steps.drops("cmd_vel") == (number == 9), "while it is watched, each has its moment"
     steps.begin_scan()
     assert not steps.drops("cmd_vel")
     steps.command_arrived("cmd_vel")
@@ -111,7 +114,7 @@ def test_of_several_commands_for_one_scan_the_first_counts_on_each_topic():
 def test_free_running_obeys_every_command(impatient, warnings):
     for steps in (make(False), make(True)):
         steps.begin_scan()
-        steps.wait_for_answer(nothing, nothing)  # in vain
+        steps.wait_for_answer(nothing, nothing, nothing)  # in vain
         steps.command_arrived("cmd_vel")
         assert not steps.drops("cmd_vel")
 
@@ -161,16 +164,22 @@ def nothing_of(_):
 
 def begun(asleep):
     """Lockstep that has had its first command."""
-    steps = make(True)
-    steps._listeners = Controller(asleep)
+    steps = make(True, asleep)
     steps.command_arrived("cmd_vel")
     return steps
+
+
+def answer(steps):
+    """A scan that is answered at once."""
+    steps.begin_scan()
+    steps.command_arrived("cmd_vel")
+    steps.wait_for_answer(nothing, pytest.fail, pytest.fail)
 
 
 def test_a_controller_that_computes_has_five_seconds_for_a_command(clock, warnings):
     steps = begun(asleep=False)
     steps.begin_scan()
-    steps.wait_for_answer(clock.look, pytest.fail)
+    steps.wait_for_answer(clock.look, pytest.fail, nothing)
     assert clock.now == pytest.approx(5.0, abs=0.2)
     assert "after 5 s of wall time no command answers the scan" in warnings[0]
 
@@ -188,27 +197,26 @@ def test_without_a_controller_time_begins_after_a_minute(clock, warnings):
 
 
 def test_the_first_scan_is_sent_again_after_a_second(clock):
-    steps, sent = make(True), []
-    steps._listeners = Controller(asleep=False)
+    steps, sent = make(True, asleep=False), []
 
     def resend():
         sent.append(clock.now)
         steps.command_arrived("cmd_vel")
 
     steps.begin_scan()
-    steps.wait_for_answer(clock.look, resend)
+    steps.wait_for_answer(clock.look, resend, pytest.fail)
     assert sent == [pytest.approx(1.0, abs=0.1)]
 
 
-def test_a_controller_that_sleeps_is_waited_for_a_third_of_a_second_and_then_no_longer(clock, warnings):
+def test_a_controller_that_sleeps_is_waited_for_twice_and_then_no_longer(clock, warnings):
     steps = begun(asleep=True)
     steps.begin_scan()
-    steps.wait_for_answer(clock.look, pytest.fail)
-    assert clock.now == pytest.approx(0.3, abs=0.1)
+    steps.wait_for_answer(clock.look, pytest.fail, nothing)
+    assert clock.now == pytest.approx(2 * 0.3, abs=0.1)  # the second one for a sleep that is over soon
     asleep_from = clock.now
     for _ in range(20):
         steps.begin_scan()
-        steps.wait_for_answer(clock.look, pytest.fail)
+        steps.wait_for_answer(clock.look, pytest.fail, nothing)
     assert clock.now - asleep_from < 20 * 0.1
     assert warnings == []
 
@@ -216,12 +224,12 @@ def test_a_controller_that_sleeps_is_waited_for_a_third_of_a_second_and_then_no_
 def test_ten_scans_answered_in_a_row_end_the_sleep(clock):
     steps = begun(asleep=True)
     steps.begin_scan()
-    steps.wait_for_answer(clock.look, pytest.fail)
+    steps.wait_for_answer(clock.look, pytest.fail, nothing)
     for answered in range(1, 11):
         steps.begin_scan()
         steps.command_arrived("cmd_vel")
         assert not steps.drops("cmd_vel"), f"asleep, after {answered - 1} answers"
-        steps.wait_for_answer(clock.look, pytest.fail)
+        steps.wait_for_answer(clock.look, pytest.fail, pytest.fail)
     steps.begin_scan()
     steps.command_arrived("cmd_vel")
     assert steps.drops("cmd_vel"), "it answers every scan again"
@@ -230,9 +238,53 @@ def test_ten_scans_answered_in_a_row_end_the_sleep(clock):
 def test_a_sleeping_controller_that_stays_busy_ends_lockstep(clock, warnings):
     steps = begun(asleep=True)
     steps.begin_scan()
-    steps.wait_for_answer(clock.look, pytest.fail)
+    steps.wait_for_answer(clock.look, pytest.fail, nothing)
     steps._listeners.is_asleep = False
     before = clock.now
-    steps.settle(clock.look)
+    steps.tick(clock.look)
     assert clock.now - before == pytest.approx(5.0, abs=0.2)
     assert "a controller that sleeps between scans is still busy" in warnings[0]
+
+
+def test_one_that_sleeps_between_two_ticks_of_the_clock_is_woken_and_watched_to_the_end(clock, warnings):
+    steps, nudged = begun(asleep=True), []
+
+    def nudge():
+        nudged.append(clock.now)
+        steps.command_arrived("cmd_vel")
+
+    for _ in range(10):
+        answer(steps)
+    steps.begin_scan()
+    steps.wait_for_answer(clock.look, pytest.fail, nudge)
+    assert nudged == [pytest.approx(0.3, abs=0.1)]
+    for _ in range(12):
+        answer(steps)
+        assert not steps.drops("cmd_vel"), "it is watched"
+    assert warnings == []
+
+
+def test_one_that_commands_at_a_tick_of_the_clock_is_watched_to_the_end(clock):
+    steps = begun(asleep=True)
+    for _ in range(12):
+        steps.begin_scan()
+        steps.command_arrived("cmd_vel")
+        steps.tick(nothing)
+        steps.wait_for_answer(nothing, pytest.fail, pytest.fail)
+    assert not steps.drops("cmd_vel")
+    for _ in range(12):
+        answer(steps)
+    assert not steps.drops("cmd_vel")
+
+
+def test_what_never_sleeps_is_watched_for_a_second_only(clock, warnings):
+    steps = begun(asleep=False)
+    steps.begin_scan()
+    steps.tick(clock.look)
+    assert clock.now == pytest.approx(1.0, abs=0.1)
+    steps.command_arrived("cmd_vel")
+    steps.wait_for_answer(clock.look, pytest.fail, pytest.fail)
+    steps.begin_scan()
+    steps.tick(pytest.fail)
+    assert clock.now == pytest.approx(1.0, abs=0.1)
+    assert warnings == []

@@ -1,7 +1,9 @@
-"""Detects from /proc whether all subscribers of a topic are idle: nothing unread, no thread running.
+"""Detects from /proc whether all subscribers of a topic are idle: no thread of theirs runs.
 
 A node that waits for simulated time (ros::Rate, ros::Duration::sleep, rospy.sleep) answers nothing until the
-clock goes on. What it sends does not distinguish it from one that computes; what its threads do does.
+clock goes on. What it sends does not distinguish it from one that computes; what its threads do does. A
+thread that waits for a message runs from the moment it is sent. Unread messages say nothing: rospy reads none
+during a callback, in which it may sleep.
 """
 
 from __future__ import annotations
@@ -9,20 +11,13 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Optional, Set, Tuple
+from typing import Dict, List, Optional, Set, Tuple
 
 import rospy
 
 ASLEEP_FOR = 0.003  # [s] of wall time: roscpp looks at the clock every 1 ms while it sleeps
 LOOK_PERIOD = 0.0005  # [s] of wall time
 RUNNING = {"R", "D"}  # states of a thread: on a CPU or waiting for one, or for a disk
-
-
-class _Socket(NamedTuple):
-    """The receiving end of a connection, of /proc/net/tcp."""
-
-    inode: str
-    unread: bool  # bytes that the process has not read yet
 
 
 class Listeners:
@@ -44,10 +39,10 @@ class Listeners:
 
     def _idle(self) -> bool:
         ports = self._ports()
-        sockets = _receiving_sockets(ports)
-        if not ports or len(sockets) < len(ports) or any(each.unread for each in sockets):
+        inodes = _receiving_sockets(ports)
+        if not ports or len(inodes) < len(ports):
             return False  # elsewhere than on this machine nothing is known
-        owners = {self._owner(each.inode) for each in sockets}
+        owners = {self._owner(inode) for inode in inodes}
         return not any(owner is None or _runs(owner) for owner in owners)
 
     def _ports(self) -> Set[Tuple[int, int]]:
@@ -67,16 +62,14 @@ class Listeners:
         return self._owners.get(inode)
 
 
-def _receiving_sockets(ports: Set[Tuple[int, int]]) -> List[_Socket]:
-    """Of the connections between these ports; both ends are in the kernel's table."""
+def _receiving_sockets(ports: Set[Tuple[int, int]]) -> List[str]:
+    """Inodes of the receiving ends of the connections between these ports."""
     found = []
     for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
         words = line.split()
         local, remote = int(words[1].split(":")[1], 16), int(words[2].split(":")[1], 16)
         if (local, remote) in ports:
-            found.append(_Socket(words[9], int(words[4].split(":")[1], 16) > 0))
-        elif (remote, local) in ports and int(words[4].split(":")[0], 16):
-            found.append(_Socket(words[9], True))  # bytes that we have not sent yet
+            found.append(words[9])
     return found
 
 

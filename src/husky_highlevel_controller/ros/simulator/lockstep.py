@@ -16,9 +16,10 @@ PARTNER_TIMEOUT = 60.0  # for a controller to connect
 ANSWER_TIMEOUT = 5.0  # for a command to answer a scan
 RESEND_TIMEOUT = 1.0  # for the first command, before the scan is published again
 SLEEP_TIMEOUT = 0.3  # for an answer of a controller that does nothing meanwhile
+WATCH_TIMEOUT = 1.0  # for processes to fall asleep that have answered; some, as RViz, never do
 POLL_PERIOD = 0.05  # between two checks for service calls during a wait
 
-AWAKE = 10  # scans answered in a row: the controller does not sleep any more
+AWAKE = 10  # scans answered in a row: the controller does not sleep, or not any more
 
 
 class Lockstep:
@@ -26,6 +27,8 @@ class Lockstep:
 
     A controller that sleeps by simulated time answers no scan meanwhile. The clock then goes on scan by scan,
     each time as soon as every process that receives scans is asleep again: that run, too, repeats itself.
+    Likewise a controller is watched whose sleep begins before or after a tick of the clock as the machine
+    pleases: each is at first, one that commands at a tick or sleeps between two of them to the end.
     Where one computes for too long, a warning is logged once, and the simulation runs free from then on.
     """
 
@@ -37,7 +40,8 @@ class Lockstep:
         self._answered = threading.Event()
         self._listeners, self._on_unanswered = Listeners(scans), on_unanswered
         self._sleeps, self._in_a_row = False, 0
-        self._scanned = False
+        self._watched, self._to_the_end = wanted, False
+        self._scanned = self._due = False  # a scan was sent; one is about to be sent or answered
         self._answered_on: Set[str] = set()  # topics with a command since the last scan
 
     def drops(self, topic: str) -> bool:
@@ -46,7 +50,8 @@ class Lockstep:
         Such a command arrives before or after the next physics step as the machine pleases, so a run that
         obeyed it would not be repeatable.
         """
-        return self._on and self._scanned and not self._sleeps and topic in self._answered_on
+        slow = self._sleeps or self._watched
+        return self._on and self._scanned and not slow and topic in self._answered_on
 
     def command_arrived(self, topic: str) -> None:
         """Take a command on any velocity topic for the answer to the last scan. Any thread."""
@@ -71,53 +76,78 @@ class Lockstep:
 
     def begin_scan(self) -> None:
         """Call before a scan is published: commands until now do not answer it."""
-        self._scanned = True
+        self._scanned = self._due = True
         self._answered_on.clear()
         self._answered.clear()
 
-    def wait_for_answer(self, meanwhile: Callable[[], None], resend: Callable[[], None]) -> None:
+    def wait_for_answer(
+        self, meanwhile: Callable[[], None], resend: Callable[[], None], nudge: Callable[[], None]
+    ) -> None:
         """Wait until a command has arrived since `begin_scan`, calling `meanwhile` for service calls.
 
         A controller's very first command may be lost while its publisher connects: until one has come, the
-        scan is sent again.
+        scan is sent again. One that sleeps until after the last tick of the clock, but not to the next, is
+        woken by `nudge`, which moves the clock and nothing else.
         """
         if not self._on:
             return
-        if self._sleeps:
-            self.settle(meanwhile)
-            self._in_a_row = self._in_a_row + 1 if self._answered.is_set() else 0
-            self._sleeps = self._in_a_row < AWAKE
-            return
-        sent, again = time.monotonic(), not self._begun
+        if not self._sleeps:
+            self._wait_for_command(meanwhile, resend, nudge)
+        self._settle(meanwhile)
+        self._due = False
+        self._in_a_row = self._in_a_row + 1 if self._answered.is_set() else 0
+        self._sleeps = self._sleeps and self._in_a_row < AWAKE
+        self._watched = self._watched and (self._to_the_end or self._in_a_row < AWAKE)
+
+    def tick(self, meanwhile: Callable[[], None]) -> None:
+        """Call when the clock went on: waits for a controller that sleeps, or may, to do what is due now."""
+        self._settle(meanwhile)
+        if self._due and self._watched and self._answered.is_set():
+            self._to_the_end = True  # a command before the scan was sent: it commands at ticks
+
+    def _wait_for_command(
+        self, meanwhile: Callable[[], None], resend: Callable[[], None], nudge: Callable[[], None]
+    ) -> None:
+        since, may_resend, may_nudge = time.monotonic(), not self._begun, self._begun
 
         def answered() -> bool:
-            nonlocal sent, again
+            nonlocal since, may_resend, may_nudge
             meanwhile()
-            waited = time.monotonic() - sent
-            if again and not self._begun and waited > RESEND_TIMEOUT:
-                sent, again = time.monotonic(), False
+            waited = time.monotonic() - since
+            if may_resend and not self._begun and waited > RESEND_TIMEOUT:
+                since, may_resend = time.monotonic(), False
                 resend()
-            elif not again and waited > SLEEP_TIMEOUT and self._listeners.asleep():
-                self._sleeps, self._in_a_row = True, 0
+            elif not may_resend and waited > SLEEP_TIMEOUT and self._listeners.asleep():
+                self._sleeps = not may_nudge
+                since, may_nudge = time.monotonic(), False
+                if not self._sleeps:
+                    nudge()
             return self._sleeps or self._answered.wait(POLL_PERIOD)
 
-        if not self._answered.is_set():
-            self._wait(answered, ANSWER_TIMEOUT, "no command answers the scan")
-            if self._sleeps:
-                rospy.loginfo_once("lockstep: a controller sleeps; the clock goes on scan by scan meanwhile")
-                self._on_unanswered(
-                    "it does not answer every scan with a command: simulated time goes on while it sleeps"
-                )
+        if self._answered.is_set():
+            return
+        could_nudge = may_nudge
+        self._wait(answered, ANSWER_TIMEOUT, "no command answers the scan")
+        if self._sleeps:
+            rospy.loginfo_once("lockstep: a controller sleeps; the clock goes on scan by scan meanwhile")
+            self._on_unanswered(
+                "it does not answer every scan with a command: simulated time goes on while it sleeps"
+            )
+        elif could_nudge and not may_nudge:
+            self._watched = self._to_the_end = True
 
-    def settle(self, meanwhile: Callable[[], None]) -> None:
-        """While the controller sleeps by simulated time: wait until it has done what is due at this time."""
-
+    def _settle(self, meanwhile: Callable[[], None]) -> None:
         def settled() -> bool:
             meanwhile()
             return self._listeners.asleep()
 
         if self._on and self._sleeps:
             self._wait(settled, ANSWER_TIMEOUT, "a controller that sleeps between scans is still busy")
+        elif self._on and self._watched:
+            end = time.monotonic() + WATCH_TIMEOUT
+            while self._watched and not settled():
+                self._watched = time.monotonic() < end and not rospy.is_shutdown()
+                time.sleep(0.001)
 
     def _wait(self, done: Callable[[], bool], timeout: float, missing: str) -> None:
         end = time.monotonic() + timeout

@@ -174,16 +174,19 @@ class SimulatorNode:
         snapshot = self._simulation.step()
         if snapshot.scan is not None:
             self._lockstep.begin_scan()
-        settle = partial(self._lockstep.settle, self._calls.process_during_step)
-        tells_time = self._publishers.publish(snapshot, settle)
+        on_clock = partial(self._lockstep.tick, self._calls.process_during_step)
+        tells_time = self._publishers.publish(snapshot, on_clock)
         if snapshot.power is not None and self._status:
             self._status.update(snapshot.power, self._commands.locked, snapshot.stamp)
         self._display.update(snapshot.stamp)
         if self._camera:
             self._camera.update(self._simulation, snapshot)
         if snapshot.scan is not None:
-            send = partial(self._publishers.publish_scan, snapshot.scan)
-            self._lockstep.wait_for_answer(self._calls.process_during_step, resend=send)
+            self._lockstep.wait_for_answer(
+                self._calls.process_during_step,
+                resend=partial(self._publishers.publish_scan, snapshot.scan),
+                nudge=partial(self._publishers.publish_clock_between_ticks, snapshot.stamp),
+            )
         return tells_time
 
     def _keep_pace(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import gcd
 from typing import Any, Callable, Set
 
 import rospy
@@ -32,6 +33,8 @@ class Publishers:
         # a real base reports its wheels less often
         rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
         self._wheel_steps = steps_per(rate, config.physics_rate, "the rate of wheel odometry")
+        scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
+        self._tick = gcd(self._state_steps, scan_steps) / config.physics_rate  # [s], of /clock, at least
         self._drift = config.gps.drift
         self._tells_time = bool(rospy.get_param("/use_sim_time", False))
         self._bumped: Set[str] = set()
@@ -116,6 +119,10 @@ class Publishers:
         now = conversions.time_to_msg(stamp)
         self._set_time(rospy.Time(now.secs, now.nsecs))
         publish_if_subscribed(self.clock, Clock, now)
+
+    def publish_clock_between_ticks(self, stamp: float) -> None:
+        """Publish a time between that of the last snapshot and the next tick of /clock [s]."""
+        self.publish_clock(stamp + 0.95 * self._tick)
 
     def _set_time(self, now: rospy.Time) -> None:
         if self._tells_time:
