@@ -241,7 +241,7 @@ def test_a_sleeping_controller_that_stays_busy_ends_lockstep(clock, warnings):
     steps.wait_for_answer(clock.look, pytest.fail, nothing)
     steps._listeners.is_asleep = False
     before = clock.now
-    steps.tick(clock.look)
+    steps.tick(clock.look, nothing)
     assert clock.now - before == pytest.approx(5.0, abs=0.2)
     assert "a controller that sleeps between scans is still busy" in warnings[0]
 
@@ -269,7 +269,7 @@ def test_one_that_commands_at_a_tick_of_the_clock_is_watched_to_the_end(clock):
     for _ in range(12):
         steps.begin_scan()
         steps.command_arrived("cmd_vel")
-        steps.tick(nothing)
+        steps.tick(nothing, nothing)
         steps.wait_for_answer(nothing, pytest.fail, pytest.fail)
     assert not steps.drops("cmd_vel")
     for _ in range(12):
@@ -277,14 +277,24 @@ def test_one_that_commands_at_a_tick_of_the_clock_is_watched_to_the_end(clock):
     assert not steps.drops("cmd_vel")
 
 
+def test_a_tick_comes_twice_for_those_that_may_have_missed_it_while_they_are_watched(clock):
+    steps, again = begun(asleep=True), []
+    for _ in range(12):
+        steps.begin_scan()
+        steps.tick(nothing, lambda: again.append(1))
+        steps.command_arrived("cmd_vel")
+        steps.wait_for_answer(nothing, pytest.fail, pytest.fail)
+    assert len(again) == 10
+
+
 def test_what_never_sleeps_is_watched_for_a_second_only(clock, warnings):
     steps = begun(asleep=False)
     steps.begin_scan()
-    steps.tick(clock.look)
+    steps.tick(clock.look, nothing)
     assert clock.now == pytest.approx(1.0, abs=0.1)
     steps.command_arrived("cmd_vel")
     steps.wait_for_answer(clock.look, pytest.fail, pytest.fail)
     steps.begin_scan()
-    steps.tick(pytest.fail)
+    steps.tick(pytest.fail, pytest.fail)
     assert clock.now == pytest.approx(1.0, abs=0.1)
     assert warnings == []

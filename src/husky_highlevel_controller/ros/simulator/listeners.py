@@ -9,6 +9,7 @@ during a callback, in which it may sleep.
 from __future__ import annotations
 
 import os
+import threading
 import time
 from pathlib import Path
 from typing import Dict, List, Optional, Set, Tuple
@@ -43,6 +44,8 @@ class Listeners:
         if not ports or len(inodes) < len(ports):
             return False  # elsewhere than on this machine nothing is known
         owners = {self._owner(inode) for inode in inodes}
+        if _runs(os.getpid(), but=threading.get_native_id()):
+            return False  # a thread of ours that is about to send
         return not any(owner is None or _runs(owner) for owner in owners)
 
     def _ports(self) -> Set[Tuple[int, int]]:
@@ -88,10 +91,10 @@ def _owners(inodes: Set[str]) -> Dict[str, int]:
     return owners
 
 
-def _runs(process: int) -> bool:
+def _runs(process: int, but: int = 0) -> bool:
     for status in Path(f"/proc/{process}/task").glob("*/stat"):
         try:
-            if status.read_text().rpartition(")")[2].split()[0] in RUNNING:
+            if int(status.parent.name) != but and status.read_text().rpartition(")")[2].split()[0] in RUNNING:
                 return True
         except OSError:
             continue

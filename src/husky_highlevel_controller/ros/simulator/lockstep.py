@@ -99,9 +99,16 @@ class Lockstep:
         self._sleeps = self._sleeps and self._in_a_row < AWAKE
         self._watched = self._watched and (self._to_the_end or self._in_a_row < AWAKE)
 
-    def tick(self, meanwhile: Callable[[], None]) -> None:
-        """Call when the clock went on: waits for a controller that sleeps, or may, to do what is due now."""
+    def tick(self, meanwhile: Callable[[], None], again: Callable[[], None]) -> None:
+        """Call when the clock went on: waits for a controller that sleeps, or may, to do what is due now.
+
+        rospy.sleep looks at the clock, then waits for the next tick of it: a tick in between is missed, so it
+        comes once more, by `again`.
+        """
         self._settle(meanwhile)
+        if self._on and (self._sleeps or self._watched):
+            again()
+            self._settle(meanwhile)
         if self._due and self._watched and self._answered.is_set():
             self._to_the_end = True  # a command before the scan was sent: it commands at ticks
 

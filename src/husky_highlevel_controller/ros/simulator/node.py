@@ -174,7 +174,11 @@ class SimulatorNode:
         snapshot = self._simulation.step()
         if snapshot.scan is not None:
             self._lockstep.begin_scan()
-        on_clock = partial(self._lockstep.tick, self._calls.process_during_step)
+        on_clock = partial(
+            self._lockstep.tick,
+            self._calls.process_during_step,
+            again=partial(self._publishers.publish_clock, snapshot.stamp),
+        )
         tells_time = self._publishers.publish(snapshot, on_clock)
         if snapshot.power is not None and self._status:
             self._status.update(snapshot.power, self._commands.locked, snapshot.stamp)
