@@ -1,5 +1,6 @@
 """What goes wrong in a laboratory: processes die, hang and flood, and the rest goes on."""
 
+import contextlib
 import os
 import re
 import signal
@@ -17,12 +18,13 @@ STRESS_CLIENT = str(Path(__file__).with_name("stress_client.py"))
 
 
 def pids(ros, executable):
-    """Processes of a network by what they run."""
-    return [
-        pid
-        for pid in ros.left()
-        if any(word.endswith(f"/{executable}") for word in psutil.Process(pid).cmdline())
-    ]
+    """Processes of a network by what they run; one that has just ended runs nothing."""
+    found = []
+    for pid in ros.left():
+        with contextlib.suppress(psutil.NoSuchProcess):  # a zombie, too
+            if any(word.endswith(f"/{executable}") for word in psutil.Process(pid).cmdline()):
+                found.append(pid)
+    return found
 
 
 def start_simulator(ros, *arguments):

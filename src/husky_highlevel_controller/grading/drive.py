@@ -38,7 +38,7 @@ from husky_highlevel_controller.paths import share_folder
 
 LOAD_DEADLINE = 30.0  # [s] of wall time for a launch file to be read
 JOIN_DEADLINE = 50.0  # [s] of wall time for a submission to be up; after that the world goes on without it
-WALL_BASE, WALL_SLOWNESS = 120.0, 20.0  # [s] of wall time a drive may take, and how much slower than its pace
+WALL_BASE, WALL_SLOWNESS = 300.0, 20.0  # [s] of wall time a drive may take, and how much slower than its pace
 STALL_DEADLINE = 90.0  # [s] of wall time in which simulated time must get on
 PROGRESS_PERIOD = 0.2  # [s] of wall time between two looks at a drive
 FLOOD = 300.0  # commands a simulated second; 50 answer the scans
