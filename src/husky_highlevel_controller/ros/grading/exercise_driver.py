@@ -28,21 +28,11 @@ class ExerciseDriver:
         self._plan, self._calling = CallPlan(), False
         self._probed: Set[str] = set()
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1) if exercise == 2 else None
-        self._published_zero = False
 
     def answer_scans(self) -> None:
         """Publish commands in place of a submission that publishes none: lockstep would wait for it."""
         self._velocity = self._velocity or rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self.answer(0.0)
-
-    def publish_zero(self) -> None:
-        """Publish one command of zero to a robot that stands, so that lockstep goes on."""
-        if not self._published_zero:
-            self.answer_scans()
-            assert self._velocity is not None
-            if self._velocity.get_num_connections():
-                self._velocity.publish(Twist())
-                self._published_zero = True
 
     def answer(self, now: float) -> None:
         """Answer a scan, in exercise 2, whose submissions do not drive."""

@@ -29,7 +29,7 @@ from husky_highlevel_controller.ros.grading.marker_watch import MarkerWatch
 from husky_highlevel_controller.ros.node import run_node
 
 LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
-PUBLISH_ZERO_AFTER = 1.0  # [s] of wall time
+VELOCITY_TOPICS = ("cmd_vel", "husky_velocity_controller/cmd_vel")  # to the Husky's mux, or past it
 MAX_VIOLATIONS = 5  # that are named
 
 
@@ -65,13 +65,13 @@ class Recorder:
         self._unread: List[str] = []
         self._violations: Dict[str, None] = {}  # in order
         self._unanswered = ""
-        self._began = inf  # [s] of wall time
         self._go_on = threading.Event()
         signal.signal(signal.SIGUSR1, lambda *_: self._go_on.set())
         rospy.on_shutdown(lambda: self._write(CUT_OFF))
-        rospy.Subscriber("cmd_vel", rospy.AnyMsg, self._on_command, queue_size=1000)
         self._master = rosgraph.Master(rospy.get_name())
         self._ours = {*self._task.ours, "/rosout", rospy.get_name()}
+        for topic in VELOCITY_TOPICS:
+            rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000)
         self._driver = ExerciseDriver(self._task.exercise, self._task.scan_topic, self._ours)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
         rospy.set_param("~recording", True)
@@ -99,7 +99,6 @@ class Recorder:
     def _on_truth(self, row: TruthRow) -> None:
         if self._written or self._now >= self._task.deadline:
             return
-        self._began = min(self._began, time.monotonic())
         with self._lock:
             self._truth.append(row)
         self._end.update(row)
@@ -115,7 +114,7 @@ class Recorder:
             self._violations[words] = None
 
     def _on_command(self, msg: Any) -> None:
-        if msg._connection_header.get("callerid") == rospy.get_name():
+        if msg._connection_header.get("callerid") in self._ours:
             return
         self._command_count += 1
         self._zero_count += not any(msg._buff)
@@ -148,7 +147,8 @@ class Recorder:
         for topic, node in forged_topics(publishers, guarded, self._ours):
             self._violate(f"node {node} publishes on {topic}, as the simulator does")
         self._driver.look(services)
-        self._join(bool(set(publishers.get(rospy.resolve_name("cmd_vel"), ())) - self._ours))
+        topics = map(rospy.resolve_name, VELOCITY_TOPICS)
+        self._join(any(set(publishers.get(topic, ())) - self._ours for topic in topics))
 
     def _join(self, sends: bool) -> None:
         """Take part only after the submission, for which lockstep waits, or in its place."""
@@ -159,10 +159,6 @@ class Recorder:
             if not there:
                 self._driver.answer_scans()
             rospy.Subscriber(self._task.scan_topic, LaserScan, self._on_scan, queue_size=1000)
-        # the first command is lost where the submission's publisher does not know the simulator yet
-        waited = time.monotonic() > self._began + PUBLISH_ZERO_AFTER
-        if self._truth and self._command_count == 0 and waited:
-            self._driver.publish_zero()
 
     # ------------------------------------------------------------------------ the end
 

@@ -36,7 +36,8 @@ class Commands:
             )
             for topic in (*INPUTS, DIRECT)
         }
-        self.main: rospy.Subscriber = subscribers[MAIN]
+        self._main, self._direct = subscribers[MAIN], subscribers[DIRECT]
+        self.topics = " or ".join(rospy.resolve_name(topic) for topic in (MAIN, DIRECT))
         rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=10)
 
     def take(self, stamp: float) -> List[Twist2D]:
@@ -52,6 +53,10 @@ class Commands:
                 if self._passed.get_num_connections() > 1:  # one of them is our own
                     publish(self._passed, msg)
         return obeyed
+
+    def has_sender(self) -> bool:
+        """Whether a controller is connected; one of the direct input's senders is our own."""
+        return self._main.get_num_connections() > 0 or self._direct.get_num_connections() > 1
 
     @property
     def locked(self) -> bool:

@@ -69,9 +69,9 @@ class Lockstep:
         if self._on:
             rospy.loginfo(
                 f"lockstep: time waits for a subscriber of {partners.topics} and a sender of "
-                f"{partners.command_topic}"
+                f"{partners.command_topics}"
             )
-        missing = f"there is no subscriber of {partners.topics} or no sender of {partners.command_topic}"
+        missing = f"there is no subscriber of {partners.topics} or no sender of {partners.command_topics}"
         self._wait(joined, PARTNER_TIMEOUT, missing)
 
     def begin_scan(self) -> None:

@@ -124,7 +124,7 @@ class SimulatorNode:
         watch_clock(rospy.get_name(), rosgraph.get_master_uri(), rospy.logwarn)
         # the subscriber of scans answers them, that of joint states sends the robot's frames
         needed, others = [publishers.scan, publishers.joints], [publishers.clock, publishers.transforms]
-        partners = Partners(needed, self._commands.main, others)
+        partners = Partners(needed, others, self._commands.topics, self._commands.has_sender)
         if self._start.lockstep:
             self._lockstep.wait_for_partners(partners, self._hold_time)
         elif self._start.real_time_factor == 0.0 and not self._paused:
@@ -158,7 +158,7 @@ class SimulatorNode:
             if time.monotonic() > end:
                 rospy.loginfo(
                     f"time begins: {', '.join(sorted(beside))} did not join on {partners.topics} and "
-                    f"{partners.command_topic} within {LAUNCH_TIMEOUT:g} s of wall time"
+                    f"{partners.command_topics} within {LAUNCH_TIMEOUT:g} s of wall time"
                 )
                 return
             self._hold_time()

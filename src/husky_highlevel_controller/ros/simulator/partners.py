@@ -6,7 +6,7 @@ Must not know: the simulation.
 
 from __future__ import annotations
 
-from typing import Any, Sequence, Set
+from typing import Any, Callable, Sequence, Set
 from xmlrpc.client import Error, ServerProxy
 
 import rosgraph
@@ -20,21 +20,25 @@ class Partners:
     """Whoever listens to scans and sends commands, and those who listen besides."""
 
     def __init__(
-        self, needed: Sequence[rospy.Publisher], commands: rospy.Subscriber, others: Sequence[rospy.Publisher]
+        self,
+        needed: Sequence[rospy.Publisher],
+        others: Sequence[rospy.Publisher],
+        command_topics: str,
+        has_sender: Callable[[], bool],
     ) -> None:
-        """All `needed` topics need a subscriber and `commands` a publisher.
+        """All `needed` topics need a subscriber, and one of the command topics a sender.
 
         All nodes subscribed to these topics or to the `others` must be connected too: a transform that is
         lost at the beginning would make the run another one.
         """
-        self._needed, self._commands, self._others = needed, commands, others
+        self._needed, self._others = needed, others
+        self.command_topics, self._has_sender = command_topics, has_sender
         self._master = rosgraph.Master(rospy.get_name())
         self.topics = " and ".join(publisher.resolved_name for publisher in needed)
-        self.command_topic: str = commands.resolved_name
 
     def joined(self) -> bool:
         """Whether all are connected."""
-        if not all(connected.get_num_connections() for connected in (*self._needed, self._commands)):
+        if not self._has_sender() or not all(topic.get_num_connections() for topic in self._needed):
             return False
         subscribed = {topic: len(nodes) for topic, nodes in self._master.getSystemState()[1]}
         return all(
