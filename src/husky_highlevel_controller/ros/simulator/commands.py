@@ -13,6 +13,7 @@ from std_msgs.msg import Bool
 from husky_highlevel_controller.datatypes import Twist2D
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
+from husky_highlevel_controller.ros.simulator.lead_limit import LeadLimit
 from husky_highlevel_controller.ros.simulator.lockstep import Lockstep
 from husky_highlevel_controller.simulator.twist_mux import INPUTS, TIMEOUT, CommandMux
 
@@ -24,8 +25,8 @@ QUEUE = 1000  # commands kept between two physics steps; older ones are overrule
 class Commands:
     """Collects commands in callbacks; the simulation's thread takes them."""
 
-    def __init__(self, lockstep: Lockstep) -> None:
-        self._lockstep = lockstep
+    def __init__(self, lockstep: Lockstep, lead_limit: LeadLimit) -> None:
+        self._lockstep, self._lead_limit = lockstep, lead_limit
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
         self._senders: Dict[str, Tuple[str, float]] = {}  # of each topic: the last, and when it sent [s]
         self._mux = CommandMux()
@@ -82,6 +83,7 @@ class Commands:
             return
         self._arrived.append((topic, msg))
         self._lockstep.command_arrived(topic)
+        self._lead_limit.command_arrived()
 
     def _warn_of_two_senders(self, topic: str, sender: str) -> None:
         now = rospy.get_time()

@@ -18,6 +18,7 @@ RESEND_TIMEOUT = 1.0  # for the first command, before the scan is published agai
 SLEEP_TIMEOUT = 0.3  # for an answer of a controller that does nothing meanwhile
 WATCH_TIMEOUT = 1.0  # for processes to fall asleep that have answered; some, as RViz, never do
 POLL_PERIOD = 0.05  # between two checks for service calls during a wait
+PARTNERS_POLL_PERIOD = 0.02  # more often, /clock would take CPU time from those who start
 
 AWAKE = 10  # scans answered in a row: the controller does not sleep, or not any more
 
@@ -72,7 +73,7 @@ class Lockstep:
                 f"{partners.command_topics}"
             )
         missing = f"there is no subscriber of {partners.topics} or no sender of {partners.command_topics}"
-        self._wait(joined, PARTNER_TIMEOUT, missing)
+        self._wait(joined, PARTNER_TIMEOUT, missing, PARTNERS_POLL_PERIOD)
 
     def begin_scan(self) -> None:
         """Call before a scan is published: commands until now do not answer it."""
@@ -156,7 +157,7 @@ class Lockstep:
                 self._watched = time.monotonic() < end and not rospy.is_shutdown()
                 time.sleep(0.001)
 
-    def _wait(self, done: Callable[[], bool], timeout: float, missing: str) -> None:
+    def _wait(self, done: Callable[[], bool], timeout: float, missing: str, period: float = 0.001) -> None:
         end = time.monotonic() + timeout
         while self._on and not rospy.is_shutdown() and not done():
             if time.monotonic() > end:
@@ -167,4 +168,4 @@ class Lockstep:
                 self._on_unanswered(
                     "it does not answer every scan with a command, so simulated time ran on without it"
                 )
-            time.sleep(0.001)
+            time.sleep(period)

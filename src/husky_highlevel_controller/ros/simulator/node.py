@@ -22,7 +22,8 @@ from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.commands import Commands
 from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCamera
-from husky_highlevel_controller.ros.simulator.lockstep import Lockstep
+from husky_highlevel_controller.ros.simulator.lead_limit import LeadLimit
+from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERIOD, Lockstep
 from husky_highlevel_controller.ros.simulator.one_simulator import refusal, running_simulator, watch_clock
 from husky_highlevel_controller.ros.simulator.partners import Partners, launched_beside
 from husky_highlevel_controller.ros.simulator.publishers import Publishers
@@ -40,7 +41,7 @@ from husky_highlevel_controller.srv import StepWorld, StepWorldRequest, StepWorl
 MAX_STEPS = 100_000  # in one request
 # [s] of wall time
 PAUSE_POLL_PERIOD = 0.05  # between two checks for the end of a pause
-LAUNCH_TIMEOUT, PARTNERS_POLL_PERIOD = 10.0, 0.02  # for the nodes launched with this one, as fast as it goes
+LAUNCH_TIMEOUT = 10.0  # for the nodes launched with this one, as fast as it goes
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,8 @@ class SimulatorNode:
             self._publishers.scan,
             partial(self._publishers.truth_log.write_line, "unanswered"),
         )
-        self._commands = Commands(self._lockstep)
+        self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
+        self._commands = Commands(self._lockstep, self._lead_limit)
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
         self._offer_services()
         rospy.loginfo(
@@ -173,6 +175,7 @@ class SimulatorNode:
                 rospy.logwarn_throttle(1.0, f"{rospy.resolve_name('cmd_vel')}: {error}")
         snapshot = self._simulation.step()
         if snapshot.scan is not None:
+            self._lead_limit.before_scan()
             self._lockstep.begin_scan()
         on_clock = partial(
             self._lockstep.tick,
