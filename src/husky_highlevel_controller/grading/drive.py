@@ -40,7 +40,7 @@ LOAD_DEADLINE = 30.0  # [s] of wall time for a launch file to be read
 JOIN_DEADLINE = 50.0  # [s] of wall time for a submission to be up; after that the world goes on without it
 WALL_BASE, WALL_SLOWNESS = 300.0, 20.0  # [s] of wall time a drive may take, and how much slower than its pace
 STALL_DEADLINE = 90.0  # [s] of wall time in which simulated time must get on
-PROGRESS_PERIOD = 0.2  # [s] of wall time between two looks at a drive
+PROGRESS_PERIOD = 0.2  # [s] of wall time between two looks at a drive; each costs the ROS master milliseconds
 FLOOD = 300.0  # commands a simulated second; 50 answer the scans
 KEPT_OUTPUT = 20000  # letters of what a submission printed
 SCAN_TOPICS = {"noetic": "/front/scan", "melodic": "/scan"}
@@ -241,7 +241,11 @@ def simulate(
          *arguments],
         HUSKY_TRUTH_SOCKET=truth_socket,
     )  # fmt: skip
-    up = wait(lambda: has_service(network.uri, SIMULATOR_IS_UP) or not simulator.running, START_DEADLINE)
+    up = wait(
+        lambda: has_service(network.uri, SIMULATOR_IS_UP) or not simulator.running,
+        START_DEADLINE,
+        PROGRESS_PERIOD,
+    )
     if not up or not simulator.running:
         raise MarkingError(f"the simulator does not start: {simulator.output.strip()[-500:]}")
     return simulator
@@ -319,7 +323,7 @@ def _reaches(
         running = recorder.running and (also is None or also.running)
         return not running or has_parameter(network.uri, name)
 
-    wait(decided, seconds)
+    wait(decided, seconds, PROGRESS_PERIOD)
     return recorder.running and has_parameter(network.uri, name)
 
 

@@ -61,6 +61,7 @@ class Recorder:
         self._nearest: List[Tuple[float, float]] = []
         self._watch = MarkerWatch(lambda: self._now)
         self._subscribed = self._joined = self._written = False
+        self._types: Dict[str, str] = {}  # of topics
         self._silent: List[str] = []
         self._unread: List[str] = []
         self._violations: Dict[str, None] = {}  # in order
@@ -132,17 +133,18 @@ class Recorder:
     def _look_at_graph(self) -> None:
         try:
             published, subscribed, services = self._master.getSystemState()
-            types = dict(self._master.getTopicTypes())
+            publishers, subscribers = dict(published), dict(subscribed)
+            if any(self._types.get(topic, "*") == "*" for topic in publishers):  # "*": of a subscriber to any
+                self._types = dict(self._master.getTopicTypes())
         except (OSError, rosgraph.MasterException):
             return
-        publishers, subscribers = dict(published), dict(subscribed)
         for topic, nodes in publishers.items():
             if set(nodes) - self._ours:
-                self._watch.follow(topic, types.get(topic, ""))
+                self._watch.follow(topic, self._types.get(topic, ""))
         listeners: Set[str] = set(subscribers.get(self._task.scan_topic, ()))
         self._subscribed = self._subscribed or bool(listeners - self._ours)
         self._silent = self._silent or silent_topics(publishers, subscribers, self._ours)
-        self._unread = unread_topics(publishers, subscribers, types, self._ours)
+        self._unread = unread_topics(publishers, subscribers, self._types, self._ours)
         guarded = (rospy.resolve_name("ground_truth/odom"), "/clock", self._task.scan_topic)
         for topic, node in forged_topics(publishers, guarded, self._ours):
             self._violate(f"node {node} publishes on {topic}, as the simulator does")
