@@ -102,9 +102,7 @@ def latency(count: int) -> Dict[str, Any]:
     tree = rospy.Publisher("/tf", TFMessage, queue_size=10)
     scan = rospy.Publisher("/front/scan", LaserScan, queue_size=10)
     robot = husky()
-    fixed.publish(
-        conversions.tree_to_msg(robot.fixed_poses[robot.laser_frame], 0.0, "base_link", robot.laser_frame)
-    )
+    fixed.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
     while not scan.get_num_connections() and not rospy.is_shutdown():
         time.sleep(PERIOD)
     times: List[float] = []
@@ -113,7 +111,7 @@ def latency(count: int) -> Dict[str, Any]:
         assert snapshot.scan is not None
         assert snapshot.odometry is not None
         base_in_odom = pose_from_2d(snapshot.odometry.filtered.pose_base_in_odom)
-        tree.publish(conversions.tree_to_msg(base_in_odom, snapshot.stamp, "odom", "base_link"))
+        tree.publish(conversions.tree_to_msg([("odom", "base_link", base_in_odom)], snapshot.stamp))
         msg = conversions.scan_to_msg(snapshot.scan)
         answered.clear()
         sent = time.monotonic()

@@ -5,6 +5,7 @@
 launch_packages=(ca-certificates cmake gcc libc6-dev make python3 python3-venv)  # catkin's cmake wants a C compiler
 # RViz on Qt 6 draws none of its icons without it, and complains of each
 if grep -qx 'VERSION_CODENAME=trixie' /etc/os-release; then launch_packages+=(qt6-svg-plugins); fi
+# robot_state_publisher is for other people's launch files: our simulator sends its frames itself
 launch_ros_packages=(
   catkin rosbash rosout ros-robot-state-publisher rviz
   python3-rosbag python3-roslaunch python3-rosmaster python3-rosmsg python3-rosnode python3-rosparam

@@ -62,13 +62,13 @@ def test_a_controller_that_dies_leaves_a_robot_that_brakes_and_a_new_one_drives_
 
 def test_a_simulator_that_is_killed_and_started_again_finds_the_same_controller_driving(ros):
     ros.start("roscore", "-p", str(ros.port)).says("started core service")
-    start_simulator(ros, "real_time_factor:=3")
+    launched = start_simulator(ros, "real_time_factor:=3")
     controller = start_controller(ros)
     controller.says("driving to the pillar")
     pester(ros, "time", "6.0")
     for pid in pids(ros, "husky_simulator"):
         os.kill(pid, signal.SIGKILL)
-    wait_until(lambda: not pids(ros, "robot_state_publisher"), "its launch has ended")
+    wait_until(lambda: launched.popen.poll() is not None, "its launch has ended")
     start_simulator(ros, "real_time_factor:=3", "y:=2.0")  # where time begins at 0 again
     controller.says("arrived after")
     assert controller.popen.poll() is None, "the controller lives on"

@@ -1,11 +1,16 @@
 #!/usr/bin/env python3
 """TF ties every frame of the Noetic Husky to odom, each by its published parent."""
 
+from math import cos, sin
+
 import tf2_ros
+from geometry_msgs.msg import Twist, Vector3
 from harness import RosTest, run
 from rospy import Time
+from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
+WHEEL = "front_left_wheel"
 PARENT = {
     "base_link": "odom",
     "base_footprint": "base_link",
@@ -38,6 +43,23 @@ class TfTreeIsComplete(RosTest):
 
         self.wait_until(lambda: set(PARENT) <= set(parents()), "all frames are there")
         self.assertEqual(parents(), PARENT)
+
+    def test_a_wheel_s_frame_turns_with_its_joint(self):
+        moving, joints = self.remember("tf", TFMessage), self.remember("joint_states", JointState)
+        publisher = self.publisher("cmd_vel", Twist)
+
+        def pairs():
+            """The wheel's angle in joint_states and in TF at the same moments."""
+            publisher.publish(Twist(linear=Vector3(x=0.5)))
+            told = {msg.header.stamp: msg.position[msg.name.index(WHEEL)] for msg in list(joints)}
+            frames = [t for msg in list(moving) for t in msg.transforms if t.child_frame_id == WHEEL + "_link"]
+            turned = {t.header.stamp: t.transform.rotation for t in frames}
+            return [(told[at], turned[at]) for at in told if at in turned]
+
+        self.wait_until(lambda: any(angle > 1.0 for angle, _ in pairs()), "the wheel has turned by 1 rad")
+        for angle, rotation in pairs():
+            self.assertAlmostEqual(rotation.y, sin(angle / 2), places=6)
+            self.assertAlmostEqual(rotation.w, cos(angle / 2), places=6)
 
     def test_the_lidar_hangs_upside_down_where_the_husky_has_it(self):
         buffer = tf2_ros.Buffer()

@@ -6,7 +6,7 @@ In and out: records and messages. Must not know: nodes, topics, rospy.
 from __future__ import annotations
 
 from math import hypot, inf, isfinite, pi
-from typing import Tuple
+from typing import Iterable, Tuple
 
 import numpy as np
 from genpy import Time
@@ -167,9 +167,9 @@ def _odometry(stamp: float, frame: str, child: str, pose: Pose) -> OdometryMsg:
     return msg
 
 
-def tree_to_msg(pose_child_in_parent: Pose, stamp: float, parent: str, child: str) -> TFMessage:
-    """A pose as one branch of the TF tree."""
-    return TFMessage([transform_to_msg(pose_child_in_parent, stamp, parent, child)])
+def tree_to_msg(branches: Iterable[Tuple[str, str, Pose]], stamp: float) -> TFMessage:
+    """Branches of the TF tree: parent, child, pose_child_in_parent."""
+    return TFMessage([transform_to_msg(pose, stamp, parent, child) for parent, child, pose in branches])
 
 
 def transform_to_msg(pose_child_in_parent: Pose, stamp: float, parent: str, child: str) -> TransformStamped:

@@ -100,6 +100,16 @@ def test_base_link_is_a_wheel_radius_minus_the_axle_height_above_the_ground():
     assert robot_model(HUSKY).fixed_poses["base_footprint"].position == pytest.approx((0.0, 0.0, -0.13228))
 
 
+def test_a_wheel_turns_about_its_axle_from_where_its_joint_puts_it():
+    robot = ET.fromstring(HUSKY)
+    origin = robot.find("joint[@name='front_left_wheel']/origin")
+    origin.set("rpy", "0 0.3 0")
+    wheel = robot_model(ET.tostring(robot, encoding="unicode")).wheels[0]
+    pose = wheel.pose_at(0.2)
+    assert pose.position == pytest.approx(tuple(map(float, origin.get("xyz").split())))
+    assert pose.quat_xyzw == pytest.approx((0.0, sin(0.25), 0.0, cos(0.25)))
+
+
 def test_a_husky_without_lidar_is_lighter_and_has_no_laser_frame():
     model = robot_model(robot_description(laser_enabled=False))
     assert model.mass == pytest.approx(56.582)

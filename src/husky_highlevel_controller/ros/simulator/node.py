@@ -70,10 +70,10 @@ class SimulatorNode:
     def __init__(self) -> None:
         start, config, camera = self._read_parameters()
         self._start, self._paused = start, start.paused
-        self._publishers = Publishers(config)
+        robot = robot_model(self._robot_description(), start.laser_frame)
+        self._publishers = Publishers(config, robot)
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
         world = load_world(find_world(start.world_name, _world_folders()))
-        robot = robot_model(self._robot_description(), start.laser_frame)
         self._simulation = Simulation(world, robot, config, Pose2D(start.x, start.y, start.yaw), start.seed)
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
@@ -124,8 +124,8 @@ class SimulatorNode:
         """Simulate until the node is shut down."""
         publishers, simulation = self._publishers, self._simulation
         watch_clock(rospy.get_name(), rosgraph.get_master_uri(), rospy.logwarn)
-        # the subscriber of scans answers them, that of joint states sends the robot's frames
-        needed, others = [publishers.scan, publishers.joints], [publishers.clock, publishers.transforms]
+        needed = [publishers.scan]  # who listens answers them
+        others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(needed, others, self._commands.topics, self._commands.has_sender)
         if self._start.lockstep:
             self._lockstep.wait_for_partners(partners, self._hold_time)

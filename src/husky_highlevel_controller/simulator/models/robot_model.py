@@ -8,16 +8,24 @@ from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ET
+from collections import defaultdict
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Dict, List, Mapping, Sequence, Tuple
+from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
 
 import defusedxml
 import defusedxml.ElementTree
 import numpy as np
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
-from husky_highlevel_controller.geometry import compose, inverse, matrix_from_quat, rotate
+from husky_highlevel_controller.geometry import (
+    compose,
+    inverse,
+    matrix_from_quat,
+    quat_from_rpy,
+    quat_multiply,
+    rotate,
+)
 from husky_highlevel_controller.simulator.models.husky_xacro import DescriptionError
 from husky_highlevel_controller.simulator.models.urdf_parser import (
     ends_of,
@@ -49,11 +57,21 @@ class Wheel:
 
     joint: str
     link: str
-    position: Vector3  # [m], of its centre, in base_link
+    pose: Pose  # of its link in base_link, at an angle of 0
     radius: float  # [m], of the collision cylinder
     width: float  # [m], of the collision cylinder
     mass: float  # [kg]
     axial_inertia: float  # [kg m^2], about the axle
+
+    @property
+    def position(self) -> Vector3:
+        """Its centre in base_link [m]."""
+        return self.pose.position
+
+    def pose_at(self, angle: float) -> Pose:
+        """The pose of its link in base_link when its joint has turned so far [rad]."""
+        turned = quat_from_rpy(0.0, angle, 0.0)
+        return Pose(self.pose.position, quat_multiply(turned, self.pose.quat_xyzw))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +79,7 @@ class RobotModel:
     """What physics needs of a robot: one rigid body that stands on four wheels."""
 
     fixed_poses: Mapping[str, Pose]  # of every link that is rigidly attached to base_link, in base_link
+    fixed_joints: Tuple[Tuple[str, str, Pose], ...]  # parent and child link, pose_child_in_parent
     laser_frame: str  # where rays start; not in fixed_poses if the robot has no lidar
     mass: float  # [kg], wheels included
     com: Vector3  # [m], wheels included, in base_link
@@ -91,7 +110,8 @@ def robot_model(urdf_text: str, laser_frame: str = "front_laser") -> RobotModel:
         if name not in joints:
             raise DescriptionError(f"no joint '{name}'; wheels are {', '.join(WHEEL_JOINTS)}")
 
-    poses = _fixed_poses(links, joints)
+    fixed_joints = _fixed_joints(links, joints)
+    poses = _fixed_poses(fixed_joints)
     physics = ET.Element("robot", name=robot.get("name", "robot"))
     cluster = [(links[name], pose) for name, pose in poses.items()]
     body = _require_solid(_merge([_inertial(link, pose) for link, pose in cluster]), "base_link's rigid body")
@@ -110,6 +130,7 @@ def robot_model(urdf_text: str, laser_frame: str = "front_laser") -> RobotModel:
         element.tail = "\n"  # Bullet cuts lines after 8 kB
     return RobotModel(
         fixed_poses=MappingProxyType(poses),
+        fixed_joints=fixed_joints,
         laser_frame=laser_frame,
         mass=mass,
         com=com,
@@ -130,15 +151,22 @@ def _parse(urdf_text: str) -> ET.Element:
     return robot
 
 
-def _fixed_poses(links: Mapping[str, ET.Element], joints: Mapping[str, ET.Element]) -> Dict[str, Pose]:
+def _fixed_joints(
+    links: Mapping[str, ET.Element], joints: Mapping[str, ET.Element]
+) -> Tuple[Tuple[str, str, Pose], ...]:
+    return tuple(
+        (*ends_of(joint, links), origin_of(joint, label_of(joint)))
+        for joint in joints.values()
+        if joint.get("type") == "fixed"
+    )
+
+
+def _fixed_poses(fixed_joints: Iterable[Tuple[str, str, Pose]]) -> Dict[str, Pose]:
     """Poses in base_link of the links that fixed joints tie to it, whether they hang below or above it."""
-    neighbours: Dict[str, List[Tuple[str, Pose]]] = {name: [] for name in links}
-    for joint in joints.values():
-        parent, child = ends_of(joint, links)
-        if joint.get("type") == "fixed":
-            pose_child_in_parent = origin_of(joint, label_of(joint))
-            neighbours[parent].append((child, pose_child_in_parent))
-            neighbours[child].append((parent, inverse(pose_child_in_parent)))
+    neighbours: Dict[str, List[Tuple[str, Pose]]] = defaultdict(list)
+    for parent, child, pose_child_in_parent in fixed_joints:
+        neighbours[parent].append((child, pose_child_in_parent))
+        neighbours[child].append((parent, inverse(pose_child_in_parent)))
     poses = {"base_link": Pose()}
     queue = ["base_link"]
     for link in queue:
@@ -177,7 +205,7 @@ def _write_wheel(
     radius = number_of(cylinder, "radius", label_of(links[child]))
     width = number_of(cylinder, "length", label_of(links[child]))
     axial_inertia = float(inertial[2][1, 1])
-    return Wheel(name, child, pose.position, radius, width, inertial[0], axial_inertia), inertial
+    return Wheel(name, child, pose, radius, width, inertial[0], axial_inertia), inertial
 
 
 # ---------------------------------------------------------------------------- bodies
