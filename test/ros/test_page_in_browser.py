@@ -30,9 +30,9 @@ SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--n
 SIZE = {"width": 900, "height": 560}
 COARSENESS = 0.25  # drawn pixels for each of the page's, along x and y: 16 times as fast by software
 ADDRESS = re.compile(r"\]: (http://127\.0\.0\.1:\d+)\n")
-# ten pictures a second at most: an open page would take a whole core all the time
-TEN_HZ = (
-    "const draw = requestAnimationFrame; window.requestAnimationFrame = f => setTimeout(() => draw(f), 100)"
+# four pictures a second at most: an open page would take a whole core all the time
+FOUR_HZ = (
+    "const draw = requestAnimationFrame; window.requestAnimationFrame = f => setTimeout(() => draw(f), 250)"
 )
 NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 DRAW_TIMEOUT = 240.0  # [s] of wall time for anything that a browser without a graphics card draws
@@ -94,7 +94,7 @@ def opened(browser, address):
 
 
 def watch(page):
-    page.add_init_script(TEN_HZ)
+    page.add_init_script(FOUR_HZ)
     page.set_default_timeout(1000.0 * DRAW_TIMEOUT)
     page.complaints, page.hosts = [], set()
     page.on("console", lambda msg: msg.type == "error" and page.complaints.append(msg.text))

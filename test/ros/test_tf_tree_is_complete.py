@@ -52,7 +52,9 @@ class TfTreeIsComplete(RosTest):
             """The wheel's angle in joint_states and in TF at the same moments."""
             publisher.publish(Twist(linear=Vector3(x=0.5)))
             told = {msg.header.stamp: msg.position[msg.name.index(WHEEL)] for msg in list(joints)}
-            frames = [t for msg in list(moving) for t in msg.transforms if t.child_frame_id == WHEEL + "_link"]
+            frames = [
+                t for msg in list(moving) for t in msg.transforms if t.child_frame_id == WHEEL + "_link"
+            ]
             turned = {t.header.stamp: t.transform.rotation for t in frames}
             return [(told[at], turned[at]) for at in told if at in turned]
 

@@ -1,7 +1,7 @@
 """Publishers of the simulator: the Husky's topics at the Husky's rates.
 
-The robot's frames too, which on a Husky robot_state_publisher sends: it asks the ROS master twice for each message
-(1.15.2), and together they took as much CPU time as half a simulator.
+The robot's frames too, which on a Husky robot_state_publisher sends: it asks the ROS master twice for each
+message (1.15.2), and together they took as much CPU time as half a simulator.
 """
 
 from __future__ import annotations

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any, List, Optional, Sequence, Tuple
 
+import numpy as np
 import viser
+from viser import _messages
 
-from husky_highlevel_controller.datatypes import Pose, Quaternion, Rgba
+from husky_highlevel_controller.datatypes import Pose, Quaternion, Rgba, Vector3
 from husky_highlevel_controller.ros.web import meshes
 from husky_highlevel_controller.ros.web.markers import Dots, Lines, MeshFile, Piece, Solid, Words
 
@@ -23,12 +25,29 @@ def wxyz(quat_xyzw: Quaternion) -> Tuple[float, float, float, float]:
 
 
 def place(node: Any, pose: Pose) -> None:
-    """Put a node somewhere, if it is not there already: every change is sent to every page."""
-    position, rotation = pose.position, wxyz(pose.quat_xyzw)
-    if _differ(node.position.tolist(), position):
-        node.position = position
-    if _differ(node.wxyz.tolist(), rotation):
-        node.wxyz = rotation
+    """Put a node somewhere, if it is not there already: every change is sent to every page.
+
+    Its message is queued without viser's setter, which compares by numpy.allclose: 6 instead of 39 us each.
+    """
+    inside, position, rotation = node._impl, pose.position, wxyz(pose.quat_xyzw)
+    if _differ(inside.position.tolist(), position):
+        inside.position[:] = position
+        inside.api._queue_scene_message(_messages.SetPositionMessage(inside.name, position))
+    if _differ(inside.wxyz.tolist(), rotation):
+        inside.wxyz[:] = rotation
+        inside.api._queue_scene_message(_messages.SetOrientationMessage(inside.name, rotation))
+
+
+def look(camera: viser.CameraHandle, position: Vector3, look_at: Vector3) -> None:
+    """Put a page's camera somewhere.
+
+    Not by viser's setters, which calculate its rotation as well: a seventh of the page's thread.
+    """
+    state = camera._state
+    state.position, state.look_at = np.array(position), np.array(look_at)
+    queue = state.client._websock_connection.queue_message
+    queue(_messages.SetCameraPositionMessage(position))
+    queue(_messages.SetCameraLookAtMessage(look_at))
 
 
 def _differ(a: Sequence[float], b: Sequence[float]) -> bool:

@@ -184,13 +184,12 @@ class WebNode:
     def _update(self, now: float) -> None:
         self._scene.update(self._topics)
         self._objects.update(self._topics.take_all("objects"))
-        self._take_numbers(now)
         base = self._scene.base
         for page in self._pages.values():
             page.update(None if base is None else base.position, self._pillar)
         self._recorder.tick(now, None if base is None else base.position)
 
-    def _take_numbers(self, now: float) -> None:
+    def _take_numbers(self) -> None:
         odometry = self._topics.take("truth") or self._topics.take("odometry")
         if odometry is not None:
             self._speeds["measured"] = conversions.twist_from_msg(odometry.twist.twist)
@@ -214,6 +213,7 @@ class WebNode:
             self._plots.curves["turning"].add(self._time, commanded[1], measured[1])
 
     def _update_readings(self, now: float) -> None:
+        self._take_numbers()
         if self._time is not None:
             self._clock_rate.add(self._time, now)
         scan = self._topics.newest.get("scan")

@@ -8,6 +8,7 @@ from typing import Any, Callable, Optional, Sequence, Tuple
 import viser
 
 from husky_highlevel_controller.datatypes import Vector3
+from husky_highlevel_controller.ros.web.drawing import look
 from husky_highlevel_controller.ros.web.log import LEVELS, Filter, LogBuffer, to_html
 
 FOLLOW, PILLAR, ABOVE, FREE = CAMERAS = ("Follow", "Pillar", "Above", "Free")
@@ -68,8 +69,7 @@ class Page:
         with self.client.atomic():
             if not self._is_placed:
                 camera.up_direction = (0.0, 0.0, 1.0)
-            camera.position = _sum(target, self._offset)
-            camera.look_at = target
+            look(camera, _sum(target, self._offset), target)
         self._is_placed, self._at = True, target
 
     def _take_offset(self, target: Vector3) -> None:

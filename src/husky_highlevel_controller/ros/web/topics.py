@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections import deque
 from functools import partial
+from math import inf
 from typing import Any, Callable, Deque, Dict, List, NamedTuple, Optional, Tuple
 
 import rospy
@@ -14,19 +17,40 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdate, Marker, MarkerArray
 
+DRAWN_PAUSE, NUMBERS_PAUSE = 0.05, 0.2  # [s] between two readings of what is drawn, and of numbers
+WAITING = 0.2  # of a pause: what is read so soon after it came in meanwhile
 QUEUE = 2000  # messages of one topic kept between two looks; a page that stays behind loses the oldest
 DRAWN = {kind._type: kind for kind in (Marker, MarkerArray, Path)}
 INTERACTIVE = "visualization_msgs/InteractiveMarkerUpdate"
 
 
+class Paced:
+    """A callback that pauses, so that what comes in meanwhile is read at one go.
+
+    Without it the messages of a drive wake this process 475 times a second.
+    """
+
+    def __init__(self, take: Callable[[Any], None], pause: float) -> None:
+        """Pause for so long [s] after a message that was not there yet when the last pause ended."""
+        self._take, self._pause = take, pause
+        self._ended = threading.local()  # [s], the last pause; a topic has a thread for each publisher
+
+    def __call__(self, msg: Any) -> None:
+        """Take a message."""
+        self._take(msg)
+        if time.monotonic() - getattr(self._ended, "at", -inf) > WAITING * self._pause:
+            time.sleep(self._pause)
+            self._ended.at = time.monotonic()
+
+
 class Newest:
     """The newest message of a topic, unpacked only when it is asked for."""
 
-    def __init__(self, topic: str, kind: Any) -> None:
+    def __init__(self, topic: str, kind: Any, pause: float) -> None:
         self.count = 0
         self._kind, self._raw = kind, None
         self._subscriber = rospy.Subscriber(
-            topic, rospy.AnyMsg, self._on_message, queue_size=1, buff_size=2**20
+            topic, rospy.AnyMsg, Paced(self._on_message, pause), buff_size=2**20
         )
 
     def take(self) -> Optional[Any]:
@@ -98,7 +122,8 @@ class Topics:
     def listen(self, use: str, kind: Any, wanted: bool) -> None:
         """Subscribe or not to what is shown on demand."""
         if wanted and use not in self.newest:
-            self.newest[use] = Newest(self._names[use], kind)
+            pause = DRAWN_PAUSE if use in ("scan", "cloud") else NUMBERS_PAUSE
+            self.newest[use] = Newest(self._names[use], kind, pause)
         elif not wanted and use in self.newest:
             self.newest.pop(use).close()
 
@@ -130,7 +155,7 @@ class Topics:
             queue.clear()
 
     def _subscribe(self, topic: str, kind: Any, queue: str) -> None:
-        push: Callable[[Any], None] = partial(self._push, queue, topic)
+        push = Paced(partial(self._push, queue, topic), DRAWN_PAUSE)
         self._subscribers[topic] = rospy.Subscriber(topic, kind, push, queue_size=QUEUE, tcp_nodelay=True)
 
     def _push(self, queue: str, topic: str, msg: Any) -> None:
