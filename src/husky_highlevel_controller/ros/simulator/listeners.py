@@ -12,13 +12,16 @@ import os
 import threading
 import time
 from pathlib import Path
-from typing import Dict, List, Optional, Set, Tuple
+from typing import Dict, Set, Tuple
 
 import rospy
 
 ASLEEP_FOR = 0.003  # [s] of wall time: roscpp looks at the clock every 1 ms while it sleeps
 LOOK_PERIOD = 0.0005  # [s] of wall time
-RUNNING = {"R", "D"}  # states of a thread: on a CPU or waiting for one, or for a disk
+STAT = 512  # [bytes] of a thread's /proc/.../stat that are read; its state is among the first
+RUNNING = {b"R", b"D"}  # states of a thread: on a CPU or waiting for one, or for a disk
+
+Ports = Tuple[int, int]  # of a connection: theirs, ours
 
 
 class Listeners:
@@ -26,7 +29,7 @@ class Listeners:
 
     def __init__(self, publisher: rospy.Publisher) -> None:
         self._publisher = publisher
-        self._owners: Dict[str, int] = {}  # process of a socket's inode
+        self._owners: Dict[Ports, int] = {}  # process at the other end of each connection
 
     def asleep(self) -> bool:
         """Whether all of them stay asleep for some milliseconds; takes as long."""
@@ -40,16 +43,16 @@ class Listeners:
 
     def _idle(self) -> bool:
         ports = self._ports()
-        inodes = _receiving_sockets(ports)
-        if not ports or len(inodes) < len(ports):
+        if ports != self._owners.keys():
+            self._owners = _owners(ports)
+        if not ports or len(self._owners) < len(ports):
             return False  # elsewhere than on this machine nothing is known
-        owners = {self._owner(inode) for inode in inodes}
         if _runs(os.getpid(), but=threading.get_native_id()):
             return False  # a thread of ours that is about to send
-        return not any(owner is None or _runs(owner) for owner in owners)
+        return not any(_runs(owner) for owner in set(self._owners.values()))
 
-    def _ports(self) -> Set[Tuple[int, int]]:
-        """(theirs, ours) of each connection; rospy has no public way to its sockets."""
+    def _ports(self) -> Set[Ports]:
+        """Of each connection; rospy has no public way to its sockets."""
         pairs = set()
         for queued in list(self._publisher.impl.connections):
             transport = getattr(queued, "_connection", queued)
@@ -59,43 +62,42 @@ class Listeners:
                 continue
         return pairs
 
-    def _owner(self, inode: str) -> Optional[int]:
-        if inode not in self._owners:
-            self._owners.update(_owners({inode}))
-        return self._owners.get(inode)
 
+def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
+    """Which process receives, of each connection that ends on this machine.
 
-def _receiving_sockets(ports: Set[Tuple[int, int]]) -> List[str]:
-    """Inodes of the receiving ends of the connections between these ports."""
-    found = []
+    The kernel takes 4 ms to list all connections: it is asked only when they change.
+    """
+    sockets: Dict[str, Ports] = {}
     for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
         words = line.split()
-        local, remote = int(words[1].split(":")[1], 16), int(words[2].split(":")[1], 16)
-        if (local, remote) in ports:
-            found.append(words[9])
-    return found
-
-
-def _owners(inodes: Set[str]) -> Dict[str, int]:
-    """Which process has a socket open."""
-    names = {f"socket:[{inode}]": inode for inode in inodes}
-    owners = {}
+        pair = int(words[1].split(":")[1], 16), int(words[2].split(":")[1], 16)
+        if pair in ports:
+            sockets[f"socket:[{words[9]}]"] = pair
+    owners: Dict[Ports, int] = {}
     for folder in Path("/proc").glob("[0-9]*/fd"):
         try:
             for link in folder.iterdir():
                 name = os.readlink(link)
-                if name in names:
-                    owners[names[name]] = int(folder.parent.name)
+                if name in sockets:
+                    owners[sockets[name]] = int(folder.parent.name)
         except OSError:  # it has just ended, or belongs to another user
             continue
     return owners
 
 
 def _runs(process: int, but: int = 0) -> bool:
-    for status in Path(f"/proc/{process}/task").glob("*/stat"):
+    folder = f"/proc/{process}/task"
+    try:
+        threads = os.listdir(folder)
+    except OSError:  # it has just ended
+        return False
+    for thread in threads:
         try:
-            if int(status.parent.name) != but and status.read_text().rpartition(")")[2].split()[0] in RUNNING:
-                return True
+            with open(f"{folder}/{thread}/stat", "rb", buffering=0) as file:
+                state = file.read(STAT).rpartition(b") ")[2][:1]
         except OSError:
             continue
+        if state in RUNNING and int(thread) != but:
+            return True
     return False
