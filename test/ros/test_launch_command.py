@@ -106,7 +106,7 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 """
 
 
-@pytest.mark.parametrize("which", range(1, 6))  # master, rosout, three nodes
+@pytest.mark.parametrize("which", range(1, 5))  # master, rosout, simulator, controller
 def test_a_signal_while_a_process_is_being_forked_ends_everything(which, ros):
     arguments = ("controller.launch", "gui:=false", "-p", str(ros.port))
     launched = ros.start(sys.executable, "-c", INTERRUPTED, str(which), COMMAND[1], *arguments)

@@ -7,7 +7,7 @@ message (1.15.2), and together they took as much CPU time as half a simulator.
 from __future__ import annotations
 
 from math import gcd
-from typing import Any, Callable, Iterable, Set, Tuple
+from typing import Any, Callable, Set
 
 import rospy
 from geometry_msgs.msg import TwistStamped, Vector3Stamped
@@ -41,6 +41,8 @@ class Publishers:
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
         self._tick = gcd(self._state_steps, scan_steps) / config.physics_rate  # [s], of /clock, at least
         self._wheels = robot.wheels
+        self._base_frame = conversions.tree_to_msg([(ODOM, BASE, Pose())], 0.0)
+        self._wheel_frames = conversions.tree_to_msg([(BASE, w.link, w.pose) for w in robot.wheels], 0.0)
         self._drift = config.gps.drift
         self._tells_time = bool(rospy.get_param("/use_sim_time", False))
         self._bumped: Set[str] = set()
@@ -82,7 +84,9 @@ class Publishers:
             on_clock()
         if odometry is not None:
             base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
-            self._publish_frames([(ODOM, BASE, base_in_odom)], snapshot.stamp)
+            publish_if_subscribed(
+                self.transforms, conversions.move_tree, self._base_frame, [base_in_odom], snapshot.stamp
+            )
         if snapshot.scan is not None:
             self.publish_scan(snapshot.scan)
         self._bumped.update(snapshot.contacts)
@@ -103,15 +107,12 @@ class Publishers:
         """Publish a scan."""
         publish_if_subscribed(self.scan, conversions.scan_to_msg, scan)
 
-    def _publish_frames(self, branches: Iterable[Tuple[str, str, Pose]], stamp: float) -> None:
-        publish_if_subscribed(self.transforms, conversions.tree_to_msg, branches, stamp)
-
     def _publish_state(self, snapshot: Snapshot, odometry: OdometrySample) -> None:
         stamp = snapshot.stamp
         if snapshot.step % self._wheel_steps == 0:
             publish_if_subscribed(self.joints, conversions.wheels_to_msg, odometry.wheels, stamp)
-            turned = zip(self._wheels, odometry.wheels.angles)
-            self._publish_frames([(BASE, wheel.link, wheel.pose_at(angle)) for wheel, angle in turned], stamp)
+            turned = (wheel.pose_at(angle) for wheel, angle in zip(self._wheels, odometry.wheels.angles))
+            publish_if_subscribed(self.transforms, conversions.move_tree, self._wheel_frames, turned, stamp)
             publish_if_subscribed(
                 self._wheel_odometry, conversions.odometry_to_msg, odometry.from_wheels, stamp, ODOM, BASE
             )
