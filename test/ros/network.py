@@ -1,6 +1,7 @@
 """ROS networks of their own, for the tests that start and kill processes."""
 
 import contextlib
+import itertools
 import os
 import signal
 import socket
@@ -21,6 +22,18 @@ def wait_until(condition, what, deadline=DEADLINE):
     while not condition():
         assert time.monotonic() < end, f"waited {deadline} s until {what}"
         time.sleep(0.05)
+
+
+# below the ports that the kernel gives to whoever wants any: roslaunch's own server once took its master's
+_ports = itertools.count(20000 + os.getpid() % 10000)
+
+
+def free_port():
+    """A port that nobody uses, nor is given."""
+    for port in _ports:
+        with socket.socket() as free, contextlib.suppress(OSError):
+            free.bind(("127.0.0.1", port))
+            return port
 
 
 class Process:
@@ -52,9 +65,7 @@ class Ros:
     """A ROS network of its own."""
 
     def __init__(self, folder):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
+        self.port = free_port()
         uri = f"http://127.0.0.1:{self.port}"
         self.env = {
             **os.environ,

@@ -5,14 +5,13 @@ import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import tempfile
 from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
-from network import DEADLINE, Process, wait_until
+from network import DEADLINE, Process, free_port, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 INSTALL = "bash tools/install_in_image.sh packages && bash tools/install_in_image.sh build"
@@ -26,12 +25,6 @@ def folder():
     # whatever is still mounted there is the machine's own
     if str(made) not in Path("/proc/self/mounts").read_text():
         subprocess.run(["rm", "-rf", "--one-file-system", str(made)], check=True)
-
-
-def free_port():
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
 
 
 @pytest.mark.slow

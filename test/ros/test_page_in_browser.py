@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-import socket
 import sys
 import time
 from math import dist
@@ -15,7 +14,7 @@ import numpy as np
 import pytest
 import viser
 import yaml
-from network import Ros
+from network import Ros, free_port
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -304,9 +303,7 @@ def test_a_recording_is_saved_and_replayed_from_disk_and_by_the_page(page, brows
 
 
 def test_another_address_asks_for_the_token(network, launched, browser):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     other = network.start(
         "roslaunch", "husky_highlevel_controller", "web.launch", "web_address:=0.0.0.0",
         f"web_port:={port}", ROS_NAMESPACE="other",
