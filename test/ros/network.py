@@ -26,14 +26,19 @@ def wait_until(condition, what, deadline=DEADLINE):
 
 # below the ports that the kernel gives to whoever wants any: roslaunch's own server once took its master's
 _ports = itertools.count(20000 + os.getpid() % 10000)
+_claims = []
 
 
 def free_port():
-    """A port that nobody uses, nor is given."""
+    """A port that nobody uses, is given, or claims: pytest's workers claim theirs by UDP, until they end."""
     for port in _ports:
+        claim = socket.socket(type=socket.SOCK_DGRAM)
         with socket.socket() as free, contextlib.suppress(OSError):
+            claim.bind(("127.0.0.1", port))
             free.bind(("127.0.0.1", port))
+            _claims.append(claim)
             return port
+        claim.close()
 
 
 class Process:
