@@ -382,9 +382,11 @@ def test_no_beams_no_readings():
     assert cast(SOME_WORLD, bearings=[]).shape == (0,)
 
 
-def test_a_shape_that_moved_is_seen_where_it_is_now():
+@pytest.mark.parametrize("others", [0, raycast.FEW])
+def test_a_shape_that_moved_is_seen_where_it_is_now(others):
     floor = (Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0, z=-1.0))
-    scene = make_scene([(Sphere(0.5), at(5.0)), floor, (Box((1.0, 4.0, 1.0)), at(0.0, 5.0))])
+    behind = [(Sphere(0.5), at(-5.0))] * others
+    scene = make_scene([(Sphere(0.5), at(5.0)), floor, (Box((1.0, 4.0, 1.0)), at(0.0, 5.0)), *behind])
     scene.move(1, at(3.0, yaw=pi / 2.0))  # the box, second of the solid shapes
     assert cast_rays(scene, Pose(), beams_at([0.0, pi / 2.0]), REACH) == pytest.approx([1.0, inf])
 

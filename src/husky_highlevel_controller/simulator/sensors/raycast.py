@@ -58,11 +58,18 @@ class Scene:
     positions: np.ndarray  # (M, 3)
     axes: np.ndarray  # (M, 3, 3), an axis in each row
 
+    @property
+    def has_many(self) -> bool:
+        """Whether its solids are met all at once, as arrays."""
+        return len(self.solids) > FEW
+
     def move(self, index: int, pose_in_world: Pose) -> None:
         """Set the pose of a solid shape."""
         position, axes = pose_in_world.position, axes_from_quat(pose_in_world.quat_xyzw)
-        self.solids[index] = self.solids[index]._replace(position=position, axes=axes)
-        self.positions[index], self.axes[index] = position, axes
+        if self.has_many:
+            self.positions[index], self.axes[index] = position, axes
+        else:
+            self.solids[index] = self.solids[index]._replace(position=position, axes=axes)
 
 
 def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> Scene:
@@ -124,7 +131,7 @@ def cast_rays(scene: Scene, pose_laser_in_world: Pose, beams: Beams, max_range: 
             along[along < 0.0] = inf
             np.fmin(distances, along, out=distances)
             farthest = inf
-    if len(scene.solids) > FEW:
+    if scene.has_many:
         _meet_many(scene, np.array(origin), np.array(laser), beams, max_range, distances)
         farthest = inf
     else:
@@ -199,10 +206,11 @@ def _meet_many(
     for kind, (needed, prepare, enter) in enumerate(FORMULAS):
         chosen = np.flatnonzero(kinds == kind)
         if len(chosen):
-            solid, (owner, beam) = near[chosen], _pairs(first[chosen], count[chosen])
+            solid, beams_each = near[chosen], count[chosen]
+            beam = _beams_of(first[chosen], beams_each)
             axes = (scene.axes[solid, needed] @ laser.T).transpose(1, 2, 0)
             prepared = prepare(centers[solid].T, axes, scene.sizes[solid].T)
-            rows, numbers = (np.array(part)[..., owner] for part in prepared)
+            rows, numbers = (np.array(part).repeat(beams_each, axis=-1) for part in prepared)
             x, y = beams.directions[:, beam]
             np.fmin.at(distances, beam, enter(rows[:, 0] * x + rows[:, 1] * y, numbers))
 
@@ -230,7 +238,7 @@ def _candidates(
     return near[met], first[met], count[met]
 
 
-def _pairs(first: Indices, count: Indices) -> Tuple[Indices, Indices]:
-    """Every beam of every shape: the shape's row (P,), and the beam (P,)."""
-    owner = np.repeat(np.arange(len(count)), count)
-    return owner, np.arange(len(owner)) + (first - count.cumsum() + count)[owner]
+def _beams_of(first: Indices, count: Indices) -> Indices:
+    """Every beam of every shape, (P,)."""
+    ends = count.cumsum()
+    return np.arange(ends[-1]) + (first - ends + count).repeat(count)
