@@ -79,7 +79,9 @@ def robot(network, launched):
 @pytest.fixture(scope="module")
 def browser():
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE_WEBGL))
+        browser = playwright.chromium.launch(
+            executable_path=CHROMIUM, args=list(SOFTWARE_WEBGL), timeout=1000.0 * DRAW_TIMEOUT
+        )
         yield browser
         browser.close()
 
@@ -94,7 +96,7 @@ def opened(browser, address):
 
 def watch(page):
     page.add_init_script(FOUR_HZ)
-    page.set_default_timeout(1000.0 * DRAW_TIMEOUT)
+    page.context.set_default_timeout(1000.0 * DRAW_TIMEOUT)  # for pages that it opens, too
     page.complaints, page.hosts = [], set()
     page.on("console", lambda msg: msg.type == "error" and page.complaints.append(msg.text))
     page.on("pageerror", lambda error: page.complaints.append(str(error)))
@@ -296,7 +298,6 @@ def test_a_recording_is_saved_and_replayed_from_disk_and_by_the_page(page, brows
     assert {url for url in from_disk.hosts if not url.startswith(("file:", "data:", "blob:"))} == set()
     with page.context.expect_page() as opening:
         page.set_input_files("[data-husky-replay]", tmp_path / "drive.viser")
-    opening.value.set_default_timeout(1000.0 * DRAW_TIMEOUT)
     opening.value.wait_for_selector("input[value='1x']")
     opening.value.close()
     show(page, "Drive")
