@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """TF ties every frame of the Noetic Husky to odom, each by its published parent."""
 
+import subprocess
 from math import cos, sin
 
 import tf2_ros
@@ -73,6 +74,23 @@ class TfTreeIsComplete(RosTest):
         self.assertAlmostEqual(pose.translation.z, 0.30795, places=4)
         self.assertAlmostEqual(abs(pose.rotation.x), 1.0, places=6)
         listener.unregister()
+
+    def test_a_robot_state_publisher_that_somebody_starts_sends_the_wheels_alone(self):
+        moving = self.remember("tf", TFMessage)
+
+        def senders():
+            """Of the last messages about wheels."""
+            wheels = [
+                msg for msg in list(moving) if WHEEL + "_link" in {t.child_frame_id for t in msg.transforms}
+            ]
+            return {msg._connection_header["callerid"] for msg in wheels[-100:]}
+
+        other = subprocess.Popen(["rosrun", "robot_state_publisher", "robot_state_publisher"])
+        self.addCleanup(other.kill)
+        self.wait_until(lambda: senders() == {"/robot_state_publisher"}, "it alone sends them")
+        other.terminate()
+        other.wait()
+        self.wait_until(lambda: senders() == {"/husky_simulator"}, "the simulator sends them again")
 
     def test_odom_to_base_link_comes_at_50_hz(self):
         moving = self.remember("tf", TFMessage)

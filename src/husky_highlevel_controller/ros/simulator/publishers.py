@@ -26,6 +26,7 @@ from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 from husky_highlevel_controller.simulator.simulation import ODOMETRY_RATE, SimulatorConfig, steps_per
 
 WORLD, ODOM, BASE = "world", "odom", "base_link"
+STATE_PUBLISHER = "robot_state_publisher"
 QUEUE = 200  # messages kept for a subscriber that is busy; one that hangs must not hold the world
 
 
@@ -111,8 +112,11 @@ class Publishers:
         stamp = snapshot.stamp
         if snapshot.step % self._wheel_steps == 0:
             publish_if_subscribed(self.joints, conversions.wheels_to_msg, odometry.wheels, stamp)
-            turned = (wheel.pose_at(angle) for wheel, angle in zip(self._wheels, odometry.wheels.angles))
-            publish_if_subscribed(self.transforms, conversions.move_tree, self._wheel_frames, turned, stamp)
+            if not self._has_state_publisher():
+                turned = (wheel.pose_at(angle) for wheel, angle in zip(self._wheels, odometry.wheels.angles))
+                publish_if_subscribed(
+                    self.transforms, conversions.move_tree, self._wheel_frames, turned, stamp
+                )
             publish_if_subscribed(
                 self._wheel_odometry, conversions.odometry_to_msg, odometry.from_wheels, stamp, ODOM, BASE
             )
@@ -125,6 +129,10 @@ class Publishers:
             self._bumps, lambda: Bumps(conversions.header(stamp, BASE), sorted(self._bumped))
         )
         self._bumped.clear()
+
+    def _has_state_publisher(self) -> bool:
+        """Whether somebody else's launch file started one: TF warns of every frame that is sent twice."""
+        return any(link.endpoint_id.endswith(STATE_PUBLISHER) for link in self.joints.impl.connections)
 
     def publish_clock(self, stamp: float) -> None:
         """Set the time of this node, which does not subscribe to /clock, and publish it [s]."""
