@@ -7,6 +7,7 @@ moves the robot.
 
 from __future__ import annotations
 
+import threading
 from functools import partial
 from math import acos, dist
 from typing import Any, Callable, Dict, NamedTuple, Optional, Set
@@ -59,7 +60,13 @@ class _Server(InteractiveMarkerServer):
         return bool(self.update_pub.get_num_connections())
 
     def keepAlive(self, _event: Any) -> None:  # noqa: N802
-        """Not from the library's own thread: that could overtake an update, and RViz would begin anew."""
+        """End the library's own timer, which calls this.
+
+        It could overtake an update, and RViz would begin anew; and it would wake at every tick of /clock.
+        """
+        timer = threading.current_thread()
+        if isinstance(timer, rospy.Timer):
+            timer.shutdown()
 
     def processFeedback(self, feedback: InteractiveMarkerFeedback) -> None:  # noqa: N802
         """Only pass it on: the simulation decides where a body is, not the dragged marker."""
