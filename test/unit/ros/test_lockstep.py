@@ -186,7 +186,7 @@ def test_a_controller_that_computes_has_five_seconds_for_a_command(clock, warnin
 
 def test_without_a_controller_time_begins_after_a_minute(clock, warnings):
     class Nobody:
-        topics, command_topics = "/front/scan", "/cmd_vel"
+        scan_topic, command_topics = "/front/scan", "/cmd_vel"
 
         def joined(self):
             return False

@@ -69,10 +69,10 @@ class Lockstep:
 
         if self._on:
             rospy.loginfo(
-                f"lockstep: time waits for a subscriber of {partners.topics} and a sender of "
+                f"lockstep: time waits for a subscriber of {partners.scan_topic} and a sender of "
                 f"{partners.command_topics}"
             )
-        missing = f"there is no subscriber of {partners.topics} or no sender of {partners.command_topics}"
+        missing = f"there is no subscriber of {partners.scan_topic} or no sender of {partners.command_topics}"
         self._wait(joined, PARTNER_TIMEOUT, missing, PARTNERS_POLL_PERIOD)
 
     def begin_scan(self) -> None:

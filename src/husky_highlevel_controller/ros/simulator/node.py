@@ -124,9 +124,8 @@ class SimulatorNode:
         """Simulate until the node is shut down."""
         publishers, simulation = self._publishers, self._simulation
         watch_clock(rospy.get_name(), rosgraph.get_master_uri(), rospy.logwarn)
-        needed = [publishers.scan]  # who listens answers them
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
-        partners = Partners(needed, others, self._commands.topics, self._commands.has_sender)
+        partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
         if self._start.lockstep:
             self._lockstep.wait_for_partners(partners, self._hold_time)
         elif self._start.real_time_factor == 0.0 and not self._paused:
@@ -159,7 +158,7 @@ class SimulatorNode:
                 return
             if time.monotonic() > end:
                 rospy.loginfo(
-                    f"time begins: {', '.join(sorted(beside))} did not join on {partners.topics} and "
+                    f"time begins: {', '.join(sorted(beside))} did not join on {partners.scan_topic} and "
                     f"{partners.command_topics} within {LAUNCH_TIMEOUT:g} s of wall time"
                 )
                 return

@@ -21,29 +21,29 @@ class Partners:
 
     def __init__(
         self,
-        needed: Sequence[rospy.Publisher],
+        scans: rospy.Publisher,
         others: Sequence[rospy.Publisher],
         command_topics: str,
         has_sender: Callable[[], bool],
     ) -> None:
-        """All `needed` topics need a subscriber, and one of the command topics a sender.
+        """The scans need a subscriber, and one of the command topics a sender.
 
-        All nodes subscribed to these topics or to the `others` must be connected too: a transform that is
-        lost at the beginning would make the run another one.
+        All nodes subscribed to the scans or to the `others` must be connected too: a transform that is lost
+        at the beginning would make the run another one.
         """
-        self._needed, self._others = needed, others
+        self._scans, self._others = scans, others
         self.command_topics, self._has_sender = command_topics, has_sender
         self._master = rosgraph.Master(rospy.get_name())
-        self.topics = " and ".join(publisher.resolved_name for publisher in needed)
+        self.scan_topic = scans.resolved_name
 
     def joined(self) -> bool:
         """Whether all are connected."""
-        if not self._has_sender() or not all(topic.get_num_connections() for topic in self._needed):
+        if not self._has_sender() or not self._scans.get_num_connections():
             return False
         subscribed = {topic: len(nodes) for topic, nodes in self._master.getSystemState()[1]}
         return all(
             publisher.get_num_connections() >= subscribed.get(publisher.resolved_name, 0)
-            for publisher in (*self._needed, *self._others)
+            for publisher in (self._scans, *self._others)
         )
 
 
