@@ -7,7 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor as Pool
 from pathlib import Path
 
 import psutil
@@ -104,9 +104,7 @@ def results(handed_in, tmp_path_factory):
         (launch,) = (folder / name / "launch").iterdir()
         return marking.mark(Submission(("--launch", name, launch.name), Workspace(env)), name, out / name)
 
-    with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor() as idle, ThreadPoolExecutor(
-        JOBS
-    ) as busy:
+    with pytest.MonkeyPatch.context() as patch, Pool() as idle, Pool(JOBS) as busy:
         patch.setattr(cli, "draw_trials", lambda count, seed: [near])
         marked = {name: (idle if name in WAITED_FOR else busy).submit(mark, name) for name in DESERVED}
         return {name: result.result() for name, result in marked.items()}
