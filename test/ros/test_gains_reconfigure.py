@@ -16,7 +16,7 @@ GAIN = 0.02  # [1/s], some 0.4 m/s at the pillar's 20 m
 
 def dynparam(*arguments):
     command = ["rosrun", "dynamic_reconfigure", "dynparam", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120.0, check=True).stdout
+    return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=True).stdout
 
 
 class GainsReconfigure(RosTest):
@@ -40,9 +40,9 @@ class GainsReconfigure(RosTest):
 
     def test_what_cannot_be_is_explained(self):
         log = self.remember("rosout", Log)
-        client = Client(NODE, timeout=120.0)
+        client = Client(NODE, timeout=30.0)
         self.addCleanup(client.close)
-        before = client.get_configuration(timeout=120.0)
+        before = client.get_configuration(timeout=30.0)
 
         def warned(*words):
             lines = [line.msg for line in list(log) if line.level == Log.WARN]

@@ -21,10 +21,10 @@ class ParametersBeforeStart(Player):
         self.assertEqual(self.commands[-1], Twist(), "stop_distance is 1 m")
 
     def test_they_are_what_can_be_tuned_with_the_ranges_and_words_of_the_records(self):
-        client = Client(NODE, timeout=120.0)
+        client = Client(NODE, timeout=30.0)
         self.addCleanup(client.close)
-        now = client.get_configuration(timeout=120.0)
-        about = {each["name"]: each for each in client.get_parameter_descriptions(timeout=120.0)}
+        now = client.get_configuration(timeout=30.0)
+        about = {each["name"]: each for each in client.get_parameter_descriptions(timeout=30.0)}
         given = {"stop_distance": 1.0, "p_gain_vel": 0.1, "search": False}
         names = set()
         for record in (ControlConfig, PillarConfig):
