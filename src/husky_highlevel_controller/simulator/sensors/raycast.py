@@ -47,7 +47,11 @@ class Solid(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Shapes that rays can hit; their sizes are fixed, their poses may change."""
+    """Shapes that rays can hit; their sizes are fixed, their poses may change.
+
+    The solids are there twice, as they may be met: a few one by one, many at once as arrays. Only those poses
+    are kept up to date by which this scene's are met.
+    """
 
     solids: List[Solid]  # (M,)
     planes: Tuple[Tuple[Vector3, Vector3], ...]  # (point, unit normal) of each plane, in the world
