@@ -110,11 +110,17 @@ class Ros:
         return with_variable("ROS_MASTER_URI", self.uri)
 
     def end(self):
-        for pid in self.left():
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+        wait_until(self._kill_left, "everything has ended")
         for process in self.processes:
             process.popen.wait()
+
+    def _kill_left(self):
+        """Whether nothing was left; a launch may have started its master since it was looked for."""
+        left = self.left()
+        for pid in left:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        return not left
 
     def subscriptions(self, node):
         """The topics a node subscribes to; empty while there is no master."""
