@@ -175,6 +175,8 @@ set_up() {
   unset PYTHONPATH PYTHONHOME CONDA_PREFIX VIRTUAL_ENV
   export PYTHONNOUSERSITE=1
   export PYTHONUNBUFFERED=1                  # a log that is piped is seen line by line
+  # NumPy's threads spin as each process imports it, 0.1 s of CPU time; no matrix here is large enough for them
+  export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}
   install_debian_packages launch "$@"
   make_venv
   case " $* " in *" test "* | *" lint "*) make_test_venv ;; esac
