@@ -38,10 +38,6 @@ WAITED_FOR = ("never_publishes", "listens_elsewhere", "hangs")  # in vain, up to
 # RViz configuration was handed in); and words that must be said
 DESERVED = {
     "complete": ((20, 30, 20, 20, 10), ["odom, stamp 0: right 100 %", "robot model, laser scan to be seen"]),
-    "marks_the_origin": (
-        (20, 30, 20, 0, 0),
-        ["right 0 % of", ", 0.13), the pillar at (20.00, 5.00): x off by "],
-    ),
     "crashes": (
         (10, 0, None, 0, 0),
         ["ends during the drive (exit code 1): ZeroDivisionError", "stops short"],
@@ -56,6 +52,10 @@ DESERVED = {
     "spins": ((0, 0, None, 0, 0), ["turns round "]),
     "stops_short": ((20, 0, None, 0, 0), ["stops short: nearest 2."]),
     "rams": ((20, 30, None, 0, 0), ["reaches it, at 1.0"]),  # the sheet's "hits the pillar"
+    "marks_the_origin": (
+        (20, 30, 20, 0, 0),
+        ["right 0 % of", ", 0.13), the pillar at (20.00, 5.00): x off by "],
+    ),
     "imports_what_is_missing": (
         (0, 0, None, 0, 0),
         ["ModuleNotFoundError: No module named 'no_such_package'"],
