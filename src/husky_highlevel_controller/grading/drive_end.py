@@ -16,7 +16,9 @@ from husky_highlevel_controller.grading.rubrics.rules import DEFAULT
 from husky_highlevel_controller.grading.truth_feed import TruthRow
 
 AT_PILLAR = 3.0  # [s], simulated: so long at the pillar, it is over
+ABANDONED = 3.0  # [s], simulated: so long still with nobody left to drive it, it is over
 STILL, NEVER = 15.0, 20.0  # [s], simulated: so long still after a drive, or from the start, it is over
+NODES_ENDED = f"its nodes had ended, and it stood still for {ABANDONED:g} s"
 
 
 class DriveEnd:
@@ -26,6 +28,11 @@ class DriveEnd:
         self._pillar = pillar  # [m], in the world
         self._now = self._drove_at = self._moved_at = 0.0
         self._first_moved = self._reached_at = self._touched_at = inf
+
+    @property
+    def moved_at(self) -> float:
+        """When it last moved [s], simulated."""
+        return self._moved_at
 
     def update(self, row: TruthRow) -> None:
         """The next state."""
@@ -40,11 +47,13 @@ class DriveEnd:
         if gap <= TOUCH:
             self._touched_at = min(self._touched_at, now)
 
-    def reason(self) -> str:
-        """Why it is over; empty: it is not."""
+    def reason(self, abandoned: bool = False) -> str:
+        """Why it is over; empty: it is not. Abandoned: none of the submission's nodes runs any more."""
         still = self._now - self._moved_at
         if self._now >= self._touched_at + AT_PILLAR:
             return "it reached the pillar and touched it"
+        if abandoned and still >= ABANDONED:
+            return NODES_ENDED
         if self._first_moved == inf:
             return f"it did not move for {NEVER:g} s" if self._now >= NEVER else ""
         if min(self._now - self._drove_at, self._now - self._reached_at) >= AT_PILLAR:

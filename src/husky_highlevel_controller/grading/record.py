@@ -18,7 +18,7 @@ import numpy as np
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.grading.drive_end import DriveEnd
+from husky_highlevel_controller.grading.drive_end import ABANDONED, NODES_ENDED, DriveEnd
 from husky_highlevel_controller.grading.isolation.files import read_regular, walk
 from husky_highlevel_controller.grading.recording import Recording
 from husky_highlevel_controller.grading.truth_feed import TruthRow
@@ -57,6 +57,9 @@ def hash_of_poses(recording: Recording) -> str:
         if end.reason():
             rows = row + 1
             break
+    else:
+        if recording.ended == NODES_ENDED:
+            rows = int(np.searchsorted(recording.times, end.moved_at + ABANDONED)) + 1
     table = np.column_stack([recording.times[:rows], recording.poses[:rows]])
     return hashlib.sha256(np.round(table, 4).astype("<f8").tobytes()).hexdigest()
 

@@ -2,6 +2,7 @@
 
 import json
 import socket
+from math import inf
 
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.grading.call_plan import CallPlan, exercise_2_over, exercise_2_speed
@@ -9,13 +10,14 @@ from husky_highlevel_controller.grading.drive_end import DriveEnd
 from husky_highlevel_controller.grading.truth_feed import READ, TruthFeed, TruthRow, row_from_line
 
 
-def end_of(states):
+def end_of(states, abandoned_at=inf):
     """The first moment at which a drive of (stamp, x, speed) is over, and why."""
     end = DriveEnd((10.0, 0.0))
     for stamp, x, speed in states:
         end.update(TruthRow(stamp, Pose((x, 0.0, 0.1)), speed, 0.0))
-        if end.reason():
-            return stamp, end.reason()
+        reason = end.reason(stamp >= abandoned_at)
+        if reason:
+            return stamp, reason
     return None, ""
 
 
@@ -43,6 +45,14 @@ def test_one_that_never_moves_has_twenty_seconds():
 def test_one_that_stops_on_the_way_has_fifteen():
     stamp, why = end_of([(1.0, 5.0, 1.0), *standing(5.0, 1.1, 30.0)])
     assert (round(stamp, 1), why) == (16.0, "it stood still for 15 s")
+
+
+def test_one_whose_nodes_have_ended_rolls_out_and_stands_for_three_seconds():
+    braking = [(1.0, 5.0, 1.0), (2.0, 5.5, 0.2)]
+    stamp, why = end_of([*braking, *standing(5.6, 2.1, 30.0)], abandoned_at=1.0)
+    assert (round(stamp, 1), why) == (5.0, "its nodes had ended, and it stood still for 3 s")
+    stamp, why = end_of(standing(0.0, 0.0, 30.0), abandoned_at=0.0)
+    assert (round(stamp, 1), why) == (3.0, "its nodes had ended, and it stood still for 3 s")
 
 
 def test_calls_come_every_four_seconds_from_a_second_after_it_drives():

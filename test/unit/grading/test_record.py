@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
+from husky_highlevel_controller.grading.drive_end import NODES_ENDED
 from husky_highlevel_controller.grading.record import (
     Record,
     differences,
@@ -37,6 +38,13 @@ def test_how_long_recording_went_on_after_the_end_does_not_count():
     poses = moved.poses.copy()
     poses[100, 1] += 0.001
     assert hash_of_poses(replace(moved, poses=poses)) != hash_of_poses(moved)
+
+
+@pytest.mark.parametrize("seconds", [11.5, 12.0])
+def test_nor_where_the_nodes_had_ended(seconds):
+    far = {"pillar": (20.0, 0.0), "ended": NODES_ENDED}
+    assert hash_of_poses(replace(drive(seconds), **far)) == hash_of_poses(replace(drive(11.02), **far))
+    assert hash_of_poses(replace(drive(10.0), **far)) != hash_of_poses(replace(drive(11.02), **far))
 
 
 def test_a_record_comes_back_from_its_file(tmp_path):

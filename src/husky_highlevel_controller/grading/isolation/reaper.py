@@ -2,7 +2,7 @@
 
 A child subreaper (prctl(2)): orphans below become children of this process, so all are found by their
 parents. It ends with the command, on SIGTERM, or when the process that started it dies, by whatever signal.
-SIGINT and SIGUSR1 are passed on to the command. It is started by its path and imports nothing of this
+SIGINT, SIGUSR1 and SIGUSR2 are passed on to the command. It is started by its path and imports nothing of this
 package, because a package of a submission may have the same name.
 """
 
@@ -21,6 +21,7 @@ import psutil
 SET_PARENT_DEATH_SIGNAL, SET_CHILD_SUBREAPER = 1, 36  # of prctl(2)
 POLL_PERIOD = 0.02  # [s]
 STOPPED = 128 + signal.SIGTERM
+PASSED_ON = (signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2)
 
 
 class Stop(BaseException):
@@ -55,7 +56,7 @@ def run(parent: int, command: List[str]) -> int:
     if os.getppid() != parent:
         return STOPPED  # it died before it could be watched
     child = subprocess.Popen(command)
-    for number in (signal.SIGINT, signal.SIGUSR1):
+    for number in PASSED_ON:
         signal.signal(number, lambda number, _: os.kill(child.pid, number))
     while True:
         pid, status = os.waitpid(-1, 0)
@@ -65,7 +66,7 @@ def run(parent: int, command: List[str]) -> int:
 
 def main() -> None:
     """Run `PARENT_PID COMMAND...` and leave nothing of it behind."""
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1):
+    for number in (signal.SIGTERM, *PASSED_ON):
         signal.signal(number, stop)
     try:
         code = run(int(sys.argv[1]), sys.argv[2:])
@@ -74,7 +75,7 @@ def main() -> None:
     except OSError as error:
         print(error, file=sys.stderr)
         code = 127
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1):
+    for number in (signal.SIGTERM, *PASSED_ON):
         signal.signal(number, signal.SIG_IGN)
     end_descendants()
     sys.stdout.flush()

@@ -66,8 +66,9 @@ class Recorder:
         self._unread: List[str] = []
         self._violations: Dict[str, None] = {}  # in order
         self._unanswered = ""
-        self._go_on = threading.Event()
+        self._go_on, self._abandoned = threading.Event(), threading.Event()
         signal.signal(signal.SIGUSR1, lambda *_: self._go_on.set())
+        signal.signal(signal.SIGUSR2, lambda *_: self._abandoned.set())
         rospy.on_shutdown(lambda: self._write(CUT_OFF))
         self._master = rosgraph.Master(rospy.get_name())
         self._ours = {*self._task.ours, "/rosout", rospy.get_name()}
@@ -167,7 +168,7 @@ class Recorder:
     def _over(self) -> str:
         if self._now >= self._task.deadline:
             return f"the deadline of {self._task.deadline:g} s"
-        return self._end.reason() if self._task.exercise == 3 else ""
+        return self._end.reason(self._abandoned.is_set()) if self._task.exercise == 3 else ""
 
     def _write(self, ended: str) -> None:
         with self._lock:
