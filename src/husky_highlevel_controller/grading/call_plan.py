@@ -10,7 +10,7 @@ from math import inf
 from typing import Optional
 
 EX2_SPEED, EX2_FROM, EX2_SECONDS = 0.5, 2.0, 10.0  # [m/s], [s], [s]
-CALM = 4.0  # [s], simulated, from one call to the next
+CALM = 4.0  # [s], simulated, from one call's answer to the next call
 CALLS = (False, True, False, True)  # stop and start, twice; the other way round where True stops
 DRIVES = 0.1  # [m/s]
 FIRST_CALL, LATEST_FIRST_CALL = (
@@ -35,7 +35,7 @@ class CallPlan:
     """The calls of one drive of exercise 5."""
 
     made: int = 0
-    last_at: float = -inf  # [s]
+    answered_at: float = -inf  # [s], the last call
     drove_at: float = inf  # [s], for the first time
 
     def due(self, now: float, speed: float) -> Optional[bool]:
@@ -43,16 +43,20 @@ class CallPlan:
         if abs(speed) > DRIVES:
             self.drove_at = min(self.drove_at, now)
         begin = min(self.drove_at + FIRST_CALL, LATEST_FIRST_CALL)
-        if self.made >= len(CALLS) or now < max(begin, self.last_at + CALM):
+        if self.made >= len(CALLS) or now < max(begin, self.answered_at + CALM):
             return None
         value = CALLS[self.made]
-        self.made, self.last_at = self.made + 1, now
+        self.made, self.answered_at = self.made + 1, inf
         return value
+
+    def answered(self, now: float) -> None:
+        """Call when the last call has been answered, or will not be; time in s."""
+        self.answered_at = now
 
     def reason(self, now: float, offered: bool) -> str:
         """Why the drive is over; empty: it is not."""
         if not offered and now > NO_SERVICE:
             return f"no start/stop service for {NO_SERVICE:g} s"
-        if self.made >= len(CALLS) and now >= self.last_at + CALM:
+        if self.made >= len(CALLS) and now >= self.answered_at + CALM:
             return "all calls are made"
         return ""

@@ -56,6 +56,7 @@ class Call:
     data: bool  # what was sent
     success: bool
     answer: str  # its words, or what went wrong
+    answered_at: float  # [s], simulated; on a busy machine more than a second later
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,16 +55,19 @@ def test_one_whose_nodes_have_ended_rolls_out_and_stands_for_three_seconds():
     assert (round(stamp, 1), why) == (3.0, "its nodes had ended, and it stood still for 3 s")
 
 
-def test_calls_come_every_four_seconds_from_a_second_after_it_drives():
+def test_calls_come_four_seconds_after_the_last_answer_from_a_second_after_it_drives():
     plan, made = CallPlan(), []
     for tick in range(300):
         now = 0.1 * tick
+        if made and round(now - made[-1][0], 1) == 1.0:
+            plan.answered(now)
         value = plan.due(now, 0.5 if now > 3.0 else 0.0)
         if value is not None:
             made.append((round(now, 1), value))
+            assert plan.reason(now + 10.0, offered=True) == "", "the call is not answered"
     assert [value for _, value in made] == [False, True, False, True]
     assert made[0][0] in (4.1, 4.2)
-    assert all(3.9 <= b[0] - a[0] <= 4.2 for a, b in zip(made, made[1:]))
+    assert all(4.9 <= b[0] - a[0] <= 5.2 for a, b in zip(made, made[1:]))
     assert plan.reason(30.0, offered=True) == "all calls are made"
     assert CallPlan().reason(26.0, offered=False) == "no start/stop service for 25 s"
 

@@ -86,7 +86,7 @@ def called(*pairs, services=("/start_stop",)):
     speeds, calls = np.full(len(TIMES), 0.5), []
     for number, (data, speed) in enumerate(pairs):
         at = 1.0 + 4.0 * number
-        calls.append(Call(at, data, True, ""))
+        calls.append(Call(at, data, True, "", at))
         speeds[at + 0.5 <= TIMES] = speed
     return recording(speeds, calls=tuple(calls), services=services)
 
@@ -103,6 +103,16 @@ def called(*pairs, services=("/start_stop",)):
 )
 def test_the_service_stops_and_starts_again_and_again(pairs, stop, start):
     assert [item.points for item in judge_calls(called(*pairs))] == [stop, start]
+
+
+def test_a_call_that_takes_long_is_judged_from_its_answer():
+    late = called((False, 0.0))
+    speeds = late.speeds.copy()
+    speeds[(late.times > 1.0) & (late.times < 2.7)] = 0.5  # a busy machine: the call arrives after 1.6 s
+    late = replace(late, speeds=speeds)
+    assert judge_calls(late)[0].points == 0.0
+    late = replace(late, calls=(replace(late.calls[0], answered_at=2.6),))
+    assert judge_calls(late)[0].points == 50.0
 
 
 def test_what_never_drives_cannot_be_stopped():

@@ -23,7 +23,7 @@ ITEMS = (
     "bonus: stops after a crash",
 )
 BEFORE = 0.5  # [s], simulated, before a call: what the robot did then counts as just before
-SETTLED, CALM = 1.5, 4.0  # [s], simulated, after a call: from when to when it is looked at
+SETTLED, CALM = 1.5, 4.0  # [s], simulated, after a call's answer: from when to when it is looked at
 SLOW, FAST = 0.05, 0.1  # [m/s]: stands, drives
 
 
@@ -79,7 +79,8 @@ def _stopping_value(effects: Sequence[Effect]) -> bool:
 def _speeds(recording: Recording, call: Call) -> List[float]:
     speeds = np.abs(recording.speeds[:, 0])
     before = (recording.times >= call.at - BEFORE) & (recording.times <= call.at)
-    after = (recording.times >= call.at + SETTLED) & (recording.times <= call.at + CALM)
+    since = recording.times - call.answered_at
+    after = (since >= SETTLED) & (since <= CALM)
     return [float(speeds[when].max()) if when.any() else 0.0 for when in (before, after)]
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from typing import Any, List, Sequence, Set, Tuple
+from dataclasses import replace
+from typing import Any, List, Optional, Sequence, Set, Tuple
 
 import rosgraph
 import rospy
@@ -26,6 +27,7 @@ class ExerciseDriver:
         self.other_services: Set[str] = set()  # "/name (package/Type)"
         self.calls: List[Call] = []
         self._plan, self._calling = CallPlan(), False
+        self._answer: Optional[Call] = None
         self._probed: Set[str] = set()
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1) if exercise == 2 else None
 
@@ -62,7 +64,9 @@ class ExerciseDriver:
         """Do what is due at this simulated time [s] and true speed [m/s]; why the drive is over, if it is."""
         if self._exercise == 2:
             return "the drive of the marking" if exercise_2_over(now) else ""
-        if self._exercise != 5 or self._calling:
+        if self._exercise != 5:
+            return ""
+        if self._calling and not self._collect(now):
             return ""
         if self.services:
             value = self._plan.due(now, speed)
@@ -73,21 +77,29 @@ class ExerciseDriver:
                 return ""
         return self._plan.reason(now, bool(self.services))
 
+    def _collect(self, now: float) -> bool:
+        """Whether the last call has been answered, or will not be."""
+        if self._answer is None:
+            return False
+        self.calls.append(replace(self._answer, answered_at=now))
+        self._plan.answered(now)
+        self._calling, self._answer = False, None
+        return True
+
     def _call(self, name: str, data: bool, now: float) -> None:
         answer: List[Call] = []
 
         def ask() -> None:
             try:
                 response = rospy.ServiceProxy(name, SetBool)(data)
-                answer.append(Call(now, data, bool(response.success), str(response.message)))
+                answer.append(Call(now, data, bool(response.success), str(response.message), now))
             except (rospy.ServiceException, rospy.ROSException, OSError) as error:
-                answer.append(Call(now, data, False, str(error)))
+                answer.append(Call(now, data, False, str(error), now))
 
         caller = threading.Thread(target=ask, daemon=True)
         caller.start()
         caller.join(ANSWER_DEADLINE)
-        self.calls.append(answer[0] if answer else Call(now, data, False, "no answer"))
-        self._calling = False
+        self._answer = answer[0] if answer else Call(now, data, False, "no answer", now)
 
     def parameters(self) -> Tuple[Tuple[str, ...], Tuple[str, ...]]:
         """Private parameters with the scans' topic, and those that are a queue's size."""
