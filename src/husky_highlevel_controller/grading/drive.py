@@ -301,7 +301,7 @@ def drive(
                 reached, since = now, time.monotonic()
             stalled = time.monotonic() - since > STALL_DEADLINE
             if not theirs.running:
-                recorder.popen.send_signal(signal.SIGUSR2)  # nobody will drive any more
+                recorder.popen.send_signal(signal.SIGUSR2)  # no node is left to drive it
             return stalled or not (recorder.running and simulator.running)
 
         ended = "" if wait(over, wall_limit, PROGRESS_PERIOD) else f"{wall_limit:.0f} s of wall time passed"

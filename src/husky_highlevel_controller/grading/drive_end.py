@@ -16,7 +16,7 @@ from husky_highlevel_controller.grading.rubrics.rules import DEFAULT
 from husky_highlevel_controller.grading.truth_feed import TruthRow
 
 AT_PILLAR = 3.0  # [s], simulated: so long at the pillar, it is over
-ABANDONED = 3.0  # [s], simulated: so long still with nobody left to drive it, it is over
+ABANDONED = 3.0  # [s], simulated: so long still with no node left to drive it, it is over
 STILL, NEVER = 15.0, 20.0  # [s], simulated: so long still after a drive, or from the start, it is over
 NODES_ENDED = f"its nodes had ended, and it stood still for {ABANDONED:g} s"
 
@@ -52,10 +52,11 @@ class DriveEnd:
         still = self._now - self._moved_at
         if self._now >= self._touched_at + AT_PILLAR:
             return "it reached the pillar and touched it"
+        at_pillar = min(self._now - self._drove_at, self._now - self._reached_at) >= AT_PILLAR
+        if at_pillar and self._first_moved < inf:
+            return "it stands at the pillar"
         if abandoned and still >= ABANDONED:
             return NODES_ENDED
         if self._first_moved == inf:
             return f"it did not move for {NEVER:g} s" if self._now >= NEVER else ""
-        if min(self._now - self._drove_at, self._now - self._reached_at) >= AT_PILLAR:
-            return "it stands at the pillar"
         return f"it stood still for {STILL:g} s" if still >= STILL else ""

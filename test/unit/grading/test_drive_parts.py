@@ -55,6 +55,11 @@ def test_one_whose_nodes_have_ended_rolls_out_and_stands_for_three_seconds():
     assert (round(stamp, 1), why) == (3.0, "its nodes had ended, and it stood still for 3 s")
 
 
+def test_one_whose_nodes_end_at_the_pillar_stands_at_the_pillar():
+    _, why = end_of([(1.0, 9.2, 1.0), *standing(9.2, 1.1, 5.0)], abandoned_at=2.0)
+    assert why == "it stands at the pillar"
+
+
 def test_calls_come_four_seconds_after_the_last_answer_from_a_second_after_it_drives():
     plan, made = CallPlan(), []
     for tick in range(300):

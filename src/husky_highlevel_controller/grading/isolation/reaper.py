@@ -2,8 +2,8 @@
 
 A child subreaper (prctl(2)): orphans below become children of this process, so all are found by their
 parents. It ends with the command, on SIGTERM, or when the process that started it dies, by whatever signal.
-SIGINT, SIGUSR1 and SIGUSR2 are passed on to the command. It is started by its path and imports nothing of this
-package, because a package of a submission may have the same name.
+SIGINT, SIGUSR1 and SIGUSR2 are passed on to the command. It is started by its path and imports nothing of
+this package, because a package of a submission may have the same name.
 """
 
 from __future__ import annotations
