@@ -128,6 +128,8 @@ make_venv() {
     # stay out, which put another matplotlib and another NumPy in front of those that belong together.
     site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
     echo /usr/lib/python3/dist-packages >"$site/debian.pth"
+    # matplotlib brings a namespace package; Debian's, which has an __init__.py, would be taken in its place
+    touch "$site/mpl_toolkits/__init__.py"
     mark_done venv "${venv_requirements[@]}"
   fi
 }
