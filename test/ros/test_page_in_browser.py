@@ -26,6 +26,7 @@ if CHROMIUM is None:
 sync_api = pytest.importorskip("playwright.sync_api")
 
 SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
+WITHOUT_GPU = "--disable-gpu-compositing"  # else the page around the scene is put together by SwiftShader, too
 SIZE = {"width": 900, "height": 560}
 COARSENESS = 0.25  # drawn pixels for each of the page's, along x and y: 16 times as fast by software
 ADDRESS = re.compile(r"\]: (http://127\.0\.0\.1:\d+)\n")
@@ -80,7 +81,7 @@ def robot(network, launched):
 def browser():
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=list(SOFTWARE_WEBGL), timeout=1000.0 * DRAW_TIMEOUT
+            executable_path=CHROMIUM, args=[*SOFTWARE_WEBGL, WITHOUT_GPU], timeout=1000.0 * DRAW_TIMEOUT
         )
         yield browser
         browser.close()
