@@ -26,7 +26,7 @@ if CHROMIUM is None:
 sync_api = pytest.importorskip("playwright.sync_api")
 
 SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
-WITHOUT_GPU = "--disable-gpu-compositing"  # else the page around the scene is put together by SwiftShader, too
+WITHOUT_GPU = "--disable-gpu-compositing"  # SwiftShader draws the scene, not the page around it
 SIZE = {"width": 900, "height": 560}
 COARSENESS = 0.25  # drawn pixels for each of the page's, along x and y: 16 times as fast by software
 ADDRESS = re.compile(r"\]: (http://127\.0\.0\.1:\d+)\n")
