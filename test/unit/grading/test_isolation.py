@@ -196,6 +196,30 @@ def test_it_reads_and_writes_nothing_of_others(tmp_path):
     assert (mine / "new").read_text() == "x"
 
 
+UNDO_MOUNTS = """
+grep -h CapEff /proc/self/status
+for attempt in "umount -l /root" "mount -o remount,rw,bind /" "unshare -Urm true" "touch /usr/written"; do
+  $attempt 2>/dev/null && echo "escaped: $attempt"
+done
+"""
+
+
+@needs_bubblewrap
+@pytest.mark.parametrize("uid_0", [False, True], ids=["as it is", "as uid 0 of a namespace"])
+def test_neither_program_nor_setup_file_has_a_capability(uid_0, tmp_path):
+    """Marking calls bubblewrap as uid 0 of a user namespace, to which bubblewrap would leave all of them."""
+    setup = tmp_path / "ws" / "devel" / "setup.bash"
+    setup.parent.mkdir(parents=True)
+    setup.write_text(f"{{ {UNDO_MOUNTS} }} >&2; true")
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    command = sandbox.sandboxed(Workspace(setups=(setup,)), ["bash", "-c", UNDO_MOUNTS], [mine], dict(os.environ))
+    outer = ["unshare", "--user", "--map-root-user", "--net"] if uid_0 else []
+    answer = subprocess.run([*outer, *command], capture_output=True, text=True, timeout=60, check=False)
+    for output in (answer.stdout, answer.stderr):
+        assert output.splitlines() == ["CapEff:\t0000000000000000"]
+
+
 def test_a_setup_file_runs_inside_and_changes_nothing_outside(kind, tmp_path):
     """Such as an env hook of catkin: its search path does not find marking's own programs."""
     setup = tmp_path / "ws" / "devel" / "setup.bash"

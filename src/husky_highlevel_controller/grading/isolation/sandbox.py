@@ -30,7 +30,13 @@ SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "R
 HIDDEN = ("/home", "/root", "/tmp", "/var/tmp", "/run", "/mnt", "/media", "/srv")
 DISPLAYS = Path("/tmp/.X11-unix")
 
-_BUBBLEWRAP = ["--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc"]
+# without --cap-drop, bubblewrap called by uid 0 (marking's private network makes it that) leaves all
+# capabilities, and with them the mounts can be undone
+_BUBBLEWRAP = [
+    "--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc", "--cap-drop", "ALL",
+]  # fmt: skip
+_NO_NESTED_NAMESPACES = ["--disable-userns"]  # bubblewrap 0.8 and newer
+_WHOLE_SYSTEM = ["--ro-bind", "/", "/", "--proc", "/proc", "--dev", "/dev"]
 _NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
 _SOURCE = 'while [ "$1" != -- ]; do source "$1" >/dev/null || exit 1; shift; done; shift; '
 _PACKAGES = 'export ROS_PACKAGE_PATH="$MARKING_PACKAGES${MARKING_PACKAGES:+:}$ROS_PACKAGE_PATH"; exec "$@"'
@@ -66,17 +72,23 @@ def sandboxed(
     source = [_program("bash"), "-c", f"MARKING_PACKAGES={_quoted(packages)}; {_SOURCE}{_PACKAGES}", "bash"]
     inner = [*limits, *source, *setups, "--", _program("stdbuf"), "-oL", *command]
     if kind == BUBBLEWRAP:
-        return [_program("bwrap"), *_BUBBLEWRAP, *_mounts(workspace, writable, env), "--", *inner]
+        return [_program("bwrap"), *_bubblewrap(), *_mounts(workspace, writable, env), "--", *inner]
     return [_program("unshare"), *_NAMESPACE, *inner] if kind == NAMESPACE else inner
 
 
 @lru_cache(maxsize=1)
 def kind_of_sandbox() -> str:
     """What this machine lets us make: BUBBLEWRAP, NAMESPACE or NONE."""
-    mounts = ["--ro-bind", "/", "/", "--proc", "/proc", "--dev", "/dev"]
-    if _works("bwrap", *_BUBBLEWRAP, *mounts, "true"):
+    if _works("bwrap", *_BUBBLEWRAP, *_WHOLE_SYSTEM, "true"):
         return BUBBLEWRAP
     return NAMESPACE if _works("unshare", *_NAMESPACE, "true") else NONE
+
+
+@lru_cache(maxsize=1)
+def _bubblewrap() -> List[str]:
+    """Options of bubblewrap for every sandbox, as far as this machine's version has them."""
+    options = [*_BUBBLEWRAP, *_NO_NESTED_NAMESPACES]
+    return options if _works("bwrap", *options, *_WHOLE_SYSTEM, "true") else _BUBBLEWRAP
 
 
 def _works(program: str, *arguments: str) -> bool:
@@ -116,7 +128,7 @@ def _mounts(workspace: Workspace, writable: Sequence[Path], env: Dict[str, str])
     ]
     for path in (folder.resolve() for folder in writable):
         steps.append((len(path.parts), 2, ["--bind", str(path), str(path)]))
-    fixed = ["--ro-bind", "/", "/", "--proc", "/proc", "--dev", "/dev", *size, "/dev/shm"]
+    fixed = [*_WHOLE_SYSTEM, *size, "/dev/shm"]
     ordered = sorted(steps, key=lambda step: step[:2])
     return [*fixed, *(word for _, _, words in ordered for word in words)]
 
