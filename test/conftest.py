@@ -1,6 +1,7 @@
 """For every test: long-running ones are named, so that the suite is never silent for long."""
 
 import os
+import signal
 import threading
 import time
 
@@ -41,6 +42,8 @@ class Heartbeat:
 
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config):
+    # a terminal that is closed ends the tests as Ctrl-C does: fixtures end the processes that they started
+    signal.signal(signal.SIGHUP, signal.default_int_handler)
     reporter = config.pluginmanager.getplugin("terminalreporter")
     if reporter and not hasattr(config, "workerinput"):
         # past pytest's capture, which takes whatever is printed while a test runs for the test's own

@@ -14,7 +14,10 @@ from husky_highlevel_controller.paths import share_folder
 PILLAR_NAME = "unit_cylinder"  # of the pillar's model
 PILLAR_RADIUS = 0.2  # [m]
 PILLAR_POSITION = (20.0, 5.0)  # [m], its axis in the world
-PILLAR_HEIGHTS = (-0.5, 1.5)  # [m], of its bottom and top in the world: half a metre is in the ground
+PILLAR_HEIGHTS = (
+    0.0,
+    2.0,
+)  # [m], of its bottom and top where it stands: the simulation lifts it out of the ground
 
 
 def course_world() -> Path:

@@ -192,14 +192,14 @@ def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
     command = [*GRADE, "--all", str(tmp_path / "class"), "--jobs", str(JOBS), *QUICK, "--out", str(out)]
     # the first result, then Ctrl-C
     first = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    wait_until(lambda: list(out.glob("*/result.json")), "one submission is marked", 600.0)
+    wait_until(lambda: list(out.glob("hand_ins/*/result.json")), "one submission is marked", 600.0)
     first.send_signal(signal.SIGINT)
     printed, _ = first.communicate(timeout=600)
     assert first.returncode == 2, printed
     assert "goes on from here" in printed
-    for place in out.glob("*/drive_*/assignment.json"):
+    for place in out.glob("hand_ins/*/drive_*/assignment.json"):
         assert not with_variable("ROS_LOG_DIR", str(place.parent / "log"))
-    done = {path: path.stat().st_mtime_ns for path in out.glob("*/result.json")}
+    done = {path: path.stat().st_mtime_ns for path in out.glob("hand_ins/*/result.json")}
     assert 1 <= len(done) < 3
 
     second = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -260,7 +260,7 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
     notes = rows["breaks_readers"]["notes"]
     assert "launch-prefix 'xterm -e' of node controller is dropped" in notes
     assert "node breaks_readers/no_such_program cannot be started" in notes
-    said = (tmp_path / "out" / "escapes" / "drive_1" / "submission.log").read_text()
+    said = (tmp_path / "out" / "hand_ins" / "escapes" / "drive_1" / "submission.log").read_text()
     assert "all attempted" in said
     if kind_of_sandbox() == BUBBLEWRAP:
         # it may write into a /var/tmp of its own

@@ -1,7 +1,9 @@
 """A Dask scheduler on a free port, and workers, as processes of a test."""
 
+import ctypes
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -11,8 +13,13 @@ import distributed
 from husky_highlevel_controller.paths import share_folder
 
 SOURCES = share_folder() / "src"
+SET_PARENT_DEATH_SIGNAL = 1  # of prctl(2)
 DEADLINE = 60.0  # [s] for a process to be up
 WORKER = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--memory-limit", "0"]
+
+
+def _die_with_parent():
+    ctypes.CDLL(None).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
 
 
 class Processes:
@@ -32,7 +39,14 @@ class Processes:
         with log.open("wb") as output:
             command = [sys.executable, "-m", f"distributed.cli.{words[0]}", *words[1:]]
             self.started.append(
-                subprocess.Popen(command, stdout=output, stderr=output, env=env, cwd=self.folder)
+                subprocess.Popen(
+                    command,
+                    stdout=output,
+                    stderr=output,
+                    env=env,
+                    cwd=self.folder,
+                    preexec_fn=_die_with_parent,
+                )
             )
 
     def work(self, name, *options, path=SOURCES):

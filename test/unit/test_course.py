@@ -13,6 +13,7 @@ from husky_highlevel_controller.course import (
     PILLAR_RADIUS,
     course_world,
 )
+from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.footprint import (
     HALF_LENGTH,
     HALF_WIDTH,
@@ -23,6 +24,8 @@ from husky_highlevel_controller.footprint import (
 )
 from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
+from husky_highlevel_controller.simulator.models.robot_model import robot_model
+from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
 
 URDF = ET.fromstring(robot_description(meshes=""))
 
@@ -33,8 +36,17 @@ def test_the_pillar_is_the_one_in_the_world_file():
     (geometry,) = pillar.collisions
     assert pillar.pose_in_world.position[:2] == PILLAR_POSITION
     assert geometry.shape.radius == PILLAR_RADIUS
-    middle, half = pillar.pose_in_world.position[2], geometry.shape.length / 2.0
-    assert (middle - half, middle + half) == PILLAR_HEIGHTS
+
+
+def test_the_pillar_s_heights_are_those_at_which_it_stands_in_the_simulation():
+    world = load_world(course_world())
+    simulation = Simulation(world, robot_model(robot_description(meshes="")), SimulatorConfig(), Pose2D(), 0)
+    for _ in range(50):
+        simulation.step()
+    half = simulation.bodies[PILLAR_NAME].collisions[0].shape.length / 2.0
+    middle = simulation.pose_of(PILLAR_NAME).position[2]
+    simulation.close()
+    assert (middle - half, middle + half) == pytest.approx(PILLAR_HEIGHTS, abs=0.01)
 
 
 def test_the_hull_is_that_of_the_urdf():

@@ -219,12 +219,12 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             else:
                 sections = evaluate(seed, options.scenes, starts, workers, replays)
             print(workers.words, file=sys.stderr)
-    lines = [f"seed {options.seed}"]
-    for title, figures in sections:
-        lines += ["", title, *map(str, figures)]
-    table = "\n".join(lines)
-    print(table)
-    if options.replays is not None:
-        write_index(options.replays, table)
+        lines = [f"seed {options.seed}"]
+        for title, figures in sections:
+            lines += ["", title, *map(str, figures)]
+        table = "\n".join(lines)
+        print(table)
+        if options.replays is not None:
+            write_index(options.replays, table)
     if not all(figure.met for _, figures in sections for figure in figures):
         raise SystemExit(1)

@@ -39,7 +39,7 @@ from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.launch_choice import LaunchFile, choose_launch_file, named_launch_file
 from husky_highlevel_controller.grading.overrides import Override, read_overrides
 from husky_highlevel_controller.grading.report import Result, from_json
-from husky_highlevel_controller.grading.result_files import write_class, write_result
+from husky_highlevel_controller.grading.result_files import HAND_INS, write_class, write_result
 from husky_highlevel_controller.tasks.workers import Workers
 
 FINGERPRINT = "fingerprint"  # file: of what was marked
@@ -67,11 +67,15 @@ class Batch:
     """What to mark, and where the results go."""
 
     folder: Path  # of hand-ins
-    out: Path  # one folder for each hand-in, results.csv, junit.xml and index.html
+    out: Path  # hand_ins/ with a folder for each, results.csv, junit.xml and index.html
     jobs: int = 1  # hand-ins at a time
     only: Tuple[str, ...] = ()  # hand-ins to mark again; empty: all that are not marked yet
     underlay: Workspace = field(default_factory=Workspace)  # what hand-ins are built on
     cluster: str = ""  # address of a Dask scheduler whose workers mark; empty: this machine
+
+    def results_of(self, hand_in: HandIn) -> Path:
+        """Folder of a hand-in's results; beside none of the class's files, whatever it is called."""
+        return self.out / HAND_INS / hand_in.name
 
 
 def mark_all(grader: Grader, batch: Batch) -> List[Result]:
@@ -132,9 +136,9 @@ def _marked_by(
     orders = [remote.order_for(grader, hand_in, override, batch) for hand_in, override in waiting]
     answers = workers.as_completed(remote.mark_there, orders, title, starts_programs=True)
     for number, (result, files) in answers:
-        out = batch.out / result.name
+        out = batch.results_of(waiting[number][0])
         shutil.rmtree(out, ignore_errors=True)
-        out.mkdir()
+        out.mkdir(parents=True)
         remote.bring_in(files, marks[number], out)
         yield result
 
@@ -156,7 +160,7 @@ def fingerprint(path: Path, override: Override) -> str:
 
 def _earlier(grader: Grader, hand_in: HandIn, override: Override, batch: Batch) -> Optional[Result]:
     """The result of an earlier marking of the same files with the same settings."""
-    out = batch.out / hand_in.name
+    out = batch.results_of(hand_in)
     try:
         result = from_json((out / "result.json").read_text())
         same = (out / FINGERPRINT).read_text() == fingerprint(hand_in.path, override)
@@ -174,7 +178,7 @@ def mark_one(grader: Grader, hand_in: HandIn, override: Override, batch: Batch) 
     Raises:
         StoppedError: marking is to end.
     """
-    out = batch.out / hand_in.name
+    out = batch.results_of(hand_in)
     try:
         return _marked(grader, hand_in, override, batch, out)
     except StoppedError:

@@ -43,7 +43,7 @@ from husky_highlevel_controller.grading.result_files import add_step_summary, wr
 from husky_highlevel_controller.grading.rubrics import exercise_2, exercise_3, exercise_5
 from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules, load_rules
 from husky_highlevel_controller.grading.trials import Trial, draw_trials
-from husky_highlevel_controller.tasks.command import add_cluster_option, positive
+from husky_highlevel_controller.tasks.command import add_cluster_option, exit_codes, positive
 
 RUBRICS = {
     2: exercise_2.judge_exercise_2,
@@ -299,12 +299,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         private_network.enter()
         for asked in (signal.SIGINT, signal.SIGTERM):
             signal.signal(asked, stop)  # waits end, and clean up behind them
-    try:
-        code = run(options)
-    except (HuskyError, OSError) as error:  # a full disk is an OSError
-        print(f"grade: {error}", file=sys.stderr)
-        code = 2
-    raise SystemExit(code)
+    with exit_codes("grade"):
+        raise SystemExit(run(options))
 
 
 if __name__ == "__main__":

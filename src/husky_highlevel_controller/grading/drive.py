@@ -10,12 +10,10 @@ import contextlib
 import json
 import re
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
@@ -36,7 +34,7 @@ from husky_highlevel_controller.grading.ros_master import has_parameter, has_ser
 from husky_highlevel_controller.grading.trials import Trial, trial_world
 from husky_highlevel_controller.paths import share_folder
 
-LOAD_DEADLINE = 30.0  # [s] of wall time for a launch file to be read
+LOAD_DEADLINE = 120.0  # [s] of wall time for a launch file to be read
 JOIN_DEADLINE = 50.0  # [s] of wall time for a submission to be up; after that the world goes on without it
 WALL_BASE, WALL_SLOWNESS = 300.0, 20.0  # [s] of wall time a drive may take, and how much slower than its pace
 STALL_DEADLINE = 90.0  # [s] of wall time in which simulated time must get on
@@ -52,6 +50,7 @@ RECORDER = "marking_recorder"  # its node's name
 SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that it offers
 NODES = Path(__file__).parents[1] / "ros" / "grading"
 SIMULATOR = share_folder() / "launch" / "simulator.launch"
+SIMULATOR_NODES = ("/husky_simulator",)  # of that launch file; another node of this name would end ours
 
 
 @dataclass(frozen=True)
@@ -97,22 +96,21 @@ class Plan:
 # ---------------------------------------------------------------------------- what it starts
 
 
-@lru_cache(maxsize=1)
-def our_nodes() -> Tuple[str, ...]:
-    """Names of the nodes that our simulator's launch file starts: who else has one would end ours."""
-    command = ["roslaunch", "--nodes", str(SIMULATOR), "rviz:=false"]
-    asked = subprocess.run(command, capture_output=True, text=True, timeout=START_DEADLINE, check=False)
-    if asked.returncode:
-        raise MarkingError(f"the simulator's launch file cannot be read: {asked.stderr.strip()[-500:]}")
-    return tuple(name for name in asked.stdout.split() if name.startswith("/"))
-
-
 def starter(events: Path, action: str, submission: Submission) -> List[str]:
     """The command that reads its launch file, and with the action `run` starts it."""
     # by its path: a package of the submission may have this package's name
     run = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
     path = str(NODES / "submission.py")
-    return [sys.executable, "-c", run, path, str(events), action, json.dumps(our_nodes()), *submission.what]
+    return [
+        sys.executable,
+        "-c",
+        run,
+        path,
+        str(events),
+        action,
+        json.dumps(SIMULATOR_NODES),
+        *submission.what,
+    ]
 
 
 def plan(submission: Submission, folder: Path) -> Plan:
@@ -270,7 +268,7 @@ def drive(
         task = {
             "output": str(output), "truth_socket": truth_socket, "start": trial.start,
             "pillar": trial.pillar, "deadline": config.deadline, "scan_topic": config.scan_topic,
-            "exercise": config.exercise, "ours": our_nodes(),
+            "exercise": config.exercise, "ours": SIMULATOR_NODES,
         }  # fmt: skip
         assignment.write_text(json.dumps(task))
         recorder = network.start(

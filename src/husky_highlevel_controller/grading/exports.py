@@ -14,6 +14,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Sequence
 
+from husky_highlevel_controller.grading.isolation.files import write_whole
 from husky_highlevel_controller.grading.report import Result, points
 
 CLASSROOM50_SCHEMA = "classroom50/result/v1"
@@ -29,7 +30,10 @@ CLASSROOM50_FIELDS = {
 
 
 def write_exports(result: Result, out: Path) -> None:
-    """Each platform's file under the name that it wants, in a folder of its own."""
+    """Write each platform's file under the name that it wants, in a folder of its own.
+
+    Classroom 50 wants a score, so it gets no file of a submission that could not be marked.
+    """
     moment = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
     for folder, name, text in (
         ("gradescope", "results.json", to_gradescope(result)),
@@ -37,11 +41,14 @@ def write_exports(result: Result, out: Path) -> None:
         ("github", "summary.md", to_step_summary([result])),
     ):
         (out / folder).mkdir(exist_ok=True)
-        (out / folder / name).write_text(text)
+        if result.problem and folder == "classroom50":
+            (out / folder / name).unlink(missing_ok=True)
+            continue
+        write_whole(out / folder / name, text)
 
 
 def to_gradescope(result: Result) -> str:
-    """results.json of Gradescope: a test for each item; what a person gives has no score."""
+    """results.json of Gradescope: a test for each item; no score where a person gives it, or nothing was marked."""
     tests: List[Dict[str, Any]] = []
     for item in result.items:
         test: Dict[str, Any] = {"name": item.name, "output": item.evidence, "output_format": "text"}
@@ -50,7 +57,9 @@ def to_gradescope(result: Result) -> str:
             test["status"] = "passed" if item.full else "failed"
         tests.append(test)
     words = "\n".join([f"could not be marked: {result.problem}"] * bool(result.problem) + list(result.notes))
-    content = {"score": result.points, "output": words, "output_format": "text", "tests": tests}
+    content: Dict[str, Any] = {"output": words, "output_format": "text", "tests": tests}
+    if not result.problem:
+        content["score"] = result.points
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 

@@ -6,6 +6,7 @@ Must not know: ROS, how one is marked.
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -76,18 +77,24 @@ def find_hand_ins(folder: Path) -> List[HandIn]:
         HuskyError: two entries belong to the same student.
     """
     if (folder / "package.xml").is_file():
-        return [HandIn(folder.name, folder)]
+        return [HandIn(_printable_name(folder.name), folder)]
     found: Dict[str, HandIn] = {}
     for path in sorted(folder.iterdir()):
         suffix = suffix_of(path.name)
         is_archive = bool(suffix) and path.is_file()
         if path.name.startswith(".") or path.is_symlink() or not (is_archive or path.is_dir()):
             continue
-        name = path.name[: -len(suffix)] if is_archive else path.name
+        name = _printable_name(path.name[: -len(suffix)] if is_archive else path.name)
         if name in found:
             raise HuskyError(f"{folder}: {found[name].path.name} and {path.name} are both called {name}")
         found[name] = HandIn(name, path)
     return list(found.values())
+
+
+def _printable_name(name: str) -> str:
+    """A file's name as text: bytes that are no UTF-8, and control letters, as backslash escapes."""
+    text = os.fsencode(name).decode("utf-8", "backslashreplace")
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def open_hand_in(hand_in: HandIn, scratch: Path) -> Contents:

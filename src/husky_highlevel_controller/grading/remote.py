@@ -27,6 +27,7 @@ from husky_highlevel_controller.grading.isolation.process import Process, end_al
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.overrides import Override
 from husky_highlevel_controller.grading.report import Result
+from husky_highlevel_controller.grading.result_files import HAND_INS
 
 MARKING_DEADLINE = 4.0 * 3600.0  # [s] of wall time for one hand-in; every part of it has one of its own
 MAX_FILE = 50_000_000  # [bytes] of a file that is sent back
@@ -100,7 +101,7 @@ def mark_there(order: Order) -> Tuple[Result, Files]:
             words = " ".join(process.output.split())[-500:] or f"no end after {MARKING_DEADLINE:g} s"
             problem = f"marking has failed on {platform.node()}: {words}"
             result = Result(name, "", dict(order.grader.settings), (), (), problem)
-        return result, _files(folder / "out" / name)
+        return result, _files(folder / "out" / HAND_INS / name)
 
 
 def _files(folder: Path) -> Files:

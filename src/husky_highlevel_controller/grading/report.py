@@ -10,13 +10,14 @@ import io
 import json
 import textwrap
 import xml.etree.ElementTree as ET
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Dict, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.rubrics.items import Item, total
 
 WIDTH = 110  # letters of the table
+MAX_TEXT = 1000  # letters of an evidence or note
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,15 @@ class Result:
     items: Tuple[Item, ...]
     notes: Tuple[str, ...] = ()  # what went wrong, in sentences
     problem: str = ""  # why it could not be marked, in a sentence; empty: it was marked
+
+    def __post_init__(self) -> None:
+        """Every text that a submission may have chosen is made printable, whatever it is written to."""
+        items = tuple(
+            replace(item, name=printable(item.name), evidence=printable(item.evidence)) for item in self.items
+        )
+        clean = {name: printable(getattr(self, name)) for name in ("name", "what", "problem")}
+        for name, value in {**clean, "items": items, "notes": tuple(map(printable, self.notes))}.items():
+            object.__setattr__(self, name, value)
 
     @property
     def points(self) -> float:
@@ -51,6 +61,16 @@ class Result:
     def full(self) -> bool:
         """Everything that a machine can give."""
         return not self.problem and all(item.full for item in self.items)
+
+
+def printable(text: str, limit: int = MAX_TEXT) -> str:
+    """A text on one line without control letters, terminal escapes, or bytes that are no UTF-8; cut if long.
+
+    A submission chooses the names of its files, nodes, topics and errors.
+    """
+    text = text if len(text) <= limit else text[:limit] + " [...]"
+    text = text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def points(item: Item) -> str:
@@ -110,17 +130,17 @@ def to_junit(results: Sequence[Result]) -> str:
     for result in results:
         items = result.items
         suite = ET.SubElement(
-            root, "testsuite", name=_printable(result.name), tests=str(len(items) + bool(result.problem)),
+            root, "testsuite", name=result.name, tests=str(len(items) + bool(result.problem)),
             errors=str(int(bool(result.problem))),
             failures=str(sum(not item.full for item in items)),
             skipped=str(sum(item.points is None for item in items)),
         )  # fmt: skip
         if result.problem:
-            case = ET.SubElement(suite, "testcase", name="marking", classname=_printable(result.name))
-            ET.SubElement(case, "error", message=_printable(f"could not be marked: {result.problem}"))
+            case = ET.SubElement(suite, "testcase", name="marking", classname=result.name)
+            ET.SubElement(case, "error", message=f"could not be marked: {result.problem}")
         for item in items:
-            case = ET.SubElement(suite, "testcase", name=item.name, classname=_printable(result.name))
-            words = _printable(f"{points(item)}: {item.evidence}")
+            case = ET.SubElement(suite, "testcase", name=item.name, classname=result.name)
+            words = f"{points(item)}: {item.evidence}"
             if item.points is None:
                 ET.SubElement(case, "skipped", message=words)
             elif not item.full:
@@ -148,9 +168,4 @@ def to_csv(results: Sequence[Result]) -> str:
 
 def _harmless(cell: str) -> str:
     """A spreadsheet runs what begins like a formula."""
-    cell = _printable(cell)
     return "'" + cell if cell[:1] in ("=", "+", "-", "@") else cell
-
-
-def _printable(text: str) -> str:
-    return "".join(letter if letter.isprintable() else " " for letter in text)

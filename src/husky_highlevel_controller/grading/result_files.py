@@ -17,6 +17,7 @@ from husky_highlevel_controller.grading.report import Result, table, to_csv, to_
 
 PICTURES = ("drive.png", "rviz.png")
 LOGS = (("build log", "ws/build.log"), ("traceback", "traceback.txt"))
+HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"  # variable with the file that GitHub Actions shows
 
 
@@ -39,13 +40,16 @@ def write_class(results: Sequence[Result], out: Path) -> None:
     Raises:
         OSError: such as a full disk.
     """
-    pictures: Dict[str, Sequence[bytes]] = {result.name: _pictures(out / result.name) for result in results}
+    pictures: Dict[str, Sequence[bytes]] = {
+        result.name: _pictures(out / HAND_INS / result.name) for result in results
+    }
     for result in results:
-        if result.problem and (out / result.name).is_dir():  # the others have theirs
-            page = feedback_page(result, pictures[result.name], _replays(out / result.name))
-            write_whole(out / result.name / "feedback.html", page)
-            write_exports(result, out / result.name)
-    files = {result.name: _files(result.name, out) for result in results}
+        folder = out / HAND_INS / result.name
+        if result.problem and folder.is_dir():  # the others have theirs
+            page = feedback_page(result, pictures[result.name], _replays(folder))
+            write_whole(folder / "feedback.html", page)
+            write_exports(result, folder)
+    files = {result.name: _files(Path(HAND_INS, result.name), out) for result in results}
     write_whole(out / "results.csv", to_csv(results))
     write_whole(out / "junit.xml", to_junit(results))
     write_whole(out / "index.html", class_page(results, pictures, files))
@@ -56,7 +60,7 @@ def write_class(results: Sequence[Result], out: Path) -> None:
 def add_step_summary(results: Sequence[Result]) -> None:
     """In a job of GitHub Actions: the table on its page."""
     if os.environ.get(STEP_SUMMARY):
-        with open(os.environ[STEP_SUMMARY], "a") as file:
+        with open(os.environ[STEP_SUMMARY], "a", encoding="utf-8") as file:
             file.write(to_step_summary(results))
 
 
@@ -65,10 +69,10 @@ def _pictures(out: Path) -> List[bytes]:
 
 
 def _replays(out: Path) -> List[str]:
-    return [path.read_text() for path in sorted(out.glob(f"drive_*/{REPLAY}"))]
+    return [path.read_text(encoding="utf-8") for path in sorted(out.glob(f"drive_*/{REPLAY}"))]
 
 
-def _files(name: str, out: Path) -> List[Tuple[str, str]]:
+def _files(name: Path, out: Path) -> List[Tuple[str, str]]:
     """Words and addresses, relative to the class's page, of what there is of a student."""
     logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]
     for folder in sorted((out / name).glob("drive_*")):

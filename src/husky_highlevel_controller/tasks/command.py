@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import traceback
 from contextlib import contextmanager
 from typing import Iterator
 
@@ -39,11 +40,18 @@ def positive(text: str) -> int:
 
 @contextmanager
 def exit_codes(name: str) -> Iterator[None]:
-    """Bad input ends a command with a sentence and 2, Ctrl-C with STOPPED."""
+    """End a command with a sentence and 2 on bad input, with a traceback and 2 on a bug, with STOPPED on Ctrl-C.
+
+    Python's own exit code of an exception is 1, which means "a figure missed" or "less than full marks".
+    """
     try:
         yield
     except (HuskyError, OSError) as error:  # a full disk is an OSError
         print(f"{name}: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    except Exception as error:
+        traceback.print_exc()
+        print(f"{name}: this is a bug: {type(error).__name__}: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     except KeyboardInterrupt:
         print(

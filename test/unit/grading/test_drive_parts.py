@@ -2,10 +2,12 @@
 
 import json
 import socket
+import subprocess
 from math import inf
 
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.grading.call_plan import CallPlan, exercise_2_over, exercise_2_speed
+from husky_highlevel_controller.grading.drive import SIMULATOR, SIMULATOR_NODES
 from husky_highlevel_controller.grading.drive_end import DriveEnd
 from husky_highlevel_controller.grading.truth_feed import READ, TruthFeed, TruthRow, row_from_line
 
@@ -108,3 +110,9 @@ def test_each_state_is_answered_once_it_is_read(tmp_path):
             assert simulator.recv(10) == READ
             assert rows[-1].stamp == stamp
     assert events == [("changed", "moved")] * 2
+
+
+def test_the_names_kept_for_the_simulator_are_those_of_its_launch_file():
+    command = ["roslaunch", "--nodes", str(SIMULATOR), "rviz:=false"]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    assert tuple(word for word in printed if word.startswith("/")) == SIMULATOR_NODES

@@ -227,7 +227,7 @@ def test_a_marker_on_the_pillar_is_right(error):
         ((0.0, 0.0, 0.0), "x off by 10.00 m"),
         ((10.0, 2.0, 0.0), "y off by 2.00 m"),
         ((9.0, 1.0, 0.0), "x and y off by 1.00 m and 1.00 m"),
-        ((10.0, 0.0, 2.2), "z is wrong, it is drawn from 2.00 to 2.40 m"),
+        ((10.0, 0.0, 2.7), "z is wrong, it is drawn from 2.50 to 2.90 m"),
     ],
 )
 def test_a_marker_elsewhere_is_wrong_and_the_coordinate_is_named(position, fault):
@@ -259,7 +259,7 @@ def test_a_wide_marker_that_touches_the_pillar_gets_half_the_points():
 
 
 def test_a_tall_marker_whose_middle_is_above_the_pillar_is_seen_at_it():
-    tall = tuple(replace(marker, low=0.8) for marker in markers(GOOD, (10.0, 0.0, 1.9)).markers)
+    tall = tuple(replace(marker, low=0.8) for marker in markers(GOOD, (10.0, 0.0, 2.5)).markers)
     assert judge_place(replace(GOOD, markers=tall, marker_topics=("/marker",))).points == 20.0
 
 

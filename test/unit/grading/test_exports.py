@@ -7,6 +7,7 @@ from husky_highlevel_controller.grading.exports import (
     to_classroom50,
     to_gradescope,
     to_step_summary,
+    write_exports,
 )
 from husky_highlevel_controller.grading.report import Result
 from husky_highlevel_controller.grading.rubrics.items import Item
@@ -27,7 +28,16 @@ def test_gradescope_has_a_test_for_each_item_and_no_score_where_a_person_gives_i
     assert [test.get("max_score") for test in content["tests"]] == [20.0, 30.0, None]
     assert [test.get("status") for test in content["tests"]] == ["passed", "failed", None]
     assert "package 'x' is missing" in content["output"]
-    assert "could not be marked: it does not build" in json.loads(to_gradescope(BROKEN))["output"]
+    unmarked = json.loads(to_gradescope(BROKEN))
+    assert "could not be marked: it does not build" in unmarked["output"]
+    assert "score" not in unmarked
+
+
+def test_what_could_not_be_marked_leaves_no_score_of_an_earlier_marking(tmp_path):
+    for result in (RESULT, BROKEN):
+        write_exports(result, tmp_path)
+        scores = [path for path in tmp_path.glob("*/*.json") if "score" in json.loads(path.read_text())]
+        assert len(scores) == (2 if result is RESULT else 0)
 
 
 def test_classroom_50_gets_whole_numbers_that_add_up_and_the_runner_s_names():

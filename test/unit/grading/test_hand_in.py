@@ -8,7 +8,7 @@ import stat
 import sys
 import tarfile
 import zipfile
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 
 import pytest
 
@@ -505,11 +505,33 @@ def test_every_hand_in_has_a_row_whatever_goes_wrong(tmp_path, monkeypatch):
     assert [result.problem for result in results] == [
         "marking has failed: ZeroDivisionError: odd", "No space left on device",
     ]  # fmt: skip
-    assert "ZeroDivisionError" in (tmp_path / "out" / "ann" / "traceback.txt").read_text()
-    assert not list((tmp_path / "out").glob("*/result.json")), "nothing that a resume takes for done"
+    assert "ZeroDivisionError" in (tmp_path / "out" / "hand_ins" / "ann" / "traceback.txt").read_text()
+    assert not list((tmp_path / "out").glob("hand_ins/*/result.json")), "nothing that a resume takes for done"
     rows = (tmp_path / "out" / "results.csv").read_text().splitlines()
     assert len(rows) == 3
     assert "could not be marked" in (tmp_path / "out" / "index.html").read_text()
+
+
+def test_a_class_is_marked_whatever_its_folders_and_files_are_called(tmp_path, capsys):
+    for name in (b"M\xfcller", b"index.html", b"results.csv", b"bell\x1b[31m\x07"):
+        (tmp_path / "class" / os.fsdecode(name)).mkdir(parents=True)
+    inner = os.fsencode(put(tmp_path / "class" / "ann" / "x").parent) + b"/caf\xe9"
+    os.mkdir(inner)
+    (Path(os.fsdecode(inner)) / "package.xml").write_text("<package")
+    results = mark_all(BrokenGrader(), Batch(tmp_path / "class", tmp_path / "out"))
+    assert [each.name for each in results] == [
+        "M\\xfcller",
+        "ann",
+        "bell\\x1b[31m\\x07",
+        "index.html",
+        "results.csv",
+    ]
+    assert "caf\\xe9/package.xml: it is no XML" in results[1].problem
+    rows = (tmp_path / "out" / "results.csv").read_text(encoding="utf-8").splitlines()
+    assert len(rows) == 6
+    printed = capsys.readouterr()
+    for text in (printed.out, printed.err, *(path.read_text() for path in (tmp_path / "out").glob("*.*"))):
+        assert not [letter for letter in text if not letter.isprintable() and letter != "\n"]
 
 
 def test_what_could_not_be_marked_is_no_zero_in_any_file():

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from defusedxml import ElementTree
@@ -40,6 +41,18 @@ def test_the_table_has_item_points_evidence_moment_and_total():
 def test_full_marks_are_all_that_a_machine_can_give():
     assert not RESULT.full
     assert Result("a", "", {}, (ITEMS[0], ITEMS[2])).full
+
+
+def test_what_a_submission_calls_itself_reaches_no_terminal():
+    hostile = "a\x1b]0;x\x07 \x9b31m \u202e \udc80 \x00 b"
+    item = Item(hostile, 1.0, 2.0, hostile)
+    result = Result(hostile, hostile, {}, (item,), (hostile, "x" * 5000), hostile)
+    unmarked = replace(result, problem="")
+    for text in (table(result), table(unmarked), to_csv([result]), to_json(result), to_junit([result])):
+        assert all(letter.isprintable() or letter == "\n" for letter in text)
+        text.encode("utf-8")
+    ElementTree.fromstring(to_junit([result]))
+    assert len(result.notes[1]) < 1100
 
 
 def test_json_comes_back():

@@ -17,7 +17,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 
-START_DEADLINE = 60.0  # [s] of wall time for a program of ours to be up
+START_DEADLINE = 600.0  # [s] of wall time for a program of ours to be up, on the busiest machine
 
 
 class MarkingError(HuskyError):

@@ -107,7 +107,7 @@ class MarkerWatch:
             return sample
         try:
             moment, frame_in_base = self._frame_in_base(sample)
-        except tf2_ros.TransformException as error:
+        except (tf2_ros.TransformException, ValueError) as error:  # ValueError: a frame's name with a NUL
             return replace(sample, problem=str(error).split(". ")[0].strip())
         row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)
         pose = compose(compose(poses[row], frame_in_base), _pose(marker))
