@@ -23,8 +23,8 @@ from husky_highlevel_controller.footprint import (
     clearance_at,
 )
 from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
-from husky_highlevel_controller.simulator.models.sdf_world import load_world
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
+from husky_highlevel_controller.simulator.models.sdf_world import load_world
 from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
 
 URDF = ET.fromstring(robot_description(meshes=""))

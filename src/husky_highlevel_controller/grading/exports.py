@@ -48,7 +48,7 @@ def write_exports(result: Result, out: Path) -> None:
 
 
 def to_gradescope(result: Result) -> str:
-    """results.json of Gradescope: a test for each item; no score where a person gives it, or nothing was marked."""
+    """results.json of Gradescope: a test for each item; without a score where a person gives it."""
     tests: List[Dict[str, Any]] = []
     for item in result.items:
         test: Dict[str, Any] = {"name": item.name, "output": item.evidence, "output_format": "text"}

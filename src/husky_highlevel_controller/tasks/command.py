@@ -40,7 +40,7 @@ def positive(text: str) -> int:
 
 @contextmanager
 def exit_codes(name: str) -> Iterator[None]:
-    """End a command with a sentence and 2 on bad input, with a traceback and 2 on a bug, with STOPPED on Ctrl-C.
+    """Exit codes of a command: 2 on bad input (a sentence) or a bug (a traceback), STOPPED on Ctrl-C.
 
     Python's own exit code of an exception is 1, which means "a figure missed" or "less than full marks".
     """
