@@ -6,9 +6,11 @@ import yaml
 from damage import WORDS, damaged, mutated
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading import rviz_check
-from husky_highlevel_controller.grading.drive import Plan, _is_event, _notes, _read_events
-from husky_highlevel_controller.grading.hand_in import (
+from husky_highlevel_controller.grading.drive import rviz_check
+from husky_highlevel_controller.grading.drive.run import Plan, _is_event, _notes, _read_events
+from husky_highlevel_controller.grading.hand_in.launch_choice import choose_launch_file
+from husky_highlevel_controller.grading.hand_in.overrides import read_overrides
+from husky_highlevel_controller.grading.hand_in.packages import (
     NotMarkableError,
     choose_packages,
     exercise_numbers,
@@ -16,9 +18,7 @@ from husky_highlevel_controller.grading.hand_in import (
     open_hand_in,
     read_manifest,
 )
-from husky_highlevel_controller.grading.launch_choice import choose_launch_file
-from husky_highlevel_controller.grading.overrides import read_overrides
-from husky_highlevel_controller.grading.report import from_json
+from husky_highlevel_controller.grading.reports.tables import from_json
 
 MANIFEST = (
     '<package format="2"><name>husky</name><version>0.0.0</version><description>d</description>'

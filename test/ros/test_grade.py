@@ -19,10 +19,10 @@ from husky_highlevel_controller.course import PILLAR_POSITION
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading import cli
 from husky_highlevel_controller.grading.cli import Marking
-from husky_highlevel_controller.grading.drive import GradingConfig, Submission, plan
+from husky_highlevel_controller.grading.drive.run import GradingConfig, Submission, plan
+from husky_highlevel_controller.grading.drive.trials import Trial
 from husky_highlevel_controller.grading.isolation.process import with_variable
 from husky_highlevel_controller.grading.isolation.sandbox import BUBBLEWRAP, Workspace, kind_of_sandbox
-from husky_highlevel_controller.grading.trials import Trial
 
 SUBMISSIONS = Path(__file__).parents[1] / "submissions"
 sys.path.insert(0, str(SUBMISSIONS))

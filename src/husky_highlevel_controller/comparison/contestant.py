@@ -29,11 +29,11 @@ from husky_highlevel_controller.evaluation.rollout import Controller
 from husky_highlevel_controller.evaluation.scenarios import Scenario
 from husky_highlevel_controller.evaluation.setup import Setup, load_setup
 from husky_highlevel_controller.footprint import gaps
-from husky_highlevel_controller.grading import drive as marking
-from husky_highlevel_controller.grading.recording import STANDS
+from husky_highlevel_controller.grading.drive import run as marking
+from husky_highlevel_controller.grading.drive.recording import STANDS
+from husky_highlevel_controller.grading.drive.trials import Trial
 from husky_highlevel_controller.grading.rubrics.exercise_3 import TOUCH
 from husky_highlevel_controller.grading.rubrics.rules import DEFAULT
-from husky_highlevel_controller.grading.trials import Trial
 
 PACKAGE = __name__.split(".")[0]
 LAUNCH_PACE, LAUNCH_DEADLINE = 5.0, metrics.DRIVE_SECONDS  # simulated seconds a second; [s], simulated

@@ -20,9 +20,15 @@ from typing import Dict, Iterator, List, Optional, Protocol, Sequence, Tuple
 from tqdm import tqdm
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.build import build, copy_packages
-from husky_highlevel_controller.grading.drive import Submission
-from husky_highlevel_controller.grading.hand_in import (
+from husky_highlevel_controller.grading.drive.run import Submission
+from husky_highlevel_controller.grading.hand_in.build import build, copy_packages
+from husky_highlevel_controller.grading.hand_in.launch_choice import (
+    LaunchFile,
+    choose_launch_file,
+    named_launch_file,
+)
+from husky_highlevel_controller.grading.hand_in.overrides import Override, read_overrides
+from husky_highlevel_controller.grading.hand_in.packages import (
     BUILT,
     Contents,
     HandIn,
@@ -36,10 +42,8 @@ from husky_highlevel_controller.grading.hand_in import (
 from husky_highlevel_controller.grading.isolation.files import walk, write_whole
 from husky_highlevel_controller.grading.isolation.process import STOP_REQUESTED, StoppedError
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.launch_choice import LaunchFile, choose_launch_file, named_launch_file
-from husky_highlevel_controller.grading.overrides import Override, read_overrides
-from husky_highlevel_controller.grading.report import Result, from_json
-from husky_highlevel_controller.grading.result_files import HAND_INS, write_class, write_result
+from husky_highlevel_controller.grading.reports.files import HAND_INS, write_class, write_result
+from husky_highlevel_controller.grading.reports.tables import Result, from_json
 from husky_highlevel_controller.tasks.workers import Workers
 
 FINGERPRINT = "fingerprint"  # file: of what was marked

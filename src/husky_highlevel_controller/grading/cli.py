@@ -17,15 +17,17 @@ from typing import Any, Dict, Optional, Sequence
 from tqdm import tqdm
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading import batch, rviz_check
-from husky_highlevel_controller.grading.drive import GradingConfig, Plan, Submission, drive, plan
-from husky_highlevel_controller.grading.husky_version import detect_husky
+from husky_highlevel_controller.grading import batch
+from husky_highlevel_controller.grading.drive import rviz_check
+from husky_highlevel_controller.grading.drive.husky_version import detect_husky
+from husky_highlevel_controller.grading.drive.recording import Recording, empty_recording
+from husky_highlevel_controller.grading.drive.run import GradingConfig, Plan, Submission, drive, plan
+from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import write_whole
 from husky_highlevel_controller.grading.isolation.private_network import is_private
 from husky_highlevel_controller.grading.isolation.process import request_stop
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, kind_of_sandbox
-from husky_highlevel_controller.grading.plots import draw_drives, draw_pixels
 from husky_highlevel_controller.grading.record import (
     Record,
     differences,
@@ -35,13 +37,12 @@ from husky_highlevel_controller.grading.record import (
     versions,
 )
 from husky_highlevel_controller.grading.record import to_json as record_to_json
-from husky_highlevel_controller.grading.recording import Recording, empty_recording
-from husky_highlevel_controller.grading.replays import REPLAY, replay_page
-from husky_highlevel_controller.grading.report import Result, table
-from husky_highlevel_controller.grading.result_files import add_step_summary, write_result
+from husky_highlevel_controller.grading.reports.files import add_step_summary, write_result
+from husky_highlevel_controller.grading.reports.plots import draw_drives, draw_pixels
+from husky_highlevel_controller.grading.reports.replays import REPLAY, replay_page
+from husky_highlevel_controller.grading.reports.tables import Result, table
 from husky_highlevel_controller.grading.rubrics import exercise_2, exercise_3, exercise_5
 from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules, load_rules
-from husky_highlevel_controller.grading.trials import Trial, draw_trials
 from husky_highlevel_controller.tasks.command import add_cluster_option, exit_codes, positive
 
 RUBRICS = {

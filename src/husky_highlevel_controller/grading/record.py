@@ -18,10 +18,10 @@ import numpy as np
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.grading.drive_end import ABANDONED, NODES_ENDED, DriveEnd
+from husky_highlevel_controller.grading.drive.drive_end import ABANDONED, NODES_ENDED, DriveEnd
+from husky_highlevel_controller.grading.drive.recording import Recording
+from husky_highlevel_controller.grading.drive.truth_feed import TruthRow
 from husky_highlevel_controller.grading.isolation.files import read_regular, walk
-from husky_highlevel_controller.grading.recording import Recording
-from husky_highlevel_controller.grading.truth_feed import TruthRow
 
 SCHEMA = "husky_highlevel_controller/record/v1"
 LIBRARIES = ("numpy", "pybullet")  # that a drive depends on

@@ -20,14 +20,14 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Tuple
 
 from husky_highlevel_controller.grading import batch
-from husky_highlevel_controller.grading.hand_in import HandIn
+from husky_highlevel_controller.grading.hand_in.overrides import Override
+from husky_highlevel_controller.grading.hand_in.packages import HandIn
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_regular, walk
 from husky_highlevel_controller.grading.isolation.process import Process, end_all, request_stop, wait
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.overrides import Override
-from husky_highlevel_controller.grading.report import Result
-from husky_highlevel_controller.grading.result_files import HAND_INS
+from husky_highlevel_controller.grading.reports.files import HAND_INS
+from husky_highlevel_controller.grading.reports.tables import Result
 
 MARKING_DEADLINE = 4.0 * 3600.0  # [s] of wall time for one hand-in; every part of it has one of its own
 MAX_FILE = 50_000_000  # [bytes] of a file that is sent back

@@ -6,10 +6,10 @@ import subprocess
 from math import inf
 
 from husky_highlevel_controller.datatypes import Pose
-from husky_highlevel_controller.grading.call_plan import CallPlan, exercise_2_over, exercise_2_speed
-from husky_highlevel_controller.grading.drive import SIMULATOR, SIMULATOR_NODES
-from husky_highlevel_controller.grading.drive_end import DriveEnd
-from husky_highlevel_controller.grading.truth_feed import READ, TruthFeed, TruthRow, row_from_line
+from husky_highlevel_controller.grading.drive.call_plan import CallPlan, exercise_2_over, exercise_2_speed
+from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
+from husky_highlevel_controller.grading.drive.run import SIMULATOR, SIMULATOR_NODES
+from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed, TruthRow, row_from_line
 
 
 def end_of(states, abandoned_at=inf):

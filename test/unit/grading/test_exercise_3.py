@@ -9,9 +9,9 @@ import pytest
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import Pose2D
-from husky_highlevel_controller.grading.graph import forged_topics, silent_topics, unread_topics
-from husky_highlevel_controller.grading.pose_jumps import pose_jumps
-from husky_highlevel_controller.grading.recording import (
+from husky_highlevel_controller.grading.drive.graph import forged_topics, silent_topics, unread_topics
+from husky_highlevel_controller.grading.drive.pose_jumps import pose_jumps
+from husky_highlevel_controller.grading.drive.recording import (
     ExchangedError,
     MarkerSample,
     Recording,
@@ -22,6 +22,7 @@ from husky_highlevel_controller.grading.recording import (
     load,
     to_json,
 )
+from husky_highlevel_controller.grading.drive.rviz_check import judged_by_ends
 from husky_highlevel_controller.grading.rubrics.exercise_3 import (
     ITEMS,
     judge_approach,
@@ -33,7 +34,6 @@ from husky_highlevel_controller.grading.rubrics.exercise_3 import (
 )
 from husky_highlevel_controller.grading.rubrics.items import RvizView, over_trials, total
 from husky_highlevel_controller.grading.rubrics.rules import Rules, read_rules
-from husky_highlevel_controller.grading.rviz_check import judged_by_ends
 
 PILLAR = (10.0, 0.0)  # [m]
 NOSE = 0.4937  # [m], from base_link to the front

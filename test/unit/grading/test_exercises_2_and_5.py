@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from husky_highlevel_controller.datatypes import Pose2D
-from husky_highlevel_controller.grading.recording import Call, Recording
+from husky_highlevel_controller.grading.drive.recording import Call, Recording
 from husky_highlevel_controller.grading.rubrics.exercise_2 import (
     judge_exercise_2,
     judge_output,

@@ -2,14 +2,14 @@
 
 import json
 
-from husky_highlevel_controller.grading.exports import (
+from husky_highlevel_controller.grading.reports.exports import (
     CLASSROOM50_FIELDS,
     to_classroom50,
     to_gradescope,
     to_step_summary,
     write_exports,
 )
-from husky_highlevel_controller.grading.report import Result
+from husky_highlevel_controller.grading.reports.tables import Result
 from husky_highlevel_controller.grading.rubrics.items import Item
 
 ITEMS = (

@@ -14,20 +14,22 @@ import pytest
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading import archives
-from husky_highlevel_controller.grading import build as build_module
-from husky_highlevel_controller.grading.archives import Allowance, ArchiveError, unpack
 from husky_highlevel_controller.grading.batch import Batch, add_rviz_files, fingerprint, mark_all
-from husky_highlevel_controller.grading.build import (
+from husky_highlevel_controller.grading.cli import Marking
+from husky_highlevel_controller.grading.drive.run import GradingConfig
+from husky_highlevel_controller.grading.hand_in import archives
+from husky_highlevel_controller.grading.hand_in import build as build_module
+from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, unpack
+from husky_highlevel_controller.grading.hand_in.build import (
     OLD_BOOST,
     Folders,
     build_error,
     copy_packages,
     missing_packages,
 )
-from husky_highlevel_controller.grading.cli import Marking
-from husky_highlevel_controller.grading.drive import GradingConfig
-from husky_highlevel_controller.grading.hand_in import (
+from husky_highlevel_controller.grading.hand_in.launch_choice import choose_launch_file, named_launch_file
+from husky_highlevel_controller.grading.hand_in.overrides import Override, read_overrides
+from husky_highlevel_controller.grading.hand_in.packages import (
     HandIn,
     NotMarkableError,
     choose_packages,
@@ -37,11 +39,9 @@ from husky_highlevel_controller.grading.hand_in import (
     open_hand_in,
 )
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.launch_choice import choose_launch_file, named_launch_file
-from husky_highlevel_controller.grading.overrides import Override, read_overrides
-from husky_highlevel_controller.grading.page import class_page
 from husky_highlevel_controller.grading.remote import Parcel, bring_in, mark_there, order_for
-from husky_highlevel_controller.grading.report import Result, to_csv, to_junit
+from husky_highlevel_controller.grading.reports.page import class_page
+from husky_highlevel_controller.grading.reports.tables import Result, to_csv, to_junit
 from husky_highlevel_controller.grading.rubrics.items import Item
 
 MANIFEST = (

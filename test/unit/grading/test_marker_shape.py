@@ -7,7 +7,7 @@ import pytest
 
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.grading.marker_shape import draw, hull_distance
+from husky_highlevel_controller.grading.drive.marker_shape import draw, hull_distance
 
 ARROW, CUBE, LINE_STRIP, POINTS = 0, 1, 4, 8
 AXIS = (10.0, 0.0)  # [m]

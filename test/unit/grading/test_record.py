@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
-from husky_highlevel_controller.grading.drive_end import NODES_ENDED
+from husky_highlevel_controller.grading.drive.drive_end import NODES_ENDED
+from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.record import (
     Record,
     differences,
@@ -15,7 +16,6 @@ from husky_highlevel_controller.grading.record import (
     load_record,
     to_json,
 )
-from husky_highlevel_controller.grading.recording import Recording
 
 RECORD = Record(
     "ann", ("--launch", "ann", "a.launch"), (), ("/class",), {"exercise": 3, "seed": 0},

@@ -10,7 +10,7 @@ import pytest
 from defusedxml import ElementTree
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.report import (
+from husky_highlevel_controller.grading.reports.tables import (
     Result,
     from_json,
     table,

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from husky_highlevel_controller.geometry import wrap_angle
-from husky_highlevel_controller.grading import rviz_check
 from husky_highlevel_controller.grading.cli import parse
-from husky_highlevel_controller.grading.drive import Plan
-from husky_highlevel_controller.grading.trials import draw_trials, rviz_world, trial_world
+from husky_highlevel_controller.grading.drive import rviz_check
+from husky_highlevel_controller.grading.drive.run import Plan
+from husky_highlevel_controller.grading.drive.trials import draw_trials, rviz_world, trial_world
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
 
 # ---------------------------------------------------------------------------- drives

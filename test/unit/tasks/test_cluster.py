@@ -17,7 +17,7 @@ from husky_highlevel_controller.evaluation.metrics import run
 from husky_highlevel_controller.evaluation.scenarios import random_starts
 from husky_highlevel_controller.grading.batch import Batch, mark_all
 from husky_highlevel_controller.grading.cli import Marking
-from husky_highlevel_controller.grading.drive import GradingConfig
+from husky_highlevel_controller.grading.drive.run import GradingConfig
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.tasks.workers import Workers
 

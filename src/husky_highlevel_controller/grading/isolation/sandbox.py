@@ -33,7 +33,8 @@ DISPLAYS = Path("/tmp/.X11-unix")
 # without --cap-drop, bubblewrap called by uid 0 (marking's private network makes it that) leaves all
 # capabilities, and with them the mounts can be undone
 _BUBBLEWRAP = [
-    "--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc", "--cap-drop", "ALL",
+    "--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc",
+    "--cap-drop", "ALL",
 ]  # fmt: skip
 _NO_NESTED_NAMESPACES = ["--disable-userns"]  # bubblewrap 0.8 and newer
 _WHOLE_SYSTEM = ["--ro-bind", "/", "/", "--proc", "/proc", "--dev", "/dev"]

@@ -12,7 +12,7 @@ from typing import List, Sequence
 
 import numpy as np
 
-from husky_highlevel_controller.grading.recording import Recording
+from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.rubrics.exercise_3 import causes
 from husky_highlevel_controller.grading.rubrics.items import Item, RvizView, forfeited
 from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules

@@ -12,7 +12,7 @@ from typing import List, Optional, Sequence
 
 import numpy as np
 
-from husky_highlevel_controller.grading.recording import Recording
+from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.rubrics.items import Item, RvizView, forfeited, over_trials
 from husky_highlevel_controller.grading.rubrics.markers import judge_namespaces
 from husky_highlevel_controller.grading.rubrics.rules import Rules

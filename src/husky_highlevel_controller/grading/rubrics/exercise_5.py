@@ -11,7 +11,7 @@ from typing import List, Sequence
 
 import numpy as np
 
-from husky_highlevel_controller.grading.recording import Call, Recording
+from husky_highlevel_controller.grading.drive.recording import Call, Recording
 from husky_highlevel_controller.grading.rubrics.exercise_3 import causes, first_cause
 from husky_highlevel_controller.grading.rubrics.items import Item, RvizView, forfeited
 from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules

@@ -10,7 +10,7 @@ from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.grading.recording import Recording
+from husky_highlevel_controller.grading.drive.recording import Recording
 
 
 @dataclass(frozen=True)

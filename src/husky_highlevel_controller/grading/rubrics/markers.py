@@ -14,7 +14,7 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.course import PILLAR_HEIGHTS, PILLAR_RADIUS
-from husky_highlevel_controller.grading.recording import ADD, DELETE, MarkerSample, Recording
+from husky_highlevel_controller.grading.drive.recording import ADD, DELETE, MarkerSample, Recording
 from husky_highlevel_controller.grading.rubrics.rules import Rules
 
 HEIGHT_MARGIN = 0.3  # [m], above and below the pillar

@@ -12,8 +12,8 @@ import rosservice
 from geometry_msgs.msg import Twist, Vector3
 from std_srvs.srv import SetBool
 
-from husky_highlevel_controller.grading.call_plan import CallPlan, exercise_2_over, exercise_2_speed
-from husky_highlevel_controller.grading.recording import Call
+from husky_highlevel_controller.grading.drive.call_plan import CallPlan, exercise_2_over, exercise_2_speed
+from husky_highlevel_controller.grading.drive.recording import Call
 
 ANSWER_DEADLINE = 10.0  # [s] of wall time
 

@@ -18,11 +18,11 @@ import rospy
 from sensor_msgs.msg import LaserScan
 
 from husky_highlevel_controller.datatypes import Pose2D
-from husky_highlevel_controller.grading.drive_end import DriveEnd
-from husky_highlevel_controller.grading.graph import forged_topics, silent_topics, unread_topics
-from husky_highlevel_controller.grading.pose_jumps import pose_jumps
-from husky_highlevel_controller.grading.recording import CUT_OFF, Recording, to_json
-from husky_highlevel_controller.grading.truth_feed import TruthFeed, TruthRow
+from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
+from husky_highlevel_controller.grading.drive.graph import forged_topics, silent_topics, unread_topics
+from husky_highlevel_controller.grading.drive.pose_jumps import pose_jumps
+from husky_highlevel_controller.grading.drive.recording import CUT_OFF, Recording, to_json
+from husky_highlevel_controller.grading.drive.truth_feed import TruthFeed, TruthRow
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.grading.exercise_driver import ExerciseDriver
 from husky_highlevel_controller.ros.grading.marker_watch import MarkerWatch

@@ -16,7 +16,7 @@ from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.archives import Allowance, ArchiveError, suffix_of, unpack
+from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, suffix_of, unpack
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_regular, walk
 
 MAX_ARCHIVES = 50  # inside of one hand-in

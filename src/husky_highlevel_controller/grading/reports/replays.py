@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from husky_highlevel_controller.grading.recording import ADD, Recording
+from husky_highlevel_controller.grading.drive.recording import ADD, Recording
 from husky_highlevel_controller.replay import Replay, to_html
 
 REPLAY = "replay.html"  # in the folder of a drive

@@ -17,7 +17,7 @@ from matplotlib.patches import Circle, Polygon
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH
-from husky_highlevel_controller.grading.recording import Recording
+from husky_highlevel_controller.grading.drive.recording import Recording
 
 COLORS = "viridis"  # of time
 REACH = 40.0  # [m], a marker farther from the start is not drawn: it would shrink the rest to nothing

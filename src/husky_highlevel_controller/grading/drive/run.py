@@ -18,11 +18,7 @@ from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import Pose2D
-from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text
-from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
-from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
-from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.recording import (
+from husky_highlevel_controller.grading.drive.recording import (
     CUT_OFF,
     ExchangedError,
     Recording,
@@ -30,8 +26,12 @@ from husky_highlevel_controller.grading.recording import (
     empty_recording,
     load,
 )
-from husky_highlevel_controller.grading.ros_master import has_parameter, has_service, number
-from husky_highlevel_controller.grading.trials import Trial, trial_world
+from husky_highlevel_controller.grading.drive.ros_master import has_parameter, has_service, number
+from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
+from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text
+from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
+from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.paths import share_folder
 
 LOAD_DEADLINE = 120.0  # [s] of wall time for a launch file to be read
@@ -48,7 +48,7 @@ LASER = {
 }  # launch arguments
 RECORDER = "marking_recorder"  # its node's name
 SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that it offers
-NODES = Path(__file__).parents[1] / "ros" / "grading"
+NODES = Path(__file__).parents[2] / "ros" / "grading"
 SIMULATOR = share_folder() / "launch" / "simulator.launch"
 SIMULATOR_NODES = ("/husky_simulator",)  # of that launch file; another node of this name would end ours
 

@@ -9,11 +9,11 @@ import os
 from pathlib import Path
 from typing import Dict, List, Sequence, Tuple
 
-from husky_highlevel_controller.grading.exports import to_step_summary, write_exports
 from husky_highlevel_controller.grading.isolation.files import write_whole
-from husky_highlevel_controller.grading.page import class_page, feedback_page
-from husky_highlevel_controller.grading.replays import REPLAY
-from husky_highlevel_controller.grading.report import Result, table, to_csv, to_json, to_junit
+from husky_highlevel_controller.grading.reports.exports import to_step_summary, write_exports
+from husky_highlevel_controller.grading.reports.page import class_page, feedback_page
+from husky_highlevel_controller.grading.reports.replays import REPLAY
+from husky_highlevel_controller.grading.reports.tables import Result, table, to_csv, to_json, to_junit
 
 PICTURES = ("drive.png", "rviz.png")
 LOGS = (("build log", "ws/build.log"), ("traceback", "traceback.txt"))

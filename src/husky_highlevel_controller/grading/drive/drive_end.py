@@ -10,10 +10,10 @@ from typing import Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.grading.recording import STANDS, hull_gaps
+from husky_highlevel_controller.grading.drive.recording import STANDS, hull_gaps
+from husky_highlevel_controller.grading.drive.truth_feed import TruthRow
 from husky_highlevel_controller.grading.rubrics.exercise_3 import TOUCH
 from husky_highlevel_controller.grading.rubrics.rules import DEFAULT
-from husky_highlevel_controller.grading.truth_feed import TruthRow
 
 AT_PILLAR = 3.0  # [s], simulated: so long at the pillar, it is over
 ABANDONED = 3.0  # [s], simulated: so long still with no node left to drive it, it is over

@@ -11,7 +11,7 @@ from typing import Any, Tuple
 from xmlrpc.client import Error as XmlRpcError
 from xmlrpc.client import ServerProxy
 
-from husky_highlevel_controller.grading.drive import SCAN_TOPICS, Submission, starter
+from husky_highlevel_controller.grading.drive.run import SCAN_TOPICS, Submission, starter
 from husky_highlevel_controller.grading.isolation.process import wait
 from husky_highlevel_controller.grading.isolation.ros_network import Network
 

@@ -20,13 +20,13 @@ import numpy as np
 import yaml
 
 from husky_highlevel_controller.datatypes import Pose2D
-from husky_highlevel_controller.grading.drive import GradingConfig, Plan, Submission, simulate
+from husky_highlevel_controller.grading.drive.ros_master import subscriptions
+from husky_highlevel_controller.grading.drive.run import GradingConfig, Plan, Submission, simulate
+from husky_highlevel_controller.grading.drive.trials import rviz_world
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, is_regular, read_text
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import MarkingError, Network
-from husky_highlevel_controller.grading.ros_master import subscriptions
 from husky_highlevel_controller.grading.rubrics.items import RvizView
-from husky_highlevel_controller.grading.trials import rviz_world
 
 STARTS = 3  # of a window that crashes
 TILE = (800, 600)  # [pixels], one window

@@ -19,7 +19,7 @@ from xml.sax.saxutils import escape
 
 from catkin_pkg.package import parse_package
 
-from husky_highlevel_controller.grading.hand_in import BUILT, Package
+from husky_highlevel_controller.grading.hand_in.packages import BUILT, Package
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_text,

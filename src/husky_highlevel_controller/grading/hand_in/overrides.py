@@ -13,7 +13,7 @@ import yaml
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text
-from husky_highlevel_controller.grading.report import Result
+from husky_highlevel_controller.grading.reports.tables import Result
 from husky_highlevel_controller.grading.rubrics.items import Item
 
 FILE = "marking.yaml"

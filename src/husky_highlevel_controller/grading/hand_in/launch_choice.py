@@ -14,7 +14,7 @@ from typing import Any, Dict, FrozenSet, Iterator, List, Optional, Sequence, Tup
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
-from husky_highlevel_controller.grading.hand_in import (
+from husky_highlevel_controller.grading.hand_in.packages import (
     Contents,
     NotMarkableError,
     Package,

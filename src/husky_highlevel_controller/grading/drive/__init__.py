@@ -1,0 +1,1 @@
+"""One drive of a submission: network, simulator, recording, RViz."""

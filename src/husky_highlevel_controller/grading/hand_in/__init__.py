@@ -1,0 +1,1 @@
+"""Hand-ins: archives, packages, the launch file that is meant, the build."""

@@ -1,0 +1,1 @@
+"""Results as tables, pages, pictures and files of other systems."""
