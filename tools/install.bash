@@ -130,8 +130,6 @@ make_venv() {
     echo /usr/lib/python3/dist-packages >"$site/debian.pth"
     # matplotlib brings a namespace package; Debian's, which has an __init__.py, would be taken in its place
     touch "$site/mpl_toolkits/__init__.py"
-    # setuptools' own distutils, for which every roslaunch imports all of setuptools: half of its start
-    rm -f "$site/distutils-precedence.pth"
     mark_done venv "${venv_requirements[@]}"
   fi
 }

@@ -5,6 +5,7 @@ Usage: launch.py FILE.launch [name:=value ...] [options of roslaunch]. FILE is o
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import os
 import re
@@ -16,6 +17,12 @@ import threading
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set
 from xml.etree import ElementTree
+
+if sys.version_info < (3, 12):  # rosclean imports distutils: Python's own, or half of the start is setuptools
+    with contextlib.suppress(ImportError, AttributeError):
+        import _distutils_hack
+
+        _distutils_hack.remove_shim()
 
 import roslaunch
 import roslaunch.arg_dump

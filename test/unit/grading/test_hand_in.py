@@ -375,6 +375,12 @@ def test_all_packages_that_are_not_installed_are_found_at_once(tmp_path):
         ),
         ("a\n/ws/src/a.cpp:3:1: error: 'x' was not declared\nb", "a.cpp:3:1: 'x' was not declared"),
         ("/ws/src/a.h:3:1: fatal error: no_such/x.h: No such file\n", "a.h:3:1: no_such/x.h: No such file"),
+        (
+            'Traceback (most recent call last):\n  File "/usr/a.py", line 9, in <module>\n'
+            '  File "/ws/src/husky/setup.py", line 3, in <module>\n    import x\nImportError: x\n'
+            "CMake Error at /usr/share/catkin/cmake/safe_execute_process.cmake:11 (message):\n  execute_process\n",
+            "husky/setup.py:3: ImportError: x",
+        ),
         ("one\ntwo", "one two"),
         ("", ""),
     ],

@@ -39,6 +39,8 @@ _PLACEHOLDER = re.compile(r"error:.*\b_[1-9]\b|\b_[1-9]\b.*was not declared", re
 _COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^)]*)\)", re.IGNORECASE)
 _NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]+)"')
 _ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
+_EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
+_TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
 _STAND_IN = """# {name} is not installed; whatever uses nothing of it builds without it
 set({name}_FOUND TRUE)
 set({name}_FOUND_CATKIN_PROJECT TRUE)
@@ -222,7 +224,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     elif code:
         notes.append(f"it does not build: {build_error(output, folders.root)}")
     setups = (*underlay.setups, *[folders.setup] * folders.setup.is_file())
-    workspace = Workspace(underlay.env, setups, (folders.root / "src",), underlay.hidden)
+    workspace = Workspace(underlay.env, setups, (folders.root / "src",), underlay.hidden, own_modules=False)
     return Build(workspace, tuple(notes), not code and code is not None)
 
 
@@ -265,6 +267,11 @@ def build_error(output: str, root: Path) -> str:
         hint = f" (apt install {debian})" if debian else ""
         return f"{found['where']}: {found['what']}"[:300] + hint
     lines = [line.strip() for line in output.splitlines() if line.strip()]
+    for number, line in enumerate(lines):
+        if number and _EXECUTED.search(line):  # a program that catkin ran; its last line is the cause
+            own = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
+            where = f"{own[-1]['file']}:{own[-1]['line']}: " if own else ""
+            return f"{where}{lines[number - 1]}"[:300]
     for pattern in (r"^CMake Error", r"undefined reference", r"\bError\b|error"):
         for number, line in enumerate(lines):
             if re.search(pattern, line):

@@ -19,6 +19,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Dict, List, Sequence, Tuple
 
+import husky_highlevel_controller
 from husky_highlevel_controller.paths import share_folder
 
 BUBBLEWRAP, NAMESPACE, NONE = "bubblewrap", "process namespace", "none"
@@ -40,6 +41,7 @@ _NO_NESTED_NAMESPACES = ["--disable-userns"]  # bubblewrap 0.8 and newer
 _WHOLE_SYSTEM = ["--ro-bind", "/", "/", "--proc", "/proc", "--dev", "/dev"]
 _NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
 _SOURCE = 'while [ "$1" != -- ]; do source "$1" >/dev/null || exit 1; shift; done; shift; '
+_HIDE = 'P=":$PYTHONPATH:"; for H in "${MARKING_HIDDEN[@]}"; do P=${P//":$H:"/:}; done; P=${P#:}; export PYTHONPATH=${P%:}; '
 _PACKAGES = 'export ROS_PACKAGE_PATH="$MARKING_PACKAGES${MARKING_PACKAGES:+:}$ROS_PACKAGE_PATH"; exec "$@"'
 
 
@@ -51,6 +53,9 @@ class Workspace:
     setups: Tuple[Path, ...] = ()  # setup.bash files, sourced in the sandbox, in this order
     packages: Tuple[Path, ...] = ()  # folders of packages that are found without being built
     hidden: Tuple[Path, ...] = ()  # folders whose content it must not see: other hand-ins and their results
+    own_modules: bool = (
+        True  # this package's Python modules can be imported; a hand-in has one of the same name
+    )
 
 
 def sandboxed(
@@ -70,7 +75,10 @@ def sandboxed(
         limits.append(f"--nproc={THREADS}")
     packages = os.pathsep.join(map(str, workspace.packages))
     setups = [str(path.resolve()) for path in workspace.setups]
-    source = [_program("bash"), "-c", f"MARKING_PACKAGES={_quoted(packages)}; {_SOURCE}{_PACKAGES}", "bash"]
+    script = f"MARKING_PACKAGES={_quoted(packages)}; {_SOURCE}"
+    if not workspace.own_modules:
+        script += f"MARKING_HIDDEN=({' '.join(_quoted(str(folder)) for folder in _own_modules())}); {_HIDE}"
+    source = [_program("bash"), "-c", script + _PACKAGES, "bash"]
     inner = [*limits, *source, *setups, "--", _program("stdbuf"), "-oL", *command]
     if kind == BUBBLEWRAP:
         return [_program("bwrap"), *_bubblewrap(), *_mounts(workspace, writable, env), "--", *inner]
@@ -132,6 +140,11 @@ def _mounts(workspace: Workspace, writable: Sequence[Path], env: Dict[str, str])
     fixed = [*_WHOLE_SYSTEM, *size, "/dev/shm"]
     ordered = sorted(steps, key=lambda step: step[:2])
     return [*fixed, *(word for _, _, words in ordered for word in words)]
+
+
+def _own_modules() -> List[Path]:
+    """Folders on PYTHONPATH that hold this package: of the built workspace, and its sources."""
+    return [Path(husky_highlevel_controller.__file__).parents[1], Path(__file__).resolve().parents[3]]
 
 
 def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
