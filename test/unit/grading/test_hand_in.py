@@ -378,7 +378,7 @@ def test_all_packages_that_are_not_installed_are_found_at_once(tmp_path):
         (
             'Traceback (most recent call last):\n  File "/usr/a.py", line 9, in <module>\n'
             '  File "/ws/src/husky/setup.py", line 3, in <module>\n    import x\nImportError: x\n'
-            "CMake Error at /usr/share/catkin/cmake/safe_execute_process.cmake:11 (message):\n  execute_process\n",
+            "CMake Error at /usr/share/catkin/cmake/safe_execute_process.cmake:11 (message):\n",
             "husky/setup.py:3: ImportError: x",
         ),
         ("one\ntwo", "one two"),

@@ -41,7 +41,10 @@ _NO_NESTED_NAMESPACES = ["--disable-userns"]  # bubblewrap 0.8 and newer
 _WHOLE_SYSTEM = ["--ro-bind", "/", "/", "--proc", "/proc", "--dev", "/dev"]
 _NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
 _SOURCE = 'while [ "$1" != -- ]; do source "$1" >/dev/null || exit 1; shift; done; shift; '
-_HIDE = 'P=":$PYTHONPATH:"; for H in "${MARKING_HIDDEN[@]}"; do P=${P//":$H:"/:}; done; P=${P#:}; export PYTHONPATH=${P%:}; '
+_HIDE = (
+    'P=":$PYTHONPATH:"; for H in "${MARKING_HIDDEN[@]}"; do P=${P//":$H:"/:}; done; '
+    "P=${P#:}; export PYTHONPATH=${P%:}; "
+)
 _PACKAGES = 'export ROS_PACKAGE_PATH="$MARKING_PACKAGES${MARKING_PACKAGES:+:}$ROS_PACKAGE_PATH"; exec "$@"'
 
 
