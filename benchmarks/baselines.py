@@ -23,7 +23,7 @@ from husky_highlevel_controller.evaluation.rollout import husky
 from husky_highlevel_controller.evaluation.scenarios import course_scenario
 from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
-from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 STEP_RATE, SCAN_RATE = 240, 50  # [Hz]
 WHEEL_SPEED, WHEEL_TORQUE = 3.0, 100.0  # [rad/s], [N m]
@@ -55,7 +55,7 @@ def bare_loop(seconds: float, tuned: bool = False, paced: bool = False) -> Dict[
         flags |= pybullet.URDF_USE_IMPLICIT_CYLINDER
         pybullet.setPhysicsEngineParameter(numSolverIterations=20, physicsClientId=client)
     robot = _load_husky(client, flags)
-    lidar, reach = LidarConfig(), LidarConfig().range_max
+    lidar, reach = simulator_config().lidar, simulator_config().lidar.range_max
     x, y = even_beams(-lidar.angle_max, lidar.angle_max, lidar.beams).directions
     beams = np.column_stack([x, y, np.zeros(lidar.beams)])
     mount = husky().fixed_poses[husky().laser_frame]

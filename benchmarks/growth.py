@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 from statistics import median
 from typing import Callable, Dict, List, Tuple
@@ -13,8 +14,9 @@ from rows import Effort, Row, compare, reaching
 
 from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, RobotState, Shape, Sphere
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.simulator.sensors.lidar import Lidar, LidarConfig
+from husky_highlevel_controller.simulator.sensors.lidar import Lidar
 from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make_scene
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 
 def growth(effort: Effort) -> List[Row]:
@@ -52,7 +54,7 @@ def field_of(kind: str, count: int, seed: int = 0) -> List[Tuple[Shape, Pose]]:
 
 
 def _scan_cost(kind: str, count: int, beams: int, repeats: int) -> Row:
-    field, config = field_of(kind, count), LidarConfig(beams=beams)
+    field, config = field_of(kind, count), replace(simulator_config().lidar, beams=beams)
     scene, bullet = make_scene(field), BulletRays(field)
     pose = Pose((0.0, 0.0, 0.44), quat_from_rpy(np.pi, 0.0, 0.0))
     lidar = Lidar(config, partial(cast_rays, scene), "laser", Pose())

@@ -33,7 +33,8 @@ from husky_highlevel_controller.evaluation.rollout import husky
 from husky_highlevel_controller.evaluation.scenarios import course_scenario
 from husky_highlevel_controller.geometry import pose_from_2d
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 PERIOD = 0.02  # [s] between two scans
 WAY = 19.2  # [s] at 1 m/s: it ends 1.2 m from the pillar's centre
@@ -128,7 +129,7 @@ def recorded(count: int) -> List[Snapshot]:
     (pillar,) = (body for body in course.world.bodies if body.name == course.pillar)
     x, y, _ = pillar.pose_in_world.position
     start = Pose2D(yaw=atan2(y, x))
-    simulation = Simulation(course.world, husky(), SimulatorConfig(), start, course.seed)
+    simulation = Simulation(course.world, husky(), simulator_config(), start, course.seed)
     found: List[Snapshot] = []
     while simulation.stamp < WAY:
         simulation.command(Twist2D(1.0, 0.0))

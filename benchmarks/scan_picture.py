@@ -10,9 +10,10 @@ import matplotlib as mpl
 import numpy as np
 
 from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, RobotState
-from husky_highlevel_controller.simulator.sensors.lidar import Lidar, LidarConfig
+from husky_highlevel_controller.simulator.sensors.lidar import Lidar
 from husky_highlevel_controller.simulator.sensors.lms1xx import Lms1xx, Lms1xxConfig
 from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make_scene
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -28,7 +29,7 @@ def main(path: str) -> None:
     )
     cast = partial(cast_rays, scene)
     lidars = {
-        "profile:=gazebo": Lidar(LidarConfig(), cast, "laser", Pose()),
+        "profile:=gazebo": Lidar(simulator_config().lidar, cast, "laser", Pose()),
         "profile:=robot": Lms1xx(Lms1xxConfig(), cast, "laser", Pose(), 0.02),
     }
     figure, axes = plt.subplots(1, 2, figsize=(7, 3.6), sharey=True, dpi=90)

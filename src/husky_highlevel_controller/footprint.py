@@ -1,49 +1,65 @@
-"""Footprint of the Husky: its outline from above, and clearances from it.
+"""Footprint of a robot: its outline from above, and clearances from it.
 
-In: points in base_link. Out: their distances from the outline. Must not know: ROS, the caller.
-
-Numbers: husky_description 0.6.10, husky.urdf.xacro and wheel.urdf.xacro; a test holds them to the URDF.
+In: points in base_link. Out: their distances from the outline.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import hypot
+from typing import Tuple
 
 import numpy as np
 
-# Half length and half width of the two rectangles, centred on base_link, that make the outline [m].
-HULL = (0.9874 / 2.0, 0.5709 / 2.0)  # base_x_size, base_y_size
-WHEELS = (0.5120 / 2.0 + 0.1651, (0.5708 + 0.1143) / 2.0)  # wheelbase, wheel_radius; track, wheel_length
-HALF_LENGTH, HALF_WIDTH = HULL[0], WHEELS[1]  # of the rectangle about both [m]
 
+@dataclass(frozen=True)
+class Footprint:
+    """Outline: a rectangle centred on base_link, and a strip along the wheels of either side."""
 
-def clearance(points_in_base: np.ndarray) -> np.ndarray:
-    """Distance from the outline to each point, (N,) [m]; 0 inside.
+    hull: Tuple[float, float]  # half length, half width [m]
+    wheels: Tuple[float, float, float]  # half length; from where to where either strip reaches aside [m]
 
-    Args:
-        points_in_base: (N, 2) [m].
-    """
-    across = np.abs(points_in_base)
-    to_hull, to_wheels = (np.maximum(across - half, 0.0) for half in (HULL, WHEELS))
-    nearest: np.ndarray = np.minimum(
-        np.hypot(to_hull[:, 0], to_hull[:, 1]), np.hypot(to_wheels[:, 0], to_wheels[:, 1])
-    )
-    return nearest
+    @property
+    def half_length(self) -> float:
+        """Of the rectangle about both [m]."""
+        return max(self.hull[0], self.wheels[0])
 
+    @property
+    def half_width(self) -> float:
+        """Of the rectangle about both [m]."""
+        return max(self.hull[1], self.wheels[2])
 
-def clearance_at(x: float, y: float) -> float:
-    """Distance from the outline to one point in base_link [m]; 0 inside."""
-    return min(hypot(max(abs(x) - length, 0.0), max(abs(y) - width, 0.0)) for length, width in (HULL, WHEELS))
+    def clearance(self, points_in_base: np.ndarray) -> np.ndarray:
+        """Distance from the outline to each point, (N,) [m]; 0 inside.
 
+        Args:
+            points_in_base: (N, 2) [m].
+        """
+        x, y = np.abs(points_in_base).T
+        (length, width), (axle, inner, outer) = self.hull, self.wheels
+        nearest: np.ndarray = np.minimum(
+            np.hypot(np.maximum(x - length, 0.0), np.maximum(y - width, 0.0)),
+            np.hypot(np.maximum(x - axle, 0.0), np.maximum(np.maximum(y - outer, inner - y), 0.0)),
+        )
+        return nearest
 
-def gaps(poses: np.ndarray, centers: np.ndarray, radius: float) -> np.ndarray:
-    """Gaps between the outline at each pose and a pillar's surface, (N,) [m]; negative: inside.
+    def clearance_at(self, x: float, y: float) -> float:
+        """Distance from the outline to one point in base_link [m]; 0 inside."""
+        x, y = abs(x), abs(y)
+        (length, width), (axle, inner, outer) = self.hull, self.wheels
+        return min(
+            hypot(max(x - length, 0.0), max(y - width, 0.0)),
+            hypot(max(x - axle, 0.0), max(y - outer, inner - y, 0.0)),
+        )
 
-    Args:
-        poses: (N, 3) [m, m, rad], x, y and yaw of base_link in the world.
-        centers: of the pillar in the world, (N, 2) or (2,) [m].
-        radius: of the pillar [m].
-    """
-    dx, dy = (np.asarray(centers) - poses[:, :2]).T
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    return clearance(np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)) - radius
+    def gaps(self, poses: np.ndarray, centers: np.ndarray, radius: float) -> np.ndarray:
+        """Gaps between the outline at each pose and a pillar's surface, (N,) [m]; negative: inside.
+
+        Args:
+            poses: (N, 3) [m, m, rad], x, y and yaw of base_link in the world.
+            centers: of the pillar in the world, (N, 2) or (2,) [m].
+            radius: of the pillar [m].
+        """
+        dx, dy = (np.asarray(centers) - poses[:, :2]).T
+        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        return self.clearance(np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)) - radius

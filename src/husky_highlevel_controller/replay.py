@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
-from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH
+from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.robot import load_robot
 
 PERIOD = 0.1  # [s] between two poses that are kept; the page draws what lies between
 MAX_POSES = 3000  # a longer drive is kept more coarsely
@@ -30,6 +31,7 @@ class Replay:
     poses: np.ndarray  # (N, 3) [m, m, rad], x, y and yaw of base_link
     pillars: np.ndarray  # (1, 2) or (N, 2) [m], centre of the pillar, for good or at each of the times
     marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (M, 3) [s, m, m], of the pillar
+    outline: Footprint = field(default_factory=lambda: load_robot().footprint)  # of the robot
 
 
 def to_html(replay: Replay) -> str:
@@ -44,7 +46,11 @@ def to_html(replay: Replay) -> str:
         "poses": _rounded(replay.poses[kept]),
         "pillars": _rounded(pillars[:1] if (pillars == pillars[:1]).all() else pillars),
         "marks": _rounded(marks[:: -(-len(marks) // MAX_MARKS) or 1]),
-        "robot": {"length": HALF_LENGTH, "width": HALF_WIDTH, "pillar": PILLAR_RADIUS},
+        "robot": {
+            "length": replay.outline.half_length,
+            "width": replay.outline.half_width,
+            "pillar": PILLAR_RADIUS,
+        },
     }
     text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")  # a title is anybody's
     return (share_folder() / "web" / "replay.html").read_text().replace("@DATA@", text)

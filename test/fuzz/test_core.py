@@ -18,11 +18,13 @@ from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.controller.safety import ProximityConfig, too_close
 from husky_highlevel_controller.datatypes import HuskyError, Pose, Pose2D, Twist2D
+from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros.conversions import scan_from_msg
-from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
+from husky_highlevel_controller.simulator.models.description import robot_description
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
 from husky_highlevel_controller.simulator.models.sdf_world import parse_model, parse_world
-from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 from husky_highlevel_controller.simulator.spawn_request import checked, checked_pose, make_object
 
 ROOT = Path(__file__).parents[2]
@@ -54,7 +56,7 @@ def husky():
 
 def simulate(world=EMPTY, robot=None, config=None, act=lambda simulation: None):
     """Some steps, of which nothing may be NaN."""
-    simulation = Simulation(world, robot or husky()[1], config or SimulatorConfig(), Pose2D(), 0)
+    simulation = Simulation(world, robot or husky()[1], config or simulator_config(), Pose2D(), 0)
     try:
         act(simulation)
         simulation.command(Twist2D(1.0, 0.5))
@@ -146,7 +148,7 @@ def test_every_scan_is_answered_by_a_command_within_its_limits(cases):
         state, output = decide(state, Observation(scan, laser_in_base, place), True, CONTROL, detector)
         assert abs(output.twist.linear) <= CONTROL.max_linear
         assert abs(output.twist.angular) <= CONTROL.max_angular
-        gap = too_close(scan, laser_in_base, Twist2D(number(rng), number(rng)), proximity)
+        gap = too_close(scan, laser_in_base, Twist2D(number(rng), number(rng)), proximity, load_robot())
         assert gap is None or not math.isnan(gap)
 
 
@@ -154,7 +156,7 @@ def test_every_scan_is_answered_by_a_command_within_its_limits(cases):
     ("file", "records"),
     [
         ("controller.yaml", (ControlConfig, PillarConfig)),
-        ("simulator.yaml", (SimulatorConfig,)),
+        ("../robots/husky.yaml", (SimulatorConfig,)),
         ("proximity_stop.yaml", (ProximityConfig,)),
         ("crash_stop.yaml", (CrashConfig,)),
     ],

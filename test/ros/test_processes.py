@@ -8,7 +8,7 @@ import pytest
 from network import PACKAGE, Ros, wait_until
 
 from husky_highlevel_controller.paths import share_folder
-from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
+from husky_highlevel_controller.simulator.models.description import robot_description
 
 SHARE = share_folder()
 LAUNCH_FILES = ("controller.launch", "simulator.launch")
@@ -129,7 +129,8 @@ def test_a_machine_too_slow_is_told_the_factor_reached(ros):
 def start_node(core, executable, name, config, parameters):
     """A node with the parameters its launch file sets, some of them changed; None leaves one out."""
     core.master("deleteParam", name)
-    assert core.start("rosparam", "load", f"{SHARE}/config/{config}", name).wait() == 0
+    for file in config.split():
+        assert core.start("rosparam", "load", f"{SHARE}/{file}", name).wait() == 0
     for key, value in parameters.items():
         if value is not None:
             core.master("setParam", f"{name}/{key}", value)
@@ -143,7 +144,9 @@ def start_simulator(core, **changes):
         "kinect_enabled": False, "laser_frame": "front_laser", **changes,
     }  # fmt: skip
     core.master("setParam", "/robot_description", parameters.pop("/robot_description", robot_description()))
-    return start_node(core, "husky_simulator", "/husky_simulator", "simulator.yaml", parameters)
+    return start_node(
+        core, "husky_simulator", "/husky_simulator", "robots/husky.yaml config/simulator.yaml", parameters
+    )
 
 
 @pytest.mark.parametrize(
@@ -194,7 +197,7 @@ def test_a_broken_world_is_named_with_line_and_value(core, tmp_path):
 def test_the_controller_ends_on_a_bad_parameter_and_names_it(change, words, core):
     parameters = dict([("scan_topic_name", "/front/scan"), ("scan_topic_queue_size", 1), change])
     process = start_node(
-        core, "husky_controller", "/husky_highlevel_controller", "controller.yaml", parameters
+        core, "husky_controller", "/husky_highlevel_controller", "config/controller.yaml", parameters
     )
     assert process.wait() == 1, process.output
     assert words in process.output

@@ -2,7 +2,7 @@
 
 from husky_highlevel_controller.datatypes import Body, Geometry, Plane, Pose, Twist2D
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
+from husky_highlevel_controller.simulator.models.description import robot_description
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
 
 HUSKY = robot_model(robot_description(meshes=""))

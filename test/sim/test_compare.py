@@ -14,6 +14,7 @@ from husky_highlevel_controller.comparison.contestant import Outcome, contestant
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.scenarios import random_starts
 from husky_highlevel_controller.evaluation.setup import Setup
+from husky_highlevel_controller.robot import load_robot
 
 BASE = Outcome("start 0", 10.0, 0.3, np.zeros((2, 3)), (20.0, 5.0))
 TIMID = '''
@@ -70,14 +71,14 @@ def test_an_outcome_is_judged_by_the_poses():
     seconds = np.arange(0.0, 10.0, 0.1)
     poses = np.zeros((100, 3))
     poses[:, 0] = np.minimum(seconds, 4.0)  # stops with the hull's front at 4.49 m
-    there = outcome("s", seconds, poses, (5.0, 0.0))
+    there = outcome("s", seconds, poses, (5.0, 0.0), load_robot())
     assert there.success
     assert there.arrived_at == pytest.approx(4.1)
     assert there.nearest == pytest.approx(5.0 - 0.2 - 4.0 - 0.4937, abs=1e-3)
-    assert not outcome("s", seconds, poses, (5.6, 0.0)).success, "too far away"
-    assert outcome("s", seconds, poses, (4.68, 0.0)).words.endswith("touched the pillar")
+    assert not outcome("s", seconds, poses, (5.6, 0.0), load_robot()).success, "too far away"
+    assert outcome("s", seconds, poses, (4.68, 0.0), load_robot()).words.endswith("touched the pillar")
     poses[:, 0] = seconds
-    assert outcome("s", seconds, poses, (10.5, 0.0)).arrived_at == inf, "it still drives"
+    assert outcome("s", seconds, poses, (10.5, 0.0), load_robot()).arrived_at == inf, "it still drives"
 
 
 def test_the_command_draws_where_one_fails_and_ends_with_1(tmp_path, capsys):

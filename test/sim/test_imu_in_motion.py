@@ -17,10 +17,12 @@ from husky_highlevel_controller.datatypes import (
     World,
 )
 from husky_highlevel_controller.geometry import rotate
-from husky_highlevel_controller.simulator.sensors.imu import ImuConfig
-from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
-QUIET = replace(SimulatorConfig(), imu=ImuConfig(acceleration_noise=0.0, rate_noise=0.0))
+QUIET = replace(
+    simulator_config(), imu=replace(simulator_config().imu, acceleration_noise=0.0, rate_noise=0.0)
+)
 
 
 @pytest.fixture
@@ -101,7 +103,7 @@ def hardest(simulation, *args, detector=None, **kwargs):
 
 
 def test_no_driving_is_a_crash(simulate):
-    simulation = simulate(GROUND, config=SimulatorConfig())
+    simulation = simulate(GROUND, config=simulator_config())
     rng, detector = np.random.default_rng(0), CrashDetector(CrashConfig())
     for _ in range(100):
         commands = rng.choice([-1.0, 0.0, 1.0]), rng.choice([-2.0, 0.0, 2.0])
@@ -111,7 +113,7 @@ def test_no_driving_is_a_crash(simulate):
 @pytest.mark.parametrize("obstacle", [Cylinder(0.2, 2.0), Box((0.2, 4.0, 2.0))])
 @pytest.mark.parametrize("speed", [0.2, 0.5, 1.0])
 def test_driving_into_what_stands_fast_is_a_crash(speed, obstacle, simulate):
-    simulation = simulate(GROUND, body("obstacle", obstacle, x=1.5, z=1.0), config=SimulatorConfig())
+    simulation = simulate(GROUND, body("obstacle", obstacle, x=1.5, z=1.0), config=simulator_config())
     drive(simulation, 1.0)
     assert hardest(simulation, 1.3 / speed, speed) == pytest.approx(speed, rel=0.2)
 
@@ -141,7 +143,7 @@ def test_a_rate_that_does_not_divide_the_physics_rate_is_refused(simulate):
 
 
 def noisy(seed):
-    return {"config": SimulatorConfig(), "seed": seed}
+    return {"config": simulator_config(), "seed": seed}
 
 
 def test_the_same_seed_gives_the_same_samples_also_after_a_reset(simulate):
@@ -162,7 +164,7 @@ def test_the_imu_s_noise_does_not_change_the_lidar_s(simulate):
     wall = body("wall", Box((0.2, 40.0, 2.0)), x=5.1, z=1.0)
     seen = []
     for rate in (50, 200):
-        simulation = simulate(GROUND, wall, robot=HUSKY, config=replace(SimulatorConfig(), imu_rate=rate))
+        simulation = simulate(GROUND, wall, robot=HUSKY, config=replace(simulator_config(), imu_rate=rate))
         seen.append([s.scan.ranges.tolist() for s in drive(simulation, 0.2) if s.scan is not None])
     assert seen[0] == seen[1]
     assert len({scan[360] for scan in seen[0]} - {inf}) == len(seen[0]), "there is noise"

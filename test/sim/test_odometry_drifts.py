@@ -7,7 +7,8 @@ from stage import GROUND, HUSKY, drive
 
 from husky_highlevel_controller.datatypes import Pose2D, World
 from husky_highlevel_controller.geometry import wrap_angle, yaw_from_quat
-from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 START = Pose2D(3.0, -2.0, 1.0)
 
@@ -28,7 +29,7 @@ def errors(snapshot, believed):
 
 @pytest.fixture
 def simulation():
-    made = Simulation(World("w", (GROUND,)), HUSKY, SimulatorConfig(), START, 3)
+    made = Simulation(World("w", (GROUND,)), HUSKY, simulator_config(), START, 3)
     yield made
     made.close()
 

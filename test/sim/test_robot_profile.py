@@ -7,12 +7,13 @@ import pytest
 from stage import GROUND
 
 from husky_highlevel_controller.datatypes import Pose2D, Twist2D, World
-from husky_highlevel_controller.evaluation.rollout import husky
+from husky_highlevel_controller.evaluation.rollout import model_of
 from husky_highlevel_controller.simulator.profile import RobotProfile
-from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 TRACK, RADIUS = 0.5708, 0.1651
-GAZEBO = SimulatorConfig()
+GAZEBO = simulator_config()
 HARD, SOFT = (replace(GAZEBO, real=RobotProfile().on(ground)) for ground in ("hard", "soft"))
 
 
@@ -22,7 +23,7 @@ def simulate():
     made = []
 
     def make(config, robot=None):
-        robot = robot or husky("robot" if config.real else "gazebo")
+        robot = robot or model_of(config.robot, "robot" if config.real else "gazebo")
         made.append(Simulation(World("w", (GROUND,)), robot, config, Pose2D(), 0))
         return made[-1]
 

@@ -19,7 +19,7 @@ from husky_highlevel_controller.evaluation.evaluate import COURSE_GAINS, TOUCHIN
 from husky_highlevel_controller.evaluation.metrics import center_error, crossings, false_pillars, run
 from husky_highlevel_controller.evaluation.rollout import rollout
 from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
-from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
+from husky_highlevel_controller.simulator.models.description import robot_description
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
 
 DEFAULT = ControlConfig()

@@ -25,7 +25,8 @@ from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.simulator.bullet.world import PlacementError
 from husky_highlevel_controller.simulator.diff_drive import CommandError
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
-from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig, steps_per
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import simulator_config, steps_per
 
 PILLAR_WORLD = load_world(share_folder() / "worlds" / "singlePillar.world")
 START = Pose2D()
@@ -38,7 +39,7 @@ def simulate():
 
     def make(*bodies, robot=BLIND, start=START, seed=0, config=None, ground=GROUND):
         world = bodies[0] if bodies and isinstance(bodies[0], World) else World("w", (ground, *bodies))
-        made.append(Simulation(world, robot, config or SimulatorConfig(), start, seed))
+        made.append(Simulation(world, robot, config or simulator_config(), start, seed))
         return made[-1]
 
     yield make
@@ -135,7 +136,7 @@ def test_on_its_side_it_slides_down_a_slope_against_friction(simulate):
 
 def test_coarse_physics_drives_as_fine_physics_does(simulate):
     def places(rate):
-        simulation = simulate(config=SimulatorConfig(physics_rate=rate))
+        simulation = simulate(config=replace(simulator_config(), physics_rate=rate))
         rng, found = np.random.default_rng(1), []
         for _ in range(14):
             linear, angular = rng.uniform(-0.7, 1.0), rng.uniform(-1.2, 1.2)
@@ -358,4 +359,4 @@ def test_periods_are_whole_numbers_of_steps(rate, steps):
 @pytest.mark.parametrize("rate", [60, 201, 400, 150])
 def test_a_period_that_is_not_a_multiple_of_the_step_is_refused(rate, simulate):
     with pytest.raises(HuskyError, match=f"scan_rate = {rate} Hz does not divide physics_rate = 200 Hz"):
-        simulate(config=replace(SimulatorConfig(), scan_rate=rate))
+        simulate(config=replace(simulator_config(), scan_rate=rate))

@@ -13,10 +13,10 @@ from husky_highlevel_controller.geometry import compose, quat_from_rpy, yaw_from
 from husky_highlevel_controller.ros.web.worlds import models
 from husky_highlevel_controller.simulator.bullet.world import PlacementError
 from husky_highlevel_controller.simulator.models.sdf_world import load_world, parse_model
-from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
-from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
-EXACT = SimulatorConfig(lidar=LidarConfig(noise=0.0))
+EXACT = replace(simulator_config(), lidar=replace(simulator_config().lidar, noise=0.0))
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 

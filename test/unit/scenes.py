@@ -17,7 +17,7 @@ from husky_highlevel_controller.controller.behaviour import (
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Scan, Twist2D
-from husky_highlevel_controller.evaluation.scenarios import SICK, Disc, Lidar, Wall, cast, scan_of
+from husky_highlevel_controller.evaluation.scenarios import SICK, Disc, Wall, cast, scan_of
 from husky_highlevel_controller.geometry import (
     advance,
     compose,
@@ -26,6 +26,7 @@ from husky_highlevel_controller.geometry import (
     quat_from_rpy,
     transform_point,
 )
+from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 
 # of the lidar in base_link (Husky URDF, husky_description 0.6.10): as it hangs, and as it could stand
 UPSIDE_DOWN = Pose((0.337, 0.0, 0.30795), quat_from_rpy(pi, 0.0, 0.0))
@@ -35,7 +36,7 @@ UPRIGHT = Pose((0.3568, 0.0, 0.28785))
 def look(
     circles: Sequence[Disc] = (),
     segments: Sequence[Wall] = (),
-    lidar: Lidar = SICK,
+    lidar: LidarConfig = SICK,
     noise: float = 0.001,
     rng: Optional[np.random.Generator] = None,
 ) -> Scan:

@@ -23,7 +23,7 @@ from husky_highlevel_controller.simulator.profile import RobotProfile
 from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConfig, CameraSetup
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 from husky_highlevel_controller.simulator.sensors.lms1xx import Lms1xxConfig
-from husky_highlevel_controller.simulator.simulation import SimulatorConfig
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 CONFIG_FOLDER = Path(__file__).parents[2] / "config"
 
@@ -176,12 +176,9 @@ def test_a_config_error_is_one_of_this_package_s():
 # ---------------------------------------------------------------------------- this package's own
 
 
-def test_simulator_yaml_holds_the_simulator_s_defaults():
+def test_simulator_yaml_holds_the_camera_s_defaults():
     values = yaml.safe_load((CONFIG_FOLDER / "simulator.yaml").read_text())
-    assert read_config(values, "simulator.yaml: ", SimulatorConfig, CameraSetup) == [
-        SimulatorConfig(),
-        CameraSetup(),
-    ]
+    assert read_config(values, "simulator.yaml: ", CameraSetup) == [CameraSetup()]
 
 
 def test_evaluate_drives_a_real_husky_with_the_gains_of_its_launch_file():
@@ -198,10 +195,8 @@ def test_the_robot_profiles_file_and_record_are_the_same():
 @pytest.mark.parametrize(
     "record",
     [
-        SimulatorConfig,
         CameraSetup,
         CameraConfig,
-        LidarConfig,
         ControlConfig,
         PillarConfig,
         RobotProfile,
@@ -260,12 +255,12 @@ def test_what_moves_or_stops_the_robot_is_taken_within_its_range_and_refused_out
 
 @pytest.mark.parametrize("value", [10**400, -(10**400), float("inf"), float("nan")])
 def test_a_number_beyond_all_bounds_is_out_of_range(value):
-    values = {**vars(LidarConfig()), "range_max": value}
+    values = {**vars(simulator_config().lidar), "range_max": value}
     with pytest.raises(ConfigError, match=r"~lidar/range_max = .* is out of range 0.1..1000.0"):
         read_config(values, "~lidar/", LidarConfig)
 
 
 def test_a_lidar_without_a_valid_range_is_refused_by_both_parameters():
-    values = {**vars(LidarConfig()), "range_min": 10.0, "range_max": 0.1}
+    values = {**vars(simulator_config().lidar), "range_min": 10.0, "range_max": 0.1}
     with pytest.raises(ConfigError, match=r"~lidar/range_min = 10.0 is not below range_max = 0.1"):
         read_config(values, "~lidar/", LidarConfig)

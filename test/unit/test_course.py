@@ -14,20 +14,25 @@ from husky_highlevel_controller.course import (
     course_world,
 )
 from husky_highlevel_controller.datatypes import Pose2D
-from husky_highlevel_controller.footprint import (
-    HALF_LENGTH,
-    HALF_WIDTH,
-    HULL,
-    WHEELS,
-    clearance,
-    clearance_at,
-)
-from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
+from husky_highlevel_controller.geometry import rotate
+from husky_highlevel_controller.robot import ROBOTS, load_robot
+from husky_highlevel_controller.simulator.models.description import robot_description
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
-from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
-URDF = ET.fromstring(robot_description(meshes=""))
+OUTLINE = load_robot().footprint
+HALF_LENGTH, HALF_WIDTH, HULL = OUTLINE.half_length, OUTLINE.half_width, OUTLINE.hull
+clearance, clearance_at = OUTLINE.clearance, OUTLINE.clearance_at
+
+
+def urdf(robot):
+    return ET.fromstring(robot_description(robot, meshes=""))
+
+
+def robot_model_of(robot):
+    return robot_model(robot_description(robot, meshes=""), load_robot(robot))
 
 
 def test_the_pillar_is_the_one_in_the_world_file():
@@ -40,7 +45,7 @@ def test_the_pillar_is_the_one_in_the_world_file():
 
 def test_the_pillar_s_heights_are_those_at_which_it_stands_in_the_simulation():
     world = load_world(course_world())
-    simulation = Simulation(world, robot_model(robot_description(meshes="")), SimulatorConfig(), Pose2D(), 0)
+    simulation = Simulation(world, robot_model_of("husky"), simulator_config(), Pose2D(), 0)
     for _ in range(50):
         simulation.step()
     half = simulation.bodies[PILLAR_NAME].collisions[0].shape.length / 2.0
@@ -49,21 +54,28 @@ def test_the_pillar_s_heights_are_those_at_which_it_stands_in_the_simulation():
     assert (middle - half, middle + half) == pytest.approx(PILLAR_HEIGHTS, abs=0.01)
 
 
-def test_the_hull_is_that_of_the_urdf():
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_outline_is_that_of_the_urdf(robot):
+    outline, model, tree = load_robot(robot).footprint, robot_model_of(robot), urdf(robot)
     boxes = [
         [float(edge) for edge in box.get("size").split()]
-        for box in URDF.findall("link[@name='base_link']/collision/geometry/box")
+        for box in tree.findall("link/collision/geometry/box")
     ]
-    assert max(x for x, _, _ in boxes) / 2.0 == pytest.approx(HULL[0])
-    assert max(y for _, y, _ in boxes) / 2.0 == pytest.approx(HULL[1])
+    assert max(x for x, _, _ in boxes) / 2.0 == pytest.approx(outline.hull[0])
+    wheel = model.wheels[0]
+    assert wheel.position[0] + wheel.radius == pytest.approx(outline.wheels[0])
+    assert wheel.position[1] - wheel.width / 2.0 == pytest.approx(outline.wheels[1])
+    assert wheel.position[1] + wheel.width / 2.0 == pytest.approx(outline.wheels[2])
 
 
-def test_the_wheels_are_those_of_the_urdf():
-    origin = URDF.find("joint[@name='front_left_wheel']/origin").get("xyz").split()
-    cylinder = URDF.find("link[@name='front_left_wheel_link']/collision/geometry/cylinder")
-    x, y = (float(number) for number in origin[:2])
-    assert x + float(cylinder.get("radius")) == pytest.approx(WHEELS[0])
-    assert y + float(cylinder.get("length")) / 2.0 == pytest.approx(WHEELS[1])
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_lidar_and_the_masses_are_those_of_the_urdf(robot):
+    told, model = load_robot(robot), robot_model_of(robot)
+    pose = model.fixed_poses[told.lidar_mount.frame]
+    assert pose.position == pytest.approx((told.lidar_mount.x, 0.0, told.lidar_mount.z))
+    assert (rotate(pose.quat_xyzw, (0.0, 0.0, 1.0))[2] < 0.0) is told.lidar_mount.upside_down
+    assert model.mass == pytest.approx(told.hull.mass + 4 * told.wheels.mass, abs=1.2), "and the lidar"
+    assert [wheel.joint for wheel in model.wheels] == list(told.wheels.joints)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 """docs/reference.md agrees with the code about arguments, parameters, topics and defaults."""
 
 import re
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 
 import pytest
 import yaml
@@ -13,11 +13,10 @@ from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros.controller.display import ESTIMATE, IN_LASER, IN_ODOM, PATH, STATE, TARGET
 from husky_highlevel_controller.ros.controller.node import ScanTopicConfig, StartStopConfig
-from husky_highlevel_controller.simulator.sensors.gps import GpsConfig
-from husky_highlevel_controller.simulator.sensors.imu import ImuConfig
-from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 SHARE = share_folder()
 REFERENCE = (SHARE / "docs" / "reference.md").read_text()
@@ -51,15 +50,25 @@ NODE_RECORDS = [ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig, P
 @pytest.mark.parametrize("record", NODE_RECORDS)
 def test_every_parameter_of_a_node_has_a_row(record):
     for parameter in fields(record):
-        named(f"~{parameter.name}", parameter.default)
+        if parameter.metadata:
+            named(f"~{parameter.name}", parameter.default)
 
 
 @pytest.mark.parametrize(
-    ("namespace", "record"), [("lidar", LidarConfig), ("imu", ImuConfig), ("gps", GpsConfig)]
-)
+    ("namespace", "record"),
+    [("lidar/", simulator_config().lidar), ("imu/", simulator_config().imu), ("gps/", simulator_config().gps),
+     ("", simulator_config())],
+)  # fmt: skip
 def test_every_parameter_of_a_sensor_has_a_row(namespace, record):
     for parameter in fields(record):
-        named(f"~{namespace}/{parameter.name}", parameter.default)
+        if parameter.metadata and not is_dataclass(getattr(record, parameter.name)):
+            named(f"~{namespace}{parameter.name}", getattr(record, parameter.name))
+
+
+def test_every_topic_of_the_husky_has_a_row():
+    topics = vars(load_robot().topics)
+    for name in {*topics.pop("velocity"), *topics.values()} - {""}:
+        assert f"`{name}`" in REFERENCE, name
 
 
 def test_the_controller_s_yaml_says_what_the_code_says():

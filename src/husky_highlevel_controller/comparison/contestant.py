@@ -28,12 +28,12 @@ from husky_highlevel_controller.evaluation import metrics
 from husky_highlevel_controller.evaluation.rollout import Controller
 from husky_highlevel_controller.evaluation.scenarios import Scenario
 from husky_highlevel_controller.evaluation.setup import Setup, load_setup
-from husky_highlevel_controller.footprint import gaps
 from husky_highlevel_controller.grading.drive import run as marking
 from husky_highlevel_controller.grading.drive.recording import STANDS
 from husky_highlevel_controller.grading.drive.trials import Trial
 from husky_highlevel_controller.grading.rubrics.exercise_3 import TOUCH
 from husky_highlevel_controller.grading.rubrics.rules import DEFAULT
+from husky_highlevel_controller.robot import Robot, load_robot
 
 PACKAGE = __name__.split(".")[0]
 LAUNCH_PACE, LAUNCH_DEADLINE = 5.0, metrics.DRIVE_SECONDS  # simulated seconds a second; [s], simulated
@@ -155,7 +155,7 @@ def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
     except Exception as error:
         raise HuskyError(f"{one.name} fails in {scenario.name}: {type(error).__name__}: {error}") from error
     x, y = trace.pillars[0]
-    return outcome(scenario.name, trace.times, trace.poses, (float(x), float(y)))
+    return outcome(scenario.name, trace.times, trace.poses, (float(x), float(y)), setup.simulator.robot)
 
 
 def _launched(one: Contestant, scenario: Scenario) -> Outcome:
@@ -168,7 +168,7 @@ def _launched(one: Contestant, scenario: Scenario) -> Outcome:
         recording = marking.drive(_submission(one.launch), trial, config, Path(folder))
     if not len(recording.times):
         raise HuskyError(f"{one.name} in {scenario.name}: {'; '.join(recording.notes) or 'no drive'}")
-    judged = outcome(scenario.name, recording.times, recording.poses, trial.pillar)
+    judged = outcome(scenario.name, recording.times, recording.poses, trial.pillar, load_robot())
     return replace(judged, notes=recording.notes)
 
 
@@ -184,7 +184,9 @@ def _launch_problem(launch: Tuple[str, ...]) -> str:
     return "" if planned.nodes else "; ".join(planned.notes) or "it starts no node"
 
 
-def outcome(scene: str, times: np.ndarray, poses: np.ndarray, pillar: Tuple[float, float]) -> Outcome:
+def outcome(
+    scene: str, times: np.ndarray, poses: np.ndarray, pillar: Tuple[float, float], robot: Robot
+) -> Outcome:
     """What a drive came to.
 
     Args:
@@ -192,8 +194,9 @@ def outcome(scene: str, times: np.ndarray, poses: np.ndarray, pillar: Tuple[floa
         times: (N,) [s].
         poses: (N, 3) [m, m, rad], true, in the world.
         pillar: its centre in the world at first [m].
+        robot: whose outline counts.
     """
-    gap = gaps(poses, np.array(pillar), PILLAR_RADIUS)
+    gap = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
     speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)
     away = np.flatnonzero((speeds > STANDS) | (gap > DEFAULT.reached))

@@ -9,7 +9,7 @@ out of sight (search.py).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from math import hypot, inf, nan
@@ -38,7 +38,9 @@ from husky_highlevel_controller.controller.search import (
 )
 from husky_highlevel_controller.controller.tracking import Estimate, Track, Visibility, aged, follow
 from husky_highlevel_controller.datatypes import STOP, Pillar, Pose, Pose2D, Scan, Twist2D
+from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, transform_point
+from husky_highlevel_controller.robot import load_robot
 
 JUMP, TOP_SPEED = 0.3, 2.0  # [m], [m/s]: a robot that is farther from its last place was put there
 RESUME_ERROR = 0.10  # [m], further than this from where it should stand an arrived robot drives again
@@ -63,6 +65,7 @@ class Observation:
     scan: Scan
     laser_in_base: Optional[Pose]  # None where TF does not know
     base_in_odom: Optional[Pose2D]  # at the scan's stamp; None where TF does not know
+    outline: Footprint = field(default_factory=lambda: load_robot().footprint)  # of the robot
 
     @cached_property
     def laser_in_odom(self) -> Optional[Pose]:
@@ -203,12 +206,12 @@ def _target(
         return None
     if pillar is not None:
         x, y, _ = transform_point(observation.laser_in_base, (pillar.x, pillar.y, 0.0))
-        return target_at((x, y), pillar.radius, observation.laser_in_base)
+        return target_at((x, y), pillar.radius, observation.laser_in_base, observation.outline)
     if estimate is None or observation.base_in_odom is None:
         return None
     place_in_odom = (estimate.x, estimate.y, 0.0)
     x, y, _ = transform_point(inverse(pose_from_2d(observation.base_in_odom)), place_in_odom)
-    return target_at((x, y), estimate.radius, observation.laser_in_base)
+    return target_at((x, y), estimate.radius, observation.laser_in_base, observation.outline)
 
 
 def _close_at(
@@ -245,9 +248,11 @@ def _act(
     if not measured and not (observation.scan.returns == inf).any():  # no beam, or too close for all
         reason = "no pillar in the scan (it has no valid range): standing still; is the lidar covered?"
         return State.WAITING, STOP, reason, None
-    points = near_points(observation.scan, observation.laser_in_base, target if pillar_seen else None)
+    in_sight = target if pillar_seen else None
+    points = near_points(observation.scan, observation.laser_in_base, in_sight, observation.outline)
     if target is not None and (pillar_seen or control.search):
-        return (*_drive(controller_state, target, pillar_seen, visibility, points, control), None)
+        outline = observation.outline
+        return (*_drive(controller_state, target, pillar_seen, visibility, points, outline, control), None)
     nothing = "none of its returns looks like one" if measured else "it has no valid range"
     nothing = f"no pillar in the scan ({nothing})"
     if not control.search:
@@ -255,7 +260,9 @@ def _act(
     if observation.base_in_odom is None:
         reason = f"{nothing}, and no transform to odom to search by: standing still; is odometry running?"
         return State.WAITING, STOP, reason, None
-    search, twist = search_on(controller_state.search or Search(), observation.base_in_odom, points, control)
+    search, twist = search_on(
+        controller_state.search or Search(), observation.base_in_odom, points, observation.outline, control
+    )
     how = "turning to look around" if search.to_turn > 0.0 else "driving a widening search"
     return State.SEARCHING, twist, f"{nothing}: {how}", search
 
@@ -266,6 +273,7 @@ def _drive(
     seen: bool,
     visibility: Visibility,
     points_in_base: np.ndarray,
+    outline: Footprint,
     control: ControlConfig,
 ) -> Tuple[State, Twist2D, str]:
     """Drive to the pillar, round what is in the way, and stop there."""
@@ -284,7 +292,7 @@ def _drive(
     if not seen and remaining <= near_enough:
         return State.DRIVING, heading_twist(target.bearing, 0.0, control), "looking where the pillar was"
     why = "driving to the pillar" if seen else f"the pillar is {visibility.value}: driving to where it was"
-    bearing = free_bearing(points_in_base, target.bearing, min(LOOK_AHEAD, remaining))
+    bearing = free_bearing(points_in_base, target.bearing, min(LOOK_AHEAD, remaining), outline)
     if bearing is None:
         return State.DRIVING, Twist2D(0.0, control.search_rate), "no free way ahead: turning to find one"
     if bearing != target.bearing:

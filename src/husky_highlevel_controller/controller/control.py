@@ -13,7 +13,7 @@ from math import atan2, cos, hypot
 from typing import NamedTuple, Tuple
 
 from husky_highlevel_controller.datatypes import Pose, Twist2D
-from husky_highlevel_controller.footprint import clearance_at
+from husky_highlevel_controller.footprint import Footprint
 
 TOUCH_SPEED = 0.1  # [m/s], fastest towards something that is going to be touched
 TOUCH_LEAST_SPEED = 0.04  # [m/s], a proportional law alone would never quite get there
@@ -25,7 +25,7 @@ class ControlConfig:
     """Gains and limits of the drive to the pillar, and of the search for it.
 
     The default gains brake from 1.0 m/s with at most 2 m/s^2 and forgive 0.1 s of delay without swinging;
-    the robot's own limits are 1.0 m/s, 3.0 m/s^2, 2.0 rad/s, 6.0 rad/s^2 (husky_control 0.6.10).
+    the robot's own limits are in robots/.
     """
 
     p_gain_vel: float = field(
@@ -81,17 +81,20 @@ class Target(NamedTuple):
         return atan2(self.y, self.x)
 
 
-def target_at(center_in_base: Tuple[float, float], radius: float, laser_in_base: Pose) -> Target:
+def target_at(
+    center_in_base: Tuple[float, float], radius: float, laser_in_base: Pose, outline: Footprint
+) -> Target:
     """The target that a pillar is, whichever way up the lidar is mounted.
 
     Args:
         center_in_base: of the pillar [m].
         radius: of the pillar [m].
         laser_in_base: where the lidar is.
+        outline: of the robot.
     """
     x, y = center_in_base
     distance = hypot(x - laser_in_base.position[0], y - laser_in_base.position[1]) - radius
-    return Target(x, y, radius, distance, clearance_at(x, y) - radius)
+    return Target(x, y, radius, distance, outline.clearance_at(x, y) - radius)
 
 
 def remaining_distance(target: Target, config: ControlConfig) -> float:

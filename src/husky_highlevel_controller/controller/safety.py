@@ -1,7 +1,6 @@
 """Braking distance and collision check of the stop guards; one stop per danger.
 
 In: scans and velocities. Out: the clearance, and whether to call for a stop now.
-Must not know: ROS, PyBullet, who drives and why.
 
 A planar lidar sees what is at its own height, and nothing behind the robot beyond its view.
 """
@@ -15,10 +14,9 @@ from typing import List, Optional, Tuple
 import numpy as np
 
 from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan, Twist2D
-from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH, clearance
+from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import advance, matrix_from_quat
-
-ANGULAR_BRAKING = 6.0  # [rad/s^2], the drive's limit (husky_control 0.6.10, control.yaml)
+from husky_highlevel_controller.robot import Robot
 
 MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05  # [m/s], [rad/s]: slower is standing, for odometry has noise
 FASTEST = 100.0  # [m/s] and [rad/s]: a measured velocity beyond it is none
@@ -51,7 +49,7 @@ def is_moving(twist: Twist2D) -> bool:
 
 
 def too_close(
-    scan: Scan, pose_laser_in_base: Pose, twist_in_base: Twist2D, config: ProximityConfig
+    scan: Scan, pose_laser_in_base: Pose, twist_in_base: Twist2D, config: ProximityConfig, robot: Robot
 ) -> Optional[float]:
     """Whether the robot must brake now to keep its margin to whatever it moves towards, at any bearing.
 
@@ -63,6 +61,7 @@ def too_close(
         pose_laser_in_base: which may be upside-down.
         twist_in_base: how the robot moves, as measured.
         config: margin and brakes.
+        robot: whose outline it is, and whose turning brakes at the limit of its drive.
 
     Returns:
         The clearance there is now between the robot's outline and the nearest return that counts [m];
@@ -72,36 +71,38 @@ def too_close(
         return None
     if not (abs(twist_in_base.linear) <= FASTEST and abs(twist_in_base.angular) <= FASTEST):
         return 0.0  # nothing is known of the way to standstill
-    way = _way_to_standstill(twist_in_base, config)
+    outline = robot.footprint
+    way = _way_to_standstill(twist_in_base, config, robot.drive.max_angular_acceleration)
     points_in_base = _points(scan, pose_laser_in_base)
-    now = _clearance(points_in_base, Pose2D())
-    within = now < config.margin + _longest_move(way)
+    now = _clearance(points_in_base, Pose2D(), outline)
+    within = now < config.margin + _longest_move(way, outline)
     points_in_base, now = points_in_base[within], now[within]
     nearest = now
     for pose in way:
-        nearest = np.minimum(nearest, _clearance(points_in_base, pose))
+        nearest = np.minimum(nearest, _clearance(points_in_base, pose, outline))
     threats = now[(nearest < config.margin) & (nearest < now - APPROACH)]
     return float(threats.min()) if len(threats) else None
 
 
-def _way_to_standstill(twist: Twist2D, config: ProximityConfig) -> List[Pose2D]:
+def _way_to_standstill(twist: Twist2D, config: ProximityConfig, angular_braking: float) -> List[Pose2D]:
     """Poses in base_link, first with the twist kept up, then with both its parts braked."""
-    braking_time = max(abs(twist.linear) / config.braking, abs(twist.angular) / ANGULAR_BRAKING)
+    braking_time = max(abs(twist.linear) / config.braking, abs(twist.angular) / angular_braking)
     duration = (config.reaction_time + braking_time) / PATH_STEPS
     way, pose = [], Pose2D()
     for step in range(PATH_STEPS):
         braked = max((step + 0.5) * duration - config.reaction_time, 0.0)
         linear = max(abs(twist.linear) - config.braking * braked, 0.0)
-        angular = max(abs(twist.angular) - ANGULAR_BRAKING * braked, 0.0)
+        angular = max(abs(twist.angular) - angular_braking * braked, 0.0)
         slower = Twist2D(copysign(linear, twist.linear), copysign(angular, twist.angular))
         pose = advance(pose, slower, duration)
         way.append(pose)
     return way
 
 
-def _longest_move(way: List[Pose2D]) -> float:
+def _longest_move(way: List[Pose2D], outline: Footprint) -> float:
     """At least as far as any point of the outline moves [m]."""
-    return max(hypot(pose.x, pose.y) + abs(pose.yaw) * hypot(HALF_LENGTH, HALF_WIDTH) for pose in way)
+    reach = hypot(outline.half_length, outline.half_width)
+    return max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in way)
 
 
 def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:
@@ -115,11 +116,11 @@ def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:
     return points
 
 
-def _clearance(points_in_base: np.ndarray, pose: Pose2D) -> np.ndarray:
+def _clearance(points_in_base: np.ndarray, pose: Pose2D, outline: Footprint) -> np.ndarray:
     """From the outline of a robot at `pose` to each point, (N,) [m]; 0 inside."""
     c, s = np.cos(pose.yaw), np.sin(pose.yaw)
     from_robot = (points_in_base - (pose.x, pose.y)) @ np.array([[c, -s], [s, c]])
-    return clearance(from_robot)
+    return outline.clearance(from_robot)
 
 
 # ---------------------------------------------------------------------------- one stop for one danger

@@ -15,12 +15,12 @@ import numpy as np
 
 from husky_highlevel_controller.controller.control import ControlConfig, Target
 from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan, Twist2D
-from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH, clearance
+from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import matrix_from_quat, wrap_angle
 
 LOOK_AHEAD = 1.0  # [m], free way wanted ahead of the hull
 SEARCH_SPEED = 0.5  # [m/s], fastest while searching
-_FREE_HALF_WIDTH = HALF_WIDTH + 0.15  # [m], of the way wanted free
+_FREE_BESIDE = 0.15  # [m], wanted free to either side of the outline
 _OWN_BODY = 0.01  # [m], returns this near to the outline are the robot itself
 _SIDESTEPS = [radians(angle) for size in range(0, 121, 15) for angle in ((size, -size) if size else (0,))]
 _REACH = 2.0  # [m] from the lidar; nothing farther can be in the way within LOOK_AHEAD
@@ -40,7 +40,11 @@ class Search(NamedTuple):
 
 
 def search_on(
-    search: Search, base_in_odom: Pose2D, points_in_base: np.ndarray, config: ControlConfig
+    search: Search,
+    base_in_odom: Pose2D,
+    points_in_base: np.ndarray,
+    outline: Footprint,
+    config: ControlConfig,
 ) -> Tuple[Search, Twist2D]:
     """Continue the search from where the robot is now.
 
@@ -48,6 +52,7 @@ def search_on(
         search: how far it had come; Search() to begin.
         base_in_odom: where the robot is.
         points_in_base: (N, 2) [m], what is near it.
+        outline: of the robot.
         config: rates and limits.
     """
     before = search.pose or base_in_odom
@@ -63,18 +68,19 @@ def search_on(
     search = search._replace(to_drive=search.to_drive - driven)
     if search.to_drive <= 0.0:
         return search._replace(to_turn=_ROUND + _QUARTER), Twist2D()
-    if not is_free(points_in_base, 0.0, LOOK_AHEAD):
+    if not is_free(points_in_base, 0.0, LOOK_AHEAD, outline):
         return search._replace(to_drive=0.0, to_turn=_QUARTER), Twist2D()
     return search, Twist2D(SEARCH_SPEED, 0.0)
 
 
-def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target]) -> np.ndarray:
+def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outline: Footprint) -> np.ndarray:
     """What is near the robot, (N, 2) [m] in base_link.
 
     Args:
         scan: one sweep.
         laser_in_base: where its lidar is.
         target: the pillar to leave out, which is not in its own way.
+        outline: of the robot.
 
     Returns:
         End points of beams without those on the robot itself and those that have no neighbour (speckle).
@@ -89,33 +95,36 @@ def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target]) -> np
     points_in_laser = scan.returns[near] * np.stack([np.cos(angles), np.sin(angles)])
     turn = matrix_from_quat(laser_in_base.quat_xyzw)[:2, :2]
     points = (turn @ points_in_laser).T + laser_in_base.position[:2]
-    keep = clearance(points) > _OWN_BODY
+    keep = outline.clearance(points) > _OWN_BODY
     if target is not None:
         off = points - (target.x, target.y)
         keep &= np.hypot(off[:, 0], off[:, 1]) > target.radius + _OF_TARGET
     return points[keep]
 
 
-def is_free(points_in_base: np.ndarray, bearing: float, length: float) -> bool:
+def is_free(points_in_base: np.ndarray, bearing: float, length: float, outline: Footprint) -> bool:
     """Whether the robot could turn to `bearing` [rad] and drive `length` [m] without touching a point."""
     if not len(points_in_base):
         return True
     c, s = cos(bearing), sin(bearing)
     along = points_in_base @ (c, s)
     across = np.abs(points_in_base @ (-s, c))
-    return not bool(((along > 0.0) & (along < HALF_LENGTH + length) & (across < _FREE_HALF_WIDTH)).any())
+    ahead, aside = outline.half_length + length, outline.half_width + _FREE_BESIDE
+    return not bool(((along > 0.0) & (along < ahead) & (across < aside)).any())
 
 
-def free_bearing(points_in_base: np.ndarray, wanted: float, length: float) -> Optional[float]:
+def free_bearing(
+    points_in_base: np.ndarray, wanted: float, length: float, outline: Footprint
+) -> Optional[float]:
     """The direction nearest to the one wanted that has a free way [rad]; None if there is none.
 
     Of two equally near ones it is the one that the robot faces more.
     """
-    if is_free(points_in_base, wanted, length):
+    if is_free(points_in_base, wanted, length, outline):
         return wanted
     sides = sorted(_SIDESTEPS, key=lambda step: (abs(step), abs(wrap_angle(wanted + step))))
     for step in sides[1:]:
         bearing = wrap_angle(wanted + step)
-        if is_free(points_in_base, bearing, LOOK_AHEAD):
+        if is_free(points_in_base, bearing, LOOK_AHEAD, outline):
             return bearing
     return None

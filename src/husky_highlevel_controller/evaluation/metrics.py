@@ -17,11 +17,10 @@ from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.evaluation.replays import replay_page
-from husky_highlevel_controller.evaluation.rollout import Controller, Trace, husky, rollout
+from husky_highlevel_controller.evaluation.rollout import Controller, Trace, model_of, rollout
 from husky_highlevel_controller.evaluation.scenarios import Scenario, bare_scene, pillar_scene
-from husky_highlevel_controller.footprint import HALF_LENGTH, gaps
-from husky_highlevel_controller.simulator.diff_drive import DriveConfig
-from husky_highlevel_controller.simulator.simulation import SimulatorConfig
+from husky_highlevel_controller.robot import Robot
+from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
 SAME_PILLAR = 0.2  # [m], a pillar found this near to the true one is that one
 MANY_BEAMS = 8  # from here on one scan distinguishes an object from a pillar
@@ -99,7 +98,7 @@ def run(
         detector: what counts as a pillar.
         controller: what answers a scan, called like `behaviour.decide`.
     """
-    return judge(drive(control, scenario, simulator, detector, controller), scenario, control)
+    return judge(drive(control, scenario, simulator, detector, controller), scenario, control, simulator)
 
 
 def run_with_page(
@@ -110,8 +109,11 @@ def run_with_page(
 ) -> Tuple[DriveResult, str, str]:
     """As `run`, with the file name and the text of a page that plays the drive."""
     trace = drive(control, scenario, simulator, detector)
-    result = judge(trace, scenario, control)
-    return (result, *replay_page(result.name, result.words, control, trace))
+    result = judge(trace, scenario, control, simulator)
+    return (
+        result,
+        *replay_page(result.name, result.words, control, trace, (simulator or simulator_config()).robot),
+    )
 
 
 def drive(
@@ -130,44 +132,43 @@ def drive(
     )
 
 
-def judge(trace: Trace, scenario: Scenario, control: ControlConfig) -> DriveResult:
+def judge(
+    trace: Trace, scenario: Scenario, control: ControlConfig, simulator: Optional[SimulatorConfig] = None
+) -> DriveResult:
     """What counts of a rollout."""
-    distances = _lidar_to_pillar(trace)
+    robot = (simulator or simulator_config()).robot
+    lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]
+    distances = _lidar_to_pillar(trace, lidar_x)
     first_x, first_y = trace.pillars[0]
     last_x, last_y = trace.pillars[-1]
-    lidar_x = husky().fixed_poses[husky().laser_frame].position[0]
     return DriveResult(
         name=scenario.name,
         arrived_at=inf if trace.arrived_at is None else trace.arrived_at,
-        bound=time_bound(trace, control, lidar_x),
+        bound=time_bound(trace, control, robot, lidar_x),
         final_error=float(distances[-1]) - control.stop_distance,
-        gap=float(distances[-1]) - (HALF_LENGTH - lidar_x),
+        gap=float(distances[-1]) - (robot.footprint.hull[0] - lidar_x),
         pushed=hypot(last_x - first_x, last_y - first_y),
         touched=trace.touched,
         crossings=crossings(trace),
         overshoot=max(control.stop_distance - float(distances.min()), 0.0),
-        nearest=float(gaps(trace.poses, trace.pillars, PILLAR_RADIUS).min()),
+        nearest=float(robot.footprint.gaps(trace.poses, trace.pillars, PILLAR_RADIUS).min()),
     )
 
 
-def _lidar_to_pillar(trace: Trace) -> np.ndarray:
+def _lidar_to_pillar(trace: Trace, lidar_x: float) -> np.ndarray:
     """True distance from the lidar to the pillar's surface, (N,) [m]."""
     x, y, yaw = trace.poses.T
-    lidar_x, lidar_y, _ = husky().fixed_poses[husky().laser_frame].position
-    x, y = (
-        x + np.cos(yaw) * lidar_x - np.sin(yaw) * lidar_y,
-        y + np.sin(yaw) * lidar_x + np.cos(yaw) * lidar_y,
-    )
+    x, y = x + np.cos(yaw) * lidar_x, y + np.sin(yaw) * lidar_x
     distances: np.ndarray = np.hypot(trace.pillars[:, 0] - x, trace.pillars[:, 1] - y) - PILLAR_RADIUS
     return distances
 
 
-def time_bound(trace: Trace, control: ControlConfig, lidar_x: float) -> float:
+def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: float) -> float:
     """Shortest time to the stop point, straight, at the drive's limits of speed and acceleration [s]."""
     (x, y, _), (pillar_x, pillar_y) = trace.poses[0], trace.pillars[0]
-    stop = max(control.stop_distance, HALF_LENGTH - lidar_x)
+    stop = max(control.stop_distance, robot.footprint.hull[0] - lidar_x)
     length = max(hypot(pillar_x - x, pillar_y - y) - PILLAR_RADIUS - stop - lidar_x, 0.0)
-    speed, acceleration = DriveConfig.max_linear, DriveConfig.max_linear_acceleration
+    speed, acceleration = min(robot.drive.max_linear, control.max_linear), robot.drive.max_linear_acceleration
     if length < speed**2 / acceleration:  # never at full speed
         return 2.0 * float(np.sqrt(length / acceleration))
     return length / speed + speed / acceleration

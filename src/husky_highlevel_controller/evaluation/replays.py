@@ -14,16 +14,17 @@ from urllib.parse import quote
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.evaluation.rollout import Trace
 from husky_highlevel_controller.replay import Replay, to_html
+from husky_highlevel_controller.robot import Robot
 
 INDEX = "index.html"
 HEAD = '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>Evaluation</title></head>'
 
 
-def replay_page(name: str, words: str, control: ControlConfig, trace: Trace) -> Tuple[str, str]:
+def replay_page(name: str, words: str, control: ControlConfig, trace: Trace, robot: Robot) -> Tuple[str, str]:
     """File name and text of the page that plays a drive; the name tells scenario, gains and stop distance."""
     gains = f"gains {control.p_gain_vel:g} {control.p_gain_ang:g}"
     title = f"{name}, {gains}, stop {control.stop_distance:g} m"
-    page = to_html(Replay(title, words, trace.times, trace.poses, trace.pillars))
+    page = to_html(Replay(title, words, trace.times, trace.poses, trace.pillars, outline=robot.footprint))
     return f"{re.sub(r'[^a-z0-9.]+', '_', title.lower())}.html", page
 
 

@@ -27,9 +27,11 @@ from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import Scan, Snapshot
 from husky_highlevel_controller.evaluation.scenarios import Scenario
 from husky_highlevel_controller.geometry import advance, yaw_from_quat
-from husky_highlevel_controller.simulator.models.husky_xacro import robot_description
+from husky_highlevel_controller.robot import Robot, load_robot
+from husky_highlevel_controller.simulator.models.description import robot_description
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
-from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
 Controller = Callable[
     [ControllerState, Observation, bool, ControlConfig, PillarConfig], Tuple[ControllerState, ControlOutput]
@@ -66,10 +68,15 @@ class Trace:
         return tuple(name for _, name in self.touches)
 
 
-@lru_cache(maxsize=2)
-def husky(profile: str = "gazebo") -> RobotModel:
+@lru_cache(maxsize=None)
+def model_of(robot: Robot, profile: str = "gazebo") -> RobotModel:
+    """A robot with its lidar, without meshes."""
+    return robot_model(robot_description(robot.name, meshes="", profile=profile), robot)
+
+
+def husky() -> RobotModel:
     """The Husky with its lidar, without meshes."""
-    return robot_model(robot_description(meshes="", profile=profile))
+    return model_of(load_robot())
 
 
 def rollout(
@@ -88,18 +95,18 @@ def rollout(
         scenario: where, from where, with which noise.
         control: gains and limits.
         detector_config: what counts as a pillar.
-        simulator: how the simulation runs.
+        simulator: how the simulation runs, and which robot drives.
         seconds: simulated time after which it ends in any case [s].
         settle: how long it goes on after the arrival [s].
-        robot: another robot than the standard one, such as one with an upright lidar.
+        robot: another model of the robot, such as one with an upright lidar.
         controller: what answers a scan.
 
     Raises:
         HuskyError: the world cannot be simulated.
     """
     control, detector_config = control or ControlConfig(), detector_config or PillarConfig()
-    simulator = simulator or SimulatorConfig()
-    robot = robot or husky("robot" if simulator.real else "gazebo")
+    simulator = simulator or simulator_config()
+    robot = robot or model_of(simulator.robot, "robot" if simulator.real else "gazebo")
     simulation = Simulation(scenario.world, robot, simulator, scenario.start, scenario.seed)
     laser_in_base = robot.fixed_poses[robot.laser_frame]
     controller_state, recorder, arrived_at = ControllerState(), _Recorder(), inf
@@ -113,7 +120,7 @@ def rollout(
             base_in_odom = odometry.pose_base_in_odom
             if age > 0.0:  # a sweep that took time: where the robot was at its first beam
                 base_in_odom = advance(base_in_odom, odometry.twist_in_base, -age)
-            observation = Observation(snapshot.scan, laser_in_base, base_in_odom)
+            observation = Observation(snapshot.scan, laser_in_base, base_in_odom, simulator.robot.footprint)
             controller_state, output = controller(
                 controller_state, observation, True, control, detector_config
             )

@@ -14,7 +14,10 @@ import numpy as np
 
 from husky_highlevel_controller.course import PILLAR_NAME, PILLAR_RADIUS, course_world
 from husky_highlevel_controller.datatypes import Pose2D, Scan, World
+from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
+from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 Disc = Tuple[float, float, float]  # x, y, radius [m], in the laser's frame
 Wall = Tuple[float, float, float, float]  # x1, y1, x2, y2 [m], in the laser's frame
@@ -36,17 +39,7 @@ class Scenario:
     pillar: str = PILLAR_NAME  # name of the body to drive to
 
 
-@dataclass(frozen=True)
-class Lidar:
-    """The reference lidar by default (SICK LMS1xx description, lms1xx 0.3.0)."""
-
-    beams: int = 720
-    angle_max: float = 2.35619  # [rad], and minus that on the other side
-    range_min: float = 0.1  # [m]
-    range_max: float = 30.0  # [m]
-
-
-SICK = Lidar()
+SICK = simulator_config().lidar
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +93,7 @@ def room(size: float, yaw: float, x: float = 0.0, y: float = 0.0) -> Tuple[Wall,
 
 
 def cast(
-    circles: Sequence[Disc] = (), segments: Sequence[Wall] = (), lidar: Lidar = SICK
+    circles: Sequence[Disc] = (), segments: Sequence[Wall] = (), lidar: LidarConfig = SICK
 ) -> Tuple[np.ndarray, np.ndarray]:
     """Distance to the first body each beam meets, (N,) [m], and which it is, (N,).
 
@@ -123,14 +116,14 @@ def cast(
     return table.min(axis=0), table.argmin(axis=0) - 1
 
 
-def scan_of(ranges: np.ndarray, lidar: Lidar = SICK) -> Scan:
+def scan_of(ranges: np.ndarray, lidar: LidarConfig = SICK) -> Scan:
     """The numbers as a scan, too far and too close marked as REP 117 says."""
     ranges = np.asarray(ranges, dtype=float)
     with np.errstate(invalid="ignore"):
         ranges = np.where(ranges >= lidar.range_max, np.inf, ranges)
         ranges = np.where(ranges <= lidar.range_min, -np.inf, ranges)
     edge = lidar.angle_max
-    return Scan(0.0, "front_laser", -edge, edge, lidar.range_min, lidar.range_max, ranges)
+    return Scan(0.0, load_robot().lidar_mount.frame, -edge, edge, lidar.range_min, lidar.range_max, ranges)
 
 
 # ---------------------------------------------------------------------------- random scans

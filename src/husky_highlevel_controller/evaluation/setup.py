@@ -3,7 +3,7 @@
 In: names and values, of a command line or a YAML file. Out: `Setup`s, `Axis`es.
 Must not know: ROS, what comes of a drive.
 
-A parameter of the simulator has its place in the name, as in config/simulator.yaml: lidar/noise.
+A parameter of the simulator has its place in the name, as in robots/husky.yaml: lidar/noise.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
-from husky_highlevel_controller.simulator.simulation import SimulatorConfig
+from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
 COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
 ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # config/robot.yaml's, at the default limits
@@ -38,7 +38,7 @@ class Setup:
 
     control: ControlConfig = field(default_factory=ControlConfig)
     detector: PillarConfig = field(default_factory=PillarConfig)
-    simulator: SimulatorConfig = field(default_factory=SimulatorConfig)
+    simulator: SimulatorConfig = field(default_factory=simulator_config)
 
     def with_values(self, values: Mapping[str, Any], source: str = "") -> Setup:
         """Another one, with some parameters changed.
@@ -82,7 +82,7 @@ def setup_of(profile: str = "gazebo", ground: str = "hard") -> Setup:
     """What `evaluate` drives with: PROFILES and GROUNDS of simulator/profile.py."""
     if profile == "gazebo":
         return Setup()
-    return Setup(ROBOT_GAINS, ROBOT_DETECTOR, SimulatorConfig(real=RobotProfile().on(ground)))
+    return Setup(ROBOT_GAINS, ROBOT_DETECTOR, replace(simulator_config(), real=RobotProfile().on(ground)))
 
 
 def add_profile_options(parser: argparse.ArgumentParser) -> None:
@@ -105,7 +105,7 @@ def unit_of(name: str) -> str:
 
 def about(name: str) -> Mapping[str, Any]:
     """The metadata of a parameter: min, max, help."""
-    records: List[Any] = [ControlConfig(), PillarConfig(), SimulatorConfig()]
+    records: List[Any] = [ControlConfig(), PillarConfig(), simulator_config()]
     *places, last = name.split("/")
     for place in places:
         records = [getattr(record, place) for record in records if hasattr(record, place)]

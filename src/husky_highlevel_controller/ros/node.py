@@ -7,12 +7,27 @@ import signal
 import sys
 import threading
 from io import TextIOWrapper
-from typing import Any, Callable, Protocol
+from typing import Any, Callable, Dict, Protocol, Tuple
 
 import rospy
 
+from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.robot import Robot, load_robot
 from husky_highlevel_controller.ros.transport import send_promptly
+
+
+def named_robot() -> Tuple[Dict[str, Any], Robot]:
+    """The node's private parameters but `~robot_name`, and the robot of that name; the Husky without one.
+
+    Raises:
+        ConfigError: there is no robot of that name.
+    """
+    values = dict(rospy.get_param("~", {}))
+    try:
+        return values, load_robot(str(values.pop("robot_name", "husky")))
+    except ConfigError as error:
+        raise ConfigError(f"{rospy.get_name()}/robot_name: {error}") from None
 
 
 def publish(publisher: rospy.Publisher, message: Any) -> None:

@@ -1,36 +1,19 @@
 """Differential drive kinematics, limits and time-out, as in diff_drive_controller: cmd_vel to wheel speeds.
 
 In: velocity commands and the time. Out: the limited command and four wheel speeds.
-Must not know: ROS, PyBullet, the ground.
-
-Numbers: husky_control/config/control.yaml of husky 0.6.10 (Noetic).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Tuple
 
 from husky_highlevel_controller.datatypes import STOP, HuskyError, Twist2D
+from husky_highlevel_controller.robot import DriveConfig
 
 
 class CommandError(HuskyError):
     """A velocity command that must not reach the wheels."""
-
-
-@dataclass(frozen=True)
-class DriveConfig:
-    """Limits and geometry of the drive; defaults are the Husky's own."""
-
-    max_linear: float = 1.0  # [m/s]
-    max_linear_acceleration: float = 3.0  # [m/s^2]
-    max_angular: float = 2.0  # [rad/s]
-    max_angular_acceleration: float = 6.0  # [rad/s^2]
-    wheel_separation: float = 0.5708  # [m], between left and right joints
-    wheel_separation_multiplier: float = 1.875  # found by Clearpath on real ground: the wheels skid
-    wheel_radius: float = 0.1651  # [m]
-    timeout: float = 0.25  # [s], an older command counts as a stop
 
 
 def limit(target: Twist2D, previous: Twist2D, dt: float, config: DriveConfig) -> Twist2D:

@@ -16,7 +16,8 @@ from math import exp
 from typing import Tuple
 
 from husky_highlevel_controller.datatypes import STOP, Twist2D, WheelState
-from husky_highlevel_controller.simulator.diff_drive import Drive, DriveConfig, wheel_speeds
+from husky_highlevel_controller.robot import DriveConfig
+from husky_highlevel_controller.simulator.diff_drive import Drive, wheel_speeds
 
 
 @dataclass(frozen=True)

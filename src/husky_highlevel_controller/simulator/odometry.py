@@ -15,7 +15,8 @@ from typing import Optional
 
 from husky_highlevel_controller.datatypes import Odometry, OdometrySample, Pose2D, Twist2D, WheelState
 from husky_highlevel_controller.geometry import advance
-from husky_highlevel_controller.simulator.diff_drive import DriveConfig, twist_of_wheels
+from husky_highlevel_controller.robot import DriveConfig
+from husky_highlevel_controller.simulator.diff_drive import twist_of_wheels
 
 
 class Odometer:

@@ -1,89 +1,39 @@
-"""Simulation of a Husky in a world: physics, drive and sensors.
+"""Simulation of a robot in a world: physics, drive and sensors.
 
 In: a `World`, a robot description, velocity commands, a seed. Out: a `Snapshot` a step.
-Must not know: ROS, clocks, threads.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from math import isclose
-from typing import Mapping, Optional, Sequence, Tuple, Union
+from dataclasses import replace
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.datatypes import (
     Beams,
     Body,
-    HuskyError,
     Pose,
     Pose2D,
     PowerState,
     Snapshot,
     Twist2D,
-    WheelState,
     World,
 )
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.bullet.world import ROBOT, PlacementError
 from husky_highlevel_controller.simulator.chassis import Chassis
-from husky_highlevel_controller.simulator.diff_drive import Drive, DriveConfig, IdealBase
-from husky_highlevel_controller.simulator.husky_base import HuskyBase, as_encoded
+from husky_highlevel_controller.simulator.equipment import equip
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 from husky_highlevel_controller.simulator.odometry import Odometer
-from husky_highlevel_controller.simulator.power import Power
-from husky_highlevel_controller.simulator.profile import RealHusky
-from husky_highlevel_controller.simulator.sensors.gps import Gps, GpsConfig
-from husky_highlevel_controller.simulator.sensors.imu import Imu, ImuConfig
-from husky_highlevel_controller.simulator.sensors.lidar import Lidar, LidarConfig
-from husky_highlevel_controller.simulator.sensors.lms1xx import Lms1xx
-from husky_highlevel_controller.simulator.sensors.magnetometer import Magnetometer
 from husky_highlevel_controller.simulator.sensors.raycast import cast_rays
-from husky_highlevel_controller.simulator.sensors.vibration import ShakenImu
-from husky_highlevel_controller.simulator.traction import TractionConfig
+from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per
 from husky_highlevel_controller.simulator.world_objects import WorldObjects
-
-# of the seed: each sensor draws from its own stream, so that none shifts another's; the lidar's is the seed's
-IMU_STREAM, GPS_STREAM, MAG_STREAM = 1, 2, 3
-ODOMETRY_RATE = 50  # [Hz], as on the Husky; besides, odometry is fresh whenever there is a scan
-
-
-@dataclass(frozen=True)
-class SimulatorConfig:
-    """Rates and sensors of the simulation."""
-
-    physics_rate: int = field(
-        default=200, metadata={"min": 50, "max": 2000, "help": "physics steps a second [Hz]"}
-    )
-    scan_rate: int = field(default=50, metadata={"min": 1, "max": 200, "help": "scans a second [Hz]"})
-    lidar: LidarConfig = field(default_factory=LidarConfig, metadata={"help": "the lidar"})
-    imu_rate: int = field(default=50, metadata={"min": 1, "max": 1000, "help": "IMU samples a second [Hz]"})
-    imu: ImuConfig = field(default_factory=ImuConfig, metadata={"help": "the inertial measurement unit"})
-    gps_rate: int = field(default=40, metadata={"min": 1, "max": 200, "help": "fixes a second [Hz]"})
-    gps: GpsConfig = field(default_factory=GpsConfig, metadata={"help": "the satellite receiver"})
-    drive: DriveConfig = field(default_factory=DriveConfig)
-    traction: TractionConfig = field(default_factory=TractionConfig)
-    real: Optional[RealHusky] = None  # what a real Husky does differently; None: Gazebo's Husky
-
-
-def steps_per(rate: float, physics_rate: float, name: str) -> int:
-    """How many physics steps make one period of `rate` [Hz].
-
-    Raises:
-        HuskyError: the period is not a whole multiple of the physics step.
-    """
-    ratio = physics_rate / rate
-    if round(ratio) < 1 or not isclose(ratio, round(ratio), rel_tol=1e-9):
-        raise HuskyError(
-            f"{name} = {rate} Hz does not divide physics_rate = {physics_rate} Hz; "
-            "every period is a whole number of physics steps"
-        )
-    return round(ratio)
 
 
 class Simulation:
-    """A Husky in a world.
+    """A robot in a world.
 
     `step()` advances one physics step. Everything random comes from `seed`: same world, robot, config, start,
     seed and commands give the same snapshots, to the last bit.
@@ -99,60 +49,28 @@ class Simulation:
             PlacementError: a body cannot be simulated (a movable plane), or stands where the robot starts.
         """
         left, right = robot.wheels[0], robot.wheels[1]
-        geometry = {"wheel_separation": left.position[1] - right.position[1], "wheel_radius": left.radius}
-        self.config = replace(config, drive=replace(config.drive, **geometry))
-        self._real = real = config.real
-        if real:
-            grip = {"friction": real.ground.friction, "lateral_grip": real.ground.lateral_grip}
-            self.config = replace(self.config, traction=replace(config.traction, **grip))
-            steps_per(
-                real.base.control_rate, ODOMETRY_RATE, "base/control_rate"
-            )  # read with an odometry sample
-        self.dt = 1.0 / config.physics_rate
-        self._scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
-        self._imu_steps = steps_per(config.imu_rate, config.physics_rate, "imu_rate")
+        self._drive_config = replace(
+            config.robot.drive,
+            wheel_separation=left.position[1] - right.position[1],
+            wheel_radius=left.radius,
+        )
+        if config.real:
+            ground = config.real.ground
+            grip = {"friction": ground.friction, "lateral_grip": ground.lateral_grip}
+            config = replace(config, traction=replace(config.traction, **grip))
+        self._rate, self.dt = config.physics_rate, 1.0 / config.physics_rate
         self._odometry_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
-        self._gps_steps = steps_per(config.gps_rate, config.physics_rate, "gps_rate")
-        self._world, self._robot = world, robot
-        self._start, self._seed = start, seed
-        self._drive = Drive(self.config.drive)
-        self._wheel_steps = 1  # physics steps between two readings of the encoders
-        self._base: Union[IdealBase, HuskyBase] = IdealBase(self._drive, self.config.drive, self.dt)
-        self._power: Optional[Power] = None
-        self._mag: Optional[Magnetometer] = None
-        if real:
-            self._wheel_steps = steps_per(real.base.control_rate, config.physics_rate, "base/control_rate")
-            self._base = HuskyBase(self._drive, self.config.drive, real.base, self.dt)
-            self._power, self._mag = Power(real.power, real.ground.rolling_current), Magnetometer()
-        self._odometer = Odometer(self.config.drive, self.dt)
-        self._lidar = self._make_lidar()
-        self._imu = self._make_imu()
-        self._gps = Gps(config.gps, self._gps_steps * self.dt)
+        self._world, self._start, self._seed = world, start, seed
+        self._equipment = equip(config, self._drive_config, robot, self._cast, world.gravity)
+        self._odometer = Odometer(self._drive_config, self.dt)
         self._bullet = RobotWorld(self.dt)
         self._objects = WorldObjects(self._bullet)
-        self._chassis = Chassis(self._bullet, robot, self.config.traction, self.dt)
+        self._chassis = Chassis(self._bullet, robot, config.traction, self.dt)
         self._steps_before = self._steps = 0
         self.reset()
 
-    def _make_imu(self) -> Union[Imu, ShakenImu]:
-        imu = Imu(self.config.imu, self._imu_steps * self.dt, self._world.gravity)
-        drive = self.config.drive
-        track = drive.wheel_separation * drive.wheel_separation_multiplier
-        return ShakenImu(imu, self._real.ground.vibration, track) if self._real else imu
-
-    def _make_lidar(self) -> Union[Lidar, Lms1xx, None]:
-        """The lidar, if the robot has its frame."""
-        frame = self._robot.laser_frame
-        if frame not in self._robot.fixed_poses:
-            return None
-
-        def cast(pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
-            return cast_rays(self._objects.scene(), pose_laser_in_world, beams, max_range)
-
-        pose = self._robot.fixed_poses[frame]
-        if self._real:
-            return Lms1xx(self._real.lidar, cast, frame, pose, self._scan_steps * self.dt)
-        return Lidar(self.config.lidar, cast, frame, pose)
+    def _cast(self, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
+        return cast_rays(self._objects.scene(), pose_laser_in_world, beams, max_range)
 
     def close(self) -> None:
         """Free the memory of the physics engine."""
@@ -169,18 +87,13 @@ class Simulation:
         self._seed = self._seed if seed is None else seed
         self._steps_before += self._steps
         self._steps = 0
-        if self._lidar:
-            self._lidar.reset(np.random.default_rng(self._seed))
-        for sensor, stream in (
-            (self._imu, IMU_STREAM),
-            (self._gps, GPS_STREAM),
-            (self._mag, MAG_STREAM),
-        ):
-            if sensor:
-                sensor.reset(np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(stream,))))
-        if self._power:
-            self._power.reset()
-        self._base.reset()
+        for sensor in self._equipment.sensors:
+            stream = () if sensor.stream is None else (sensor.stream,)
+            seed_sequence = np.random.SeedSequence(self._seed, spawn_key=stream)
+            sensor.device.reset(np.random.default_rng(seed_sequence))
+        if self._equipment.power:
+            self._equipment.power.reset()
+        self._equipment.base.reset()
         self._bullet.clear(self._world.gravity)
         self._objects.load(self._world.bodies)
         self._chassis.place(self._chassis.on_ground(pose_from_2d(self._start)), self._world.gravity)
@@ -189,11 +102,11 @@ class Simulation:
     @property
     def stamp(self) -> float:
         """Simulated time [s]; it never goes back."""
-        return (self._steps_before + self._steps) / self.config.physics_rate
+        return (self._steps_before + self._steps) / self._rate
 
     @property
     def _since_reset(self) -> float:
-        return self._steps / self.config.physics_rate
+        return self._steps / self._rate
 
     def command(self, twist: Twist2D) -> None:
         """Give a velocity command, as if it arrived now.
@@ -201,47 +114,39 @@ class Simulation:
         Raises:
             CommandError: it is not finite; the one before stays in force.
         """
-        self._drive.command(twist, self._since_reset)
+        self._equipment.drive.command(twist, self._since_reset)
 
     def step(self) -> Snapshot:
         """Advance one physics step; at the end of a sensor's period the snapshot holds its sample."""
-        command, (left, right) = self._base.update(self._since_reset)
+        equipment = self._equipment
+        command, (left, right) = equipment.base.update(self._since_reset)
         self._chassis.drive((left, right, left, right))
         self._bullet.step()
         self._steps += 1
 
         state, stamp, step = self._chassis.observe(), self.stamp, self._steps
         contacts = self._chassis.update_contacts()
-        imu_due, wheels_due = step % self._imu_steps == 0, step % self._wheel_steps == 0
-        imu = self._imu.sample(state, stamp) if imu_due else None
-        odometry = scan = None
-        if step % self._scan_steps == 0 or step % self._odometry_steps == 0:
-            wheels = self._read_wheels() if wheels_due else None
-            odometry = self._odometer.sample(wheels, self._imu.yaw_rate, step)
-        if self._lidar and step % self._scan_steps == 0:
-            scan = self._lidar.sample(state, stamp)
-        gps = self._gps.sample(state, stamp) if step % self._gps_steps == 0 else None
-        if not self._real:
-            return Snapshot(stamp, step, state, command, contacts, odometry, scan, imu, gps)
-        mag = self._mag.sample(state, stamp) if self._mag and imu_due else None
-        power = self._measure_power((left, right)) if wheels_due else None
-        return Snapshot(stamp, step, state, command, contacts, odometry, scan, imu, gps, mag, power)
+        samples: Dict[str, Any] = {
+            field: device.sample(state, stamp)
+            for steps, device, field, _ in equipment.sensors
+            if step % steps == 0
+        }
+        wheels_due = step % equipment.wheel_steps == 0
+        if "scan" in samples or step % self._odometry_steps == 0:
+            wheels = equipment.encode(self._chassis.wheels()) if wheels_due else None
+            samples["odometry"] = self._odometer.sample(wheels, equipment.imu.yaw_rate, step)
+        if equipment.power and wheels_due:
+            samples["power"] = self._measure_power((left, right))
+        return Snapshot(stamp, step, state, command, contacts, **samples)
 
-    def _read_wheels(self) -> WheelState:
-        """The wheels as their encoders report them."""
-        wheels = self._chassis.wheels()
-        if not self._real:
-            return wheels
-        return as_encoded(wheels, self._real.base.speed_resolution, self.config.drive.wheel_radius)
-
-    def _measure_power(self, speeds: Tuple[float, float]) -> Optional[PowerState]:
+    def _measure_power(self, speeds: Tuple[float, float]) -> PowerState:
         """The power since the last reading of the encoders; speeds of the (left, right) wheels in rad/s."""
-        if not self._power:
-            return None
-        radius, torques = self.config.drive.wheel_radius, self._chassis.torques
+        power = self._equipment.power
+        assert power is not None
+        radius, torques = self._drive_config.wheel_radius, self._chassis.torques
         sides = (torques[0] + torques[2], torques[1] + torques[3])
         treads = (speeds[0] * radius, speeds[1] * radius)
-        return self._power.update(sides, treads, self._wheel_steps * self.dt)
+        return power.update(sides, treads, self._equipment.wheel_steps * self.dt)
 
     # ------------------------------------------------------------------ the world
 
@@ -285,8 +190,8 @@ class Simulation:
             return
         world_in_odom = self.pose_world_in_odom
         self._chassis.move(self._chassis.on_ground(pose_in_world))
-        self._imu.restart()
-        self._base.reset()
+        self._equipment.imu.restart()
+        self._equipment.base.reset()
         self._odometer.relocate(pose_to_2d(compose(world_in_odom, self._chassis.state.pose_in_world)))
 
     def reset_poses(self) -> None:

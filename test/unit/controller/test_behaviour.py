@@ -15,9 +15,11 @@ from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D
 from husky_highlevel_controller.evaluation.scenarios import SICK, box, room, scan_of
-from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH
 from husky_highlevel_controller.geometry import quat_from_rpy, wrap_angle
+from husky_highlevel_controller.robot import load_robot
 
+OUTLINE = load_robot().footprint
+HALF_LENGTH, HALF_WIDTH = OUTLINE.half_length, OUTLINE.half_width
 PILLAR = (20.0, 5.0, 0.2)
 COURSE = {"p_gain_vel": 0.1, "p_gain_ang": 0.4}
 

@@ -21,8 +21,10 @@ from husky_highlevel_controller.controller.control import (
     to_be_touched,
 )
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH
+from husky_highlevel_controller.robot import load_robot
 
+OUTLINE = load_robot().footprint
+HALF_LENGTH, HALF_WIDTH = OUTLINE.half_length, OUTLINE.half_width
 CONFIG = ControlConfig()
 COURSE = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
 TOUCHING = ControlConfig(stop_distance=0.0)
@@ -31,7 +33,7 @@ LASER_X = UPSIDE_DOWN.position[0]
 
 def at(x: float, y: float) -> Target:
     """The usual pillar with its centre there, in base_link."""
-    return target_at((x, y), 0.2, UPSIDE_DOWN)
+    return target_at((x, y), 0.2, UPSIDE_DOWN, OUTLINE)
 
 
 def ahead(distance: float) -> Target:
@@ -124,8 +126,8 @@ def test_without_a_gain_it_does_not_drive():
 
 def test_the_distance_is_the_same_whichever_way_up_the_lidar_hangs():
     x, _, z = UPRIGHT.position
-    below = target_at((4.0, 1.0), 0.2, UPSIDE_DOWN)
-    above = target_at((4.0 + x - LASER_X, 1.0), 0.2, UPRIGHT)
+    below = target_at((4.0, 1.0), 0.2, UPSIDE_DOWN, OUTLINE)
+    above = target_at((4.0 + x - LASER_X, 1.0), 0.2, UPRIGHT, OUTLINE)
     assert z < UPSIDE_DOWN.position[2]
     assert below.distance == pytest.approx(above.distance)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from math import cos, hypot, inf, nan, pi, sin
 from typing import Tuple
 
@@ -18,7 +18,6 @@ from husky_highlevel_controller.controller.pillar_detection import PillarConfig,
 from husky_highlevel_controller.datatypes import Scan
 from husky_highlevel_controller.evaluation.scenarios import (
     SICK,
-    Lidar,
     bare_scene,
     box,
     cast,
@@ -89,12 +88,12 @@ def test_reach(noise, clutter, least_found, error_p95):
 @pytest.mark.parametrize(
     ("lidar", "distance"),
     [
-        (Lidar(beams=180), 4.0),
-        (Lidar(beams=541), 15.0),
-        (Lidar(beams=5000, range_max=80.0), 40.0),
-        (Lidar(beams=5000), 0.5),
-        (Lidar(beams=360, angle_max=pi), 6.0),
-        (Lidar(beams=720, range_max=20.0), 12.0),
+        (replace(SICK, beams=180), 4.0),
+        (replace(SICK, beams=541), 15.0),
+        (replace(SICK, beams=5000, range_max=80.0), 40.0),
+        (replace(SICK, beams=5000), 0.5),
+        (replace(SICK, beams=360, angle_max=pi), 6.0),
+        (replace(SICK, beams=720, range_max=20.0), 12.0),
     ],
 )
 def test_any_lidar_will_do(lidar, distance):
@@ -283,7 +282,7 @@ def test_a_hedge_hardly_ever_has_a_pillar_of_many_beams():
 def hedge(beams: int, seed: int) -> Scan:
     """A scan of rough leaves 3 m away all around."""
     rough = 3.0 + np.random.default_rng([6, seed]).normal(0.0, 0.3, beams)
-    return scan_of(rough, Lidar(beams=beams))
+    return scan_of(rough, replace(SICK, beams=beams))
 
 
 @pytest.fixture
@@ -308,7 +307,7 @@ def test_a_hedge_causes_few_exact_fits(beams, most, fits):
 
 
 def test_of_too_many_round_bodies_the_nearest_are_fitted(fits):
-    lidar = Lidar(beams=16384)
+    lidar = replace(SICK, beams=16384)
     bearings = np.linspace(-2.3, 2.3, 3 * pillar_detection.MAX_FITS)
     columns = [at(14.0 + bearing, bearing) for bearing in bearings]
     found = find_pillars(look(columns, lidar=lidar, rng=np.random.default_rng(1)), CONFIG)

@@ -38,19 +38,21 @@ from husky_highlevel_controller.geometry import (
     quat_from_rpy,
     transform_point,
 )
-from husky_highlevel_controller.simulator.diff_drive import Drive, DriveConfig
-from husky_highlevel_controller.simulator.sensors.lidar import Lidar, LidarConfig
+from husky_highlevel_controller.robot import load_robot
+from husky_highlevel_controller.simulator.diff_drive import Drive
+from husky_highlevel_controller.simulator.sensors.lidar import Lidar
 from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make_scene
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 LAW = settings(derandomize=True, deadline=None, max_examples=100)
-CONFIG = ProximityConfig()
+CONFIG, HUSKY = ProximityConfig(), load_robot()
 NOSE, SIDE = 0.4937, 0.34255  # [m], half the Husky's length and width
 UPSIDE_DOWN = Pose((0.337, 0.0, 0.308), quat_from_rpy(pi, 0.0, 0.0))
 UPRIGHT = Pose((0.337, 0.0, 0.308))
 CONFIG_FOLDER = Path(__file__).parents[3] / "config"
 
 
-def look(*shapes, base=Pose2D(), laser=UPSIDE_DOWN, lidar=LidarConfig(), seed=0):  # noqa: B008
+def look(*shapes, base=Pose2D(), laser=UPSIDE_DOWN, lidar=simulator_config().lidar, seed=0):  # noqa: B008
     """What the lidar sees of shapes with their poses in the world."""
     sensor = Lidar(lidar, partial(cast_rays, make_scene(list(shapes))), "front_laser", laser)
     sensor.reset(np.random.default_rng(seed))
@@ -66,7 +68,7 @@ def wall_ahead(clearance):
 
 
 def verdict(*shapes, linear=0.0, angular=0.0, laser=UPSIDE_DOWN, config=CONFIG, **looking):
-    return too_close(look(*shapes, laser=laser, **looking), laser, Twist2D(linear, angular), config)
+    return too_close(look(*shapes, laser=laser, **looking), laser, Twist2D(linear, angular), config, HUSKY)
 
 
 # ---------------------------------------------------------------------------- too close
@@ -143,7 +145,7 @@ def test_turning_in_place_swings_the_corners(side):
 
 def test_backwards_counts_what_a_lidar_that_looks_there_sees():
     behind = Box((0.1, 4.0, 2.0)), Pose((-NOSE - 0.15 - 0.05, 0.0, 0.5))
-    all_round = LidarConfig(angle_max=3.14159)
+    all_round = replace(simulator_config().lidar, angle_max=3.14159)
     assert verdict(behind, linear=-0.5, lidar=all_round) == pytest.approx(0.15, abs=0.005)
     assert verdict(behind, linear=0.5, lidar=all_round) is None
 
@@ -153,30 +155,30 @@ def test_the_robot_itself_is_not_an_obstacle():
     ranges = np.full(720, inf)
     ranges[300:420] = 0.155 * 0.99
     scan = Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, ranges)
-    assert too_close(scan, UPSIDE_DOWN, Twist2D(1.0, 0.5), CONFIG) is None
+    assert too_close(scan, UPSIDE_DOWN, Twist2D(1.0, 0.5), CONFIG, HUSKY) is None
 
 
 def test_what_is_too_near_to_measure_is_near():
     at_the_nose = Pose((NOSE - 0.05, 0.0, 0.2))
     ranges = np.where(np.abs(np.linspace(-2.35619, 2.35619, 720)) < 0.1, -inf, inf)
     scan = Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, ranges)
-    assert too_close(scan, at_the_nose, Twist2D(0.3, 0.0), CONFIG) == pytest.approx(0.05, abs=0.01)
+    assert too_close(scan, at_the_nose, Twist2D(0.3, 0.0), CONFIG, HUSKY) == pytest.approx(0.05, abs=0.01)
 
 
 @pytest.mark.parametrize("ranges", [[], [inf] * 720, [np.nan] * 720])
 def test_where_nothing_is_measured_nothing_is_near(ranges):
     scan = Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, np.array(ranges))
-    assert too_close(scan, UPSIDE_DOWN, Twist2D(1.0, 1.0), CONFIG) is None
+    assert too_close(scan, UPSIDE_DOWN, Twist2D(1.0, 1.0), CONFIG, HUSKY) is None
 
 
 @pytest.mark.parametrize("miss", [inf, 0.0, np.nan, 30.0])
 @pytest.mark.parametrize("range_min", [0.0, 0.1])
 def test_a_miss_of_any_driver_is_no_obstacle_and_hides_none(miss, range_min):
-    seen = look(wall_ahead(0.2), lidar=LidarConfig(range_max=30.0))
+    seen = look(wall_ahead(0.2), lidar=replace(simulator_config().lidar, range_max=30.0))
     seen = replace(seen, range_min=range_min, ranges=np.where(np.isinf(seen.ranges), miss, seen.ranges))
-    assert too_close(seen, UPSIDE_DOWN, Twist2D(1.0, 0.0), CONFIG) == pytest.approx(0.2, abs=0.01)
+    assert too_close(seen, UPSIDE_DOWN, Twist2D(1.0, 0.0), CONFIG, HUSKY) == pytest.approx(0.2, abs=0.01)
     nothing = replace(seen, ranges=np.full(720, miss))
-    assert too_close(nothing, UPRIGHT, Twist2D(1.0, 1.0), CONFIG) is None
+    assert too_close(nothing, UPRIGHT, Twist2D(1.0, 1.0), CONFIG, HUSKY) is None
 
 
 @pytest.mark.parametrize("speed", [inf, -inf, np.nan])
@@ -195,13 +197,13 @@ def drive(command, *shapes, start=STOP, delay=0.1, seconds=20.0, config=CONFIG):
 
     The robot does as its drive tells it, at once and exactly.
     """
-    vehicle, pose, poses, verdicts = Drive(DriveConfig()), Pose2D(), [], []
+    vehicle, pose, poses, verdicts = Drive(load_robot().drive), Pose2D(), [], []
     vehicle.output = start
     stop_at = inf
     for step in range(round(seconds / 0.02)):
         now = 0.02 * step
         scan = look(*shapes, base=pose, seed=step)
-        clearance = too_close(scan, UPSIDE_DOWN, vehicle.output, config)
+        clearance = too_close(scan, UPSIDE_DOWN, vehicle.output, config, HUSKY)
         if clearance is not None:
             verdicts.append(clearance)
             stop_at = min(stop_at, now + delay)

@@ -19,8 +19,10 @@ from husky_highlevel_controller.controller.search import (
 )
 from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Twist2D
 from husky_highlevel_controller.evaluation.scenarios import SICK, scan_of
-from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH
+from husky_highlevel_controller.robot import load_robot
 
+OUTLINE = load_robot().footprint
+HALF_LENGTH, HALF_WIDTH = OUTLINE.half_length, OUTLINE.half_width
 CONFIG = ControlConfig()
 NOTHING = np.empty((0, 2))
 LOOK_AHEAD = 1.0  # [m], free way wanted ahead of the hull
@@ -39,7 +41,7 @@ def legs(config=CONFIG, count=5):
     search, pose, found = Search(), Pose2D(), []
     turned = before = driven = 0.0
     for _ in range(1000):
-        search, twist = search_on(search, pose, NOTHING, config)
+        search, twist = search_on(search, pose, NOTHING, OUTLINE, config)
         if twist.angular > 0.0:
             if driven > 0.0:
                 found.append((before, driven))
@@ -69,16 +71,18 @@ def test_the_search_widens_by_its_parameter():
 
 
 def test_it_turns_at_its_parameter_and_drives_at_half_a_metre_a_second():
-    assert search_on(Search(), Pose2D(), NOTHING, CONFIG)[1] == Twist2D(0.0, 0.5)
-    assert search_on(Search(), Pose2D(), NOTHING, replace(CONFIG, search_rate=0.3))[1] == Twist2D(0.0, 0.3)
+    assert search_on(Search(), Pose2D(), NOTHING, OUTLINE, CONFIG)[1] == Twist2D(0.0, 0.5)
+    assert search_on(Search(), Pose2D(), NOTHING, OUTLINE, replace(CONFIG, search_rate=0.3))[1] == Twist2D(
+        0.0, 0.3
+    )
     leg = Search(leg=1, to_turn=0.0, to_drive=1.0)
-    assert search_on(leg, Pose2D(), NOTHING, CONFIG)[1] == Twist2D(0.5, 0.0)
+    assert search_on(leg, Pose2D(), NOTHING, OUTLINE, CONFIG)[1] == Twist2D(0.5, 0.0)
 
 
 @pytest.mark.parametrize(("clearance", "goes_on"), [(LOOK_AHEAD - 0.02, False), (LOOK_AHEAD + 0.02, True)])
 def test_a_leg_ends_a_metre_before_what_stands_ahead_with_a_quarter_turn(clearance, goes_on):
     leg = Search(leg=1, to_turn=0.0, to_drive=5.0)
-    search, twist = search_on(leg, Pose2D(), point(HALF_LENGTH + clearance), CONFIG)
+    search, twist = search_on(leg, Pose2D(), point(HALF_LENGTH + clearance), OUTLINE, CONFIG)
     assert (twist != STOP) is goes_on
     assert search.to_drive == (5.0 if goes_on else 0.0)
     assert search.to_turn == (0.0 if goes_on else pytest.approx(pi / 2.0))
@@ -98,7 +102,7 @@ AWAY = Pose((5.0, 0.0, 0.0))  # a lidar far from the robot's own body
 
 
 def ranges_near(readings, laser=AWAY):
-    points = near_points(scan_with(readings), laser, None)
+    points = near_points(scan_with(readings), laser, None, OUTLINE)
     return sorted(round(hypot(x - laser.position[0], y), 3) for x, y in points.tolist())
 
 
@@ -121,22 +125,24 @@ def test_returns_within_a_centimetre_of_the_outline_are_the_robot_itself(beyond,
     laser = Pose()
     middle = (SICK.beams - 1) / 2.0
     beams = [int(middle), int(middle) + 1]
-    assert len(near_points(scan_with(dict.fromkeys(beams, HALF_LENGTH + beyond)), laser, None)) == kept
+    assert (
+        len(near_points(scan_with(dict.fromkeys(beams, HALF_LENGTH + beyond)), laser, None, OUTLINE)) == kept
+    )
 
 
 @pytest.mark.parametrize(("off", "kept"), [(0.12, 0), (0.18, 2)])
 def test_what_is_within_15_cm_of_the_pillar_is_not_in_the_way_to_it(off, kept):
-    target = target_at((6.5, 0.0), 0.2, AWAY)
+    target = target_at((6.5, 0.0), 0.2, AWAY, OUTLINE)
     middle = (SICK.beams - 1) / 2.0
     scan = scan_with(dict.fromkeys([int(middle), int(middle) + 1], 1.5 - 0.2 - off))
-    assert len(near_points(scan, AWAY, target)) == kept
-    assert len(near_points(scan, AWAY, None)) == 2
+    assert len(near_points(scan, AWAY, target, OUTLINE)) == kept
+    assert len(near_points(scan, AWAY, None, OUTLINE)) == 2
 
 
 def test_points_are_where_the_bodies_are_whichever_way_up_the_lidar_hangs():
     x, y, _ = UPSIDE_DOWN.position
     scan = look([(1.2, -0.9, 0.1)])  # in the lidar's frame: on its right, which is the robot's left
-    points = near_points(scan, UPSIDE_DOWN, None)
+    points = near_points(scan, UPSIDE_DOWN, None, OUTLINE)
     assert len(points) > 5
     distances = np.hypot(points[:, 0] - x - 1.2, points[:, 1] - y - 0.9)
     assert distances == pytest.approx(0.1, abs=1e-6)
@@ -148,16 +154,16 @@ def test_points_are_where_the_bodies_are_whichever_way_up_the_lidar_hangs():
 @pytest.mark.parametrize("side", [1.0, -1.0])
 @pytest.mark.parametrize(("beside", "free"), [(0.14, False), (0.16, True)])
 def test_a_free_way_is_15_cm_wider_than_the_robot_on_each_side(beside, free, side):
-    assert is_free(point(0.8, side * (HALF_WIDTH + beside)), 0.0, LOOK_AHEAD) is free
-    assert is_free(point(-0.8, side * (HALF_WIDTH + beside)), 0.0, LOOK_AHEAD)
+    assert is_free(point(0.8, side * (HALF_WIDTH + beside)), 0.0, LOOK_AHEAD, OUTLINE) is free
+    assert is_free(point(-0.8, side * (HALF_WIDTH + beside)), 0.0, LOOK_AHEAD, OUTLINE)
 
 
 def test_a_free_way_is_as_long_as_asked_and_counts_from_the_hull():
-    assert not is_free(point(HALF_LENGTH + 0.48), 0.0, 0.5)
-    assert is_free(point(HALF_LENGTH + 0.52), 0.0, 0.5)
-    assert is_free(point(0.0, HALF_LENGTH + 0.48), 0.0, 0.5)
-    assert not is_free(point(0.0, HALF_LENGTH + 0.48), pi / 2.0, 0.5)
-    assert is_free(NOTHING, 0.0, 100.0)
+    assert not is_free(point(HALF_LENGTH + 0.48), 0.0, 0.5, OUTLINE)
+    assert is_free(point(HALF_LENGTH + 0.52), 0.0, 0.5, OUTLINE)
+    assert is_free(point(0.0, HALF_LENGTH + 0.48), 0.0, 0.5, OUTLINE)
+    assert not is_free(point(0.0, HALF_LENGTH + 0.48), pi / 2.0, 0.5, OUTLINE)
+    assert is_free(NOTHING, 0.0, 100.0, OUTLINE)
 
 
 def ring(gap_at, radius=1.4):
@@ -170,22 +176,22 @@ def ring(gap_at, radius=1.4):
 
 @pytest.mark.parametrize("gap", [30, -45, 105, -120])
 def test_it_finds_the_one_way_that_is_free_in_steps_of_15_degrees(gap):
-    assert degrees(free_bearing(ring(radians(gap)), 0.0, LOOK_AHEAD)) == pytest.approx(gap)
+    assert degrees(free_bearing(ring(radians(gap)), 0.0, LOOK_AHEAD, OUTLINE)) == pytest.approx(gap)
 
 
 def test_it_looks_for_a_way_no_farther_round_than_120_degrees():
-    assert free_bearing(ring(radians(135)), 0.0, LOOK_AHEAD) is None
-    assert degrees(free_bearing(ring(radians(135)), radians(30), LOOK_AHEAD)) == pytest.approx(135.0)
+    assert free_bearing(ring(radians(135)), 0.0, LOOK_AHEAD, OUTLINE) is None
+    assert degrees(free_bearing(ring(radians(135)), radians(30), LOOK_AHEAD, OUTLINE)) == pytest.approx(135.0)
 
 
 def test_the_wanted_way_is_taken_if_it_is_free_however_short_it_is():
-    assert free_bearing(point(1.2), 0.0, 0.5) == 0.0
-    assert free_bearing(point(1.2), 0.0, 1.0) != 0.0
+    assert free_bearing(point(1.2), 0.0, 0.5, OUTLINE) == 0.0
+    assert free_bearing(point(1.2), 0.0, 1.0, OUTLINE) != 0.0
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_of_two_equally_near_ways_the_one_that_the_robot_faces_more_is_taken(side):
     wanted = side * 0.6
     post = point(1.2 * cos(wanted), 1.2 * sin(wanted))
-    assert abs(free_bearing(post, wanted, LOOK_AHEAD)) < 0.6
+    assert abs(free_bearing(post, wanted, LOOK_AHEAD, OUTLINE)) < 0.6
     assert atan2(post[0, 1], post[0, 0]) == pytest.approx(wanted)

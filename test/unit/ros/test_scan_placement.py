@@ -9,6 +9,7 @@ tf2_ros = pytest.importorskip("tf2_ros")
 from geometry_msgs.msg import TransformStamped  # noqa: E402
 
 from husky_highlevel_controller.datatypes import Scan  # noqa: E402
+from husky_highlevel_controller.robot import load_robot  # noqa: E402
 from husky_highlevel_controller.ros.controller.scan_placement import (  # noqa: E402
     START_TIMEOUT,
     TRANSFORM_TIMEOUT,
@@ -22,7 +23,8 @@ class Fixture:
     def __init__(self):
         self.now, self.observations = 0.0, []
         self.transforms = tf2_ros.Buffer(debug=False)
-        self.placement = ScanPlacement(self.transforms, self.observations.append, lambda: self.now)
+        outline = load_robot().footprint
+        self.placement = ScanPlacement(self.transforms, self.observations.append, outline, lambda: self.now)
 
     def mount(self):
         self.transforms.set_transform_static(transform("base_link", "laser", 0.0, 0.3), "test")

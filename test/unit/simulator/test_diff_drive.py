@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from husky_highlevel_controller.datatypes import STOP, Twist2D
+from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.diff_drive import (
     CommandError,
     Drive,
-    DriveConfig,
     limit,
     twist_of_wheels,
     wheel_speeds,
 )
 
-CONFIG = DriveConfig()
+CONFIG = load_robot().drive
 DT = 0.01  # [s]
 LAW = settings(derandomize=True, deadline=None, max_examples=80)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import cos, radians
 
 import numpy as np
@@ -9,9 +10,10 @@ import pytest
 
 from husky_highlevel_controller.datatypes import Pose, RobotState
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.simulator.sensors.gps import Gps, GpsConfig
+from husky_highlevel_controller.simulator.sensors.gps import Gps
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
-EXACT = GpsConfig(drift=0.0)
+EXACT = replace(simulator_config().gps, drift=0.0)
 
 
 def locate(position=(0.0, 0.0, 0.0), yaw=0.0, velocity=(0.0, 0.0, 0.0), config=EXACT):
@@ -40,7 +42,10 @@ def test_x_is_east_and_y_is_north():
 
 def test_a_degree_of_longitude_shrinks_towards_the_pole():
     steps = [
-        locate(position=(100.0, 0.0, 0.0), config=GpsConfig(latitude=phi, drift=0.0)).longitude - 8.9
+        locate(
+            position=(100.0, 0.0, 0.0), config=replace(simulator_config().gps, latitude=phi, drift=0.0)
+        ).longitude
+        - 8.9
         for phi in (0.0, 60.0)
     ]
     assert steps[1] / steps[0] == pytest.approx(1.0 / cos(radians(60.0)), rel=5e-3)
@@ -54,7 +59,7 @@ def test_velocity_is_towards_north_west_and_up(yaw, velocity):
 
 
 def test_the_error_wanders_slowly_by_as_much_as_asked_for():
-    gps = make_gps(GpsConfig(drift=2.0), 60.0, seed=4)
+    gps = make_gps(replace(simulator_config().gps, drift=2.0), 60.0, seed=4)
     state = RobotState(Pose(), (0.0,) * 3, (0.0,) * 3)
     heights = np.array([gps.sample(state, 60.0 * i).altitude for i in range(20000)])
     assert np.std(heights) == pytest.approx(2.0, rel=0.2)

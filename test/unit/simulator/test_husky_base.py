@@ -5,7 +5,8 @@ from itertools import count
 import pytest
 
 from husky_highlevel_controller.datatypes import Twist2D, WheelState
-from husky_highlevel_controller.simulator.diff_drive import Drive, DriveConfig
+from husky_highlevel_controller.robot import load_robot
+from husky_highlevel_controller.simulator.diff_drive import Drive
 from husky_highlevel_controller.simulator.husky_base import (
     HuskyBase,
     HuskyBaseConfig,
@@ -13,7 +14,7 @@ from husky_highlevel_controller.simulator.husky_base import (
     scale_to_limit,
 )
 
-DT, DRIVE = 1 / 200, DriveConfig()
+DT, DRIVE = 1 / 200, load_robot().drive
 
 
 def treads(twist, seconds):

@@ -16,13 +16,14 @@ from hypothesis import strategies as st
 from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_highlevel_controller.paths import share_folder
-from husky_highlevel_controller.simulator.models.husky_xacro import (
+from husky_highlevel_controller.robot import load_robot
+from husky_highlevel_controller.simulator.models.description import (
     DescriptionError,
     main,
     mesh_folder,
     robot_description,
 )
-from husky_highlevel_controller.simulator.models.robot_model import WHEEL_JOINTS, robot_model
+from husky_highlevel_controller.simulator.models.robot_model import robot_model
 
 # parents in the Noetic Husky's TF tree
 TREE = {
@@ -44,6 +45,7 @@ TREE = {
     "front_laser": "front_laser_mount",
 }
 HUSKY = robot_description()
+WHEEL_JOINTS = load_robot().wheels.joints
 
 
 def small_robot(body="", extra=""):
@@ -148,7 +150,7 @@ def test_looks_do_not_change_the_physics():
 
 def test_the_meshes_are_looked_for_without_loading_pybullets_data_package():
     program = (
-        "import sys; from husky_highlevel_controller.simulator.models import husky_xacro as x;"
+        "import sys; from husky_highlevel_controller.simulator.models import description as x;"
         "x.mesh_folder();"
         "sys.exit('pybullet' in sys.modules or 'pybullet_data' in sys.modules)"
     )
@@ -200,7 +202,7 @@ def test_the_command_prints_the_urdf(command):
 @pytest.mark.parametrize(
     ("argument", "words"),
     [
-        ("laser:=true", "unknown argument 'laser'; there are laser_enabled:=true|false"),
+        ("laser:=true", "unknown argument 'laser'; there are robot:=husky laser_enabled:=true|false"),
         ("laser_enabled=true", "unknown argument 'laser_enabled=true'"),
         ("laser_enabled:=yes", "laser_enabled is 'yes'; use true|false"),
         ("laser_tower:=", "laser_tower is ''; use true|false"),

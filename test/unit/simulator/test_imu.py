@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from io import BytesIO
 from math import cos, nan, pi, sin
 
@@ -14,10 +15,11 @@ from sensor_msgs.msg import Imu as ImuMsg
 from husky_highlevel_controller.datatypes import ImuSample, Pose, RobotState
 from husky_highlevel_controller.geometry import quat_from_rpy, quat_inverse, rotate
 from husky_highlevel_controller.ros.conversions import imu_from_msg, imu_to_msg
-from husky_highlevel_controller.simulator.sensors.imu import Imu, ImuConfig
+from husky_highlevel_controller.simulator.sensors.imu import Imu
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 LAW = settings(derandomize=True, deadline=None, max_examples=60)
-QUIET = ImuConfig(acceleration_noise=0.0, rate_noise=0.0)
+QUIET = replace(simulator_config().imu, acceleration_noise=0.0, rate_noise=0.0)
 GRAVITY = (0.0, 0.0, -9.8)
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 PERIOD = 0.02  # [s]
@@ -87,7 +89,10 @@ def test_turning_rates_are_those_of_now_along_the_robot_s_axes():
     assert (sample.angular_velocity, sample.stamp) == ((0.1, -0.2, 0.3), 1.5)
 
 
-@pytest.mark.parametrize("config", [ImuConfig(), ImuConfig(acceleration_noise=0.1, rate_noise=0.3)])
+@pytest.mark.parametrize(
+    "config",
+    [simulator_config().imu, replace(simulator_config().imu, acceleration_noise=0.1, rate_noise=0.3)],
+)
 def test_noise_is_as_asked_for_on_each_axis_and_the_axes_have_their_own(config):
     imu = make_imu(config, seed=4)
     samples = [imu.sample(moving(), 0.0) for _ in range(3000)]
@@ -99,7 +104,7 @@ def test_noise_is_as_asked_for_on_each_axis_and_the_axes_have_their_own(config):
 
 
 def test_the_husky_s_noise_is_the_default():
-    assert (ImuConfig().acceleration_noise, ImuConfig().rate_noise) == (0.005, 0.005)
+    assert (simulator_config().imu.acceleration_noise, simulator_config().imu.rate_noise) == (0.005, 0.005)
 
 
 # ---------------------------------------------------------------------------- over the wire

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from husky_highlevel_controller.datatypes import Pose, RobotState
-from husky_highlevel_controller.simulator.sensors.lidar import Lidar, LidarConfig
+from husky_highlevel_controller.simulator.sensors.lidar import Lidar
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
-SICK = LidarConfig()
+SICK = simulator_config().lidar
 QUIET = replace(SICK, noise=0.0)
 LAW = settings(derandomize=True, deadline=None, max_examples=40)
 

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from husky_highlevel_controller.datatypes import Twist2D
-from husky_highlevel_controller.simulator.diff_drive import DriveConfig, wheel_speeds
+from husky_highlevel_controller.robot import load_robot
+from husky_highlevel_controller.simulator.diff_drive import wheel_speeds
 from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
 
 # Husky URDF, husky_description 0.6.10: wheelbase 0.512 m, track 0.5708 m, mass with the lidar
@@ -212,7 +213,7 @@ def test_spinning_wheels_accelerate_it_by_no_more_than_friction():
 
 @pytest.mark.parametrize("yaw_rate", [0.25, 1.0, -1.0, 2.0])
 def test_it_turns_in_place_about_as_fast_as_commanded_with_the_husky_s_multiplier(yaw_rate):
-    drive_config = DriveConfig()
+    drive_config = load_robot().drive
     left, right = (w * drive_config.wheel_radius for w in wheel_speeds(Twist2D(0.0, yaw_rate), drive_config))
     vx, vy, turning = drive(robot(left, right), 2.0)[-1]
     assert turning / yaw_rate == pytest.approx(1.04, abs=0.01)

@@ -16,7 +16,7 @@ import numpy as np
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
-from husky_highlevel_controller.footprint import gaps
+from husky_highlevel_controller.robot import load_robot
 
 ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker message
 
@@ -122,7 +122,7 @@ STANDS = 0.05  # [m/s] and [rad/s], slower is standing
 
 def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float]) -> np.ndarray:
     """From the robot's outline, seen from above, to the pillar's surface, (N,) [m]; negative: inside."""
-    return gaps(poses, np.asarray(pillar), PILLAR_RADIUS)
+    return load_robot().footprint.gaps(poses, np.asarray(pillar), PILLAR_RADIUS)
 
 
 _ARRAYS = {"times": (-1,), "poses": (-1, 3), "speeds": (-1, 2), "commands": (-1,), "nearest": (-1, 2)}

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
-from husky_highlevel_controller.footprint import HALF_LENGTH, HALF_WIDTH
 from husky_highlevel_controller.grading.drive.recording import Recording
+from husky_highlevel_controller.robot import load_robot
 
 COLORS = "viridis"  # of time
 REACH = 40.0  # [m], a marker farther from the start is not drawn: it would shrink the rest to nothing
@@ -51,9 +51,11 @@ def _draw(recording: Recording, axis: Any, figure: Figure) -> None:
         figure.colorbar(drawn, ax=axis, label="simulated time [s]", shrink=0.75)
         corners = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
         c, s = cos(yaw[-1]), sin(yaw[-1])
+        footprint = load_robot().footprint
+        half_length, half_width = footprint.half_length, footprint.half_width
         outline = [
             (x[-1] + c * along - s * across, y[-1] + s * along + c * across)
-            for along, across in ((i * HALF_LENGTH, j * HALF_WIDTH) for i, j in corners)
+            for along, across in ((i * half_length, j * half_width) for i, j in corners)
         ]
         axis.add_patch(Polygon(outline, fill=False, color="tab:red", zorder=3))
     markers = np.array(

@@ -29,12 +29,13 @@ from husky_highlevel_controller.controller.behaviour import (
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import STOP, Pillar, Scan
+from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, Health
 from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Display
 from husky_highlevel_controller.ros.controller.reconfigure import Tuning
 from husky_highlevel_controller.ros.controller.scan_placement import Listener, ScanPlacement
-from husky_highlevel_controller.ros.node import publish, run_node
+from husky_highlevel_controller.ros.node import named_robot, publish, run_node
 
 LOG = logging.getLogger("rosout")  # rospy's own; its level is checked before a DEBUG line is formatted
 REPORT_PERIOD = 5.0  # [s] between two complaints about the same
@@ -50,7 +51,9 @@ POLL_PERIOD = 0.1  # [s] of wall time between two checks whether a transform is 
 class ScanTopicConfig:
     """Where the scans come from."""
 
-    scan_topic_name: str = field(default="/front/scan", metadata={"help": "topic of the lidar's scans"})
+    scan_topic_name: str = field(
+        default=f"/{load_robot().topics.scan}", metadata={"help": "topic of the lidar's scans"}
+    )
     scan_topic_queue_size: int = field(
         default=1, metadata={"min": 1, "max": 1000, "help": "scans kept while busy; an old scan is of no use"}
     )
@@ -76,8 +79,9 @@ class ControllerNode:
             tunable: the module that catkin makes from cfg/Controller.cfg.
         """
         namespace = rospy.get_name() + "/"
+        values, robot = named_robot()
         topic, switch, control, detector_config = read_config(
-            rospy.get_param("~", {}), namespace, ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig
+            values, namespace, ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig
         )
         service = switch.start_stop_service_name
         if not rosgraph.names.is_legal_name(service):
@@ -97,7 +101,7 @@ class ControllerNode:
         self._tuning = Tuning(tunable, control, detector_config)
         self._diagnostics = Diagnostics(self._examine)
         transforms = tf2_ros.Buffer()
-        self._placement = ScanPlacement(transforms, self._answer)
+        self._placement = ScanPlacement(transforms, self._answer, robot.footprint)
         self._listener = Listener(transforms, self._placement.update)
         rospy.on_shutdown(self._stop)
         rospy.Service(service, SetBool, self._on_start_stop)

@@ -17,6 +17,7 @@ from geometry_msgs.msg import TransformStamped
 
 from husky_highlevel_controller.controller.behaviour import Observation
 from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan
+from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.display import BASE, ODOM
@@ -61,6 +62,7 @@ class ScanPlacement:
         self,
         transforms: tf2_ros.BufferCore,
         on_observation: Callable[[Observation], None],
+        outline: Footprint,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Set up without a pending scan.
@@ -68,9 +70,11 @@ class ScanPlacement:
         Args:
             transforms: the buffer to look poses up in.
             on_observation: is called for one observation at a time, in the thread that completes it.
+            outline: of the robot.
             clock: wall time [s].
         """
         self._transforms, self._on_observation, self._clock = transforms, on_observation, clock
+        self._outline = outline
         self._lock = threading.Lock()
         self._pending: Optional[_PendingScan] = None
         self._next: Optional[_PendingScan] = None
@@ -139,7 +143,7 @@ class ScanPlacement:
         base_in_odom: Optional[Pose2D] = None
         if found is not None:
             base_in_odom = pose_to_2d(conversions.pose_from_transform(found))
-        return Observation(pending.scan, self._laser_in_base(frame), base_in_odom)
+        return Observation(pending.scan, self._laser_in_base(frame), base_in_odom, self._outline)
 
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
         """Whether to wait for the transform of a stamp; if not, that or else the latest one, if any."""

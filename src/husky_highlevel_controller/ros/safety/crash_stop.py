@@ -12,7 +12,7 @@ from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.controller.crash_detection import CrashConfig, CrashDetector
 from husky_highlevel_controller.datatypes import IDENTITY, Quaternion, Twist2D
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.node import run_node
+from husky_highlevel_controller.ros.node import named_robot, run_node
 from husky_highlevel_controller.ros.safety.guard import Guard, ServiceConfig
 
 BASE = "base_link"
@@ -22,16 +22,15 @@ class CrashStopNode:
     """Judges every IMU sample."""
 
     def __init__(self) -> None:
-        service, config = read_config(
-            rospy.get_param("~", {}), rospy.get_name() + "/", ServiceConfig, CrashConfig
-        )
+        values, robot = named_robot()
+        service, config = read_config(values, rospy.get_name() + "/", ServiceConfig, CrashConfig)
         self._detector = CrashDetector(config)
         self._detecting = threading.Lock()  # odometry and IMU have a thread each
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
-        self._guard = Guard(service, self._on_odometry)
+        self._guard = Guard(service, robot, self._on_odometry)
         # queued, because every sample counts: velocities are sums
-        rospy.Subscriber("imu/data", Imu, self._on_imu, queue_size=100, tcp_nodelay=True)
+        rospy.Subscriber(robot.topics.imu, Imu, self._on_imu, queue_size=100, tcp_nodelay=True)
 
     def run(self) -> None:
         """Work until the node is shut down."""

@@ -15,6 +15,7 @@ from std_srvs.srv import SetBool
 
 from husky_highlevel_controller.controller.safety import Latch, advance_latch, is_moving
 from husky_highlevel_controller.datatypes import Twist2D
+from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros import conversions
 
 REPORT_PERIOD = 5.0  # [s] between two complaints about the same
@@ -35,19 +36,23 @@ class Guard:
     """Stops the controller, once for each danger."""
 
     def __init__(
-        self, config: ServiceConfig, on_odometry: Optional[Callable[[float, Twist2D], None]] = None
+        self,
+        config: ServiceConfig,
+        robot: Robot,
+        on_odometry: Optional[Callable[[float, Twist2D], None]] = None,
     ) -> None:
         """Subscribe to odometry.
 
         Args:
             config: the service to call.
+            robot: whose odometry it is.
             on_odometry: also called with stamp [s] and twist of every odometry message.
         """
         self._service = rospy.resolve_name(config.start_stop_service_name)
         self._latch = Latch()
         self._odometry: Optional[Odometry] = None
         self._pass_on = on_odometry
-        rospy.Subscriber("odometry/filtered", Odometry, self._on_odometry, queue_size=1, tcp_nodelay=True)
+        rospy.Subscriber(robot.topics.odometry, Odometry, self._on_odometry, queue_size=1, tcp_nodelay=True)
 
     def _on_odometry(self, msg: Odometry) -> None:
         self._odometry = msg

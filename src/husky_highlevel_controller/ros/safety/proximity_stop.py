@@ -13,7 +13,7 @@ from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.controller.safety import ProximityConfig, too_close
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.node import run_node
+from husky_highlevel_controller.ros.node import named_robot, run_node
 from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig
 
 BASE = "base_link"
@@ -24,14 +24,13 @@ class ProximityStopNode:
     """Checks every scan for obstacles in the robot's path."""
 
     def __init__(self) -> None:
-        service, self._config = read_config(
-            rospy.get_param("~", {}), rospy.get_name() + "/", ServiceConfig, ProximityConfig
-        )
+        values, self._robot = named_robot()
+        service, self._config = read_config(values, rospy.get_name() + "/", ServiceConfig, ProximityConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
-        self._guard = Guard(service)
+        self._guard = Guard(service, self._robot)
         self._blind_since: Optional[float] = None  # [s], stamp of the first scan that could not be judged
-        rospy.Subscriber("front/scan", LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
+        rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
 
     def run(self) -> None:
         """Work until the node is shut down."""
@@ -52,7 +51,7 @@ class ProximityStopNode:
             )
             return
         self._blind_since = None
-        clearance = too_close(scan, laser_in_base, twist, self._config)
+        clearance = too_close(scan, laser_in_base, twist, self._config, self._robot)
         danger = None
         if not (isfinite(twist.linear) and isfinite(twist.angular)):
             danger = f"odometry says {twist.linear} m/s, {twist.angular} rad/s"

@@ -11,13 +11,13 @@ from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool
 
 from husky_highlevel_controller.datatypes import Twist2D
+from husky_highlevel_controller.robot import Topics
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.simulator.lead_limit import LeadLimit
 from husky_highlevel_controller.ros.simulator.lockstep import Lockstep
-from husky_highlevel_controller.simulator.twist_mux import INPUTS, TIMEOUT, CommandMux
+from husky_highlevel_controller.simulator.twist_mux import TIMEOUT, CommandMux
 
-DIRECT = "husky_velocity_controller/cmd_vel"  # the mux's output, and a way past it
 MAIN = "cmd_vel"
 QUEUE = 1000  # commands kept between two physics steps; older ones are overruled anyway
 
@@ -25,20 +25,21 @@ QUEUE = 1000  # commands kept between two physics steps; older ones are overrule
 class Commands:
     """Collects commands in callbacks; the simulation's thread takes them."""
 
-    def __init__(self, lockstep: Lockstep, lead_limit: LeadLimit) -> None:
+    def __init__(self, topics: Topics, lockstep: Lockstep, lead_limit: LeadLimit) -> None:
+        self._direct_topic = topics.wheel_command  # the mux's output, and a way past it
         self._lockstep, self._lead_limit = lockstep, lead_limit
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
         self._senders: Dict[str, Tuple[str, float]] = {}  # of each topic: the last, and when it sent [s]
-        self._mux = CommandMux()
-        self._passed = rospy.Publisher(DIRECT, Twist, queue_size=QUEUE)
+        self._mux = CommandMux(topics.velocity)
+        self._passed = rospy.Publisher(topics.wheel_command, Twist, queue_size=QUEUE)
         subscribers = {
             topic: rospy.Subscriber(
                 topic, Twist, partial(self._on_twist, topic), queue_size=10, tcp_nodelay=True
             )
-            for topic in (*INPUTS, DIRECT)
+            for topic in (*topics.velocity, topics.wheel_command)
         }
-        self._main, self._direct = subscribers[MAIN], subscribers[DIRECT]
-        self.topics = " or ".join(rospy.resolve_name(topic) for topic in (MAIN, DIRECT))
+        self._main, self._direct = subscribers[MAIN], subscribers[topics.wheel_command]
+        self.topics = " or ".join(rospy.resolve_name(topic) for topic in (MAIN, topics.wheel_command))
         rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=10)
 
     def take(self, stamp: float) -> List[Twist2D]:
@@ -46,7 +47,7 @@ class Commands:
         obeyed = []
         while self._arrived:
             topic, msg = self._arrived.popleft()
-            if topic == DIRECT:
+            if topic == self._direct_topic:
                 if not self._mux.locked:
                     obeyed.append(conversions.twist_from_msg(msg))
             elif self._mux.passes(topic, stamp):
@@ -71,7 +72,7 @@ class Commands:
 
     def _on_twist(self, topic: str, msg: Twist) -> None:
         sender = msg._connection_header["callerid"]
-        if topic == DIRECT and sender == rospy.get_name():
+        if topic == self._direct_topic and sender == rospy.get_name():
             return  # published by take()
         self._warn_of_two_senders(topic, sender)
         if self._lockstep.drops(topic):

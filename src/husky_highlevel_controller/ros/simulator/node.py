@@ -1,4 +1,4 @@
-"""The simulated Husky as a ROS node; docs/reference.md lists its topics, services and parameters."""
+"""Simulated robot as a ROS node; docs/reference.md lists its topics, services and parameters."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
 from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
@@ -33,9 +34,10 @@ from husky_highlevel_controller.simulator.diff_drive import CommandError
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
 from husky_highlevel_controller.simulator.models.sdf_world import find_world, load_world
 from husky_highlevel_controller.simulator.pacing import Pacer
-from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
+from husky_highlevel_controller.simulator.profile import GROUNDS, RobotProfile
 from husky_highlevel_controller.simulator.sensors.depth_camera import CameraSetup
-from husky_highlevel_controller.simulator.simulation import Simulation, SimulatorConfig, steps_per
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, steps_per
 from husky_highlevel_controller.srv import StepWorld, StepWorldRequest, StepWorldResponse
 
 MAX_STEPS = 100_000  # in one request
@@ -48,12 +50,12 @@ LAUNCH_TIMEOUT = 10.0  # for the nodes launched with this one, as fast as it goe
 class StartConfig:
     """World, start pose, seed and pace of the simulation."""
 
+    laser_frame: str = field(metadata={"help": "where the lidar's beams start"})
     world_name: str = field(default="", metadata={"help": "a .world file"})
     x: float = field(default=0.0, metadata={"min": -1e4, "max": 1e4, "help": "start pose in the world [m]"})
     y: float = field(default=0.0, metadata={"min": -1e4, "max": 1e4, "help": "start pose in the world [m]"})
     yaw: float = field(default=0.0, metadata={"min": -7.0, "max": 7.0, "help": "start heading [rad]"})
     seed: int = field(default=0, metadata={"min": 0, "max": 2**31 - 1, "help": "of all noise"})
-    laser_frame: str = field(default="front_laser", metadata={"help": "where the lidar's beams start"})
     real_time_factor: float = field(
         default=1.0, metadata={"min": 0.0, "max": 1000.0, "help": "pace; 0 = as fast as it goes"}
     )
@@ -70,7 +72,7 @@ class SimulatorNode:
     def __init__(self) -> None:
         start, config, camera = self._read_parameters()
         self._start, self._paused = start, start.paused
-        robot = robot_model(self._robot_description(), start.laser_frame)
+        robot = robot_model(self._robot_description(), config.robot, start.laser_frame)
         self._publishers = Publishers(config, robot)
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
         world = load_world(find_world(start.world_name, _world_folders()))
@@ -82,7 +84,7 @@ class SimulatorNode:
             partial(self._publishers.truth_log.write_line, "unanswered"),
         )
         self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
-        self._commands = Commands(self._lockstep, self._lead_limit)
+        self._commands = Commands(config.robot.topics, self._lockstep, self._lead_limit)
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
         self._offer_services()
         rospy.loginfo(
@@ -94,13 +96,18 @@ class SimulatorNode:
     def _read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
         values, source = dict(rospy.get_param("~", {})), rospy.get_name() + "/"
         profile = values.pop("robot_profile", {}) if values.get("profile") == "robot" else {}
+        described = values.pop("robot", None)
+        if not isinstance(described, dict):
+            raise ConfigError(f"{source}robot is missing; load robots/husky.yaml or robots/smb.yaml")
+        (robot,) = read_config(described, source + "robot/", Robot)
         start, config, camera = read_config(values, source, StartConfig, SimulatorConfig, CameraSetup)
-        for name, choices in (("profile", PROFILES), ("ground", GROUNDS)):
+        config = replace(config, robot=robot)
+        for name, choices in (("profile", robot.profiles), ("ground", GROUNDS)):
             if getattr(start, name) not in choices:
                 raise ConfigError(f"{source}{name} = '{getattr(start, name)}' is not {' or '.join(choices)}")
         if start.profile == "robot":
-            (robot,) = read_config(profile, source + "robot_profile/", RobotProfile)
-            config = replace(config, real=robot.on(start.ground))
+            (real,) = read_config(profile, source + "robot_profile/", RobotProfile)
+            config = replace(config, real=real.on(start.ground))
         return start, config, camera
 
     @staticmethod

@@ -1,6 +1,6 @@
-"""Publishers of the simulator: the Husky's topics at the Husky's rates.
+"""Publishers of the simulator: the robot's topics at the robot's rates.
 
-The robot's frames too, which on a Husky robot_state_publisher sends: it asks the ROS master twice for each
+The robot's frames too, which on a real one robot_state_publisher sends: it asks the ROS master twice for each
 message (1.15.2), and together they took as much CPU time as half a simulator.
 """
 
@@ -23,7 +23,7 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
-from husky_highlevel_controller.simulator.simulation import ODOMETRY_RATE, SimulatorConfig, steps_per
+from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per
 
 WORLD, ODOM, BASE = "world", "odom", "base_link"
 STATE_PUBLISHER = "robot_state_publisher"
@@ -35,6 +35,7 @@ class Publishers:
 
     def __init__(self, config: SimulatorConfig, robot: RobotModel) -> None:
         """Raises HuskyError where a rate does not divide that of the physics."""
+        topics = config.robot.topics
         self._state_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         # a real base reports its wheels less often
         rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
@@ -52,20 +53,20 @@ class Publishers:
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
-        self.scan = rospy.Publisher("front/scan", LaserScan, queue_size=QUEUE)
+        self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
         self.joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
-        self._imu = rospy.Publisher("imu/data", Imu, queue_size=QUEUE)
-        self._imu_raw = self._mag = None
+        self._imu = rospy.Publisher(topics.imu, Imu, queue_size=QUEUE)
+        self._imu_frame = config.robot.imu_mount.frame
+        self._imu_raw = self._mag = self._fix = self._fix_velocity = None
         if config.real:
             self._imu_raw = rospy.Publisher("imu/data_raw", Imu, queue_size=QUEUE)
             self._mag = rospy.Publisher("imu/mag", MagneticField, queue_size=QUEUE)
-        self._fix = rospy.Publisher("navsat/fix", NavSatFix, queue_size=QUEUE)
-        self._fix_velocity = rospy.Publisher("navsat/vel", Vector3Stamped, queue_size=QUEUE)
-        self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=QUEUE)
-        self._wheel_odometry = rospy.Publisher("husky_velocity_controller/odom", Odometry, queue_size=QUEUE)
-        self._command = rospy.Publisher(
-            "husky_velocity_controller/cmd_vel_out", TwistStamped, queue_size=QUEUE
-        )
+        if config.gps_rate:
+            self._fix = rospy.Publisher("navsat/fix", NavSatFix, queue_size=QUEUE)
+            self._fix_velocity = rospy.Publisher("navsat/vel", Vector3Stamped, queue_size=QUEUE)
+        self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
+        self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
+        self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
         self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
         self._set_time(rospy.Time())
@@ -94,12 +95,12 @@ class Publishers:
         if odometry is not None:
             self._publish_state(snapshot, odometry)
         if snapshot.imu is not None:
-            publish_if_subscribed(self._imu, conversions.imu_to_msg, snapshot.imu, BASE)
+            publish_if_subscribed(self._imu, conversions.imu_to_msg, snapshot.imu, self._imu_frame)
             if self._imu_raw:
                 publish_if_subscribed(self._imu_raw, conversions.imu_to_raw_msg, snapshot.imu, BASE)
         if snapshot.mag is not None and self._mag:
             publish_if_subscribed(self._mag, conversions.mag_to_msg, snapshot.mag, BASE)
-        if snapshot.gps is not None:
+        if snapshot.gps is not None and self._fix and self._fix_velocity:
             publish_if_subscribed(self._fix, conversions.fix_to_msg, snapshot.gps, self._drift, BASE)
             publish_if_subscribed(self._fix_velocity, conversions.fix_velocity_to_msg, snapshot.gps, BASE)
         return tells_time

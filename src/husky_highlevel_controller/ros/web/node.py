@@ -17,6 +17,7 @@ from rosgraph_msgs.msg import Log
 from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.datatypes import Vector3
 from husky_highlevel_controller.geometry import transform_point
+from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.web.actions import Actions
@@ -56,12 +57,12 @@ class WebConfig:
         default="/husky_highlevel_controller", metadata={"help": "node to start and stop"}
     )
     simulator: str = field(default="/husky_simulator", metadata={"help": "node of pause, spawn and the like"})
-    scan_topic: str = field(default="front/scan", metadata={"help": "sensor_msgs/LaserScan"})
+    scan_topic: str = field(default=load_robot().topics.scan, metadata={"help": "sensor_msgs/LaserScan"})
     cloud_topic: str = field(default="camera/depth/points", metadata={"help": "sensor_msgs/PointCloud2"})
-    odometry_topic: str = field(default="odometry/filtered", metadata={"help": "nav_msgs/Odometry"})
+    odometry_topic: str = field(default=load_robot().topics.odometry, metadata={"help": "nav_msgs/Odometry"})
     truth_topic: str = field(default="ground_truth/odom", metadata={"help": "nav_msgs/Odometry, if any"})
     command_topic: str = field(
-        default="husky_velocity_controller/cmd_vel_out",
+        default=load_robot().topics.limited_command,
         metadata={"help": "geometry_msgs/TwistStamped, the wheels' command"},
     )
 

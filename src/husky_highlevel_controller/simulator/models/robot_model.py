@@ -1,7 +1,6 @@
 """Robot model for physics, from a URDF: masses, wheels, collision shapes, mounts of sensors.
 
-In: the text of any Husky-like URDF. Out: a `RobotModel`.
-Must not know: ROS, PyBullet.
+In: the text of a URDF of a robot on four wheels. Out: a `RobotModel`.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import xml.etree.ElementTree as ET
 from collections import defaultdict
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Dict, Iterable, List, Mapping, Sequence, Tuple
+from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import defusedxml
 import defusedxml.ElementTree
@@ -26,7 +25,8 @@ from husky_highlevel_controller.geometry import (
     quat_multiply,
     rotate,
 )
-from husky_highlevel_controller.simulator.models.husky_xacro import DescriptionError
+from husky_highlevel_controller.robot import Robot, load_robot
+from husky_highlevel_controller.simulator.models.description import DescriptionError
 from husky_highlevel_controller.simulator.models.urdf_parser import (
     ends_of,
     label_of,
@@ -36,8 +36,6 @@ from husky_highlevel_controller.simulator.models.urdf_parser import (
     origin_of,
     write_origin,
 )
-
-WHEEL_JOINTS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
 
 # A tyre is crowned: it stands on the middle of its tread, or a rigid wheel would stand on either of its edges
 # and share the load accordingly. So the tread is a narrow disc, and its flanks a slightly smaller cylinder.
@@ -84,40 +82,45 @@ class RobotModel:
     mass: float  # [kg], wheels included
     com: Vector3  # [m], wheels included, in base_link
     inertia: np.ndarray  # (3, 3) [kg m^2], wheels included, about com, along base_link's axes
-    wheels: Tuple[Wheel, ...]  # in the order of WHEEL_JOINTS
+    wheels: Tuple[Wheel, ...]  # front left, front right, rear left, rear right
     meshes_left_out: Tuple[str, ...]  # links whose collision meshes physics does without
     physics_urdf: str  # for PyBullet: one link, base_link with everything fixed to it and the wheels
 
 
-def robot_model(urdf_text: str, laser_frame: str = "front_laser") -> RobotModel:
+def robot_model(
+    urdf_text: str, robot: Optional[Robot] = None, laser_frame: Optional[str] = None
+) -> RobotModel:
     """Read a URDF of base_link, four wheels and the links fixed to base_link.
 
     Links without <inertial> weigh nothing here; PyBullet would give each 1 kg, so `physics_urdf` has none.
 
     Args:
         urdf_text: the URDF, e.g. the parameter robot_description.
-        laser_frame: the link in which beams start; there need not be one.
+        robot: whose wheel joints and lidar they are; None: the Husky's.
+        laser_frame: the link in which beams start, if it is not that of the robot; there need not be one.
 
     Raises:
         DescriptionError: not a URDF, a link or joint missing, or a number that physics cannot use.
     """
-    robot = _parse(urdf_text)
-    links = {name_of(link): link for link in robot.findall("link")}
-    joints = {name_of(joint): joint for joint in robot.findall("joint")}
+    robot = robot or load_robot()
+    wheel_joints = robot.wheels.joints
+    urdf = _parse(urdf_text)
+    links = {name_of(link): link for link in urdf.findall("link")}
+    joints = {name_of(joint): joint for joint in urdf.findall("joint")}
     if "base_link" not in links:
         raise DescriptionError(f"no link 'base_link'; there are: {', '.join(links) or 'none'}")
-    for name in WHEEL_JOINTS:
+    for name in wheel_joints:
         if name not in joints:
-            raise DescriptionError(f"no joint '{name}'; wheels are {', '.join(WHEEL_JOINTS)}")
+            raise DescriptionError(f"no joint '{name}'; wheels are {', '.join(wheel_joints)}")
 
     fixed_joints = _fixed_joints(links, joints)
     poses = _fixed_poses(fixed_joints)
-    physics = ET.Element("robot", name=robot.get("name", "robot"))
+    physics = ET.Element("robot", name=urdf.get("name", "robot"))
     cluster = [(links[name], pose) for name, pose in poses.items()]
     body = _require_solid(_merge([_inertial(link, pose) for link, pose in cluster]), "base_link's rigid body")
     base = ET.SubElement(physics, "link", name="base_link")
     _write_collisions(base, cluster)
-    wheels, inertials = zip(*(_write_wheel(base, joints[name], links, poses) for name in WHEEL_JOINTS))
+    wheels, inertials = zip(*(_write_wheel(base, joints[name], links, poses) for name in wheel_joints))
     mass, com, inertia = _merge([body, *inertials])
     _write_inertial(base, (mass, com, inertia))
 
@@ -131,7 +134,7 @@ def robot_model(urdf_text: str, laser_frame: str = "front_laser") -> RobotModel:
     return RobotModel(
         fixed_poses=MappingProxyType(poses),
         fixed_joints=fixed_joints,
-        laser_frame=laser_frame,
+        laser_frame=laser_frame or robot.lidar_mount.frame,
         mass=mass,
         com=com,
         inertia=inertia,

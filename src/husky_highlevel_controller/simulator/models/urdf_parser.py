@@ -12,7 +12,7 @@ from typing import Mapping, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import matrix_from_quat, quat_from_rpy
-from husky_highlevel_controller.simulator.models.husky_xacro import DescriptionError
+from husky_highlevel_controller.simulator.models.description import DescriptionError
 
 MAX_NUMBER = 1e6  # in metres, kilograms or their products: a robot's are far smaller, and physics needs room
 

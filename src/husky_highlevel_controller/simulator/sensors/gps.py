@@ -1,11 +1,10 @@
 """Simulated GPS: latitude, longitude and velocity of base_link.
 
 In: the true motion of base_link. Out: a `GpsFix`.
-Must not know: ROS, PyBullet.
 
-Numbers: husky_description 0.6.10, husky.urdf.xacro: the world's origin lies at 49.9 N 8.9 E, x points east
-(reference heading 90 degrees) and the position drifts by 0.1 mm, as a Gauss-Markov process an hour long
-(hector_gazebo_plugins' default). Its velocities are along north, west and up. The radii are WGS 84's.
+As husky_description 0.6.10 has it, x points east (reference heading 90 degrees) and the position's error is a
+Gauss-Markov process an hour long (hector_gazebo_plugins' default). Its velocities are along north, west and
+up. The radii are WGS 84's.
 """
 
 from __future__ import annotations
@@ -24,17 +23,11 @@ DRIFT_TIME = 3600.0  # [s]
 
 @dataclass(frozen=True)
 class GpsConfig:
-    """Place of the world on Earth, and noise of the receiver; defaults are the Noetic Husky's."""
+    """Place of the world on Earth, and noise of the receiver; robots/ holds the values."""
 
-    latitude: float = field(
-        default=49.9, metadata={"min": -89.0, "max": 89.0, "help": "of the world's origin [deg]"}
-    )
-    longitude: float = field(
-        default=8.9, metadata={"min": -180.0, "max": 180.0, "help": "of the world's origin [deg]"}
-    )
-    drift: float = field(
-        default=0.0001, metadata={"min": 0.0, "max": 100.0, "help": "of the position, on each axis [m]"}
-    )
+    latitude: float = field(metadata={"min": -89.0, "max": 89.0, "help": "of the world's origin [deg]"})
+    longitude: float = field(metadata={"min": -180.0, "max": 180.0, "help": "of the world's origin [deg]"})
+    drift: float = field(metadata={"min": 0.0, "max": 100.0, "help": "of the position, on each axis [m]"})
 
 
 class Gps:

@@ -1,11 +1,9 @@
-"""Simulated IMU: angular velocity and specific force in base_link.
+"""Simulated IMU: angular velocity and specific force along base_link's axes.
 
 In: the true motion of base_link, gravity, a random generator. Out: an `ImuSample`.
-Must not know: ROS, PyBullet.
 
-Numbers: husky_description 0.6.10, husky.urdf.xacro. Its plugin measures at base_link's origin, along
-base_link's axes, and its messages name that frame. So do we; imu_link, 0.19 m further ahead, would also
-measure the centripetal acceleration, 0.19 m times the turning rate squared.
+The Husky's plugin measures at base_link's origin, and its messages name that frame, although its imu_link is
+0.19 m further ahead; the SMB's measures at its imu_link, where turning adds the centripetal acceleration.
 """
 
 from __future__ import annotations
@@ -20,26 +18,33 @@ from husky_highlevel_controller.geometry import quat_inverse, rotate
 
 @dataclass(frozen=True)
 class ImuConfig:
-    """Noise of the IMU; defaults are the Noetic Husky's."""
+    """Noise of the IMU; robots/ holds the values."""
 
     acceleration_noise: float = field(
-        default=0.005, metadata={"min": 0.0, "max": 10.0, "help": "standard deviation on each axis [m/s^2]"}
+        metadata={"min": 0.0, "max": 10.0, "help": "standard deviation on each axis [m/s^2]"}
     )
     rate_noise: float = field(
-        default=0.005, metadata={"min": 0.0, "max": 10.0, "help": "standard deviation on each axis [rad/s]"}
+        metadata={"min": 0.0, "max": 10.0, "help": "standard deviation on each axis [rad/s]"}
     )
 
 
 class Imu:
-    """An IMU at base_link's origin, along base_link's axes.
+    """An IMU on base_link, along base_link's axes.
 
     The specific force is the mean over a period, as of an accelerometer that integrates between two samples:
     a knock of a millisecond is in one sample, however short, and nothing is counted twice.
     """
 
-    def __init__(self, config: ImuConfig, period: float, gravity_in_world: Vector3) -> None:
+    def __init__(
+        self,
+        config: ImuConfig,
+        period: float,
+        gravity_in_world: Vector3,
+        position_in_base: Vector3 = (0.0, 0.0, 0.0),
+    ) -> None:
         """An IMU that is sampled every `period` s."""
         self._config, self._period, self._gravity_in_world = config, period, gravity_in_world
+        self._position_in_base = position_in_base
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin anew, on a robot at rest, with noise from `rng`."""
@@ -54,7 +59,12 @@ class Imu:
     def sample(self, state: RobotState, stamp: float) -> ImuSample:
         """The sample at one instant, one period after the last."""
         attitude, config = state.pose_in_world.quat_xyzw, self._config
-        velocity_in_world = rotate(attitude, state.velocity_in_base)
+        (vx, vy, vz), (wx, wy, wz) = state.velocity_in_base, state.angular_velocity_in_base
+        x, y, z = self._position_in_base
+        # of the IMU: v + w x r
+        velocity_in_world = rotate(
+            attitude, (vx + (wy * z - wz * y), vy + (wz * x - wx * z), vz + (wx * y - wy * x))
+        )
         # in the world, where gravity is constant and velocities may be subtracted
         force_in_world = [
             (now - before) / self._period - gravity

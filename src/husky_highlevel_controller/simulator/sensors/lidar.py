@@ -1,9 +1,8 @@
-"""Simulated planar lidar: the SICK LMS1xx on the Husky.
+"""Simulated planar lidar.
 
 In: the robot's true pose, a function that casts rays, a random generator. Out: a `Scan`.
-Must not know: ROS, PyBullet.
 
-Numbers: LMS1xx 0.3.0, urdf/sick_lms1xx.urdf.xacro; edge cases as gazebo_ros_laser and REP 117 have them.
+Misses and too close returns are as gazebo_ros_laser and REP 117 have them.
 """
 
 from __future__ import annotations
@@ -22,18 +21,15 @@ CastRays = Callable[[Pose, Beams, float], np.ndarray]
 
 @dataclass(frozen=True)
 class LidarConfig:
-    """Beams, range and noise of the lidar; defaults are the Noetic Husky's."""
+    """Beams, range and noise of the lidar; robots/ holds their values."""
 
-    beams: int = field(default=720, metadata={"min": 2, "max": 16384, "help": "number of beams"})
+    beams: int = field(metadata={"min": 2, "max": 16384, "help": "number of beams"})
     angle_max: float = field(
-        default=2.35619,
         metadata={"min": 0.01, "max": 3.14159, "help": "last beam's angle; first is minus it [rad]"},
     )
-    range_min: float = field(default=0.1, metadata={"min": 0.0, "max": 10.0, "help": "nearer reads -inf [m]"})
-    range_max: float = field(
-        default=30.0, metadata={"min": 0.1, "max": 1000.0, "help": "farther reads +inf [m]"}
-    )
-    noise: float = field(default=0.001, metadata={"min": 0.0, "max": 1.0, "help": "standard deviation [m]"})
+    range_min: float = field(metadata={"min": 0.0, "max": 10.0, "help": "nearer reads -inf [m]"})
+    range_max: float = field(metadata={"min": 0.1, "max": 1000.0, "help": "farther reads +inf [m]"})
+    noise: float = field(metadata={"min": 0.0, "max": 1.0, "help": "standard deviation [m]"})
 
     def __post_init__(self) -> None:
         """Raises ValueError where no range is valid."""

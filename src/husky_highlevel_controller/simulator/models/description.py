@@ -1,6 +1,6 @@
-"""Robot description: expands the Husky's xacro into the URDF of RViz, robot_state_publisher and physics.
+"""Robot description: expands a robot's xacro into the URDF of RViz, robot_state_publisher and physics.
 
-In: arguments. Out: URDF text. Must not know: ROS, PyBullet.
+In: arguments. Out: URDF text.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from typing import Dict, Optional
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.robot import ROBOTS, load_robot
 
 FLAGS = ("true", "false", "True", "False", "1", "0")
 _FLAG = ("|".join(FLAGS), "true|false")
 # name of an argument: what its value must match, and how to say so; `$` would be expanded by xacro
 ARGUMENTS = {
+    "robot": ("|".join(ROBOTS), "|".join(ROBOTS)),
     "laser_enabled": _FLAG,
     "laser_tower": _FLAG,
     "laser_prefix": (r"[\w./-]+", "a name, e.g. front"),
@@ -44,6 +46,7 @@ def mesh_folder() -> str:
 
 
 def robot_description(
+    robot: str = "husky",
     laser_enabled: bool = True,
     laser_tower: bool = True,
     laser_prefix: str = "front",
@@ -51,9 +54,10 @@ def robot_description(
     profile: str = "gazebo",
     meshes: Optional[str] = None,
 ) -> str:
-    """Expand the Husky's xacro into URDF text.
+    """Expand a robot's xacro into URDF text.
 
     Args:
+        robot: one of ROBOTS; the other arguments but `meshes` mean nothing to any but the Husky.
         laser_enabled: whether there is a lidar.
         laser_tower: upside-down, as on the real robot; False is upright.
         laser_prefix: its frames are <prefix>_laser_mount and <prefix>_laser.
@@ -66,6 +70,7 @@ def robot_description(
     """
     return _expand(
         {
+            "robot": robot,
             "laser_enabled": str(laser_enabled),
             "laser_tower": str(laser_tower),
             "laser_prefix": laser_prefix,
@@ -86,7 +91,8 @@ def _expand(arguments: Dict[str, str]) -> str:
             raise DescriptionError(f"{name} is '{value}'; use {wanted}")
     import xacro  # here, because it is only needed to make a URDF, not to read one
 
-    source = share_folder() / "urdf" / "husky.urdf.xacro"
+    robot = load_robot(arguments.get("robot", "husky"))
+    source = share_folder() / "urdf" / robot.description
     mappings = {name: value.lower() if value in FLAGS else value for name, value in arguments.items()}
     # in lines, because Bullet cuts a URDF's lines after 8 kB
     return str(xacro.process_file(str(source), mappings=mappings).toprettyxml(indent="  "))

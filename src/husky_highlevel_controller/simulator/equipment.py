@@ -1,0 +1,97 @@
+"""Equipment of the simulated robot: drive, encoders, battery and sensors, as Gazebo's or as a real Husky's.
+
+In: a `SimulatorConfig`, the robot's model. Out: `Equipment`, of which every sensor is a row of a list.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Callable, List, NamedTuple, Optional, Union
+
+from husky_highlevel_controller.datatypes import Vector3, WheelState
+from husky_highlevel_controller.robot import DriveConfig
+from husky_highlevel_controller.simulator.diff_drive import Drive, IdealBase
+from husky_highlevel_controller.simulator.husky_base import HuskyBase, as_encoded
+from husky_highlevel_controller.simulator.models.robot_model import RobotModel
+from husky_highlevel_controller.simulator.power import Power
+from husky_highlevel_controller.simulator.sensors.gps import Gps
+from husky_highlevel_controller.simulator.sensors.imu import Imu
+from husky_highlevel_controller.simulator.sensors.lidar import CastRays, Lidar
+from husky_highlevel_controller.simulator.sensors.lms1xx import Lms1xx
+from husky_highlevel_controller.simulator.sensors.magnetometer import Magnetometer
+from husky_highlevel_controller.simulator.sensors.vibration import ShakenImu
+from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per
+
+# of the seed: each sensor draws from its own stream, so that none shifts another's; None is the seed itself
+LIDAR_STREAM, IMU_STREAM, GPS_STREAM, MAG_STREAM = None, 1, 2, 3
+
+
+class Sensor(NamedTuple):
+    """A sensor and when it is sampled."""
+
+    steps: int  # physics steps from sample to sample
+    device: Any  # with reset(rng) and sample(state, stamp)
+    field: str  # of the `Snapshot`
+    stream: Optional[int]  # of the seed
+
+
+class Equipment(NamedTuple):
+    """What moves the robot, and what it measures."""
+
+    drive: Drive
+    base: Union[IdealBase, HuskyBase]
+    imu: Union[Imu, ShakenImu]
+    sensors: List[Sensor]
+    wheel_steps: int  # physics steps between two readings of the encoders
+    encode: Callable[[WheelState], WheelState]  # the wheels as the encoders report them
+    power: Optional[Power] = None
+
+
+def equip(
+    config: SimulatorConfig, drive_config: DriveConfig, model: RobotModel, cast: CastRays, gravity: Vector3
+) -> Equipment:
+    """The equipment of a robot.
+
+    Args:
+        config: rates and sensors.
+        drive_config: with the wheels' geometry of `model`.
+        model: where the lidar is; without its frame there is none.
+        cast: the lidar's rays.
+        gravity: in the world [m/s^2].
+
+    Raises:
+        HuskyError: a period is not a multiple of the physics step.
+    """
+    rate, real, mount = config.physics_rate, config.real, config.robot.imu_mount
+    dt = 1.0 / rate
+    scan_steps, imu_steps = (
+        steps_per(config.scan_rate, rate, "scan_rate"),
+        steps_per(config.imu_rate, rate, "imu_rate"),
+    )
+    drive = Drive(drive_config)
+    still = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
+    track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
+    imu = ShakenImu(still, real.ground.vibration, track) if real else still
+    sensors = [Sensor(imu_steps, imu, "imu", IMU_STREAM)]
+    frame = model.laser_frame
+    if frame in model.fixed_poses:
+        pose = model.fixed_poses[frame]
+        lidar: Union[Lidar, Lms1xx] = Lidar(config.lidar, cast, frame, pose)
+        if real:
+            lidar = Lms1xx(real.lidar, cast, frame, pose, scan_steps * dt)
+        sensors.append(Sensor(scan_steps, lidar, "scan", LIDAR_STREAM))
+    if config.gps_rate:
+        gps_steps = steps_per(config.gps_rate, rate, "gps_rate")
+        sensors.append(Sensor(gps_steps, Gps(config.gps, gps_steps * dt), "gps", GPS_STREAM))
+    if not real:
+        return Equipment(drive, IdealBase(drive, drive_config, dt), imu, sensors, 1, lambda wheels: wheels)
+    steps_per(real.base.control_rate, ODOMETRY_RATE, "base/control_rate")  # read with an odometry sample
+    resolution, radius = real.base.speed_resolution, drive_config.wheel_radius
+    return Equipment(
+        drive,
+        HuskyBase(drive, drive_config, real.base, dt),
+        imu,
+        [*sensors, Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM)],
+        steps_per(real.base.control_rate, rate, "base/control_rate"),
+        lambda wheels: as_encoded(wheels, resolution, radius),
+        Power(real.power, real.ground.rolling_current),
+    )

@@ -1,0 +1,62 @@
+"""Parameters of the simulation: physics, sensors, and the robot that they are on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from math import isclose
+from typing import Optional
+
+from husky_highlevel_controller.config import read_config
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.robot import Robot, load_robot, robot_file
+from husky_highlevel_controller.simulator.profile import RealHusky
+from husky_highlevel_controller.simulator.sensors.gps import GpsConfig
+from husky_highlevel_controller.simulator.sensors.imu import ImuConfig
+from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
+from husky_highlevel_controller.simulator.traction import TractionConfig
+
+ODOMETRY_RATE = 50  # [Hz], as on both robots; besides, odometry is fresh whenever there is a scan
+
+
+@dataclass(frozen=True)
+class SimulatorConfig:
+    """Rates and sensors of the simulation."""
+
+    physics_rate: int = field(metadata={"min": 50, "max": 2000, "help": "physics steps a second [Hz]"})
+    scan_rate: int = field(metadata={"min": 1, "max": 200, "help": "scans a second [Hz]"})
+    lidar: LidarConfig = field(metadata={"help": "the lidar"})
+    imu_rate: int = field(metadata={"min": 1, "max": 1000, "help": "IMU samples a second [Hz]"})
+    imu: ImuConfig = field(metadata={"help": "the inertial measurement unit"})
+    gps_rate: int = field(metadata={"min": 0, "max": 200, "help": "fixes a second; 0: no receiver [Hz]"})
+    gps: GpsConfig = field(metadata={"help": "the satellite receiver"})
+    robot: Robot = field(default_factory=load_robot)
+    traction: TractionConfig = field(default_factory=TractionConfig)
+    real: Optional[RealHusky] = None  # what a real Husky does differently; None: Gazebo's robot
+
+
+@lru_cache(maxsize=None)
+def simulator_config(robot: str = "husky") -> SimulatorConfig:
+    """The simulation of a robot, one of ROBOTS, as robots/NAME.yaml has it.
+
+    Raises:
+        ConfigError: there is no such robot, or its file is wrong.
+    """
+    values = {name: value for name, value in robot_file(robot).items() if name != "robot"}
+    (config,) = read_config(values, f"robots/{robot}.yaml: ", SimulatorConfig)
+    return replace(config, robot=load_robot(robot))
+
+
+def steps_per(rate: float, physics_rate: float, name: str) -> int:
+    """How many physics steps make one period of `rate` [Hz].
+
+    Raises:
+        HuskyError: the period is not a whole multiple of the physics step.
+    """
+    ratio = physics_rate / rate
+    if round(ratio) < 1 or not isclose(ratio, round(ratio), rel_tol=1e-9):
+        raise HuskyError(
+            f"{name} = {rate} Hz does not divide physics_rate = {physics_rate} Hz; "
+            "every period is a whole number of physics steps"
+        )
+    return round(ratio)
