@@ -30,11 +30,15 @@ import roslaunch.nodeprocess
 import roslaunch.parent
 import roslaunch.pmon
 import rospkg
+import yaml
 from roslaunch import substitution_args
+
+from husky_highlevel_controller.ros.restart import display_problem
 
 PACKAGE = "husky_highlevel_controller"
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 COMPAT = PACKAGE_FOLDER / "compat"
+OWN_RVIZ = {"husky_rviz", "gazebo_gui"}  # RViz nodes of this package's launch files
 # programs that open a window of their own around a node, as in launch-prefix="xterm -e"
 TERMINALS = {
     "xterm",
@@ -86,15 +90,44 @@ def declared_arguments(file: Path) -> Optional[Set[str]]:
 def check_arguments(file: Path, given: List[str]) -> None:
     """Refuse an argument that the launch file does not take; roslaunch would ignore it in silence."""
     declared = declared_arguments(file)
-    if declared is None:
-        return
     for argument in given:
-        name, assigned, _ = argument.partition(":=")
-        if assigned and not name.startswith("_") and name not in declared:
+        name, assigned, value = argument.partition(":=")
+        mistyped = re.fullmatch(r"(\w+)(?:=|:)(.*)", argument)
+        if mistyped and not assigned:
+            raise SystemExit(f"[dev] error: {argument!r}: write {mistyped[1]}:={mistyped[2]}")
+        if assigned and declared is not None and not name.startswith("_") and name not in declared:
             near = difflib.get_close_matches(name, declared, n=1)
             hint = f"did you mean '{near[0]}'? " if near else ""
             known = ", ".join(sorted(declared)) or "none"
             raise SystemExit(f"[dev] error: {file.name} has no argument '{name}'; {hint}It takes: {known}")
+        if name == "parameters" and assigned:
+            check_yaml(value)
+
+
+def check_yaml(name: str) -> None:
+    """Refuse a parameter file that cannot be read; roslaunch would end in a traceback."""
+    try:
+        values = yaml.safe_load(Path(name).read_text())
+    except OSError as error:
+        raise SystemExit(
+            f"[dev] error: parameters:={name}: {error.strerror} (looked for in {Path.cwd()})"
+        ) from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{name}:{mark.line + 1}" if mark else name
+        raise SystemExit(
+            f"[dev] error: {where}: no YAML: {getattr(error, 'problem', None) or error}"
+        ) from None
+    if not isinstance(values, dict):
+        raise SystemExit(f"[dev] error: {name}: expected lines 'parameter: value'")
+
+
+def check_display() -> None:
+    """Run headless where DISPLAY names a display that does not answer."""
+    problem = display_problem(os.environ.get("DISPLAY", ""))
+    if problem:
+        say(f"warning: {problem}; running headless, without RViz")
+        del os.environ["DISPLAY"]
 
 
 def drop_missing_terminals(config: Any) -> None:
@@ -156,8 +189,8 @@ def adapt(config: Any) -> None:
     names = {node.type for node in config.nodes}
     if "/gazebo_world/world_name" in config.params and "spawn_husky" not in names:
         say("warning: the launch file has a world but no robot (husky_gazebo/launch/spawn_husky.launch)")
-    if any(node.package == "rviz" and node.name != "gazebo_gui" for node in config.nodes):
-        config.nodes = [node for node in config.nodes if node.name != "gazebo_gui"]  # one window is enough
+    if any(node.package == "rviz" and node.name not in OWN_RVIZ for node in config.nodes):
+        config.nodes = [node for node in config.nodes if node.name not in OWN_RVIZ]  # one window is enough
 
 
 class Failures(roslaunch.pmon.ProcessListener):
@@ -248,6 +281,7 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # ./dev has it ignored, which nodes must not inherit
     file = find_launch_file(sys.argv[1])
     find_packages_for(file)
+    check_display()
     check_arguments(file, sys.argv[2:])
     return launch(file, sys.argv[2:])
 

@@ -1,10 +1,16 @@
 """`./dev launch`: arguments are checked before anything starts, and a failed drive is a failed command."""
 
+import os
 import signal
+import subprocess
 import sys
 
 import pytest
+from network import PACKAGE
+from test_rviz import Screen
 
+from husky_highlevel_controller.grading.drive.run import Submission, plan
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.paths import share_folder
 
 COMMAND = (sys.executable, str(share_folder() / "tools" / "launch.py"))
@@ -55,6 +61,70 @@ def test_the_sentence_of_a_required_node_that_failed_comes_last(launch):
     assert (
         "error: husky_simulator: no world 'nowhere.world'; there are driveThrough.world, empty.world" in last
     )
+
+
+def test_a_controller_that_dies_ends_the_launch(launch, tmp_path):
+    (tmp_path / "mine.yaml").write_text("p_gain_vle: 1.0\n")
+    launched = launch("controller.launch", "gui:=false", f"parameters:={tmp_path / 'mine.yaml'}")
+    assert launched.wait() == 1
+    last = launched.output.splitlines()[-1]
+    assert "error: husky_highlevel_controller: " in last
+    assert "p_gain_vle" in last
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("p_gain_vel: 1.0\np_gain_ang: [\n", "mine.yaml:3: no YAML: "),
+        ("1.0", "mine.yaml: expected lines 'parameter: value'"),
+        (None, "mine.yaml: No such file or directory (looked for in "),
+    ],
+)
+def test_a_parameter_file_that_cannot_be_read_is_named_with_its_line(content, words, launch, tmp_path):
+    if content is not None:
+        (tmp_path / "mine.yaml").write_text(content)
+    launched = launch("controller.launch", "gui:=false", f"parameters:={tmp_path / 'mine.yaml'}")
+    assert launched.wait() == 1
+    assert words in launched.output.splitlines()[-1]
+
+
+def test_an_argument_with_one_sign_too_few_is_refused_with_the_right_one(launch):
+    launched = launch("controller.launch", "gui=false")
+    assert launched.wait() == 1
+    assert launched.output.splitlines() == ["[dev] error: 'gui=false': write gui:=false"]
+
+
+def test_a_display_that_does_not_answer_is_one_sentence(launch):
+    launched = launch("controller.launch", "real_time_factor:=0", DISPLAY=":7654")
+    launched.says("arrived after")
+    assert "warning: display :7654 does not answer" in launched.output
+    assert "husky_rviz" not in launched.output
+
+
+OWN_RVIZ = """<launch>
+  <include file="$(find husky_highlevel_controller)/launch/simulator.launch"/>
+  <node name="rviz" pkg="rviz" type="rviz"/>
+</launch>"""
+
+
+def test_a_launch_file_with_an_rviz_of_its_own_opens_that_one(launch, ros, tmp_path):
+    file = tmp_path / "package" / "own_rviz.launch"
+    file.parent.mkdir()
+    file.write_text(OWN_RVIZ)
+    display = Screen(ros).display
+    plain = subprocess.run(
+        ["roslaunch", "--nodes", str(file)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "DISPLAY": display},
+    )
+    assert plain.stdout.split() == ["/husky_simulator", "/husky_rviz", "/rviz"], plain.stderr
+    launched = launch(file, DISPLAY=display)
+    launched.says("process[rviz-")
+    assert "husky_rviz" not in launched.output
+    submission = Submission(("--launch", PACKAGE, str(file)), Workspace(packages=(file.parent,)))
+    marked = plan(submission, tmp_path / "plan")
+    assert [node["name"] for node in marked.rviz] == ["rviz"]
 
 
 @pytest.mark.parametrize(

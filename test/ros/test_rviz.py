@@ -52,7 +52,7 @@ def test_rviz_shows_robot_scan_frames_and_marker(ros):
         DISPLAY=screen.display, GALLIUM_DRIVER="softpipe",
     )  # fmt: skip
     launched.says("driving to the pillar")
-    wait_until(lambda: ros.subscriptions("/rviz") >= SHOWN, f"rviz subscribes to {SHOWN}")
+    wait_until(lambda: ros.subscriptions("/husky_rviz") >= SHOWN, f"rviz subscribes to {SHOWN}")
     for color in COLORS:
         wait_until(lambda color=color: screen.shows(color) > 30, f"{color} is to be seen")
     log = subprocess.run(

@@ -53,3 +53,14 @@ def test_an_interrupt_reaches_the_program_and_ends_both(tmp_path):
     process.send_signal(signal.SIGINT)
     process.stdout.close()
     assert process.wait(60.0) == 7
+
+
+def test_without_a_display_that_answers_nothing_is_started():
+    answer = subprocess.run(
+        [*RESTART, "touch", "/dev/null"],
+        env={**os.environ, "DISPLAY": ":7654"},
+        capture_output=True,
+        text=True,
+    )
+    assert answer.returncode == 1
+    assert answer.stderr.strip() == "touch is not started: display :7654 does not answer (no X server)"

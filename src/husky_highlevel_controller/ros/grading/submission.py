@@ -36,6 +36,7 @@ INTERACTIVE = {
     "gnome-terminal", "xterm", "konsole", "x-terminal-emulator", "terminator", "xfce4-terminal", "lxterminal",
     "urxvt", "gdb", "lldb", "cuda-gdb", "ddd", "screen", "tmux",
 }  # fmt: skip
+OWN_RVIZ = {"husky_rviz", "gazebo_gui"}  # RViz nodes of this package's launch files
 OURS = {"/use_sim_time", "/robot_description", "/rosdistro", "/rosversion", "/run_id"}
 
 
@@ -122,7 +123,10 @@ def load(what: List[str], reporter: Reporter, taken: List[str]) -> roslaunch.con
         loader.load(file, config, argv=["roslaunch", *arguments], verbose=False)
     config.assign_machines()
     kept, left_out, rviz = [], [], []
+    own_rviz = [node for node in config.nodes if node.package == "rviz" and node.name not in OWN_RVIZ]
     for node in config.nodes:
+        if node.package == "rviz" and node.name in OWN_RVIZ and own_rviz:
+            continue  # the hand-in brings one
         if node.package == "rviz":
             rviz.append({"name": node.name, "args": node.args, "remap": [list(r) for r in node.remap_args]})
         elif (

@@ -13,7 +13,7 @@ import rosgraph
 import rospy
 
 # roslaunch's own processes, and the nodes of simulator.launch: none of them drives the robot
-OWN = {"master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_web"}
+OWN = {"master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web"}
 
 
 class Partners:
