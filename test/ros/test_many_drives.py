@@ -59,5 +59,5 @@ def test_a_class_is_marked_by_a_cluster(tmp_path):
     assert done.returncode == 1, done.stdout + done.stderr
     _, row = csv.reader((tmp_path / "marking" / "results.csv").read_text().splitlines())
     assert row[:6] == ["stops_short", "20", "0", "", "0", "0"]
-    assert (tmp_path / "marking" / "stops_short" / "drive_1" / "replay.html").is_file()
+    assert (tmp_path / "marking" / "hand_ins" / "stops_short" / "drive_1" / "replay.html").is_file()
     assert "data:image/png;base64," in (tmp_path / "marking" / "index.html").read_text()
