@@ -85,6 +85,7 @@ class CrashDetector:
         self._up: Optional[Vector3] = None  # unit vector in the IMU's frame
         self._levelling = 0.0  # [s], time constant of `_up`, which is a mean at first
         self._stamp = -inf  # [s]
+        self._period, self._same_stamp = 0.0, 1  # [s] before, and number of samples of the last stamp
         self._pushes: Deque[_Push] = deque()
         self._ground: Deque[Tuple[float, float]] = deque()  # stamp [s]; squared sideways and vertical change
         self._allowances: Deque[Tuple[float, float]] = deque()  # stamp [s], allowance [m/s]
@@ -117,16 +118,28 @@ class CrashDetector:
         if not all(map(isfinite, (*sample.specific_force, *sample.angular_velocity))):
             return None
         duration = sample.stamp - self._stamp
-        if not 0.0 < duration <= LONGEST_PERIOD or self._up is None:
-            if duration < 0.0 or duration > LONGEST_PERIOD:
-                self.reset()
+        if self._up is None or abs(duration) > LONGEST_PERIOD:
+            self.reset()
             self._stamp, self._up = sample.stamp, _unit(sample.specific_force)
             return None
-        self._stamp = sample.stamp
+        if duration <= 0.0:  # stamped by a clock slower than the IMU, or late
+            if duration == 0.0 and self._pushes:
+                self._average_into_last(sample, imu_in_base)
+            return None
+        self._stamp, self._period, self._same_stamp = sample.stamp, duration, 1
         self._levelling = min(self._levelling + duration, LEVELLING_TIME)
         self._up = _levelled(self._up, sample, duration, duration / self._levelling)
         self._pushes.append(self._push(sample, duration, imu_in_base))
         return self._judge()
+
+    def _average_into_last(self, sample: ImuSample, imu_in_base: Quaternion) -> None:
+        """Make the last velocity change the mean over all samples of its stamp."""
+        self._same_stamp += 1
+        last, push = self._pushes.pop(), self._push(sample, self._period, imu_in_base)
+        share = 1.0 / self._same_stamp
+        self._pushes.append(
+            _Push(last.stamp, *(old + share * (new - old) for old, new in zip(last[1:], push[1:])))
+        )
 
     def _push(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> _Push:
         assert self._up is not None

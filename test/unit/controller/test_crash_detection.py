@@ -47,9 +47,9 @@ def vibration(seconds, deviation, seed):
 class Drive:
     """Feeds a detector: accelerations in base_link [m/s^2], wheel speeds and yaw rate, a mount, a slope."""
 
-    def __init__(self, mount=LEVEL, slope=LEVEL, config=None, rate=RATE, wheels_rate=10):
+    def __init__(self, mount=LEVEL, slope=LEVEL, config=None, rate=RATE, wheels_rate=10, stamped=float):
         self.detector, self.mount, self.slope = CrashDetector(config or CrashConfig()), mount, slope
-        self.rate, self.wheels_every, self.step = rate, rate // wheels_rate, 0
+        self.rate, self.wheels_every, self.step, self.stamped = rate, rate // wheels_rate, 0, stamped
 
     def go(self, accelerations, speed=0.6, yaw_rate=0.0):
         """Stamps and losses of the crashes felt [s], [m/s]; `speed` is a number or one for each sample."""
@@ -64,7 +64,7 @@ class Drive:
             force_in_base = [a + g for a, g in zip(acceleration, gravity)]
             to_imu = quat_inverse(self.mount)
             sample = ImuSample(
-                now, LEVEL, rotate(to_imu, (0.0, 0.0, yaw_rate)), rotate(to_imu, force_in_base)
+                self.stamped(now), LEVEL, rotate(to_imu, (0.0, 0.0, yaw_rate)), rotate(to_imu, force_in_base)
             )
             loss = self.detector.add_sample(sample, self.mount)
             if loss is not None:
@@ -206,6 +206,28 @@ def test_a_sharp_crash_is_felt_at_any_rate(rate):
     drive.go(np.zeros((2 * rate, 3)))
     hit = np.zeros((rate, 3))
     hit[10] = (-0.2 * rate, 0.0, 0.0)  # 0.2 m/s in one sample
+    assert drive.go(hit)
+
+
+def by_clock(now):
+    """Stamp of an IMU's node that looks at a clock of 50 Hz."""
+    return np.floor(now * 50.0 + 1e-9) / 50.0
+
+
+def jittered(rate):
+    rng = np.random.default_rng(0)
+    return lambda now: now + rng.uniform(-0.8, 0.8) / rate  # some come out of order
+
+
+@pytest.mark.parametrize("loss", [0.2, 0.3, 0.5])
+@pytest.mark.parametrize("stamped", ["exact", "doubled", "jittered"])
+@pytest.mark.parametrize("rate", [50, 100, 200, 400])
+def test_a_crash_is_felt_however_the_samples_are_stamped(rate, stamped, loss):
+    stamps = {"exact": float, "doubled": by_clock, "jittered": jittered(rate)}[stamped]
+    drive = Drive(rate=rate, stamped=stamps)
+    assert not drive.go(np.zeros((2 * rate, 3)))
+    hit = np.zeros((rate, 3))
+    hit[10 : 10 + round(0.06 * rate), 0] = -loss / 0.06
     assert drive.go(hit)
 
 
