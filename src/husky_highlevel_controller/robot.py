@@ -16,7 +16,7 @@ from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.paths import share_folder
 
-ROBOTS = ("husky",)
+ROBOTS = ("husky", "smb")
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Topics:
 class Robot:
     """Everything about one robot that is not the same for all."""
 
-    name: str = field(metadata={"help": "one of ROBOTS; the world's services call it so"})
+    name: str = field(metadata={"help": "one of ROBOTS"})
     title: str = field(metadata={"help": "its name in sentences"})
     description: str = field(metadata={"help": "xacro file in urdf/"})
     profiles: Tuple[str, ...] = field(metadata={"help": "whose drivers can be simulated: gazebo, robot"})

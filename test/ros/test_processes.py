@@ -44,6 +44,7 @@ ARGUMENTS = [
     "y:=-2",
     "yaw:=3",
     "lockstep:=false",
+    "robot:=husky",
     "seed:=7",
     "web:=false",
     "web_address:=localhost",

@@ -16,7 +16,7 @@ from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS
+from husky_highlevel_controller.evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS, SMB_GAINS
 from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
 from husky_highlevel_controller.simulator.power import PowerConfig
 from husky_highlevel_controller.simulator.profile import RobotProfile
@@ -185,6 +185,11 @@ def test_evaluate_drives_a_real_husky_with_the_gains_of_its_launch_file():
     values = yaml.safe_load((CONFIG_FOLDER / "robot.yaml").read_text())
     assert (values["p_gain_vel"], values["p_gain_ang"]) == (ROBOT_GAINS.p_gain_vel, ROBOT_GAINS.p_gain_ang)
     assert values["range_noise"] == ROBOT_DETECTOR.range_noise
+
+
+def test_evaluate_stops_the_smb_where_its_launch_file_does():
+    values = yaml.safe_load((CONFIG_FOLDER / "smb.yaml").read_text())
+    assert values == {"stop_distance": SMB_GAINS.stop_distance}
 
 
 def test_the_robot_profiles_file_and_record_are_the_same():

@@ -13,7 +13,7 @@ from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.paths import share_folder
-from husky_highlevel_controller.robot import load_robot
+from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros.controller.display import ESTIMATE, IN_LASER, IN_ODOM, PATH, STATE, TARGET
 from husky_highlevel_controller.ros.controller.node import ScanTopicConfig, StartStopConfig
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
@@ -39,9 +39,22 @@ def named(name, default):
 def test_every_launch_argument_has_a_row(file):
     for argument in ElementTree.parse(SHARE / "launch" / file).getroot().findall("arg"):
         default = argument.get("default")
-        if argument.get("name") in ("rviz", "world_name"):  # told in words
+        if argument.get("name") in ("rviz", "world_name", "parameters"):  # told in words
             default = ""
+        default = re.sub(r"\$\(eval .* optenv\('(\w+)', '(\S+)'\)\)", r"`$\1`, else `\2`", default)
         named(argument.get("name"), re.sub(r"\$\(optenv (\w+) (\S+)\)", r"`$\1`, else `\2`", default))
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("file", ["controller", "simulator", "web", "robot"])
+def test_the_launch_files_name_the_robot_s_topics(file, robot):
+    topics, told = load_robot(robot).topics, set()
+    for argument in ElementTree.parse(SHARE / "launch" / f"{file}.launch").getroot().findall("arg"):
+        if "arg('robot')" in argument.get("default") and argument.get("name") != "parameters":
+            default = argument.get("default").partition(" ")[2][:-1]
+            told.add(eval(default, {"arg": lambda _: robot, "optenv": lambda _, value: value}))
+    assert told == {topics.scan, *([topics.imu] if file == "robot" else [])}
+    assert topics.limited_command == f"{robot}_velocity_controller/cmd_vel_out", "as web.launch has it"
 
 
 NODE_RECORDS = [ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig, ProximityConfig, CrashConfig]

@@ -151,7 +151,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     add_worker_options(parser)
     options = parser.parse_args(arguments)
     with exit_codes("compare"):
-        base = setup_of(options.profile, options.ground)
+        base = setup_of(options.profile, options.ground, options.robot)
         a, b = contestant(options.a, base), contestant(options.b, base)
         launches = bool(a.launch or b.launch)
         if launches:

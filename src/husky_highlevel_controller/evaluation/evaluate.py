@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from functools import partial
 from math import inf, nan
 from pathlib import Path
@@ -144,7 +145,12 @@ def evaluate_robot(
 
 
 def evaluate(
-    seed: int, scenes: int, starts: int, workers: Workers, replays: Optional[Path] = None
+    seed: int,
+    scenes: int,
+    starts: int,
+    workers: Workers,
+    replays: Optional[Path] = None,
+    robot: str = "husky",
 ) -> List[Tuple[str, List[Figure]]]:
     """All figures on Gazebo's profile, in sections with a title.
 
@@ -154,21 +160,33 @@ def evaluate(
         starts: random starts.
         workers: who drive; the figures do not depend on them.
         replays: folder for pages that play the drives.
+        robot: one of ROBOTS.
     """
+    setup = setup_of(robot=robot)
+    control, simulator, lidar = setup.control, setup.simulator, setup.simulator.lidar
     numbers, chunk = range(scenes), min(50, scenes // 4 + 1)  # a scan takes a millisecond
-    alone = workers.map(partial(center_error, seed=seed, clutter=False), numbers, "pillars alone", chunk)
-    among = workers.map(partial(center_error, seed=seed, clutter=True), numbers, "pillars in company", chunk)
-    false = workers.map(partial(false_pillars, seed=seed), numbers, "scenes without", chunk)
-    course = partial(run, scenario=course_scenario(seed))
-    controls = [ControlConfig(), COURSE_GAINS, TOUCHING]
+    alone = workers.map(
+        partial(center_error, seed=seed, clutter=False, lidar=lidar), numbers, "pillars alone", chunk
+    )
+    among = workers.map(
+        partial(center_error, seed=seed, clutter=True, lidar=lidar), numbers, "pillars in company", chunk
+    )
+    false = workers.map(partial(false_pillars, seed=seed, lidar=lidar), numbers, "scenes without", chunk)
+    course = partial(run, scenario=course_scenario(seed), simulator=simulator)
+    gentle = replace(control, p_gain_vel=COURSE_GAINS.p_gain_vel, p_gain_ang=COURSE_GAINS.p_gain_ang)
+    controls = [control, gentle, TOUCHING]
     standard, gains, touch = drives(course, controls, workers, "course runs", replays)
     runs = drives(
-        partial(run, ControlConfig()), random_starts(starts, seed), workers, "random starts", replays
+        partial(run, control, simulator=simulator),
+        random_starts(starts, seed),
+        workers,
+        "random starts",
+        replays,
     )
     false_share = 100.0 * float(np.mean([count > 0 for count in false]))
-    return [
+    sections = [
         (
-            f"Pillar extraction, {scenes} random scans of each kind, noise 1 mm",
+            f"Pillar extraction, {scenes} random scans of each kind, noise {1000.0 * lidar.noise:g} mm",
             [
                 *extraction_figures("pillar alone, 3 beams or more", alone, 99.5, 2.0),
                 *extraction_figures("pillar in company, 3 beams or more", among, 99.5, 2.0),
@@ -177,9 +195,12 @@ def evaluate(
         ),
         ("Course start, default gains", course_figures(standard, 1.15)),
         ("Course start, the course's gains 0.1 and 0.4", course_figures(gains)),
-        ("Course start, stop_distance 0", touch_figures(touch)),
         (f"{starts} random starts, 2-25 m away, default gains", start_figures(runs)),
     ]
+    mount, outline = simulator.robot.lidar_mount, simulator.robot.footprint
+    if lidar.range_min < outline.hull[0] - mount.x:  # or it does not see what it touches
+        sections.insert(-1, ("Course start, stop_distance 0", touch_figures(touch)))
+    return sections
 
 
 def drives(
@@ -210,6 +231,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("--replays", type=Path, help="folder for a page that plays each drive, and an index")
     options = parser.parse_args(arguments)
     with exit_codes("evaluate"):
+        setup_of(options.profile, options.ground, options.robot)  # or the two do not go together
         if options.replays is not None:
             options.replays.mkdir(parents=True, exist_ok=True)
         with Workers(options.jobs, options.cluster, options.resume) as workers:
@@ -217,7 +239,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             if options.profile == "robot":
                 sections = evaluate_robot(seed, starts, workers, options.ground, replays)
             else:
-                sections = evaluate(seed, options.scenes, starts, workers, replays)
+                sections = evaluate(seed, options.scenes, starts, workers, replays, options.robot)
             print(workers.words, file=sys.stderr)
         lines = [f"seed {options.seed}"]
         for title, figures in sections:

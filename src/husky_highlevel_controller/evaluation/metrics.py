@@ -18,8 +18,9 @@ from husky_highlevel_controller.controller.pillar_detection import PillarConfig,
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.evaluation.replays import replay_page
 from husky_highlevel_controller.evaluation.rollout import Controller, Trace, model_of, rollout
-from husky_highlevel_controller.evaluation.scenarios import Scenario, bare_scene, pillar_scene
+from husky_highlevel_controller.evaluation.scenarios import SICK, Scenario, bare_scene, pillar_scene
 from husky_highlevel_controller.robot import Robot
+from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
 SAME_PILLAR = 0.2  # [m], a pillar found this near to the true one is that one
@@ -31,18 +32,23 @@ DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0  # [s] of simulated time after whic
 # ---------------------------------------------------------------------------- single scans
 
 
-def center_error(number: int, seed: int, clutter: bool) -> float:
+def center_error(
+    number: int, seed: int, clutter: bool, lidar: LidarConfig = SICK, detector: Optional[PillarConfig] = None
+) -> float:
     """How far from a random pillar the nearest one found is [m]; inf where none is the same."""
-    scene = pillar_scene(number, seed, clutter=clutter)
+    scene = pillar_scene(number, seed, clutter, lidar)
     assert scene.pillar is not None
     x, y, _ = scene.pillar
-    error = min((hypot(p.x - x, p.y - y) for p in find_pillars(scene.scan, PillarConfig())), default=inf)
+    found = find_pillars(scene.scan, detector or PillarConfig())
+    error = min((hypot(p.x - x, p.y - y) for p in found), default=inf)
     return error if error < SAME_PILLAR else inf
 
 
-def false_pillars(number: int, seed: int) -> int:
+def false_pillars(
+    number: int, seed: int, lidar: LidarConfig = SICK, detector: Optional[PillarConfig] = None
+) -> int:
     """How many pillars of many beams are found in a random scene without one."""
-    found = find_pillars(bare_scene(number, seed).scan, PillarConfig())
+    found = find_pillars(bare_scene(number, seed, lidar).scan, detector or PillarConfig())
     return sum(pillar.beams >= MANY_BEAMS for pillar in found)
 
 

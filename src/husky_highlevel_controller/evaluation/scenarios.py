@@ -25,7 +25,8 @@ Wall = Tuple[float, float, float, float]  # x1, y1, x2, y2 [m], in the laser's f
 _NEAREST_START, _FARTHEST_START = 2.0, 25.0  # [m], base_link to the pillar's centre
 _NEAREST_LOOK, _FARTHEST_LOOK = 0.6, 25.0  # [m], lidar to the pillar's centre
 _FREE = 0.3  # [m], a pillar nearer to a wall is part of it
-_SIDE = 2.3  # [rad], to either side: the pillar is in view
+_SIDE = 2.3  # [rad], to either side: the pillar is in the Husky's view
+_EDGE = 0.05  # [rad], from the last beam of a lidar that sees less
 
 
 @dataclass(frozen=True)
@@ -129,31 +130,31 @@ def scan_of(ranges: np.ndarray, lidar: LidarConfig = SICK) -> Scan:
 # ---------------------------------------------------------------------------- random scans
 
 
-def pillar_scene(number: int, seed: int, noise: float = 0.001, clutter: bool = False) -> PillarScan:
+def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConfig = SICK) -> PillarScan:
     """A scan with a pillar 0.6-25 m away, at any bearing in view, that three beams or more fall on.
 
     Args:
         number: of the scene; same number, same scene.
         seed: of everything random.
-        noise: standard deviation of a range [m].
         clutter: whether other bodies stand around, some in front of the pillar, none nearer than 0.3 m.
+        lidar: beams, range and noise.
     """
-    rng = np.random.default_rng([seed, 1, number])
+    rng, side = np.random.default_rng([seed, 1, number]), min(_SIDE, lidar.angle_max - _EDGE)
     while True:
-        distance, bearing = rng.uniform(_NEAREST_LOOK, _FARTHEST_LOOK), rng.uniform(-_SIDE, _SIDE)
+        distance, bearing = rng.uniform(_NEAREST_LOOK, _FARTHEST_LOOK), rng.uniform(-side, side)
         pillar = (distance * cos(bearing), distance * sin(bearing), PILLAR_RADIUS)
         circles, segments = _clutter(rng) if clutter else ([], [])
-        ranges, which = cast([pillar, *circles], segments)
+        ranges, which = cast([pillar, *circles], segments, lidar)
         if (which == 0).sum() >= 3 and _clearance(pillar, circles, segments) >= _FREE:
-            return PillarScan(scan_of(ranges + rng.normal(0.0, noise, SICK.beams)), pillar)
+            return PillarScan(scan_of(ranges + rng.normal(0.0, lidar.noise, lidar.beams), lidar), pillar)
 
 
-def bare_scene(number: int, seed: int, noise: float = 0.001) -> PillarScan:
+def bare_scene(number: int, seed: int, lidar: LidarConfig = SICK) -> PillarScan:
     """A scan of boxes, walls, corners, goal posts and rooms with some speckle, and no pillar."""
     rng = np.random.default_rng([seed, 2, number])
-    ranges = cast(*_clutter(rng))[0] + rng.normal(0.0, noise, SICK.beams)
-    ranges = np.where(rng.random(SICK.beams) < 0.005, rng.uniform(0.2, 29.0, SICK.beams), ranges)
-    return PillarScan(scan_of(ranges), None)
+    ranges = cast(*_clutter(rng), lidar)[0] + rng.normal(0.0, lidar.noise, lidar.beams)
+    ranges = np.where(rng.random(lidar.beams) < 0.005, rng.uniform(0.2, 29.0, lidar.beams), ranges)
+    return PillarScan(scan_of(ranges, lidar), None)
 
 
 def _clearance(pillar: Disc, circles: Sequence[Disc], segments: Sequence[Wall]) -> float:

@@ -21,11 +21,13 @@ import yaml
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
+from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
 COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
 ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # config/robot.yaml's, at the default limits
+SMB_GAINS = ControlConfig(stop_distance=0.6)  # config/smb.yaml's
 ROBOT_DETECTOR = PillarConfig(range_noise=0.012)
 # in a YAML file of the controller's node, and nothing to a drive
 NODE_ONLY = ("start_stop_service_name", "start_enabled", "scan_topic_name", "scan_topic_queue_size")
@@ -78,15 +80,23 @@ class Axis:
         return f"{self.name} {unit_of(self.name)}".strip()
 
 
-def setup_of(profile: str = "gazebo", ground: str = "hard") -> Setup:
-    """What `evaluate` drives with: PROFILES and GROUNDS of simulator/profile.py."""
+def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky") -> Setup:
+    """What `evaluate` drives with: PROFILES and GROUNDS of simulator/profile.py, ROBOTS.
+
+    Raises:
+        ConfigError: the robot has no such profile.
+    """
+    simulator = simulator_config(robot)
+    if profile not in simulator.robot.profiles:
+        raise ConfigError(f"profile '{profile}' is not the {simulator.robot.title}'s")
     if profile == "gazebo":
-        return Setup()
-    return Setup(ROBOT_GAINS, ROBOT_DETECTOR, replace(simulator_config(), real=RobotProfile().on(ground)))
+        return Setup(SMB_GAINS if robot == "smb" else ControlConfig(), simulator=simulator)
+    return Setup(ROBOT_GAINS, ROBOT_DETECTOR, replace(simulator, real=RobotProfile().on(ground)))
 
 
 def add_profile_options(parser: argparse.ArgumentParser) -> None:
-    """Add --profile and --ground, which `setup_of` takes."""
+    """Add --robot, --profile and --ground, which `setup_of` takes."""
+    parser.add_argument("--robot", choices=ROBOTS, default="husky", help="which robot (default husky)")
     parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
     parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
 

@@ -163,6 +163,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         options.out.mkdir(parents=True, exist_ok=True)
         scenes = random_starts(options.scenes, options.seed)
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
-            result = sweep(axes, scenes, setup_of(options.profile, options.ground), workers)
+            result = sweep(axes, scenes, setup_of(options.profile, options.ground, options.robot), workers)
             title = f"{len(result.drives)} drives: {', '.join(names)}, profile {options.profile}"
             write(result, title, workers.words, marks(axes, options.profile), options.out)

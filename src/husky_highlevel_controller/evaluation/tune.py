@@ -234,7 +234,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     add_worker_options(parser)
     options = parser.parse_args(arguments)
     with exit_codes("tune"):
-        base, objective = setup_of(options.profile, options.ground), parse_weights(options.weights)
+        base, objective = (
+            setup_of(options.profile, options.ground, options.robot),
+            parse_weights(options.weights),
+        )
         ranges = [parse_range(text, base) for text in options.ranges]
         _optuna()
         options.out.mkdir(parents=True, exist_ok=True)

@@ -202,7 +202,7 @@ def test_the_command_prints_the_urdf(command):
 @pytest.mark.parametrize(
     ("argument", "words"),
     [
-        ("laser:=true", "unknown argument 'laser'; there are robot:=husky laser_enabled:=true|false"),
+        ("laser:=true", "unknown argument 'laser'; there are robot:=husky|smb laser_enabled:=true|false"),
         ("laser_enabled=true", "unknown argument 'laser_enabled=true'"),
         ("laser_enabled:=yes", "laser_enabled is 'yes'; use true|false"),
         ("laser_tower:=", "laser_tower is ''; use true|false"),

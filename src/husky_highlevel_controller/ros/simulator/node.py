@@ -100,6 +100,7 @@ class SimulatorNode:
         if not isinstance(described, dict):
             raise ConfigError(f"{source}robot is missing; load robots/husky.yaml or robots/smb.yaml")
         (robot,) = read_config(described, source + "robot/", Robot)
+        values.setdefault("laser_frame", robot.lidar_mount.frame)
         start, config, camera = read_config(values, source, StartConfig, SimulatorConfig, CameraSetup)
         config = replace(config, robot=robot)
         for name, choices in (("profile", robot.profiles), ("ground", GROUNDS)):

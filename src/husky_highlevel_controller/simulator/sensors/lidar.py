@@ -27,9 +27,14 @@ class LidarConfig:
     angle_max: float = field(
         metadata={"min": 0.01, "max": 3.14159, "help": "last beam's angle; first is minus it [rad]"},
     )
-    range_min: float = field(metadata={"min": 0.0, "max": 10.0, "help": "nearer reads -inf [m]"})
+    range_min: float = field(
+        metadata={"min": 0.0, "max": 10.0, "help": "nearer reads -inf, see hides_near [m]"}
+    )
     range_max: float = field(metadata={"min": 0.1, "max": 1000.0, "help": "farther reads +inf [m]"})
     noise: float = field(metadata={"min": 0.0, "max": 1.0, "help": "standard deviation [m]"})
+    hides_near: bool = field(
+        metadata={"help": "nearer reads +inf, as pointcloud_to_laserscan has it; false: -inf"}
+    )
 
     def __post_init__(self) -> None:
         """Raises ValueError where no range is valid."""
@@ -61,7 +66,7 @@ class Lidar:
         np.minimum(noisy, config.range_max, out=noisy)
         noisy[ranges >= config.range_max] = np.inf
         if ranges.min() <= config.range_min:  # seldom
-            noisy[ranges <= config.range_min] = -np.inf
+            noisy[ranges <= config.range_min] = np.inf if config.hides_near else -np.inf
         noisy.setflags(write=False)
         angles, limits = (-config.angle_max, config.angle_max), (config.range_min, config.range_max)
         return Scan(stamp, self._frame, *angles, *limits, noisy)

@@ -1,0 +1,72 @@
+#!/usr/bin/env python3
+"""With robot:=smb topics, frames, rates and TF are those of the course's SMB, and it obeys its own inputs."""
+
+import rospy
+from geometry_msgs.msg import Twist
+from harness import RosTest, run, stamp, twist
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu, JointState, LaserScan
+from tf2_msgs.msg import TFMessage
+
+TOPICS = {  # type, frame, rate [Hz]
+    "scan": (LaserScan, "rslidar", 10),
+    "imu0": (Imu, "imu_link", 400),
+    "joint_states": (JointState, "", 50),
+    "smb_velocity_controller/odom": (Odometry, "odom", 50),
+    "odometry/filtered": (Odometry, "odom", 50),
+}
+PARENT = {
+    "base_link": "odom",
+    "base_inertia": "base_link",
+    "top": "base_link",
+    "imu_link": "base_link",
+    "lidar_mount_link": "base_link",
+    "rslidar_base_link": "base_link",
+    "rslidar": "rslidar_base_link",
+    **{f"{corner}_WHEEL": "base_link" for corner in ("LF", "RF", "LH", "RH")},
+}
+
+
+class TopicsAreTheSmbs(RosTest):
+    def test_every_topic_comes_at_its_rate_in_its_frame(self):
+        received = {topic: self.remember(topic, kind) for topic, (kind, _, _) in TOPICS.items()}
+        self.wait_until(lambda: min(map(len, received.values())) > 20, "there are 20 of each")
+        for topic, (_, frame, rate) in TOPICS.items():
+            messages = list(received[topic])
+            ticks = [round(stamp(msg) * rate, 6) for msg in messages]
+            self.assertEqual(ticks, [ticks[0] + i for i in range(len(ticks))], topic)
+            self.assertEqual({msg.header.frame_id for msg in messages}, {frame}, topic)
+        self.assertEqual(
+            list(received["joint_states"][0].name), [f"{c}_WHEEL_JOINT" for c in ("LF", "RF", "LH", "RH")]
+        )
+
+    def test_every_frame_has_its_parent(self):
+        moving, fixed = self.remember("tf", TFMessage), self.remember("tf_static", TFMessage)
+
+        def parents():
+            transforms = [t for msg in moving + fixed for t in msg.transforms]
+            return {t.child_frame_id: t.header.frame_id for t in transforms}
+
+        self.wait_until(lambda: set(PARENT) <= set(parents()), "all frames are there")
+        self.assertEqual(parents(), PARENT)
+
+    def test_it_has_no_topic_of_the_husky(self):
+        names = {name for name, _ in rospy.get_published_topics()}
+        self.assertFalse({name for name in names if "husky_velocity" in name or "front" in name}, names)
+        self.assertNotIn("/navsat/fix", names)
+
+    def test_it_obeys_cmd_vel_and_the_output_of_its_mux(self):
+        truth = self.remember("ground_truth/odom", Odometry)
+        for topic in ("cmd_vel", "smb_velocity_controller/cmd_vel"):
+            publisher = self.publisher(topic, Twist)
+
+            def fast(publisher=publisher):
+                publisher.publish(twist(0.5, 0.0))
+                return truth and abs(truth[-1].twist.twist.linear.x - 0.5) < 0.05
+
+            self.wait_until(fast, f"it drives as told on {topic}")
+            self.wait_until(lambda: abs(truth[-1].twist.twist.linear.x) < 0.01, "and stops by itself")
+
+
+if __name__ == "__main__":
+    run(TopicsAreTheSmbs)

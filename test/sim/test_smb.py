@@ -1,0 +1,83 @@
+"""The SMB: it obeys its published limits, measures as its sensors do, and finds the pillar."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from stage import GROUND, body, drive
+
+from husky_highlevel_controller.datatypes import Cylinder, Pose2D, World
+from husky_highlevel_controller.evaluation.metrics import run
+from husky_highlevel_controller.evaluation.rollout import model_of
+from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
+from husky_highlevel_controller.evaluation.setup import SMB_GAINS
+from husky_highlevel_controller.robot import load_robot
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import simulator_config
+
+SMB = simulator_config("smb")
+
+
+@pytest.fixture
+def simulate():
+    made = []
+
+    def make(*bodies):
+        made.append(Simulation(World("w", (GROUND, *bodies)), model_of(SMB.robot), SMB, Pose2D(), 0))
+        return made[-1]
+
+    yield make
+    for simulation in made:
+        simulation.close()
+
+
+def test_it_stands_on_its_wheels_and_keeps_its_limits(simulate):
+    simulation = simulate()
+    snapshots = drive(simulation, 2.0, 9.0, 0.0)
+    assert snapshots[-1].robot.pose_in_world.position[2] == pytest.approx(0.19 + 0.0185, abs=2e-3)
+    speeds = [snapshot.robot.velocity_in_base[0] for snapshot in snapshots]
+    assert max(speeds) == pytest.approx(1.1, abs=0.01)
+    assert speeds[round(0.25 / simulation.dt)] == pytest.approx(2.0 * 0.25, abs=0.05), "2.0 m/s^2"
+    assert drive(simulation, 2.0, 0.0, 9.0)[-1].command.angular == 1.1
+
+
+def test_a_pillar_on_the_left_is_at_a_positive_angle_of_half_a_circle(simulate):
+    (scan,) = (
+        s.scan for s in drive(simulate(body("post", Cylinder(0.2, 2.0), 4.0, 2.0, 1.0)), 0.1) if s.scan
+    )
+    assert (scan.frame, len(scan.ranges)) == ("rslidar", 362)
+    assert (scan.angle_min, scan.angle_max) == (-1.5708, 1.5708)
+    assert scan.angle_increment == pytest.approx(0.0087, abs=1e-5)
+    nearest = int(np.argmin(scan.ranges))
+    assert scan.bearings[nearest] == pytest.approx(np.arctan2(2.0, 4.0), abs=0.02)
+    assert scan.ranges[nearest] == pytest.approx(np.hypot(4.0, 2.0) - 0.2, abs=0.05)
+
+
+def test_what_is_too_near_to_measure_reads_plus_inf(simulate):
+    simulation = simulate(body("post", Cylinder(0.05, 2.0), 0.39, 0.0, 1.0))
+    (scan,) = (s.scan for s in drive(simulation, 0.1) if s.scan)
+    assert np.isposinf(scan.ranges).all()
+
+
+def test_its_imu_feels_that_it_is_ahead_of_the_middle(simulate):
+    snapshots = drive(simulate(), 4.0, 0.0, 1.0)
+    steady = [snapshot for snapshot in snapshots if snapshot.imu][-400:]
+    rate = np.mean([snapshot.imu.angular_velocity[2] for snapshot in steady])
+    force = np.mean([snapshot.imu.specific_force for snapshot in steady], axis=0)
+    centre = np.mean([snapshot.robot.velocity_in_base[1] for snapshot in steady]) * rate
+    assert force[0] == pytest.approx(-(rate**2) * 0.2554 - centre, abs=0.02)
+    assert len([snapshot for snapshot in snapshots if snapshot.imu]) == 1600, "400 Hz"
+    assert not any(snapshot.gps for snapshot in snapshots)
+
+
+def test_the_controller_drives_it_to_the_pillar():
+    for scenario in (course_scenario(0), *random_starts(2, 0)):
+        result = run(SMB_GAINS, scenario, SMB)
+        assert result.good, result.words
+
+
+def test_its_outline_leaves_room_between_the_wheels():
+    outline = load_robot("smb").footprint
+    assert outline.clearance_at(0.45, 0.0) == pytest.approx(0.45 - 0.33)
+    assert outline.clearance_at(0.45, 0.3) == pytest.approx(0.45 - 0.4059)
+    assert outline.clearance(np.array([(0.45, 0.0), (0.45, 0.3)])) == pytest.approx([0.12, 0.0441])
