@@ -12,8 +12,10 @@ NOSE, POST, RADIUS = 0.4937, 2.0, 0.2  # [m], half the Husky's length; where the
 class Driver:
     """Commands one twist, all the time, until it is stopped."""
 
-    def __init__(self):
-        self.stops = 0
+    def __init__(self, answer=None):
+        """`answer`: event that its service waits for before it answers."""
+        self.calls, self.stops = 0, 0
+        self._answer = answer
         self._command = None
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         rospy.Subscriber("ground_truth/odom", Odometry, self._on_odometry, queue_size=1, tcp_nodelay=True)
@@ -31,6 +33,9 @@ class Driver:
 
     def _on_start_stop(self, request):
         assert not request.data, "a guard only ever stops"
+        self.calls += 1
+        if self._answer is not None:
+            self._answer.wait()
         self.stops += 1
         self._command = None
         self._velocity.publish(twist())

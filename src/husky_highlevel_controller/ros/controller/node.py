@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any, Deque, Optional, Tuple
 
 import rosgraph.names
@@ -28,7 +29,7 @@ from husky_highlevel_controller.controller.behaviour import (
 )
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
-from husky_highlevel_controller.datatypes import STOP, Pillar, Scan
+from husky_highlevel_controller.datatypes import STOP, Pillar, Scan, Twist2D
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, Health
@@ -127,7 +128,14 @@ class ControllerNode:
             time.sleep(POLL_PERIOD)
 
     def _stop(self) -> None:
-        publish(self._velocity, conversions.twist_to_msg(STOP))
+        self._command(STOP)
+
+    def _command(self, twist: Twist2D) -> None:
+        """Publish a velocity command; zero in place of one that is not finite."""
+        if not (isfinite(twist.linear) and isfinite(twist.angular)):
+            rospy.logwarn_throttle(REPORT_PERIOD, f"a command of {twist} is not sent: standing still")
+            twist = STOP
+        publish(self._velocity, conversions.twist_to_msg(twist))
 
     def _on_start_stop(self, request: SetBoolRequest) -> SetBoolResponse:
         with self._deciding:
@@ -159,7 +167,7 @@ class ControllerNode:
             self._controller_state, output = decide(
                 before, observation, self._enabled, control, detector_config
             )
-            publish(self._velocity, conversions.twist_to_msg(output.twist))
+            self._command(output.twist)
         self._stamps.append(observation.scan.stamp)
         self._log(observation, before, output, control)
         self._announce(output.at_pillar)

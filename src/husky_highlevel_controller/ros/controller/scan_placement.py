@@ -21,6 +21,7 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.display import BASE, ODOM
+from husky_highlevel_controller.ros.transforms import lookup_transform
 
 START_TIMEOUT = 4.0  # [s] of wall time that the first scan waits for TF, so that lockstep runs start alike
 TRANSFORM_TIMEOUT = 2.0  # [s] of wall time that the transform of a later scan's stamp may be late
@@ -125,10 +126,7 @@ class ScanPlacement:
         self, parent: str, child: str, stamp: Optional[rospy.Time] = None
     ) -> Optional[TransformStamped]:
         """The transform at a stamp or (None) the latest; None where TF does not know it. Never waits."""
-        try:
-            return self._transforms.lookup_transform_core(parent, child, stamp or rospy.Time())
-        except (tf2_ros.TransformException, ValueError):  # ValueError: an illegal frame name
-            return None
+        return lookup_transform(self._transforms, parent, child, stamp)
 
     def _place(self, pending: _PendingScan) -> Optional[Observation]:
         """The observation that a scan makes; None while its transform may still come."""

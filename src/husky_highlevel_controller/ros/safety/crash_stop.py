@@ -6,6 +6,7 @@ import threading
 
 import rospy
 import tf2_ros
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 
 from husky_highlevel_controller.config import read_config
@@ -13,7 +14,8 @@ from husky_highlevel_controller.controller.crash_detection import CrashConfig, C
 from husky_highlevel_controller.datatypes import IDENTITY, Quaternion, Twist2D
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import named_robot, run_node
-from husky_highlevel_controller.ros.safety.guard import Guard, ServiceConfig
+from husky_highlevel_controller.ros.safety.guard import Guard, ServiceConfig, StopService
+from husky_highlevel_controller.ros.transforms import lookup_transform
 
 BASE = "base_link"
 
@@ -28,13 +30,17 @@ class CrashStopNode:
         self._detecting = threading.Lock()  # odometry and IMU have a thread each
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
-        self._guard = Guard(service, robot, self._on_odometry)
+        self._stop = StopService(service, robot)
+        self._guard = Guard(self._stop.request, self._on_odometry)
+        rospy.Subscriber(
+            robot.topics.odometry, Odometry, self._guard.on_odometry, queue_size=1, tcp_nodelay=True
+        )
         # queued, because every sample counts: velocities are sums
         rospy.Subscriber(robot.topics.imu, Imu, self._on_imu, queue_size=100, tcp_nodelay=True)
 
     def run(self) -> None:
         """Work until the node is shut down."""
-        self._guard.run()
+        self._stop.run()
 
     def _on_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
         with self._detecting:
@@ -51,9 +57,8 @@ class CrashStopNode:
         """How the IMU is mounted; as base_link where TF does not know."""
         if frame.lstrip("/") == BASE:
             return IDENTITY.quat_xyzw
-        try:
-            transform = self._transforms.lookup_transform_core(BASE, frame.lstrip("/"), rospy.Time())
-        except (tf2_ros.TransformException, ValueError):  # ValueError: an empty frame name
+        transform = lookup_transform(self._transforms, BASE, frame)
+        if transform is None:
             return IDENTITY.quat_xyzw
         return conversions.pose_from_transform(transform).quat_xyzw
 

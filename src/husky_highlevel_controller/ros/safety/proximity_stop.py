@@ -7,6 +7,7 @@ from typing import Optional
 
 import rospy
 import tf2_ros
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from husky_highlevel_controller.config import read_config
@@ -14,10 +15,28 @@ from husky_highlevel_controller.controller.safety import ProximityConfig, too_cl
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import named_robot, run_node
-from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig
+from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig, StopService
+from husky_highlevel_controller.ros.transforms import lookup_transform
 
 BASE = "base_link"
 STARTING_TIME = 1.0  # [s] of scans that may lack odometry or transforms without a warning
+
+
+class Blindness:
+    """Time for which scans could not be judged; the robot's nodes may take STARTING_TIME to start."""
+
+    def __init__(self) -> None:
+        self._since: Optional[float] = None  # [s], stamp of the first such scan
+
+    def lasts(self, stamp: float) -> bool:
+        """Note that a scan of this stamp [s] cannot be judged; whether that has lasted for too long."""
+        if self._since is None or stamp < self._since:
+            self._since = stamp
+        return stamp - self._since >= STARTING_TIME
+
+    def end(self) -> None:
+        """Note that a scan was judged."""
+        self._since = None
 
 
 class ProximityStopNode:
@@ -28,13 +47,17 @@ class ProximityStopNode:
         service, self._config = read_config(values, rospy.get_name() + "/", ServiceConfig, ProximityConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
-        self._guard = Guard(service, self._robot)
-        self._blind_since: Optional[float] = None  # [s], stamp of the first scan that could not be judged
+        self._stop = StopService(service, self._robot)
+        self._guard = Guard(self._stop.request)
+        self._blindness = Blindness()
+        rospy.Subscriber(
+            self._robot.topics.odometry, Odometry, self._guard.on_odometry, queue_size=1, tcp_nodelay=True
+        )
         rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
 
     def run(self) -> None:
         """Work until the node is shut down."""
-        self._guard.run()
+        self._stop.run()
 
     def _on_scan(self, msg: LaserScan) -> None:
         try:
@@ -46,11 +69,12 @@ class ProximityStopNode:
         laser_in_base = self._laser_in_base(scan.frame)
         if twist is None or laser_in_base is None:
             missing = "fresh odometry" if twist is None else f"transform from '{scan.frame}' to '{BASE}'"
-            self._warn_if_it_lasts(
-                scan.stamp, f"no {missing}, so nothing stops the robot; is the robot running?"
-            )
+            if self._blindness.lasts(scan.stamp):
+                rospy.logwarn_throttle(
+                    REPORT_PERIOD, f"no {missing}, so nothing stops the robot; is the robot running?"
+                )
             return
-        self._blind_since = None
+        self._blindness.end()
         clearance = too_close(scan, laser_in_base, twist, self._config, self._robot)
         danger = None
         if not (isfinite(twist.linear) and isfinite(twist.angular)):
@@ -62,20 +86,9 @@ class ProximityStopNode:
             )
         self._guard.judge(scan.stamp, danger)
 
-    def _warn_if_it_lasts(self, stamp: float, words: str) -> None:
-        """Warn, but not while the robot's nodes are still starting."""
-        if self._blind_since is None or stamp < self._blind_since:
-            self._blind_since = stamp
-        if stamp - self._blind_since >= STARTING_TIME:
-            rospy.logwarn_throttle(REPORT_PERIOD, words)
-
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
-        try:
-            # no timeout: a callback that waits for TF hangs while the clock stands still
-            transform = self._transforms.lookup_transform(BASE, frame, rospy.Time())
-        except tf2_ros.TransformException:
-            return None
-        return conversions.pose_from_transform(transform)
+        transform = lookup_transform(self._transforms, BASE, frame)
+        return None if transform is None else conversions.pose_from_transform(transform)
 
 
 def main() -> None:

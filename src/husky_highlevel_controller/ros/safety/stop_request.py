@@ -1,0 +1,95 @@
+"""Stop request of a guard: calls the stop service until it is answered, and commands zero meanwhile.
+
+The service is called in threads of its own, so that neither a sensor's callback nor the repetition hangs with
+a server that accepts a call and never answers.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from typing import Callable, Optional
+
+CALL_TIMEOUT = 2.0  # [s] of wall time for one call
+RETRY_PERIOD = 0.5  # [s] of wall time between a failed call and the next
+ZERO_DELAY = 0.2  # [s] of wall time after the first call until zero is commanded
+ZERO_PERIOD = 0.05  # [s] of wall time between zero commands; a twist_mux drops an input after 0.5 s
+MAX_HUNG_CALLS = 5
+
+
+class StopRequest:
+    """At most one pending stop, served by one thread."""
+
+    def __init__(
+        self,
+        call: Callable[[], Optional[str]],
+        command_zero: Callable[[], None],
+        on_failure: Callable[[str, str], None],
+        on_success: Callable[[str], None],
+    ) -> None:
+        """Set up without a pending stop.
+
+        Args:
+            call: calls the service; the reason of a failure, or None. May hang.
+            command_zero: publishes a zero Twist.
+            on_failure: gets the danger and the reason after each failed call.
+            on_success: gets the danger when the service has answered.
+        """
+        self._call, self._command_zero = call, command_zero
+        self._on_failure, self._on_success = on_failure, on_success
+        self._dangers: queue.Queue[str] = queue.Queue(maxsize=1)
+        self._hung = threading.Semaphore(MAX_HUNG_CALLS)
+        self.pending = False
+
+    def start(self, danger: str) -> None:
+        """Ask for a stop because of a danger, put in words; ignored while one is pending. Any thread."""
+        if not self.pending:
+            self.pending = True
+            self._dangers.put_nowait(danger)
+
+    def run(self, is_shutdown: Callable[[], bool]) -> None:
+        """Serve stops until the node is shut down."""
+        while not is_shutdown():
+            try:
+                danger = self._dangers.get(timeout=ZERO_PERIOD)
+            except queue.Empty:
+                continue
+            self._serve(danger, is_shutdown)
+            self.pending = False
+
+    def _serve(self, danger: str, is_shutdown: Callable[[], bool]) -> None:
+        begin = time.monotonic()
+        while not is_shutdown():
+            answers = self._start_call()
+            end = time.monotonic() + CALL_TIMEOUT
+            failure: Optional[str] = f"it did not answer within {CALL_TIMEOUT:g} s"
+            while time.monotonic() < end and not is_shutdown():
+                try:
+                    failure = answers.get(timeout=ZERO_PERIOD)
+                    break
+                except queue.Empty:
+                    if time.monotonic() - begin > ZERO_DELAY:
+                        self._command_zero()
+            if failure is None:
+                self._on_success(danger)
+                return
+            self._on_failure(danger, failure)
+            again = time.monotonic() + RETRY_PERIOD
+            while time.monotonic() < again and not is_shutdown():
+                self._command_zero()
+                time.sleep(ZERO_PERIOD)
+
+    def _start_call(self) -> queue.Queue[Optional[str]]:
+        """Queue that gets the outcome of a new call; nothing comes while too many calls hang."""
+        answers: queue.Queue[Optional[str]] = queue.Queue()
+
+        def call() -> None:
+            try:
+                answers.put(self._call())
+            finally:
+                self._hung.release()
+
+        if self._hung.acquire(blocking=False):
+            threading.Thread(target=call, daemon=True).start()
+        return answers

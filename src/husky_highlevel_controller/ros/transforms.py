@@ -1,0 +1,42 @@
+"""Lookup of transforms in a TF buffer: never waits, never raises, never returns a pose that cannot be one."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Optional
+
+import rospy
+import tf2_ros
+from geometry_msgs.msg import Transform, TransformStamped
+
+MAX_COORDINATE = 1e6  # [m], farther away is no pose; tf2 refuses NaN, but neither infinity nor 1e308
+
+
+def lookup_transform(
+    transforms: tf2_ros.BufferCore, parent: str, child: str, stamp: Optional[rospy.Time] = None
+) -> Optional[TransformStamped]:
+    """Transform of a child frame in its parent frame.
+
+    Args:
+        transforms: TF buffer.
+        parent: frame of the result.
+        child: frame that is looked up; one leading slash, as before tf2, is taken off.
+        stamp: its time; None: the latest.
+
+    Returns:
+        None where TF knows no such transform, a frame's name is illegal, or the pose is not finite or
+        beyond MAX_COORDINATE.
+    """
+    try:
+        found = transforms.lookup_transform_core(parent, child.lstrip("/"), stamp or rospy.Time())
+    except (tf2_ros.TransformException, ValueError):  # ValueError: an empty name, or one with a NUL
+        return None
+    return found if is_pose(found.transform) else None
+
+
+def is_pose(transform: Transform) -> bool:
+    """Whether all numbers of a transform are finite, and its translation within MAX_COORDINATE."""
+    t, r = transform.translation, transform.rotation
+    return all(abs(value) <= MAX_COORDINATE for value in (t.x, t.y, t.z)) and all(
+        isfinite(value) for value in (r.x, r.y, r.z, r.w)
+    )
