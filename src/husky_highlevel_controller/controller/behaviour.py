@@ -248,6 +248,8 @@ def _act(
     if not measured and not (observation.scan.returns == inf).any():  # no beam, or too close for all
         reason = "no pillar in the scan (it has no valid range): standing still; is the lidar covered?"
         return State.WAITING, STOP, reason, None
+    if controller_state.track.doubtful and target is not None:
+        return State.WAITING, STOP, "the pillar walked away: standing still until one stands", None
     in_sight = target if pillar_seen else None
     points = near_points(observation.scan, observation.laser_in_base, in_sight, observation.outline)
     if target is not None and (pillar_seen or control.search):

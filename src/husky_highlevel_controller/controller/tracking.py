@@ -1,13 +1,17 @@
 """Tracker of one pillar in odom: data association and a filter of its position.
 
 In: the pillars of a scan, and where the lidar was. Out: the one that is followed, and what is believed of it.
-Must not know: ROS, PyBullet, what the robot does about it.
 
 The first pillar seen, or the nearest of several, is followed until it proves to be none: its place is in
 view, nothing hides it, and yet no pillar is there for EMPTY_TIMEOUT. A near place that stays hidden counts
 a tenth of that time, so it is given up after 5 s, but not by a robot that has arrived; one out of view is
 kept for as long as odom is, ever less certain. A place that was given up is believed again only when more
 beams fall on it, that is, from nearer by.
+
+An estimate is confirmed when it was seen from places BASELINE apart, or for WATCH_TIME. Before that it is
+given up after EMPTY_TIMEOUT out of view or hidden, too. An estimate that moves WALK within WATCH_TIME is a
+leg or a wheel, not a pillar: it is dropped, pillars elsewhere come first, and the next one is to be
+confirmed before the robot drives to it.
 """
 
 from __future__ import annotations
@@ -27,6 +31,8 @@ _LONGEST_PERIOD = 0.1  # [s], a gap between scans counts as no longer than this
 _DRIFT = 0.02  # [m/sqrt(s)], how fast a place in odom becomes uncertain
 _GATE, _GATE_SHARE = 0.5, 0.03  # [m] and share of the distance, how far a pillar may be from where it was
 _MAX_REJECTED = 8  # places given up that are remembered
+BASELINE, WATCH_TIME = 0.3, 2.0  # [m] between two places of the lidar; [s], a step of a walk takes 0.6 s
+WALK = 0.2  # [m] beyond the errors of a sighting; legs walk 0.5 to 1.5 m/s, odom drifts below 0.1 m/s
 
 
 class Estimate(NamedTuple):
@@ -49,6 +55,13 @@ class Visibility(Enum):
     UNKNOWN = "unknown"  # nothing is remembered
 
 
+class Anchor(NamedTuple):
+    """Where an estimate and the lidar were, at most WATCH_TIME ago."""
+
+    estimate: Estimate
+    laser: Tuple[float, float]  # [m], in odom
+
+
 class Track(NamedTuple):
     """One pillar followed."""
 
@@ -57,6 +70,14 @@ class Track(NamedTuple):
     beams: int = 0  # most that a scan had on it
     updated_at: float = 0.0  # [s]
     rejected: Tuple[Tuple[float, float, int], ...] = ()  # places given up: x, y in odom [m]; beams they had
+    anchor: Optional[Anchor] = None
+    confirmed: bool = False  # seen for long enough, or from places far enough apart
+    walked_to: Optional[Tuple[float, float]] = None  # [m], in odom, where the last estimate had walked
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the estimate may be the one that walked before: not yet to be driven to."""
+        return self.walked_to is not None and not self.confirmed
 
 
 class Sighting(NamedTuple):
@@ -86,20 +107,25 @@ def follow(
     sightings = [
         Sighting(pillar, transform_point(laser_in_odom, (pillar.x, pillar.y, 0.0))) for pillar in pillars
     ]
-    if track.estimate is not None:
-        sighting = _match(track.estimate, sightings, scan.stamp)
+    estimate = track.estimate
+    if estimate is not None:
+        sighting = _match(estimate, sightings, scan.stamp)
         if sighting is not None:
-            return _seen(track, sighting, period, scan), sighting, Visibility.SEEN
-        visibility = look_at(track.estimate, scan, laser_in_odom)
-        weight = _weight(visibility, track.estimate, laser_in_odom, patient)
-        track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
-        if track.missed_time <= EMPTY_TIMEOUT:
-            return track, None, visibility
-        track = _give_up(track)
-    for sighting in sightings:
+            seen = _seen(track, sighting, period, scan, laser_in_odom)
+            if not _walks(seen, sighting.pillar):
+                return _watched(seen, laser_in_odom), sighting, Visibility.SEEN
+            track = _give_up(seen, reject=True)._replace(walked_to=sighting.center_in_odom[:2])
+        else:
+            visibility = look_at(estimate, scan, laser_in_odom)
+            weight = _weight(visibility, track, laser_in_odom, patient)
+            track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
+            if track.missed_time <= EMPTY_TIMEOUT:
+                return track, None, visibility
+            track = _give_up(track, reject=track.confirmed or visibility is Visibility.EMPTY)
+    for sighting in sorted(sightings, key=lambda sighting: _at(track.walked_to, sighting)):
         (x, y, _), seen_beams = sighting.center_in_odom, sighting.pillar.beams
         if all(hypot(x - dx, y - dy) > _GATE or seen_beams > beams for dx, dy, beams in track.rejected):
-            return _seen(track, sighting, period, scan), sighting, Visibility.SEEN
+            return _seen(track, sighting, period, scan, laser_in_odom), sighting, Visibility.SEEN
     return track._replace(updated_at=scan.stamp), None, Visibility.UNKNOWN
 
 
@@ -108,20 +134,50 @@ def aged(estimate: Estimate, stamp: float) -> Estimate:
     return estimate._replace(deviation=_deviation_at(estimate, stamp))
 
 
-def _weight(visibility: Visibility, estimate: Estimate, laser_in_odom: Pose, patient: bool) -> float:
+def _walks(track: Track, pillar: Pillar) -> bool:
+    """Whether the estimate has moved since its anchor, by more than errors of pose and sighting explain."""
+    assert track.estimate is not None
+    assert track.anchor is not None
+    before, now = track.anchor.estimate, track.estimate
+    errors = _GATE_SHARE * hypot(pillar.x, pillar.y) + 3.0 * min(before.deviation, 0.3)
+    return hypot(now.x - before.x, now.y - before.y) > WALK + errors
+
+
+def _watched(track: Track, laser_in_odom: Pose) -> Track:
+    """The track, confirmed and with a new anchor once the estimate has stood for long enough."""
+    assert track.estimate is not None
+    assert track.anchor is not None
+    before, (x, y, _) = track.anchor, laser_in_odom.position
+    watched = track.estimate.seen_at - before.estimate.seen_at >= WATCH_TIME
+    if not watched and hypot(x - before.laser[0], y - before.laser[1]) < BASELINE:
+        return track
+    anchor = Anchor(track.estimate, (x, y)) if watched else before
+    return track._replace(anchor=anchor, confirmed=True, walked_to=None)
+
+
+def _at(place: Optional[Tuple[float, float]], sighting: Sighting) -> bool:
+    """Whether a sighting is at a place, in odom."""
+    x, y, _ = sighting.center_in_odom
+    return place is not None and hypot(x - place[0], y - place[1]) <= _GATE
+
+
+def _weight(visibility: Visibility, track: Track, laser_in_odom: Pose, patient: bool) -> float:
     """How much a second in which the pillar is not seen counts against it."""
-    if visibility is Visibility.EMPTY:
+    estimate = track.estimate
+    assert estimate is not None
+    if visibility is Visibility.EMPTY or not track.confirmed:
         return 1.0
     x, y, _ = laser_in_odom.position
     near = hypot(estimate.x - x, estimate.y - y) < _AT_PLACE
     return _HIDDEN_WEIGHT if visibility is Visibility.HIDDEN and near and not patient else 0.0
 
 
-def _give_up(track: Track) -> Track:
-    """Without the estimate, but knowing where it was."""
+def _give_up(track: Track, reject: bool) -> Track:
+    """The track without its estimate, whose place is remembered if it is rejected."""
     assert track.estimate is not None
     place = (track.estimate.x, track.estimate.y, min(track.beams, _MANY_BEAMS - 1))
-    return Track(updated_at=track.updated_at, rejected=(*track.rejected[1 - _MAX_REJECTED :], place))
+    rejected = (*track.rejected[1 - _MAX_REJECTED :], place) if reject else track.rejected
+    return Track(updated_at=track.updated_at, rejected=rejected, walked_to=track.walked_to)
 
 
 def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
@@ -156,7 +212,7 @@ def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optio
     return best
 
 
-def _seen(track: Track, sighting: Sighting, period: float, scan: Scan) -> Track:
+def _seen(track: Track, sighting: Sighting, period: float, scan: Scan, laser_in_odom: Pose) -> Track:
     """Update the estimate with a sighting; the gains are those of a Kalman filter."""
     pillar, (x, y, _) = sighting
     radius = pillar.radius
@@ -169,12 +225,13 @@ def _seen(track: Track, sighting: Sighting, period: float, scan: Scan) -> Track:
         x, y = old.x + gain * (x - old.x), old.y + gain * (y - old.y)
         radius = old.radius + gain * (radius - old.radius)
         variance *= gain
-    return Track(
-        estimate=Estimate(x, y, radius, sqrt(variance), scan.stamp),
+    estimate = Estimate(x, y, radius, sqrt(variance), scan.stamp)
+    return track._replace(
+        estimate=estimate,
         missed_time=max(track.missed_time - 2.0 * period, 0.0),
         beams=max(track.beams, pillar.beams),
         updated_at=scan.stamp,
-        rejected=track.rejected,
+        anchor=track.anchor or Anchor(estimate, laser_in_odom.position[:2]),
     )
 
 

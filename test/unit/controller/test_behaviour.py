@@ -227,13 +227,25 @@ def test_a_pillar_that_is_hidden_for_a_while_is_driven_to_all_the_same():
 
 def test_what_is_remembered_becomes_less_certain_until_it_is_seen_again():
     toy = Toy([(6.0, 0.0, 0.2)], search=False)
-    seen = toy.drive(0.5)[-1].output.estimate
-    toy.segments = [(2.0, -3.0, 2.0, 3.0)]
+    seen = toy.drive(1.0)[-1].output.estimate
+    toy.segments = [(3.0, -3.0, 3.0, 3.0)]
     hidden = [step.output.estimate for step in toy.drive(4.0)]
     assert 2.0 * seen.deviation < hidden[100].deviation < hidden[-1].deviation
     assert {estimate.seen_at for estimate in hidden} == {seen.seen_at}
     toy.segments = []
     assert toy.drive(0.5)[-1].output.estimate.deviation < 0.5 * hidden[-1].deviation
+
+
+def test_it_does_not_follow_legs_that_walk_and_drives_to_what_stands():
+    toy, driven = Toy([(5.0, -1.5, 0.2)]), []
+    for _ in range(30):  # 0.6 m/s for 6 s
+        driven += toy.drive(0.2)
+        x, y, radius = toy.circles[0]
+        toy.circles = [(x, y + 0.12, radius)]
+    assert driven[-1].output.state is State.WAITING
+    assert "walked" in driven[-1].output.reason
+    assert hypot(toy.pose.x, toy.pose.y) < 1.0
+    assert toy.drive(12.0)[-1].output.state is State.ARRIVED
 
 
 def test_a_pillar_that_is_taken_away_is_looked_for_and_the_new_one_found():
@@ -556,9 +568,9 @@ def test_a_robot_that_only_drives_is_never_taken_for_one_that_was_moved():
 
 def test_a_near_place_that_stays_hidden_is_given_up_after_five_seconds():
     """Each second counts a tenth, against 0.5 s."""
-    toy = Toy([(1.6, 0.0, 0.2)], period=0.05)
-    toy.drive(0.5)
+    toy = Toy([(2.4, 0.0, 0.2)], period=0.05)
+    toy.drive(1.0)
     toy.enabled = False  # it stays before what hides the place
-    toy.circles, toy.segments = [], [(1.0, -3.0, 1.0, 3.0)]
+    toy.circles, toy.segments = [], [(1.9, -3.0, 1.9, 3.0)]
     gone = next(step.time for step in toy.drive(12.0) if step.output.estimate is None)
     assert gone == pytest.approx(5.5, abs=0.6)

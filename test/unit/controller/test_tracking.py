@@ -10,6 +10,7 @@ import pytest
 from scenes import UPSIDE_DOWN
 
 from husky_highlevel_controller.controller.tracking import (
+    Anchor,
     Estimate,
     Track,
     Visibility,
@@ -39,8 +40,9 @@ def seen(track, stamp, *pillars):
 
 
 def known(x, y=0.0, deviation=0.0, beams=20):
-    """A track that showed its pillar at 0 s."""
-    return Track(Estimate(x, y, 0.2, deviation, 0.0), beams=beams)
+    """A confirmed track that showed its pillar at 0 s."""
+    estimate = Estimate(x, y, 0.2, deviation, 0.0)
+    return Track(estimate, beams=beams, anchor=Anchor(estimate, (0.0, 0.0)), confirmed=True)
 
 
 def given_up(track, period=0.02, ranges=np.inf, seconds=30.0, start=0.0):
@@ -135,6 +137,64 @@ def test_how_far_off_a_pillar_is_taken_for_the_followed_one(distance, deviation,
 def test_of_two_that_might_be_it_the_nearer_to_the_old_place_is():
     _, sighting, _ = seen(known(4.0), 0.02, pillar(4.0, 0.3), pillar(4.0, -0.2))
     assert sighting.pillar.y == -0.2
+
+
+# ---------------------------------------------------------------------------- what stands, what walks
+
+
+def watch(speed, seconds, track=None, start=0.0, others=(), laser_speed=0.0):
+    """Tracks while a pillar 3 m ahead moves sideways, 50 scans a second."""
+    track, tracks = track or Track(), []
+    for step in range(round(50 * seconds)):
+        stamp = start + 0.02 * step
+        laser, now = Pose((laser_speed * stamp, 0.0, 0.0)), scan_at(stamp)
+        sightings = [pillar(3.0 - laser_speed * stamp, -1.0 + speed * stamp), *others]
+        track, _, _ = follow(track, sightings, now, laser)
+        tracks.append(track)
+    return tracks
+
+
+def test_an_estimate_is_confirmed_when_it_stood_for_two_seconds():
+    assert [track.confirmed for track in watch(0.0, 3.0)].index(True) == pytest.approx(100, abs=1)
+
+
+def test_an_estimate_is_confirmed_when_it_was_seen_from_places_0_3_m_apart():
+    assert [track.confirmed for track in watch(0.0, 3.0, laser_speed=0.5)].index(True) == pytest.approx(
+        30, abs=1
+    )
+
+
+@pytest.mark.parametrize("laser_speed", [0.0, 0.2])
+@pytest.mark.parametrize("speed", [0.3, 0.5, 1.5])
+def test_what_walks_is_dropped_and_never_confirmed(speed, laser_speed):
+    tracks = watch(speed, 4.0, laser_speed=laser_speed)
+    assert not any(track.confirmed for track in tracks)
+    assert [track.doubtful for track in tracks].index(True) < 50 * (0.35 / speed + 0.2)
+    assert tracks[-1].doubtful
+
+
+def test_a_confirmed_pillar_that_begins_to_walk_is_dropped():
+    stood = watch(0.0, 3.0)[-1]
+    assert any(track.doubtful for track in watch(0.5, 1.0, stood._replace(updated_at=0.0)))
+
+
+def test_a_place_that_drifts_with_odometry_is_kept():
+    assert watch(0.05, 10.0)[-1].confirmed
+
+
+def test_after_one_that_walked_a_pillar_elsewhere_comes_first():
+    tracks = watch(0.5, 4.0, others=[pillar(6.0, 2.5)])
+    assert tracks[0].estimate.x == pytest.approx(3.0), "the nearer one"
+    assert tracks[-1].estimate.x == pytest.approx(6.0)
+    assert tracks[-1].confirmed
+
+
+def test_what_was_seen_for_a_moment_is_dropped_when_something_hides_it_and_believed_when_it_shows_again():
+    track = watch(0.0, 0.5)[-1]
+    for step in range(25, 60):
+        track, _, _ = follow(track, [], scan_at(0.02 * step, ranges=0.5), LASER)
+    assert track.estimate is None
+    assert seen(track, 2.0, pillar(3.0, -1.0, beams=3))[1] is not None
 
 
 # ---------------------------------------------------------------------------- how sure it is

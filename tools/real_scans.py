@@ -1,0 +1,289 @@
+"""Pillar detection and tracking on logs of real lidars: sightings, ghosts, confirmed estimates.
+
+./dev run python tools/real_scans.py LOG... [--scans 1500] [--tolerance 0.15]
+
+A log is a CARMEN log with corrected poses (`*.log`, `*.log.gz`: acschaefer/ple, data/carmen) or a rosbag of
+sensor_msgs/LaserScan from lidars at rest (tysik/obstacle_detector, resources). Parameters are those of
+config/controller.yaml with config/robot.yaml and the lidar's limits of config/robot_profile.yaml; only the
+tolerance of the radius is wider, for there are few columns of exactly 0.4 m.
+
+A place is judged by the scans taken 0.7 m and more away from where it was sighted, within 12 m, that look
+there. It stands if at least half of them have a return there, and is a ghost if fewer than a fifth have;
+with fewer than three such scans it is not judged. A rosbag's places are judged by all its scans. A
+controller begins at every scan; its first confirmed estimate counts. A round body stands and has returns on
+its circle most of the way round; the last row offers each such body, seen from two places, alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+from dataclasses import replace
+from functools import partial
+from math import dist, hypot, pi, radians
+from pathlib import Path
+from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+import yaml
+
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
+from husky_highlevel_controller.controller.tracking import BASELINE, Track, follow
+from husky_highlevel_controller.datatypes import Pillar, Pose, Pose2D, Scan
+from husky_highlevel_controller.geometry import pose_from_2d, transform_point, wrap_angle
+
+CONFIG = Path(__file__).parents[1] / "config"
+ELSEWHERE, FARTHEST = 0.7, 12.0  # [m], of scans that judge a place: from where it was sighted, from it
+SLACK = 0.1  # [m], errors of the poses
+STANDS, GHOST, VOTERS = 0.5, 0.2, 3
+LONGEST_DRIVE = 40  # scans after a start in which an estimate may be confirmed
+ROUND_SECTORS = 5  # of eight round a place, with returns on the circle: a standing round body
+
+
+class Log(NamedTuple):
+    """Scans of one lidar, and where each was taken."""
+
+    name: str
+    scans: List[Scan]
+    poses: np.ndarray  # (N, 3) of the lidar: x, y [m], yaw [rad]
+    at_rest: bool  # the lidar never moved
+
+
+class Place(NamedTuple):
+    """Where a pillar was found, and from where."""
+
+    x: float  # [m]
+    y: float  # [m]
+    radius: float  # [m]
+    beams: int  # most that a scan had on it
+    seen_from: Tuple[int, ...]  # scans that found it
+
+
+def read_carmen(path: Path, max_range: float, speeds: Tuple[float, float]) -> Log:
+    """The scans of a CARMEN log with the poses of a map.
+
+    Args:
+        path: of the log; 180 or 181 beams a degree apart, 360 or 361 half a degree.
+        max_range: readings from here on are misses [m].
+        speeds: [m/s] and [rad/s] at which the path is driven, as few logs have true stamps.
+    """
+    scans: List[Scan] = []
+    poses: List[Tuple[float, float, float]] = []
+    stamp = 0.0
+    with (gzip.open if path.suffix == ".gz" else open)(path, "rt", errors="replace") as lines:
+        for line in lines:
+            words = line.split()
+            if not words or words[0] != "FLASER":
+                continue
+            count = int(words[1])
+            ranges = np.array(words[2 : 2 + count], dtype=float)
+            x, y, yaw = map(float, words[2 + count : 5 + count])
+            if poses:
+                driven = hypot(x - poses[-1][0], y - poses[-1][1])
+                stamp += max(driven / speeds[0], abs(wrap_angle(yaw - poses[-1][2])) / speeds[1], 0.1)
+            step = radians(180.0 / (count - count % 2))
+            last = -pi / 2.0 + (count - 1) * step
+            scans.append(Scan(stamp, "laser", -pi / 2.0, last, 0.01, max_range, ranges))
+            poses.append((x, y, yaw))
+    if not scans:
+        raise SystemExit(f"{path}: no FLASER line in it; is it a CARMEN log?")
+    return Log(path.name.split(".")[0].replace("-corrected", ""), scans, np.array(poses), False)
+
+
+def read_bag(path: Path) -> List[Log]:
+    """The scans of each LaserScan topic of a rosbag, taken by a lidar at rest."""
+    import rosbag
+
+    scans: Dict[str, List[Scan]] = {}
+    with rosbag.Bag(str(path)) as bag:
+        for topic, message, _ in bag.read_messages():
+            if message._type == "sensor_msgs/LaserScan":
+                stamp, ranges = message.header.stamp.to_sec(), np.array(message.ranges)
+                limits = message.angle_min, message.angle_max, message.range_min, message.range_max
+                scans.setdefault(topic, []).append(Scan(stamp, message.header.frame_id, *limits, ranges))
+    return [
+        Log(f"{path.stem} {topic}", taken, np.zeros((len(taken), 3)), True) for topic, taken in scans.items()
+    ]
+
+
+def looks(log: Log, place: Place) -> Tuple[np.ndarray, np.ndarray]:
+    """Of each scan, (N,) bool: whether it has a return at the place; whether it looks through it."""
+    first = log.scans[0]
+    step, count = first.angle_increment, len(first.ranges)
+    dx, dy = place.x - log.poses[:, 0], place.y - log.poses[:, 1]
+    distance = np.hypot(dx, dy)
+    bearing = np.arctan2(dy, dx) - log.poses[:, 2]
+    half = np.arcsin(np.minimum(0.9 * place.radius / np.maximum(distance, 1e-9), 1.0))
+    spread = np.linspace(-1.0, 1.0, 9)
+    angles = np.mod(bearing[:, None] + half[:, None] * spread - first.angle_min + pi / 2, 2.0 * pi) - pi / 2
+    beams = np.rint(angles / step).astype(int)
+    inside = ((beams >= 0) & (beams < count)).all(axis=1) & (distance < FARTHEST) & (distance > place.radius)
+    hit, through = np.zeros(len(log.scans), dtype=bool), np.zeros(len(log.scans), dtype=bool)
+    for i in inside.nonzero()[0]:
+        ranges = log.scans[i].returns[beams[i]]
+        directions = log.poses[i, 2] + first.angle_min + beams[i] * step
+        with np.errstate(invalid="ignore"):
+            off_x = ranges * np.cos(directions) - dx[i]
+            off_y = ranges * np.sin(directions) - dy[i]
+        hit[i] = 3 * (np.hypot(off_x, off_y) < place.radius + SLACK).sum() >= len(ranges)
+        beyond = ranges > distance[i] - place.radius - SLACK
+        through[i] = not hit[i] and 2 * beyond.sum() > len(ranges)
+    return hit, through
+
+
+def share_standing(log: Log, place: Place) -> Optional[float]:
+    """Share of the judging scans that have a return at the place; None with too few of them."""
+    hit, through = looks(log, place)
+    if not log.at_rest:
+        elsewhere = np.ones(len(log.scans), dtype=bool)
+        for scan in place.seen_from:
+            away = log.poses[:, :2] - log.poses[scan, :2]
+            elsewhere &= np.hypot(away[:, 0], away[:, 1]) >= ELSEWHERE
+        hit, through = hit & elsewhere, through & elsewhere
+    voters = int(hit.sum() + through.sum())
+    return hit.sum() / voters if voters >= VOTERS else None
+
+
+def is_round(log: Log, place: Place) -> bool:
+    """Whether the returns of all scans near a place lie on its circle, most of the way round."""
+    hit, _ = looks(log, place)
+    points = []
+    for i in hit.nonzero()[0]:
+        scan, (x, y, yaw) = log.scans[i], log.poses[i]
+        returns = np.where(scan.valid, scan.ranges, 1e9)
+        points.append(
+            np.stack([x + returns * np.cos(scan.bearings + yaw), y + returns * np.sin(scan.bearings + yaw)])
+        )
+    if not points:
+        return False
+    off = np.concatenate(points, axis=1) - [[place.x], [place.y]]
+    distance, bearing = np.hypot(*off), np.arctan2(off[1], off[0])
+    near = distance < place.radius + 0.25
+    on_circle = near & (np.abs(distance - place.radius) < SLACK)
+    sectors = np.unique(np.floor((bearing[on_circle] + pi) / (pi / 4.0)).clip(0, 7))
+    return on_circle.sum() >= 0.8 * near.sum() and len(sectors) >= ROUND_SECTORS
+
+
+def in_odom(log: Log, scan: int, pillar: Pillar) -> Tuple[float, float]:
+    """Centre of a pillar of a scan in the log's frame, x, y [m]."""
+    return transform_point(laser_pose(log.poses[scan]), (pillar.x, pillar.y, 0.0))[:2]
+
+
+def laser_pose(row: Sequence[float]) -> Pose:
+    """Pose of the lidar from x, y [m] and yaw [rad]."""
+    return pose_from_2d(Pose2D(*map(float, row)))
+
+
+def confirmed_from(log: Log, found: List[List[Pillar]], start: int) -> Optional[Place]:
+    """The first estimate that a controller which begins at scan `start` confirms."""
+    track, seen_from = Track(), []  # type: Tuple[Track, List[int]]
+    for i in range(start, min(start + LONGEST_DRIVE, len(log.scans))):
+        before = track.anchor
+        track, sighting, _ = follow(track, found[i], log.scans[i], laser_pose(log.poses[i]))
+        if track.estimate is not None and sighting is not None:
+            seen_from = [*seen_from, i] if track.anchor is before or track.confirmed else [i]
+            if track.confirmed:
+                x, y, radius = track.estimate[:3]
+                return Place(x, y, radius, track.beams, tuple(seen_from))
+    return None
+
+
+def distinct(places: List[Place]) -> List[Place]:
+    """One place of each body."""
+    kept: List[Place] = []
+    for place in places:
+        if all(hypot(place.x - other.x, place.y - other.y) > 0.4 for other in kept):
+            kept.append(place)
+    return kept
+
+
+def row(log: Log, places: List[Place]) -> Tuple[int, int, int, int]:
+    """How many places: found, judged, standing, ghosts."""
+    shares = [share_standing(log, place) for place in places]
+    judged = [share for share in shares if share is not None]
+    return (
+        len(places),
+        len(judged),
+        sum(share >= STANDS for share in judged),
+        sum(share < GHOST for share in judged),
+    )
+
+
+def report(log: Log, config: PillarConfig) -> Dict[str, Tuple[int, int, int, int]]:
+    """Rows of one log: sightings by number of beams, confirmed estimates, each body once."""
+    found = [find_pillars(scan, config) for scan in log.scans]
+    places = []
+    for i, pillars in enumerate(found):
+        for pillar in pillars:
+            places.append(Place(*in_odom(log, i, pillar), pillar.radius, pillar.beams, (i,)))
+    rows = {
+        "2-3 beams": row(log, [place for place in places if place.beams <= 3]),
+        "4-5 beams": row(log, [place for place in places if 4 <= place.beams <= 5]),
+        "6 and more": row(log, [place for place in places if place.beams >= 6]),
+    }
+    confirmed = [confirmed_from(log, found, start) for start in range(len(log.scans))]
+    estimates = [place for place in confirmed if place is not None]
+    rows["confirmed"] = row(log, estimates)
+    rows["bodies confirmed"] = row(log, distinct(estimates))
+    standing = [
+        place
+        for place in distinct(sorted(places, key=lambda place: -place.beams))
+        if (share_standing(log, place) or 0.0) >= STANDS and is_round(log, place)
+    ]
+    rows["round bodies"] = len(standing), len(standing), len(standing), 0
+    followed = [followed_alone(log, found, place) for place in standing]
+    seen_twice = sum(confirmed is not None for confirmed in followed)
+    rows["  from two places"] = seen_twice, seen_twice, sum(map(bool, followed)), 0
+    return rows
+
+
+def followed_alone(log: Log, found: List[List[Pillar]], body: Place) -> Optional[bool]:
+    """Whether a body is confirmed where the tracker is offered nothing else; None if seen from one place."""
+    own = [
+        [p for p in pillars if dist(in_odom(log, i, p), (body.x, body.y)) < 0.4]
+        for i, pillars in enumerate(found)
+    ]
+    seen = [i for i, pillars in enumerate(own) if pillars]
+    steps = np.diff(log.poses[seen, :2], axis=0)
+    if not (np.hypot(*steps.T)[np.diff(seen) <= 5] >= BASELINE).any():
+        return None
+    return any(confirmed_from(log, own, start) is not None for start in seen)
+
+
+def main() -> None:
+    """Print the table of each log, and of all together."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("logs", nargs="+", type=Path)
+    parser.add_argument("--scans", type=int, default=1500, help="most scans of a log, its first ones")
+    parser.add_argument("--tolerance", type=float, default=0.15, help="of the radius [m]")
+    options = parser.parse_args()
+    values = {}
+    for name in ("controller.yaml", "robot.yaml"):
+        values.update(yaml.safe_load((CONFIG / name).read_text()))
+    lidar = yaml.safe_load((CONFIG / "robot_profile.yaml").read_text())["lidar"]
+    known = {name: values[name] for name in PillarConfig.__dataclass_fields__}
+    config = replace(PillarConfig(**known), radius_tolerance=options.tolerance)
+    totals: Dict[str, Tuple[int, ...]] = {}
+    for path in options.logs:
+        carmen = partial(
+            read_carmen, max_range=lidar["range_max"], speeds=(values["max_linear"], values["max_angular"])
+        )
+        for log in read_bag(path) if path.suffix == ".bag" else [carmen(path)]:
+            log = log._replace(scans=log.scans[: options.scans], poses=log.poses[: options.scans])
+            rows = report(log, config)
+            show(f"{log.name} ({len(log.scans)} scans)", rows)
+            for name, counts in rows.items():
+                totals[name] = tuple(map(sum, zip(totals.get(name, (0,) * 4), counts)))
+    show("all", totals)
+
+
+def show(title: str, rows: Mapping[str, Sequence[int]]) -> None:
+    """Print the rows of one log."""
+    print(title)
+    for name, (count, judged, stand, ghosts) in rows.items():
+        shares = f"{stand / judged:6.1%} stand, {ghosts / judged:6.1%} ghosts" if judged else ""
+        print(f"  {name:18} {count:6} found, {judged:6} judged {shares}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
