@@ -77,7 +77,7 @@ def test_pillars_come_nearest_first():
 def test_reach(noise, clutter, least_found, error_p95):
     errors = []
     for number in range(300):
-        scene = pillar_scene(number, 5, noise=noise, clutter=clutter)
+        scene = pillar_scene(number, 5, clutter, replace(SICK, noise=noise))
         x, y, _ = scene.pillar
         errors.append(min((hypot(p.x - x, p.y - y) for p in find_pillars(scene.scan, CONFIG)), default=inf))
     found = [error for error in errors if error < 0.2]
