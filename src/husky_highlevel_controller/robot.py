@@ -86,9 +86,7 @@ class Topics:
     """Names of the topics, in the robot's namespace."""
 
     scan: str = field(metadata={"help": "sensor_msgs/LaserScan"})
-    points: str = field(
-        metadata={"help": "sensor_msgs/PointCloud2 of a 3D lidar; empty: none", "optional": True}
-    )
+    points: str = field(metadata={"help": "sensor_msgs/PointCloud2 of a 3D lidar, if it has one"})
     imu: str = field(metadata={"help": "sensor_msgs/Imu"})
     odometry: str = field(metadata={"help": "nav_msgs/Odometry of wheels and gyro"})
     wheel_odometry: str = field(metadata={"help": "nav_msgs/Odometry of the wheels"})

@@ -18,11 +18,12 @@ from husky_highlevel_controller.simulator.sensors.imu import Imu
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays, Lidar
 from husky_highlevel_controller.simulator.sensors.lms1xx import Lms1xx
 from husky_highlevel_controller.simulator.sensors.magnetometer import Magnetometer
+from husky_highlevel_controller.simulator.sensors.point_lidar import PointLidar
 from husky_highlevel_controller.simulator.sensors.vibration import ShakenImu
 from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per
 
 # of the seed: each sensor draws from its own stream, so that none shifts another's; None is the seed itself
-LIDAR_STREAM, IMU_STREAM, GPS_STREAM, MAG_STREAM = None, 1, 2, 3
+LIDAR_STREAM, IMU_STREAM, GPS_STREAM, MAG_STREAM, POINTS_STREAM = None, 1, 2, 3, 4
 
 
 class Sensor(NamedTuple):
@@ -43,6 +44,7 @@ class Equipment(NamedTuple):
     sensors: List[Sensor]
     wheel_steps: int  # physics steps between two readings of the encoders
     encode: Callable[[WheelState], WheelState]  # the wheels as the encoders report them
+    points: Optional[PointLidar]
     power: Optional[Power] = None
 
 
@@ -72,9 +74,11 @@ def equip(
     track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
     imu = ShakenImu(still, real.ground.vibration, track) if real else still
     sensors = [Sensor(imu_steps, imu, "imu", IMU_STREAM)]
-    frame = model.laser_frame
+    frame, points = model.laser_frame, None
     if frame in model.fixed_poses:
         pose = model.fixed_poses[frame]
+        if config.points_rate:
+            points = PointLidar(config.points, cast, pose)
         lidar: Union[Lidar, Lms1xx] = Lidar(config.lidar, cast, frame, pose)
         if real:
             lidar = Lms1xx(real.lidar, cast, frame, pose, scan_steps * dt)
@@ -83,7 +87,9 @@ def equip(
         gps_steps = steps_per(config.gps_rate, rate, "gps_rate")
         sensors.append(Sensor(gps_steps, Gps(config.gps, gps_steps * dt), "gps", GPS_STREAM))
     if not real:
-        return Equipment(drive, IdealBase(drive, drive_config, dt), imu, sensors, 1, lambda wheels: wheels)
+        return Equipment(
+            drive, IdealBase(drive, drive_config, dt), imu, sensors, 1, lambda wheels: wheels, points
+        )
     steps_per(real.base.control_rate, ODOMETRY_RATE, "base/control_rate")  # read with an odometry sample
     resolution, radius = real.base.speed_resolution, drive_config.wheel_radius
     return Equipment(
@@ -93,5 +99,6 @@ def equip(
         [*sensors, Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM)],
         steps_per(real.base.control_rate, rate, "base/control_rate"),
         lambda wheels: as_encoded(wheels, resolution, radius),
+        points,
         Power(real.power, real.ground.rolling_current),
     )

@@ -24,7 +24,7 @@ from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, 
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.bullet.world import ROBOT, PlacementError
 from husky_highlevel_controller.simulator.chassis import Chassis
-from husky_highlevel_controller.simulator.equipment import equip
+from husky_highlevel_controller.simulator.equipment import POINTS_STREAM, equip
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 from husky_highlevel_controller.simulator.odometry import Odometer
 from husky_highlevel_controller.simulator.sensors.raycast import cast_rays
@@ -87,10 +87,12 @@ class Simulation:
         self._seed = self._seed if seed is None else seed
         self._steps_before += self._steps
         self._steps = 0
-        for sensor in self._equipment.sensors:
-            stream = () if sensor.stream is None else (sensor.stream,)
-            seed_sequence = np.random.SeedSequence(self._seed, spawn_key=stream)
-            sensor.device.reset(np.random.default_rng(seed_sequence))
+        devices = [(sensor.device, sensor.stream) for sensor in self._equipment.sensors]
+        if self._equipment.points:
+            devices.append((self._equipment.points, POINTS_STREAM))
+        for device, stream in devices:
+            seed_sequence = np.random.SeedSequence(self._seed, spawn_key=() if stream is None else (stream,))
+            device.reset(np.random.default_rng(seed_sequence))
         if self._equipment.power:
             self._equipment.power.reset()
         self._equipment.base.reset()
@@ -138,6 +140,11 @@ class Simulation:
         if equipment.power and wheels_due:
             samples["power"] = self._measure_power((left, right))
         return Snapshot(stamp, step, state, command, contacts, **samples)
+
+    def points(self) -> np.ndarray:
+        """The 3D lidar's points now, (rings, columns, 3) [m] in its frame; NaN where there is none."""
+        assert self._equipment.points is not None, "points_rate is 0, or the robot has no lidar"
+        return self._equipment.points.sample(self._chassis.state)
 
     def _measure_power(self, speeds: Tuple[float, float]) -> PowerState:
         """The power since the last reading of the encoders; speeds of the (left, right) wheels in rad/s."""

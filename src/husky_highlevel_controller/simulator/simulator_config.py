@@ -14,6 +14,7 @@ from husky_highlevel_controller.simulator.profile import RealHusky
 from husky_highlevel_controller.simulator.sensors.gps import GpsConfig
 from husky_highlevel_controller.simulator.sensors.imu import ImuConfig
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
+from husky_highlevel_controller.simulator.sensors.point_lidar import PointsConfig
 from husky_highlevel_controller.simulator.traction import TractionConfig
 
 ODOMETRY_RATE = 50  # [Hz], as on both robots; besides, odometry is fresh whenever there is a scan
@@ -30,6 +31,10 @@ class SimulatorConfig:
     imu: ImuConfig = field(metadata={"help": "the inertial measurement unit"})
     gps_rate: int = field(metadata={"min": 0, "max": 200, "help": "fixes a second; 0: no receiver [Hz]"})
     gps: GpsConfig = field(metadata={"help": "the satellite receiver"})
+    points_rate: int = field(
+        metadata={"min": 0, "max": 50, "help": "point clouds a second; 0: no 3D lidar [Hz]"}
+    )
+    points: PointsConfig = field(metadata={"help": "the 3D lidar"})
     robot: Robot = field(default_factory=load_robot)
     traction: TractionConfig = field(default_factory=TractionConfig)
     real: Optional[RealHusky] = None  # what a real Husky does differently; None: Gazebo's robot

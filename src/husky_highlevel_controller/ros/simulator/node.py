@@ -190,6 +190,7 @@ class SimulatorNode:
             again=partial(self._publishers.publish_clock, snapshot.stamp),
         )
         tells_time = self._publishers.publish(snapshot, on_clock)
+        self._publishers.publish_points(snapshot, self._simulation.points)
         if snapshot.power is not None and self._status:
             self._status.update(snapshot.power, self._commands.locked, snapshot.stamp)
         self._display.update(snapshot.stamp)

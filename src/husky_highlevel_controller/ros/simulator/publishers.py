@@ -7,13 +7,14 @@ message (1.15.2), and together they took as much CPU time as half a simulator.
 from __future__ import annotations
 
 from math import gcd
-from typing import Any, Callable, Set
+from typing import Any, Callable, Optional, Set
 
+import numpy as np
 import rospy
 from geometry_msgs.msg import TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Imu, JointState, LaserScan, MagneticField, NavSatFix
+from sensor_msgs.msg import Imu, JointState, LaserScan, MagneticField, NavSatFix, PointCloud2
 from tf2_msgs.msg import TFMessage
 
 from husky_highlevel_controller.datatypes import OdometrySample, Pose, Scan, Snapshot
@@ -64,6 +65,11 @@ class Publishers:
         if config.gps_rate:
             self._fix = rospy.Publisher("navsat/fix", NavSatFix, queue_size=QUEUE)
             self._fix_velocity = rospy.Publisher("navsat/vel", Vector3Stamped, queue_size=QUEUE)
+        self._points: Optional[rospy.Publisher] = None
+        if config.points_rate and robot.laser_frame in robot.fixed_poses:
+            self._points = rospy.Publisher(topics.points, PointCloud2, queue_size=QUEUE)
+            self._points_steps = steps_per(config.points_rate, config.physics_rate, "points_rate")
+            self._points_frame = robot.laser_frame
         self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
         self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
         self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
@@ -108,6 +114,14 @@ class Publishers:
     def publish_scan(self, scan: Scan) -> None:
         """Publish a scan."""
         publish_if_subscribed(self.scan, conversions.scan_to_msg, scan)
+
+    def publish_points(self, snapshot: Snapshot, measure: Callable[[], np.ndarray]) -> None:
+        """Publish the 3D lidar's points, if they are due; `measure` returns them."""
+        if self._points and snapshot.step % self._points_steps == 0:
+            publish_if_subscribed(
+                self._points,
+                lambda: conversions.points_to_msg(measure(), snapshot.stamp, self._points_frame),
+            )
 
     def _publish_state(self, snapshot: Snapshot, odometry: OdometrySample) -> None:
         stamp = snapshot.stamp

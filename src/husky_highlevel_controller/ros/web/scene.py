@@ -16,8 +16,8 @@ from visualization_msgs.msg import Marker
 from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import compose, matrix_from_quat
 from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.clouds import points_from_msg, points_from_scan
 from husky_highlevel_controller.ros.web import shapes
-from husky_highlevel_controller.ros.web.clouds import points_from_msg, points_from_scan
 from husky_highlevel_controller.ros.web.drawing import clickable, draw, place, redraw
 from husky_highlevel_controller.ros.web.frames import Frames
 from husky_highlevel_controller.ros.web.markers import Key, Markers, Solid, looks, markers_of, pieces, pose_of

@@ -88,12 +88,19 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
 def find_world(name: str, folders: Sequence[Path]) -> Path:
     """Resolve the name of a world file: an absolute path, or relative to one of `folders`.
 
+    A path that is not there, such as of a world of Gazebo's, is looked up by its last part, with a warning.
+
     Raises:
         WorldError: there is no such file.
     """
     for folder in folders:
         path = folder / name  # an absolute name stays as it is
         if path.is_file():
+            return path
+    for folder in folders:
+        path = folder / Path(name).name
+        if path.is_file():
+            log.warning("there is no world %s; taking %s of the same name", name, path)
             return path
     known = sorted({path.name for folder in folders for path in folder.glob("*.world")})
     raise WorldError(

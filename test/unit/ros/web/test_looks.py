@@ -11,8 +11,8 @@ from visualization_msgs.msg import Marker
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
+from husky_highlevel_controller.ros.clouds import points_from_msg
 from husky_highlevel_controller.ros.web import shapes
-from husky_highlevel_controller.ros.web.clouds import points_from_msg
 from husky_highlevel_controller.ros.web.frames import Frames
 from husky_highlevel_controller.ros.web.markers import (
     Dots,

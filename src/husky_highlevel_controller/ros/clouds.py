@@ -1,6 +1,6 @@
-"""Points to draw from scans and point clouds.
+"""Points of scans and point clouds.
 
-In: a `Scan`, a PointCloud2. Out: arrays (N, 3) [m] in the sensor's frame. Must not know: rospy, viser, TF.
+In: a `Scan`, a PointCloud2. Out: arrays (N, 3) [m] in the sensor's frame.
 """
 
 from __future__ import annotations

@@ -1,0 +1,79 @@
+"""Stand-in for the node of pointcloud_to_laserscan, where that package is not installed: cloud_in to scan."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Optional
+
+import numpy as np
+import rospy
+import tf2_ros
+from sensor_msgs.msg import LaserScan, PointCloud2
+
+from husky_highlevel_controller.config import read_config
+from husky_highlevel_controller.geometry import matrix_from_quat
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.clouds import points_from_msg
+from husky_highlevel_controller.ros.node import publish, run_node
+from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten
+
+MAX_POINTS = 1_000_000
+REPORT_PERIOD = 5.0  # [s] between two complaints about the same
+
+
+class PointsToScanNode(rospy.SubscribeListener):
+    """Listens to the cloud while something listens to the scan, as the real node does."""
+
+    def __init__(self) -> None:
+        defaults, given = asdict(FlattenConfig()), rospy.get_param("~", {})  # others are ignored, as there
+        values = {name: given.get(name, default) for name, default in defaults.items()}
+        (self._config,) = read_config(values, rospy.get_name() + "/", FlattenConfig)
+        self._transforms = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._transforms) if self._config.target_frame else None
+        self._clouds: Optional[rospy.Subscriber] = None
+        self._scans = rospy.Publisher("scan", LaserScan, self, queue_size=10)
+
+    def run(self) -> None:
+        """Work until the node is shut down."""
+        rospy.spin()
+
+    def peer_subscribe(self, *_: object) -> None:
+        """Called by rospy when something begins to listen to the scan."""
+        if self._clouds is None:
+            self._clouds = rospy.Subscriber("cloud_in", PointCloud2, self._on_cloud, queue_size=1)
+
+    def peer_unsubscribe(self, _topic: str, listeners: int) -> None:
+        """Called by rospy when something no longer listens."""
+        if not listeners and self._clouds is not None:
+            self._clouds.unregister()
+            self._clouds = None
+
+    def _on_cloud(self, msg: PointCloud2) -> None:
+        config, frame = self._config, msg.header.frame_id
+        points = points_from_msg(msg, MAX_POINTS).astype(float)
+        target = config.target_frame or frame
+        if target != frame:
+            try:
+                pose = conversions.pose_from_transform(
+                    self._transforms.lookup_transform_core(target, frame, rospy.Time())
+                )
+            except (tf2_ros.TransformException, ValueError) as error:
+                rospy.logwarn_throttle(REPORT_PERIOD, f"no scan from the cloud in '{frame}': {error}")
+                return
+            points = points @ matrix_from_quat(pose.quat_xyzw).T + np.array(pose.position)
+        scan = LaserScan(
+            angle_min=config.angle_min,
+            angle_max=config.angle_max,
+            angle_increment=config.angle_increment,
+            scan_time=config.scan_time,
+            range_min=config.range_min,
+            range_max=config.range_max,
+            ranges=flatten(points, config).tolist(),
+        )
+        scan.header.stamp, scan.header.frame_id = msg.header.stamp, target
+        publish(self._scans, scan)
+
+
+def main() -> None:
+    """Run the node."""
+    run_node("pointcloud_to_laserscan", PointsToScanNode)

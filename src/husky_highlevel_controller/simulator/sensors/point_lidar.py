@@ -1,0 +1,76 @@
+"""Simulated 3D lidar: rings of beams at fixed elevations, as a grid of points.
+
+In: the robot's true pose, a function that casts rays, a random generator. Out: points in the lidar's frame.
+
+The beams of two opposite columns lie in one upright plane, so the planar ray caster measures them as it
+measures a planar lidar's, in closed form: half as many casts as there are columns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import pi
+from typing import List
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import Pose, RobotState, beams_at
+from husky_highlevel_controller.geometry import compose, quat_from_rpy
+from husky_highlevel_controller.simulator.sensors.lidar import CastRays
+
+
+@dataclass(frozen=True)
+class PointsConfig:
+    """Rings, columns, range and noise; robots/ holds the values."""
+
+    rings: int = field(metadata={"min": 1, "max": 128, "help": "elevations"})
+    columns: int = field(metadata={"min": 4, "max": 4096, "help": "directions all round; even"})
+    elevation_max: float = field(
+        metadata={"min": 0.01, "max": 1.5, "help": "of the highest ring, the lowest is minus it [rad]"}
+    )
+    range_min: float = field(metadata={"min": 0.0, "max": 10.0, "help": "nearer is left out [m]"})
+    range_max: float = field(metadata={"min": 0.1, "max": 1000.0, "help": "farther is left out [m]"})
+    noise: float = field(metadata={"min": 0.0, "max": 1.0, "help": "standard deviation [m]"})
+
+
+class PointLidar:
+    """A 3D lidar on base_link."""
+
+    def __init__(self, config: PointsConfig, cast_rays: CastRays, pose_in_base: Pose) -> None:
+        self._config, self._cast_rays, self._pose_in_base = config, cast_rays, pose_in_base
+        half = config.columns // 2
+        azimuths = 2.0 * pi / config.columns * np.arange(half)  # of the columns before the seam
+        self._planes: List[Pose] = [Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, a)) for a in azimuths]
+        elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
+        # in an upright plane: the column itself, and the opposite one
+        bearings = np.append(elevations, np.where(elevations > 0.0, pi, -pi) - elevations)
+        self._order = np.argsort(bearings)
+        self._beams = beams_at(bearings[self._order])
+        columns = np.append(azimuths, azimuths + pi)
+        flat = np.cos(elevations)[:, None]
+        # unit vectors (rings, columns, 3) in the lidar's frame
+        self._directions = np.stack(
+            [
+                flat * np.cos(columns),
+                flat * np.sin(columns),
+                np.sin(elevations)[:, None] * np.ones(2 * half),
+            ],
+            axis=-1,
+        )
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin anew, with noise from `rng`."""
+        self._rng = rng
+
+    def sample(self, state: RobotState) -> np.ndarray:
+        """Points (rings, columns, 3) [m] at one instant, the lowest ring first; NaN where there is none."""
+        config, rings = self._config, self._config.rings
+        pose = compose(state.pose_in_world, self._pose_in_base)
+        ranges = np.empty((2 * rings, len(self._planes)))
+        for column, plane in enumerate(self._planes):
+            ranges[self._order, column] = self._cast_rays(compose(pose, plane), self._beams, config.range_max)
+        ranges = np.hstack([ranges[:rings], ranges[rings:]])
+        ranges[~((ranges >= config.range_min) & (ranges < config.range_max))] = np.nan
+        ranges += self._rng.normal(0.0, config.noise, ranges.shape)
+        points: np.ndarray = ranges[:, :, None] * self._directions
+        return points

@@ -1,0 +1,61 @@
+"""Planar scan of a point cloud: the nearest point in each direction, as pointcloud_to_laserscan has it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import ceil, pi
+from typing import Any
+
+import numpy as np
+
+FAR = 1e6  # [m], beyond any point
+
+
+def _number(default: Any, told: str, least: float = -FAR) -> Any:
+    return field(default=default, metadata={"min": least, "max": FAR, "help": told})
+
+
+@dataclass(frozen=True)
+class FlattenConfig:
+    """Parameters of pointcloud_to_laserscan 1.4, with its defaults."""
+
+    target_frame: str = field(
+        default="", metadata={"help": "of the scan; empty: the cloud's", "optional": True}
+    )
+    transform_tolerance: float = _number(0.01, "without effect [s]")
+    min_height: float = _number(-FAR, "lower points are left out [m]")
+    max_height: float = _number(FAR, "higher points are left out [m]")
+    angle_min: float = _number(-pi, "of the first direction [rad]")
+    angle_max: float = _number(pi, "of the last direction [rad]")
+    angle_increment: float = _number(pi / 180.0, "between directions [rad]", 1e-4)
+    scan_time: float = _number(1.0 / 30.0, "from scan to scan, only told [s]")
+    range_min: float = _number(0.0, "nearer points are left out [m]")
+    range_max: float = _number(FAR, "farther points are left out [m]")
+    use_inf: bool = field(default=True, metadata={"help": "+inf for no point; false: beyond range_max"})
+    inf_epsilon: float = _number(1.0, "how far beyond range_max [m]")
+    concurrency_level: int = _number(1, "without effect")
+    queue_size: int = _number(1, "without effect")
+
+    def __post_init__(self) -> None:
+        """Raises ValueError where there is no direction."""
+        if self.angle_min >= self.angle_max:
+            raise ValueError(f"angle_min = {self.angle_min} is not below angle_max = {self.angle_max}")
+
+
+def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
+    """Shortest horizontal distance in each direction, (M,) [m].
+
+    Args:
+        points: (N, 3) [m], finite, in the scan's frame.
+        config: heights, directions and ranges.
+    """
+    count = ceil((config.angle_max - config.angle_min) / config.angle_increment)
+    ranges = np.full(count, np.inf if config.use_inf else config.range_max + config.inf_epsilon)
+    x, y, z = points.T
+    distance, angle = np.hypot(x, y), np.arctan2(y, x)
+    kept = (z >= config.min_height) & (z <= config.max_height)
+    kept &= (distance >= config.range_min) & (distance <= config.range_max)
+    kept &= (angle >= config.angle_min) & (angle <= config.angle_max)
+    index = ((angle[kept] - config.angle_min) / config.angle_increment).astype(int)
+    np.minimum.at(ranges, np.minimum(index, count - 1), distance[kept])
+    return ranges

@@ -1,0 +1,168 @@
+"""What the sheets of ETH's course of 2021 have students do with the SMB works with `./dev launch PATH`."""
+
+import os
+import sys
+import time
+
+import pytest
+
+from husky_highlevel_controller.paths import share_folder
+
+COMMAND = (sys.executable, str(share_folder() / "tools" / "launch.py"))
+INCLUDE = '<include file="$(find smb_gazebo)/launch/smb_gazebo.launch">'
+# exercise 1: the world is changed to one of Gazebo's own
+FOOTBALL = f"""<launch>{INCLUDE}
+  <arg name="world_file" value="/usr/share/gazebo-11/worlds/robocup14_spl_field.world"/></include></launch>"""
+# exercises 2 and 3: the student's node with its parameter file, the laser, the world, the heights of the scan
+PILLAR = f"""<launch>{INCLUDE}
+    <arg name="world_file" value="$(find smb_highlevel_controller)/worlds/singlePillar.world"/>
+    <arg name="laser_enabled" value="true"/>
+    <arg name="laser_scan_min_height" value="-0.2"/>
+    <arg name="laser_scan_max_height" value="1.0"/>
+  </include>
+  <node name="smb_highlevel_controller" pkg="smb_highlevel_controller" type="controller" output="screen">
+    <rosparam command="load" file="$(find smb_highlevel_controller)/config/default.yaml"/>
+  </node>
+</launch>"""
+# drives into the pillar by the nearest return, no sign turned; exercise 5: a service that starts and stops it
+CONTROLLER = """#!/usr/bin/env python3
+import math
+import rospy
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu, LaserScan, PointCloud2
+from std_srvs.srv import SetBool, SetBoolResponse
+
+rospy.init_node("smb_highlevel_controller")
+velocity = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
+running, hit, speed = True, False, 0.0
+
+def on_scan(scan):
+    nearest = min(scan.ranges)
+    if math.isinf(nearest) and running:  # within 0.45 m nothing is seen
+        velocity.publish(command(0.8, 0.0))
+    if math.isfinite(nearest):
+        angle = scan.angle_min + scan.ranges.index(nearest) * scan.angle_increment
+        if running:
+            velocity.publish(command(0.8, angle))
+        rospy.loginfo_once(
+            "%s: smallest %.2f m at %.3f rad of %d", scan.header.frame_id, nearest, angle, len(scan.ranges)
+        )
+
+def command(linear, angular):
+    twist = Twist()
+    twist.linear.x, twist.angular.z = linear, angular
+    return twist
+
+def on_imu(imu):
+    global hit
+    if speed > 0.5 and imu.linear_acceleration.x < -3.0 and not hit:
+        hit = True
+        rospy.loginfo("hit, felt in %s", imu.header.frame_id)
+
+def on_odometry(odometry):
+    global speed
+    speed = odometry.twist.twist.linear.x
+
+def on_call(request):
+    global running
+    running = request.data
+    return SetBoolResponse(True, "runs" if running else "stands")
+
+rospy.Subscriber("/imu0", Imu, on_imu)
+rospy.Subscriber("/odometry/filtered", Odometry, on_odometry)
+def on_cloud(cloud):
+    rospy.loginfo_once("%d points", cloud.width * cloud.height)
+
+rospy.Subscriber("/rslidar_points", PointCloud2, on_cloud)
+rospy.Service(rospy.get_param("~service_name"), SetBool, on_call)
+topic, size = rospy.get_param("~scan_topic"), rospy.get_param("~queue_size")
+rospy.Subscriber(topic, LaserScan, on_scan, queue_size=size)
+rospy.spin()
+"""
+
+
+@pytest.fixture
+def theirs(tmp_path):
+    """A student's package."""
+    package = tmp_path / "smb_ws" / "src" / "smb_highlevel_controller"
+    for folder in ("launch", "worlds", "config", "scripts"):
+        (package / folder).mkdir(parents=True)
+    (package / "package.xml").write_text(
+        '<package format="2"><name>smb_highlevel_controller</name><version>0.0.1</version><description>x'
+        '</description><maintainer email="a@b.c">a</maintainer><license>BSD</license></package>'
+    )
+    world = share_folder() / "worlds" / "singlePillar.world"
+    (package / "worlds" / "singlePillar.world").write_text(world.read_text())
+    (package / "config" / "default.yaml").write_text(
+        "scan_topic: /scan\nqueue_size: 10\nservice_name: /startService\n"
+    )
+    (package / "scripts" / "controller").write_text(CONTROLLER)
+    os.chmod(package / "scripts" / "controller", 0o755)
+    (package / "launch" / "football.launch").write_text(FOOTBALL)
+    (package / "launch" / "pillar.launch").write_text(PILLAR)
+    return package
+
+
+def launch(ros, file, *arguments, **env):
+    return ros.start(*COMMAND, str(file), "-p", str(ros.port), *arguments, **env)
+
+
+def echo(ros, topic, field):
+    """The value of a field in the next message."""
+    answer = ros.start("rostopic", "echo", "-n", "1", f"{topic}/{field}")
+    assert answer.wait() == 0, answer.output
+    return answer.output.split("---")[0].strip()
+
+
+def test_exercise_1_a_world_of_gazebo_s_is_found_by_its_name_and_a_twist_drives(theirs, ros):
+    launched = launch(ros, theirs / "launch" / "football.launch")
+    launched.says("there is no world /usr/share/gazebo-11/worlds/robocup14_spl_field.world; taking ")
+    launched.says("simulating")
+    topics = {name for name, _ in ros.master("getPublishedTopics", "")}
+    assert {"/odometry/filtered", "/imu0", "/rslidar_points", "/joint_states", "/tf", "/clock"} <= topics
+    assert "pointcloud_to_laserscan" in str(ros.master("getSystemState"))
+    ros.start("rostopic", "pub", "-r", "10", "/cmd_vel", "geometry_msgs/Twist", "{linear: {x: 0.5}}")
+    end = time.monotonic() + 30.0
+    while abs(float(echo(ros, "/smb_velocity_controller/odom", "twist/twist/linear/x")) - 0.5) > 0.01:
+        assert time.monotonic() < end, "it does not drive"
+    assert "ERROR" not in launched.output, launched.output
+
+
+def test_exercises_2_3_and_5_their_node_sees_the_pillar_drives_into_it_and_stops_when_it_is_told(theirs, ros):
+    launched = launch(ros, theirs / "launch" / "pillar.launch")
+    launched.says("rslidar: smallest ")
+    launched.says("7040 points")
+    words = launched.output.split("rslidar: smallest ")[1].split("\n")[0]
+    distance, angle = float(words.split()[0]), float(words.split()[3])
+    assert distance == pytest.approx(20.41, abs=0.1)
+    assert angle == pytest.approx(0.245, abs=0.02), "on the left is positive"
+    assert words.split()[-1] == "362"
+
+    assert "stands" in call(ros, "false")
+    end = time.monotonic() + 30.0
+    while abs(float(echo(ros, "/odometry/filtered", "twist/twist/linear/x"))) > 0.01:
+        assert time.monotonic() < end, "it does not stop"
+    assert "runs" in call(ros, "true")
+    launched.says("hit, felt in imu_link")
+    assert "ERROR" not in launched.output, launched.output
+
+
+def call(ros, data):
+    """What the service answers."""
+    answer = ros.start("rosservice", "call", "/startService", data)
+    assert answer.wait() == 0, answer.output
+    return answer.output
+
+
+def test_the_course_s_own_copy_of_smb_gazebo_gives_way_where_there_is_no_gazebo(theirs, ros):
+    copy = theirs.parent / "smb_common" / "smb_gazebo"
+    (copy / "launch").mkdir(parents=True)
+    (copy / "package.xml").write_text(
+        (theirs / "package.xml").read_text().replace("smb_highlevel_controller", "smb_gazebo")
+    )
+    (copy / "launch" / "smb_gazebo.launch").write_text(
+        '<launch><arg name="world_file"/><node name="x" pkg="gazebo_ros" type="spawn_model"/></launch>'
+    )
+    path = os.pathsep.join([str(theirs.parent), os.environ["ROS_PACKAGE_PATH"]])
+    launch(ros, theirs / "launch" / "football.launch", ROS_PACKAGE_PATH=path).says("simulating")

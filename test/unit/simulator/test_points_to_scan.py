@@ -1,0 +1,36 @@
+"""A point cloud becomes a scan as pointcloud_to_laserscan makes it."""
+
+from math import inf
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller.config import ConfigError, read_config
+from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten
+
+COURSE = FlattenConfig(
+    min_height=-0.2, max_height=1.0, angle_min=-1.5708, angle_max=1.5708, angle_increment=0.0087,
+    range_min=0.45, range_max=50.0,
+)  # fmt: skip
+
+
+def test_each_direction_has_the_nearest_point_within_the_heights():
+    points = [(5.0, 0.0, 0.1), (3.0, 0.0, 0.9), (2.0, 0.0, 1.1), (2.0, 0.0, -0.3), (0.0, 4.0, 0.0)]
+    ranges = flatten(np.array(points), COURSE)
+    assert len(ranges) == 362
+    assert ranges[int(1.5708 / 0.0087)] == 3.0
+    assert ranges[int((np.pi / 2.0 + 1.5708) / 0.0087)] == 4.0
+    assert np.isfinite(ranges).sum() == 2
+
+
+@pytest.mark.parametrize("point", [(0.4, 0.0, 0.0), (51.0, 0.0, 0.0), (-2.0, 0.0, 0.0)])
+def test_what_is_too_near_too_far_or_behind_is_left_out(point):
+    assert np.isinf(flatten(np.array([point]), COURSE)).all()
+    far = FlattenConfig(range_max=1.0, range_min=0.9, use_inf=False)
+    assert (flatten(np.array([point]), far) == 2.0).all(), "beyond range_max by inf_epsilon"
+
+
+def test_no_point_and_no_direction():
+    assert np.isinf(flatten(np.zeros((0, 3)), COURSE)).all()
+    with pytest.raises(ConfigError, match=r"angle_min = 2.0 is not below angle_max = 1.0"):
+        read_config({**vars(COURSE), "angle_min": 2.0, "angle_max": 1.0}, "~", FlattenConfig)
