@@ -1,5 +1,7 @@
 """Depth images of the world, drawn in another process."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from stage import GROUND, body
@@ -50,6 +52,16 @@ def test_things_move_come_and_go(renderer):
     assert draw(renderer, box, poses={"box": Pose((5.0, 0.0, 1.0))})[60, 80] == pytest.approx(4.8, abs=0.02)
     nearer = body("screen", Box((0.4, 4.0, 2.0)), x=2.0, z=1.0)
     assert draw(renderer, box, nearer)[60, 80] == pytest.approx(1.8, abs=0.01)
+    assert np.isnan(draw(renderer, GROUND)[40, 80])
+
+
+def test_a_movable_link_without_collisions_is_drawn_by_its_visuals(renderer):
+    """Its mass is SDF's default, so that its pose is sent."""
+    solid = body("screen", Box((0.4, 4.0, 2.0)), x=3.0, z=1.0, mass=1.0)
+    screen = replace(solid, collisions=(), visuals=solid.collisions)
+    assert draw(renderer, screen, poses={"screen": screen.pose_in_world})[60, 80] == pytest.approx(
+        2.8, abs=0.01
+    )
     assert np.isnan(draw(renderer, GROUND)[40, 80])
 
 

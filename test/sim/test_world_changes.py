@@ -1,14 +1,25 @@
 """The world changes under way: objects come, go and are moved, and so is the robot."""
 
 from dataclasses import replace
-from math import hypot, inf
+from math import hypot, inf, nan
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from stage import GROUND, HUSKY, body, drive
 
-from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, Pose2D, Sphere, World
+from husky_highlevel_controller.datatypes import (
+    Box,
+    Cylinder,
+    HuskyError,
+    Pose,
+    Pose2D,
+    Sphere,
+    Twist2D,
+    World,
+)
 from husky_highlevel_controller.geometry import compose, quat_from_rpy, yaw_from_quat
 from husky_highlevel_controller.ros.web.worlds import models
 from husky_highlevel_controller.simulator.bullet.world import PlacementError
@@ -194,6 +205,64 @@ def test_a_reset_leaves_nothing_of_what_was_changed(simulate):
     simulation.reset()
     assert set(simulation.bodies) == {"ground", "box"}
     assert ahead(simulation) == pytest.approx(1.3, abs=0.01)
+
+
+PLACES = st.tuples(st.floats(-1.0, 3.0), st.floats(-1.0, 1.0))
+NAMES = st.sampled_from(["post", "box", "screen", "ground", "husky", "ball", "nothing"])
+NEW = st.lists(st.tuples(NAMES, PLACES), min_size=1, max_size=3)
+REQUESTS = st.one_of(
+    st.tuples(st.just("spawn"), NEW),
+    st.tuples(st.just("move"), st.tuples(NAMES, PLACES)),
+    st.tuples(st.just("delete"), NAMES),
+    st.tuples(st.just("reset_poses"), st.none()),
+    st.tuples(st.just("command"), st.sampled_from([Twist2D(nan, 0.0), Twist2D(0.0, inf), Twist2D(0.5, 0.2)])),
+)
+
+
+def grant(simulation, name, argument):
+    if name == "spawn":
+        simulation.spawn([body(new, Sphere(0.15), x=x, y=y, z=0.15, mass=0.5) for new, (x, y) in argument])
+    elif name == "move":
+        simulation.move(argument[0], Pose((*argument[1], 0.3)))
+    elif argument is None:
+        simulation.reset_poses()
+    else:
+        getattr(simulation, name)(argument)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(REQUESTS, min_size=1, max_size=6))
+def test_a_refused_request_changes_nothing_and_a_granted_one_all(requests):
+    """Beside a twin that gets the granted requests alone, every later state is the same to the last bit."""
+    bodies = (
+        body("post", Cylinder(0.1, 1.0), x=3.0, z=0.5),
+        body("box", Box((0.4, 0.4, 1.0)), x=1.2, z=0.5, mass=5.0),
+        replace(body("screen", Box((0.1, 0.1, 0.1)), x=2.0), collisions=()),
+    )
+    world = World("w", (GROUND, *bodies))
+    asked, twin = (Simulation(world, HUSKY, EXACT, Pose2D(), 1) for _ in range(2))
+    try:
+        for simulation in (asked, twin):
+            simulation.command(Twist2D(0.8, 0.1))
+            for _ in range(300):  # into the box, which slides
+                simulation.step()
+        for name, argument in requests:
+            try:
+                grant(asked, name, argument)
+            except HuskyError:
+                pass
+            else:
+                grant(twin, name, argument)
+            assert dict(asked.bodies) == dict(twin.bodies)
+            for _ in range(20):
+                mine, its = asked.step(), twin.step()
+                assert mine.robot == its.robot
+                assert [asked.pose_of(each) for each in asked.bodies] == [
+                    twin.pose_of(each) for each in twin.bodies
+                ]
+    finally:
+        for simulation in (asked, twin):
+            simulation.close()
 
 
 def test_a_thousand_things_come_and_go_and_leave_no_body_behind(simulate):

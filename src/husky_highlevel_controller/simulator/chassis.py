@@ -50,7 +50,7 @@ class Chassis:
         """Put the robot somewhere else, at rest.
 
         Raises:
-            PlacementError: something stands there; the robot stays where it is.
+            PlacementError: something stands there; the robot moves on as before.
         """
         self._bullet.move_robot(pose_base_in_world)
         self._land()

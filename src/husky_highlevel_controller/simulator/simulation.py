@@ -76,14 +76,12 @@ class Simulation:
         """Free the memory of the physics engine."""
         self._bullet.close()
 
-    def reset(self, start: Optional[Pose2D] = None, seed: Optional[int] = None) -> None:
+    def reset(self, seed: Optional[int] = None) -> None:
         """Back to the beginning, as if made anew; only the stamp runs on.
 
         Args:
-            start: where the robot starts; None: where it started before.
             seed: of all noise; None: the one before.
         """
-        self._start = self._start if start is None else start
         self._seed = self._seed if seed is None else seed
         self._steps_before += self._steps
         self._steps = 0
@@ -190,11 +188,14 @@ class Simulation:
         The odometry of a robot that is moved goes along, so that odom stays where it is in the world.
 
         Raises:
-            PlacementError: there is none of that name, or something stands there; then it stays where it is.
+            PlacementError: there is none of that name, or something stands there; then nothing changes.
         """
-        if name != ROBOT:
+        if name == ROBOT:
+            self._move_robot(pose_in_world)
+        else:
             self._objects.move(name, pose_in_world)
-            return
+
+    def _move_robot(self, pose_in_world: Pose) -> None:
         world_in_odom = self.pose_world_in_odom
         self._chassis.move(self._chassis.on_ground(pose_in_world))
         self._equipment.imu.restart()
@@ -202,6 +203,14 @@ class Simulation:
         self._odometer.relocate(pose_to_2d(compose(world_in_odom, self._chassis.state.pose_in_world)))
 
     def reset_poses(self) -> None:
-        """Put the robot and every body back to where they were put first, at rest."""
+        """Put the robot and every body back to where they were put first, at rest.
+
+        Raises:
+            PlacementError: something stands at the robot's start; then nothing changes.
+        """
+        start = pose_from_2d(self._start)
+        self._bullet.check_moves(
+            {**self._objects.initial_poses, ROBOT: self._chassis.on_ground(start)}, ROBOT
+        )
         self._objects.reset_poses()
-        self.move(ROBOT, pose_from_2d(self._start))
+        self._move_robot(start)

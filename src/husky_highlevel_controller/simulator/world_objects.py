@@ -1,7 +1,6 @@
 """Bodies of the world: add, delete, move and reset them, and build the lidar's scene.
 
 In: bodies. Out: their poses; a scene to cast rays into.
-Must not know: ROS, PyBullet, the robot.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class WorldObjects:
                 added.append(body.name)
                 if body.collisions:
                     self._bullet.check_room(body.name)
-        except PlacementError:
+        except Exception:
             for name in added:
                 self._drop(name)
             raise
@@ -82,24 +81,27 @@ class WorldObjects:
         """Put a body somewhere else, at rest.
 
         Raises:
-            PlacementError: there is none of that name, or something stands there; then it stays where it is.
+            PlacementError: there is none of that name, or something stands there; then nothing changes.
         """
-        before = self.pose_of(name)
+        if name not in self._bodies:
+            raise self._unknown(name)
         if not self._bodies[name].collisions:
             raise PlacementError(f"'{name}' is only drawn, and stays where it is")
+        self._bullet.check_movable(name)
+        self._bullet.check_moves({name: pose_in_world}, name)
         self._bullet.move_body(name, pose_in_world)
         self._stale = True
-        try:
-            self._bullet.check_room(name)
-        except PlacementError:
-            self._bullet.move_body(name, before)
-            raise
 
     def reset_poses(self) -> None:
-        """Put every body back to its initial pose."""
-        for body in self._bodies.values():
-            if body.mass > 0.0 and body.collisions:
-                self._bullet.move_body(body.name, body.pose_in_world)
+        """Put every body that physics moves back to its initial pose."""
+        for name, pose in self.initial_poses.items():
+            self._bullet.move_body(name, pose)
+
+    @property
+    def initial_poses(self) -> Dict[str, Pose]:
+        """Initial poses in the world of the bodies that physics moves, by name."""
+        bodies = self._bodies.values()
+        return {body.name: body.pose_in_world for body in bodies if body.mass > 0.0 and body.collisions}
 
     def pose_of(self, name: str) -> Pose:
         """Where a body is now, in the world; PlacementError if there is none of that name."""

@@ -15,9 +15,9 @@ DEADLINE = 10.0  # [s]
 class Caller(threading.Thread):
     """A thread that makes one call and keeps its outcome."""
 
-    def __init__(self, queue, work, advances=False):
+    def __init__(self, queue, work, between_steps=False):
         super().__init__(daemon=True)
-        self._call = lambda: queue.call(work, advances)
+        self._call = lambda: queue.call(work, between_steps)
         self.outcome = None
         self.start()
 
@@ -56,7 +56,7 @@ def test_an_error_is_raised_in_the_caller_and_the_owner_goes_on(queue):
 
 
 def test_a_call_that_advances_the_simulation_waits_until_the_step_is_over(queue):
-    caller = Caller(queue, lambda: "stepped", advances=True)
+    caller = Caller(queue, lambda: "stepped", between_steps=True)
     other = Caller(queue, lambda: "paused")
     while other.outcome is None:
         queue.process_during_step()
@@ -76,7 +76,7 @@ def test_a_step_never_runs_inside_another(queue):
         queue.process_during_step()  # as lockstep does while it waits for an answer
         depth -= 1
 
-    callers = [Caller(queue, step, advances=True) for _ in range(5)]
+    callers = [Caller(queue, step, between_steps=True) for _ in range(5)]
     while any(caller.is_alive() for caller in callers):
         queue.process(0.01)
     assert deepest == 1

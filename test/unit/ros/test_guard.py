@@ -1,4 +1,4 @@
-"""The guards trust only fresh odometry, and repeat a stop until it is answered, with zero commands meanwhile."""
+"""The guards trust only fresh odometry, and repeat a stop until it is answered, with zero meanwhile."""
 
 from __future__ import annotations
 

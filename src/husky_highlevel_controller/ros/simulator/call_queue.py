@@ -22,28 +22,28 @@ class _Call:
 class CallQueue:
     """A queue of calls; each returns when the owner has made it.
 
-    Calls that advance the simulation wait until the owner is not in the middle of a step itself.
+    Calls that step or reset the simulation wait until the owner is not in the middle of a step itself.
     """
 
     def __init__(self, on_change: Callable[[str], None] = lambda _: None) -> None:
         """Call `on_change` with a sentence about each request that changed or read the world."""
         self.on_change = on_change
         self._calls: Deque[_Call] = deque()
-        self._advancing_calls: Deque[_Call] = deque()
+        self._calls_between_steps: Deque[_Call] = deque()
         self._arrived = threading.Event()
 
-    def call(self, work: Callable[[], Any], advances: bool = False) -> Any:
+    def call(self, work: Callable[[], Any], between_steps: bool = False) -> Any:
         """Let the owner do `work`, and return its result or raise its error; not for the owner's thread.
 
         Args:
             work: what to do.
-            advances: whether it advances the simulation.
+            between_steps: whether it must not be done in the middle of a step, while lockstep waits.
 
         Raises:
             ROSInterruptException: the node ends before the work was done.
         """
         call = _Call(work)
-        (self._advancing_calls if advances else self._calls).append(call)
+        (self._calls_between_steps if between_steps else self._calls).append(call)
         self._arrived.set()
         while not call.done.wait(SHUTDOWN_POLL_PERIOD):
             if rospy.is_shutdown():
@@ -58,11 +58,11 @@ class CallQueue:
             self._arrived.wait(timeout)
             self._arrived.clear()
         self.process_during_step()
-        while self._advancing_calls:
-            _make(self._advancing_calls.popleft())
+        while self._calls_between_steps:
+            _make(self._calls_between_steps.popleft())
 
     def process_during_step(self) -> None:
-        """Make the calls that do not advance the simulation. Owner only, also in the middle of a step."""
+        """Make the calls that need not wait for a step's end. Owner only, also in the middle of a step."""
         while self._calls:
             _make(self._calls.popleft())
 

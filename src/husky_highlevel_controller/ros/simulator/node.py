@@ -228,7 +228,7 @@ class SimulatorNode:
             ("reset", "reset_simulation", self._reset),
             ("reset_world", "reset_world", self._reset_poses),
         ):
-            changes = work not in (self._pause, self._resume)
+            changes = work not in (self._pause, self._resume)  # those wait for the end of a step in lockstep
             # Gazebo's answer with nothing; ours with a sentence
             rospy.Service(f"gazebo/{gazebo_name}", Empty, partial(self._on_empty, work, changes))
             rospy.Service(f"~{name}", Trigger, partial(self._on_trigger, work, changes))
@@ -263,14 +263,14 @@ class SimulatorNode:
         return f"{steps} steps; it is now {self._simulation.stamp:.3f} s"
 
     def _on_empty(self, work: Callable[[], str], changes: bool, _request: Any) -> EmptyResponse:
-        ask(self._calls, work, changes)
+        ask(self._calls, work, changes, between_steps=changes)
         return EmptyResponse()
 
     def _on_trigger(self, work: Callable[[], str], changes: bool, _request: Any) -> TriggerResponse:
-        return TriggerResponse(*ask(self._calls, work, changes))
+        return TriggerResponse(*ask(self._calls, work, changes, between_steps=changes))
 
     def _on_step(self, request: StepWorldRequest) -> StepWorldResponse:
-        return StepWorldResponse(*ask(self._calls, lambda: self._step(request.steps), advances=True))
+        return StepWorldResponse(*ask(self._calls, lambda: self._step(request.steps), between_steps=True))
 
 
 def _world_folders() -> List[Path]:

@@ -93,11 +93,11 @@ class WorldServices:
 
 
 def ask(
-    calls: CallQueue, work: Callable[[], str], changes: bool = True, advances: bool = False
+    calls: CallQueue, work: Callable[[], str], changes: bool = True, between_steps: bool = False
 ) -> Tuple[bool, str]:
     """Make a call; success and a message. A refusal is logged; a change goes to the truth log."""
     try:
-        sentence = calls.call(work, advances)
+        sentence = calls.call(work, between_steps)
         if changes:
             calls.on_change(sentence)
         return True, sentence

@@ -13,7 +13,7 @@ from typing import List, Tuple
 import pybullet
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
-from husky_highlevel_controller.simulator.bullet.world import BASE_INDEX, ROBOT, BulletWorld, PlacementError
+from husky_highlevel_controller.simulator.bullet.world import BASE_INDEX, ROBOT, BulletWorld
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 
 _URDF_FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_USE_IMPLICIT_CYLINDER
@@ -33,14 +33,9 @@ class RobotWorld(BulletWorld):
         Raises:
             PlacementError: something stands there.
         """
-        # Bullet reads URDFs from files only, and caches them by name: hence a new name every time
-        handle, path = tempfile.mkstemp(suffix=".urdf")
-        try:
-            with os.fdopen(handle, "w") as file:
-                file.write(model.physics_urdf)
-            self._robot = pybullet.loadURDF(path, flags=_URDF_FLAGS, physicsClientId=self._client)
-        finally:
-            os.remove(path)
+        self._model = model
+        self._robot = self._load(pose)
+        self._names[self._robot], self._ids[ROBOT] = ROBOT, [self._robot]
         # no grip of Bullet's own (traction.py has it), nothing that slows the robot down
         pybullet.changeDynamics(
             self._robot,
@@ -50,25 +45,38 @@ class RobotWorld(BulletWorld):
             angularDamping=0.0,
             physicsClientId=self._client,
         )
-        info = pybullet.getDynamicsInfo(self._robot, BASE_INDEX, physicsClientId=self._client)
-        self._note_inertial_frame(self._robot, Pose(info[3], info[4]))
-        self._names[self._robot], self._ids[ROBOT] = ROBOT, [self._robot]
-        self._put(self._robot, pose)
         self.check_room(ROBOT)
+
+    def _load(self, pose: Pose) -> int:
+        """Id of a new body with the robot's shape at `pose`."""
+        # Bullet reads URDFs from files only, and caches them by name: hence a new name every time
+        handle, path = tempfile.mkstemp(suffix=".urdf")
+        try:
+            with os.fdopen(handle, "w") as file:
+                file.write(self._model.physics_urdf)
+            body_id: int = pybullet.loadURDF(path, flags=_URDF_FLAGS, physicsClientId=self._client)
+        finally:
+            os.remove(path)
+        info = pybullet.getDynamicsInfo(body_id, BASE_INDEX, physicsClientId=self._client)
+        self._note_inertial_frame(body_id, Pose(info[3], info[4]))
+        self._put(body_id, pose)
+        return body_id
 
     def move_robot(self, pose: Pose) -> None:
         """Move the robot, at rest, with base_link at `pose`.
 
         Raises:
-            PlacementError: something stands there; the robot stays where it is.
+            PlacementError: something stands there; nothing changes.
         """
-        before = self._pose(self._robot)
+        self.check_moves({ROBOT: pose}, ROBOT)
         self._put(self._robot, pose)
-        try:
-            self.check_room(ROBOT)
-        except PlacementError:
-            self._put(self._robot, before)
-            raise
+
+    def _copy(self, name: str, pose_in_world: Pose) -> int:
+        if name != ROBOT:
+            return super()._copy(name, pose_in_world)
+        copy = self._load(pose_in_world)
+        self._names[copy] = ROBOT
+        return copy
 
     def robot_motion(self) -> Tuple[Pose, Vector3, Vector3]:
         """Pose of base_link, velocity of the centre of mass [m/s] and spin [rad/s], in the world."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from math import degrees
-from typing import Dict, List, Sequence, Tuple
+from typing import Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
 import pybullet
@@ -74,6 +74,7 @@ class BulletWorld:
         self._names: Dict[int, str] = {}
         self._ids: Dict[str, List[int]] = {}
         self._shapes: Dict[Tuple[Tuple[Shape, Pose], ...], int] = {}
+        self._shape_ids: Dict[int, int] = {}
         self._planes: List[int] = []
         self._inertial_in_body: Dict[int, Pose] = {}  # Bullet's poses are those of the inertial frame
         self._body_in_inertial: Dict[int, Pose] = {}
@@ -101,20 +102,24 @@ class BulletWorld:
     def remove_body(self, name: str) -> None:
         """Remove a body from the world."""
         for body_id in self._ids.pop(name):
-            pybullet.removeBody(body_id, physicsClientId=self._client)
-            del self._names[body_id], self._inertial_in_body[body_id], self._body_in_inertial[body_id]
+            self._remove(body_id)
             if body_id in self._planes:
                 self._planes.remove(body_id)
 
-    def move_body(self, name: str, pose_in_world: Pose) -> None:
-        """Move a body to another pose, at rest.
+    def _remove(self, body_id: int) -> None:
+        pybullet.removeBody(body_id, physicsClientId=self._client)
+        for known in (self._names, self._shape_ids, self._inertial_in_body, self._body_in_inertial):
+            known.pop(body_id, None)
 
-        Raises:
-            PlacementError: it is a plane.
-        """
+    def check_movable(self, name: str) -> None:
+        """Raise PlacementError if a body is a plane, which stays where it is."""
         (*planes, body_id) = self._ids[name]
         if planes or body_id in self._planes:
             raise PlacementError(f"'{name}' is a plane, which stays where it is")
+
+    def move_body(self, name: str, pose_in_world: Pose) -> None:
+        """Move a body that is no plane to another pose, at rest."""
+        body_id = self._ids[name][-1]
         self._put(body_id, pose_in_world)
         if pybullet.getDynamicsInfo(body_id, BASE_INDEX, physicsClientId=self._client)[0] > 0.0:
             self._lift_out_of_the_ground(body_id)
@@ -176,9 +181,49 @@ class BulletWorld:
         Raises:
             PlacementError: it reaches into something else.
         """
-        pybullet.performCollisionDetection(physicsClientId=self._client)  # where every body_id is by now
-        own = self._ids[name]
-        for body_id in own:
+        self.check_room_of(self._ids[name], name)
+
+    def check_moves(self, poses: Mapping[str, Pose], name: str) -> None:
+        """Check that a body would overlap no other if some bodies, it among them, stood elsewhere.
+
+        Bodies of the same shapes are put there for it: one that is moved there and back loses its contacts.
+
+        Args:
+            poses: in the world, by the bodies' names.
+            name: the body that is checked.
+
+        Raises:
+            PlacementError: it would reach into something else.
+        """
+        copies: Dict[str, int] = {}
+        try:
+            for other, pose in poses.items():
+                copies[other] = self._copy(other, pose)
+            self.check_room_of(
+                [copies[name]], name, [body_id for other in poses for body_id in self._ids[other]]
+            )
+        finally:
+            for body_id in copies.values():
+                self._remove(body_id)
+
+    def _copy(self, name: str, pose_in_world: Pose) -> int:
+        """Id of a new body with the shape of another, without planes."""
+        body_id = self._ids[name][-1]
+        mass = pybullet.getDynamicsInfo(body_id, BASE_INDEX, physicsClientId=self._client)[0]
+        copy = self._create(self._shape_ids[body_id], mass, pose_in_world, self._inertial_in_body[body_id])
+        self._names[copy] = name
+        if mass > 0.0:
+            self._lift_out_of_the_ground(copy)
+        return copy
+
+    def check_room_of(self, body_ids: Sequence[int], name: str, ignored: Sequence[int] = ()) -> None:
+        """Check that Bullet's bodies, which make up the body `name`, overlap none but ignored ones.
+
+        Raises:
+            PlacementError: they reach into something else.
+        """
+        pybullet.performCollisionDetection(physicsClientId=self._client)  # where every body is by now
+        for body_id in body_ids:
             links = range(BASE_INDEX, pybullet.getNumJoints(body_id, physicsClientId=self._client))
             boxes = [pybullet.getAABB(body_id, link, physicsClientId=self._client) for link in links]
             near = {
@@ -186,7 +231,7 @@ class BulletWorld:
                 for box in boxes
                 for other, _ in pybullet.getOverlappingObjects(*box, physicsClientId=self._client) or ()
             }
-            for other in sorted(near.difference(own, self._planes)):
+            for other in sorted(near.difference(body_ids, ignored, self._planes)):
                 points = pybullet.getClosestPoints(body_id, other, 0.0, physicsClientId=self._client)
                 if any(point[8] < -_TOO_DEEP for point in points):
                     raise PlacementError(f"'{name}' would stand inside '{self._names[other]}'")
@@ -218,6 +263,14 @@ class BulletWorld:
         self._planes.append(plane)
 
     def _create_body(self, name: str, shape: int, mass: float, pose: Pose, inertial_in_body: Pose) -> int:
+        body_id = self._create(shape, mass, pose, inertial_in_body)
+        if body_id < 0:
+            raise PlacementError(f"PyBullet refused '{name}' at {pose.position}")
+        self._names[body_id] = name
+        self._ids.setdefault(name, []).append(body_id)
+        return body_id
+
+    def _create(self, shape: int, mass: float, pose: Pose, inertial_in_body: Pose) -> int:
         body_id: int = pybullet.createMultiBody(
             baseMass=mass,
             baseCollisionShapeIndex=shape,
@@ -227,10 +280,7 @@ class BulletWorld:
             baseInertialFrameOrientation=inertial_in_body.quat_xyzw,
             physicsClientId=self._client,
         )
-        if body_id < 0:
-            raise PlacementError(f"PyBullet refused '{name}' at {pose.position}")
-        self._names[body_id] = name
-        self._ids.setdefault(name, []).append(body_id)
+        self._shape_ids[body_id] = shape
         self._note_inertial_frame(body_id, inertial_in_body)
         return body_id
 

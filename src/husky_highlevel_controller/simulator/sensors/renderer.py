@@ -9,6 +9,7 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Dict, Mapping, NamedTuple, Optional
@@ -75,14 +76,17 @@ def _render_forever(pipe: Connection) -> None:
         except (EOFError, OSError):
             return
         if request.bodies is not None:
-            for name in [name for name in shown if request.bodies.get(name) != shown[name]]:
+            bodies = {name: _drawn(body) for name, body in request.bodies.items()}
+            bodies = {name: body for name, body in bodies.items() if body.collisions}
+            for name in [name for name in shown if bodies.get(name) != shown[name]]:
                 bullet.remove_body(name)
-            for name, body in request.bodies.items():
+            for name, body in bodies.items():
                 if body != shown.get(name):
                     bullet.add_body(body)
-            shown = request.bodies
+            shown = bodies
         for name, pose in request.poses.items():
-            bullet.show_body(name, pose)
+            if name in shown:
+                bullet.show_body(name, pose)
         buffer = bullet.depth_buffer(
             request.pose_camera_in_world,
             config.width,
@@ -92,6 +96,11 @@ def _render_forever(pipe: Connection) -> None:
             config.far,
         )
         pipe.send(buffer)
+
+
+def _drawn(body: Body) -> Body:
+    """Body as the camera sees it: where it has no collisions, by its visuals, without physics."""
+    return body if body.collisions else replace(body, collisions=body.visuals, mass=0.0)
 
 
 if __name__ == "__main__":
