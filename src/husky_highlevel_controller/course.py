@@ -8,6 +8,7 @@ Numbers: singlePillar.world of the ETH course; a test holds them to worlds/singl
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 from husky_highlevel_controller.paths import share_folder
 
@@ -18,6 +19,17 @@ PILLAR_HEIGHTS = (
     0.0,
     2.0,
 )  # [m], of its bottom and top where it stands: the simulation lifts it out of the ground
+
+
+class PillarSize(NamedTuple):
+    """A pillar that stands on the ground."""
+
+    radius: float  # [m]
+    height: float  # [m]
+
+
+# of the world that each robot's sheets bring; the SMB's: singlePillar.world of 2021
+PILLARS = {"husky": PillarSize(PILLAR_RADIUS, 2.0), "smb": PillarSize(1.0, 5.0)}
 
 
 def course_world() -> Path:

@@ -31,6 +31,7 @@ class Replay:
     poses: np.ndarray  # (N, 3) [m, m, rad], x, y and yaw of base_link
     pillars: np.ndarray  # (1, 2) or (N, 2) [m], centre of the pillar, for good or at each of the times
     marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (M, 3) [s, m, m], of the pillar
+    pillar_radius: float = PILLAR_RADIUS  # [m]
     outline: Footprint = field(default_factory=lambda: load_robot().footprint)  # of the robot
 
 
@@ -49,7 +50,7 @@ def to_html(replay: Replay) -> str:
         "robot": {
             "length": replay.outline.half_length,
             "width": replay.outline.half_width,
-            "pillar": PILLAR_RADIUS,
+            "pillar": replay.pillar_radius,
         },
     }
     text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")  # a title is anybody's

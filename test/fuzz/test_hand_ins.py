@@ -52,7 +52,7 @@ EVENTS = [
     {"event": "started", "pid": 1},
 ]  # fmt: skip
 MARKING = (
-    "students: {ann: {launch: a, husky: melodic, "
+    "students: {ann: {launch: a, robot: husky_melodic, "
     "points: {b: {points: 1, word: w}}, late: {percent: 1, word: w}}}"
 )
 RESULT = {"name": "a", "what": "b", "settings": {}, "notes": [], "items": [], "problem": ""}

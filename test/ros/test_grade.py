@@ -172,7 +172,7 @@ def test_a_node_for_an_older_husky(handed_in, tmp_path):
         path.unlink()
     env = {**handed_in[1], "ROS_PACKAGE_PATH": f"{tmp_path / 'older'}:{os.environ['ROS_PACKAGE_PATH']}"}
     done = grade(
-        "--node", "complete", "controller", "_scan_topic:=/scan", "--husky", "melodic", *QUICK,
+        "--node", "complete", "controller", "_scan_topic:=/scan", "--robot", "husky_melodic", *QUICK,
         "--out", tmp_path / "out", env=env,
     )  # fmt: skip
     points = [item["points"] for item in json.loads((tmp_path / "out" / "result.json").read_text())["items"]]

@@ -17,6 +17,8 @@ from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS, SMB_GAINS
+from husky_highlevel_controller.grading.rubrics.exercise_3 import ITEMS
+from husky_highlevel_controller.grading.rubrics.rules import load_rules
 from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
 from husky_highlevel_controller.simulator.power import PowerConfig
 from husky_highlevel_controller.simulator.profile import RobotProfile
@@ -269,3 +271,8 @@ def test_a_lidar_without_a_valid_range_is_refused_by_both_parameters():
     values = {**vars(simulator_config().lidar), "range_min": 10.0, "range_max": 0.1}
     with pytest.raises(ConfigError, match=r"~lidar/range_min = 10.0 is not below range_max = 0.1"):
         read_config(values, "~lidar/", LidarConfig)
+
+
+def test_the_rubric_of_2021_weighs_the_items_of_exercise_3():
+    rules = load_rules(CONFIG_FOLDER / "rubric_2021.yaml", ITEMS)
+    assert dict(rules.weights) == {"marker at the pillar": 15.0, "marker in RViz": 15.0}

@@ -212,7 +212,7 @@ def _marked(grader: Grader, hand_in: HandIn, override: Override, batch: Batch, o
         (out / name).unlink(missing_ok=True)
     mark = fingerprint(hand_in.path, override)
     submission, notes = prepare(hand_in, override, grader.exercise, batch, out)
-    result = grader.mark(submission, hand_in.name, out, notes, override.husky)
+    result = grader.mark(submission, hand_in.name, out, notes, override.robot)
     result = override.apply(result)
     write_result(result, out)
     write_whole(out / FINGERPRINT, mark)  # the last one: with it, it is done

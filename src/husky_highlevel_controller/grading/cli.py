@@ -19,9 +19,16 @@ from tqdm import tqdm
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading import batch
 from husky_highlevel_controller.grading.drive import rviz_check
-from husky_highlevel_controller.grading.drive.husky_version import detect_husky
 from husky_highlevel_controller.grading.drive.recording import Recording, empty_recording
-from husky_highlevel_controller.grading.drive.run import GradingConfig, Plan, Submission, drive, plan
+from husky_highlevel_controller.grading.drive.robot_version import detect_robot
+from husky_highlevel_controller.grading.drive.run import (
+    ROBOT_VERSIONS,
+    GradingConfig,
+    Plan,
+    Submission,
+    drive,
+    plan,
+)
 from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import write_whole
@@ -75,14 +82,14 @@ class Marking:
         """For the result."""
         config = self.config
         return {
-            "exercise": config.exercise, "husky": config.husky, "seed": self.seed, "trials": self.trials,
+            "exercise": config.exercise, "robot": config.robot, "seed": self.seed, "trials": self.trials,
             "deadline": config.deadline, "pace": config.pace,
             "rubric": None if self.rules == DEFAULT else str(self.rules), "sandbox": kind_of_sandbox(),
             "network": "loopback only" if is_private() else "not kept apart",
         }  # fmt: skip
 
     def mark(
-        self, submission: Submission, name: str, out: Path, notes: Sequence[str] = (), husky: str = ""
+        self, submission: Submission, name: str, out: Path, notes: Sequence[str] = (), robot: str = ""
     ) -> Result:
         """Mark a submission; its drives, logs and pictures go into a folder.
 
@@ -91,19 +98,19 @@ class Marking:
             name: whose it is.
             out: folder for the result; drives of an earlier marking in it are deleted.
             notes: what is known about it already.
-            husky: that it is written for; empty: as configured.
+            robot: that it is written for, of ROBOT_VERSIONS; empty: as configured.
 
         Raises:
             MarkingError: marking does not work here.
         """
         out.mkdir(parents=True, exist_ok=True)
-        for old in [*out.glob("drive_*"), out / "plan", out / "rviz", out / "husky"]:
+        for old in [*out.glob("drive_*"), out / "plan", out / "rviz", out / "robot"]:
             shutil.rmtree(old, ignore_errors=True)
         planned = plan(submission, out / "plan")
-        config, notes = replace(self.config, husky=husky or self.config.husky), list(notes)
-        if config.husky == "auto":
-            found, why = detect_husky(submission, out / "husky") if planned.nodes else ("noetic", "")
-            config = replace(config, husky=found)
+        config, notes = replace(self.config, robot=robot or self.config.robot), list(notes)
+        if config.robot == "auto":
+            found, why = detect_robot(submission, planned, out / "robot") if planned.nodes else ("husky", "")
+            config = replace(config, robot=found)
             notes += [why] * bool(why)
         drives = draw_trials(self.trials if config.exercise == 3 else 1, self.seed)
         recordings = []
@@ -148,7 +155,7 @@ class Marking:
         return Record(
             result.name, submission.what,
             tuple(map(str, workspace.setups)), tuple(map(str, workspace.packages)),
-            {"exercise": config.exercise, "husky": config.husky, "seed": self.seed, "trials": self.trials,
+            {"exercise": config.exercise, "robot": config.robot, "seed": self.seed, "trials": self.trials,
              "deadline": config.deadline, "pace": config.pace},
             hashes_of_files(folder) if folder and folder.is_dir() else {},
             versions(),
@@ -186,9 +193,9 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     )  # fmt: skip
     parser.add_argument("--exercise", type=int, choices=sorted(PACES), default=3, help="(default 3)")
     parser.add_argument(
-        "--husky", choices=("auto", "noetic", "melodic"), default="auto",
-        help="noetic: scans on /front/scan in front_laser, melodic: on /scan in base_laser (default auto: "
-        "what the submission subscribes to)",
+        "--robot", choices=("auto", *ROBOT_VERSIONS), default="auto",
+        help="husky: scans on /front/scan in front_laser, husky_melodic: on /scan in base_laser, smb: on "
+        "/scan in rslidar (default auto: what the submission subscribes to and names)",
     )  # fmt: skip
     parser.add_argument(
         "--seed", type=_not_negative, default=0, help="of starts, pillars and noise (default 0)"
@@ -249,7 +256,7 @@ def verify(path: Path, out: Path, rules: Rules) -> int:
     settings = before.settings
     if settings["exercise"] != 3:
         raise HuskyError(f"{path}: exercise {settings['exercise']} cannot be verified, only exercise 3")
-    config = GradingConfig(3, settings["husky"], settings["deadline"], settings["pace"])
+    config = GradingConfig(3, settings["robot"], settings["deadline"], settings["pace"])
     workspace = Workspace(setups=tuple(map(Path, before.setups)), packages=tuple(map(Path, before.packages)))
     marking = Marking(config, settings["seed"], settings["trials"], rules)
     marking.mark(Submission(before.what, workspace), before.name, out)
@@ -262,7 +269,7 @@ def run(options: argparse.Namespace) -> int:
     """Mark what the command line says; the exit code."""
     exercise = options.exercise
     config = GradingConfig(
-        exercise, options.husky, options.deadline or DEADLINES[exercise], options.pace or PACES[exercise]
+        exercise, options.robot, options.deadline or DEADLINES[exercise], options.pace or PACES[exercise]
     )
     rules = load_rules(options.rubric, ITEMS[exercise]) if options.rubric else DEFAULT
     marking = Marking(config, options.seed, options.trials, rules, shows_progress=not options.all)

@@ -48,7 +48,7 @@ def hash_of_poses(recording: Recording) -> str:
 
     Recording goes on for some fractions of a second of wall time after that, which is never the same.
     """
-    end, rows = DriveEnd(recording.pillar), len(recording.times)
+    end, rows = DriveEnd(recording.pillar, recording.robot), len(recording.times)
     for row, (stamp, (x, y, yaw), (speed, yaw_rate)) in enumerate(
         zip(recording.times, recording.poses, recording.speeds)
     ):

@@ -14,7 +14,7 @@ from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed,
 
 def end_of(states, abandoned_at=inf):
     """The first moment at which a drive of (stamp, x, speed) is over, and why."""
-    end = DriveEnd((10.0, 0.0))
+    end = DriveEnd((10.0, 0.0), "husky")
     for stamp, x, speed in states:
         end.update(TruthRow(stamp, Pose((x, 0.0, 0.1)), speed, 0.0))
         reason = end.reason(stamp >= abandoned_at)

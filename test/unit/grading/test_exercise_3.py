@@ -94,7 +94,7 @@ GOOD = drive((TO_PILLAR, 0.5), (3.0, 0.0))
     ],
 )
 def test_the_gap_is_from_the_outline_to_the_surface(pose, gap):
-    assert hull_gaps(np.array([pose]), PILLAR)[0] == pytest.approx(gap, abs=1e-9)
+    assert hull_gaps(np.array([pose]), PILLAR, "husky")[0] == pytest.approx(gap, abs=1e-9)
 
 
 # ---------------------------------------------------------------------------- towards the pillar

@@ -418,7 +418,7 @@ def test_a_changed_file_or_override_changes_the_fingerprint(tmp_path):
     put(tmp_path / "a", "1")
     before = fingerprint(tmp_path, Override())
     assert fingerprint(tmp_path, Override()) == before
-    assert fingerprint(tmp_path, Override(husky="melodic")) != before
+    assert fingerprint(tmp_path, Override(robot="husky_melodic")) != before
     put(tmp_path / "a", "12")
     assert fingerprint(tmp_path, Override()) != before
 
@@ -430,7 +430,7 @@ students:
   ann:
     launch: ex3.launch
     arguments: ["a:=b"]
-    husky: melodic
+    robot: husky_melodic
     exercise: 3
     points: {marker: {points: 15, word: seen at the desk}}
     late: {percent: 10, word: two days}
@@ -440,7 +440,7 @@ students:
 def test_points_by_hand_and_a_late_penalty(tmp_path):
     put(tmp_path / "marking.yaml", MARKING)
     override = read_overrides(tmp_path, ["ann", "bob"])["ann"]
-    assert (override.launch, override.arguments, override.husky) == ("ex3.launch", ("a:=b",), "melodic")
+    assert (override.launch, override.arguments, override.robot) == ("ex3.launch", ("a:=b",), "husky_melodic")
     result = Result("ann", "w", {}, (Item("drive", 35.0, 50.0, ""), Item("marker", None, 20.0, "?")))
     marked = override.apply(result)
     assert [(item.name, item.points) for item in marked.items] == [
@@ -463,7 +463,7 @@ def test_points_by_hand_and_a_late_penalty(tmp_path):
         ("students: {ann: {launch: 3}}", "students/ann/launch = 3 is not a text"),
         ("students: {ann: {launch: a, node: p t}}", "has both launch and node"),
         ("students: {ann: {node: p}}", "node = 'p' is not a package and a type"),
-        ("students: {ann: {husky: kinetic}}", "is not one of: noetic, melodic"),
+        ("students: {ann: {robot: kinetic}}", "is not one of: husky, husky_melodic, smb"),
         ("students: {ann: {late: {percent: 200, word: x}}}", "is not a number in 0..100"),
         ("students: {ann: {late: {percent: .nan, word: x}}}", "is not a number in 0..100"),
         ("students: {ann: {points: {a: {points: 1}}}}", "points/a/word is missing"),

@@ -32,7 +32,7 @@ def test_every_pillar_is_in_view_and_in_reach(tmp_path):
 
 def test_the_world_of_a_drive_has_its_pillar(tmp_path):
     trial = draw_trials(2, seed=0)[1]
-    (tmp_path / "a.world").write_text(trial_world(trial))
+    (tmp_path / "a.world").write_text(trial_world(trial, "husky"))
     (pillar,) = (t for t in load_world(tmp_path / "a.world").bodies if t.name == "unit_cylinder")
     assert pillar.pose_in_world.position[:2] == trial.pillar
 

@@ -1,7 +1,5 @@
 """A point cloud becomes a scan as pointcloud_to_laserscan makes it."""
 
-from math import inf
-
 import numpy as np
 import pytest
 

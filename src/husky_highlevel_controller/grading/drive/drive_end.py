@@ -24,8 +24,8 @@ NODES_ENDED = f"its nodes had ended, and it stood still for {ABANDONED:g} s"
 class DriveEnd:
     """Follows one drive of exercise 3."""
 
-    def __init__(self, pillar: Tuple[float, float]) -> None:
-        self._pillar = pillar  # [m], in the world
+    def __init__(self, pillar: Tuple[float, float], robot: str) -> None:
+        self._pillar, self._robot = pillar, robot  # [m], in the world; one of ROBOTS
         self._now = self._drove_at = self._moved_at = 0.0
         self._first_moved = self._reached_at = self._touched_at = inf
 
@@ -42,7 +42,7 @@ class DriveEnd:
         if abs(row.speed) > STANDS or abs(row.yaw_rate) > STANDS:
             self._moved_at, self._first_moved = now, min(self._first_moved, now)
         x, y, _ = row.pose_in_world.position
-        gap = float(hull_gaps(np.array([[x, y, row.yaw]]), self._pillar)[0])
+        gap = float(hull_gaps(np.array([[x, y, row.yaw]]), self._pillar, self._robot)[0])
         self._reached_at = min(self._reached_at, now) if gap <= DEFAULT.reached else inf
         if gap <= TOUCH:
             self._touched_at = min(self._touched_at, now)

@@ -14,7 +14,7 @@ from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.course import PILLAR_RADIUS
+from husky_highlevel_controller.course import PILLARS, PillarSize
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
 from husky_highlevel_controller.robot import load_robot
 
@@ -91,11 +91,17 @@ class Recording:
     notes: Tuple[str, ...] = ()  # what went wrong, in sentences
     ended: str = ""  # why the drive ended
     output: str = ""  # what the submission printed, shortened
+    robot: str = "husky"  # one of ROBOTS
 
     @property
     def hull_gaps(self) -> np.ndarray:
         """From the robot's outline to the pillar's surface, were the pillar never moved, (N,) [m]."""
-        return hull_gaps(self.poses, self.pillar)
+        return hull_gaps(self.poses, self.pillar, self.robot)
+
+    @property
+    def pillar_size(self) -> PillarSize:
+        """The pillar of the robot's sheets."""
+        return PILLARS[self.robot]
 
     @property
     def moving(self) -> np.ndarray:
@@ -120,9 +126,9 @@ CUT_OFF = "it was cut off"  # why a drive ended that the recorder did not end
 STANDS = 0.05  # [m/s] and [rad/s], slower is standing
 
 
-def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float]) -> np.ndarray:
+def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float], robot: str) -> np.ndarray:
     """From the robot's outline, seen from above, to the pillar's surface, (N,) [m]; negative: inside."""
-    return load_robot().footprint.gaps(poses, np.asarray(pillar), PILLAR_RADIUS)
+    return load_robot(robot).footprint.gaps(poses, np.asarray(pillar), PILLARS[robot].radius)
 
 
 _ARRAYS = {"times": (-1,), "poses": (-1, 3), "speeds": (-1, 2), "commands": (-1,), "nearest": (-1, 2)}

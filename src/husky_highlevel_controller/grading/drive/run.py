@@ -41,11 +41,12 @@ STALL_DEADLINE = 90.0  # [s] of wall time in which simulated time must get on
 PROGRESS_PERIOD = 0.2  # [s] of wall time between two looks at a drive; each costs the ROS master milliseconds
 FLOOD = 300.0  # commands a simulated second; 50 answer the scans
 KEPT_OUTPUT = 20000  # letters of what a submission printed
-SCAN_TOPICS = {"noetic": "/front/scan", "melodic": "/scan"}
-LASER = {
-    "noetic": ["laser_topic:=front/scan", "laser_prefix:=front"],
-    "melodic": ["laser_topic:=scan", "laser_prefix:=base"],
-}  # launch arguments
+# topic of the scans, and launch arguments of the simulator, of each robot that submissions are written for
+ROBOT_VERSIONS = {
+    "husky": ("/front/scan", ("robot:=husky", "laser_topic:=front/scan", "laser_prefix:=front")),
+    "husky_melodic": ("/scan", ("robot:=husky", "laser_topic:=scan", "laser_prefix:=base")),
+    "smb": ("/scan", ("robot:=smb", "laser_topic:=scan")),
+}
 RECORDER = "marking_recorder"  # its node's name
 SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that it offers
 NODES = Path(__file__).parents[2] / "ros" / "grading"
@@ -72,14 +73,14 @@ class GradingConfig:
     """The same for every submission."""
 
     exercise: int = 3
-    husky: str = "noetic"
+    robot: str = "husky"  # of ROBOT_VERSIONS
     deadline: float = 120.0  # [s], simulated, for each drive
     pace: float = 5.0  # simulated seconds a second, at most
 
     @property
     def scan_topic(self) -> str:
         """Where scans are."""
-        return SCAN_TOPICS[self.husky]
+        return ROBOT_VERSIONS[self.robot][0]
 
 
 @dataclass(frozen=True)
@@ -235,7 +236,7 @@ def simulate(
     simulator = network.start(
         "simulator",
         ["roslaunch", str(SIMULATOR), f"world_name:={file}", "rviz:=false",
-         "laser_enabled:=true", "laser_tower:=true", *place, *LASER[config.husky],
+         "laser_enabled:=true", "laser_tower:=true", *place, *ROBOT_VERSIONS[config.robot][1],
          *arguments],
         HUSKY_TRUTH_SOCKET=truth_socket,
     )  # fmt: skip
@@ -268,7 +269,7 @@ def drive(
         task = {
             "output": str(output), "truth_socket": truth_socket, "start": trial.start,
             "pillar": trial.pillar, "deadline": config.deadline, "scan_topic": config.scan_topic,
-            "exercise": config.exercise, "ours": SIMULATOR_NODES,
+            "robot": config.robot.partition("_")[0], "exercise": config.exercise, "ours": SIMULATOR_NODES,
         }  # fmt: skip
         assignment.write_text(json.dumps(task))
         recorder = network.start(
@@ -279,7 +280,7 @@ def drive(
             raise MarkingError(f"the recorder does not start: {recorder.output.strip()[-500:]}")
         simulator = simulate(
             network,
-            trial_world(trial), trial.start, trial.seed, config,
+            trial_world(trial, config.robot.partition("_")[0]), trial.start, trial.seed, config,
             "lockstep:=true", f"real_time_factor:={config.pace}", truth_socket=truth_socket,
         )  # fmt: skip
         events = network.folder_of("submission") / "events.jsonl"

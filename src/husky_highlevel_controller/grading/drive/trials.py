@@ -11,13 +11,13 @@ from typing import List, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.course import PILLAR_POSITION, course_world
+from husky_highlevel_controller.course import PILLAR_POSITION, PILLARS, course_world
 from husky_highlevel_controller.datatypes import Pose2D
 
 NEAREST, FARTHEST = 8.0, 20.0  # [m], base_link to the pillar's centre at the start
 SIDE = 1.0  # [rad], the pillar is at most so far to either side: exercise 3 does not ask for a search
 POSTS = 8  # around the robot in the world for RViz, so that its scan is to be seen from anywhere
-_POSE = "<pose>20 5 0.5 0 0 0</pose>"
+_POSE, _SIZE = "<pose>20 5 0.5 0 0 0</pose>", "<radius>0.2</radius> <length>2</length>"
 
 
 @dataclass(frozen=True)
@@ -43,10 +43,12 @@ def draw_trials(count: int, seed: int) -> List[Trial]:
     return trials[:count]
 
 
-def trial_world(trial: Trial) -> str:
-    """The course's world with the pillar in another place, as SDF."""
-    text = course_world().read_text()
+def trial_world(trial: Trial, robot: str) -> str:
+    """The world of a robot's sheets with the pillar in another place, as SDF; `robot` is one of ROBOTS."""
+    text, size = course_world().read_text(), PILLARS[robot]
     assert _POSE in text
+    assert _SIZE in text
+    text = text.replace(_SIZE, f"<radius>{size.radius:g}</radius> <length>{size.height:g}</length>")
     return text.replace(_POSE, f"<pose>{trial.pillar[0]} {trial.pillar[1]} 0.5 0 0 0</pose>")
 
 

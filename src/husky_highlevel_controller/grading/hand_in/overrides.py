@@ -17,7 +17,7 @@ from husky_highlevel_controller.grading.reports.tables import Result
 from husky_highlevel_controller.grading.rubrics.items import Item
 
 FILE = "marking.yaml"
-HUSKIES = ("noetic", "melodic")
+ROBOTS = ("husky", "husky_melodic", "smb")
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Override:
     launch: str = ""  # place of a launch file in the hand-in, or the end of it
     node: Tuple[str, ...] = ()  # package and type of a node
     arguments: Tuple[str, ...] = ()  # of the launch file or node
-    husky: str = ""
+    robot: str = ""
     exercise: int = 0  # the number in its folders' and files' names that is meant
     points: Tuple[GivenPoints, ...] = ()
     late_percent: float = 0.0  # of the points, taken away
@@ -88,7 +88,7 @@ def read_overrides(folder: Path, students: Sequence[str]) -> Dict[str, Override]
 
 def _override(entry: Any, source: str) -> Override:
     readers: Dict[str, Callable[[Any, str], Any]] = {
-        "launch": _text, "node": _node, "arguments": _words, "husky": _husky, "exercise": _exercise,
+        "launch": _text, "node": _node, "arguments": _words, "robot": _robot, "exercise": _exercise,
         "points": _points, "late": _late,
     }  # fmt: skip
     entry = _mapping(entry, source, list(readers))
@@ -129,9 +129,9 @@ def _node(value: Any, source: str) -> Tuple[str, ...]:
     return words
 
 
-def _husky(value: Any, source: str) -> str:
-    if value not in HUSKIES:
-        raise ConfigError(f"{source} = {value!r} is not one of: {', '.join(HUSKIES)}")
+def _robot(value: Any, source: str) -> str:
+    if value not in ROBOTS:
+        raise ConfigError(f"{source} = {value!r} is not one of: {', '.join(ROBOTS)}")
     return str(value)
 
 

@@ -15,7 +15,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
-from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.robot import load_robot
 
@@ -40,7 +39,7 @@ def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
 
 def _draw(recording: Recording, axis: Any, figure: Figure) -> None:
     start, end = recording.start, float(recording.times[-1]) if len(recording.times) else 1.0
-    axis.add_patch(Circle(recording.pillar, PILLAR_RADIUS, color="0.35", zorder=3))
+    axis.add_patch(Circle(recording.pillar, recording.pillar_size.radius, color="0.35", zorder=3))
     axis.plot(
         *recording.pillar, marker="o", markersize=9, markerfacecolor="none", color="0.35", label="pillar"
     )
@@ -51,7 +50,7 @@ def _draw(recording: Recording, axis: Any, figure: Figure) -> None:
         figure.colorbar(drawn, ax=axis, label="simulated time [s]", shrink=0.75)
         corners = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
         c, s = cos(yaw[-1]), sin(yaw[-1])
-        footprint = load_robot().footprint
+        footprint = load_robot(recording.robot).footprint
         half_length, half_width = footprint.half_length, footprint.half_width
         outline = [
             (x[-1] + c * along - s * across, y[-1] + s * along + c * across)

@@ -9,6 +9,7 @@ import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import ADD, Recording
 from husky_highlevel_controller.replay import Replay, to_html
+from husky_highlevel_controller.robot import load_robot
 
 REPLAY = "replay.html"  # in the folder of a drive
 
@@ -25,6 +26,8 @@ def replay_page(recording: Recording, title: str) -> str:
             times=recording.times,
             poses=recording.poses,
             pillars=np.array([recording.pillar]),
+            pillar_radius=recording.pillar_size.radius,
+            outline=load_robot(recording.robot).footprint,
             marks=np.array(marks, float).reshape(-1, 3),
         )
     )

@@ -13,7 +13,7 @@ from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.course import PILLAR_HEIGHTS, PILLAR_RADIUS
+from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.grading.drive.recording import ADD, DELETE, MarkerSample, Recording
 from husky_highlevel_controller.grading.rubrics.rules import Rules
 
@@ -128,19 +128,20 @@ def _moments(markers: Sequence[MarkerSample], verdicts: Dict[int, float]) -> Lis
 
 def verdict(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     """Whether one marker is at the pillar (1), near it or touching it (0.5), or neither (0)."""
-    if marker.problem or not _level(marker):
+    size = recording.pillar_size
+    if marker.problem or not _level(marker, size.height):
         return WRONG
     slack = rules.marker_per_metre * _robot_distance(recording, marker.at)
+    slack += size.radius - PILLAR_RADIUS  # a thicker pillar's near side is as right
     distance = _distance(recording, marker)
     if distance <= rules.marker_full + slack:
         return FULL
-    touches = marker.reach <= PILLAR_RADIUS and distance <= LARGEST
+    touches = marker.reach <= size.radius and distance <= LARGEST + size.radius - PILLAR_RADIUS
     return HALF if touches or distance <= rules.marker_half + slack else WRONG
 
 
-def _level(marker: MarkerSample) -> bool:
-    bottom, top = PILLAR_HEIGHTS
-    return marker.low <= top + HEIGHT_MARGIN and marker.high >= bottom - HEIGHT_MARGIN
+def _level(marker: MarkerSample, height: float) -> bool:
+    return marker.low <= height + HEIGHT_MARGIN and marker.high >= -HEIGHT_MARGIN
 
 
 def _distance(recording: Recording, marker: MarkerSample) -> float:
@@ -161,11 +162,11 @@ def _fault(recording: Recording, marker: MarkerSample) -> str:
     x, y = recording.pillar
     px, py, pz = marker.position
     words = f"at ({px:.2f}, {py:.2f}, {pz:.2f}), the pillar at ({x:.2f}, {y:.2f})"
-    if not _level(marker):
-        bottom, top = PILLAR_HEIGHTS
+    height = recording.pillar_size.height
+    if not _level(marker, height):
         return (
             f"{words}: z is wrong, it is drawn from {marker.low:.2f} to {marker.high:.2f} m,"
-            f" the pillar from {bottom:g} to {top:g} m"
+            f" the pillar from 0 to {height:g} m"
         )
     dx, dy = px - x, py - y
     which = "x" if abs(dx) > 2.0 * abs(dy) else "y" if abs(dy) > 2.0 * abs(dx) else "x and y"

@@ -23,13 +23,15 @@ from husky_highlevel_controller.grading.drive.graph import forged_topics, silent
 from husky_highlevel_controller.grading.drive.pose_jumps import pose_jumps
 from husky_highlevel_controller.grading.drive.recording import CUT_OFF, Recording, to_json
 from husky_highlevel_controller.grading.drive.truth_feed import TruthFeed, TruthRow
+from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.grading.exercise_driver import ExerciseDriver
 from husky_highlevel_controller.ros.grading.marker_watch import MarkerWatch
 from husky_highlevel_controller.ros.node import run_node
 
 LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
-VELOCITY_TOPICS = ("cmd_vel", "husky_velocity_controller/cmd_vel")  # to the Husky's mux, or past it
+# to the robot's mux, or past it
+VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
 MAX_VIOLATIONS = 5  # that are named
 
 
@@ -43,6 +45,7 @@ class Assignment:
     pillar: Tuple[float, float]  # [m], in the world
     deadline: float  # [s], simulated
     scan_topic: str
+    robot: str  # one of ROBOTS
     exercise: int
     ours: Tuple[str, ...]  # nodes that are not the submission's
 
@@ -55,7 +58,7 @@ class Recorder:
         self._task = Assignment(**json.loads(path.read_text()))
         self._lock = threading.Lock()
         self._truth: List[TruthRow] = []
-        self._end = DriveEnd((self._task.pillar[0], self._task.pillar[1]))
+        self._end = DriveEnd((self._task.pillar[0], self._task.pillar[1]), self._task.robot)
         self._commands: List[float] = []
         self._command_count = self._zero_count = 0
         self._nearest: List[Tuple[float, float]] = []
@@ -206,6 +209,7 @@ class Recorder:
             violations=(*self._violations, *pose_jumps(times, poses)),
             notes=(self._unanswered,) if self._unanswered else (),
             ended=ended,
+            robot=self._task.robot,
         )
         text = to_json(recording)
         part = Path(self._task.output + ".part")

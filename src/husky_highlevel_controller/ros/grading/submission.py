@@ -29,7 +29,8 @@ SIMULATION = {
     "gazebo_ros", "husky_gazebo", "husky_control", "husky_description", "husky_navigation", "husky_viz",
     "smb_gazebo", "smb_control", "smb_description", "robot_state_publisher", "joint_state_publisher",
     "joint_state_publisher_gui", "controller_manager", "twist_mux", "robot_localization",
-    "interactive_marker_twist_server", "joy", "teleop_twist_joy", "teleop_twist_keyboard",
+    "interactive_marker_twist_server", "joy", "pointcloud_to_laserscan", "teleop_twist_joy",
+    "teleop_twist_keyboard",
 }  # fmt: skip
 # they want a screen or a keyboard; a prefix whose program is not installed is dropped as well
 INTERACTIVE = {
