@@ -50,6 +50,13 @@
   const isTyping = (target) =>
     target instanceof Element && target.closest("input, textarea, select, [contenteditable=true]") !== null;
   window.addEventListener("keydown", (event) => {
+    if (event.code === "Space" && !isTyping(event.target)) { // on a button too: Enter presses those
+      event.stopImmediatePropagation();
+      event.preventDefault();
+      release();
+      if (!event.repeat) send({ e_stop: true });
+      return;
+    }
     if (!(event.code in KEYS) || event.ctrlKey || event.altKey || event.metaKey || isTyping(event.target)) return;
     event.stopImmediatePropagation(); // the camera would fly off by the same keys
     event.preventDefault();
@@ -59,6 +66,7 @@
     }
   }, true);
   window.addEventListener("keyup", (event) => {
+    if (event.code === "Space" && !isTyping(event.target)) event.preventDefault(); // a focused button is not pressed
     if (held.delete(event.code)) {
       event.stopImmediatePropagation();
       update();

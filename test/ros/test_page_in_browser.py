@@ -191,24 +191,70 @@ def test_the_pad_drives_while_it_is_dragged(page, robot):
     wait_until_it_stands(page, robot)
 
 
-def test_the_emergency_stop_locks_and_releases_for_every_page(page, robot, browser, launched):
+def test_the_emergency_stop_locks_for_every_page_and_released_leaves_the_robot_standing(
+    page, robot, browser, launched, network
+):
+    press(page, "Start")
+    show(page, "Log")  # the stop is above the tabs
     page.click("text=EMERGENCY STOP")
     wait_until(lambda: robot.is_locked, "e_stop is sent")
-    page.wait_for_selector("text=RELEASE")
+    page.wait_for_selector(".husky-e-stop.locked")
+    page.wait_for_selector("text=emergency stop: no command is obeyed")
     late = browser.new_page(viewport=SIZE, device_scale_factor=COARSENESS)
     watch(late)
     late.goto(launched)
-    late.wait_for_selector("text=RELEASE")
+    late.wait_for_selector(".husky-e-stop.locked")
     late.close()
     page.reload()
-    page.wait_for_selector("text=RELEASE")
+    page.wait_for_selector(".husky-e-stop.locked")
+    press(page, "Start")
+    page.wait_for_selector("text=the emergency stop is on, and no command is obeyed: release it first")
     page.keyboard.down("w")
     wait_until(lambda: robot.commanded > 0.0, "the key is still sent")
     assert abs(robot.speed) < 0.01
     page.keyboard.up("w")
-    page.click("text=RELEASE")
+    page.click(".husky-e-stop.locked")
     wait_until(lambda: not robot.is_locked, "e_stop is released")
     page.wait_for_selector("text=EMERGENCY STOP")
+    page.wait_for_selector(".husky-state:has-text('standing still until Start is pressed')")
+    begin = robot.time
+    wait_until(lambda: robot.time > begin + 2.0, "two seconds pass")
+    assert abs(robot.speed) < 0.01
+
+
+def test_space_is_the_emergency_stop_even_with_a_button_in_focus(page, robot):
+    page.get_by_role("button", name="Start", exact=True).focus()
+    page.keyboard.press("Space")
+    wait_until(lambda: robot.is_locked, "e_stop is sent")
+    page.click(".husky-e-stop.locked")
+    wait_until(lambda: not robot.is_locked, "e_stop is released")
+
+
+def test_a_paused_world_says_so_on_every_tab(page):
+    press(page, "Pause")
+    page.wait_for_selector(".husky-state:has-text('PAUSED')")
+    show(page, "View")
+    page.wait_for_selector(".husky-state:has-text('PAUSED')")
+    show(page, "Drive")
+    press(page, "Resume")
+    page.wait_for_selector(".husky-state:not(:has-text('PAUSED'))")
+
+
+def test_hostile_messages_are_left_out_and_the_emergency_stop_goes_on(page, robot, network):
+    printed = network.processes[0]  # by the launch
+    hostile = network.start(sys.executable, str(Path(__file__).with_name("hostile_messages.py")))
+    for words in (
+        "a marker of /hostile/markers is not shown: ValueError",
+        "/front/scan is not shown: ScanError",
+    ):
+        wait_until(lambda words=words: words in printed.output, words)
+    page.click("text=EMERGENCY STOP")
+    wait_until(lambda: robot.is_locked, "e_stop is sent")
+    page.click(".husky-e-stop.locked")
+    wait_until(lambda: not robot.is_locked, "e_stop is released")
+    assert printed.output.count("a marker of /hostile/markers is not shown") == 1
+    hostile.popen.terminate()
+    hostile.wait()
 
 
 @pytest.fixture

@@ -15,11 +15,13 @@ PERIOD = 0.02  # [s] of wall time
 
 def main(path):
     rospy.init_node("watch_robot", disable_rostime=True)
-    seen = {"speed": None, "position": None, "commanded": 0.0, "commands": 0, "is_locked": False}
+    seen = {"speed": None, "position": None, "commanded": 0.0, "commands": 0, "is_locked": False, "time": 0.0}
 
     def on_odometry(msg):
         point = msg.pose.pose.position
-        seen.update(speed=msg.twist.twist.linear.x, position=(point.x, point.y))
+        seen.update(
+            speed=msg.twist.twist.linear.x, position=(point.x, point.y), time=msg.header.stamp.to_sec()
+        )
 
     def on_command(msg):
         seen.update(commanded=msg.linear.x, commands=seen["commands"] + 1)

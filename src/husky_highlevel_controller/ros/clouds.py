@@ -21,10 +21,12 @@ def points_from_scan(scan: Scan) -> np.ndarray:
 
 
 def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarray:
-    """Finite points, evenly thinned; none where the cloud has no x, y and z of 32-bit floats."""
+    """Finite points, evenly thinned; none where a point has no room for x, y and z of 32 bits."""
     offsets = {field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32}
     count = msg.width * msg.height
     if not {"x", "y", "z"} <= set(offsets) or not count or len(msg.data) < count * msg.point_step:
+        return np.zeros((0, 3), np.float32)
+    if max(offsets[axis] for axis in "xyz") + 4 > msg.point_step:
         return np.zeros((0, 3), np.float32)
     order = ">f4" if msg.is_bigendian else "<f4"
     kind = np.dtype(

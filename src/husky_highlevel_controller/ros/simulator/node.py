@@ -12,6 +12,7 @@ from typing import Any, Callable, List, Tuple
 
 import rosgraph
 import rospy
+from std_msgs.msg import Bool
 from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 from husky_highlevel_controller.config import ConfigError, read_config
@@ -72,6 +73,8 @@ class SimulatorNode:
     def __init__(self) -> None:
         start, config, camera = self._read_parameters()
         self._start, self._paused = start, start.paused
+        self._paused_topic = rospy.Publisher("~paused", Bool, queue_size=1, latch=True)
+        self._paused_topic.publish(start.paused)
         robot = robot_model(self._robot_description(), config.robot, start.laser_frame)
         self._publishers = Publishers(config, robot)
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
@@ -236,10 +239,12 @@ class SimulatorNode:
 
     def _pause(self) -> str:
         self._paused = True
+        self._paused_topic.publish(True)
         return f"paused at {self._simulation.stamp:.3f} s"
 
     def _resume(self) -> str:
         self._paused = False
+        self._paused_topic.publish(False)
         return f"running from {self._simulation.stamp:.3f} s"
 
     def _reset(self) -> str:

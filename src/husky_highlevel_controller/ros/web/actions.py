@@ -1,9 +1,11 @@
-"""What the page asks the network to do: services, called one after the other by a thread of their own."""
+"""Service calls of the page, one after the other in a thread of their own, each with a deadline."""
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
+import traceback
 from typing import Any, Callable, Optional
 
 import rospy
@@ -12,11 +14,12 @@ import viser
 from husky_highlevel_controller.datatypes import HuskyError
 
 NOTICE_TIME = 6.0  # [s] that a sentence stays in the page
+CALL_TIMEOUT = 5.0  # [s] of wall time for one service call
 Work = Callable[[], Optional[str]]  # returns a sentence for the page; None: nothing worth saying
 
 
 class Actions:
-    """Runs the page's wishes in order, and tells the page that asked what became of each."""
+    """Runs queued service calls in order, and shows each result as a notification."""
 
     def __init__(self) -> None:
         self._waiting: queue.Queue[Any] = queue.Queue()
@@ -34,11 +37,15 @@ class Actions:
                 continue
             try:
                 sentence, is_good = work(), True
-            except (HuskyError, rospy.ROSException, rospy.ServiceException, OSError, ValueError) as error:
+            except HuskyError as error:
                 sentence, is_good = str(error), False
                 rospy.logwarn(f"{title}: {error}")
+            except Exception as error:  # of one button's call, which must not end all others
+                sentence, is_good = f"{type(error).__name__}: {error}", False
+                rospy.logwarn(f"{title}: {traceback.format_exc()}")
             if sentence and client is not None:
-                notify(client, title, sentence, is_good)
+                with contextlib.suppress(Exception):  # the page may have been closed meanwhile
+                    notify(client, title, sentence, is_good)
 
 
 def notify(client: viser.ClientHandle, title: str, sentence: str, is_good: bool = True) -> None:
@@ -48,16 +55,37 @@ def notify(client: viser.ClientHandle, title: str, sentence: str, is_good: bool 
     )
 
 
-def call(service: str, kind: Any, *args: Any) -> str:
-    """Call a service that answers success and a sentence; the sentence.
+def answer_of(service: str, kind: Any, *args: Any) -> Any:
+    """Answer of a service, which gets CALL_TIMEOUT to give it.
 
     Raises:
-        HuskyError: it is not there, or refuses.
+        HuskyError: it is not there, fails, or does not answer in time.
     """
+    answers: queue.Queue[Any] = queue.Queue()
+
+    def ask() -> None:
+        try:
+            answers.put((rospy.ServiceProxy(service, kind)(*args), None))
+        except Exception as error:  # raised again below
+            answers.put((None, error))
+
+    threading.Thread(target=ask, name=service, daemon=True).start()
     try:
-        answer = rospy.ServiceProxy(service, kind)(*args)
-    except (rospy.ServiceException, rospy.ROSException) as error:
+        answer, error = answers.get(timeout=CALL_TIMEOUT)
+    except queue.Empty:
+        raise HuskyError(f"{service} does not answer within {CALL_TIMEOUT:g} s") from None
+    if error is not None:
         raise HuskyError(f"{service}: {error}") from None
+    return answer
+
+
+def call(service: str, kind: Any, *args: Any) -> str:
+    """Sentence of a service that answers success and a sentence.
+
+    Raises:
+        HuskyError: it is not there, refuses, or does not answer in time.
+    """
+    answer = answer_of(service, kind, *args)
     sentence = getattr(answer, "status_message", getattr(answer, "message", ""))
     if not getattr(answer, "success", True):
         raise HuskyError(str(sentence) or f"{service} says no")

@@ -1,4 +1,4 @@
-"""The tab to drive: state in words, lights, the emergency stop, the pad, start and stop, pause and reset."""
+"""Drive tab: readings and lights, the pad, start and stop, pause and reset."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ import rospy
 import viser
 from std_srvs.srv import SetBool, Trigger
 
+from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.ros.web.actions import Actions, call
 from husky_highlevel_controller.ros.web.curves import fixed
+from husky_highlevel_controller.ros.web.state_bar import LEVELS, set_html
 from husky_highlevel_controller.ros.web.teleop import Teleop
 from husky_highlevel_controller.srv import StepWorld
 
 PAD = """<div class="husky-block husky-drive"><div class="husky-pad"><div class="husky-knob"></div></div>
 <div class="husky-keys">Drag the pad, or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd>.
 Let go to stop.</div></div>"""
-LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 
 
 class Status(NamedTuple):
@@ -41,7 +42,6 @@ class DriveTab:
         self._controller, self._simulator = controller, simulator
         self._lights: Dict[str, Tuple[int, str]] = {}
         gui = server.gui
-        self._e_stop = gui.add_html(e_stop_html(False))
         self._status = gui.add_html(status_html(Status(), []))
         start = gui.add_button_group("Controller", ("Start", "Stop"))
         start.on_click(self._on_start_stop)
@@ -67,8 +67,7 @@ class DriveTab:
             for item in array.status:
                 self._lights[item.name] = (item.level, item.message)
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
-        _set(self._status, status_html(status, lights))
-        _set(self._e_stop, e_stop_html(self._teleop.is_locked))
+        set_html(self._status, status_html(status, lights))
 
     def forget(self) -> None:
         """Drop the lights of nodes that may be gone."""
@@ -78,7 +77,18 @@ class DriveTab:
         starts = event.target.value == "Start"
         self._actions.do(lambda: self._start_stop(starts), event.client, "Controller")
 
+    def stop(self) -> None:
+        """Stop the controller, so that it stands still when the emergency stop is released."""
+        self._actions.do(lambda: self._start_stop(False), None, "Controller")
+
+    def activity(self) -> Tuple[int, str]:
+        """Level and sentence of the controller's diagnostics; empty where there are none."""
+        name = self._controller.strip("/")
+        return next((light for key, light in self._lights.items() if key.startswith(name)), (0, ""))
+
     def _start_stop(self, starts: bool) -> str:
+        if starts and self._teleop.is_locked:
+            raise HuskyError("the emergency stop is on, and no command is obeyed: release it first")
         name = rospy.get_param(f"{self._controller}/start_stop_service_name", "~start_stop")
         service = f"{self._controller}/{name[1:]}" if name.startswith("~") else rospy.resolve_name(name)
         return call(service, SetBool, starts)
@@ -97,13 +107,6 @@ class DriveTab:
 
     def _trigger(self, name: str, client: Any) -> None:
         self._actions.do(lambda: call(f"{self._simulator}/{name}", Trigger), client, "Simulation")
-
-
-def e_stop_html(is_locked: bool) -> str:
-    """The emergency stop's button, which the page's script sends on."""
-    if is_locked:
-        return _button("locked", "false", "STOPPED &mdash; RELEASE")
-    return _button("", "true", "EMERGENCY STOP")
 
 
 def status_html(status: Status, lights: List[Tuple[str, int, str]]) -> str:
@@ -126,17 +129,5 @@ def status_html(status: Status, lights: List[Tuple[str, int, str]]) -> str:
     return f'<div class="husky-block">{lamps or none}<dl class="husky-status">{table}</dl></div>'
 
 
-def _button(style: str, locks: str, words: str) -> str:
-    return (
-        '<div class="husky-block">'
-        f'<button class="husky-e-stop {style}" data-husky-e-stop="{locks}">{words}</button></div>'
-    )
-
-
 def _number(value: Optional[float], unit: str, digits: int = 3) -> str:
     return "&ndash;" if value is None else f"{fixed(value, digits)} {unit}"
-
-
-def _set(html: Any, content: str) -> None:
-    if html.content != content:
-        html.content = content

@@ -168,7 +168,7 @@ def _parse(text: Any) -> Optional[Message]:
         return None
     try:
         message = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return message if isinstance(message, dict) else None
 

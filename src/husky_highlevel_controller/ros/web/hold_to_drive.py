@@ -5,7 +5,7 @@ In: commands with their moments. Out: the twist to send. Must not know: ROS, vis
 
 from __future__ import annotations
 
-from math import isfinite
+from math import inf
 from typing import Any, Optional
 
 from husky_highlevel_controller.datatypes import STOP, Twist2D
@@ -13,11 +13,11 @@ from husky_highlevel_controller.datatypes import STOP, Twist2D
 EXPIRY = 0.25  # [s] without a word from the page; it repeats itself every 0.05 s while a key is held
 
 
-def share(value: Any) -> Optional[float]:
-    """A share of full speed in -1..1; None for what is no finite number."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+def clamp_axis(value: Any) -> Optional[float]:
+    """Axis of a joystick, clamped to -1..1; None for what is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
         return None
-    return max(-1.0, min(1.0, float(value)))
+    return float(max(-1, min(1, value))) if abs(value) != inf else None
 
 
 class HoldToDrive:

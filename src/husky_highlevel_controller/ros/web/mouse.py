@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, Dict
+from typing import TYPE_CHECKING, Any, Callable, Dict
 
 import viser
 
@@ -12,7 +12,9 @@ from husky_highlevel_controller.ros.web.objects import Key, Object, Objects
 from husky_highlevel_controller.ros.web.pages import DELETE, LOOK, MOVE, PUT, Page
 from husky_highlevel_controller.ros.web.rays import point_on_level
 from husky_highlevel_controller.ros.web.scene import BASE, Scene
-from husky_highlevel_controller.ros.web.world_tab import Drag, WorldTab
+
+if TYPE_CHECKING:  # it imports messages, which tests without a workspace do not have
+    from husky_highlevel_controller.ros.web.world_tab import WorldTab
 
 
 class Mouse:
@@ -28,6 +30,7 @@ class Mouse:
     ) -> None:
         self._scene, self._objects, self._world, self._pages = scene, objects, world, pages
         self._drags: Dict[Any, Drag] = {}
+        self._draggers: Dict[Any, int] = {}  # the page of each drag
         objects.on_new = self._bind_object
         server.scene.on_click()(self._on_ground)
 
@@ -43,6 +46,19 @@ class Mouse:
             node.remove_drag_callback("all")
             if self._is_used(MOVE):
                 node.on_drag("left")(self._on_drag_robot)
+
+    def release(self, page: int) -> None:
+        """End the drags of a page that was closed; what it dragged stays where it was."""
+        for key in [key for key, dragger in list(self._draggers.items()) if dragger == page]:
+            self._end(key)
+
+    def _end(self, key: Any) -> None:
+        self._drags.pop(key, None)
+        self._draggers.pop(key, None)
+        if key == BASE:
+            self._scene.show_ghost(None)
+        else:
+            self._objects.dragged.pop(key, None)
 
     def _is_used(self, tool: str) -> bool:
         return any(page.tool == tool for page in list(self._pages.values()))
@@ -85,8 +101,6 @@ class Mouse:
                 lambda _client, where: self._objects.drop(key, where),
             )
         self._pass_on(key, event)
-        if event.phase == "end":
-            self._objects.dragged.pop(key, None)
 
     async def _on_drag_robot(self, event: Any) -> None:
         base = self._scene.base
@@ -95,15 +109,45 @@ class Mouse:
         if event.phase == "start":
             self._drags[BASE] = Drag(base, self._scene.show_ghost, self._world.move_robot)
         self._pass_on(BASE, event)
-        if event.phase == "end":
-            self._scene.show_ghost(None)
 
     def _pass_on(self, key: Any, event: Any) -> None:
+        if event.phase == "start":
+            self._draggers[key] = event.client.client_id
         drag = self._drags.get(key)
         if drag is not None:
             drag.on_event(event)
         if event.phase == "end":
-            self._drags.pop(key, None)
+            self._end(key)
+
+
+class Drag:
+    """One object that the mouse drags over the ground, at the height where it was grasped."""
+
+    def __init__(self, pose: Pose, show: Callable[[Pose], None], drop: Callable[[Any, Pose], None]) -> None:
+        """Begin.
+
+        Args:
+            pose: of the object at the beginning, in the fixed frame.
+            show: draws the object at a pose meanwhile.
+            drop: called with the page and the last pose.
+        """
+        self._start, self._pose, self._show, self._drop = pose, pose, show, drop
+        self._grasp: Any = None
+
+    def on_event(self, event: Any) -> None:
+        """Follow the mouse: its ray is cut with the level of the grasp."""
+        if event.phase == "start" or self._grasp is None:
+            self._grasp = tuple(float(value) for value in event.start_position)
+        eye = event.client.camera.position
+        ray = [float(a) - float(b) for a, b in zip(event.end_position, eye)]
+        point = point_on_level(eye, ray, self._grasp[2])
+        if point is not None:
+            x, y, z = self._start.position
+            moved = (x + point[0] - self._grasp[0], y + point[1] - self._grasp[1], z)
+            self._pose = self._start._replace(position=moved)
+            self._show(self._pose)
+        if event.phase == "end":
+            self._drop(event.client, self._pose)
 
 
 def _vector(values: Any) -> Any:

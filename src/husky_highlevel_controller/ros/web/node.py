@@ -6,6 +6,7 @@ import threading
 import time
 from dataclasses import dataclass, field
 from functools import partial
+from math import inf
 from typing import Any, Dict, List, Optional, Tuple
 
 import rospy
@@ -13,6 +14,7 @@ import viser
 from geometry_msgs.msg import PointStamped, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
+from std_msgs.msg import Bool
 
 from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.datatypes import Vector3
@@ -23,6 +25,7 @@ from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.web.actions import Actions
 from husky_highlevel_controller.ros.web.curves import Rate
 from husky_highlevel_controller.ros.web.drive_tab import DriveTab, Status
+from husky_highlevel_controller.ros.web.left_out import LeftOut
 from husky_highlevel_controller.ros.web.log import LogBuffer
 from husky_highlevel_controller.ros.web.mouse import Mouse
 from husky_highlevel_controller.ros.web.objects import Objects
@@ -31,6 +34,7 @@ from husky_highlevel_controller.ros.web.pages import Page, theme
 from husky_highlevel_controller.ros.web.plots import Plots
 from husky_highlevel_controller.ros.web.recorder import Recorder
 from husky_highlevel_controller.ros.web.scene import Scene
+from husky_highlevel_controller.ros.web.state_bar import NO_NEWS_TIME, RobotStatus, StateBar
 from husky_highlevel_controller.ros.web.teleop import Teleop
 from husky_highlevel_controller.ros.web.topics import Topics
 from husky_highlevel_controller.ros.web.tuning import Tuning
@@ -87,11 +91,15 @@ class WebNode:
         )
         self._build(config)
         self._scan_rate, self._clock_rate = Rate(), Rate()
+        self._left_out = LeftOut()
+        self._is_paused = False
+        self._heard_at = -inf  # [s] of the monotonic clock, the last odometry
         self._time: Optional[float] = None
         self._error: Optional[Tuple[float, float]] = None
         self._speeds: Dict[str, Tuple[float, float]] = {}
         self._pillar: Optional[Vector3] = None
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
+        rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
         self._server.on_client_connect(self._on_connect)
         self._server.on_client_disconnect(self._on_disconnect)
         rospy.loginfo(address)
@@ -101,11 +109,13 @@ class WebNode:
         theme(server.gui, False)
         self._scene = Scene(server, config.fixed_frame)
         self._objects = Objects(server, self._scene.frames, config.fixed_frame)
+        self._state_bar = StateBar(server.gui)  # above the tabs, and so on each of them
         group = server.gui.add_tab_group()
         names = ("Drive", "World", "Tune", "Curves", "Log", "View")
         self._tabs = {name: group.add_tab(name) for name in names}
         with self._tabs["Drive"]:
             self._drive = DriveTab(server, self._actions, self._teleop, config.controller, config.simulator)
+        self._teleop.on_lock = self._drive.stop
         with self._tabs["World"]:
             world = WorldTab(server, self._actions, config.simulator, config.fixed_frame)
         self._mouse = Mouse(server, self._scene, self._objects, world, self._pages)
@@ -132,12 +142,15 @@ class WebNode:
                 continue
             now = time.monotonic()
             if now >= network_due:
-                self._look_at_network()
+                with self._left_out.item("a change of the network"):
+                    self._look_at_network()
                 network_due = now + NETWORK_PERIOD
             with self._server.atomic():
-                self._update(now)
+                with self._left_out.item("a part of the view"):
+                    self._update(now)
                 if now >= readings_due:
-                    self._update_readings(now)
+                    with self._left_out.item("a reading"):
+                        self._update_readings(now)
                     readings_due = now + READINGS_PERIOD
                 if now >= curves_due:
                     self._plots.update()
@@ -193,6 +206,7 @@ class WebNode:
     def _take_numbers(self) -> None:
         odometry = self._topics.take("truth") or self._topics.take("odometry")
         if odometry is not None:
+            self._heard_at = time.monotonic()
             self._speeds["measured"] = conversions.twist_from_msg(odometry.twist.twist)
             self._time = odometry.header.stamp.to_sec()
         command = self._topics.take("command")
@@ -225,6 +239,19 @@ class WebNode:
         speed = None if measured is None else measured[0]
         rates = self._clock_rate.value, self._scan_rate.value
         status = Status(self._time, *rates, distance, bearing, speed)
+        level, activity = self._drive.activity()
+        self._state_bar.update(
+            RobotStatus(
+                self._teleop.is_locked,
+                self._is_paused,
+                time.monotonic() - self._heard_at > NO_NEWS_TIME,
+                level,
+                activity,
+                distance,
+                speed,
+                self._time,
+            )
+        )
         self._drive.update(status, [received.msg for received in self._topics.take_all("diagnostics")])
 
     # ------------------------------------------------------------------ pages come and go
@@ -240,6 +267,7 @@ class WebNode:
             self._pages[client.client_id] = page
         for number in leavers:
             self._pages.pop(number, None)
+            self._mouse.release(number)
         if leavers:
             self._mouse.bind()
 
@@ -251,6 +279,9 @@ class WebNode:
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         with self._clients_changed:
             self._leavers.append(client.client_id)
+
+    def _on_paused(self, msg: Bool) -> None:
+        self._is_paused = msg.data
 
     def _on_layer(self, layer: str, event: Any) -> None:
         self._scene.layers[layer] = event.target.value

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Tuple
 from urllib.parse import quote
 
 import numpy as np
@@ -22,6 +22,7 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.web.drawing import clickable, draw, place
 from husky_highlevel_controller.ros.web.frames import Frames
+from husky_highlevel_controller.ros.web.left_out import LeftOut
 from husky_highlevel_controller.ros.web.markers import Piece, Solid, pieces, pose_of
 from husky_highlevel_controller.ros.web.topics import Received
 
@@ -52,6 +53,7 @@ class Objects:
     def __init__(self, server: viser.ViserServer, frames: Frames, fixed_frame: str) -> None:
         self._scene, self._frames, self._fixed_frame = server.scene, frames, fixed_frame
         self.shown: Dict[Key, Object] = {}
+        self._left_out = LeftOut()
         self.on_new: Callable[[Key, Object], None] = lambda key, shown: None  # binds the mouse
         self.dragged: Dict[Key, Pose] = {}  # in the fixed frame, while a page drags them
         self._feedback: Dict[str, rospy.Publisher] = {}
@@ -59,21 +61,29 @@ class Objects:
     def update(self, received: List[Received]) -> None:
         """Take in messages of servers, then put everything where it is now."""
         for topic, msg in received:
-            if isinstance(msg, InteractiveMarkerInit):
-                self._on_init(topic[: -len("_full")], msg)
-            elif msg.type == InteractiveMarkerUpdate.UPDATE:
-                for marker in msg.markers:
-                    self._insert(topic, marker)
-                for moved in msg.poses:
-                    self._move((topic, moved.name), conversions.pose_from_msg(moved.pose))
-                for name in msg.erases:
-                    self._erase((topic, name))
+            with self._left_out.item(topic):
+                self._take(topic, msg)
         for key, shown in self.shown.items():
-            frame = self._frames.pose(shown.frame, self._fixed_frame)
-            if key in self.dragged:
-                place(shown.node, self.dragged[key])
-            elif frame is not None:
-                place(shown.node, compose(frame, shown.pose_in_frame))
+            with self._left_out.item(f"'{key[1]}' of {key[0]}"):
+                self._place(key, shown)
+
+    def _take(self, topic: str, msg: Any) -> None:
+        if isinstance(msg, InteractiveMarkerInit):
+            self._on_init(topic[: -len("_full")], msg)
+        elif msg.type == InteractiveMarkerUpdate.UPDATE:
+            for marker in msg.markers:
+                self._insert(topic, marker)
+            for moved in msg.poses:
+                self._move((topic, moved.name), conversions.pose_from_msg(moved.pose))
+            for name in msg.erases:
+                self._erase((topic, name))
+
+    def _place(self, key: Key, shown: Object) -> None:
+        frame = self._frames.pose(shown.frame, self._fixed_frame)
+        if key in self.dragged:
+            place(shown.node, self.dragged[key])
+        elif frame is not None:
+            place(shown.node, compose(frame, shown.pose_in_frame))
 
     def clear(self) -> None:
         """Take all away, and stop speaking to their servers."""
@@ -83,14 +93,11 @@ class Objects:
             publisher.unregister()
         self._feedback.clear()
 
-    def find(self, name: str) -> Optional[Key]:
-        """The key of an object by its name alone."""
-        return next((key for key in self.shown if key[1] == name), None)
-
     def drop(self, key: Key, pose_in_fixed: Pose) -> None:
         """Tell the server that a marker was dragged to a pose in the fixed frame."""
-        shown, frame = self.shown[key], self._frames.pose(self.shown[key].frame, self._fixed_frame)
-        if frame is None:
+        shown = self.shown.get(key)
+        frame = None if shown is None else self._frames.pose(shown.frame, self._fixed_frame)
+        if shown is None or frame is None:
             return
         pose = compose(inverse(frame), pose_in_fixed)
         for event in (InteractiveMarkerFeedback.POSE_UPDATE, InteractiveMarkerFeedback.MOUSE_UP):

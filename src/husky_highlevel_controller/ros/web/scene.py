@@ -17,9 +17,11 @@ from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import compose, matrix_from_quat
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_from_msg, points_from_scan
+from husky_highlevel_controller.ros.transforms import is_pose
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.drawing import clickable, draw, place, redraw
 from husky_highlevel_controller.ros.web.frames import Frames
+from husky_highlevel_controller.ros.web.left_out import LeftOut
 from husky_highlevel_controller.ros.web.markers import Key, Markers, Solid, looks, markers_of, pieces, pose_of
 from husky_highlevel_controller.ros.web.robot import rigid_groups
 from husky_highlevel_controller.ros.web.topics import Topics
@@ -52,6 +54,7 @@ class Scene:
 
     def __init__(self, server: viser.ViserServer, fixed_frame: str) -> None:
         self._scene, self.fixed_frame = server.scene, fixed_frame
+        self._left_out = LeftOut()
         self.frames, self.markers = Frames(), Markers()
         self.layers = {
             "scan": True,
@@ -112,9 +115,10 @@ class Scene:
             name = f"{parent}/{quote(frame, safe='')}"
             self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
             for number, visual in enumerate(visuals):
-                self.robot_shapes += clickable(
-                    draw(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
-                )
+                with self._left_out.item(f"a visual of {frame} in robot_description"):
+                    self.robot_shapes += clickable(
+                        draw(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
+                    )
 
     @property
     def base(self) -> Optional[Pose]:
@@ -133,14 +137,18 @@ class Scene:
         """Draw what has come in."""
         for received in topics.take_all("tf"):
             for msg in received.msg.transforms:
+                if not is_pose(msg.transform):
+                    continue
                 stamp, pose = msg.header.stamp.to_sec(), conversions.pose_from_transform(msg)
                 parent, child = msg.header.frame_id.lstrip("/"), msg.child_frame_id.lstrip("/")
                 self.frames.update(parent, child, stamp, pose)
         for frame, node in self._robot.items():
             parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
             self._show(node, self.frames.pose(frame, parent))
-        self._update_scan(topics.take("scan"))
-        self._update_cloud(topics.take("cloud"))
+        with self._left_out.item(topics.name("scan")):
+            self._update_scan(topics.take("scan"))
+        with self._left_out.item(topics.name("cloud")):
+            self._update_cloud(topics.take("cloud"))
         self._update_trail()
         self._update_markers(topics)
         self._update_axes()
@@ -204,14 +212,16 @@ class Scene:
     def _update_markers(self, topics: Topics) -> None:
         now = time.monotonic()
         for topic, msg in topics.take_all("markers"):
-            for marker in markers_of(msg):
-                self.markers.apply(topic, marker, now)
+            with self._left_out.item(topic):
+                for marker in markers_of(msg):
+                    self.markers.apply(topic, marker, now)
         self.markers.expire(now)
         shown = self.markers.shown if self.layers["markers"] else {}
         for key in self._drawn.keys() - shown.keys():
             self._drawn.pop(key).node.remove()
         for key, marker in shown.items():
-            self._draw_marker(key, marker, now)
+            with self._left_out.item(f"a marker of {key[0]}"):
+                self._draw_marker(key, marker, now)
 
     def _draw_marker(self, key: Key, marker: Marker, now: float) -> None:
         drawn = self._drawn.get(key)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Dict
+from typing import Any, Callable, Dict
 
 import rospy
 from geometry_msgs.msg import Twist
@@ -13,7 +13,7 @@ from std_msgs.msg import Bool
 from husky_highlevel_controller.datatypes import Twist2D
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
-from husky_highlevel_controller.ros.web.hold_to_drive import HoldToDrive, share
+from husky_highlevel_controller.ros.web.hold_to_drive import HoldToDrive, clamp_axis
 
 PERIOD = 0.05  # [s] between two commands; twist_mux drops a source after 0.5 s, the wheels stop after 0.25 s
 
@@ -22,6 +22,7 @@ class Teleop:
     """Commands on kb_teleop/cmd_vel and e_stop."""
 
     def __init__(self) -> None:
+        self.on_lock: Callable[[], None] = lambda: None  # called when a page presses the emergency stop
         self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s], of a key that is held
         self.is_locked = False  # by e_stop, from any sender
         self._hold = HoldToDrive()
@@ -36,7 +37,9 @@ class Teleop:
         """What a page sends: {"linear": -1..1, "angular": -1..1} or {"e_stop": bool}."""
         if isinstance(message.get("e_stop"), bool):
             self.lock(message["e_stop"])
-        linear, angular = share(message.get("linear")), share(message.get("angular"))
+            if message["e_stop"]:
+                self.on_lock()
+        linear, angular = clamp_axis(message.get("linear")), clamp_axis(message.get("angular"))
         if linear is not None and angular is not None:
             twist = Twist2D(linear * self.max_linear, angular * self.max_angular)
             with self._turn:

@@ -12,7 +12,7 @@ from dynamic_reconfigure.msg import Config, ConfigDescription
 from dynamic_reconfigure.srv import Reconfigure
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.ros.web.actions import Actions
+from husky_highlevel_controller.ros.web.actions import Actions, answer_of
 from husky_highlevel_controller.ros.web.parameters import Parameter, from_yaml, parameters, to_yaml
 
 DESCRIPTION = "dynamic_reconfigure/ConfigDescription"
@@ -63,6 +63,8 @@ class Tuning:
                 changes = from_yaml(text.decode(), known)
             except UnicodeDecodeError:
                 raise HuskyError("this is no text file") from None
+            for name in changes.keys() - self._servers.keys():
+                raise HuskyError(f"{name} is gone")
             for name, values in changes.items():
                 self._servers[name].request(values, client)
             return f"{sum(map(len, changes.values()))} values of {', '.join(changes)}"
@@ -104,11 +106,10 @@ class _Server:
         with self._turn:
             wanted, self._wanted = self._wanted, {}
         try:
-            config = encode_config(wanted)
-            answer = rospy.ServiceProxy(f"{self._name}/set_parameters", Reconfigure)(config)
-        except rospy.ServiceException as error:
+            answer = answer_of(f"{self._name}/set_parameters", Reconfigure, encode_config(wanted))
+        except HuskyError:
             self._show(self.values)
-            raise HuskyError(f"{self._name}/set_parameters: {error}") from None
+            raise
         taken = decode_config(answer.config, self._description)
         self._show(taken)
         refused = [name for name, value in wanted.items() if taken.get(name) != value]
@@ -137,9 +138,13 @@ class _Server:
     def _show(self, values: Dict[str, Any]) -> None:
         with self._turn:
             self.values = {**self.values, **values}
-            for name, field in self._fields.items():
-                if name in self.values and name not in self._wanted and field.value != self.values[name]:
-                    field.value = self.values[name]
+            for parameter in self.parameters:
+                name, field = parameter.name, self._fields.get(parameter.name)
+                if field is None or name not in self.values or name in self._wanted:
+                    continue
+                value = shown_value(parameter, self.values[name])
+                if field.value != value:
+                    field.value = value
 
     def _field(self, parameter: Parameter) -> Any:
         value = self.values.get(parameter.name, parameter.default)
@@ -162,8 +167,9 @@ class _Server:
 
     def _choice(self, parameter: Parameter, value: Any) -> Any:
         names = [name for name, _ in parameter.choices]
-        current = next((name for name, item in parameter.choices if item == value), names[0])
-        return self._gui.add_dropdown(parameter.label, names, initial_value=current, hint=parameter.help)
+        shown = shown_value(parameter, value)
+        initial = shown if shown in names else names[0]
+        return self._gui.add_dropdown(parameter.label, names, initial_value=initial, hint=parameter.help)
 
     def _on_field(self, parameter: Parameter, event: Any) -> None:
         if event.client is None:  # set by _show
@@ -179,3 +185,8 @@ class _Server:
                 raise HuskyError(message)
 
             self._actions.do(refuse, event.client, self._name)
+
+
+def shown_value(parameter: Parameter, value: Any) -> Any:
+    """A value as its field shows it: one of an enumeration by its name."""
+    return next((name for name, item in parameter.choices if item == value), value)

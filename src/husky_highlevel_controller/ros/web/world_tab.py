@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Callable, List, Optional
+from typing import Any, List, Optional
 
 import viser
 from geometry_msgs.msg import Pose as PoseMsg
@@ -13,12 +13,9 @@ from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import pose_from_2d, pose_to_2d
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.web.actions import Actions, call
-from husky_highlevel_controller.ros.web.rays import point_on_level
+from husky_highlevel_controller.ros.web.actions import Actions, answer_of, call
 from husky_highlevel_controller.ros.web.worlds import GROUND, models
 from husky_highlevel_controller.srv import DeleteObject, ListObjects, MoveObject, SpawnObject
-
-import rospy  # isort: skip
 
 ROBOT = "husky"  # what the simulator's services call the robot
 SIZES = {"box": (0.4, 0.4, 0.8), "cylinder": (0.4, 0.4, 1.0), "sphere": (0.5, 0.5, 0.5)}  # [m]
@@ -99,10 +96,9 @@ class WorldTab:
         return call(f"{self._simulator}/move", MoveObject, name, conversions.pose_to_msg(pose), self._frame)
 
     def _list(self) -> List[str]:
-        try:
-            answer = rospy.ServiceProxy(f"{self._simulator}/list", ListObjects)(self._frame)
-        except rospy.ServiceException as error:
-            raise HuskyError(f"{self._simulator}/list: {error}") from None
+        answer = answer_of(f"{self._simulator}/list", ListObjects, self._frame)
+        if not answer.success:
+            raise HuskyError(f"{self._simulator}/list: {answer.status_message}")
         return list(answer.model_names)
 
     def _load(self) -> str:
@@ -140,33 +136,3 @@ class WorldTab:
 
 _ORIGIN = PoseMsg()
 _ORIGIN.orientation.w = 1.0
-
-
-class Drag:
-    """One object that the mouse drags over the ground, at the height where it was grasped."""
-
-    def __init__(self, pose: Pose, show: Callable[[Pose], None], drop: Callable[[Any, Pose], None]) -> None:
-        """Begin.
-
-        Args:
-            pose: of the object at the beginning, in the fixed frame.
-            show: draws the object at a pose meanwhile.
-            drop: called with the page and the last pose.
-        """
-        self._start, self._pose, self._show, self._drop = pose, pose, show, drop
-        self._grasp: Any = None
-
-    def on_event(self, event: Any) -> None:
-        """Follow the mouse: its ray is cut with the level of the grasp."""
-        if event.phase == "start" or self._grasp is None:
-            self._grasp = tuple(float(value) for value in event.start_position)
-        eye = event.client.camera.position
-        ray = [float(a) - float(b) for a, b in zip(event.end_position, eye)]
-        point = point_on_level(eye, ray, self._grasp[2])
-        if point is not None:
-            x, y, z = self._start.position
-            moved = (x + point[0] - self._grasp[0], y + point[1] - self._grasp[1], z)
-            self._pose = self._start._replace(position=moved)
-            self._show(self._pose)
-        if event.phase == "end":
-            self._drop(event.client, self._pose)

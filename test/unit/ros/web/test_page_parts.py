@@ -2,20 +2,30 @@
 
 import asyncio
 import base64
+import queue
+import threading
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from sensor_msgs.msg import PointCloud2, PointField
 
-from husky_highlevel_controller.datatypes import STOP, HuskyError, Twist2D
+from husky_highlevel_controller.datatypes import IDENTITY, STOP, HuskyError, Twist2D
+from husky_highlevel_controller.ros.clouds import points_from_msg
+from husky_highlevel_controller.ros.web import actions, left_out
 from husky_highlevel_controller.ros.web.curves import Curve, Rate, fixed
-from husky_highlevel_controller.ros.web.gate import refusal, replay_page
-from husky_highlevel_controller.ros.web.hold_to_drive import EXPIRY, HoldToDrive, share
+from husky_highlevel_controller.ros.web.drawing import rgb
+from husky_highlevel_controller.ros.web.gate import _parse, refusal, replay_page
+from husky_highlevel_controller.ros.web.hold_to_drive import EXPIRY, HoldToDrive, clamp_axis
 from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, LogBuffer, to_html
+from husky_highlevel_controller.ros.web.mouse import Drag, Mouse
 from husky_highlevel_controller.ros.web.page_server import LoopEvent, MessageBuffer
+from husky_highlevel_controller.ros.web.pages import MOVE
 from husky_highlevel_controller.ros.web.parameters import from_yaml, parameters, to_yaml
 from husky_highlevel_controller.ros.web.plots import chart_html
 from husky_highlevel_controller.ros.web.rays import point_on_level
+from husky_highlevel_controller.ros.web.state_bar import RobotStatus, state_html
+from husky_highlevel_controller.ros.web.tuning import shown_value
 from husky_highlevel_controller.ros.web.worlds import models
 
 AHEAD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.8)
@@ -52,12 +62,17 @@ def test_the_page_that_took_hold_first_drives():
 
 
 @pytest.mark.parametrize("value", ["1", None, True, float("nan"), float("inf"), [1]])
-def test_what_is_no_number_is_no_share(value):
-    assert share(value) is None
+def test_what_is_no_number_moves_no_axis(value):
+    assert clamp_axis(value) is None
 
 
-def test_a_share_is_limited_to_full_speed():
-    assert (share(3), share(-0.5)) == (1.0, -0.5)
+def test_an_axis_is_limited_to_full_speed():
+    assert (clamp_axis(3), clamp_axis(-0.5), clamp_axis(10**400)) == (1.0, -0.5, 1.0)
+
+
+def test_junk_on_the_drive_channel_is_no_message():
+    assert _parse("[" * 999) is None
+    assert _parse('{"linear": NaN}') == {"linear": pytest.approx(float("nan"), nan_ok=True)}
 
 
 HERE = {"Host": "127.0.0.1:8080"}
@@ -259,3 +274,107 @@ def test_a_saved_page_holds_the_recording_and_not_the_script_that_drives():
     page = replay_page(b"recorded").decode()
     assert base64.b64encode(b"recorded").decode() in page
     assert "/drive" not in page
+
+
+# ---------------------------------------------------------------------------- what does not end the page
+
+
+def action_results(monkeypatch, *works):
+    """What the page is told of calls, in order."""
+    told: queue.Queue = queue.Queue()
+    monkeypatch.setattr(actions.rospy, "is_shutdown", lambda: False)
+    monkeypatch.setattr(actions.rospy, "logwarn", lambda _: None)
+    monkeypatch.setattr(actions, "notify", lambda _client, _title, text, good: told.put((text, good)))
+    queued = actions.Actions()
+    for work in works:
+        queued.do(work, object(), "a button")
+    return [told.get(timeout=20.0) for _ in works]
+
+
+def test_an_unexpected_error_of_one_button_leaves_the_others_alive(monkeypatch):
+    def fails():
+        raise KeyError("gone")
+
+    assert action_results(monkeypatch, fails, lambda: "done") == [("KeyError: 'gone'", False), ("done", True)]
+
+
+def test_a_service_that_hangs_is_given_up_with_a_sentence(monkeypatch):
+    release = threading.Event()
+    monkeypatch.setattr(actions, "CALL_TIMEOUT", 0.2)
+    monkeypatch.setattr(actions.rospy, "ServiceProxy", lambda *_: lambda *_: release.wait(20.0))
+    results = action_results(monkeypatch, lambda: actions.call("/reset", None), lambda: "done")
+    assert results == [("/reset does not answer within 0.2 s", False), ("done", True)]
+    release.set()
+
+
+def test_an_item_that_cannot_be_shown_is_left_out_with_one_warning(monkeypatch):
+    warnings = []
+    monkeypatch.setattr(left_out.rospy, "logwarn", warnings.append)
+    items = left_out.LeftOut()
+    for _ in range(3):
+        with items.item("/markers"):
+            rgb((float("nan"), 0.0, 0.0, 1.0))
+    assert warnings == ["/markers is not shown: ValueError: cannot convert float NaN to integer"]
+
+
+@pytest.mark.parametrize("step", [0, 4, 11])
+def test_a_cloud_whose_points_are_too_short_has_none(step):
+    fields = [PointField(axis, 4 * i, PointField.FLOAT32, 1) for i, axis in enumerate("xyz")]
+    msg = PointCloud2(
+        width=5, height=1, fields=fields, point_step=step, row_step=5 * step, data=bytes(5 * step)
+    )
+    assert points_from_msg(msg).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("status", "level", "words"),
+    [
+        (RobotStatus(is_locked=True, activity="driving"), "error", "emergency stop: no command is obeyed"),
+        (RobotStatus(is_paused=True, activity="driving"), "warn", "PAUSED"),
+        (RobotStatus(activity="<driving>", distance=1.0), "ok", "&lt;driving&gt;"),
+        (RobotStatus(is_silent=True), "error", "no news from the robot"),
+    ],
+)
+def test_the_state_bar_says_first_what_keeps_the_robot_from_driving(status, level, words):
+    assert f'husky-state {level}"' in state_html(status)
+    assert f"<b>{words}</b>" in state_html(status)
+
+
+class Drags:
+    """A mouse with one object that page 7 drags."""
+
+    def __init__(self):
+        self.node = SimpleNamespace(position=(0.0, 0.0, 0.0), wxyz=(1.0, 0.0, 0.0, 0.0))
+        shown = SimpleNamespace(node=self.node, shapes=[], is_movable=True)
+        self.objects = SimpleNamespace(
+            shown={("t", "box"): shown}, dragged={}, drop=lambda *_: None, on_new=None
+        )
+        server = SimpleNamespace(scene=SimpleNamespace(on_click=lambda: lambda _: None))
+        scene = SimpleNamespace(robot_shapes=[], base=None, show_ghost=lambda _: None)
+        self.mouse = Mouse(server, scene, self.objects, None, {7: SimpleNamespace(tool=MOVE)})
+
+    def event(self, phase):
+        ray = {"ray_origin": (0.0, 0.0, 1.0), "ray_direction": (0.1, 0.0, -1.0)}
+        event = SimpleNamespace(
+            client=SimpleNamespace(client_id=7), phase=phase, **ray,
+            start=SimpleNamespace(position=(0.0, 0.0, 0.0), **ray), end=SimpleNamespace(**ray),
+            start_position=(0.0, 0.0, 0.0), position=(0.0, 0.0, 0.0),
+        )  # fmt: skip
+        asyncio.run(self.mouse._on_drag_object(("t", "box"), event))
+
+
+def test_a_drag_ends_when_its_page_is_closed(monkeypatch):
+    monkeypatch.setattr(Drag, "on_event", lambda drag, _: drag._show(IDENTITY))
+    drags = Drags()
+    drags.event("start")
+    assert drags.objects.dragged
+    drags.mouse.release(8)
+    assert drags.objects.dragged, "another page"
+    drags.mouse.release(7)
+    assert not drags.objects.dragged
+
+
+def test_a_value_of_an_enumeration_is_shown_by_its_name():
+    """Its field has the names as options; a value among them would be sent again at each update."""
+    parameter = SimpleNamespace(choices=(("slow", 0), ("fast", 1)))
+    assert [shown_value(parameter, value) for value in (0, 1, 7)] == ["slow", "fast", 7]
