@@ -328,7 +328,7 @@ def test_a_recording_is_saved_and_replayed_from_disk_and_by_the_page(page, brows
     show(page, "View")
     page.locator("button", has_text="Record").click()
     page.wait_for_selector("text=recording, 1 s")
-    page.locator("button", has_text="Stop").locator("visible=true").click()
+    page.get_by_role("button", name="Stop", exact=True).locator("visible=true").click()
     page.wait_for_selector("text=s recorded,")
     for button, file in (("HTML page", "drive.html"), ("Replay file", "drive.viser")):
         press(page, button)
