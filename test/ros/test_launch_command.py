@@ -122,7 +122,9 @@ def test_a_launch_file_with_an_rviz_of_its_own_opens_that_one(launch, ros, tmp_p
     launched = launch(file, DISPLAY=display)
     launched.says("process[rviz-")
     assert "husky_rviz" not in launched.output
-    submission = Submission(("--launch", PACKAGE, str(file)), Workspace(packages=(file.parent,), own_modules=False))
+    submission = Submission(
+        ("--launch", PACKAGE, str(file)), Workspace(packages=(file.parent,), own_modules=False)
+    )
     marked = plan(submission, tmp_path / "plan")
     assert [node["name"] for node in marked.rviz] == ["rviz"]
 

@@ -146,8 +146,12 @@ def _mounts(workspace: Workspace, writable: Sequence[Path], env: Dict[str, str])
 
 
 def _own_modules() -> List[Path]:
-    """Folders on PYTHONPATH that hold this package: of the built workspace, and its sources."""
-    return [Path(husky_highlevel_controller.__file__).parents[1], Path(__file__).resolve().parents[3]]
+    """Folders on PYTHONPATH that hold this package, and no other of its name: built, installed, sources."""
+    folders = [Path(entry) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
+    package = Path(husky_highlevel_controller.__file__).parent
+    own_files = ("paths.py", "msg/_HuskyStatus.py")
+    built = [each for each in folders if any((each / package.name / file).is_file() for file in own_files)]
+    return [package.parent, *built]
 
 
 def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
