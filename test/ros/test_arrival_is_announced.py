@@ -10,6 +10,11 @@ from std_srvs.srv import SetBool
 
 
 class ArrivalIsAnnounced(Player):
+    def answer_at(self, distance):
+        """Answer the scan of a robot so far from a pillar that stands [m]."""
+        self.stand_at(x=2.0 - distance)
+        self.answer(pillar_ahead(distance))
+
     def test_each_arrival_is_announced_once(self):
         arrived = self.remember(f"{NODE}/arrived", Bool)
         log = self.remember("rosout", Log)
@@ -18,20 +23,20 @@ class ArrivalIsAnnounced(Player):
             return [msg.data for msg in arrived]
 
         for distance in (1.0, 0.8, 0.6, 0.5, 0.45):
-            self.answer(pillar_ahead(distance))
+            self.answer_at(distance)
         self.wait_until(lambda: announced() == [False], "it is on its way")
         for distance in (0.405, 0.404, 0.406, 0.405, 0.404):
-            self.answer(pillar_ahead(distance))
+            self.answer_at(distance)
         self.wait_until(lambda: announced() == [False, True], "it has arrived")
 
         late = self.remember(f"{NODE}/arrived", Bool)
         self.wait_until(lambda: [msg.data for msg in late] == [True], "who joins late is told as well")
 
         for distance in (0.6, 0.8, 0.8):
-            self.answer(pillar_ahead(distance))
-        self.wait_until(lambda: announced() == [False, True, False], "the pillar has moved away")
+            self.answer_at(distance)
+        self.wait_until(lambda: announced() == [False, True, False], "the robot has left")
         for distance in (0.6, 0.405, 0.405, 0.405):
-            self.answer(pillar_ahead(distance))
+            self.answer_at(distance)
         self.wait_until(lambda: announced() == [False, True, False, True], "it has arrived again")
 
         said = [line.msg for line in log if line.level == Log.INFO and line.msg.startswith("arrived after")]
@@ -45,14 +50,14 @@ class ArrivalIsAnnounced(Player):
         log = self.remember("rosout", Log)
         start = rospy.Time.now()
         for _ in range(3):
-            self.answer(pillar_ahead(0.405))
+            self.answer_at(0.405)
         self.wait_until(lambda: arrived and arrived[-1].data, "it has arrived")
         told = len(arrived)
         service = rospy.ServiceProxy(f"{NODE}/start_stop", SetBool)
         for wanted in (False, True, False, True):
             service(wanted)
             for _ in range(3):
-                self.answer(pillar_ahead(0.405))
+                self.answer_at(0.405)
 
         def said():
             return [line.msg for line in list(log) if line.header.stamp >= start and "already" in line.msg]
@@ -60,6 +65,7 @@ class ArrivalIsAnnounced(Player):
         self.wait_until(lambda: len(said()) == 2, "it says that it is there already")
         self.assertEqual(len(arrived), told, "it has not left")
         service(False)
+        self.stand_at(x=2.0 - 0.8)
         self.play_until(lambda: not arrived[-1].data, pillar_ahead(0.8), "it was carried away")
         service(True)
 

@@ -5,6 +5,7 @@ import sys
 import time
 
 import pytest
+from network import wait_until
 
 from husky_highlevel_controller.paths import share_folder
 
@@ -29,13 +30,12 @@ CONTROLLER = """#!/usr/bin/env python3
 import math
 import rospy
 from geometry_msgs.msg import Twist
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, LaserScan, PointCloud2
 from std_srvs.srv import SetBool, SetBoolResponse
 
 rospy.init_node("smb_highlevel_controller")
 velocity = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
-running, hit, speed = True, False, 0.0
+running = True
 
 def on_scan(scan):
     nearest = min(scan.ranges)
@@ -55,14 +55,7 @@ def command(linear, angular):
     return twist
 
 def on_imu(imu):
-    global hit
-    if speed > 0.5 and imu.linear_acceleration.x < -3.0 and not hit:
-        hit = True
-        rospy.loginfo("hit, felt in %s", imu.header.frame_id)
-
-def on_odometry(odometry):
-    global speed
-    speed = odometry.twist.twist.linear.x
+    rospy.loginfo_once("felt in %s", imu.header.frame_id)
 
 def on_call(request):
     global running
@@ -70,7 +63,6 @@ def on_call(request):
     return SetBoolResponse(True, "runs" if running else "stands")
 
 rospy.Subscriber("/imu0", Imu, on_imu)
-rospy.Subscriber("/odometry/filtered", Odometry, on_odometry)
 def on_cloud(cloud):
     rospy.loginfo_once("%d points", cloud.width * cloud.height)
 
@@ -144,7 +136,10 @@ def test_exercises_2_3_and_5_their_node_sees_the_pillar_drives_into_it_and_stops
     while abs(float(echo(ros, "/odometry/filtered", "twist/twist/linear/x"))) > 0.01:
         assert time.monotonic() < end, "it does not stop"
     assert "runs" in call(ros, "true")
-    launched.says("hit, felt in imu_link")
+    launched.says("felt in imu_link")
+    place = "/ground_truth/odom", "pose/pose/position"
+    wait_until(lambda: float(echo(ros, place[0], f"{place[1]}/x")) > 19.3, "it is at the pillar")
+    assert float(echo(ros, place[0], f"{place[1]}/y")) == pytest.approx(5.0, abs=0.4)
     assert "ERROR" not in launched.output, launched.output
 
 

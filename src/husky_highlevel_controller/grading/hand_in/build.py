@@ -14,7 +14,7 @@ import sys
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Dict, FrozenSet, List, Optional, Sequence, Set, Tuple
+from typing import Dict, FrozenSet, List, NamedTuple, Optional, Pattern, Sequence, Set, Tuple
 from xml.sax.saxutils import escape
 
 from catkin_pkg.package import parse_package
@@ -31,11 +31,38 @@ from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 
 BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
 APT_DEADLINE = 20.0  # [s] of wall time
-RETRIES = 2  # of a build that fails
+RETRIES = 3  # of a build that fails
 MAX_MISSING = 10  # packages that CMake misses one after the other
-# boost::bind's _1 was global before Boost 1.73
 OLD_BOOST = "-DBOOST_BIND_GLOBAL_PLACEHOLDERS -include boost/bind.hpp"
-_PLACEHOLDER = re.compile(r"error:.*\b_[1-9]\b|\b_[1-9]\b.*was not declared", re.MULTILINE)
+PLAIN_TYPES = " ".join(
+    f"-include std_msgs/builtin_{kind}.h"
+    for kind in (
+        "bool", "float", "double", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
+    )
+)  # fmt: skip
+
+
+class Repair(NamedTuple):
+    """Compiler flags for code that compiles on the course's Ubuntu and not here."""
+
+    pattern: Pattern[str]  # of the compiler's error
+    flags: str
+    note: str
+
+
+REPAIRS = (
+    Repair(
+        re.compile(r"error:.*\b_[1-9]\b|\b_[1-9]\b.*was not declared", re.MULTILINE),
+        OLD_BOOST,
+        "built with boost::bind's _1 as a global name, which it was before Boost 1.73",
+    ),
+    Repair(
+        re.compile(r"error: request for member .__get(MD5Sum|DataType). in .*non-class type"),
+        PLAIN_TYPES,
+        "built with std_msgs' traits of plain types, so that publish(true) and its like compile, as in a "
+        "Release build of Noetic and older",
+    ),
+)
 _COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^)]*)\)", re.IGNORECASE)
 _NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]+)"')
 _ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
@@ -211,14 +238,16 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         missing |= more
     if missing:
         notes.append(missing_note(missing))
+    repairs: List[Repair] = []
     for _ in range(RETRIES):
         if not code:
             break
-        # headers may have been generated too late, and hide that the placeholders are missing, too
-        flags = OLD_BOOST if _PLACEHOLDER.search(output) else ""
-        output, code = _catkin_make(folders, needed, underlay, flags)
-        if flags or not _PLACEHOLDER.search(output):
+        # headers may have been generated too late, and hide the errors that a repair is for
+        repairs += [repair for repair in REPAIRS if repair not in repairs and repair.pattern.search(output)]
+        output, code = _catkin_make(folders, needed, underlay, " ".join(repair.flags for repair in repairs))
+        if all(repair in repairs or not repair.pattern.search(output) for repair in REPAIRS):
             break
+    notes += [repair.note for repair in repairs]
     if code is None:
         notes.append(f"it does not build within {BUILD_DEADLINE:g} s")
     elif code:

@@ -82,6 +82,7 @@ class _Server:
         self._description: Dict[str, Any] = {}
         self._fields: Dict[str, Any] = {}
         self._wanted: Dict[str, Any] = {}
+        self._is_closed = False
         self._turn = threading.RLock()
         self._folder = gui.add_folder(name.strip("/"))
         self._subscribers = (
@@ -92,7 +93,10 @@ class _Server:
     def close(self) -> None:
         for subscriber in self._subscribers:
             subscriber.unregister()
-        self._folder.remove()
+        with self._turn:  # a message that is on its way must not change fields that are gone
+            self._is_closed = True
+            self._fields.clear()
+            self._folder.remove()
 
     def request(self, values: Dict[str, Any], client: Optional[viser.ClientHandle]) -> None:
         """Ask for values; of many requests for one parameter that wait, only the last is sent."""
@@ -121,7 +125,7 @@ class _Server:
 
     def _on_description(self, msg: ConfigDescription) -> None:
         with self._turn:
-            if self._fields:
+            if self._fields or self._is_closed:
                 return
             self._description = decode_description(msg)
             self.parameters = parameters(self._description)

