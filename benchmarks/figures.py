@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections import defaultdict
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, Iterator, List, Tuple
@@ -21,7 +22,7 @@ from rows import Effort, Row, compare, reaching
 
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 from husky_highlevel_controller.evaluation.rollout import rollout
-from husky_highlevel_controller.evaluation.scenarios import Lidar, course_scenario, pillar_scene, scan_of
+from husky_highlevel_controller.evaluation.scenarios import SICK, course_scenario, pillar_scene, scan_of
 from husky_highlevel_controller.tasks.fingerprint import processor
 
 WARM_UP = 1.0  # [s] of simulated time that does not count
@@ -206,7 +207,7 @@ def clutter(effort: Effort) -> List[Row]:
     rows = []
     for beams, most in ((720, 80.0), (16384, 800.0)):
         leaves = 3.0 + np.random.default_rng(0).normal(0.0, 0.3, beams)
-        hedge = scan_of(leaves, Lidar(beams=beams))
+        hedge = scan_of(leaves, replace(SICK, beams=beams))
         calls = [partial(find_pillars, scan, config) for scan in (hedge, pillar)]
         # by the CPU's clock: on a busy machine a long call waits its turn, a short one does not
         runs = [
