@@ -1,20 +1,25 @@
-"""Typed parameter records: reads and checks ROS parameters or YAML.
+"""Typed records from ROS parameters, YAML or JSON: one reader, whose errors name file, key and value.
 
-In: a mapping from the parameter server or a YAML file. Out: frozen records.
-
-A record's fields with `metadata` are parameters: "min" and "max" bound them, "help" says what they are. A
-field that is itself a record is a nested namespace; a tuple is a list of names, "length" of them; text that
-is "optional" may be empty. Other fields are not for users.
+A field's `metadata` describes it: "min" and "max" bound a number, "help" says what it is, "choices" lists the
+texts that are allowed, "length" is of a tuple, "optional" text may be empty, "shape" is of an array.
+A record that refuses two values together raises ValueError in its `__post_init__`.
 """
 
 from __future__ import annotations
 
 import sys
 import typing
-from dataclasses import Field, fields, is_dataclass
-from typing import Any, Dict, List, Mapping, Set, Tuple, Type
+from collections import abc
+from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import lru_cache
+from typing import Any, Dict, List, Mapping, Set, Type, TypeVar
+
+import numpy as np
 
 from husky_highlevel_controller.datatypes import HuskyError
+
+Record = TypeVar("Record")
+_WORDS = {str: "text", int: "whole number", float: "number", bool: "truth value"}
 
 
 class ConfigError(HuskyError):
@@ -22,7 +27,9 @@ class ConfigError(HuskyError):
 
 
 def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[Any]:
-    """Make one instance of each record class from one flat set of parameters.
+    """Make one instance of each record class from one flat set of parameters, all of which must be there.
+
+    Fields without `metadata` are not for users.
 
     Args:
         values: parameter names and values; nested records are nested mappings.
@@ -35,53 +42,157 @@ def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[
     known: Set[str] = set()
     made = []
     for record in records:
-        hints = typing.get_type_hints(record)
-        taken: Dict[str, Any] = {}
-        for item in _parameters(record):
-            known.add(item.name)
-            if item.name not in values:
-                raise ConfigError(
-                    f"{source}{item.name} is missing ({item.metadata.get('help', 'a namespace')})"
-                )
-            taken[item.name] = _checked(values[item.name], item, hints[item.name], source)
-        try:
-            made.append(record(**taken))
-        except ValueError as error:  # two parameters that do not go together
-            raise ConfigError(f"{source}{error}") from None
+        known |= {item.name for item in fields(record) if item.metadata}
+        made.append(_record(record, values, source, parameters_only=True))
     unknown = sorted(set(values) - known)
     if unknown:
         raise ConfigError(f"{source}{unknown[0]} is not a parameter; there are: {', '.join(sorted(known))}")
     return made
 
 
-def _parameters(record: Type) -> List[Field]:
-    return [item for item in fields(record) if item.metadata]
+def from_plain(kind: Type[Record], value: Any, source: str) -> Record:
+    """A record from what a YAML or JSON file holds; fields with a default may be absent.
+
+    Args:
+        kind: a dataclass; its fields are plain values, arrays, records, tuples, mappings, or optional.
+        value: mappings, lists and plain values.
+        source: where they come from, for error texts, such as "marking.yaml: ".
+
+    Raises:
+        ConfigError: a key is missing or unknown, or a value is not what its field wants.
+    """
+    if not isinstance(value, abc.Mapping):
+        raise ConfigError(f"{source}{_short(value)} is not a mapping")
+    names = [item.name for item in fields(kind)]  # type: ignore[arg-type]
+    for key in value:
+        if key not in names:
+            raise ConfigError(f"{source}{key!r} is not known; there are: {', '.join(names)}")
+    return typing.cast(Record, _record(kind, value, source, parameters_only=False))
 
 
-def _checked(value: Any, item: Field, kind: Type, source: str) -> Any:
-    name = source + item.name
+def to_plain(value: Any) -> Any:
+    """What JSON can hold of a record: mappings, lists and plain values; arrays rounded to four digits."""
+    if is_dataclass(value):
+        return {item.name: to_plain(getattr(value, item.name)) for item in fields(value)}
+    if isinstance(value, np.ndarray):
+        return np.round(value, 4).tolist()
+    if isinstance(value, abc.Mapping):
+        return {key: to_plain(each) for key, each in value.items()}
+    return [to_plain(each) for each in value] if isinstance(value, (list, tuple)) else value
+
+
+def _record(kind: Any, values: Mapping[str, Any], source: str, parameters_only: bool) -> Any:
+    """An instance of a record class; keys that it does not know are the caller's affair."""
+    hints, taken = _hints(kind), {}
+    for item in fields(kind):
+        if parameters_only and not item.metadata:
+            continue
+        if item.name in values:
+            name = source + item.name
+            taken[item.name] = _value(
+                hints[item.name], values[item.name], name, item.metadata, parameters_only
+            )
+        elif parameters_only or _is_required(item):
+            raise ConfigError(f"{source}{item.name} is missing{_told(item.metadata)}")
+    try:
+        return kind(**taken)
+    except ValueError as error:  # two values that do not go together
+        raise ConfigError(f"{source}{error}") from None
+
+
+@lru_cache(maxsize=None)
+def _hints(kind: Any) -> Dict[str, Any]:
+    return typing.get_type_hints(kind)
+
+
+def _is_required(item: Field) -> bool:
+    return item.default is MISSING and item.default_factory is MISSING
+
+
+def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
+    """A value that a field of this type and metadata may have."""
+    origin, args = typing.get_origin(kind), typing.get_args(kind)
+    if origin is typing.Union:  # Optional
+        return None if value is None else _value(args[0], value, name, metadata, parameters_only)
     if is_dataclass(kind):
-        if not isinstance(value, Mapping):
+        if parameters_only and isinstance(value, abc.Mapping):
+            return read_config(value, name + "/", typing.cast(Type, kind))[0]
+        if parameters_only:
             raise ConfigError(f"{name} = {value!r} is not a set of parameters")
-        return read_config(value, name + "/", kind)[0]
-    if kind == Tuple[str, ...]:
-        return _names(value, item, name)
+        if value is None and all(not _is_required(item) for item in fields(kind)):
+            value = {}  # a key in YAML with nothing after it
+        return from_plain(
+            typing.cast(Type, kind), value, name + "/" if isinstance(value, dict) else f"{name} = "
+        )
+    if hasattr(kind, "_fields"):  # a named tuple
+        hints = list(_hints(kind).values())
+        return kind(*_items(hints, value, name, metadata, parameters_only))
+    if origin is tuple:
+        if args[-1] is not Ellipsis:
+            return _items(args, value, name, metadata, parameters_only)
+        return _items([args[0]] * len(_listed(value, name, metadata)), value, name, metadata, parameters_only)
+    if origin in (dict, abc.Mapping):
+        if not isinstance(value, abc.Mapping):
+            raise ConfigError(f"{name} = {_short(value)} is not a mapping")
+        return {
+            str(key): _value(args[1], each, f"{name}/{key}", metadata, parameters_only)
+            for key, each in value.items()
+        }
+    if kind is np.ndarray:
+        return _array(value, name, metadata["shape"])
+    return _plain_value(kind, value, name, metadata, parameters_only)
+
+
+def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
+    listed = _listed(value, name, metadata)
+    if len(listed) != metadata.get("length", len(kinds)) or len(listed) != len(kinds):
+        wanted = metadata.get("length", len(kinds))
+        raise ConfigError(f"{name} has {len(listed)} entries, not {wanted}{_told(metadata)}")
+    return tuple(
+        _value(kind, each, f"{name}/{number}", metadata, parameters_only)
+        for number, (kind, each) in enumerate(zip(kinds, listed))
+    )
+
+
+def _listed(value: Any, name: str, metadata: Mapping[str, Any]) -> Any:
+    if not isinstance(value, (list, tuple)):
+        raise ConfigError(f"{name} = {_short(value)} is not a list{_told(metadata)}")
+    return value
+
+
+def _array(value: Any, name: str, shape: Any) -> np.ndarray:
+    """A read-only array of numbers."""
+    try:
+        array = np.array(value, dtype=float).reshape(shape)
+    except (ValueError, TypeError) as error:
+        raise ConfigError(f"{name}: {error}") from None
+    array.setflags(write=False)
+    return array
+
+
+def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
+    """A checked number, text or truth value."""
+    told = _told(metadata)
+    if kind is Any:
+        return value
     if type(value) is not kind and not (kind is float and type(value) is int):  # YAML's 1 is a fine 1.0
-        raise ConfigError(f"{name} = {value!r} is not a {kind.__name__} ({item.metadata['help']})")
-    if kind in (int, float):
-        least, most = item.metadata["min"], item.metadata["max"]
-        if not (abs(value) <= sys.float_info.max and least <= value <= most):  # NaN and 10**400 are not
-            raise ConfigError(f"{name} = {value} is out of range {least}..{most} ({item.metadata['help']})")
-    if kind is str and not value and not item.metadata.get("optional"):
-        raise ConfigError(f"{name} is empty ({item.metadata['help']})")
+        word = kind.__name__ if parameters_only else _WORDS[kind]
+        raise ConfigError(f"{name} = {_short(value)} is not a {word}{told}")
+    if "min" in metadata and kind in (int, float):
+        low, high = metadata["min"], metadata["max"]
+        if not (abs(value) <= sys.float_info.max and low <= value <= high):  # NaN and 10**400 are not
+            raise ConfigError(f"{name} = {value} is out of range {low}..{high}{told}")
+    if "choices" in metadata and value not in metadata["choices"]:
+        raise ConfigError(f"{name} = {value!r} is not one of: {', '.join(metadata['choices'])}")
+    if kind is str and not value and metadata and not metadata.get("optional"):
+        raise ConfigError(f"{name} is empty{told}")
     return kind(value)
 
 
-def _names(value: Any, item: Field, name: str) -> Tuple[str, ...]:
-    """A list of names as a tuple."""
-    told = item.metadata["help"]
-    if not (isinstance(value, (list, tuple)) and value and all(type(v) is str and v for v in value)):
-        raise ConfigError(f"{name} = {value!r} is not a list of names ({told})")
-    if len(value) != item.metadata.get("length", len(value)):
-        raise ConfigError(f"{name} has {len(value)} names, not {item.metadata['length']} ({told})")
-    return tuple(value)
+def _told(metadata: Mapping[str, Any]) -> str:
+    return f" ({metadata['help']})" if "help" in metadata else ""
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 100 else text[:100] + "..."

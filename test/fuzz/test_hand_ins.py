@@ -7,7 +7,7 @@ from damage import WORDS, damaged, mutated
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.drive import rviz_check
-from husky_highlevel_controller.grading.drive.run import Plan, _is_event, _notes, _read_events
+from husky_highlevel_controller.grading.drive.plan import Plan, RvizNode, notes_on, read_events
 from husky_highlevel_controller.grading.hand_in.launch_choice import choose_launch_file
 from husky_highlevel_controller.grading.hand_in.overrides import read_overrides
 from husky_highlevel_controller.grading.hand_in.packages import (
@@ -18,7 +18,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     open_hand_in,
     read_manifest,
 )
-from husky_highlevel_controller.grading.reports.tables import from_json
+from husky_highlevel_controller.grading.reports.files import load_result
 
 MANIFEST = (
     '<package format="2"><name>husky</name><version>0.0.0</version><description>d</description>'
@@ -101,8 +101,8 @@ def test_rviz_files_and_arguments_are_read_as_far_as_they_go(cases, tmp_path):
         text = damaged(rng, RVIZ) if rng.random() < 0.5 else yaml.safe_dump(mutated(rng, whole))
         path = put(tmp_path / "rviz" / "view.rviz", text)
         arguments = " ".join(rng.choice([*WORDS, "-d", str(path)]) for _ in range(rng.randint(0, 4)))
-        node = {"name": "rviz", "args": arguments, "remap": []}
-        setup = rviz_check.find_setup(Plan(rviz=(node,), package_path=str(tmp_path)))
+        node = RvizNode("rviz", arguments, ())
+        setup = rviz_check.find_setup(Plan(rviz=(node,), package_path=tmp_path))
         assert setup is not None
         for kind in rviz_check.CLASSES.values():
             config = rviz_check.placed(rviz_check.only(setup.config, kind), 0, 1)
@@ -116,10 +116,9 @@ def test_events_are_taken_only_as_they_are_written(cases, tmp_path):
         lines = [json.dumps(mutated(rng, rng.choice(EVENTS))) for _ in range(rng.randint(0, 6))]
         text = "\n".join(lines)
         path = put(tmp_path / "events.jsonl", damaged(rng, text) if rng.random() < 0.3 else text)
-        events = _read_events(path)
-        assert all(map(_is_event, events))
+        events = read_events(path)
         assert all(
-            isinstance(note, str) for note in _notes(events, damaged(rng, "ERROR: cannot launch node of"))
+            isinstance(note, str) for note in notes_on(events, damaged(rng, "ERROR: cannot launch node of"))
         )
 
 
@@ -134,14 +133,15 @@ def test_marking_yaml_is_read_or_refused(cases, tmp_path):
             continue
         else:
             assert set(overrides) <= {"ann"}
-            assert all(0.0 <= each.late_percent <= 100.0 for each in overrides.values())
+            assert all(0.0 <= each.late.percent <= 100.0 for each in overrides.values() if each.late)
 
 
-def test_results_of_an_earlier_marking_are_read_or_refused(cases):
+def test_results_of_an_earlier_marking_are_read_or_refused(cases, tmp_path):
     for rng in cases:
         text = json.dumps(mutated(rng, RESULT))
+        put(tmp_path / "result.json", damaged(rng, text) if rng.random() < 0.3 else text)
         try:
-            result = from_json(damaged(rng, text) if rng.random() < 0.3 else text)
+            result = load_result(tmp_path / "result.json")
         except HuskyError:
             continue
         else:

@@ -7,7 +7,8 @@ import signal
 import socket
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor as Pool
+from concurrent.futures import ProcessPoolExecutor as Pool
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -17,12 +18,12 @@ from network import wait_until
 
 from husky_highlevel_controller.course import PILLAR_POSITION
 from husky_highlevel_controller.datatypes import Pose2D
-from husky_highlevel_controller.grading import cli
-from husky_highlevel_controller.grading.cli import Marking
-from husky_highlevel_controller.grading.drive.run import GradingConfig, Submission, plan
+from husky_highlevel_controller.grading import mark as mark_module
+from husky_highlevel_controller.grading.drive.plan import Submission, plan
 from husky_highlevel_controller.grading.drive.trials import Trial
 from husky_highlevel_controller.grading.isolation.process import with_variable
-from husky_highlevel_controller.grading.isolation.sandbox import BUBBLEWRAP, Workspace, kind_of_sandbox
+from husky_highlevel_controller.grading.isolation.sandbox import BUBBLEWRAP, kind_of_sandbox
+from husky_highlevel_controller.grading.records import Job, Launchable, MarkingConfig
 
 SUBMISSIONS = Path(__file__).parents[1] / "submissions"
 sys.path.insert(0, str(SUBMISSIONS))
@@ -92,20 +93,22 @@ def handed_in(tmp_path_factory):
     return folder, {**os.environ, "ROS_PACKAGE_PATH": f"{folder}:{os.environ['ROS_PACKAGE_PATH']}"}
 
 
+def mark_near(folder, out, name):
+    """Mark from half the distance, in a process of its own: matplotlib is not for several threads."""
+    near = Trial(1, Pose2D(10.0, 2.5, 0.0), PILLAR_POSITION, 0)
+    mark_module.draw_trials = lambda count, seed: [near]
+    config = MarkingConfig(robot="husky", deadline=15.0, pace=8.0, trials=1)
+    (launch,) = (folder / name / "launch").iterdir()
+    what = Launchable("launch", name, launch.name)
+    return mark_module.mark(Job(name, str(out / name), config, what, packages=(str(folder),)))
+
+
 @pytest.fixture(scope="module")
 def results(handed_in, tmp_path_factory):
     """Every submission, marked, by some at a time beside those that do nothing, from half the distance."""
-    folder, env = handed_in
-    out = tmp_path_factory.mktemp("out")
-    marking = Marking(GradingConfig(deadline=15.0, pace=8.0), seed=0, trials=1)
-    near = Trial(1, Pose2D(10.0, 2.5, 0.0), PILLAR_POSITION, 0)
-
-    def mark(name):
-        (launch,) = (folder / name / "launch").iterdir()
-        return marking.mark(Submission(("--launch", name, launch.name), Workspace(env)), name, out / name)
-
-    with pytest.MonkeyPatch.context() as patch, Pool() as idle, Pool(JOBS) as busy:
-        patch.setattr(cli, "draw_trials", lambda count, seed: [near])
+    folder, _ = handed_in
+    mark = partial(mark_near, folder, tmp_path_factory.mktemp("out"))
+    with Pool() as idle, Pool(JOBS) as busy:
         marked = {name: (idle if name in WAITED_FOR else busy).submit(mark, name) for name in DESERVED}
         return {name: result.result() for name, result in marked.items()}
 
@@ -276,6 +279,6 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
     ("arguments", "node"), [([], "husky_controller"), (["naive:=true"], "naive_controller")]
 )
 def test_a_launch_file_gets_its_arguments(arguments, node, tmp_path):
-    what = ("--launch", "husky_highlevel_controller", "controller.launch", *arguments)
+    what = Launchable("launch", "husky_highlevel_controller", "controller.launch", tuple(arguments))
     planned = plan(Submission(what), tmp_path)
     assert planned.nodes == (f"husky_highlevel_controller/{node}",)

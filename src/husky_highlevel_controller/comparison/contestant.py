@@ -17,22 +17,21 @@ from functools import lru_cache
 from math import inf
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Tuple
+from typing import Any, Optional, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.controller.behaviour import decide
-from husky_highlevel_controller.course import PILLAR_POSITION, PILLAR_RADIUS
+from husky_highlevel_controller.course import PILLAR_POSITION, PILLAR_RADIUS, REACHED, STANDS, TOUCH
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation import metrics
 from husky_highlevel_controller.evaluation.rollout import Controller
 from husky_highlevel_controller.evaluation.scenarios import Scenario
 from husky_highlevel_controller.evaluation.setup import Setup, load_setup
-from husky_highlevel_controller.grading.drive import run as marking
-from husky_highlevel_controller.grading.drive.recording import STANDS
+from husky_highlevel_controller.grading.drive.plan import Submission, plan
+from husky_highlevel_controller.grading.drive.run import drive
 from husky_highlevel_controller.grading.drive.trials import Trial
-from husky_highlevel_controller.grading.rubrics.exercise_3 import TOUCH
-from husky_highlevel_controller.grading.rubrics.rules import DEFAULT
+from husky_highlevel_controller.grading.records import Launchable, MarkingConfig
 from husky_highlevel_controller.robot import Robot, load_robot
 
 PACKAGE = __name__.split(".")[0]
@@ -49,7 +48,7 @@ class Contestant:
     function: str = ""  # what decides in place of `behaviour.decide`; empty: that does
     module: str = ""  # the function's, if it is this package's
     source: str = ""  # text of the function's file, else: it is sent to where it drives
-    launch: Tuple[str, ...] = ()  # package, launch file and its arguments; empty: it drives in process
+    launch: Optional[Launchable] = None  # None: it drives in process
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +87,8 @@ def contestant(words: str, base: Setup) -> Contestant:
     if first.endswith((".yaml", ".yml")):
         return Contestant(words, load_setup(Path(first), base))
     if first.endswith(".launch") and first.count("/") == 1:
-        return Contestant(words, base, launch=(*first.split("/"), *arguments))
+        package, file = first.split("/")
+        return Contestant(words, base, launch=Launchable("launch", package, file, tuple(arguments)))
     place, colon, function = first.rpartition(":")
     if not colon or not function.isidentifier() or arguments:
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION and PACKAGE/FILE.launch"
@@ -145,8 +145,8 @@ def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
         HuskyError: the function fails, or ROS does not work here.
     """
     one, scenario = item
-    if one.launch:
-        return _launched(one, scenario)
+    if one.launch is not None:
+        return _launched(one, one.launch, scenario)
     setup = one.setup
     try:
         trace = metrics.drive(setup.control, scenario, setup.simulator, setup.detector, controller_of(one))
@@ -158,29 +158,25 @@ def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
     return outcome(scenario.name, trace.times, trace.poses, (float(x), float(y)), setup.simulator.robot)
 
 
-def _launched(one: Contestant, scenario: Scenario) -> Outcome:
-    problem = _launch_problem(one.launch)
+def _launched(one: Contestant, launch: Launchable, scenario: Scenario) -> Outcome:
+    problem = _launch_problem(launch)
     if problem:
         raise HuskyError(f"{one.name}: {problem}")
     trial = Trial(1, scenario.start, PILLAR_POSITION, scenario.seed)
-    config = marking.GradingConfig(deadline=LAUNCH_DEADLINE, pace=LAUNCH_PACE)
+    config = MarkingConfig(robot="husky", deadline=LAUNCH_DEADLINE, pace=LAUNCH_PACE)
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
-        recording = marking.drive(_submission(one.launch), trial, config, Path(folder))
+        recording = drive(Submission(launch), trial, config, Path(folder))
     if not len(recording.times):
         raise HuskyError(f"{one.name} in {scenario.name}: {'; '.join(recording.notes) or 'no drive'}")
     judged = outcome(scenario.name, recording.times, recording.poses, trial.pillar, load_robot())
     return replace(judged, notes=recording.notes)
 
 
-def _submission(launch: Tuple[str, ...]) -> marking.Submission:
-    return marking.Submission(("--launch", *launch))
-
-
 @lru_cache(maxsize=4)
-def _launch_problem(launch: Tuple[str, ...]) -> str:
+def _launch_problem(launch: Launchable) -> str:
     """Why a launch file cannot drive; empty: it starts some node."""
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
-        planned = marking.plan(_submission(launch), Path(folder))
+        planned = plan(Submission(launch), Path(folder))
     return "" if planned.nodes else "; ".join(planned.notes) or "it starts no node"
 
 
@@ -199,7 +195,7 @@ def outcome(
     gap = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
     speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)
-    away = np.flatnonzero((speeds > STANDS) | (gap > DEFAULT.reached))
+    away = np.flatnonzero((speeds > STANDS) | (gap > REACHED))
     arrived = int(away[-1]) + 1 if len(away) else 0
     arrived_at = float(times[arrived]) if arrived < len(times) else inf
     return Outcome(scene, arrived_at, float(gap.min()), poses[:: len(poses) // DRAWN_POSES + 1], pillar)

@@ -1,172 +1,29 @@
-"""Marks submissions: one command, one table; docs/marking.md says how.
-
-In: a launch file, a node, or a folder of packages. Out: tables, files, exit code.
-Must not know: how things are judged, drawn or started.
-"""
+"""Command `grade`: marks a launch file, a node or a class of hand-ins; docs/marking.md."""
 
 from __future__ import annotations
 
 import argparse
-import shutil
-import signal
-from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, Dict, Optional, Sequence
-
-from tqdm import tqdm
+from typing import Optional, Sequence
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading import batch
-from husky_highlevel_controller.grading.drive import rviz_check
-from husky_highlevel_controller.grading.drive.recording import Recording, empty_recording
-from husky_highlevel_controller.grading.drive.robot_version import detect_robot
-from husky_highlevel_controller.grading.drive.run import (
-    ROBOT_VERSIONS,
-    GradingConfig,
-    Plan,
-    Submission,
-    drive,
-    plan,
-)
-from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
+from husky_highlevel_controller.grading.batch import Batch, mark_all
+from husky_highlevel_controller.grading.exercises import EXERCISES
 from husky_highlevel_controller.grading.isolation import private_network
-from husky_highlevel_controller.grading.isolation.files import write_whole
-from husky_highlevel_controller.grading.isolation.private_network import is_private
-from husky_highlevel_controller.grading.isolation.process import request_stop
-from husky_highlevel_controller.grading.isolation.sandbox import Workspace, kind_of_sandbox
-from husky_highlevel_controller.grading.record import (
-    Record,
-    differences,
-    hash_of_poses,
-    hashes_of_files,
-    load_record,
-    versions,
+from husky_highlevel_controller.grading.mark import mark, stop_on_signals
+from husky_highlevel_controller.grading.record import differences, load_record
+from husky_highlevel_controller.grading.records import (
+    AUTO,
+    ROBOT_VERSIONS,
+    Job,
+    Launchable,
+    MarkingConfig,
+    Rules,
 )
-from husky_highlevel_controller.grading.record import to_json as record_to_json
-from husky_highlevel_controller.grading.reports.files import add_step_summary, write_result
-from husky_highlevel_controller.grading.reports.plots import draw_drives, draw_pixels
-from husky_highlevel_controller.grading.reports.replays import REPLAY, replay_page
-from husky_highlevel_controller.grading.reports.tables import Result, table
-from husky_highlevel_controller.grading.rubrics import exercise_2, exercise_3, exercise_5
-from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules, load_rules
+from husky_highlevel_controller.grading.reports.files import add_step_summary
+from husky_highlevel_controller.grading.reports.tables import table
+from husky_highlevel_controller.grading.rubrics.rules import load_rules
 from husky_highlevel_controller.tasks.command import add_cluster_option, exit_codes, positive
-
-RUBRICS = {
-    2: exercise_2.judge_exercise_2,
-    3: exercise_3.judge_exercise_3,
-    5: exercise_5.judge_exercise_5,
-}
-ITEMS = {2: exercise_2.ITEMS, 3: exercise_3.ITEMS, 5: exercise_5.ITEMS}  # names, for a rubric file
-PACES = {2: 1.0, 3: 5.0, 5: 2.0}  # simulated seconds a second, for each exercise
-DEADLINES = {2: 60.0, 3: 120.0, 5: 60.0}  # [s], simulated
-
-
-@dataclass(frozen=True)
-class Marking:
-    """How every submission is marked."""
-
-    config: GradingConfig
-    seed: int = 0
-    trials: int = 3
-    rules: Rules = DEFAULT
-    shows_progress: bool = False  # of each drive
-
-    @property
-    def exercise(self) -> int:
-        """Its number."""
-        return self.config.exercise
-
-    @property
-    def settings(self) -> Dict[str, Any]:
-        """For the result."""
-        config = self.config
-        return {
-            "exercise": config.exercise, "robot": config.robot, "seed": self.seed, "trials": self.trials,
-            "deadline": config.deadline, "pace": config.pace,
-            "rubric": None if self.rules == DEFAULT else str(self.rules), "sandbox": kind_of_sandbox(),
-            "network": "loopback only" if is_private() else "not kept apart",
-        }  # fmt: skip
-
-    def mark(
-        self, submission: Submission, name: str, out: Path, notes: Sequence[str] = (), robot: str = ""
-    ) -> Result:
-        """Mark a submission; its drives, logs and pictures go into a folder.
-
-        Args:
-            submission: what to start.
-            name: whose it is.
-            out: folder for the result; drives of an earlier marking in it are deleted.
-            notes: what is known about it already.
-            robot: that it is written for, of ROBOT_VERSIONS; empty: as configured.
-
-        Raises:
-            MarkingError: marking does not work here.
-        """
-        out.mkdir(parents=True, exist_ok=True)
-        for old in [*out.glob("drive_*"), out / "plan", out / "rviz", out / "robot"]:
-            shutil.rmtree(old, ignore_errors=True)
-        planned = plan(submission, out / "plan")
-        config, notes = replace(self.config, robot=robot or self.config.robot), list(notes)
-        if config.robot == "auto":
-            found, why = detect_robot(submission, planned, out / "robot") if planned.nodes else ("husky", "")
-            config = replace(config, robot=found)
-            notes += [why] * bool(why)
-        drives = draw_trials(self.trials if config.exercise == 3 else 1, self.seed)
-        recordings = []
-        for trial in drives:
-            if planned.nodes:
-                with self._bar(trial, config) as bar:
-                    folder = out / f"drive_{trial.number}"
-                    recordings.append(drive(submission, trial, config, folder, partial(_advance, bar)))
-            else:
-                recordings.append(empty_recording(trial.pillar, config.deadline, planned.notes))
-        view, pixels = rviz_check.look(submission, planned, config, out / "rviz")
-        items = RUBRICS[config.exercise](recordings, view, config.scan_topic, self.rules)
-        everything = [*notes, *planned.notes, *(note for r in recordings for note in r.notes)]
-        result = Result(name, submission.words, self.settings, tuple(items), tuple(dict.fromkeys(everything)))
-        record = self._record(result, submission, planned, config, recordings)
-        write_whole(out / "record.json", record_to_json(record))
-        (out / "drive.png").write_bytes(draw_drives(recordings, name))
-        for trial, recording in zip(drives, recordings):
-            page = replay_page(recording, f"{name}, drive {trial.number}")
-            if page:
-                write_whole(out / f"drive_{trial.number}" / REPLAY, page)
-        if pixels is not None:
-            (out / "rviz.png").write_bytes(draw_pixels(pixels))
-        return result
-
-    def _bar(self, trial: Trial, config: GradingConfig) -> Any:
-        """How far a drive is, in simulated seconds up to its deadline, at which it may end earlier."""
-        words = f"drive {trial.number} of {self.trials if config.exercise == 3 else 1}"
-        shape = "{desc}: {percentage:3.0f} %|{bar}| {n:.0f} of at most {total:.0f} s [{elapsed}<{remaining}]"
-        hidden = not self.shows_progress
-        return tqdm(total=config.deadline, desc=words, bar_format=shape, disable=hidden, leave=False)
-
-    def _record(
-        self,
-        result: Result,
-        submission: Submission,
-        planned: Plan,
-        config: GradingConfig,
-        recordings: Sequence[Recording],
-    ) -> Record:
-        workspace, folder = submission.workspace, Path(planned.package_path) if planned.package_path else None
-        return Record(
-            result.name, submission.what,
-            tuple(map(str, workspace.setups)), tuple(map(str, workspace.packages)),
-            {"exercise": config.exercise, "robot": config.robot, "seed": self.seed, "trials": self.trials,
-             "deadline": config.deadline, "pace": config.pace},
-            hashes_of_files(folder) if folder and folder.is_dir() else {},
-            versions(),
-            tuple(hash_of_poses(recording) for recording in recordings),
-            {item.name: item.points for item in result.items},
-        )  # fmt: skip
-
-
-def _advance(bar: Any, now: float) -> None:
-    """Show a simulated time [s]."""
-    bar.update(round(min(now, bar.total) - bar.n, 1))
 
 
 def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
@@ -191,9 +48,9 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         "--verify", type=Path, metavar="RECORD",
         help="drive again as a record.json of exercise 3 says; exit code 0: it is the same, 1: it is not",
     )  # fmt: skip
-    parser.add_argument("--exercise", type=int, choices=sorted(PACES), default=3, help="(default 3)")
+    parser.add_argument("--exercise", type=int, choices=sorted(EXERCISES), default=3, help="(default 3)")
     parser.add_argument(
-        "--robot", choices=("auto", *ROBOT_VERSIONS), default="auto",
+        "--robot", choices=(AUTO, *ROBOT_VERSIONS), default=AUTO,
         help="husky: scans on /front/scan in front_laser, husky_melodic: on /scan in base_laser, smb: on "
         "/scan in rslidar (default auto: what the submission subscribes to and names)",
     )  # fmt: skip
@@ -250,68 +107,58 @@ def _seconds(text: str) -> float:
     return number
 
 
-def verify(path: Path, out: Path, rules: Rules) -> int:
-    """Drive again as a record says, and print what is not the same; the exit code."""
+def verify(path: Path, out: Path) -> int:
+    """Drive again as a record says, and print the differences; the exit code."""
     before = load_record(path)
-    settings = before.settings
-    if settings["exercise"] != 3:
-        raise HuskyError(f"{path}: exercise {settings['exercise']} cannot be verified, only exercise 3")
-    config = GradingConfig(3, settings["robot"], settings["deadline"], settings["pace"])
-    workspace = Workspace(setups=tuple(map(Path, before.setups)), packages=tuple(map(Path, before.packages)))
-    marking = Marking(config, settings["seed"], settings["trials"], rules)
-    marking.mark(Submission(before.what, workspace), before.name, out)
+    if before.config.exercise != 3:
+        raise HuskyError(f"{path}: exercise {before.config.exercise} cannot be verified, only exercise 3")
+    mark(
+        Job(
+            before.name,
+            str(out),
+            before.config,
+            before.launchable,
+            setups=before.setups,
+            packages=before.packages,
+        )
+    )
     found = differences(before, load_record(out / "record.json"))
     print("\n".join(found) if found else f"{before.name}: the same files, drives and points as recorded")
     return 1 if found else 0
 
 
 def run(options: argparse.Namespace) -> int:
-    """Mark what the command line says; the exit code."""
-    exercise = options.exercise
-    config = GradingConfig(
-        exercise, options.robot, options.deadline or DEADLINES[exercise], options.pace or PACES[exercise]
-    )
-    rules = load_rules(options.rubric, ITEMS[exercise]) if options.rubric else DEFAULT
-    marking = Marking(config, options.seed, options.trials, rules, shows_progress=not options.all)
+    """Mark as the command line says; the exit code."""
+    exercise = EXERCISES[options.exercise]
+    rules = load_rules(options.rubric, exercise.items) if options.rubric else Rules()
+    config = MarkingConfig(
+        options.exercise, options.robot, options.seed, options.trials,
+        options.deadline or exercise.deadline, options.pace or exercise.pace, rules,
+    )  # fmt: skip
     out = options.out.resolve()
-    if options.verify:
-        return verify(options.verify, out / "verify", rules)
-    underlay = Workspace(setups=(options.underlay.resolve(),) if options.underlay else ())
+    setups = (str(options.underlay.resolve()),) if options.underlay else ()
     if options.all:
-        what = batch.Batch(
-            options.all.resolve(), out, options.jobs, tuple(options.only), underlay, options.cluster
-        )
-        results = batch.mark_all(marking, what)
+        batch = Batch(options.all.resolve(), out, options.jobs, tuple(options.only), setups, options.cluster)
+        results = mark_all(config, batch)
         return 2 if any(result.problem for result in results) else int(not all(r.full for r in results))
+    if options.verify:
+        return verify(options.verify, out / "verify")
     kind = "launch" if options.launch else "node"
-    words = getattr(options, kind)
-    is_ours = words[0] == "husky_highlevel_controller" and not options.underlay
-    submission = Submission((f"--{kind}", *words), replace(underlay, own_modules=is_ours))
-    name = " ".join(words[:2])
-    result = marking.mark(submission, name, out)
-    write_result(result, out)
+    package, name, *arguments = getattr(options, kind)
+    launchable = Launchable(kind, package, name, tuple(arguments))
+    result = mark(Job(f"{package} {name}", str(out), config, launchable, setups=setups), shows_progress=True)
     add_step_summary([result])
     print(table(result))
     print(f"\npicture, JSON, JUnit XML and logs: {out}")
-    return 0 if result.full else 1
+    return 2 if result.problem else int(not result.full)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     options = parse(arguments)
-
-    def stop(*_: Any) -> None:
-        request_stop()
-
-    if not options.cluster:  # which is not reached from a network of one's own, and marks elsewhere
+    if not options.all:  # each hand-in of a class has a network of its own
         private_network.enter()
-        for asked in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(asked, stop)  # waits end, and clean up behind them
+    if not options.cluster:
+        stop_on_signals()  # waits end, and clean up behind them
     with exit_codes("grade"):
         raise SystemExit(run(options))
-
-
-if __name__ == "__main__":
-    from husky_highlevel_controller.grading import cli  # by its name, or no worker could load a Marking
-
-    cli.main()

@@ -1,46 +1,72 @@
-"""A record of a marking that can be checked: what was marked, how, and a hash of where the robot drove.
-
-In: recordings, a folder of a package. Out: `Record`s, as JSON and back; differences in sentences.
-Must not know: ROS, how anything is started.
-"""
+"""Records of markings that can be checked: files, settings, versions, and a hash of where the robot drove."""
 
 from __future__ import annotations
 
 import hashlib
-import json
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.datatypes import HuskyError, Pose
-from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.grading.drive.drive_end import ABANDONED, NODES_ENDED, DriveEnd
+from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.drive.plan import Plan, Submission
 from husky_highlevel_controller.grading.drive.recording import Recording
-from husky_highlevel_controller.grading.drive.truth_feed import TruthRow
-from husky_highlevel_controller.grading.isolation.files import read_regular, walk
+from husky_highlevel_controller.grading.isolation.files import read_regular, walk, write_whole
+from husky_highlevel_controller.grading.records import Item, Job, Launchable, MarkingConfig, load, to_json
 
-SCHEMA = "husky_highlevel_controller/record/v1"
+SCHEMA = "husky_highlevel_controller/record/v2"
 LIBRARIES = ("numpy", "pybullet")  # that a drive depends on
 SKIPPED = frozenset({".git", "build", "devel", "__pycache__"})
 
 
 @dataclass(frozen=True)
 class Record:
-    """One marking of one submission."""
+    """One marking of one submission, for a check by somebody else."""
 
+    schema: str
     name: str
-    what: Tuple[str, ...]  # --launch PACKAGE FILE [ARGUMENTS] or --node PACKAGE TYPE [ARGUMENTS]
+    launchable: Launchable
     setups: Tuple[str, ...]  # setup.bash files of its workspace
     packages: Tuple[str, ...]  # folders of packages that need no build
-    settings: Dict[str, Any]  # exercise, husky, seed, trials, deadline, pace
-    inputs: Dict[str, str]  # SHA-256 of each file of its package, by place in it
-    versions: Dict[str, str]  # of Python and libraries
+    config: MarkingConfig
+    inputs: Mapping[str, str]  # SHA-256 of each file of its package, by place in it
+    versions: Mapping[str, str]  # of Python and libraries
     drives: Tuple[str, ...]  # SHA-256 of the true poses of each drive
-    points: Dict[str, Any]  # by item; None: for a person
+    points: Mapping[str, Optional[float]]  # by item; None: for a person
+
+
+def write_record(
+    out: Path, job: Job, submission: Submission, planned: Plan, config: MarkingConfig,
+    recordings: Sequence[Recording], items: Sequence[Item],
+) -> None:  # fmt: skip
+    """Write record.json into a folder of results."""
+    workspace, folder = submission.workspace, planned.package_path
+    record = Record(
+        SCHEMA, job.name, submission.launchable,
+        tuple(map(str, workspace.setups)), tuple(map(str, workspace.packages)), config,
+        hashes_of_files(folder) if folder and folder.is_dir() else {}, versions(),
+        tuple(map(hash_of_poses, recordings)), {item.name: item.points for item in items},
+    )  # fmt: skip
+    write_whole(out / "record.json", to_json(record))
+
+
+def load_record(path: Path) -> Record:
+    """A record from its file.
+
+    Raises:
+        HuskyError: there is none, or it is of another schema.
+    """
+    try:
+        record: Record = load(Record, path)
+    except ConfigError as error:
+        raise HuskyError(f"not a record: {error}") from error
+    if record.schema != SCHEMA:
+        raise HuskyError(f"{path}: not a record: its schema is not {SCHEMA}")
+    return record
 
 
 def hash_of_poses(recording: Recording) -> str:
@@ -48,18 +74,7 @@ def hash_of_poses(recording: Recording) -> str:
 
     Recording goes on for some fractions of a second of wall time after that, which is never the same.
     """
-    end, rows = DriveEnd(recording.pillar, recording.robot), len(recording.times)
-    for row, (stamp, (x, y, yaw), (speed, yaw_rate)) in enumerate(
-        zip(recording.times, recording.poses, recording.speeds)
-    ):
-        pose = Pose((float(x), float(y), 0.0), quat_from_rpy(0.0, 0.0, float(yaw)))
-        end.update(TruthRow(float(stamp), pose, float(speed), float(yaw_rate)))
-        if end.reason():
-            rows = row + 1
-            break
-    else:
-        if recording.ended == NODES_ENDED:
-            rows = int(np.searchsorted(recording.times, end.moved_at + ABANDONED)) + 1
+    rows = int(np.searchsorted(recording.times, recording.decided_at - 1e-6)) + 1
     table = np.column_stack([recording.times[:rows], recording.poses[:rows]])
     return hashlib.sha256(np.round(table, 4).astype("<f8").tobytes()).hexdigest()
 
@@ -83,29 +98,6 @@ def versions() -> Dict[str, str]:
     return found
 
 
-def to_json(record: Record) -> str:
-    """Everything, as text."""
-    return json.dumps({"schema": SCHEMA, **asdict(record)}, indent=2) + "\n"
-
-
-def load_record(path: Path) -> Record:
-    """A record from its file.
-
-    Raises:
-        HuskyError: there is none, or it is none.
-    """
-    try:
-        content = json.loads(read_regular(path))
-        if content.pop("schema") != SCHEMA:
-            raise ValueError(f"its schema is not {SCHEMA}")
-        lists: Dict[str, Any] = {
-            name: tuple(content[name]) for name in ("what", "setups", "packages", "drives")
-        }
-        return Record(**{**content, **lists})
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise HuskyError(f"{path}: not a record: {error}") from error
-
-
 def differences(before: Record, after: Record) -> List[str]:
     """What is not the same, in sentences; versions are named only beside something else."""
     found: List[str] = []
@@ -114,7 +106,7 @@ def differences(before: Record, after: Record) -> List[str]:
             found.append(f"file {place} {_change(before.inputs, after.inputs, place)}")
     for number, (first, second) in enumerate(_pairs(before.drives, after.drives), 1):
         if first != second:
-            found.append(f"drive {number} is another one")
+            found.append(f"drive {number} differs")
     for item in before.points:
         if before.points[item] != after.points.get(item):
             found.append(f"{item}: {before.points[item]} points before, {after.points.get(item)} now")
@@ -127,7 +119,7 @@ def differences(before: Record, after: Record) -> List[str]:
     return found
 
 
-def _change(before: Dict[str, str], after: Dict[str, str], place: str) -> str:
+def _change(before: Mapping[str, str], after: Mapping[str, str], place: str) -> str:
     return "is new" if place not in before else "is gone" if place not in after else "has changed"
 
 

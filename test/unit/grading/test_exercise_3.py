@@ -9,8 +9,6 @@ import pytest
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import Pose2D
-from husky_highlevel_controller.grading.drive.graph import forged_topics, silent_topics, unread_topics
-from husky_highlevel_controller.grading.drive.pose_jumps import pose_jumps
 from husky_highlevel_controller.grading.drive.recording import (
     ExchangedError,
     MarkerSample,
@@ -20,9 +18,12 @@ from husky_highlevel_controller.grading.drive.recording import (
     from_json,
     hull_gaps,
     load,
+    pose_jumps,
     to_json,
 )
+from husky_highlevel_controller.grading.drive.ros_graph import forged_topics, silent_topics, unread_topics
 from husky_highlevel_controller.grading.drive.rviz_check import judged_by_ends
+from husky_highlevel_controller.grading.records import Rules, RvizView, total
 from husky_highlevel_controller.grading.rubrics.exercise_3 import (
     ITEMS,
     judge_approach,
@@ -32,8 +33,8 @@ from husky_highlevel_controller.grading.rubrics.exercise_3 import (
     judge_rviz,
     judge_shown,
 )
-from husky_highlevel_controller.grading.rubrics.items import RvizView, over_trials, total
-from husky_highlevel_controller.grading.rubrics.rules import Rules, read_rules
+from husky_highlevel_controller.grading.rubrics.items import over_trials
+from husky_highlevel_controller.grading.rubrics.rules import read_rules
 
 PILLAR = (10.0, 0.0)  # [m]
 NOSE = 0.4937  # [m], from base_link to the front
@@ -428,14 +429,14 @@ def test_a_teacher_may_weigh_items_and_leave_one_to_a_person():
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({"wieghts": {}}, "rubric.yaml: wieghts is not a parameter"),
+        ({"wieghts": {}}, "rubric.yaml: 'wieghts' is not known; there are: reached"),
         ({"weights": {"reaches": 10}}, "'reaches' is not an item; there are: drives towards"),
         (
             {"weights": {"reaches the pillar": -1}},
-            "weights/reaches the pillar = -1 is not",
+            "weights/reaches the pillar = -1 is out of range",
         ),
         ({"reached": 9.0}, "reached = 9.0 is out of range"),
-        ({"by_person": "all"}, "by_person is not a list"),
+        ({"by_person": "all"}, "by_person = 'all' is not a list"),
     ],
 )
 def test_a_rubric_file_with_a_mistake_is_refused(content, words):

@@ -7,6 +7,7 @@ import pytest
 
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.drive.recording import Call, Recording
+from husky_highlevel_controller.grading.records import RvizView, total
 from husky_highlevel_controller.grading.rubrics.exercise_2 import (
     judge_exercise_2,
     judge_output,
@@ -14,7 +15,6 @@ from husky_highlevel_controller.grading.rubrics.exercise_2 import (
     judge_view,
 )
 from husky_highlevel_controller.grading.rubrics.exercise_5 import judge_calls, judge_exercise_5
-from husky_highlevel_controller.grading.rubrics.items import RvizView, total
 
 TIMES = np.arange(0.02, 20.0, 0.02)  # [s]
 SCAN = "/front/scan"

@@ -2,6 +2,7 @@
 
 import json
 
+from husky_highlevel_controller.grading.records import Item, Result
 from husky_highlevel_controller.grading.reports.exports import (
     CLASSROOM50_FIELDS,
     to_classroom50,
@@ -9,8 +10,6 @@ from husky_highlevel_controller.grading.reports.exports import (
     to_step_summary,
     write_exports,
 )
-from husky_highlevel_controller.grading.reports.tables import Result
-from husky_highlevel_controller.grading.rubrics.items import Item
 
 ITEMS = (
     Item("drives", 20.0, 20.0, "half of the way after 10.20 s", 10.2),

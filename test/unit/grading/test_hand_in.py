@@ -5,18 +5,28 @@ import os
 import pickle
 import shutil
 import stat
-import sys
 import tarfile
 import zipfile
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import pytest
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.batch import Batch, add_rviz_files, fingerprint, mark_all
-from husky_highlevel_controller.grading.cli import Marking
-from husky_highlevel_controller.grading.drive.run import GradingConfig
+from husky_highlevel_controller.grading import batch as batch_module
+from husky_highlevel_controller.grading import mark as mark_module
+from husky_highlevel_controller.grading.batch import (
+    Batch,
+    PackedPath,
+    job_of,
+    mark_all,
+    run,
+    run_there,
+    write_outputs,
+)
+from husky_highlevel_controller.grading.drive.recording import empty_recording
+from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.hand_in import archives
 from husky_highlevel_controller.grading.hand_in import build as build_module
 from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, unpack
@@ -29,7 +39,7 @@ from husky_highlevel_controller.grading.hand_in.build import (
     missing_packages,
 )
 from husky_highlevel_controller.grading.hand_in.launch_choice import choose_launch_file, named_launch_file
-from husky_highlevel_controller.grading.hand_in.overrides import Override, read_overrides
+from husky_highlevel_controller.grading.hand_in.overrides import read_overrides, with_override
 from husky_highlevel_controller.grading.hand_in.packages import (
     HandIn,
     NotMarkableError,
@@ -39,11 +49,23 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     fits_exercise,
     open_hand_in,
 )
+from husky_highlevel_controller.grading.hand_in.prepare import add_rviz_files
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.remote import Parcel, bring_in, mark_there, order_for
+from husky_highlevel_controller.grading.mark import EVIDENCE, FINGERPRINT, Evidence, judge, mark
+from husky_highlevel_controller.grading.records import (
+    GivenPoints,
+    Item,
+    Job,
+    MarkingConfig,
+    Override,
+    Result,
+    Rules,
+    RvizView,
+    to_json,
+)
+from husky_highlevel_controller.grading.reports.files import write_result
 from husky_highlevel_controller.grading.reports.page import class_page
-from husky_highlevel_controller.grading.reports.tables import Result, to_csv, to_junit
-from husky_highlevel_controller.grading.rubrics.items import Item
+from husky_highlevel_controller.grading.reports.tables import to_csv, to_junit
 
 MANIFEST = (
     '<package format="2"><name>{}</name><version>0.0.0</version><description>d</description>'
@@ -421,13 +443,20 @@ def test_a_build_is_tried_again_for_late_headers_and_then_for_old_placeholders(
     assert built.complete == (outputs[-1][1] == 0)
 
 
-def test_a_changed_file_or_override_changes_the_fingerprint(tmp_path):
+def test_a_changed_file_or_setting_changes_the_fingerprint_and_what_is_only_judged_does_not(tmp_path):
     put(tmp_path / "a", "1")
-    before = fingerprint(tmp_path, Override())
-    assert fingerprint(tmp_path, Override()) == before
-    assert fingerprint(tmp_path, Override(robot="husky_melodic")) != before
+
+    def fingerprint(config=MarkingConfig(), **override):  # noqa: B008
+        hand_in, batch = HandIn("ann", tmp_path), Batch(tmp_path.parent, tmp_path / "out")
+        return job_of(hand_in, Override(**override), config, batch).fingerprint
+
+    before = fingerprint()
+    assert fingerprint() == before
+    assert fingerprint(robot="husky_melodic") != before
+    assert fingerprint(MarkingConfig(trials=1)) != before
+    assert fingerprint(MarkingConfig(rules=Rules(reached=1.0)), points={"a": GivenPoints(1.0, "w")}) == before
     put(tmp_path / "a", "12")
-    assert fingerprint(tmp_path, Override()) != before
+    assert fingerprint() != before
 
 
 # ---------------------------------------------------------------------------- what a teacher sets
@@ -449,7 +478,7 @@ def test_points_by_hand_and_a_late_penalty(tmp_path):
     override = read_overrides(tmp_path, ["ann", "bob"])["ann"]
     assert (override.launch, override.arguments, override.robot) == ("ex3.launch", ("a:=b",), "husky_melodic")
     result = Result("ann", "w", {}, (Item("drive", 35.0, 50.0, ""), Item("marker", None, 20.0, "?")))
-    marked = override.apply(result)
+    marked = with_override(result, override)
     assert [(item.name, item.points) for item in marked.items] == [
         ("drive", 35),
         ("marker", 15),
@@ -466,13 +495,16 @@ def test_points_by_hand_and_a_late_penalty(tmp_path):
     [
         ("student: {}", "marking.yaml: 'student' is not known; there are: students"),
         ("students: {cid: {}}", "students: 'cid' is not known; there are: ann, bob"),
-        ("students: {ann: {lunch: a}}", "students/ann: 'lunch' is not known; there are: launch"),
+        ("students: {ann: {lunch: a}}", "students/ann/'lunch' is not known; there are: launch"),
         ("students: {ann: {launch: 3}}", "students/ann/launch = 3 is not a text"),
         ("students: {ann: {launch: a, node: p t}}", "has both launch and node"),
         ("students: {ann: {node: p}}", "node = 'p' is not a package and a type"),
         ("students: {ann: {robot: kinetic}}", "is not one of: husky, husky_melodic, smb"),
-        ("students: {ann: {late: {percent: 200, word: x}}}", "is not a number in 0..100"),
-        ("students: {ann: {late: {percent: .nan, word: x}}}", "is not a number in 0..100"),
+        ("students: {ann: {late: {percent: 200, word: x}}}", "is out of range 0.0..100.0"),
+        (
+            "students: {ann: {late: {percent: .nan, word: x}}}",
+            "late/percent = nan is out of range 0.0..100.0",
+        ),
         ("students: {ann: {points: {a: {points: 1}}}}", "points/a/word is missing"),
         ("students: [", "marking.yaml: while parsing"),
         ("- a", "is not a mapping"),
@@ -493,36 +525,64 @@ def test_points_for_an_item_that_is_none_or_too_many_are_refused(tmp_path):
     ):
         put(tmp_path / "marking.yaml", f"students: {{ann: {{points: {given}}}}}")
         with pytest.raises(ConfigError, match=words):
-            read_overrides(tmp_path, ["ann"])["ann"].apply(result)
+            with_override(result, read_overrides(tmp_path, ["ann"])["ann"])
 
 
 # ---------------------------------------------------------------------------- every hand-in has a result
 
 
-class BrokenGrader:
-    """Fails in another way for each student."""
+@pytest.mark.parametrize(
+    ("error", "problem"),
+    [
+        (ZeroDivisionError("odd"), "marking has failed: ZeroDivisionError: odd"),
+        (OSError(28, "No space left on device"), "No space left on device"),
+    ],
+)
+def test_a_hand_in_has_a_result_whatever_goes_wrong_and_is_marked_again(
+    error, problem, tmp_path, monkeypatch
+):
+    def fail(*_):
+        raise error
 
-    settings, exercise = {"exercise": 3}, 3
+    monkeypatch.setattr(mark_module, "prepare", fail)
+    result = mark(Job("ann", str(tmp_path / "ann"), MarkingConfig(), hand_in=str(tmp_path)))
+    assert result.problem == problem
+    assert not (tmp_path / "ann" / FINGERPRINT).exists(), "nothing that a resume takes for done"
+    assert "could not be marked" in (tmp_path / "ann" / "feedback.html").read_text()
 
-    def mark(self, submission, name, out, notes=(), husky=""):
-        raise {"ann": ZeroDivisionError("odd"), "bob": OSError(28, "No space left on device")}[name]
+
+def test_a_hand_in_that_cannot_be_marked_is_not_tried_again(tmp_path):
+    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
+    batch = Batch(tmp_path / "class", tmp_path / "out")
+    (first,) = mark_all(MarkingConfig(), batch)
+    log = tmp_path / "out" / "hand_ins" / "ann" / "mark.log"
+    log.unlink()
+    assert mark_all(MarkingConfig(), batch) == [first]
+    assert "no catkin package in it" in first.problem
+    assert not log.exists()
 
 
-def test_every_hand_in_has_a_row_whatever_goes_wrong(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "husky_highlevel_controller.grading.batch.prepare", lambda *_: (None, [])
-    )  # a build takes seconds
-    put(tmp_path / "class" / "ann" / "a")
-    put(tmp_path / "class" / "bob" / "a")
-    results = mark_all(BrokenGrader(), Batch(tmp_path / "class", tmp_path / "out"))
-    assert [result.problem for result in results] == [
-        "marking has failed: ZeroDivisionError: odd", "No space left on device",
-    ]  # fmt: skip
-    assert "ZeroDivisionError" in (tmp_path / "out" / "hand_ins" / "ann" / "traceback.txt").read_text()
-    assert not list((tmp_path / "out").glob("hand_ins/*/result.json")), "nothing that a resume takes for done"
-    rows = (tmp_path / "out" / "results.csv").read_text().splitlines()
-    assert len(rows) == 3
-    assert "could not be marked" in (tmp_path / "out" / "index.html").read_text()
+def test_another_rubric_or_points_by_hand_judge_again_without_a_drive(tmp_path):
+    put(tmp_path / "class" / "ann" / "readme.txt")
+    config, batch = MarkingConfig(), Batch(tmp_path / "class", tmp_path / "out")
+    job = job_of(HandIn("ann", tmp_path / "class" / "ann"), Override(), config, batch)
+    out = Path(job.out)
+    recording = empty_recording((20.0, 5.0), 120.0, ("it starts no node of its own",))
+    put(out / "drive_1" / "recording.json", recording_to_json(recording))
+    put(out / EVIDENCE, to_json(Evidence("a.launch", "husky", "none", "none", RvizView(), ("a note",))))
+    write_result(judge(job), out)
+    put(out / FINGERPRINT, job.fingerprint)
+    (before,) = mark_all(config, batch)
+    assert (before.points, before.max_points) == (0.0, 80.0)
+    put(
+        batch.folder / "marking.yaml",
+        "students: {ann: {points: {reaches the pillar: {points: 7, word: seen}}}}",
+    )
+    weighed = replace(config, rules=Rules(weights={"drives towards the pillar": 50.0}))
+    (after,) = mark_all(weighed, batch)
+    assert (after.points, after.max_points) == (7.0, 110.0)
+    assert "by hand: seen" in (out / "feedback.html").read_text()
+    assert not (out / "mark.log").exists(), "nothing was started"
 
 
 def test_a_class_is_marked_whatever_its_folders_and_files_are_called(tmp_path, capsys):
@@ -531,7 +591,7 @@ def test_a_class_is_marked_whatever_its_folders_and_files_are_called(tmp_path, c
     inner = os.fsencode(put(tmp_path / "class" / "ann" / "x").parent) + b"/caf\xe9"
     os.mkdir(inner)
     (Path(os.fsdecode(inner)) / "package.xml").write_text("<package")
-    results = mark_all(BrokenGrader(), Batch(tmp_path / "class", tmp_path / "out"))
+    results = mark_all(MarkingConfig(), Batch(tmp_path / "class", tmp_path / "out"))
     assert [each.name for each in results] == [
         "M\\xfcller",
         "ann",
@@ -563,7 +623,7 @@ def test_a_hand_in_travels_with_its_links_and_permissions(tmp_path):
     put(tmp_path / "class" / "ann" / "src" / "node", "#!/usr/bin/env python3")
     (tmp_path / "class" / "ann" / "src" / "node").chmod(0o755)
     (tmp_path / "class" / "ann" / "link").symlink_to("/etc/passwd")
-    sent = pickle.loads(pickle.dumps(Parcel(tmp_path / "class" / "ann")))
+    sent = pickle.loads(pickle.dumps(PackedPath(tmp_path / "class" / "ann")))
     shutil.rmtree(tmp_path / "class")
     (tmp_path / "there").mkdir()
     path = sent.unpack(tmp_path / "there")
@@ -574,25 +634,21 @@ def test_a_hand_in_travels_with_its_links_and_permissions(tmp_path):
 
 def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(tmp_path):
     put(tmp_path / "class" / "ann" / "readme.txt", "no package")
-    hand_in, marking = HandIn("ann", tmp_path / "class" / "ann"), Marking(GradingConfig())
-    what = Batch(tmp_path / "class", tmp_path / "out")
-    order = pickle.loads(pickle.dumps(order_for(marking, hand_in, Override(), what)))
-    result, files = mark_there(order)
+    batch = Batch(tmp_path / "class", tmp_path / "out")
+    job = job_of(HandIn("ann", tmp_path / "class" / "ann"), Override(), MarkingConfig(), batch)
+    files = run_there(pickle.loads(pickle.dumps((job, PackedPath(tmp_path / "class" / "ann")))))
+    assert "unpacked/readme.txt" not in files
+    result = write_outputs(files, job)
     assert "no catkin package in it" in result.problem
     assert result.settings["exercise"] == 3
-    assert "unpacked/readme.txt" not in files
-    bring_in({"drive_1/log": b"words", "fingerprint": b"theirs"}, "ours", tmp_path)
-    assert (tmp_path / "drive_1" / "log").read_bytes() == b"words"
-    assert (tmp_path / "fingerprint").read_text() == "ours"
+    assert (Path(job.out) / FINGERPRINT).read_text() == job.fingerprint
 
 
-def test_a_marking_that_dies_there_is_a_problem_of_its_hand_in(tmp_path, monkeypatch):
+def test_a_marking_that_dies_is_a_problem_of_its_hand_in(tmp_path, monkeypatch):
     put(tmp_path / "class" / "ann" / "readme.txt", "no package")
-    order = order_for(
-        Marking(GradingConfig()), HandIn("ann", tmp_path / "class" / "ann"), Override(),
-        Batch(tmp_path / "class", tmp_path / "out"),
-    )  # fmt: skip
-    monkeypatch.setattr(sys, "executable", shutil.which("false"))
-    result, files = mark_there(pickle.loads(pickle.dumps(order)))
+    job = Job("ann", str(tmp_path / "out"), MarkingConfig(), hand_in=str(tmp_path / "class" / "ann"))
+    monkeypatch.setattr(batch_module, "PROGRAM", "no_such_module")
+    result = run(job)
     assert result.problem.startswith("marking has failed on ")
-    assert files == {}
+    assert "no_such_module" in result.problem
+    assert not (tmp_path / "out" / FINGERPRINT).exists()

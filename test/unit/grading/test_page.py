@@ -4,9 +4,8 @@ import re
 
 import pytest
 
+from husky_highlevel_controller.grading.records import Item, Result
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page, histogram
-from husky_highlevel_controller.grading.reports.tables import Result
-from husky_highlevel_controller.grading.rubrics.items import Item
 
 PNG = b"\x89PNG\r\n\x1a\n"
 SETTINGS = {"exercise": 3, "seed": 0}

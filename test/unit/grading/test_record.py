@@ -5,31 +5,38 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from husky_highlevel_controller.datatypes import HuskyError, Pose2D
-from husky_highlevel_controller.grading.drive.drive_end import NODES_ENDED
+from husky_highlevel_controller.datatypes import HuskyError, Pose, Pose2D
+from husky_highlevel_controller.grading.drive.drive_end import NODES_ENDED, DriveEnd
 from husky_highlevel_controller.grading.drive.recording import Recording
+from husky_highlevel_controller.grading.drive.truth_feed import TruthRow
 from husky_highlevel_controller.grading.record import (
+    SCHEMA,
     Record,
     differences,
     hash_of_poses,
     hashes_of_files,
     load_record,
-    to_json,
 )
+from husky_highlevel_controller.grading.records import Launchable, MarkingConfig, to_json
 
 RECORD = Record(
-    "ann", ("--launch", "ann", "a.launch"), (), ("/class",), {"exercise": 3, "seed": 0},
+    SCHEMA, "ann", Launchable("launch", "ann", "a.launch"), (), ("/class",), MarkingConfig(),
     {"a.launch": "1", "a.py": "2"}, {"python": "3.11"}, ("aa", "bb"), {"drives": 20.0, "RViz": None},
 )  # fmt: skip
 
 
-def drive(seconds):
-    """Straight to a pillar at 10 m, standing there from 8 s on."""
+def drive(seconds, pillar=(10.0, 0.0), ended="it stands at the pillar"):
+    """Straight towards a pillar, standing at 9.2 m from 8 s on; recorded for so long."""
     times = np.round(np.arange(0.02, seconds, 0.02), 2)
     x = np.minimum(1.15 * times, 9.2)
     poses = np.column_stack([x, np.zeros_like(x), np.zeros_like(x)])
     speeds = np.column_stack([np.where(times < 8.0, 1.15, 0.0), np.zeros_like(x)])
-    return Recording(Pose2D(), (10.0, 0.0), 60.0, times, poses, speeds, times)
+    end = DriveEnd(pillar, "husky")
+    for stamp, pose, (speed, yaw_rate) in zip(times, poses, speeds):
+        end.update(TruthRow(stamp, Pose((pose[0], 0.0, 0.13)), speed, yaw_rate))
+    return Recording(
+        Pose2D(), pillar, 60.0, times, poses, speeds, times, ended=ended, decided_at=end.decided_at(ended)
+    )
 
 
 def test_how_long_recording_went_on_after_the_end_does_not_count():
@@ -42,9 +49,9 @@ def test_how_long_recording_went_on_after_the_end_does_not_count():
 
 @pytest.mark.parametrize("seconds", [11.5, 12.0])
 def test_nor_where_the_nodes_had_ended(seconds):
-    far = {"pillar": (20.0, 0.0), "ended": NODES_ENDED}
-    assert hash_of_poses(replace(drive(seconds), **far)) == hash_of_poses(replace(drive(11.02), **far))
-    assert hash_of_poses(replace(drive(10.0), **far)) != hash_of_poses(replace(drive(11.02), **far))
+    far = ((20.0, 0.0), NODES_ENDED)
+    assert hash_of_poses(drive(seconds, *far)) == hash_of_poses(drive(11.02, *far))
+    assert hash_of_poses(drive(10.0, *far)) != hash_of_poses(drive(11.02, *far))
 
 
 def test_a_record_comes_back_from_its_file(tmp_path):
@@ -71,7 +78,7 @@ def test_what_differs_is_named():
     assert differences(RECORD, after) == [
         "file a.py has changed",
         "file b.py is new",
-        "drive 2 is another one",
+        "drive 2 differs",
         "drives: 20.0 points before, 10.0 now",
         "python was 3.11, is 3.12",
     ]

@@ -10,15 +10,9 @@ import pytest
 from defusedxml import ElementTree
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.reports.tables import (
-    Result,
-    from_json,
-    table,
-    to_csv,
-    to_json,
-    to_junit,
-)
-from husky_highlevel_controller.grading.rubrics.items import Item
+from husky_highlevel_controller.grading.records import Item, Result, to_json
+from husky_highlevel_controller.grading.reports.files import load_result, write_result
+from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_junit
 
 ITEMS = (
     Item("drives", 20.0, 20.0, "half of the way after 10.20 s", 10.2),
@@ -55,15 +49,17 @@ def test_what_a_submission_calls_itself_reaches_no_terminal():
     assert len(result.notes[1]) < 1100
 
 
-def test_json_comes_back():
-    assert from_json(to_json(RESULT)) == RESULT
-    assert json.loads(to_json(RESULT))["points"] == 32.5
+def test_a_result_comes_back_from_its_file(tmp_path):
+    write_result(RESULT, tmp_path)
+    assert load_result(tmp_path / "result.json") == RESULT
+    assert json.loads((tmp_path / "result.json").read_text())["points"] == 32.5
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[]", "null"])
-def test_what_is_no_result_is_an_error(text):
-    with pytest.raises(HuskyError, match="not a result"):
-        from_json(text)
+def test_what_is_no_result_is_an_error(text, tmp_path):
+    (tmp_path / "result.json").write_text(text)
+    with pytest.raises(HuskyError, match=r"result\.json: "):
+        load_result(tmp_path / "result.json")
 
 
 def test_junit_has_a_case_for_each_item():

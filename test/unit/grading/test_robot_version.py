@@ -7,14 +7,15 @@ import pytest
 
 from husky_highlevel_controller.course import PILLARS
 from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.grading.drive.plan import Plan, Submission
 from husky_highlevel_controller.grading.drive.recording import empty_recording, from_json, hull_gaps, to_json
 from husky_highlevel_controller.grading.drive.robot_version import detect_robot
-from husky_highlevel_controller.grading.drive.run import ROBOT_VERSIONS, Plan, Submission
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
+from husky_highlevel_controller.grading.records import ROBOT_VERSIONS, Launchable
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.models.sdf_world import parse_world
 
-NODE = Submission(("--node", "p", "n"))
+NODE = Submission(Launchable("node", "p", "n"))
 
 
 @pytest.mark.parametrize(
@@ -27,7 +28,7 @@ NODE = Submission(("--node", "p", "n"))
 )
 def test_what_a_package_names_tells_the_smb(name, text, word, tmp_path):
     (tmp_path / name).write_text(text)
-    robot, why = detect_robot(NODE, Plan(nodes=("p/n",), package_path=str(tmp_path)), tmp_path)
+    robot, why = detect_robot(NODE, Plan(nodes=("p/n",), package_path=tmp_path), tmp_path)
     assert robot == "smb"
     assert why == f"for the SMB (--robot smb): {name} names {word}"
 

@@ -1,5 +1,6 @@
 """The drives of a marking, its command line, and RViz's configurations."""
 
+from dataclasses import replace
 from math import atan2, hypot
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from husky_highlevel_controller.geometry import wrap_angle
 from husky_highlevel_controller.grading.cli import parse
 from husky_highlevel_controller.grading.drive import rviz_check
-from husky_highlevel_controller.grading.drive.run import Plan
+from husky_highlevel_controller.grading.drive.plan import Plan, RvizNode
 from husky_highlevel_controller.grading.drive.trials import draw_trials, rviz_world, trial_world
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
 
@@ -94,16 +95,18 @@ def test_only_what_is_switched_on_counts(tmp_path):
     put(tmp_path / "a.rviz", "Visualization Manager: {Displays: [{Class: rviz/TF, Enabled: false}]}")
     put(tmp_path / "z" / "b.rviz", "Visualization Manager: {Displays: [{Class: rviz/LaserScan}]}")
     put(tmp_path / "c.rviz", "- no: rviz")
-    assert rviz_check.find_setup(Plan(package_path=str(tmp_path))).source == "b.rviz"
-    assert rviz_check.find_setup(Plan(package_path="")) is None
+    assert rviz_check.find_setup(Plan(package_path=tmp_path)).source == "b.rviz"
+    assert rviz_check.find_setup(Plan()) is None
 
 
 def test_the_file_of_the_rviz_node_is_the_one(tmp_path):
     put(tmp_path / "mine.rviz", "Visualization Manager: {}")
-    node = {"name": "rviz", "args": f"-f odom -d {tmp_path}/mine.rviz", "remap": [["/a", "/b"]]}
+    node = RvizNode("rviz", f"-f odom -d {tmp_path}/mine.rviz", (("/a", "/b"),))
     setup = rviz_check.find_setup(Plan(rviz=(node,)))
     assert (setup.source, setup.remaps) == ("its rviz node, mine.rviz", ("/a:=/b",))
-    assert rviz_check.find_setup(Plan(rviz=({**node, "args": ""},))) is None, "it is in the student's home"
+    assert rviz_check.find_setup(Plan(rviz=(replace(node, args=""),))) is None, "it is in the student's home"
+    (tmp_path / "ws").mkdir()
+    assert rviz_check.find_setup(Plan(rviz=(node,)), tmp_path / "ws") is None, "it is not in the hand-in"
 
 
 def test_what_is_not_background_is_to_be_seen():

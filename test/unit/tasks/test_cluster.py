@@ -16,8 +16,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.metrics import run
 from husky_highlevel_controller.evaluation.scenarios import random_starts
 from husky_highlevel_controller.grading.batch import Batch, mark_all
-from husky_highlevel_controller.grading.cli import Marking
-from husky_highlevel_controller.grading.drive.run import GradingConfig
+from husky_highlevel_controller.grading.records import MarkingConfig
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -128,7 +127,7 @@ def test_a_class_is_marked_by_a_cluster_as_it_is_here(cluster, tmp_path):
     for number in range(2):
         cluster.work(f"worker {number}", *WORKER, "--resources", "ROS=1")
     for name, address in (("here", ""), ("there", cluster.address)):
-        results = mark_all(Marking(GradingConfig()), Batch(folder, tmp_path / name, cluster=address))
+        results = mark_all(MarkingConfig(), Batch(folder, tmp_path / name, cluster=address))
         assert ["no catkin package in it" in result.problem for result in results] == [True] * 3
         tables.append((tmp_path / name / "results.csv").read_text())
     assert tables[0] == tables[1]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Optional
 
+FORWARD, SERVICE = "forward", "service"  # drivers: command the robot, call the start/stop service
 EX2_SPEED, EX2_FROM, EX2_SECONDS = 0.5, 2.0, 10.0  # [m/s], [s], [s]
 CALM = 4.0  # [s], simulated, from one call's answer to the next call
 CALLS = (False, True, False, True)  # stop and start, twice; the other way round where True stops

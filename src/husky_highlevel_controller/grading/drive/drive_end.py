@@ -10,10 +10,9 @@ from typing import Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.grading.drive.recording import STANDS, hull_gaps
+from husky_highlevel_controller.course import REACHED, STANDS, TOUCH
+from husky_highlevel_controller.grading.drive.recording import hull_gaps
 from husky_highlevel_controller.grading.drive.truth_feed import TruthRow
-from husky_highlevel_controller.grading.rubrics.exercise_3 import TOUCH
-from husky_highlevel_controller.grading.rubrics.rules import DEFAULT
 
 AT_PILLAR = 3.0  # [s], simulated: so long at the pillar, it is over
 ABANDONED = 3.0  # [s], simulated: so long still with no node left to drive it, it is over
@@ -27,15 +26,19 @@ class DriveEnd:
     def __init__(self, pillar: Tuple[float, float], robot: str) -> None:
         self._pillar, self._robot = pillar, robot  # [m], in the world; one of ROBOTS
         self._now = self._drove_at = self._moved_at = 0.0
-        self._first_moved = self._reached_at = self._touched_at = inf
+        self._first_moved = self._reached_at = self._touched_at = self._decided_at = inf
 
     @property
-    def moved_at(self) -> float:
-        """When it last moved [s], simulated."""
-        return self._moved_at
+    def moved(self) -> bool:
+        """Whether it has moved or turned at all."""
+        return self._first_moved < inf
+
+    def decided_at(self, reason: str) -> float:
+        """Time of the state [s], simulated, at which a drive that ended for this reason was decided."""
+        return self._moved_at + ABANDONED if reason == NODES_ENDED else self._decided_at
 
     def update(self, row: TruthRow) -> None:
-        """The next state."""
+        """Follow the next state."""
         self._now = now = row.stamp
         if abs(row.speed) > STANDS:
             self._drove_at = now
@@ -43,9 +46,11 @@ class DriveEnd:
             self._moved_at, self._first_moved = now, min(self._first_moved, now)
         x, y, _ = row.pose_in_world.position
         gap = float(hull_gaps(np.array([[x, y, row.yaw]]), self._pillar, self._robot)[0])
-        self._reached_at = min(self._reached_at, now) if gap <= DEFAULT.reached else inf
+        self._reached_at = min(self._reached_at, now) if gap <= REACHED else inf
         if gap <= TOUCH:
             self._touched_at = min(self._touched_at, now)
+        if self._decided_at == inf and self.reason():
+            self._decided_at = now
 
     def reason(self, abandoned: bool = False) -> str:
         """Why it is over; empty: it is not. Abandoned: none of the submission's nodes runs any more."""

@@ -1,20 +1,18 @@
-"""What was seen of one drive: all that marking looks at, written to a file and read again.
-
-In: numbers and words. Out: a `Recording`, as JSON and back. Must not know: ROS, points.
-"""
+"""Recording of one drive: true poses, commands, markers and the ROS graph, as JSON and back."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from math import inf, nan
 from pathlib import Path
-from typing import Any, Dict, List, Tuple
+from typing import List, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.course import PILLARS, PillarSize
+from husky_highlevel_controller.config import ConfigError, from_plain, to_plain
+from husky_highlevel_controller.course import PILLARS, STANDS, PillarSize
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
 from husky_highlevel_controller.robot import load_robot
 
@@ -59,6 +57,22 @@ class Call:
     answered_at: float  # [s], simulated; on a busy machine more than a second later
 
 
+@dataclass(frozen=True)
+class Assignment:
+    """Task of the recorder for one drive."""
+
+    output: str  # file for the recording
+    truth_socket: str  # where the simulator connects
+    start: Pose2D  # [m, m, rad], of base_link in the world
+    pillar: Tuple[float, float]  # [m], in the world
+    deadline: float  # [s], simulated
+    scan_topic: str
+    robot: str  # one of ROBOTS
+    driver: str  # see `exercises.Exercise`
+    ends_at_pillar: bool
+    ours: Tuple[str, ...]  # nodes that are not the submission's
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """One drive of one submission; arrays are read-only."""
@@ -66,30 +80,31 @@ class Recording:
     start: Pose2D  # of base_link in the world
     pillar: Tuple[float, float]  # [m], its centre in the world, before anybody pushes it
     deadline: float  # [s], simulated
-    times: np.ndarray  # (N,) [s], simulated, of the true poses
-    poses: np.ndarray  # (N, 3) [m, m, rad], true x, y, yaw of base_link in the world
-    speeds: np.ndarray  # (N, 2) [m/s, rad/s], true, in base_link
-    commands: np.ndarray  # (M,) [s], simulated, when commands came; at most one for each true pose
+    times: np.ndarray = field(metadata={"shape": (-1,)})  # (N,) [s], simulated, of the true poses
+    poses: np.ndarray = field(
+        metadata={"shape": (-1, 3)}
+    )  # [m, m, rad], true x, y, yaw of base_link in the world
+    speeds: np.ndarray = field(metadata={"shape": (-1, 2)})  # [m/s, rad/s], true, in base_link
+    commands: np.ndarray = field(metadata={"shape": (-1,)})  # [s], when commands came; one for each true pose
     command_count: int = 0  # all of them
     zero_count: int = 0  # of these, how many were zero in every component
-    nearest: np.ndarray = field(
-        default_factory=lambda: np.zeros((0, 2))
-    )  # (K, 2) [s, m], smallest valid range of each scan; inf for none
+    nearest: np.ndarray = field(  # (K, 2) [s, m], smallest valid range of each scan; inf for none
+        default_factory=lambda: np.zeros((0, 2)), metadata={"shape": (-1, 2)}
+    )
     markers: Tuple[MarkerSample, ...] = ()
     marker_topics: Tuple[str, ...] = ()  # that the submission publishes, whether or not anything came
     services: Tuple[str, ...] = ()  # std_srvs/SetBool that the submission offers
     other_services: Tuple[str, ...] = ()  # of other types that it offers, as "/name (package/Type)"
     calls: Tuple[Call, ...] = ()
     topic_parameters: Tuple[str, ...] = ()  # private parameters whose value is the scans' topic
-    queue_parameters: Tuple[
-        str, ...
-    ] = ()  # private parameters that are a whole number and called ...queue...
+    queue_parameters: Tuple[str, ...] = ()  # private whole numbers that are called ...queue...
     subscribed: bool = False  # the submission listens to the scans
     silent_topics: Tuple[str, ...] = ()  # that the submission subscribes to and nothing publishes
     unread_topics: Tuple[str, ...] = ()  # geometry_msgs/Twist that it publishes and nothing subscribes to
     violations: Tuple[str, ...] = ()  # that end the claim to points, in sentences
     notes: Tuple[str, ...] = ()  # what went wrong, in sentences
     ended: str = ""  # why the drive ended
+    decided_at: float = inf  # [s], simulated: the state that ended it; recording goes on for a moment
     output: str = ""  # what the submission printed, shortened
     robot: str = "husky"  # one of ROBOTS
 
@@ -123,7 +138,6 @@ def empty_recording(pillar: Tuple[float, float], deadline: float, notes: Tuple[s
 
 
 CUT_OFF = "it was cut off"  # why a drive ended that the recorder did not end
-STANDS = 0.05  # [m/s] and [rad/s], slower is standing
 
 
 def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float], robot: str) -> np.ndarray:
@@ -131,42 +145,20 @@ def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float], robot: str) -> np.
     return load_robot(robot).footprint.gaps(poses, np.asarray(pillar), PILLARS[robot].radius)
 
 
-_ARRAYS = {"times": (-1,), "poses": (-1, 3), "speeds": (-1, 2), "commands": (-1,), "nearest": (-1, 2)}
-
-
 def to_json(recording: Recording) -> str:
-    """Everything, as text."""
-    content = {name: value for name, value in vars(recording).items() if name not in _ARRAYS}
-    content["start"] = recording.start._asdict()
-    content["markers"] = [asdict(marker) for marker in recording.markers]
-    content["calls"] = [asdict(call) for call in recording.calls]
-    for name in _ARRAYS:
-        content[name] = np.round(getattr(recording, name), 4).tolist()
-    return json.dumps(content)
+    """A recording as text."""
+    return json.dumps(to_plain(recording))
 
 
 def from_json(text: str) -> Recording:
-    """What `to_json` wrote.
+    """A recording from the text that `to_json` wrote.
 
     Raises:
         RecordingError: it did not write this.
     """
     try:
-        content: Dict[str, Any] = json.loads(text)
-        content["start"] = Pose2D(**content["start"])
-        content["pillar"] = tuple(content["pillar"])
-        content["markers"] = tuple(
-            MarkerSample(**{**marker, "position": tuple(marker["position"])}) for marker in content["markers"]
-        )
-        content["calls"] = tuple(Call(**call) for call in content["calls"])
-        for name, shape in _ARRAYS.items():
-            array = np.array(content[name], dtype=float).reshape(shape)
-            array.setflags(write=False)
-            content[name] = array
-        lists: List[str] = [name for name, value in content.items() if isinstance(value, list)]
-        content.update({name: tuple(content[name]) for name in lists})
-        return Recording(**content)
-    except (ValueError, TypeError, KeyError) as error:
+        return from_plain(Recording, json.loads(text), "")
+    except (ValueError, RecursionError, ConfigError) as error:
         raise RecordingError(f"not a recording: {error}") from error
 
 
@@ -191,3 +183,23 @@ def load(path: Path, sha256: str) -> Recording:
         return from_json(text)
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
+
+
+# ---------------------------------------------------------------------------- jumps
+
+MAX_ROBOT_SPEED = 4.0  # [m/s], four times the Husky's: contacts may push it
+JUMP_SLACK = 0.1  # [m], for one period's solver corrections
+
+
+def pose_jumps(times: np.ndarray, poses: np.ndarray) -> List[str]:
+    """The first jump of a drive, in a sentence.
+
+    Args:
+        times: (N,) [s].
+        poses: (N, 3) [m, m, rad] of base_link in the world.
+    """
+    if len(times) < 2:
+        return []
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    jumps = np.flatnonzero(steps > JUMP_SLACK + MAX_ROBOT_SPEED * np.diff(times))
+    return [f"the robot jumps {steps[row]:.2f} m at {times[row + 1]:.2f} s" for row in jumps[:1]]

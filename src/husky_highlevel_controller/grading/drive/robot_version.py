@@ -7,21 +7,16 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, Tuple
-from xmlrpc.client import Error as XmlRpcError
-from xmlrpc.client import ServerProxy
+from typing import Tuple
 
-from husky_highlevel_controller.grading.drive.run import ROBOT_VERSIONS, Plan, Submission, starter
+from husky_highlevel_controller.grading.drive.plan import Plan, Submission, starter
+from husky_highlevel_controller.grading.drive.progress import settles
+from husky_highlevel_controller.grading.drive.ros_graph import is_up, set_parameter, topics_subscribed
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text, walk
-from husky_highlevel_controller.grading.isolation.process import wait
 from husky_highlevel_controller.grading.isolation.ros_network import Network
+from husky_highlevel_controller.grading.records import ROBOT_VERSIONS
 
-SUBSCRIBE_DEADLINE = (
-    90.0  # [s] of wall time; some sleep for 10 s before they subscribe, some machines are busy
-)
-POLL_PERIOD = 0.2  # [s]
 DEFAULT = "husky"
-CALLER = "/marking"
 MAX_TEXT = 200_000  # [bytes] of a file that is read
 # in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
 SMB = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
@@ -46,16 +41,15 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
     with Network(folder) as network:
         events = network.folder_of("submission") / "events.jsonl"
         events.write_text("")
-        with ServerProxy(network.uri) as master:
-            master.setParam(CALLER, "/run_id", "robot")  # roslaunch waits for it
+        set_parameter(network.uri, "/run_id", "robot")  # roslaunch waits for it
         process = network.start("submission", starter(events, "run", submission), submission.workspace)
 
-        def found() -> str:
-            subscribed = _subscribed(network.uri)
-            return next((version for version, topic in topics.items() if topic in subscribed), "")
+        def subscribed() -> str:
+            found = topics_subscribed(network.uri)
+            return next((version for version, topic in topics.items() if topic in found), "")
 
-        wait(lambda: bool(found()) or not process.running, SUBSCRIBE_DEADLINE, POLL_PERIOD)
-        version = found()
+        settles(process, lambda: bool(subscribed()), lambda: is_up(network.uri, ()))
+        version = subscribed()
     if version:
         return version, f"--robot {version}: it subscribes to {topics[version]}"
     return DEFAULT, f"--robot {DEFAULT}: it subscribes neither to {' nor to '.join(topics.values())}"
@@ -65,7 +59,7 @@ def _names_of_the_smb(planned: Plan) -> str:
     """What of the SMB a submission includes or names, in words; empty: nothing."""
     if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
         return "its launch file starts the SMB's nodes"
-    folder = Path(planned.package_path) if planned.package_path else None
+    folder = planned.package_path
     try:
         paths = [path for path in walk(folder) if path.suffix in TEXTS] if folder else []
     except UnreadableFileError:
@@ -78,13 +72,3 @@ def _names_of_the_smb(planned: Plan) -> str:
         if match:
             return f"{path.name} names {match.group()}"
     return ""
-
-
-def _subscribed(uri: str) -> Tuple[str, ...]:
-    """Topics that any node subscribes to."""
-    try:
-        with ServerProxy(uri) as master:
-            answer: Any = master.getSystemState(CALLER)
-        return tuple(topic for topic, nodes in answer[2][1] if nodes)
-    except (OSError, XmlRpcError, ValueError):
-        return ()

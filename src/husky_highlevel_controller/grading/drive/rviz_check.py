@@ -20,13 +20,19 @@ import numpy as np
 import yaml
 
 from husky_highlevel_controller.datatypes import Pose2D
-from husky_highlevel_controller.grading.drive.ros_master import subscriptions
-from husky_highlevel_controller.grading.drive.run import GradingConfig, Plan, Submission, simulate
+from husky_highlevel_controller.grading.drive.plan import Plan, Submission
+from husky_highlevel_controller.grading.drive.ros_graph import subscriptions
+from husky_highlevel_controller.grading.drive.run import simulate
 from husky_highlevel_controller.grading.drive.trials import rviz_world
-from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, is_regular, read_text
+from husky_highlevel_controller.grading.isolation.files import (
+    UnreadableFileError,
+    is_regular,
+    read_text,
+    walk,
+)
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import MarkingError, Network
-from husky_highlevel_controller.grading.rubrics.items import RvizView
+from husky_highlevel_controller.grading.records import MarkingConfig, RvizView
 
 STARTS = 3  # of a window that crashes
 TILE = (800, 600)  # [pixels], one window
@@ -59,19 +65,20 @@ class Setup:
     remaps: Tuple[str, ...] = ()
 
 
-def find_setup(planned: Plan) -> Optional[Setup]:
+def find_setup(planned: Plan, root: Optional[Path] = None) -> Optional[Setup]:
     """The configuration of the first rviz node; else the package's .rviz file with most of the displays.
 
     None where no configuration was handed in: a node without one shows what is in the student's ~/.rviz.
+    A hand-in's configuration lies below `root`, whatever its launch file names.
     """
     remaps: Tuple[str, ...] = ()
     for node in planned.rviz[:1]:
-        remaps = tuple(f"{old}:={new}" for old, new in node["remap"])
-        path = _display_config(node["args"])
-        if path is not None and is_regular(path):
+        remaps = tuple(f"{old}:={new}" for old, new in node.remap)
+        path = _display_config(node.args)
+        if path is not None and is_regular(path) and (root is None or root in path.resolve().parents):
             return Setup(f"its rviz node, {path.name}", _read(path), remaps)
-    folder = Path(planned.package_path) if planned.package_path else None
-    files = sorted(folder.rglob("*.rviz"))[:20] if folder else []
+    folder = planned.package_path
+    files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
     if not files:
         return None
     best = max(files, key=lambda path: len(set(CLASSES.values()) & _enabled_classes(_read(path))))
@@ -223,10 +230,10 @@ def background(config: Dict[str, Any]) -> List[int]:
 
 
 def look(
-    submission: Submission, planned: Plan, config: GradingConfig, folder: Path
+    submission: Submission, planned: Plan, config: MarkingConfig, folder: Path
 ) -> Tuple[RvizView, Optional[np.ndarray]]:
     """Run the submission's RViz beside a robot that stands, and look at it; and its picture."""
-    setup = find_setup(planned)
+    setup = find_setup(planned, submission.root)
     if setup is None:
         return RvizView(), None
     absent = [program for program in ("rviz", "Xvfb") if shutil.which(program) is None]
@@ -239,7 +246,7 @@ def look(
 
 
 def _look_at(
-    setup: Setup, submission: Submission, config: GradingConfig, folder: Path
+    setup: Setup, submission: Submission, config: MarkingConfig, folder: Path
 ) -> Tuple[RvizView, np.ndarray]:
     """What was seen, and its picture. A window that crashes is started again."""
     fixed_frame = str(_options(setup.config).get("Fixed Frame", "map"))

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any, Dict, List, Mapping, Sequence
 
 from husky_highlevel_controller.grading.isolation.files import write_whole
-from husky_highlevel_controller.grading.reports.tables import Result, points
+from husky_highlevel_controller.grading.records import Result
+from husky_highlevel_controller.grading.reports.tables import points
 
 CLASSROOM50_SCHEMA = "classroom50/result/v1"
 # field: variable that Classroom 50's runner sets

@@ -1,7 +1,4 @@
-"""Writes the files of results: for one student, and for a class.
-
-In: `Result`s, folders with pictures and logs. Out: files. Must not know: ROS, rubrics.
-"""
+"""Files of results: for one student, and for a class."""
 
 from __future__ import annotations
 
@@ -9,15 +6,22 @@ import os
 from pathlib import Path
 from typing import Dict, List, Sequence, Tuple
 
+import numpy as np
+
+from husky_highlevel_controller.grading.drive.recording import ADD, Recording
 from husky_highlevel_controller.grading.isolation.files import write_whole
+from husky_highlevel_controller.grading.records import Result, load, to_json
 from husky_highlevel_controller.grading.reports.exports import to_step_summary, write_exports
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page
-from husky_highlevel_controller.grading.reports.replays import REPLAY
-from husky_highlevel_controller.grading.reports.tables import Result, table, to_csv, to_json, to_junit
+from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_junit
+from husky_highlevel_controller.replay import Replay, to_html
+from husky_highlevel_controller.robot import load_robot
 
 PICTURES = ("drive.png", "rviz.png")
-LOGS = (("build log", "ws/build.log"), ("traceback", "traceback.txt"))
+LOGS = (("build log", "ws/build.log"), ("marking log", "mark.log"), ("traceback", "traceback.txt"))
 HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
+REPLAY = "replay.html"  # in the folder of a drive
+SUMS = ("points", "max_points", "full")  # keys of result.json for other programs
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"  # variable with the file that GitHub Actions shows
 
 
@@ -31,30 +35,56 @@ def write_result(result: Result, out: Path) -> None:
     write_whole(out / "junit.xml", to_junit([result]))
     write_whole(out / "feedback.html", feedback_page(result, _pictures(out), _replays(out)))
     write_exports(result, out)
-    write_whole(out / "result.json", to_json(result))
+    sums = {name: getattr(result, name) for name in SUMS}
+    write_whole(out / "result.json", to_json(result, **sums))
+
+
+def load_result(path: Path) -> Result:
+    """A result from its result.json.
+
+    Raises:
+        HuskyError: there is none, or it is of another kind.
+    """
+    result: Result = load(Result, path, *SUMS)
+    return result
 
 
 def write_class(results: Sequence[Result], out: Path) -> None:
-    """The table, the page and the test report of a class.
+    """Write the table, the page and the test report of a class.
 
     Raises:
         OSError: such as a full disk.
     """
     pictures: Dict[str, Sequence[bytes]] = {
-        result.name: _pictures(out / HAND_INS / result.name) for result in results
+        each.name: _pictures(out / HAND_INS / each.name) for each in results
     }
-    for result in results:
-        folder = out / HAND_INS / result.name
-        if result.problem and folder.is_dir():  # the others have theirs
-            page = feedback_page(result, pictures[result.name], _replays(folder))
-            write_whole(folder / "feedback.html", page)
-            write_exports(result, folder)
     files = {result.name: _files(Path(HAND_INS, result.name), out) for result in results}
+    out.mkdir(parents=True, exist_ok=True)
     write_whole(out / "results.csv", to_csv(results))
     write_whole(out / "junit.xml", to_junit(results))
     write_whole(out / "index.html", class_page(results, pictures, files))
     write_whole(out / "summary.md", to_step_summary(results))
     add_step_summary(results)
+
+
+def write_replay(recording: Recording, title: str, folder: Path) -> None:
+    """Write a page that plays a drive with its markers as they came; none where nothing was recorded."""
+    if not len(recording.times):
+        return
+    marks = [(marker.at, *marker.position[:2]) for marker in recording.markers if marker.action == ADD]
+    page = to_html(
+        Replay(
+            title=title,
+            words=recording.ended or "no end was recorded",
+            times=recording.times,
+            poses=recording.poses,
+            pillars=np.array([recording.pillar]),
+            pillar_radius=recording.pillar_size.radius,
+            outline=load_robot(recording.robot).footprint,
+            marks=np.array(marks, float).reshape(-1, 3),
+        )
+    )
+    write_whole(folder / REPLAY, page)
 
 
 def add_step_summary(results: Sequence[Result]) -> None:

@@ -14,8 +14,7 @@ from urllib.parse import quote
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from husky_highlevel_controller.grading.reports.tables import Result
-from husky_highlevel_controller.grading.rubrics.items import Item
+from husky_highlevel_controller.grading.records import Item, Result
 from husky_highlevel_controller.paths import share_folder
 
 BARS = 10  # of the histogram

@@ -6,7 +6,6 @@ In: `Recording`s. Out: PNG. Must not know: ROS, points.
 from __future__ import annotations
 
 import io
-import threading
 from math import cos, isfinite, sin
 from typing import Any, Sequence
 
@@ -20,21 +19,19 @@ from husky_highlevel_controller.robot import load_robot
 
 COLORS = "viridis"  # of time
 REACH = 40.0  # [m], a marker farther from the start is not drawn: it would shrink the rest to nothing
-_ONE_AT_A_TIME = threading.Lock()  # matplotlib's caches are not for several threads
 
 
 def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
     """One picture of all drives, side by side."""
-    with _ONE_AT_A_TIME:
-        figure = Figure(figsize=(5.2 * len(recordings) + 0.8, 5.0), dpi=90, layout="constrained")
-        FigureCanvasAgg(figure)
-        axes = figure.subplots(1, len(recordings), squeeze=False)[0]
-        for number, (recording, axis) in enumerate(zip(recordings, axes), 1):
-            _draw(recording, axis, figure)
-            axis.set_title(f"drive {number}: {recording.ended or 'no drive'}", fontsize=9)
-        # matplotlib reads $...$ as mathematics, and a name is anybody's
-        figure.suptitle(title.replace("$", r"\$"), fontsize=11)
-        return _png(figure)
+    figure = Figure(figsize=(5.2 * len(recordings) + 0.8, 5.0), dpi=90, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, len(recordings), squeeze=False)[0]
+    for number, (recording, axis) in enumerate(zip(recordings, axes), 1):
+        _draw(recording, axis, figure)
+        axis.set_title(f"drive {number}: {recording.ended or 'no drive'}", fontsize=9)
+    # matplotlib reads $...$ as mathematics, and a name is anybody's
+    figure.suptitle(title.replace("$", r"\$"), fontsize=11)
+    return _png(figure)
 
 
 def _draw(recording: Recording, axis: Any, figure: Figure) -> None:
@@ -81,12 +78,11 @@ def _draw(recording: Recording, axis: Any, figure: Figure) -> None:
 
 def draw_pixels(pixels: np.ndarray) -> bytes:
     """(height, width, 3) of 0 to 255, as they are."""
-    with _ONE_AT_A_TIME:
-        height, width = pixels.shape[:2]
-        figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100)
-        FigureCanvasAgg(figure)
-        figure.figimage(pixels.astype(np.uint8))
-        return _png(figure)
+    height, width = pixels.shape[:2]
+    figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100)
+    FigureCanvasAgg(figure)
+    figure.figimage(pixels.astype(np.uint8))
+    return _png(figure)
 
 
 def _png(figure: Figure) -> bytes:

@@ -1,76 +1,16 @@
-"""Writes results down: a table to read, JSON, JUnit XML, CSV.
-
-In: `Result`s. Out: text. Must not know: ROS, how anything is judged, where files are.
-"""
+"""Tables of results: text for a terminal, JUnit XML, CSV."""
 
 from __future__ import annotations
 
 import csv
 import io
-import json
 import textwrap
 import xml.etree.ElementTree as ET
-from dataclasses import asdict, dataclass, replace
-from typing import Any, Dict, Sequence, Tuple
+from typing import Sequence
 
-from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.rubrics.items import Item, total
+from husky_highlevel_controller.grading.records import Item, Result
 
 WIDTH = 110  # letters of the table
-MAX_TEXT = 1000  # letters of an evidence or note
-
-
-@dataclass(frozen=True)
-class Result:
-    """What somebody gets."""
-
-    name: str
-    what: str  # the launch file or node
-    settings: Dict[str, Any]  # exercise, seed and what else is the same for everybody
-    items: Tuple[Item, ...]
-    notes: Tuple[str, ...] = ()  # what went wrong, in sentences
-    problem: str = ""  # why it could not be marked, in a sentence; empty: it was marked
-
-    def __post_init__(self) -> None:
-        """Every text that a submission may have chosen is made printable, whatever it is written to."""
-        items = tuple(
-            replace(item, name=printable(item.name), evidence=printable(item.evidence)) for item in self.items
-        )
-        clean = {name: printable(getattr(self, name)) for name in ("name", "what", "problem")}
-        for name, value in {**clean, "items": items, "notes": tuple(map(printable, self.notes))}.items():
-            object.__setattr__(self, name, value)
-
-    @property
-    def points(self) -> float:
-        """All of them."""
-        return total(self.items)[0]
-
-    @property
-    def max_points(self) -> float:
-        """That a machine can give."""
-        return total(self.items)[1]
-
-    @property
-    def state(self) -> str:
-        """Marked, or left to a person at least in part, or not marked at all."""
-        if self.problem:
-            return "could not be marked"
-        return "for a person" if any(item.points is None for item in self.items) else "marked"
-
-    @property
-    def full(self) -> bool:
-        """Everything that a machine can give."""
-        return not self.problem and all(item.full for item in self.items)
-
-
-def printable(text: str, limit: int = MAX_TEXT) -> str:
-    """A text on one line without control letters, terminal escapes, or bytes that are no UTF-8; cut if long.
-
-    A submission chooses the names of its files, nodes, topics and errors.
-    """
-    text = text if len(text) <= limit else text[:limit] + " [...]"
-    text = text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
-    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def points(item: Item) -> str:
@@ -99,29 +39,6 @@ def table(result: Result) -> str:
         lines[-1] += f"  and {by_hand:g} that a person has to give"
     lines += [line for note in result.notes for line in textwrap.wrap(f"note: {note}", WIDTH)]
     return "\n".join(lines)
-
-
-def to_json(result: Result) -> str:
-    """Everything, for programs, and to read it again."""
-    content = asdict(result)
-    content.update(points=result.points, max_points=result.max_points, full=result.full)
-    return json.dumps(content, indent=2, allow_nan=False) + "\n"
-
-
-def from_json(text: str) -> Result:
-    """What `to_json` wrote.
-
-    Raises:
-        HuskyError: it did not write this.
-    """
-    try:
-        content = json.loads(text)
-        items = tuple(Item(**item) for item in content["items"])
-        notes = tuple(content["notes"])
-        problem = str(content.get("problem", ""))
-        return Result(content["name"], content["what"], content["settings"], items, notes, problem)
-    except (ValueError, TypeError, KeyError) as error:
-        raise HuskyError(f"not a result: {error}") from error
 
 
 def to_junit(results: Sequence[Result]) -> str:

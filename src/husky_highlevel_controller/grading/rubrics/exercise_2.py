@@ -13,9 +13,9 @@ from typing import List, Sequence
 import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import Recording
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
 from husky_highlevel_controller.grading.rubrics.exercise_3 import causes
-from husky_highlevel_controller.grading.rubrics.items import Item, RvizView, forfeited
-from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules
+from husky_highlevel_controller.grading.rubrics.items import forfeited
 
 ITEMS = (
     "prints the smallest range",
@@ -78,7 +78,7 @@ def judge_view(view: RvizView, scan_topic: str) -> Item:
 
 
 def judge_exercise_2(
-    recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT
+    recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
     """All of exercise 2: 40, 30 by hand, 15 and 15."""
     items = [

@@ -12,14 +12,14 @@ from typing import List, Optional, Sequence
 
 import numpy as np
 
+from husky_highlevel_controller.course import TOUCH
 from husky_highlevel_controller.grading.drive.recording import Recording
-from husky_highlevel_controller.grading.rubrics.items import Item, RvizView, forfeited, over_trials
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
+from husky_highlevel_controller.grading.rubrics.items import forfeited, over_trials
 from husky_highlevel_controller.grading.rubrics.markers import judge_namespaces
-from husky_highlevel_controller.grading.rubrics.rules import Rules
 
 HALF_WAY = 0.5  # of the way to the pillar: who has come that far drives towards it
 FIRST_STEPS = 0.1  # of the way: who has come that far has begun to
-TOUCH = 0.01  # [m], this near it touches
 STOPPED = 1.0  # [s], so long it must stand in the end to have stopped
 MOST, SOME = 0.8, 0.2  # of the moments at which a marker came
 ITEMS = (
@@ -29,7 +29,6 @@ ITEMS = (
     "marker at the pillar",
     "marker in RViz",
 )
-DEFAULT = Rules()
 NO_VIEW = "for a person: no RViz configuration was handed in"
 
 
@@ -68,7 +67,7 @@ def judge_approach(recording: Recording) -> Item:
     return replace(item, evidence=words, at=at if gaps[-1] <= way + 0.5 else end)
 
 
-def judge_arrival(recording: Recording, rules: Rules = DEFAULT) -> Item:
+def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     """The Husky reaches the pillar, by standing at it or by touching it at any speed: 30."""
     item = Item(ITEMS[1], 0.0, 30.0, "")
     gaps, times = recording.hull_gaps, recording.times
@@ -106,7 +105,7 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT) -> Item:
     )
 
 
-def judge_place(recording: Recording, rules: Rules = DEFAULT) -> Item:
+def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     """The marker is at the pillar: 20 for most of the time; 10 for some of it, or for most of it near by."""
     item = Item(ITEMS[3], 0.0, 20.0, "")
     if not recording.marker_topics:
@@ -197,7 +196,7 @@ def judge_rviz(view: RvizView, scan_topic: str) -> Item:
     return replace(item, points=sum(points for points, there, _ in parts if there), evidence=words)
 
 
-def judge_shown(view: RvizView, recordings: Sequence[Recording], rules: Rules = DEFAULT) -> Item:
+def judge_shown(view: RvizView, recordings: Sequence[Recording], rules: Rules = DEFAULT_RULES) -> Item:
     """RViz shows the marker: 10, if it is at the pillar at least at times."""
     item = Item(ITEMS[4], 0.0, 10.0, "")
     if not view.judged:
@@ -215,7 +214,7 @@ def judge_shown(view: RvizView, recordings: Sequence[Recording], rules: Rules = 
 
 
 def judge_exercise_3(
-    recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT
+    recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
     """All of exercise 3: 20, 30, 20, and 20 and 10 for the marker."""
     items = [

@@ -12,9 +12,9 @@ from typing import List, Sequence
 import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import Call, Recording
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
 from husky_highlevel_controller.grading.rubrics.exercise_3 import causes, first_cause
-from husky_highlevel_controller.grading.rubrics.items import Item, RvizView, forfeited
-from husky_highlevel_controller.grading.rubrics.rules import DEFAULT, Rules
+from husky_highlevel_controller.grading.rubrics.items import forfeited
 
 ITEMS = (
     "service stops the robot",
@@ -124,7 +124,7 @@ def _judged(item: Item, words: str, good: int, effects: Sequence[Effect], wrong:
 
 
 def judge_exercise_5(
-    recordings: Sequence[Recording], _view: RvizView, _scan_topic: str, rules: Rules = DEFAULT
+    recordings: Sequence[Recording], _view: RvizView, _scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
     """All of exercise 5: 50 and 50, and two bonuses by hand."""
     by_hand = "for a person: a node of its own"

@@ -15,7 +15,7 @@ import numpy as np
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.grading.drive.recording import ADD, DELETE, MarkerSample, Recording
-from husky_highlevel_controller.grading.rubrics.rules import Rules
+from husky_highlevel_controller.grading.records import Rules
 
 HEIGHT_MARGIN = 0.3  # [m], above and below the pillar
 LARGEST = 1.0  # [m], the middle of a shape that touches the pillar is no farther away

@@ -12,7 +12,13 @@ import rosservice
 from geometry_msgs.msg import Twist, Vector3
 from std_srvs.srv import SetBool
 
-from husky_highlevel_controller.grading.drive.call_plan import CallPlan, exercise_2_over, exercise_2_speed
+from husky_highlevel_controller.grading.drive.call_plan import (
+    FORWARD,
+    SERVICE,
+    CallPlan,
+    exercise_2_over,
+    exercise_2_speed,
+)
 from husky_highlevel_controller.grading.drive.recording import Call
 
 ANSWER_DEADLINE = 10.0  # [s] of wall time
@@ -21,15 +27,15 @@ ANSWER_DEADLINE = 10.0  # [s] of wall time
 class ExerciseDriver:
     """Acts a little each time `work` is called."""
 
-    def __init__(self, exercise: int, scan_topic: str, ours: Set[str]) -> None:
-        self._exercise, self._scan_topic, self._ours = exercise, scan_topic, ours
+    def __init__(self, driver: str, scan_topic: str, ours: Set[str]) -> None:
+        self._driver, self._scan_topic, self._ours = driver, scan_topic, ours
         self.services: Set[str] = set()  # that are a std_srvs/SetBool
         self.other_services: Set[str] = set()  # "/name (package/Type)"
         self.calls: List[Call] = []
         self._plan, self._calling = CallPlan(), False
         self._answer: Optional[Call] = None
         self._probed: Set[str] = set()
-        self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1) if exercise == 2 else None
+        self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1) if driver == FORWARD else None
 
     def answer_scans(self) -> None:
         """Publish commands in place of a submission that publishes none: lockstep would wait for it."""
@@ -38,12 +44,12 @@ class ExerciseDriver:
 
     def answer(self, now: float) -> None:
         """Answer a scan, in exercise 2, whose submissions do not drive."""
-        if self._exercise == 2 and self._velocity is not None:
+        if self._driver == FORWARD and self._velocity is not None:
             self._velocity.publish(Twist(linear=Vector3(exercise_2_speed(now), 0.0, 0.0)))
 
     def look(self, services: Sequence[Any]) -> None:
         """Find the submission's services in the master's list."""
-        if self._exercise != 5:
+        if self._driver != SERVICE:
             return
         for name, nodes in services:
             if set(nodes) - self._ours and name not in self._probed and not _internal(name):
@@ -62,9 +68,9 @@ class ExerciseDriver:
 
     def work(self, now: float, speed: float) -> str:
         """Do what is due at this simulated time [s] and true speed [m/s]; why the drive is over, if it is."""
-        if self._exercise == 2:
+        if self._driver == FORWARD:
             return "the drive of the marking" if exercise_2_over(now) else ""
-        if self._exercise != 5:
+        if self._driver != SERVICE:
             return ""
         if self._calling and not self._collect(now):
             return ""

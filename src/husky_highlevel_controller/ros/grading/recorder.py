@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import signal
 import threading
 import time
-from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import Any, Dict, List, Set, Tuple
@@ -17,12 +15,18 @@ import rosgraph
 import rospy
 from sensor_msgs.msg import LaserScan
 
-from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.grading.drive.call_plan import FORWARD
 from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
-from husky_highlevel_controller.grading.drive.graph import forged_topics, silent_topics, unread_topics
-from husky_highlevel_controller.grading.drive.pose_jumps import pose_jumps
-from husky_highlevel_controller.grading.drive.recording import CUT_OFF, Recording, to_json
+from husky_highlevel_controller.grading.drive.recording import (
+    CUT_OFF,
+    Assignment,
+    Recording,
+    pose_jumps,
+    to_json,
+)
+from husky_highlevel_controller.grading.drive.ros_graph import forged_topics, silent_topics, unread_topics
 from husky_highlevel_controller.grading.drive.truth_feed import TruthFeed, TruthRow
+from husky_highlevel_controller.grading.records import load
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.grading.exercise_driver import ExerciseDriver
@@ -35,30 +39,15 @@ VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name i
 MAX_VIOLATIONS = 5  # that are named
 
 
-@dataclass(frozen=True)
-class Assignment:
-    """What to record; grading writes it into a file."""
-
-    output: str  # file for the recording
-    truth_socket: str  # where the simulator connects
-    start: Tuple[float, float, float]  # [m, m, rad], of base_link in the world
-    pillar: Tuple[float, float]  # [m], in the world
-    deadline: float  # [s], simulated
-    scan_topic: str
-    robot: str  # one of ROBOTS
-    exercise: int
-    ours: Tuple[str, ...]  # nodes that are not the submission's
-
-
 class Recorder:
     """Callbacks append, `run` waits for the end and writes."""
 
     def __init__(self) -> None:
         path = Path(rospy.myargv()[1])
-        self._task = Assignment(**json.loads(path.read_text()))
+        self._task: Assignment = load(Assignment, path)
         self._lock = threading.Lock()
         self._truth: List[TruthRow] = []
-        self._end = DriveEnd((self._task.pillar[0], self._task.pillar[1]), self._task.robot)
+        self._end = DriveEnd(self._task.pillar, self._task.robot)
         self._commands: List[float] = []
         self._command_count = self._zero_count = 0
         self._nearest: List[Tuple[float, float]] = []
@@ -77,7 +66,7 @@ class Recorder:
         self._ours = {*self._task.ours, "/rosout", rospy.get_name()}
         for topic in VELOCITY_TOPICS:
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000)
-        self._driver = ExerciseDriver(self._task.exercise, self._task.scan_topic, self._ours)
+        self._driver = ExerciseDriver(self._task.driver, self._task.scan_topic, self._ours)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
         rospy.set_param("~recording", True)
 
@@ -158,7 +147,7 @@ class Recorder:
 
     def _join(self, sends: bool) -> None:
         """Take part only after the submission, for which lockstep waits, or in its place."""
-        there = self._subscribed and (sends or self._task.exercise == 2)
+        there = self._subscribed and (sends or self._task.driver == FORWARD)
         if not self._joined and (there or self._go_on.is_set()):
             self._joined = True
             rospy.set_param("~joined", True)
@@ -171,7 +160,7 @@ class Recorder:
     def _over(self) -> str:
         if self._now >= self._task.deadline:
             return f"the deadline of {self._task.deadline:g} s"
-        return self._end.reason(self._abandoned.is_set()) if self._task.exercise == 3 else ""
+        return self._end.reason(self._abandoned.is_set()) if self._task.ends_at_pillar else ""
 
     def _write(self, ended: str) -> None:
         with self._lock:
@@ -184,10 +173,9 @@ class Recorder:
         ).reshape(-1, 6)
         times, poses = table[:, 0], table[:, 1:4]
         topic_parameters, queue_parameters = self._driver.parameters()
-        pillar = (float(self._task.pillar[0]), float(self._task.pillar[1]))
         recording = Recording(
-            start=Pose2D(*self._task.start),
-            pillar=pillar,
+            start=self._task.start,
+            pillar=self._task.pillar,
             deadline=self._task.deadline,
             times=times,
             poses=poses,
@@ -196,7 +184,7 @@ class Recorder:
             command_count=self._command_count,
             zero_count=self._zero_count,
             nearest=np.array(self._nearest).reshape(-1, 2),
-            markers=self._watch.samples(times, [row.pose_in_world for row in truth], pillar),
+            markers=self._watch.samples(times, [row.pose_in_world for row in truth], self._task.pillar),
             marker_topics=self._watch.topics,
             services=tuple(sorted(self._driver.services)),
             other_services=tuple(sorted(self._driver.other_services)),
@@ -210,6 +198,7 @@ class Recorder:
             notes=(self._unanswered,) if self._unanswered else (),
             ended=ended,
             robot=self._task.robot,
+            decided_at=self._end.decided_at(ended),
         )
         text = to_json(recording)
         part = Path(self._task.output + ".part")

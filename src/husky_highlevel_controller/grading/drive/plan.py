@@ -1,0 +1,149 @@
+"""Plan of a submission: nodes that it would start, by its launch file; events of starting it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import signal
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import List, Optional, Sequence, Tuple
+
+from husky_highlevel_controller.config import ConfigError, from_plain
+from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text
+from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+from husky_highlevel_controller.grading.records import Launchable
+from husky_highlevel_controller.paths import share_folder
+
+LOAD_DEADLINE = 120.0  # [s] of wall time for a launch file to be read
+SIMULATOR = share_folder() / "launch" / "simulator.launch"
+SIMULATOR_NODES = ("/husky_simulator",)  # of that launch file; another node of this name would end ours
+_STARTER = str(Path(__file__).parents[2] / "ros" / "grading" / "submission.py")
+
+
+@dataclass(frozen=True)
+class Submission:
+    """A launchable, and the workspace in which it runs."""
+
+    launchable: Launchable
+    workspace: Workspace = field(default_factory=Workspace)
+    root: Optional[Path] = None  # folder of its built workspace; None: it was not built here
+    package_path: Optional[Path] = None  # of the launchable's package, if it was built here
+
+
+@dataclass(frozen=True)
+class RvizNode:
+    """An rviz node of a launch file."""
+
+    name: str
+    args: str
+    remap: Tuple[Tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Event:
+    """A line that submission.py wrote; but a submission can write anything into the file."""
+
+    event: str
+    node: str = ""
+    exit_code: Optional[int] = field(default=None, metadata={"min": -255, "max": 255})
+    error: str = ""
+    prefix: str = ""
+    package: str = ""
+    tag: str = ""
+    path: str = ""
+    pid: int = 0
+    nodes: Tuple[str, ...] = ()  # package/type
+    left_out: Tuple[str, ...] = ()  # package/type
+    rviz: Tuple[RvizNode, ...] = ()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Nodes that a submission would start."""
+
+    nodes: Tuple[str, ...] = ()  # package/type
+    left_out: Tuple[str, ...] = ()  # package/type, of simulators and drivers
+    rviz: Tuple[RvizNode, ...] = ()
+    package_path: Optional[Path] = None  # folder of its package
+    notes: Tuple[str, ...] = ()  # what is wrong with it
+
+
+def starter(events: Path, action: str, submission: Submission) -> List[str]:
+    """The command that reads its launch file, and with the action `run` starts it."""
+    # by its path: a package of the submission may have this package's name
+    run = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
+    ours = json.dumps(SIMULATOR_NODES)
+    return [sys.executable, "-c", run, _STARTER, str(events), action, ours, *submission.launchable.words]
+
+
+def plan(submission: Submission, folder: Path) -> Plan:
+    """Read its launch file, or look its node up, without starting anything."""
+    folder.mkdir(parents=True, exist_ok=True)
+    events_file = folder / "plan.jsonl"
+    events_file.write_text("")
+    nowhere = "http://127.0.0.1:1"  # no master is needed to read a launch file
+    env = {**submission.workspace.env, "ROS_MASTER_URI": nowhere, "PYTHONUNBUFFERED": "1"}
+    env.update(ROS_LOG_DIR=str(folder / "log"), ROS_HOME=str(folder / "ros_home"), HOME=str(folder))
+    env["DISPLAY"] = ":0"  # a launch file may start RViz only where there is a screen; nothing is started now
+    command = starter(events_file, "describe", submission)
+    process = Process(command, folder / "plan.log", env, folder, submission.workspace)
+    try:
+        in_time = wait(lambda: not process.running, LOAD_DEADLINE)
+    finally:
+        end_all([process])
+    events = read_events(events_file)
+    notes = notes_on(events, "")
+    planned = next((event for event in events if event.event == "plan"), None)
+    if planned is None and not notes:
+        words = process.output.strip()[-300:] if in_time else f"no end after {LOAD_DEADLINE:g} s"
+        notes = [f"the launch file cannot be read: {words}"]
+    if planned is not None and not planned.nodes:
+        notes.append("it starts no node of its own")
+    package = submission.package_path
+    if submission.root is None:
+        package = next((Path(event.path) for event in events if event.event == "package"), None)
+    if planned is None:
+        return Plan(package_path=package, notes=tuple(notes))
+    return Plan(planned.nodes, planned.left_out, planned.rviz, package, tuple(notes))
+
+
+def read_events(path: Path) -> List[Event]:
+    """The events that submission.py wrote down; lines that it did not write are left out."""
+    events = []
+    with contextlib.suppress(UnreadableFileError):
+        for line in read_text(path).splitlines():
+            with contextlib.suppress(ValueError, RecursionError, ConfigError):
+                events.append(from_plain(Event, json.loads(line), ""))
+    return events
+
+
+def notes_on(events: Sequence[Event], output: str) -> List[str]:
+    """Sentences on what went wrong, each once, from events and from what was printed."""
+    notes = [f"the launch file cannot be loaded: {e.error}" for e in events if e.event == "unloadable"]
+    notes += [
+        f"package '{event.package}' is missing; the <{event.tag}> that needs it is left out"
+        for event in events
+        if event.event == "missing"
+    ]
+    notes += [
+        f"launch-prefix '{event.prefix}' of node {event.node} is dropped"
+        for event in events
+        if event.event == "prefix"
+    ]
+    for node in re.findall(r"ERROR: cannot launch node of type \[([^\]]+)\]", output):
+        notes.append(f"node {node} cannot be started: no such package or program, or it is not executable")
+    errors = re.findall(r"^\W*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
+    for event in events:
+        if event.event == "died":
+            code = event.exit_code
+            if code is not None and code < 0:
+                how = f"signal {-code}" + (f", {signal.Signals(-code).name}" if -code < 32 else "")
+            else:
+                how = f"exit code {code}"
+            why = f": {errors[-1][:200]}" if errors and code else ""
+            notes.append(f"node {event.node} ends during the drive ({how}){why}")
+    return list(dict.fromkeys(notes))

@@ -1,0 +1,86 @@
+"""ROS graph: questions to a ROS master over XML-RPC; topics that lead nowhere or that a submission forges."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple
+from xmlrpc.client import Error as XmlRpcError
+from xmlrpc.client import ServerProxy
+
+CALLER = "/marking"
+TWIST = "geometry_msgs/Twist"
+EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
+Nodes = Mapping[str, Sequence[str]]  # topic: nodes
+
+
+def has_parameter(uri: str, name: str) -> bool:
+    """Whether a parameter is set."""
+    return bool(_ask(uri, "hasParam", name))
+
+
+def number(uri: str, name: str) -> float:
+    """A parameter that is a number; 0 where it is not set."""
+    value = _ask(uri, "getParam", name)
+    return float(value) if isinstance(value, (int, float)) else 0.0
+
+
+def has_service(uri: str, name: str) -> bool:
+    """Whether a node offers a service."""
+    return bool(_ask(uri, "lookupService", name))
+
+
+def subscriptions(uri: str, node: str) -> Tuple[str, ...]:
+    """Topics that a node subscribes to."""
+    state = _ask(uri, "getSystemState")
+    return tuple(sorted(topic for topic, nodes in state[1] if node in nodes)) if state else ()
+
+
+def is_up(uri: str, ours: Sequence[str]) -> bool:
+    """Whether a node that is not ours subscribes to a topic other than the clock."""
+    state = _ask(uri, "getSystemState")
+    return bool(state) and any(
+        topic not in EVERY_NODE_HAS and set(nodes) - set(ours) for topic, nodes in state[1]
+    )
+
+
+def set_parameter(uri: str, name: str, value: Any) -> None:
+    """Set a parameter."""
+    _ask(uri, "setParam", name, value)
+
+
+def topics_subscribed(uri: str) -> Tuple[str, ...]:
+    """Topics that any node subscribes to."""
+    state = _ask(uri, "getSystemState")
+    return tuple(topic for topic, nodes in state[1] if nodes) if state else ()
+
+
+def _ask(uri: str, method: str, *arguments: Any) -> Any:
+    """The master's answer; None where it has none."""
+    try:
+        with ServerProxy(uri) as master:
+            code, _, value = getattr(master, method)(CALLER, *arguments)
+    except (OSError, XmlRpcError, ValueError):
+        return None
+    return value if code == 1 else None
+
+
+def silent_topics(publishers: Nodes, subscribers: Nodes, ours: Set[str]) -> List[str]:
+    """Topics to which only the submission subscribes and which nothing publishes."""
+    return sorted(
+        topic
+        for topic, nodes in subscribers.items()
+        if set(nodes) - ours and not publishers.get(topic) and topic not in EVERY_NODE_HAS
+    )
+
+
+def unread_topics(publishers: Nodes, subscribers: Nodes, types: Dict[str, str], ours: Set[str]) -> List[str]:
+    """Velocity commands of the submission that have no subscriber."""
+    return sorted(
+        topic
+        for topic, nodes in publishers.items()
+        if set(nodes) - ours and types.get(topic) == TWIST and not subscribers.get(topic)
+    )
+
+
+def forged_topics(publishers: Nodes, guarded: Sequence[str], ours: Set[str]) -> List[Tuple[str, str]]:
+    """(topic, node) of the submission where only the simulator publishes."""
+    return [(topic, node) for topic in guarded for node in sorted(set(publishers.get(topic, ())) - ours)]

@@ -1,0 +1,106 @@
+"""From a hand-in to a submission: unpacked, its packages and launch file chosen, built."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import List, Optional, Tuple
+
+from husky_highlevel_controller.grading.drive.plan import Submission
+from husky_highlevel_controller.grading.hand_in.build import build, copy_packages
+from husky_highlevel_controller.grading.hand_in.launch_choice import (
+    LaunchFile,
+    choose_launch_file,
+    named_launch_file,
+)
+from husky_highlevel_controller.grading.hand_in.packages import (
+    BUILT,
+    Contents,
+    HandIn,
+    NotMarkableError,
+    choose_packages,
+    fits_exercise,
+    open_hand_in,
+    with_dependencies,
+)
+from husky_highlevel_controller.grading.isolation.files import walk
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+from husky_highlevel_controller.grading.records import Launchable, Override
+
+
+def prepare(
+    path: Path, override: Override, exercise: int, underlay: Workspace, out: Path
+) -> Tuple[Submission, List[str]]:
+    """Unpack, choose and build a hand-in; the submission, and notes.
+
+    Args:
+        path: folder or archive of the hand-in.
+        override: what a teacher set for it.
+        exercise: the exercise's number.
+        underlay: the workspace that it is built on.
+        out: folder for `unpacked/` and `ws/`.
+
+    Raises:
+        NotMarkableError: there is nothing in it that could be started.
+    """
+    unpacked = out / "unpacked"
+    shutil.rmtree(unpacked, ignore_errors=True)
+    unpacked.mkdir()
+    contents = open_hand_in(HandIn(out.name, path), unpacked)
+    exercise = override.exercise or exercise
+    packages, aside = choose_packages(contents.packages, exercise)
+    if not packages:
+        raise NotMarkableError("; ".join(["no catkin package in it", *contents.notes, *aside]))
+    notes = [*contents.notes, *aside]
+    by_name = {package.name: package for package in packages}
+    launch: Optional[LaunchFile] = None
+    if override.node:
+        needed = set(by_name)
+    else:
+        if override.launch:
+            launch = named_launch_file(contents, packages, override.launch)
+            notes.append(f"launch file {launch.place}, by marking.yaml")
+        else:
+            launch, why = choose_launch_file(contents, packages, exercise)
+            notes.append(why)
+        needed = set(launch.uses) or set(by_name)
+    folders, repairs = copy_packages(packages, out / "ws")
+    if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
+        notes.append("RViz's configuration lies beside the packages")
+    underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent))
+    built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
+    notes += [*repairs, *built.notes]
+    if launch is None:
+        package, node = (override.node or "").split()
+        launchable = Launchable("node", package, node, override.arguments)
+    else:
+        package = launch.package
+        file = _launch_file_in(launch, by_name[package].path, folders.packages[package], folders.root)
+        title = " ".join([str(launch.place), *override.arguments])
+        launchable = Launchable("launch", package, str(file), override.arguments, title)
+    return Submission(launchable, built.workspace, folders.root, folders.packages.get(package)), notes
+
+
+def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
+    """Copy .rviz files beside the packages, such as ~/.rviz/default.rviz, into one that has none."""
+    if any(path.suffix == ".rviz" for path in walk(package)):
+        return False
+    added = False
+    for folder, place in contents.places.items():
+        for path in walk(folder, BUILT):
+            inside = any(other.path in path.parents for other in contents.packages)
+            fits = fits_exercise(place / path.relative_to(folder).as_posix(), exercise)
+            if path.suffix == ".rviz" and fits and not inside:
+                shutil.copyfile(path, package / path.name)
+                added = True
+    return added
+
+
+def _launch_file_in(launch: LaunchFile, package: Path, copy: Path, workspace: Path) -> Path:
+    """The launch file's copy in the workspace; one beside the packages is copied now."""
+    if package in launch.path.parents:
+        return copy / launch.path.relative_to(package)
+    target = workspace / "src" / launch.path.name
+    shutil.copyfile(launch.path, target)
+    return target

@@ -1,0 +1,236 @@
+"""Marking of one submission: `python -m husky_highlevel_controller.grading.mark JOB.json` writes result.json.
+
+Build, drives and RViz leave recordings and `evidence.json` in the job's folder; a result is judged from these
+files alone, so that a changed rubric, points by hand or a penalty need no drive.
+"""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import sys
+import traceback
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, List, Optional, Tuple
+
+from tqdm import tqdm
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.drive.plan import Plan, Submission, plan
+from husky_highlevel_controller.grading.drive.recording import Recording, empty_recording
+from husky_highlevel_controller.grading.drive.recording import load as load_recording
+from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
+from husky_highlevel_controller.grading.drive.robot_version import detect_robot
+from husky_highlevel_controller.grading.drive.run import RECORDING, drive
+from husky_highlevel_controller.grading.drive.rviz_check import look
+from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
+from husky_highlevel_controller.grading.exercises import EXERCISES
+from husky_highlevel_controller.grading.hand_in.overrides import with_override
+from husky_highlevel_controller.grading.hand_in.packages import NotMarkableError
+from husky_highlevel_controller.grading.hand_in.prepare import prepare
+from husky_highlevel_controller.grading.isolation import private_network
+from husky_highlevel_controller.grading.isolation.files import write_whole
+from husky_highlevel_controller.grading.isolation.process import StoppedError, request_stop
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace, kind_of_sandbox
+from husky_highlevel_controller.grading.record import write_record
+from husky_highlevel_controller.grading.records import (
+    AUTO,
+    DEFAULT_RULES,
+    Job,
+    MarkingConfig,
+    Result,
+    RvizView,
+    load,
+    to_json,
+)
+from husky_highlevel_controller.grading.reports.files import write_replay, write_result
+from husky_highlevel_controller.grading.reports.plots import draw_drives, draw_pixels
+
+PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
+EVIDENCE, FINGERPRINT = "evidence.json", "fingerprint"  # files: for judging; of files and settings
+OLD = (
+    "drive_*",
+    "plan",
+    "rviz",
+    "robot",
+    EVIDENCE,
+    FINGERPRINT,
+    "result.json",
+    "record.json",
+    "*.png",
+    "traceback.txt",
+)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Findings of a marking beside the recordings of its drives."""
+
+    what: str  # the launch file or node
+    robot: str  # a key of ROBOT_VERSIONS
+    sandbox: str
+    network: str
+    view: RvizView
+    notes: Tuple[str, ...]
+
+
+def mark(job: Job, shows_progress: bool = False) -> Result:
+    """Mark a submission; its result, whatever it holds, and its files are in the job's folder.
+
+    A result that this machine is to blame for, such as a full disk, has no fingerprint: it is not kept.
+
+    Raises:
+        StoppedError: marking is to end.
+    """
+    out = Path(job.out)
+    problem, kept = "", False
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for pattern in OLD:
+            for path in out.glob(pattern):
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+        _gather(job, out, shows_progress)
+        result, kept = judge(job), True
+    except StoppedError:
+        raise
+    except NotMarkableError as error:
+        problem, kept = str(error), True
+    except HuskyError as error:
+        problem = str(error)
+    except OSError as error:
+        problem = f"{error.strerror or error}" + (f": {error.filename}" if error.filename else "")
+    except Exception as error:
+        problem = f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
+        _write_traceback(out)
+    if problem:
+        result = Result(job.name, "", settings_of(job.config), (), (), problem)
+    write_result(result, out)
+    if kept:
+        write_whole(out / FINGERPRINT, job.fingerprint)  # the last one: with it, it is done
+    return result
+
+
+def judge(job: Job) -> Result:
+    """The result by the recordings and the evidence that an earlier marking left in the job's folder.
+
+    Raises:
+        HuskyError: there are none, or the points by hand do not fit the rubric.
+    """
+    out = Path(job.out)
+    evidence: Evidence = load(Evidence, out / EVIDENCE)
+    recordings = [load_recording(path, "") for path in _recordings(out)]
+    config = replace(job.config, robot=evidence.robot)
+    items = EXERCISES[config.exercise].judge(recordings, evidence.view, config.scan_topic, config.rules)
+    notes = [*evidence.notes, *(note for recording in recordings for note in recording.notes)]
+    settings = {**settings_of(job.config), "sandbox": evidence.sandbox, "network": evidence.network}
+    result = Result(job.name, evidence.what, settings, tuple(items), tuple(dict.fromkeys(notes)))
+    return with_override(result, job.override)
+
+
+def settings_of(config: MarkingConfig) -> Any:
+    """The settings that a result shows."""
+    settings = {key: value for key, value in vars(config).items() if key != "rules"}
+    return {**settings, "rubric": None if config.rules == DEFAULT_RULES else str(config.rules)}
+
+
+def _recordings(out: Path) -> List[Path]:
+    found = out.glob(f"drive_*/{RECORDING}")
+    return sorted(found, key=lambda path: int(path.parent.name.rpartition("_")[2]))
+
+
+def _gather(job: Job, out: Path, shows_progress: bool) -> None:
+    """Build, drive and look at RViz; recordings, evidence, record and pictures."""
+    submission, notes = _submission(job, out)
+    planned = plan(submission, out / "plan")
+    config = replace(job.config, robot=job.override.robot or job.config.robot)
+    if config.robot == AUTO:
+        robot, why = detect_robot(submission, planned, out / "robot") if planned.nodes else ("husky", "")
+        config, notes = replace(config, robot=robot), [*notes, *[why] * bool(why)]
+    recordings = _drives(submission, planned, replace(job, config=config), shows_progress)
+    view, pixels = look(submission, planned, config, out / "rviz")
+    network = "loopback only" if private_network.is_private() else "not kept apart"
+    evidence = Evidence(
+        submission.launchable.summary,
+        config.robot,
+        kind_of_sandbox(),
+        network,
+        view,
+        (*notes, *planned.notes),
+    )
+    write_whole(out / EVIDENCE, to_json(evidence))
+    items = judge(replace(job, override=replace(job.override, points={}, late=None))).items
+    write_record(out, job, submission, planned, config, recordings, items)
+    (out / "drive.png").write_bytes(draw_drives(recordings, job.name))
+    if pixels is not None:
+        (out / "rviz.png").write_bytes(draw_pixels(pixels))
+
+
+def _submission(job: Job, out: Path) -> Tuple[Submission, List[str]]:
+    workspace = Workspace(
+        setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
+        hidden=tuple(map(Path, job.hidden)),
+    )  # fmt: skip
+    if job.launchable is not None:
+        is_ours = job.launchable.package == PACKAGE and not job.setups
+        return Submission(job.launchable, replace(workspace, own_modules=is_ours)), []
+    return prepare(Path(job.hand_in), job.override, job.config.exercise, workspace, out)
+
+
+def _drives(submission: Submission, planned: Plan, job: Job, shows_progress: bool) -> List[Recording]:
+    """Recordings of the drives; further drives only where the first one moved."""
+    config, exercise = job.config, EXERCISES[job.config.exercise]
+    recordings: List[Recording] = []
+    trials = draw_trials(config.trials if exercise.random_starts else 1, config.seed)
+    for trial in trials:
+        trial = replace(trial, driver=exercise.driver, ends_at_pillar=exercise.random_starts)
+        folder = Path(job.out, f"drive_{trial.number}")
+        if not planned.nodes:
+            recording = empty_recording(trial.pillar, config.deadline, planned.notes)
+            folder.mkdir()
+            write_whole(folder / RECORDING, recording_to_json(recording))
+        else:
+            with _bar(trial, len(trials), config, shows_progress) as bar:
+                recording = drive(submission, trial, config, folder, partial(_advance, bar))
+            write_replay(recording, f"{job.name}, drive {trial.number}", folder)
+        recordings.append(recording)
+        if not recording.moving.any():
+            break
+    return recordings
+
+
+def _bar(trial: Trial, trials: int, config: MarkingConfig, shows_progress: bool) -> Any:
+    """Progress of a drive, in simulated seconds up to its deadline, at which it may end earlier."""
+    words = f"drive {trial.number} of {trials}"
+    shape = "{desc}: {percentage:3.0f} %|{bar}| {n:.0f} of at most {total:.0f} s [{elapsed}<{remaining}]"
+    return tqdm(total=config.deadline, desc=words, bar_format=shape, disable=not shows_progress, leave=False)
+
+
+def _advance(bar: Any, now: float) -> None:
+    """Show a simulated time [s]."""
+    bar.update(round(min(now, bar.total) - bar.n, 1))
+
+
+def _write_traceback(out: Path) -> None:
+    try:
+        (out / "traceback.txt").write_text(traceback.format_exc(), errors="backslashreplace")
+    except OSError:
+        print(traceback.format_exc(), file=sys.stderr)
+
+
+def stop_on_signals() -> None:
+    """End all waits at Ctrl-C and SIGTERM, so that programs are ended."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: request_stop())
+
+
+def main(arguments: Optional[List[str]] = None) -> None:
+    """Mark the job of the command line, in a network of its own."""
+    private_network.enter()
+    stop_on_signals()
+    mark(load(Job, Path((arguments or sys.argv[1:])[0])))
+
+
+if __name__ == "__main__":
+    main()

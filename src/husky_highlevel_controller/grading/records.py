@@ -1,0 +1,282 @@
+"""Records of marking: what is started, how it is marked, the job of one hand-in, and its result.
+
+A job travels to the marking program, and the result back, as JSON that `config.from_plain` reads.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+from husky_highlevel_controller.config import ConfigError, from_plain, to_plain
+from husky_highlevel_controller.course import REACHED
+
+# topic of the scans, and launch arguments of the simulator, of each robot that submissions are written for
+ROBOT_VERSIONS = {
+    "husky": ("/front/scan", ("robot:=husky", "laser_topic:=front/scan", "laser_prefix:=front")),
+    "husky_melodic": ("/scan", ("robot:=husky", "laser_topic:=scan", "laser_prefix:=base")),
+    "smb": ("/scan", ("robot:=smb", "laser_topic:=scan")),
+}
+AUTO = "auto"  # the robot whose scans the submission subscribes to, or that it names
+RAMMING_MARGIN = 0.05  # [m/s], a measured speed is not exact: a robot commanded to `gentle` does not ram
+MAX_TEXT = 1000  # letters of an evidence or note
+
+
+# ---------------------------------------------------------------------------- how it is marked
+
+
+def _number(default: float, high: float, help_text: str) -> Any:
+    return field(default=default, metadata={"min": 0.0, "max": high, "help": help_text})
+
+
+@dataclass(frozen=True)
+class Rules:
+    """A rubric's tolerances and weights; the defaults are the course's sheet."""
+
+    reached: float = _number(REACHED, 5.0, "from the robot's outline to the pillar that it has reached [m]")
+    ramming_costs: float = _number(0.0, 30.0, "points that ramming the pillar costs")
+    gentle: float = _number(0.5, 5.0, "a robot that touches the pillar faster than this rams it [m/s]")
+    marker_full: float = _number(0.3, 5.0, "from the marker to the pillar's axis for all points [m]")
+    marker_half: float = _number(0.65, 5.0, "from the marker to the pillar's axis for half of the points [m]")
+    marker_per_metre: float = _number(0.01, 1.0, "added to both for each metre between robot and pillar")
+    weights: Mapping[str, float] = field(  # points by item
+        default_factory=dict, metadata={"min": 0.0, "max": 1000.0, "help": "an item's points"}
+    )
+    by_person: Tuple[str, ...] = ()  # names of items that a person judges
+
+    def rams(self, speed: float) -> bool:
+        """Whether touching the pillar at this speed [m/s] is ramming that costs points."""
+        return self.ramming_costs > 0.0 and speed > self.gentle + RAMMING_MARGIN
+
+    def apply(self, items: Sequence[Item]) -> List[Item]:
+        """Items with the teacher's weights, and without points where a person judges."""
+        return [self._weighted(item) for item in items]
+
+    def _weighted(self, item: Item) -> Item:
+        weight = self.weights.get(item.name, item.max_points)
+        if item.name in self.by_person:
+            return replace(item, points=None, max_points=weight, evidence=f"for a person: {item.evidence}")
+        if item.points is None or weight == item.max_points:
+            return replace(item, max_points=weight)
+        return replace(item, points=round(item.points * weight / item.max_points, 1), max_points=weight)
+
+
+@dataclass(frozen=True)
+class MarkingConfig:
+    """Settings of a marking, the same for every submission."""
+
+    exercise: int = 3
+    robot: str = AUTO  # or a key of ROBOT_VERSIONS
+    seed: int = 0  # of starts, pillars and noise
+    trials: int = 3  # drives
+    deadline: float = 120.0  # [s], simulated, of each drive
+    pace: float = 5.0  # simulated seconds a second, at most
+    rules: Rules = field(default_factory=Rules)
+
+    @property
+    def scan_topic(self) -> str:
+        """Topic of the scans, once the robot is known."""
+        return ROBOT_VERSIONS[self.robot][0]
+
+    @property
+    def robot_name(self) -> str:
+        """The robot, one of ROBOTS, without the version of its topics."""
+        return self.robot.partition("_")[0]
+
+
+@dataclass(frozen=True)
+class Launchable:
+    """A launch file or a node, and its arguments."""
+
+    kind: str  # launch or node
+    package: str
+    name: str  # of the launch file, in its package or an absolute path; type of the node
+    arguments: Tuple[str, ...] = ()
+    title: str = ""  # of the result; empty: the command line's words
+
+    @property
+    def words(self) -> Tuple[str, ...]:
+        """Its words on a command line."""
+        return (f"--{self.kind}", self.package, self.name, *self.arguments)
+
+    @property
+    def summary(self) -> str:
+        """The title, or the command line's words."""
+        return self.title or " ".join(self.words)
+
+
+DEFAULT_RULES = Rules()
+
+
+# ---------------------------------------------------------------------------- what a teacher sets
+
+
+@dataclass(frozen=True)
+class GivenPoints:
+    """Points of one item, given by a person."""
+
+    points: float = field(metadata={"min": 0.0, "max": 1000.0})
+    word: str = field(metadata={"help": "the reason, for the student"})
+
+
+@dataclass(frozen=True)
+class Late:
+    """A penalty for lateness."""
+
+    percent: float = field(metadata={"min": 0.0, "max": 100.0})  # of all points
+    word: str = field(metadata={"help": "the reason, for the student"})
+
+
+@dataclass(frozen=True)
+class Override:
+    """Settings for one student; None is left to marking."""
+
+    launch: Optional[str] = field(default=None, metadata={"help": "place of a launch file, or the end of it"})
+    node: Optional[str] = field(default=None, metadata={"help": "package and type of a node"})
+    arguments: Tuple[str, ...] = ()  # of the launch file or node
+    robot: Optional[str] = field(default=None, metadata={"choices": tuple(ROBOT_VERSIONS)})
+    exercise: Optional[int] = field(default=None, metadata={"min": 1, "max": 99})  # number in names
+    points: Mapping[str, GivenPoints] = field(default_factory=dict)  # by item
+    late: Optional[Late] = None
+
+    def __post_init__(self) -> None:
+        """Refuse what does not go together."""
+        if self.launch and self.node:
+            raise ValueError("has both launch and node")
+        if self.node and len(self.node.split()) != 2:
+            raise ValueError(f"node = {self.node!r} is not a package and a type")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One marking: a launchable of a sourced workspace, or a hand-in that is built first."""
+
+    name: str  # the student's
+    out: str  # folder for the result
+    config: MarkingConfig
+    launchable: Optional[Launchable] = None
+    hand_in: str = ""  # folder or archive
+    override: Override = field(default_factory=Override)
+    setups: Tuple[str, ...] = ()  # setup.bash files, sourced in this order
+    packages: Tuple[str, ...] = ()  # folders of packages that need no build
+    hidden: Tuple[str, ...] = ()  # folders that the submission must not see
+    fingerprint: str = ""  # of files and settings that decide how it drives
+
+
+# ---------------------------------------------------------------------------- what comes of it
+
+
+@dataclass(frozen=True)
+class Item:
+    """One line of the table."""
+
+    name: str
+    points: Optional[float]  # None: a machine cannot judge it
+    max_points: float
+    evidence: str
+    at: Optional[float] = None  # [s], simulated: the moment the evidence is about
+
+    @property
+    def full(self) -> bool:
+        """Full marks, or not machine-gradable."""
+        return self.points is None or self.points >= self.max_points - 1e-9
+
+
+@dataclass(frozen=True)
+class RvizView:
+    """Displays that the submission's RViz showed."""
+
+    source: str = ""  # of its configuration; empty: there is none
+    topics: Tuple[str, ...] = ()  # it subscribes to
+    tf: bool = False  # frames are to be seen
+    robot: bool = False  # the robot model is to be seen
+    scan: bool = False  # the laser's points are to be seen
+    problem: str = ""  # why there was nothing to look at
+    judged: bool = True  # False: RViz is not on this machine, or crashes on it
+    fixed_frame: str = ""
+
+
+@dataclass(frozen=True)
+class Result:
+    """Result of one submission; its texts are printable, whatever a submission called its files and nodes."""
+
+    name: str
+    what: str  # the launch file or node
+    settings: Mapping[str, Any]
+    items: Tuple[Item, ...]
+    notes: Tuple[str, ...] = ()  # what went wrong, in sentences
+    problem: str = ""  # why it could not be marked, in a sentence; empty: it was marked
+
+    def __post_init__(self) -> None:
+        """Make every text printable."""
+        items = tuple(
+            replace(item, name=printable(item.name), evidence=printable(item.evidence)) for item in self.items
+        )
+        clean: Dict[str, Any] = {name: printable(getattr(self, name)) for name in ("name", "what", "problem")}
+        for name, value in {**clean, "items": items, "notes": tuple(map(printable, self.notes))}.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def points(self) -> float:
+        """Sum of the points that were given."""
+        return total(self.items)[0]
+
+    @property
+    def max_points(self) -> float:
+        """Sum of the points that a machine can give."""
+        return total(self.items)[1]
+
+    @property
+    def state(self) -> str:
+        """Marked, or left to a person at least in part, or not marked at all."""
+        if self.problem:
+            return "could not be marked"
+        return "for a person" if any(item.points is None for item in self.items) else "marked"
+
+    @property
+    def full(self) -> bool:
+        """Whether it has all points that a machine can give."""
+        return not self.problem and all(item.full for item in self.items)
+
+
+def total(items: Sequence[Item]) -> Tuple[float, float]:
+    """Points, and how many a machine can give."""
+    judged = [item for item in items if item.points is not None]
+    return round(sum(item.points or 0.0 for item in judged), 1), sum(item.max_points for item in judged)
+
+
+def printable(text: str, limit: int = MAX_TEXT) -> str:
+    """A text on one line, cut if long, without control letters, escapes, or bytes that are no UTF-8."""
+    text = text if len(text) <= limit else text[:limit] + " [...]"
+    text = text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    return "".join(letter if letter.isprintable() else " " for letter in text)
+
+
+# ---------------------------------------------------------------------------- as JSON
+
+
+def to_json(record: Any, **more: Any) -> str:
+    """A record as text that `load` reads; `more` is for other programs."""
+    return json.dumps({**to_plain(record), **more}, indent=2) + "\n"
+
+
+def load(kind: Any, path: Path, *ignored: str) -> Any:
+    """A record from its JSON file.
+
+    Args:
+        kind: its class.
+        path: of the file.
+        *ignored: keys of the file that are for other programs.
+
+    Raises:
+        ConfigError: it cannot be read, or is of another kind.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+    if isinstance(content, dict):
+        content = {key: value for key, value in content.items() if key not in ignored}
+    return from_plain(kind, content, f"{path}: ")
