@@ -27,7 +27,7 @@ from husky_highlevel_controller.grading.batch import (
 )
 from husky_highlevel_controller.grading.drive.recording import empty_recording
 from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
-from husky_highlevel_controller.grading.hand_in import archives
+from husky_highlevel_controller.grading.hand_in import archives, launch_choice
 from husky_highlevel_controller.grading.hand_in import build as build_module
 from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, unpack
 from husky_highlevel_controller.grading.hand_in.build import (
@@ -50,6 +50,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     open_hand_in,
 )
 from husky_highlevel_controller.grading.hand_in.prepare import add_rviz_files
+from husky_highlevel_controller.grading.isolation.files import read_regular
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.mark import EVIDENCE, FINGERPRINT, Evidence, judge, mark
 from husky_highlevel_controller.grading.records import (
@@ -457,6 +458,42 @@ def test_a_changed_file_or_setting_changes_the_fingerprint_and_what_is_only_judg
     assert fingerprint(MarkingConfig(rules=Rules(reached=1.0)), points={"a": GivenPoints(1.0, "w")}) == before
     put(tmp_path / "a", "12")
     assert fingerprint() != before
+
+
+@pytest.mark.parametrize("includes", [4, 50])
+def test_a_launch_file_that_includes_itself_is_read_a_bounded_number_of_times(
+    includes, tmp_path, monkeypatch
+):
+    reads = []
+    monkeypatch.setattr(launch_choice, "read_regular", lambda *a: reads.append(a) or read_regular(*a))
+    folder = package(tmp_path / "ann" / "husky", "husky")
+    again = '<include file="$(find husky)/launch/ex3.launch"/>'
+    launch(folder / "launch" / "ex3.launch", NODE.format("husky"), again * includes)
+    contents = open_hand_in(HandIn("ann", tmp_path / "ann"), tmp_path)
+    chosen, _ = choose_launch_file(contents, contents.packages, 3)
+    assert chosen.nodes == ("husky/controller",)
+    assert len(reads) <= launch_choice.MAX_READS
+
+
+LONG = (
+    '<include file="$(find husky)/launch/ex3.launch"><arg name="x" value="'
+    + "$(arg x)x" * 1000
+    + '"/></include>'
+)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        NODE.format("husky") + "<group>" * 5000 + "</group>" * 5000,
+        NODE.format("husky") + LONG,
+    ],
+)
+def test_a_launch_file_of_any_depth_or_length_is_read(content, tmp_path):
+    folder = package(tmp_path / "ann" / "husky", "husky")
+    launch(folder / "launch" / "ex3.launch", content)
+    contents = open_hand_in(HandIn("ann", tmp_path / "ann"), tmp_path)
+    assert choose_launch_file(contents, contents.packages, 3)[0].nodes == ("husky/controller",)
 
 
 # ---------------------------------------------------------------------------- what a teacher sets

@@ -6,6 +6,7 @@ Must not know: ROS.
 
 from __future__ import annotations
 
+import contextlib
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -29,8 +30,11 @@ from husky_highlevel_controller.grading.isolation.files import (
 
 MAX_LAUNCH = 1_000_000  # [bytes]
 MAX_DEPTH = 8  # of includes
+MAX_READS = 1000  # launch files that are read for one hand-in, includes counted each time
+MAX_VALUE = 10_000  # letters of an attribute whose arguments are put in
 PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)
 TRIAL = re.compile(r"test|example|demo|tutorial|template|turtle|old|backup|copy", re.IGNORECASE)
+_ARGUMENT = re.compile(r"\$\(arg\s+([\w-]+)\s*\)")
 _FIND = re.compile(r"\$\(find\s+([\w-]+)\s*\)")
 
 
@@ -55,6 +59,11 @@ class _Seen:
     rviz: bool = False
 
 
+@dataclass
+class _Budget:
+    reads: int = MAX_READS
+
+
 def choose_launch_file(
     contents: Contents, packages: Sequence[Package], exercise: int
 ) -> Tuple[LaunchFile, str]:
@@ -65,7 +74,10 @@ def choose_launch_file(
     """
     folders = {package.name: package.path for package in packages}
     found = list(_launch_files(contents, packages))
-    fitting = [read for read in (_read(path, place, folders) for path, place in found) if read is not None]
+    budget = _Budget()
+    fitting = [
+        read for read in (_read(path, place, folders, budget) for path, place in found) if read is not None
+    ]
     if not fitting:
         names = ", ".join(sorted(str(place) for _, place in found)[:20]) or "none"
         raise NotMarkableError(f"no launch file starts a node of the hand-in; launch files: {names}")
@@ -94,7 +106,7 @@ def named_launch_file(contents: Contents, packages: Sequence[Package], name: str
     if len(fitting) != 1:
         raise NotMarkableError(f"marking.yaml names the launch file {name!r}: {len(fitting)} fit it")
     path, place = fitting[0]
-    read = _read(path, place, folders)
+    read = _read(path, place, folders, _Budget())
     if read is not None:
         return read
     inside = [name for name, folder in folders.items() if folder in path.parents]
@@ -128,10 +140,13 @@ def _rank(file: LaunchFile, exercise: int) -> Tuple[Any, ...]:
     return fits != 2, trial, -fits, not file.pillar, not file.rviz, len(file.place.parts), str(file.place)
 
 
-def _read(path: Path, place: PurePosixPath, folders: Dict[str, Path]) -> Optional[LaunchFile]:
+def _read(
+    path: Path, place: PurePosixPath, folders: Dict[str, Path], budget: _Budget
+) -> Optional[LaunchFile]:
     """What a launch file starts; None if that is no node of the hand-in."""
     seen = _Seen([], [])
-    _look_into(path, folders, {}, seen, 0)
+    with contextlib.suppress(RecursionError):  # elements nested deeper than any launch file's
+        _look_into(path, folders, {}, seen, budget, 0)
     if not seen.nodes:
         return None
     nodes = tuple(dict.fromkeys(seen.nodes))
@@ -142,8 +157,11 @@ def _read(path: Path, place: PurePosixPath, folders: Dict[str, Path]) -> Optiona
 
 
 def _look_into(
-    path: Path, folders: Dict[str, Path], arguments: Dict[str, str], seen: _Seen, depth: int
+    path: Path, folders: Dict[str, Path], arguments: Dict[str, str], seen: _Seen, budget: _Budget, depth: int
 ) -> None:
+    budget.reads -= 1
+    if budget.reads < 0:
+        return
     try:
         content = read_regular(path, MAX_LAUNCH)
         root = ElementTree.fromstring(content)
@@ -178,7 +196,7 @@ def _look_into(
             for arg in element.iter("arg"):
                 seen.pillar |= bool(PILLAR.search(_substituted(arg.get("value", ""), arguments)))
             if file is not None:
-                _look_into(file, folders, passed, seen, depth + 1)
+                _look_into(file, folders, passed, seen, budget, depth + 1)
             return
         for child in element:
             visit(child)
@@ -200,9 +218,8 @@ def _included(file: str, path: Path, folders: Dict[str, Path]) -> Optional[Path]
 
 
 def _substituted(text: str, arguments: Dict[str, str]) -> str:
-    return re.sub(
-        r"\$\(arg\s+([\w-]+)\s*\)", lambda found: arguments.get(found.group(1), found.group()), text
-    )
+    value = _ARGUMENT.sub(lambda match: arguments.get(match.group(1), match.group()), text[:MAX_VALUE])
+    return value[:MAX_VALUE]
 
 
 def _is_on(element: Any, arguments: Dict[str, str]) -> bool:
