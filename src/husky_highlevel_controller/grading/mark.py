@@ -188,6 +188,7 @@ def _drives(submission: Submission, planned: Plan, job: Job, shows_progress: boo
         folder = Path(job.out, f"drive_{trial.number}")
         if not planned.nodes:
             recording = empty_recording(trial.pillar, config.deadline, planned.notes)
+            recording = replace(recording, robot=config.robot_name)
             folder.mkdir()
             write_whole(folder / RECORDING, recording_to_json(recording))
         else:
