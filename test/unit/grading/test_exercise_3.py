@@ -307,6 +307,19 @@ def test_the_best_of_several_namespaces_counts():
     assert judge_place(replace(right, markers=renamed + right.markers)).points == 20.0
 
 
+@pytest.mark.parametrize("apart", ["namespace", "topic"])
+def test_a_grid_of_guesses_earns_nothing_with_a_name_for_each(apart):
+    places = [(x + 10.0, float(y), 0.0) for x in range(-7, 7) for y in range(-7, 7)]
+    samples = [
+        replace(sample(float(t), place), **{apart: f"/a{number}"})
+        for t in GOOD.times[::50]
+        for number, place in enumerate(places)
+    ]
+    item = judge_place(with_samples(samples))
+    assert item.points == 0.0
+    assert "196 markers in 196 topics and namespaces, half of those drawn must be right" in item.evidence
+
+
 def test_what_nobody_can_see_is_no_marker():
     item = judge_place(
         markers(GOOD, (nan, nan, nan), problem='"map" passed to lookupTransform does not exist')

@@ -9,7 +9,7 @@ from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.grading.drive.marker_shape import draw, hull_distance
 
-ARROW, CUBE, LINE_STRIP, POINTS = 0, 1, 4, 8
+ARROW, CUBE, LINE_STRIP, SPHERE_LIST, POINTS = 0, 1, 4, 7, 8
 AXIS = (10.0, 0.0)  # [m]
 
 
@@ -41,6 +41,14 @@ def test_a_line_to_the_pillar_counts_by_its_end_and_points_by_their_mean():
     assert line.position == pytest.approx((9.9, 0.0, 0.0))
     ring = [(10.0 + 0.2 * cos(a), 0.2 * sin(a), 0.0) for a in np.linspace(0.0, 2.0 * pi, 24, endpoint=False)]
     assert draw(POINTS, Pose(), (0.1, 0.1, 0.0), ring, AXIS).position == pytest.approx((10.0, 0.0, 0.0))
+
+
+def test_points_on_both_sides_of_the_pillar_are_not_at_it():
+    sides = [(10.0, -5.0, 0.0), (10.0, 5.0, 0.0)]
+    assert abs(draw(SPHERE_LIST, Pose(), (0.4, 0.4, 0.4), sides, AXIS).position[1]) == pytest.approx(5.0)
+    grid = [(10.0 + x, float(y), 0.0) for x in range(-7, 8) for y in range(-7, 8)]
+    x, y, _ = draw(SPHERE_LIST, Pose(), (0.4, 0.4, 0.4), grid, AXIS).position
+    assert np.hypot(x - 10.0, y) > 3.0
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,4 @@
-"""Which call of exercise 5's service is due when, and how exercise 2's robot is driven.
-
-In: simulated time, the robot's speed. Out: what to do now. Must not know: ROS, points.
-"""
+"""Drivers of a drive: the call plan of exercise 5's service, the speed of exercise 2's robot."""
 
 from __future__ import annotations
 

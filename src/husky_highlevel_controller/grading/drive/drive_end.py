@@ -1,7 +1,4 @@
-"""When a recorded drive is over, by what the robot did and where it stands.
-
-In: true states in order. Out: a sentence, once it is over. Must not know: ROS, points.
-"""
+"""End of a recorded drive, by what the robot did and where it stands."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Where a marker is drawn: its reference point and its extent, seen from the pillar's axis.
-
-In: a marker's kind, pose, scale and points as numbers. Out: `Drawn`. Must not know: ROS, points of a rubric.
+"""Shape of a drawn marker: reference point and extent, seen from the pillar's axis.
 
 What each kind draws, and in which frame, is that of visualization_msgs/Marker and RViz's marker display.
 """
@@ -21,6 +19,7 @@ TEXT, MESH, TRIANGLES = 9, 10, 11
 LINES = {LINE_STRIP, LINE_LIST}
 LISTS = {*LINES, CUBE_LIST, SPHERE_LIST, POINTS, TRIANGLES}
 MAX_POINTS = 1000  # of a marker of many points that are looked at
+MAX_SPREAD = 0.5  # [m], half of the points are this near their mean, or it stands for none of them
 _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 
 
@@ -68,12 +67,21 @@ def _shape(
         return [tip], [tip]
     if kind in LISTS and len(points):
         kept = list(points[:MAX_POINTS])
-        mean = np.mean(np.array(kept, dtype=float), axis=0).tolist()
         ends: List[Sequence[float]] = [kept[0], kept[-1]] if kind in LINES else []
-        return [mean, *ends], [mean, *ends]
+        middle = _middle(np.array(kept, dtype=float))
+        return [middle, *ends], [middle, *ends]
     if kind in (TEXT, MESH):  # a text turns to the camera; a mesh's size is in its file
         return [(0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0)]
     return [(0.0, 0.0, 0.0)], (_CORNERS * np.asarray(scale, dtype=float)).tolist()
+
+
+def _middle(points: np.ndarray) -> List[float]:
+    """Mean of points, (N, 3) [m]; where they lie apart, one that is as far from it as half of them."""
+    mean = points.mean(axis=0)
+    distances = np.linalg.norm(points - mean, axis=1)
+    middle = points[np.argsort(distances)[len(points) // 2]]
+    chosen = mean if np.median(distances) <= MAX_SPREAD else middle
+    return [float(number) for number in chosen]
 
 
 def hull_distance(points: np.ndarray) -> float:

@@ -1,7 +1,4 @@
-"""Robot that a submission is written for: by the topics it subscribes to, and by what it names.
-
-In: a submission. Out: one of ROBOT_VERSIONS, and why.
-"""
+"""Robot that a submission is written for: by the topics it subscribes to, and by what it names."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Looks at a submission's RViz on a virtual screen: what it subscribes to, and what is to be seen.
-
-In: a submission and what it would start. Out: an `RvizView`, and a picture. Must not know: points, drives.
+"""Check of a submission's RViz on a virtual screen: its subscriptions, and the displays that are to be seen.
 
 RViz runs four times side by side, with the submission's own view and fixed frame: as it is, and once each
 with nothing but TF, robot model, laser scan. What then differs from the background is that display.

@@ -1,7 +1,4 @@
-"""The drives of a marking: start poses and pillar places, drawn from a seed, the same for every submission.
-
-In: a seed, a number. Out: `Trial`s, and world files as text. Must not know: ROS, who drives.
-"""
+"""Trials of a marking: start poses and pillar places, drawn from a seed, the same for every submission."""
 
 from __future__ import annotations
 

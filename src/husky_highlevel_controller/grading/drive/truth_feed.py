@@ -1,7 +1,4 @@
-"""Reads the simulator's private socket: true poses, and calls that changed the world.
-
-In: a path for the socket. Out: `TruthRow`s and sentences, to callbacks. Must not know: ROS, points.
-"""
+"""Reads the simulator's private socket: true poses, and calls that changed the world."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Builds a hand-in: its packages in a catkin workspace of its own, in the sandbox.
-
-In: packages of a hand-in. Out: a workspace to run it in, and notes on what does not build.
-Must not know: exercises.
-"""
+"""Builds a hand-in: its packages in a catkin workspace of its own, in the sandbox."""
 
 from __future__ import annotations
 

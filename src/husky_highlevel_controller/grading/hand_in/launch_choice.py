@@ -1,8 +1,4 @@
-"""Finds the launch file of a hand-in by its content: it starts a node of the hand-in, in the pillar's world.
-
-In: packages of a hand-in, the exercise's number. Out: a launch file, and why it is the one.
-Must not know: ROS.
-"""
+"""Launch file of a hand-in, found by its content: it starts a node of the hand-in, in the pillar's world."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Hand-ins of a class: one first-level entry of a folder is one student, with all the packages in it.
-
-In: a folder of hand-ins, the exercise's number. Out: packages to build.
-Must not know: ROS, how one is marked.
-"""
+"""Hand-ins of a class: one first-level entry of a folder is one student, with all the packages in it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,5 @@
 """Results in the forms of teaching platforms: Gradescope, Classroom 50, GitHub's step summary.
 
-In: `Result`s, variables of a platform's environment. Out: files. Must not know: ROS, rubrics.
-
 Forms: Gradescope's autograder specification (results.json); foundation50/classroom50, "The result.json
 contract" of its wiki; GitHub Actions, "Adding a job summary".
 """

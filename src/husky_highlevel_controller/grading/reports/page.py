@@ -1,7 +1,4 @@
-"""HTML: one page of a class for the teacher, one self-contained feedback for each student.
-
-In: `Result`s, pictures, links. Out: HTML, in which Jinja2 escapes all text. Must not know: ROS, rubrics.
-"""
+"""HTML: one page of a class for the teacher, one self-contained feedback for each student."""
 
 from __future__ import annotations
 

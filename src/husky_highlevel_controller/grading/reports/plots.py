@@ -1,7 +1,4 @@
-"""Draws drives from above: the way, the pillar, the markers in time. The only module that loads matplotlib.
-
-In: `Recording`s. Out: PNG. Must not know: ROS, points.
-"""
+"""Pictures of drives from above: the way, the pillar, the markers in time."""
 
 from __future__ import annotations
 

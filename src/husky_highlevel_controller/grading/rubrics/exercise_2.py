@@ -1,8 +1,4 @@
-"""The rubric of exercise 2: prints the smallest range, has parameters, shows the scan in RViz.
-
-In: `Recording`s, and what RViz showed. Out: `Item`s; without points what a person has to look at.
-Must not know: ROS, files.
-"""
+"""The rubric of exercise 2: prints the smallest range, has parameters, shows the scan in RViz."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Judges recorded drives by the rubric of exercise 3; docs/marking.md says the same in words.
-
-In: `Recording`s, and what RViz showed. Out: `Item`s: points, and the evidence in a sentence.
-Must not know: ROS, files, how a drive is recorded.
-"""
+"""Judges recorded drives by the rubric of exercise 3; docs/marking.md says the same in words."""
 
 from __future__ import annotations
 

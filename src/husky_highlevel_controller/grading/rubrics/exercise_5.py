@@ -1,8 +1,4 @@
-"""The rubric of exercise 5: a service stops and starts the robot.
-
-In: `Recording`s. Out: `Item`s; without points what a person has to look at.
-Must not know: ROS, files.
-"""
+"""The rubric of exercise 5: a service stops and starts the robot."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Judges markers: whether what RViz draws for a topic and namespace is at the pillar, at each moment.
-
-In: a `Recording`. Out: shares of the drive and a sentence. Must not know: ROS, points of an item.
-"""
+"""Judges markers: whether what RViz draws for a topic and namespace is at the pillar, at each moment."""
 
 from __future__ import annotations
 
@@ -14,13 +11,21 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
-from husky_highlevel_controller.grading.drive.recording import ADD, DELETE, MarkerSample, Recording
+from husky_highlevel_controller.grading.drive.recording import (
+    ADD,
+    DELETE,
+    DELETE_ALL,
+    MarkerSample,
+    Recording,
+)
 from husky_highlevel_controller.grading.records import Rules
 
 HEIGHT_MARGIN = 0.3  # [m], above and below the pillar
 LARGEST = 1.0  # [m], the middle of a shape that touches the pillar is no farther away
 MOST = 0.5  # of what is drawn in a namespace must be right at a moment
+MAX_SERIES = 6  # topics and namespaces that are judged apart; where more came, all that is drawn is judged
 FULL, HALF, WRONG = 1.0, 0.5, 0.0
+Key = Tuple[str, str, int]  # topic, namespace, id
 
 
 @dataclass(frozen=True)
@@ -42,38 +47,49 @@ class Shares:
 class _Drawn:
     """What RViz draws of a namespace: the latest of each id until it is deleted or its lifetime ends."""
 
-    verdicts: Dict[int, Tuple[float, float]] = field(default_factory=dict)  # id: (verdict, end of life [s])
+    verdicts: Dict[Key, Tuple[float, float]] = field(default_factory=dict)  # (verdict, end of life [s])
     full: int = 0
     near: int = 0
 
-    def put(self, number: int, verdict: float, until: float) -> None:
-        self.remove(number)
-        self.verdicts[number] = (verdict, until)
+    def put(self, key: Key, verdict: float, until: float) -> None:
+        self.remove(key)
+        self.verdicts[key] = (verdict, until)
         self.full += verdict == FULL
         self.near += verdict >= HALF
 
-    def remove(self, number: int) -> None:
-        verdict, _ = self.verdicts.pop(number, (WRONG, 0.0))
+    def remove(self, key: Key) -> None:
+        verdict, _ = self.verdicts.pop(key, (WRONG, 0.0))
         self.full -= verdict == FULL
         self.near -= verdict >= HALF
 
-    def expire(self, now: float, forget: Sequence[int]) -> None:
-        for number in forget:
-            if number in self.verdicts and self.verdicts[number][1] <= now:
-                self.remove(number)
+    def clear(self, topic: str) -> None:
+        for key in [key for key in self.verdicts if key[0] == topic]:
+            self.remove(key)
+
+    def expire(self, now: float, mortal: Sequence[Key]) -> None:
+        for key in mortal:
+            if key in self.verdicts and self.verdicts[key][1] <= now:
+                self.remove(key)
 
 
 def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Shares]:
-    """One verdict for each topic and namespace that sent markers before a moment [s]."""
+    """One verdict for each topic and namespace that sent markers before a moment [s].
+
+    One of many guesses is right by chance: beyond MAX_SERIES there is one verdict, on all that is drawn.
+    """
+    markers = [marker for marker in recording.markers if marker.at < until]
     series: Dict[Tuple[str, str], List[MarkerSample]] = defaultdict(list)
-    for marker in recording.markers:
-        if marker.at < until:
-            series[marker.topic, marker.namespace].append(marker)
-    return [
-        _judge(recording, markers, rules)
-        for markers in series.values()
-        if any(marker.action == ADD for marker in markers)
-    ]
+    for marker in markers:
+        if marker.action == ADD:
+            series[marker.topic, marker.namespace] = []
+    if len(series) > MAX_SERIES:
+        return [_judge(recording, markers, rules)]
+    for marker in markers:
+        for (topic, namespace), members in series.items():
+            # `delete all` empties the whole display of a topic
+            if marker.topic == topic and (marker.namespace == namespace or marker.action == DELETE_ALL):
+                members.append(marker)
+    return [_judge(recording, members, rules) for members in series.values()]
 
 
 def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) -> Shares:
@@ -90,7 +106,8 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     distances = [_distance(recording, marker) for marker in added if not marker.problem]
     words = f"{name}: right {100.0 * full:.0f} % of the time"
     words += f", {np.median(distances):.2f} m from the pillar's axis (median)"
-    crowd = len({marker.id for marker in added})
+    crowd = len({(marker.topic, marker.namespace, marker.id) for marker in added})
+    groups = len({(marker.topic, marker.namespace) for marker in added})
     wrong = next((marker for marker in added if verdicts[id(marker)] < FULL), None)
     if wrong is None:
         return Shares(full, half, words, added[0].at)
@@ -98,28 +115,30 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
         words += f"; near it {100.0 * half:.0f} %"
     words += f"; at {wrong.at:.2f} s {_fault(recording, wrong)}"
     if crowd > 1:
-        words += f"; {crowd} markers in namespace '{first.namespace}', half of those drawn must be right"
+        where = f"namespace '{first.namespace}'" if groups == 1 else f"{groups} topics and namespaces"
+        words += f"; {crowd} markers in {where}, half of those drawn must be right"
     return Shares(full, half, words, wrong.at)
 
 
 def _moments(markers: Sequence[MarkerSample], verdicts: Dict[int, float]) -> List[Tuple[float, float]]:
     """(when [s], verdict on all that is drawn), for each moment at which something came."""
     drawn, moments = _Drawn(), []
-    mortal: List[int] = []  # ids with a lifetime
+    mortal: List[Key] = []  # markers with a lifetime
     for at, group in groupby(markers, key=lambda marker: marker.at):
         drawn.expire(at, mortal)
-        mortal = [number for number in mortal if number in drawn.verdicts]
+        mortal = [key for key in mortal if key in drawn.verdicts]
         came = False
         for marker in group:
+            key = (marker.topic, marker.namespace, marker.id)
             if marker.action == ADD:
                 came = True
-                drawn.put(marker.id, verdicts[id(marker)], marker.until)
+                drawn.put(key, verdicts[id(marker)], marker.until)
                 if marker.until < np.inf:
-                    mortal.append(marker.id)
+                    mortal.append(key)
             elif marker.action == DELETE:
-                drawn.remove(marker.id)
+                drawn.remove(key)
             else:
-                drawn = _Drawn()
+                drawn.clear(marker.topic)
         if came and drawn.verdicts:
             wanted = MOST * len(drawn.verdicts)
             moments.append((at, FULL if drawn.full >= wanted else HALF if drawn.near >= wanted else WRONG))

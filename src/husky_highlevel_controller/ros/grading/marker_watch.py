@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
+from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
@@ -13,8 +14,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from husky_highlevel_controller.datatypes import Pose, Quaternion
 from husky_highlevel_controller.geometry import compose
-from husky_highlevel_controller.grading.drive.marker_shape import MAX_POINTS, draw
+from husky_highlevel_controller.grading.drive.marker_shape import LINES, LISTS, MAX_POINTS, draw
 from husky_highlevel_controller.grading.drive.recording import ADD, DELETE, DELETE_ALL, MarkerSample
+from husky_highlevel_controller.grading.isolation.files import is_regular
 from husky_highlevel_controller.ros import conversions
 
 BASE = "base_link"
@@ -22,7 +24,9 @@ KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": 
 ACTIONS = {Marker.ADD: ADD, Marker.DELETE: DELETE, Marker.DELETEALL: DELETE_ALL}
 PERIOD = 0.019  # [s], simulated, between two moments of a namespace that are recorded
 CROWD = 10  # markers at a moment; where more came, the next moment is recorded so much later
-MAX_SAMPLES = 200_000  # of a drive
+MAX_SAMPLES = 50_000  # of a drive
+MAX_ALL_POINTS = 500_000  # of all markers of a drive
+MAX_MESSAGE = 2_000_000  # [bytes]
 RETRY_STEP, RETRY_END = 0.05, 1.0  # [s], simulated: a frame that appears later counts from then on
 
 
@@ -31,6 +35,7 @@ class _Message:
     at: float  # [s], simulated
     topic: str
     marker: Marker
+    problem: str  # why RViz would draw nothing
 
 
 @dataclass
@@ -47,6 +52,7 @@ class MarkerWatch:
     def __init__(self, now: Callable[[], float]) -> None:
         self._now = now
         self._messages: List[_Message] = []
+        self._points_left = MAX_ALL_POINTS
         self._moments: Dict[Tuple[str, str], _Moment] = {}
         self._topics: Dict[str, rospy.Subscriber] = {}
         self._buffer = tf2_ros.Buffer(rospy.Duration(3600.0), debug=False)
@@ -60,14 +66,32 @@ class MarkerWatch:
     def follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic, if its type is one of markers."""
         if kind in KINDS and topic not in self._topics:
-            self._topics[topic] = rospy.Subscriber(topic, KINDS[kind], self._on_marker, topic, queue_size=100)
+            # raw messages: a large one is refused before it is taken apart
+            self._topics[topic] = rospy.Subscriber(
+                topic, rospy.AnyMsg, self._on_message, (topic, KINDS[kind]), queue_size=100
+            )
 
-    def _on_marker(self, msg: Any, topic: str) -> None:
+    def _on_message(self, raw: Any, source: Tuple[str, Any]) -> None:
+        topic, kind = source
+        if len(raw._buff) > MAX_MESSAGE:
+            large = Marker(
+                ns=f"larger than {MAX_MESSAGE} bytes", action=Marker.ADD
+            )  # not seen
+            self.add([large], topic)
+            return
+        message = kind().deserialize(raw._buff)
+        self.add(message.markers if kind is MarkerArray else [message], topic)
+
+    def add(self, markers: Sequence[Marker], topic: str) -> None:
+        """Keep the markers that came on a topic now."""
         now = self._now()
-        for marker in msg.markers if isinstance(msg, MarkerArray) else [msg]:
+        for marker in markers:
             if marker.action in ACTIONS and self._is_due(now, (topic, marker.ns)):
-                marker.points = marker.points[:MAX_POINTS]
-                self._messages.append(_Message(now, topic, marker))
+                problem = _invisible(marker)
+                marker.points = marker.points[: min(MAX_POINTS, self._points_left)]
+                self._points_left -= len(marker.points)
+                marker.colors, marker.text = [], ""
+                self._messages.append(_Message(now, topic, marker, problem))
 
     def _is_due(self, now: float, key: Tuple[str, str]) -> bool:
         if len(self._messages) >= MAX_SAMPLES:
@@ -101,7 +125,7 @@ class MarkerWatch:
         until = message.at + marker.lifetime.to_sec() if marker.lifetime else inf
         sample = MarkerSample(
             message.topic, marker.ns, marker.id, message.at, marker.header.stamp.to_sec(), _frame(marker),
-            (nan, nan, nan), until=until, action=ACTIONS[marker.action], problem=_invisible(marker),
+            (nan, nan, nan), until=until, action=ACTIONS[marker.action], problem=message.problem,
         )  # fmt: skip
         if sample.problem or sample.action != ADD:
             return sample
@@ -170,6 +194,24 @@ def _invisible(marker: Marker) -> str:
         return "its position is not a number"
     if max(scale.x, scale.y, scale.z) <= 0.0:
         return "its scale is 0"
-    if marker.color.a <= 0.0 and not any(color.a > 0.0 for color in marker.colors):
+    colors = marker.colors if marker.type in LISTS and marker.colors else [marker.color]
+    if not any(color.a > 0.0 for color in colors):
         return "its alpha is 0"
+    return _empty(marker)
+
+
+def _empty(marker: Marker) -> str:
+    """Why a marker of its type has nothing to draw."""
+    if not 0 <= marker.type <= Marker.TRIANGLE_LIST:
+        return f"its type {marker.type} is none of visualization_msgs/Marker"
+    if marker.type in LISTS and len(marker.points) < (2 if marker.type in LINES else 1):
+        return "it has no points"
+    if marker.type == Marker.TEXT_VIEW_FACING and not marker.text.strip():
+        return "its text is empty"
+    if marker.type == Marker.MESH_RESOURCE:
+        scheme, _, place = marker.mesh_resource.partition("://")
+        if scheme not in ("package", "file", "http", "https") or not place:
+            return "its mesh_resource is no address"
+        if scheme == "file" and not is_regular(Path(place)):
+            return "its mesh does not exist"
     return ""
