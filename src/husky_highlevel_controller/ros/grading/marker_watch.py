@@ -74,9 +74,7 @@ class MarkerWatch:
     def _on_message(self, raw: Any, source: Tuple[str, Any]) -> None:
         topic, kind = source
         if len(raw._buff) > MAX_MESSAGE:
-            large = Marker(
-                ns=f"larger than {MAX_MESSAGE} bytes", action=Marker.ADD
-            )  # not seen
+            large = Marker(ns=f"larger than {MAX_MESSAGE} bytes", action=Marker.ADD)  # not seen
             self.add([large], topic)
             return
         message = kind().deserialize(raw._buff)
