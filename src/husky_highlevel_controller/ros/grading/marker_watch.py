@@ -68,7 +68,7 @@ class MarkerWatch:
         if kind in KINDS and topic not in self._topics:
             # raw messages: a large one is refused before it is taken apart
             self._topics[topic] = rospy.Subscriber(
-                topic, rospy.AnyMsg, self._on_message, (topic, KINDS[kind]), queue_size=100
+                topic, rospy.AnyMsg, self._on_message, (topic, KINDS[kind]), queue_size=100, tcp_nodelay=True
             )
 
     def _on_message(self, raw: Any, source: Tuple[str, Any]) -> None:

@@ -65,7 +65,7 @@ class Recorder:
         self._master = rosgraph.Master(rospy.get_name())
         self._ours = {*self._task.ours, "/rosout", rospy.get_name()}
         for topic in VELOCITY_TOPICS:
-            rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000)
+            rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000, tcp_nodelay=True)
         self._driver = ExerciseDriver(self._task.driver, self._task.scan_topic, self._ours)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
         rospy.set_param("~recording", True)
@@ -153,7 +153,9 @@ class Recorder:
             rospy.set_param("~joined", True)
             if not there:
                 self._driver.answer_scans()
-            rospy.Subscriber(self._task.scan_topic, LaserScan, self._on_scan, queue_size=1000)
+            rospy.Subscriber(
+                self._task.scan_topic, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True
+            )
 
     # ------------------------------------------------------------------------ the end
 
