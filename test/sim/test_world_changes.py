@@ -5,6 +5,7 @@ from math import hypot, inf, nan
 from pathlib import Path
 
 import numpy as np
+import pybullet
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -186,6 +187,15 @@ def test_it_does_not_start_inside_something():
         Simulation(World("w", (GROUND, body("post", Cylinder(0.2, 1.0), z=0.5))), HUSKY, EXACT, Pose2D(), 0)
 
 
+def test_a_refused_start_frees_the_engine():
+    """It holds 35 MB; a sweep over starts would run out of memory."""
+    world = World("w", (GROUND, body("post", Cylinder(0.2, 1.0), z=0.5)))
+    before = [client for client in range(64) if pybullet.isConnected(client)]
+    with pytest.raises(PlacementError):
+        Simulation(world, HUSKY, EXACT, Pose2D(), 0)
+    assert [client for client in range(64) if pybullet.isConnected(client)] == before
+
+
 def test_everything_goes_back_to_where_it_was_put(simulate):
     simulation = simulate(body("box", Box((0.4, 0.4, 1.0)), x=1.5, z=0.5, mass=5.0))
     simulation.spawn([body("ball", Sphere(0.1), x=-2.0, z=0.1, mass=0.1)])
@@ -215,6 +225,7 @@ REQUESTS = st.one_of(
     st.tuples(st.just("move"), st.tuples(NAMES, PLACES)),
     st.tuples(st.just("delete"), NAMES),
     st.tuples(st.just("reset_poses"), st.none()),
+    st.tuples(st.just("reset"), st.sampled_from([-1, 5])),
     st.tuples(st.just("command"), st.sampled_from([Twist2D(nan, 0.0), Twist2D(0.0, inf), Twist2D(0.5, 0.2)])),
 )
 
@@ -230,7 +241,7 @@ def grant(simulation, name, argument):
         getattr(simulation, name)(argument)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(derandomize=True, max_examples=40, deadline=None)
 @given(st.lists(REQUESTS, min_size=1, max_size=6))
 def test_a_refused_request_changes_nothing_and_a_granted_one_all(requests):
     """Beside a twin that gets the granted requests alone, every later state is the same to the last bit."""
@@ -249,7 +260,7 @@ def test_a_refused_request_changes_nothing_and_a_granted_one_all(requests):
         for name, argument in requests:
             try:
                 grant(asked, name, argument)
-            except HuskyError:
+            except (HuskyError, ValueError):
                 pass
             else:
                 grant(twin, name, argument)
