@@ -9,8 +9,9 @@ import pytest
 from network import PACKAGE
 from test_rviz import Screen
 
-from husky_highlevel_controller.grading.drive.run import Submission, plan
+from husky_highlevel_controller.grading.drive.plan import Submission, plan
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+from husky_highlevel_controller.grading.records import Launchable
 from husky_highlevel_controller.paths import share_folder
 
 COMMAND = (sys.executable, str(share_folder() / "tools" / "launch.py"))
@@ -123,10 +124,10 @@ def test_a_launch_file_with_an_rviz_of_its_own_opens_that_one(launch, ros, tmp_p
     launched.says("process[rviz-")
     assert "husky_rviz" not in launched.output
     submission = Submission(
-        ("--launch", PACKAGE, str(file)), Workspace(packages=(file.parent,), own_modules=False)
+        Launchable("launch", PACKAGE, str(file)), Workspace(packages=(file.parent,), own_modules=False)
     )
     marked = plan(submission, tmp_path / "plan")
-    assert [node["name"] for node in marked.rviz] == ["rviz"]
+    assert [node.name for node in marked.rviz] == ["rviz"]
 
 
 @pytest.mark.parametrize(

@@ -154,12 +154,14 @@ def test_no_type_is_built_by_what_python_3_8_cannot_subscript(name):
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)
 def test_scripts_only_call_a_main_and_do_not_shadow_the_package(path):
-    assert len(path.read_text().splitlines()) <= 11
+    by_path = path.name in ("other_simulator", "robot_description")  # a hand-in does not see our modules
+    assert len(path.read_text().splitlines()) <= (11 if by_path else 8)
     assert path.read_text().startswith("#!/usr/bin/env python3\n")
     assert path.name != PACKAGE
     assert path.suffix == ""
     assert f"scripts/{path.name}\n" in (ROOT / "CMakeLists.txt").read_text()  # or rosrun finds nothing
-    (imported,) = [name for name in imports(path) if name not in ("signal", "sys")]  # set before the imports
+    before = {"signal", "sys"} if by_path else {"signal"}  # set before the imports
+    (imported,) = imports(path) - before
     module, _, function = imported[len(PACKAGE) + 1 :].rpartition(".")
     assert function == "main"
     assert module.replace(".", "/") in SOURCES
