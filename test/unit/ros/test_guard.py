@@ -1,4 +1,4 @@
-"""The guards trust only fresh odometry, and repeat a stop until it is answered, with zero meanwhile."""
+"""The guards judge the newest odometry and scan, and repeat a stop until it is answered."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ import pytest
 
 pytest.importorskip("rospy")
 
+import rospy
 from nav_msgs.msg import Odometry
 
+from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.datatypes import Twist2D
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.safety import stop_request
-from husky_highlevel_controller.ros.safety.guard import Guard
+from husky_highlevel_controller.ros.safety import proximity_stop, stop_request
+from husky_highlevel_controller.ros.safety.guard import Guard, ServiceConfig
 from husky_highlevel_controller.ros.safety.stop_request import StopRequest
 
 DEADLINE = 20.0  # [s]
@@ -33,6 +35,22 @@ def test_a_velocity_older_than_half_a_second_is_unknown(age, fresh):
     assert guard.twist(10.0) is None
     guard.on_odometry(odometry(10.0, Twist2D(0.5, 0.1)))
     assert guard.twist(10.0 + age) == (Twist2D(0.5, 0.1) if fresh else None)
+
+
+def test_only_the_newest_odometry_and_scan_are_judged(monkeypatch):
+    """A queue would let a guard that is late stop the robot for where it was."""
+    queues = {}
+
+    def subscribe(topic, _kind, _callback, queue_size, **_how):
+        queues[topic] = queue_size
+
+    monkeypatch.setattr(rospy, "Subscriber", subscribe)
+    monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
+    monkeypatch.setattr(rospy, "get_param", lambda *_: {**vars(ServiceConfig()), **vars(ProximityConfig())})
+    monkeypatch.setattr(proximity_stop.tf2_ros, "Buffer", object)
+    monkeypatch.setattr(proximity_stop.tf2_ros, "TransformListener", lambda _: None)
+    proximity_stop.ProximityStopNode()
+    assert queues == {"odometry/filtered": 1, "front/scan": 1}
 
 
 def test_one_danger_is_one_request():

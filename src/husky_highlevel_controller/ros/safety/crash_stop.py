@@ -6,7 +6,6 @@ import threading
 
 import rospy
 import tf2_ros
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 
 from husky_highlevel_controller.config import read_config
@@ -32,9 +31,7 @@ class CrashStopNode:
         self._listener = tf2_ros.TransformListener(self._transforms)
         self._stop = StopService(service, robot)
         self._guard = Guard(self._stop.request, self._on_odometry)
-        rospy.Subscriber(
-            robot.topics.odometry, Odometry, self._guard.on_odometry, queue_size=1, tcp_nodelay=True
-        )
+        self._guard.follow(robot.topics.odometry)
         # queued, because every sample counts: velocities are sums
         rospy.Subscriber(robot.topics.imu, Imu, self._on_imu, queue_size=100, tcp_nodelay=True)
 

@@ -55,6 +55,10 @@ class Guard:
         self._odometry: Optional[Odometry] = None
         self._pass_on = on_odometry
 
+    def follow(self, topic: str) -> None:
+        """Subscribe to odometry; a queue would let a late guard judge where the robot was."""
+        rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=1, tcp_nodelay=True)
+
     def on_odometry(self, msg: Odometry) -> None:
         """Take the robot's measured velocity."""
         self._odometry = msg

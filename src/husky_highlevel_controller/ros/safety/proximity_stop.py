@@ -7,7 +7,6 @@ from typing import Optional
 
 import rospy
 import tf2_ros
-from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from husky_highlevel_controller.config import read_config
@@ -50,9 +49,7 @@ class ProximityStopNode:
         self._stop = StopService(service, self._robot)
         self._guard = Guard(self._stop.request)
         self._blindness = Blindness()
-        rospy.Subscriber(
-            self._robot.topics.odometry, Odometry, self._guard.on_odometry, queue_size=1, tcp_nodelay=True
-        )
+        self._guard.follow(self._robot.topics.odometry)
         rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
 
     def run(self) -> None:
