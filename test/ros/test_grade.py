@@ -3,6 +3,8 @@
 import csv
 import json
 import os
+import re
+import shutil
 import signal
 import socket
 import subprocess
@@ -21,6 +23,7 @@ from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading import mark as mark_module
 from husky_highlevel_controller.grading.drive.plan import Submission, plan
 from husky_highlevel_controller.grading.drive.trials import Trial
+from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.process import with_variable
 from husky_highlevel_controller.grading.isolation.sandbox import BUBBLEWRAP, kind_of_sandbox
 from husky_highlevel_controller.grading.records import Job, Launchable, MarkingConfig
@@ -224,22 +227,31 @@ ATTACKS = {
     "blocks_readers": "for a person",
     "breaks_readers": "marked",
     "escapes": "for a person",
+    "escapes_too": "for a person",
     "hooks_the_setup": "for a person",
+    "links_out": "could not be marked: its build puts links in place of src or devel/setup.bash",
     "names_a_path": "could not be marked: no catkin package in it; package.xml: <name> is "
     "'/var/tmp/husky_named_a_path', which is not the name of a package",
 }  # fmt: skip
 
 
 def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
-    for name in ATTACKS:
+    for name in set(ATTACKS) - {"escapes_too"}:
         make_package(name, tmp_path / "class")
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "bashrc").write_text("mine")
+    (tmp_path / "class" / "links_out" / "target").write_text(str(tmp_path / "home"))
     with (tmp_path / "key").open("w") as key, socket.create_server(("127.0.0.1", 0)) as server:
         key.write("secret")
         outside = [Path("/var/tmp"), Path("/usr/local/bin"), tmp_path, tmp_path / "out"]
-        env = {
-            **os.environ, "ESCAPES_READS": key.name, "ESCAPES_WRITES": ":".join(map(str, outside)),
-            "ESCAPES_TO_PORT": str(server.getsockname()[1]), "ESCAPES_KILLS": str(os.getpid()),
+        places = {
+            "key": key.name, "folders": list(map(str, outside)), "port": server.getsockname()[1],
+            "pid": os.getpid(),
         }  # fmt: skip
+        escapes = tmp_path / "class" / "escapes"
+        (escapes / "scripts" / "places.json").write_text(json.dumps(places))
+        shutil.copytree(escapes, tmp_path / "class" / "escapes_too")
+        env = {**os.environ, "FAKE_TOKEN": "secret"}
         command = [
             "--all",
             tmp_path / "class",
@@ -260,13 +272,19 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
     with (tmp_path / "out" / "results.csv").open(newline="") as table:
         rows = {row["submission"]: row for row in csv.DictReader(table)}
     assert {name: row["state"] for name, row in rows.items()} == ATTACKS
-    assert {row["total"] for name, row in rows.items() if name != "names_a_path"} == {"0"}
+    assert {row["total"] for name, row in rows.items() if not row["state"].startswith("could")} == {"0"}
     notes = rows["breaks_readers"]["notes"]
     assert "launch-prefix 'xterm -e' of node controller is dropped" in notes
     assert "node breaks_readers/no_such_program cannot be started" in notes
-    said = (tmp_path / "out" / "hand_ins" / "escapes" / "drive_1" / "submission.log").read_text()
-    assert "all attempted" in said
+    logs = [tmp_path / "out" / "hand_ins" / name / "drive_1" / "submission.log" for name in ("escapes", "escapes_too")]
+    said = "".join(path.read_text() for path in logs)
+    assert said.count("all attempted") == 2
+    assert "escaped: token" not in said
+    if private_network.can_be_made():
+        assert len(set(re.findall(r"network: (\S+)", said))) == 2, "none finds the master of another"
     if kind_of_sandbox() == BUBBLEWRAP:
+        assert (tmp_path / "home" / "bashrc").read_text() == "mine"
+        assert [path.name for path in (tmp_path / "home").iterdir()] == ["bashrc"]
         # it may write into a /var/tmp of its own
         assert not [line for line in said.splitlines() if line.startswith("escaped") and "write" not in line]
         assert not [path for folder in outside for path in folder.glob("escaped")]

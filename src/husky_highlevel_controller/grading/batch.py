@@ -10,7 +10,6 @@ import hashlib
 import io
 import os
 import platform
-import shutil
 import sys
 import tarfile
 import tempfile
@@ -26,6 +25,7 @@ from husky_highlevel_controller.grading.hand_in.packages import HandIn, find_han
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_regular,
+    remove_tree,
     walk,
     write_whole,
 )
@@ -43,7 +43,7 @@ from husky_highlevel_controller.tasks.workers import Workers
 MARKING_DEADLINE = 4.0 * 3600.0  # [s] of wall time for one hand-in; every part of it has one of its own
 PROGRAM = "husky_highlevel_controller.grading.mark"
 MAX_FILE = 50_000_000  # [bytes] of a file that a cluster sends back
-NOT_RETURNED = ("unpacked", "ws")  # folders that are made of the hand-in
+NOT_RETURNED = ("unpacked", "ws", "stand_ins")  # folders that are made of the hand-in
 Files = Dict[str, bytes]  # content by place in the folder of results
 
 
@@ -214,7 +214,6 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
         path, out = content.unpack(folder / "hand_ins"), folder / "out" / job.name
         run(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
         found = [file for file in walk(out) if file.relative_to(out).parts[0] not in NOT_RETURNED]
-        found += [file for file in [out / "ws" / "build.log"] if file.is_file()]
         files: Files = {}
         for file in found:
             try:
@@ -231,7 +230,7 @@ def write_outputs(files: Files, job: Job) -> Result:
         HuskyError: there is no result among them.
     """
     out = Path(job.out)
-    shutil.rmtree(out, ignore_errors=True)
+    remove_tree(out)
     for place, content in sorted(files.items(), key=lambda file: file[0] == FINGERPRINT):
         path = out / place
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -6,7 +6,6 @@ files alone, so that a changed rubric, points by hand or a penalty need no drive
 
 from __future__ import annotations
 
-import shutil
 import signal
 import sys
 import traceback
@@ -31,7 +30,7 @@ from husky_highlevel_controller.grading.hand_in.overrides import with_override
 from husky_highlevel_controller.grading.hand_in.packages import NotMarkableError
 from husky_highlevel_controller.grading.hand_in.prepare import prepare
 from husky_highlevel_controller.grading.isolation import private_network
-from husky_highlevel_controller.grading.isolation.files import write_whole
+from husky_highlevel_controller.grading.isolation.files import remove_tree, write_whole
 from husky_highlevel_controller.grading.isolation.process import StoppedError, request_stop
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, kind_of_sandbox
 from husky_highlevel_controller.grading.record import write_record
@@ -55,6 +54,8 @@ OLD = (
     "plan",
     "rviz",
     "robot",
+    "stand_ins",
+    "build.log",
     EVIDENCE,
     FINGERPRINT,
     "result.json",
@@ -90,7 +91,7 @@ def mark(job: Job, shows_progress: bool = False) -> Result:
         out.mkdir(parents=True, exist_ok=True)
         for pattern in OLD:
             for path in out.glob(pattern):
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
+                remove_tree(path)
         _gather(job, out, shows_progress)
         result, kept = judge(job), True
     except StoppedError:

@@ -1,5 +1,6 @@
 """Hand-ins of a class: what is one, which packages and launch file it has, and what a teacher sets for it."""
 
+import gzip
 import io
 import os
 import pickle
@@ -222,6 +223,39 @@ def test_a_broken_archive_is_one_sentence(name, tmp_path):
     (tmp_path / "to").mkdir()
     with pytest.raises(ArchiveError, match=f"{name} (is broken|cannot be unpacked)"):
         unpack(tmp_path / name, tmp_path / "to", Allowance())
+
+
+FORMATS = {"zip": "zip", "tar.xz": "xztar", "tar.bz2": "bztar", "tar.gz": "gztar"}
+
+
+@pytest.mark.parametrize("ending", FORMATS)
+def test_a_damaged_archive_costs_itself_only(ending, tmp_path):
+    """Each module of Python's library has errors of its own, such as LZMAError and struct.error."""
+    made = Path(shutil.make_archive(str(tmp_path / "a"), FORMATS[ending], Path(__file__).parent))
+    whole, refused = made.read_bytes(), 0
+    for position in range(0, len(whole), max(len(whole) // 12, 1)):
+        made.write_bytes(whole[:position] + bytes(64) + whole[position + 64 :])
+        to = tmp_path / str(position)
+        to.mkdir()
+        try:
+            unpack(made, to, Allowance())
+        except ArchiveError as error:
+            assert str(error).startswith(made.name)
+            refused += 1
+    assert refused
+
+
+def test_a_header_of_gigabytes_is_not_read_into_memory(tmp_path):
+    bomb = tmp_path / "a.tar.gz"
+    header = tarfile.TarInfo("x")
+    header.type, header.size = tarfile.GNUTYPE_LONGNAME, 1_200_000_000
+    with gzip.open(bomb, "wb", compresslevel=1) as file:
+        file.write(header.tobuf(tarfile.GNU_FORMAT))
+        for _ in range(120):
+            file.write(bytes(10_000_000))
+    (tmp_path / "to").mkdir()
+    with pytest.raises(ArchiveError, match="a.tar.gz cannot be unpacked within 1 GB of memory"):
+        unpack(bomb, tmp_path / "to", Allowance())
 
 
 def test_suffixes_are_read_in_any_case():

@@ -7,15 +7,18 @@ import socket
 import subprocess
 import sys
 import time
+import types
+from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
 
-from husky_highlevel_controller.grading.isolation import limits, sandbox
+from husky_highlevel_controller.grading.isolation import limits, ros_network, sandbox
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_regular,
+    remove_tree,
     walk,
     write_whole,
 )
@@ -294,12 +297,85 @@ def test_many_files_count_together(tmp_path, monkeypatch):
     end_all([process])
 
 
+DEEP = """
+import os
+for _ in range(3000):
+    os.mkdir("d")
+    os.chdir("d")
+"""
+UNLINKED = """
+kept = []
+for n in range(10):
+    kept.append(open(str(n), "wb"))
+    os.unlink(str(n))
+    kept[-1].write(bytes(10_000_000))
+    kept[-1].flush()
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (DEEP, "its size cannot be watched: "),
+        (UNLINKED, "it wrote more than 0.05 GB of files"),
+        ("for n in range(300): os.mkdir(str(n))", "it made more than 200 files and folders"),
+    ],
+    ids=["deep", "unlinked", "many"],
+)
+def test_no_trick_keeps_files_from_being_counted(code, words, tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "DISK", 50_000_000)
+    monkeypatch.setattr(limits, "FILES", 200 if "range(300)" in code else 10_000)
+    process = run(tmp_path / "mine", f"import os, time\n{code}\ntime.sleep(1000)")
+    try:
+        assert wait(lambda: not process.running, 60.0)
+        assert process.problem.startswith(f"it was ended: {words}")
+    finally:
+        end_all([process])
+    remove_tree(tmp_path / "mine")
+    assert not (tmp_path / "mine").exists()
+
+
+def test_deep_folders_are_walked(tmp_path):
+    folder = tmp_path
+    for _ in range(1500):
+        folder = folder / "d"
+    subprocess.run(["mkdir", "-p", str(folder)], check=True)
+    (folder / "file").touch()
+    assert list(walk(tmp_path)) == [folder / "file"]
+
+
+# ---------------------------------------------------------------------------- environment and links
+
+
+def test_nothing_of_the_teachers_environment_but_what_ros_needs(tmp_path, monkeypatch):
+    monkeypatch.setenv("FAKE_TOKEN", "secret")
+    assert "FAKE_TOKEN" not in Workspace().env
+    network = types.SimpleNamespace(folder=tmp_path, processes=[], variables=dict)
+    network.folder_of = partial(ros_network.Network.folder_of, network)
+    process = ros_network.Network.start(network, "submission", ["env"], Workspace())
+    names = {line.partition("=")[0] for line in output_of(process).splitlines()}
+    assert "PATH" in names
+    assert names <= {
+        *sandbox.KEPT_VARIABLES, "HOME", "ROS_HOME", "ROS_LOG_DIR", "PWD", "OLDPWD", "SHLVL", "_",
+        "LD_PRELOAD", "_STDBUF_O",  # of stdbuf
+    }  # fmt: skip
+
+
+def test_a_log_replaces_a_link_instead_of_writing_through_it(tmp_path):
+    (tmp_path / "bashrc").write_text("mine")
+    (tmp_path / "log").symlink_to(tmp_path / "bashrc")
+    assert output_of(Process(["echo", "evil"], tmp_path / "log", dict(os.environ), tmp_path)) == "evil\n"
+    assert (tmp_path / "bashrc").read_text() == "mine"
+    assert (tmp_path / "log").read_text() == "evil\n"
+
+
 # ---------------------------------------------------------------------------- files that it left
 
 
 def test_a_fifo_or_a_device_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "fifo")
-    for path in (tmp_path / "fifo", Path("/dev/zero"), tmp_path, tmp_path / "none", Path("a\0b")):
+    (tmp_path / "link").symlink_to("/etc/passwd")
+    for path in (tmp_path / "fifo", tmp_path / "link", Path("/dev/zero"), tmp_path, tmp_path / "none", Path("a\0b")):
         with pytest.raises(UnreadableFileError):
             read_regular(path)
     (tmp_path / "large").write_bytes(bytes(11))

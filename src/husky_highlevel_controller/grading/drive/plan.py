@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.config import ConfigError, from_plain
-from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text
+from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, create, read_text
 from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Launchable
@@ -84,7 +84,7 @@ def plan(submission: Submission, folder: Path) -> Plan:
     """Read its launch file, or look its node up, without starting anything."""
     folder.mkdir(parents=True, exist_ok=True)
     events_file = folder / "plan.jsonl"
-    events_file.write_text("")
+    create(events_file).close()
     nowhere = "http://127.0.0.1:1"  # no master is needed to read a launch file
     env = {**submission.workspace.env, "ROS_MASTER_URI": nowhere, "PYTHONUNBUFFERED": "1"}
     env.update(ROS_LOG_DIR=str(folder / "log"), ROS_HOME=str(folder / "ros_home"), HOME=str(folder))

@@ -9,7 +9,12 @@ from typing import Tuple
 from husky_highlevel_controller.grading.drive.plan import Plan, Submission, starter
 from husky_highlevel_controller.grading.drive.progress import settles
 from husky_highlevel_controller.grading.drive.ros_graph import is_up, set_parameter, topics_subscribed
-from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text, walk
+from husky_highlevel_controller.grading.isolation.files import (
+    UnreadableFileError,
+    create,
+    read_text,
+    walk,
+)
 from husky_highlevel_controller.grading.isolation.ros_network import Network
 from husky_highlevel_controller.grading.records import ROBOT_VERSIONS
 
@@ -37,7 +42,7 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
     topics = {version: topic for version, (topic, _) in ROBOT_VERSIONS.items() if version != "smb"}
     with Network(folder) as network:
         events = network.folder_of("submission") / "events.jsonl"
-        events.write_text("")
+        create(events).close()
         set_parameter(network.uri, "/run_id", "robot")  # roslaunch waits for it
         process = network.start("submission", starter(events, "run", submission), submission.workspace)
 

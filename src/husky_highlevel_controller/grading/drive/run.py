@@ -33,7 +33,7 @@ from husky_highlevel_controller.grading.drive.recording import (
 )
 from husky_highlevel_controller.grading.drive.ros_graph import has_parameter, has_service, is_up, number
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
-from husky_highlevel_controller.grading.isolation.files import write_whole
+from husky_highlevel_controller.grading.isolation.files import create, write_whole
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
 from husky_highlevel_controller.grading.records import ROBOT_VERSIONS, MarkingConfig
@@ -112,7 +112,7 @@ def drive(
             "lockstep:=true", f"real_time_factor:={config.pace}", truth_socket=task.truth_socket,
         )  # fmt: skip
         events = network.folder_of("submission") / "events.jsonl"
-        events.write_text("")
+        create(events).close()
         submitted = network.start("submission", starter(events, "run", submission), submission.workspace)
         ours = (f"/{RECORDER}", *SIMULATOR_NODES)
         joined = settles(

@@ -24,6 +24,7 @@ from husky_highlevel_controller.grading.drive.run import simulate
 from husky_highlevel_controller.grading.drive.trials import rviz_world
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
+    is_below,
     is_regular,
     read_text,
     walk,
@@ -73,7 +74,7 @@ def find_setup(planned: Plan, root: Optional[Path] = None) -> Optional[Setup]:
     for node in planned.rviz[:1]:
         remaps = tuple(f"{old}:={new}" for old, new in node.remap)
         path = _display_config(node.args)
-        if path is not None and is_regular(path) and (root is None or root in path.resolve().parents):
+        if path is not None and is_regular(path) and (root is None or is_below(path, root)):
             return Setup(f"its rviz node, {path.name}", _read(path), remaps)
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []

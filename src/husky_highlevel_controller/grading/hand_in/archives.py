@@ -1,24 +1,31 @@
 """Unpacks zip and tar archives of hand-ins: nothing outside the folder, no links, no devices, bounded size.
 
-In: an archive and an empty folder. Out: files in the folder. Must not know: what the files are.
+A program of its own reads the archive, within limits of memory and time: modules of Python's library read
+headers whole, whatever size these claim to have.
 """
 
 from __future__ import annotations
 
+import json
+import resource
 import shutil
 import stat
+import subprocess
+import sys
 import tarfile
 import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO, Iterator, Optional, Tuple
 
 from husky_highlevel_controller.datatypes import HuskyError
 
+PROGRAM = "husky_highlevel_controller.grading.hand_in.archives"
+
 SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar")
 MAX_FILES, MAX_BYTES = 20_000, 500_000_000  # of all archives of one hand-in, unpacked
 CHUNK = 1 << 16  # [bytes]
+MEMORY, DEADLINE = 1_000_000_000, 120  # [bytes], [s] of CPU and wall time, of unpacking one archive
 _Member = Tuple[str, bool, bool, Optional[IO[bytes]]]  # name, executable, to be left out, content
 
 
@@ -53,6 +60,25 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
     Raises:
         ArchiveError: see there; the folder may then hold a part of it.
     """
+    command = [sys.executable, "-m", PROGRAM, *map(str, (archive, folder, allowance.files, allowance.size))]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
+        left_out, allowance.files, allowance.size, error = json.loads(done.stdout)
+    except subprocess.TimeoutExpired:
+        error = f"{archive.name} cannot be unpacked: no end after {DEADLINE} s"
+    except (ValueError, TypeError):  # it died
+        error = f"{archive.name} cannot be unpacked within {MEMORY / 1e9:g} GB of memory"
+    if error:
+        raise ArchiveError(error)
+    return int(left_out)
+
+
+def _unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
+    """Unpack in this program; how many links and special files were left out.
+
+    Raises:
+        ArchiveError: see there.
+    """
     left_out = 0
     members = _zip_members if suffix_of(archive.name) == ".zip" else _tar_members
     try:
@@ -65,11 +91,27 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
                     _copy(content, target, allowance, archive)
                     if executable:
                         target.chmod(0o755)
-    except (zipfile.BadZipFile, tarfile.TarError, EOFError, zlib.error, NotImplementedError) as error:
-        raise ArchiveError(f"{archive.name} is broken: {error}") from error
+    except ArchiveError:
+        raise
+    except MemoryError:
+        raise ArchiveError(f"{archive.name} cannot be unpacked within {MEMORY / 1e9:g} GB of memory") from None
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: a password is needed
         raise ArchiveError(f"{archive.name} cannot be unpacked: {error}") from error
+    except Exception as error:  # of zipfile, tarfile, zlib, lzma, bz2, struct
+        raise ArchiveError(f"{archive.name} is broken: {error or type(error).__name__}") from error
     return left_out
+
+
+def main(archive: str, folder: str, files: str, size: str) -> None:
+    """Unpack, and print [number left out, files and bytes still allowed, error or empty] as JSON."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CPU, (DEADLINE, DEADLINE))
+    allowance, left_out, words = Allowance(int(files), int(size)), 0, ""
+    try:
+        left_out = _unpack(Path(archive), Path(folder), allowance)
+    except ArchiveError as error:
+        words = str(error)
+    print(json.dumps([left_out, allowance.files, allowance.size, words]))
 
 
 def _inside(name: str, archive: Path) -> PurePosixPath:
@@ -121,3 +163,7 @@ def free_space_error(folder: Path, needed: int) -> str:
     """A sentence if the file system of a folder has less than `needed` bytes left; else empty."""
     left = shutil.disk_usage(folder).free
     return "" if left >= needed else f"only {left / 1e6:.0f} MB are free in {folder}"
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

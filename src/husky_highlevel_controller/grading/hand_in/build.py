@@ -15,10 +15,12 @@ from xml.sax.saxutils import escape
 
 from catkin_pkg.package import parse_package
 
-from husky_highlevel_controller.grading.hand_in.packages import BUILT, Package
+from husky_highlevel_controller.grading.hand_in.packages import BUILT, NotMarkableError, Package
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
+    is_below,
     read_text,
+    remove_tree,
     walk,
     write_whole,
 )
@@ -102,12 +104,17 @@ class Folders:
     @property
     def stand_ins(self) -> Path:
         """Empty CMake packages, for those that are not installed."""
-        return self.root / "stand_ins"
+        return self.root.with_name("stand_ins") / "prefix"  # where the build cannot write
+
+    @property
+    def log(self) -> Path:
+        """Output of the build."""
+        return self.root.with_name("build.log")  # where the build cannot write
 
 
 def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, List[str]]:
     """Copy packages into a new workspace, without links, special files and what was built; and notes."""
-    shutil.rmtree(root, ignore_errors=True)
+    remove_tree(root)
     notes: List[str] = []
     copies: Dict[str, Path] = {}
     for package in packages:
@@ -221,6 +228,9 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         folders: copies of all packages of the hand-in.
         needed: names of those to build.
         underlay: what the workspace is built on.
+
+    Raises:
+        NotMarkableError: its build leads out of the workspace.
     """
     notes: List[str] = []
     missing = missing_packages(folders, set(needed), underlay.env)
@@ -248,8 +258,11 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         notes.append(f"it does not build within {BUILD_DEADLINE:g} s")
     elif code:
         notes.append(f"it does not build: {build_error(output, folders.root)}")
-    setups = (*underlay.setups, *[folders.setup] * folders.setup.is_file())
-    workspace = Workspace(underlay.env, setups, (folders.root / "src",), underlay.hidden, own_modules=False)
+    places = [folders.root / "src", *[folders.setup] * folders.setup.exists()]
+    if not all(is_below(place, folders.root) for place in places):  # the sandbox would show its target
+        raise NotMarkableError("its build puts links in place of src or devel/setup.bash")
+    setups = (*underlay.setups, *places[1:])
+    workspace = Workspace(underlay.env, setups, (places[0],), underlay.hidden, own_modules=False)
     return Build(workspace, tuple(notes), not code and code is not None)
 
 
@@ -273,7 +286,7 @@ def _catkin_make(
         "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
         f"-DCMAKE_CXX_FLAGS={flags}", "--make-args", "-k",
     ]  # fmt: skip
-    process = Process(command, folders.root / "build.log", env, folders.root, underlay)
+    process = Process(command, folders.log, env, folders.root, underlay)
     try:
         in_time = wait(lambda: not process.running, BUILD_DEADLINE, 0.2)
     finally:

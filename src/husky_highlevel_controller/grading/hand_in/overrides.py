@@ -30,7 +30,7 @@ def read_overrides(folder: Path, students: Sequence[str]) -> Dict[str, Override]
     if not path.exists():
         return {}
     try:
-        content = yaml.safe_load(read_text(path)) or {}
+        content = yaml.safe_load(read_text(path.resolve())) or {}
     except (UnreadableFileError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise ConfigError(f"{path}: {' '.join(str(error).split())}") from error
     overrides = from_plain(_MarkingFile, content, f"{path}: ").students

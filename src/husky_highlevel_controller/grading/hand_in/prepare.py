@@ -24,7 +24,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     open_hand_in,
     with_dependencies,
 )
-from husky_highlevel_controller.grading.isolation.files import walk
+from husky_highlevel_controller.grading.isolation.files import remove_tree, walk
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Launchable, Override
 
@@ -45,7 +45,7 @@ def prepare(
         NotMarkableError: there is nothing in it that could be started.
     """
     unpacked = out / "unpacked"
-    shutil.rmtree(unpacked, ignore_errors=True)
+    remove_tree(unpacked)
     unpacked.mkdir()
     contents = open_hand_in(HandIn(out.name, path), unpacked)
     exercise = override.exercise or exercise

@@ -5,10 +5,12 @@ In: paths. Out: bytes, or an error that names the file. Must not know: what is i
 
 from __future__ import annotations
 
+import itertools
 import os
 import stat
+import subprocess
 from pathlib import Path
-from typing import Iterator
+from typing import BinaryIO, Iterator
 
 from husky_highlevel_controller.datatypes import HuskyError
 
@@ -21,13 +23,13 @@ class UnreadableFileError(HuskyError):
 
 
 def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
-    """Content of a regular file; a FIFO or device is refused, not waited for.
+    """Content of a regular file; a link, FIFO or device is refused, neither followed nor waited for.
 
     Raises:
         UnreadableFileError: it cannot be read, is no regular file, or has more than `max_size` bytes.
     """
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC | os.O_NOFOLLOW)
         with open(descriptor, "rb") as file:
             status = os.fstat(descriptor)
             if not stat.S_ISREG(status.st_mode):
@@ -57,6 +59,22 @@ def read_text(path: Path, max_size: int = MAX_SIZE) -> str:
     return read_regular(path, max_size).decode(errors="replace")
 
 
+def create(path: Path) -> BinaryIO:
+    """Open a new file for writing, in place of whatever had its name: links are removed, not followed.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    path.unlink(missing_ok=True)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+    return open(os.open(path, flags, 0o644), "wb", buffering=0)
+
+
+def is_below(path: Path, root: Path) -> bool:
+    """Whether a path leads to a place below a folder, and not by a link out of it."""
+    return root.resolve() in path.resolve().parents
+
+
 def write_whole(path: Path, content: str) -> None:
     """Write a file completely or not at all: a full disk leaves no half of it.
 
@@ -81,12 +99,21 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
         UnreadableFileError: there are more than MAX_ENTRIES.
     """
     seen = 0
-    for place, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if name not in skipped)
-        seen += len(folders) + len(names)
+    waiting = [str(folder)]
+    while waiting:
+        try:
+            with os.scandir(waiting.pop()) as entries:
+                found = sorted(itertools.islice(entries, MAX_ENTRIES + 1), key=lambda entry: entry.name)
+        except OSError:  # it is gone, hides its content, or its path is longer than the kernel takes
+            continue
+        seen += len(found)
         if seen > MAX_ENTRIES:
             raise UnreadableFileError(f"{folder}: more than {MAX_ENTRIES} files and folders")
-        for name in sorted(names):
-            path = Path(place, name)
-            if stat.S_ISREG(os.lstat(path).st_mode):
-                yield path
+        yield from (Path(entry.path) for entry in found if entry.is_file(follow_symlinks=False))
+        inner = [e.path for e in found if e.is_dir(follow_symlinks=False) and e.name not in skipped]
+        waiting += reversed(inner)
+
+
+def remove_tree(folder: Path) -> None:
+    """Remove a folder, however deep it is, where it exists; links are not followed."""
+    subprocess.run(["rm", "-rf", "--", str(folder)], check=False, capture_output=True)

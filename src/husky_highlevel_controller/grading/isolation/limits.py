@@ -1,7 +1,5 @@
 """Limits of memory and disk of untrusted programs: sizes of their processes and folders are watched.
 
-In: a process and folders. Out: the program is ended, and why. Must not know: what the program is.
-
 rlimits do not do it: RLIMIT_DATA counts no shared mappings, RLIMIT_FSIZE no number of files.
 """
 
@@ -9,15 +7,18 @@ from __future__ import annotations
 
 import contextlib
 import os
+import stat
 import threading
 from pathlib import Path
-from typing import Callable, Optional, Sequence
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import psutil
 
 MEMORY = 6_000_000_000  # [bytes] of all processes of a program together
 DISK = 3_000_000_000  # [bytes] of all files in its folders
 MEMORY_POLL_PERIOD = 0.25  # [s]
+FILES = 200_000  # files and folders in its folders
+BLOCK = 512  # [bytes] of st_blocks, stat(2)
 DISK_POLLS = 8  # memory polls for each look at the folders
 
 
@@ -36,33 +37,42 @@ class SizeWatch:
 
     def _run(self) -> None:
         try:
-            root = psutil.Process(self._pid)
-        except psutil.Error:
-            return
+            self.problem = self._watch()
+        except Exception as error:  # a program that cannot be watched does not go on
+            self.problem = f"it was ended: its size cannot be watched: {error}"
+        if self.problem:
+            self._end_program()
+
+    def _watch(self) -> str:
+        """Why it must be ended; empty: it has ended."""
         polls = 0
         while not self._done.wait(MEMORY_POLL_PERIOD):
             polls += 1
-            memory = memory_of(root)
-            if memory is None:
-                return
-            disk = sum(map(disk_usage, self._folders)) if polls % DISK_POLLS == 0 else 0
-            if memory > MEMORY:
-                self.problem = f"it was ended: it used more than {MEMORY / 1e9:g} GB of memory"
-            elif disk > DISK:
-                self.problem = f"it was ended: it wrote more than {DISK / 1e9:g} GB of files"
-            if self.problem:
-                self._end_program()
-                return
+            processes = processes_below(self._pid)
+            if processes is None:
+                break
+            if memory_of(processes) > MEMORY:
+                return f"it was ended: it used more than {MEMORY / 1e9:g} GB of memory"
+            if polls % DISK_POLLS == 0:
+                size, files = disk_usage(self._folders)
+                if size + deleted_files(processes) > DISK:
+                    return f"it was ended: it wrote more than {DISK / 1e9:g} GB of files"
+                if files > FILES:
+                    return f"it was ended: it made more than {FILES} files and folders"
+        return ""
 
 
-def memory_of(root: psutil.Process) -> Optional[int]:
-    """Memory of a process and all below it, shared pages once [bytes]; None: it has ended."""
+def processes_below(pid: int) -> Optional[List[psutil.Process]]:
+    """Processes below one; None: it has ended."""
     try:
-        if root.status() == psutil.STATUS_ZOMBIE:
-            return None
-        processes = root.children(recursive=True)
+        root = psutil.Process(pid)
+        return None if root.status() == psutil.STATUS_ZOMBIE else root.children(recursive=True)
     except psutil.Error:
         return None
+
+
+def memory_of(processes: Sequence[psutil.Process]) -> int:
+    """Memory of processes together, shared pages once [bytes]."""
     resident = 0
     for process in processes:
         with contextlib.suppress(psutil.Error):
@@ -76,11 +86,39 @@ def memory_of(root: psutil.Process) -> Optional[int]:
     return proportional
 
 
-def disk_usage(folder: Path) -> int:
-    """Blocks that the files of a folder take, links not followed [bytes]."""
-    size = 0
-    for place, _, names in os.walk(folder):
-        for name in names:
-            with contextlib.suppress(OSError):
-                size += 512 * os.lstat(os.path.join(place, name)).st_blocks
-    return size
+def disk_usage(folders: Sequence[Path]) -> Tuple[int, int]:
+    """Blocks of the files below folders [bytes], and the number of files and folders; no link is followed.
+
+    It ends with the first entry beyond FILES.
+
+    Raises:
+        OSError: a folder hides its content, or its path is longer than the kernel takes.
+    """
+    size = count = 0
+    waiting = [str(folder) for folder in folders]
+    while waiting and count <= FILES:
+        try:
+            with os.scandir(waiting.pop()) as entries:
+                for entry in entries:
+                    count += 1
+                    if entry.is_dir(follow_symlinks=False):
+                        waiting.append(entry.path)
+                    else:
+                        with contextlib.suppress(FileNotFoundError):
+                            size += BLOCK * entry.stat(follow_symlinks=False).st_blocks
+        except FileNotFoundError:  # it is gone
+            continue
+    return size, count
+
+
+def deleted_files(processes: Sequence[psutil.Process]) -> int:
+    """Blocks of files that have no name any more and are held open [bytes]."""
+    sizes = {}
+    for process in processes:
+        with contextlib.suppress(OSError):
+            for entry in os.scandir(f"/proc/{process.pid}/fd"):
+                with contextlib.suppress(OSError):
+                    status = os.stat(entry.path)
+                    if stat.S_ISREG(status.st_mode) and not status.st_nlink:
+                        sizes[status.st_dev, status.st_ino] = BLOCK * status.st_blocks
+    return sum(sizes.values())

@@ -1,7 +1,4 @@
-"""Network namespace for the whole of marking: loopback only, so that no submission reaches another machine.
-
-In: the command line that marking was started with. Out: the same program again, inside. Must not know: ROS.
-"""
+"""Network namespace of one marking: loopback only, so that no submission reaches another or another machine."""
 
 from __future__ import annotations
 
@@ -36,6 +33,11 @@ def is_private() -> bool:
     return bool(os.environ.get(MARK))
 
 
+def can_be_made() -> bool:
+    """Whether this machine lets us make one."""
+    return bool(_namespace_command())
+
+
 def _namespace_command() -> Optional[List[str]]:
     program = shutil.which("unshare")
     for flags in (["--user", "--map-root-user", "--net", "--"], ["--net", "--"]):
@@ -46,10 +48,10 @@ def _namespace_command() -> Optional[List[str]]:
 
 def _works(command: List[str]) -> bool:
     try:
-        asked = subprocess.run([*command, "true"], capture_output=True, timeout=PROBE_DEADLINE, check=False)
+        done = subprocess.run([*command, "true"], capture_output=True, timeout=PROBE_DEADLINE, check=False)
     except (OSError, subprocess.TimeoutExpired):
         return False
-    return asked.returncode == 0
+    return done.returncode == 0
 
 
 def _bring_loopback_up() -> None:

@@ -18,6 +18,7 @@ from typing import Callable, Dict, List, Optional, Sequence
 import psutil
 
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.isolation.files import create
 from husky_highlevel_controller.grading.isolation.limits import SizeWatch
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, sandboxed
 
@@ -54,6 +55,9 @@ class Process:
             writable: further folders that an untrusted program may write.
         """
         self.log = log
+        self._file = None
+        with contextlib.suppress(OSError):  # a full disk costs the log, not the drive
+            self._file = create(log)  # before the program can lay a link there
         self._watch: Optional[SizeWatch] = None
         if workspace is not None:
             command = sandboxed(workspace, command, [folder, *writable], env)
@@ -74,9 +78,7 @@ class Process:
 
     def _read(self) -> None:
         assert self.popen.stdout is not None
-        file = None
-        with contextlib.suppress(OSError):  # a full disk costs the log, not the drive
-            file = self.log.open("wb", buffering=0)
+        file = self._file
         with self.popen.stdout as pipe:
             descriptor = pipe.fileno()
             while True:
@@ -130,7 +132,7 @@ class Process:
             os.killpg(self.popen.pid, signal.SIGKILL)
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.popen.wait(END_DEADLINE)
-        self._pump.join(END_DEADLINE)  # it may be about to open the log, in a folder that the caller removes
+        self._pump.join(END_DEADLINE)
 
 
 def _write(file: Optional[object], content: bytes) -> None:

@@ -29,6 +29,12 @@ THREADS = 1000  # processes and threads, where they are counted for a namespace 
 PROBE_DEADLINE = 10.0  # [s] of wall time
 SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "ROS_PACKAGE_PATH")
 HIDDEN = ("/home", "/root", "/tmp", "/var/tmp", "/run", "/mnt", "/media", "/srv")
+# of marking's environment; tokens and the like stay out
+KEPT_VARIABLES = (
+    *SEARCH_PATHS, "PKG_CONFIG_PATH", "LANG", "LC_ALL", "TZ", "ROSLISP_PACKAGE_DIRECTORIES",
+    "ROS_DISTRO", "ROS_ETC_DIR", "ROS_PYTHON_VERSION", "ROS_ROOT", "ROS_VERSION", "PYTHONNOUSERSITE",
+    "PYTHONDONTWRITEBYTECODE", "OPENBLAS_NUM_THREADS",
+)  # fmt: skip
 DISPLAYS = Path("/tmp/.X11-unix")
 
 # without --cap-drop, bubblewrap called by uid 0 (marking's private network makes it that) leaves all
@@ -48,11 +54,16 @@ _HIDE = (
 _PACKAGES = 'export ROS_PACKAGE_PATH="$MARKING_PACKAGES${MARKING_PACKAGES:+:}$ROS_PACKAGE_PATH"; exec "$@"'
 
 
+def clean_environment() -> Dict[str, str]:
+    """Variables of an untrusted program: search paths, ROS, language, and no other of marking's own."""
+    return {name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}
+
+
 @dataclass(frozen=True)
 class Workspace:
-    """What an untrusted program runs in: its environment before, and the setup files it sources itself."""
+    """Environment of an untrusted program: variables, setup files it sources itself, what it may see."""
 
-    env: Dict[str, str] = field(default_factory=lambda: dict(os.environ))
+    env: Dict[str, str] = field(default_factory=clean_environment)
     setups: Tuple[Path, ...] = ()  # setup.bash files, sourced in the sandbox, in this order
     packages: Tuple[Path, ...] = ()  # folders of packages that are found without being built
     hidden: Tuple[Path, ...] = ()  # folders whose content it must not see: other hand-ins and their results
