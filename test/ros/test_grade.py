@@ -51,6 +51,7 @@ DESERVED = {
         (0, 0, None, 0, 0),
         ["the robot never moves: nothing came on cmd_vel", "does not answer every scan"],
     ),
+    "never_advertises": ((0, 0, None, 0, 0), ["the robot never moves: it advertises no cmd_vel"]),
     "floods": ((20, 30, None, 0, 0), ["it floods cmd_vel: "]),
     "drives_away": ((0, 0, None, 0, 0), ["drives away: "]),
     "spins": ((0, 0, None, 0, 0), ["turns round "]),
@@ -276,7 +277,10 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
     notes = rows["breaks_readers"]["notes"]
     assert "launch-prefix 'xterm -e' of node controller is dropped" in notes
     assert "node breaks_readers/no_such_program cannot be started" in notes
-    logs = [tmp_path / "out" / "hand_ins" / name / "drive_1" / "submission.log" for name in ("escapes", "escapes_too")]
+    logs = [
+        tmp_path / "out" / "hand_ins" / name / "drive_1" / "submission.log"
+        for name in ("escapes", "escapes_too")
+    ]
     said = "".join(path.read_text() for path in logs)
     assert said.count("all attempted") == 2
     assert "escaped: token" not in said

@@ -375,7 +375,14 @@ def test_a_log_replaces_a_link_instead_of_writing_through_it(tmp_path):
 def test_a_fifo_or_a_device_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "link").symlink_to("/etc/passwd")
-    for path in (tmp_path / "fifo", tmp_path / "link", Path("/dev/zero"), tmp_path, tmp_path / "none", Path("a\0b")):
+    for path in (
+        tmp_path / "fifo",
+        tmp_path / "link",
+        Path("/dev/zero"),
+        tmp_path,
+        tmp_path / "none",
+        Path("a\0b"),
+    ):
         with pytest.raises(UnreadableFileError):
             read_regular(path)
     (tmp_path / "large").write_bytes(bytes(11))

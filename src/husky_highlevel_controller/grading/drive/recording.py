@@ -99,6 +99,7 @@ class Recording:
     topic_parameters: Tuple[str, ...] = ()  # private parameters whose value is the scans' topic
     queue_parameters: Tuple[str, ...] = ()  # private whole numbers that are called ...queue...
     subscribed: bool = False  # the submission listens to the scans
+    advertised: bool = True  # the submission has a publisher on a topic of velocity commands
     silent_topics: Tuple[str, ...] = ()  # that the submission subscribes to and nothing publishes
     unread_topics: Tuple[str, ...] = ()  # geometry_msgs/Twist that it publishes and nothing subscribes to
     violations: Tuple[str, ...] = ()  # that end the claim to points, in sentences

@@ -37,9 +37,7 @@ def subscriptions(uri: str, node: str) -> Tuple[str, ...]:
 def is_up(uri: str, ours: Sequence[str]) -> bool:
     """Whether a node that is not ours subscribes to a topic other than the clock."""
     state = _ask(uri, "getSystemState")
-    return bool(state) and any(
-        topic not in EVERY_NODE_HAS and set(nodes) - set(ours) for topic, nodes in state[1]
-    )
+    return bool(state) and listens(dict(state[1]), set(ours))
 
 
 def set_parameter(uri: str, name: str, value: Any) -> None:
@@ -61,6 +59,11 @@ def _ask(uri: str, method: str, *arguments: Any) -> Any:
     except (OSError, XmlRpcError, ValueError):
         return None
     return value if code == 1 else None
+
+
+def listens(subscribers: Nodes, ours: Set[str]) -> bool:
+    """Whether the submission subscribes to a topic that not every node has."""
+    return any(set(nodes) - ours for topic, nodes in subscribers.items() if topic not in EVERY_NODE_HAS)
 
 
 def silent_topics(publishers: Nodes, subscribers: Nodes, ours: Set[str]) -> List[str]:

@@ -94,7 +94,9 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
     except ArchiveError:
         raise
     except MemoryError:
-        raise ArchiveError(f"{archive.name} cannot be unpacked within {MEMORY / 1e9:g} GB of memory") from None
+        raise ArchiveError(
+            f"{archive.name} cannot be unpacked within {MEMORY / 1e9:g} GB of memory"
+        ) from None
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: a password is needed
         raise ArchiveError(f"{archive.name} cannot be unpacked: {error}") from error
     except Exception as error:  # of zipfile, tarfile, zlib, lzma, bz2, struct

@@ -156,6 +156,8 @@ def first_cause(recording: Recording) -> str:
             f"it sends its commands to {unread}, which has no subscriber"
             if unread
             else "nothing came on cmd_vel"
+            if recording.advertised
+            else "it advertises no cmd_vel"
         )
     if recording.zero_count == recording.command_count:
         return f"all {recording.command_count} commands were zero"

@@ -24,7 +24,12 @@ from husky_highlevel_controller.grading.drive.recording import (
     pose_jumps,
     to_json,
 )
-from husky_highlevel_controller.grading.drive.ros_graph import forged_topics, silent_topics, unread_topics
+from husky_highlevel_controller.grading.drive.ros_graph import (
+    forged_topics,
+    listens,
+    silent_topics,
+    unread_topics,
+)
 from husky_highlevel_controller.grading.drive.truth_feed import TruthFeed, TruthRow
 from husky_highlevel_controller.grading.records import load
 from husky_highlevel_controller.robot import ROBOTS, load_robot
@@ -36,6 +41,7 @@ from husky_highlevel_controller.ros.node import run_node
 LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
 # to the robot's mux, or past it
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
+SILENT = 3.0  # [s], simulated: a submission that listens, but advertises no command by then, sends none
 MAX_VIOLATIONS = 5  # that are named
 
 
@@ -52,7 +58,7 @@ class Recorder:
         self._command_count = self._zero_count = 0
         self._nearest: List[Tuple[float, float]] = []
         self._watch = MarkerWatch(lambda: self._now)
-        self._subscribed = self._joined = self._written = False
+        self._subscribed = self._listens = self._advertises = self._joined = self._written = False
         self._types: Dict[str, str] = {}  # of topics
         self._silent: List[str] = []
         self._unread: List[str] = []
@@ -142,12 +148,15 @@ class Recorder:
         for topic, node in forged_topics(publishers, guarded, self._ours):
             self._violate(f"node {node} publishes on {topic}, as the simulator does")
         self._driver.look(services)
+        self._listens = self._listens or listens(subscribers, self._ours)
         topics = map(rospy.resolve_name, VELOCITY_TOPICS)
-        self._join(any(set(publishers.get(topic, ())) - self._ours for topic in topics))
+        sends = any(set(publishers.get(topic, ())) - self._ours for topic in topics)
+        self._advertises = self._advertises or sends
+        self._join()
 
-    def _join(self, sends: bool) -> None:
+    def _join(self) -> None:
         """Take part only after the submission, for which lockstep waits, or in its place."""
-        there = self._subscribed and (sends or self._task.driver == FORWARD)
+        there = self._subscribed and (self._advertises or self._task.driver == FORWARD)
         if not self._joined and (there or self._go_on.is_set()):
             self._joined = True
             rospy.set_param("~joined", True)
@@ -162,7 +171,11 @@ class Recorder:
     def _over(self) -> str:
         if self._now >= self._task.deadline:
             return f"the deadline of {self._task.deadline:g} s"
-        return self._end.reason(self._abandoned.is_set()) if self._task.ends_at_pillar else ""
+        if not self._task.ends_at_pillar:
+            return ""
+        if self._listens and not self._advertises and self._now >= SILENT:
+            return f"it had advertised no velocity command for {SILENT:g} s"
+        return self._end.reason(self._abandoned.is_set())
 
     def _write(self, ended: str) -> None:
         with self._lock:
@@ -194,6 +207,7 @@ class Recorder:
             topic_parameters=topic_parameters,
             queue_parameters=queue_parameters,
             subscribed=self._subscribed,
+            advertised=self._advertises,
             silent_topics=tuple(self._silent),
             unread_topics=tuple(self._unread),
             violations=(*self._violations, *pose_jumps(times, poses)),
