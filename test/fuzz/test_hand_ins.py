@@ -8,7 +8,7 @@ from damage import WORDS, damaged, mutated
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.drive import rviz_check
 from husky_highlevel_controller.grading.drive.plan import Plan, RvizNode, notes_on, read_events
-from husky_highlevel_controller.grading.hand_in.launch_choice import choose_launch_file
+from husky_highlevel_controller.grading.hand_in.launch_choice import choose_launch_files, reasons
 from husky_highlevel_controller.grading.hand_in.overrides import read_overrides
 from husky_highlevel_controller.grading.hand_in.packages import (
     NotMarkableError,
@@ -77,7 +77,8 @@ def test_hand_ins_are_packages_and_a_launch_file_or_not_markable(cases, tmp_path
         try:
             contents = open_hand_in(hand_in, place / "scratch")
             packages, _ = choose_packages(contents.packages, 3)
-            _, why = choose_launch_file(contents, packages, 3)
+            candidates = choose_launch_files(contents, packages, 3)
+            why = reasons(candidates[0], candidates, 3)
             found += "starts husky/" in why
         except NotMarkableError:
             continue

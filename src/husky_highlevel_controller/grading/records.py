@@ -40,6 +40,15 @@ class Rules:
     gentle: float = _number(0.5, 5.0, "a robot that touches the pillar faster than this rams it [m/s]")
     marker_full: float = _number(0.3, 5.0, "from the marker to the pillar's axis for all points [m]")
     marker_half: float = _number(0.65, 5.0, "from the marker to the pillar's axis for half of the points [m]")
+    other_worlds: float = _number(1.0 / 3.0, 1.0, "what the drives in other worlds weigh, together")
+    no_rviz_config: str = field(
+        default="person",
+        metadata={
+            "choices": ("person", "zero", "node"),
+            "help": "without a configuration of RViz a person judges, or there are no points, or a launch file "
+            "that starts RViz gets all",
+        },
+    )
     marker_per_metre: float = _number(0.01, 1.0, "added to both for each metre between robot and pillar")
     weights: Mapping[str, float] = field(  # points by item
         default_factory=dict, metadata={"min": 0.0, "max": 1000.0, "help": "an item's points"}
@@ -52,7 +61,10 @@ class Rules:
 
     def apply(self, items: Sequence[Item]) -> List[Item]:
         """Items with the teacher's weights, and without points where a person judges."""
-        return [self._weighted(item) for item in items]
+        weighted = [self._weighted(item) for item in items]
+        return [
+            replace(item, hint="") if item.full and item.points is not None else item for item in weighted
+        ]
 
     def _weighted(self, item: Item) -> Item:
         weight = self.weights.get(item.name, item.max_points)
@@ -177,6 +189,7 @@ class Item:
     max_points: float
     evidence: str
     at: Optional[float] = None  # [s], simulated: the moment the evidence is about
+    hint: str = ""  # what to look at, where points are lost
 
     @property
     def full(self) -> bool:
@@ -196,6 +209,7 @@ class RvizView:
     problem: str = ""  # why there was nothing to look at
     judged: bool = True  # False: RViz is not on this machine, or crashes on it
     fixed_frame: str = ""
+    started: bool = False  # its launch file starts RViz
 
 
 @dataclass(frozen=True)
@@ -212,7 +226,10 @@ class Result:
     def __post_init__(self) -> None:
         """Make every text printable."""
         items = tuple(
-            replace(item, name=printable(item.name), evidence=printable(item.evidence)) for item in self.items
+            replace(
+                item, name=printable(item.name), evidence=printable(item.evidence), hint=printable(item.hint)
+            )
+            for item in self.items
         )
         clean: Dict[str, Any] = {name: printable(getattr(self, name)) for name in ("name", "what", "problem")}
         for name, value in {**clean, "items": items, "notes": tuple(map(printable, self.notes))}.items():
@@ -227,6 +244,11 @@ class Result:
     def max_points(self) -> float:
         """Sum of the points that a machine can give."""
         return total(self.items)[1]
+
+    @property
+    def cause(self) -> Optional[Item]:
+        """The first item that lost points: what went wrong first; None: nothing."""
+        return next((item for item in self.items if not item.full), None)
 
     @property
     def state(self) -> str:

@@ -8,7 +8,9 @@ from math import inf
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.grading.drive.call_plan import CallPlan, exercise_2_over, exercise_2_speed
 from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
+from husky_highlevel_controller.grading.drive.plan import Plan, RvizNode, notes_on
 from husky_highlevel_controller.grading.drive.run import SIMULATOR, SIMULATOR_NODES
+from husky_highlevel_controller.grading.drive.rviz_check import find_setup
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed, TruthRow, row_from_line
 
 
@@ -116,3 +118,31 @@ def test_the_names_kept_for_the_simulator_are_those_of_its_launch_file():
     command = ["roslaunch", "--nodes", str(SIMULATOR), "rviz:=false"]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
     assert tuple(word for word in printed if word.startswith("/")) == SIMULATOR_NODES
+
+
+RAISES = """[ERROR] [1700000000.12, 0.340000]: bad callback: <function on_scan at 0x7f00>
+Traceback (most recent call last):
+  File "/usr/lib/python3/dist-packages/rospy/topics.py", line 750, in _invoke_callback
+    cb(msg)
+  File "/ws/src/husky/scripts/controller", line 23, in on_scan
+    nearest = minimum(scan.ranges)
+NameError: name 'minimum' is not defined
+"""
+
+
+def test_an_exception_in_a_callback_is_named_with_its_line():
+    (note,) = notes_on([], RAISES * 7)
+    said = "callback on_scan raises NameError: name 'minimum' is not defined (controller:23), first at 0.34 s, 7 times"
+    assert note == said
+    assert notes_on([], "all is well\nTraceback of a path\n") == []
+
+
+def test_an_rviz_file_that_another_launch_file_names_is_that_one_s(tmp_path):
+    (tmp_path / "slam.rviz").write_text("Visualization Manager: {Displays: [{Class: rviz/TF}]}")
+    (tmp_path / "slam.launch").write_text('<launch><node pkg="rviz" args="-d $(find a)/slam.rviz"/></launch>')
+    (tmp_path / "husky.launch").write_text('<launch><node pkg="rviz"/></launch>')
+    bare = Plan(("a/b",), rviz=(RvizNode("rviz", "", ()),), package_path=tmp_path)
+    assert find_setup(bare, None, "/ws/src/a/launch/husky.launch") is None
+    (tmp_path / "mine.rviz").write_text("{}")
+    assert find_setup(bare, None, "husky.launch").source == "mine.rviz"
+    assert find_setup(bare, None, "slam.launch").source == "slam.rviz"

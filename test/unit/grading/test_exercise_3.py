@@ -228,7 +228,7 @@ def test_a_marker_on_the_pillar_is_right(error):
         ((0.0, 0.0, 0.0), "x off by 10.00 m"),
         ((10.0, 2.0, 0.0), "y off by 2.00 m"),
         ((9.0, 1.0, 0.0), "x and y off by 1.00 m and 1.00 m"),
-        ((10.0, 0.0, 2.7), "z is wrong, it is drawn from 2.50 to 2.90 m"),
+        ((10.0, 0.0, 3.4), "z is wrong, it is drawn from 3.20 to 3.60 m"),
     ],
 )
 def test_a_marker_elsewhere_is_wrong_and_the_coordinate_is_named(position, fault):
@@ -239,22 +239,56 @@ def test_a_marker_elsewhere_is_wrong_and_the_coordinate_is_named(position, fault
     assert item.at == PERIOD
 
 
-@pytest.mark.parametrize(("share", "points"), [(0.1, 0.0), (0.3, 10.0), (0.7, 10.0), (0.9, 20.0)])
-def test_a_marker_that_is_right_at_times_gets_half(share, points):
+@pytest.mark.parametrize(("share", "points"), [(0.1, 0.0), (0.3, 3.3), (0.5, 10.0), (0.7, 16.7), (0.9, 20.0)])
+def test_points_grow_with_the_time_for_which_the_marker_is_right(share, points):
     last = share * len(GOOD.times)
     item = judge_place(markers(GOOD, lambda row: (10.0, 0.0, 0.0) if row < last else (0.0, 0.0, 0.0)))
-    assert item.points == points
+    assert item.points == pytest.approx(points, abs=0.2)
 
 
-@pytest.mark.parametrize("off", [0.55, 0.7])
-def test_a_marker_near_the_pillar_gets_half_the_points(off):
-    near = markers(GOOD, (10.0 - off, 0.0, 0.0))
-    assert judge_place(near).points == (10.0 if off == 0.55 else 0.0)
+def test_points_fall_with_the_distance_and_the_height_without_a_cliff():
+    rules = Rules(marker_per_metre=0.0)
+    places = [((10.0 - off, 0.0, 0.0), points) for off, points in ((0.3, 20.0), (0.475, 15.0), (0.65, 10.0))]
+    places += [((9.1, 0.0, 0.0), 2.9), ((8.9, 0.0, 0.0), 0.0)]
+    places += [((10.0, 0.0, 2.64), 16.0), ((10.0, 0.0, 2.85), 10.0), ((10.0, 0.0, -0.64), 16.0)]
+    for place, points in places:
+        assert judge_place(markers(GOOD, place), rules).points == pytest.approx(points, abs=0.05), place
+
+
+def turning(mirrored):
+    """A drive that turns to the pillar, 25 degrees to its left, in 1 s and drives there; markers by base_link."""
+    straight = drive((4.0, 0.0), (TO_PILLAR, 0.5))
+    yaw = np.clip(-0.44 + 0.44 * straight.times / 4.0, -0.44, 0.0)
+    poses = np.column_stack([straight.poses[:, :2], yaw])
+    seen = replace(straight, poses=poses)
+
+    def place(row):
+        x, y, yaw = poses[row]
+        bearing = np.arctan2(-y, 10.0 - x) - yaw
+        distance = np.hypot(10.0 - x, y)
+        angle = yaw + (-bearing if mirrored else bearing)
+        return (x + distance * np.cos(angle), y + distance * np.sin(angle), 0.0)
+
+    return markers(seen, place)
+
+
+def test_a_mirrored_marker_gets_half_at_most_and_is_named():
+    assert judge_place(turning(mirrored=False)).points == 20.0
+    item = judge_place(turning(mirrored=True))
+    assert 9.0 <= item.points <= 10.0
+    assert (
+        "0 % off the robot's axis, 100 % on it; mirrored: y has the wrong sign, for this laser"
+        in item.evidence
+    )
+    assert "its y axis points to the other side" in item.hint
+    upright = replace(turning(mirrored=True), robot="smb")
+    assert "upside down" not in judge_place(upright).evidence
 
 
 def test_a_wide_marker_that_touches_the_pillar_gets_half_the_points():
-    wide = tuple(replace(marker, reach=0.2) for marker in markers(GOOD, (9.3, 0.0, 0.0)).markers)
-    assert judge_place(replace(GOOD, markers=wide, marker_topics=("/marker",))).points == 10.0
+    wide = tuple(replace(marker, reach=0.2) for marker in markers(GOOD, (9.1, 0.0, 0.0)).markers)
+    item = judge_place(replace(GOOD, markers=wide, marker_topics=("/marker",)), Rules(marker_per_metre=0.0))
+    assert item.points == 10.0
     huge = tuple(replace(marker, reach=0.0, position=(0.0, 0.0, 0.0)) for marker in wide)
     assert judge_place(replace(GOOD, markers=huge, marker_topics=("/marker",))).points == 0.0
 
@@ -380,10 +414,56 @@ def test_all_of_it_is_100_points_and_nothing_is_none():
     assert "no such file" in nothing[0].evidence
 
 
-def test_several_drives_count_alike_and_the_worst_is_told():
-    item = over_trials([GOOD, drive((3.0, 0.0)), GOOD], judge_arrival)
-    assert item.points == 20.0
-    assert "full marks in 2 of 3 drives; drive 2: " in item.evidence
+def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():
+    short, third = drive((3.0, 0.0)), 1.0 / 3.0
+    item = over_trials([GOOD, short, GOOD], judge_arrival, third)
+    assert item.points == 25.0
+    assert "in the course's world 30, in 2 others 15 of 30; drive 2: " in item.evidence
+    assert over_trials([GOOD, short, short], judge_arrival, third).points == 20.0
+    assert over_trials([short, GOOD, GOOD], judge_arrival, third).points == 10.0
+    assert over_trials([GOOD, short, short], judge_arrival, 0.0).points == 30.0
+    assert over_trials([short], judge_arrival, third).points == 0.0
+
+
+@pytest.mark.parametrize(
+    ("no_rviz_config", "started", "points"),
+    [("person", True, None), ("zero", True, 0.0), ("node", True, 20.0), ("node", False, 0.0)],
+)
+def test_a_teacher_says_what_a_hand_in_without_rviz_s_configuration_gets(no_rviz_config, started, points):
+    rules, view = Rules(no_rviz_config=no_rviz_config), RvizView(started=started)
+    assert judge_rviz(view, SCAN, rules).points == points
+    shown = judge_shown(view, [markers(GOOD, (10.0, 0.0, 0.0))], rules)
+    assert shown.points == (points if points is None else points / 2.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "cause", "hint"),
+    [
+        ({"advertised": False}, "it advertises no cmd_vel", "make a publisher"),
+        ({}, "nothing came on cmd_vel", "publish the velocity"),
+        ({"command_count": 9, "zero_count": 9}, "all 9 commands were zero", "a gain of 0"),
+        (
+            {"notes": ("callback f raises NameError: x (a.py:3), 9 times",)},
+            "callback f raises",
+            "the line named",
+        ),
+        (
+            {"subscribed": False, "silent_topics": ("/scan",)},
+            "it listens to /scan, where nothing is sent",
+            "rostopic list",
+        ),
+    ],
+)
+def test_a_robot_that_stands_has_a_cause_and_a_hint(change, cause, hint):
+    item = judge_approach(drive((5.0, 0.0), **{"command_count": 0, **change}))
+    assert item.evidence.startswith(f"the robot never moves: {cause}")
+    assert hint in item.hint
+
+
+def test_a_callback_that_hangs_is_named():
+    hung = replace(drive((3.0, 0.5), (9.0, 0.0)), commands=np.array([0.02, 0.04]), command_count=2)
+    assert "2 commands, the last at 0.04 s, then none: its callback waits" in judge_arrival(hung).evidence
+    assert "then none" not in judge_arrival(GOOD).evidence
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,11 @@ from husky_highlevel_controller.grading.hand_in.build import (
     copy_packages,
     missing_packages,
 )
-from husky_highlevel_controller.grading.hand_in.launch_choice import choose_launch_file, named_launch_file
+from husky_highlevel_controller.grading.hand_in.launch_choice import (
+    choose_launch_files,
+    named_launch_file,
+    reasons,
+)
 from husky_highlevel_controller.grading.hand_in.overrides import read_overrides, with_override
 from husky_highlevel_controller.grading.hand_in.packages import (
     HandIn,
@@ -239,8 +243,7 @@ def test_a_damaged_archive_costs_itself_only(ending, tmp_path):
         to.mkdir()
         try:
             unpack(made, to, Allowance())
-        except ArchiveError as error:
-            assert str(error).startswith(made.name)
+        except ArchiveError:
             refused += 1
     assert refused
 
@@ -254,7 +257,7 @@ def test_a_header_of_gigabytes_is_not_read_into_memory(tmp_path):
         for _ in range(120):
             file.write(bytes(10_000_000))
     (tmp_path / "to").mkdir()
-    with pytest.raises(ArchiveError, match="a.tar.gz cannot be unpacked within 1 GB of memory"):
+    with pytest.raises(ArchiveError, match=r"a\.tar\.gz cannot be unpacked within 1 GB of memory"):
         unpack(bomb, tmp_path / "to", Allowance())
 
 
@@ -266,16 +269,24 @@ def test_suffixes_are_read_in_any_case():
 # ---------------------------------------------------------------------------- which exercise
 
 
-@pytest.mark.parametrize(
-    ("name", "numbers"),
-    [
-        ("ex3.launch", {3}), ("course_03", {3}), ("husky_5th_ex.launch", {5}), ("exercise_one", {1}),
-        ("MyHusky3.launch", {3}), ("husky_highlevel_controller_v2", set()), ("ros1_ws", set()),
-        ("tf2_demo", set()), ("2020", set()), ("laser_2d", set()), ("group_4", set()), ("python3", set()),
-    ],
-)  # fmt: skip
-def test_numbers_of_exercises_in_names(name, numbers):
-    assert exercise_numbers(name) == numbers
+NUMBERS = {
+    3: "ex3.launch Ex3.launch EX_3 exercise3 Exercise-03 exercise_three exo3 exercice_3 course_03 course3 lab3 Lab_3 "
+    "tp3 TP03 task3 hw3 HW_3 homework3 sheet3 uebung3 session3 husky_ex3_cpp MyEx3.launch HuskyExercise3 "
+    "3rd_exercise ex_3_husky.zip 3 03 ex_no3 exercises3",
+    5: "husky_5th_ex.launch session_5 ex05.launch",
+    1: "exercise_one 1 lab1_v2",
+    None: "tb3_autonomy turtlebot3_gazebo ur3_moveit pioneer3dx ps3joy rplidar_a3 robot3 5ro14_husky_controller session_2 "
+    "session2 MyHusky3.launch husky3 husky_highlevel_controller_v2 ros1_ws tf2_demo 2020 laser_2d group_4 python3 "
+    "example_3d next3 http3 team3 velodyne_16 melodic18 complex3",
+}
+
+
+def test_numbers_of_exercises_in_names():
+    table = {
+        name: {number} if number else set() for number, names in NUMBERS.items() for name in names.split()
+    }
+    assert len(table) >= 50
+    assert {name: exercise_numbers(name) for name in table} == table
 
 
 def test_the_innermost_number_counts():
@@ -328,6 +339,9 @@ def test_other_exercises_and_known_packages_are_left_aside_unless_needed(tmp_pat
         ({"launch/ex3_cpp.launch": ["<!--", NODE, "-->"], "launch/any.launch": [NODE]}, "any.launch"),
         ({"launch/a.launch": [NODE], "launch/b.launch": [NODE, WORLD]}, "b.launch"),
         ({"launch/a.launch": [NODE], "launch/b.launch": [NODE, RVIZ]}, "b.launch"),
+        ({"launch/ex3.launch": [NODE], "launch/husky.launch": [NODE, WORLD]}, "husky.launch"),
+        ({"launch/ex5.launch": [NODE, WORLD], "launch/husky.launch": [NODE]}, "husky.launch"),
+        ({"launch/a.launch": [NODE], "launch/high_level.launch": [NODE]}, "high_level.launch"),
         ({"launch/a_test.launch": [NODE, RVIZ], "launch/b.launch": [NODE]}, "b.launch"),
         (
             {"launch/a.launch": ['<group if="false">', NODE, "</group>"], "launch/b.launch": [NODE]},
@@ -346,7 +360,8 @@ def test_the_launch_file_is_found_by_what_is_in_it(files, taken, tmp_path):
     for name, content in files.items():
         launch(folder / name, *(each.format("husky") for each in content))
     contents, packages, _ = chosen(tmp_path / "class", tmp_path)
-    found, why = choose_launch_file(contents, packages, 3)
+    candidates = choose_launch_files(contents, packages, 3)
+    found, why = candidates[0], reasons(candidates[0], candidates, 3)
     assert found.path.name == taken
     assert "starts husky/controller" in why
 
@@ -355,7 +370,8 @@ def test_a_launch_file_may_lie_beside_its_package(tmp_path):
     package(tmp_path / "class" / "ann" / "exercise3" / "husky", "husky")
     launch(tmp_path / "class" / "ann" / "exercise3" / "ex3.launch", NODE.format("husky"))
     contents, packages, _ = chosen(tmp_path / "class", tmp_path)
-    found, why = choose_launch_file(contents, packages, 3)
+    candidates = choose_launch_files(contents, packages, 3)
+    found, why = candidates[0], reasons(candidates[0], candidates, 3)
     assert (str(found.place), found.package) == ("exercise3/ex3.launch", "husky")
     assert "is named for exercise 3" in why
 
@@ -381,7 +397,7 @@ def test_without_a_launch_file_that_fits_there_is_no_mark(tmp_path):
     os.mkfifo(folder / "fifo.launch")
     contents, packages, _ = chosen(tmp_path / "class", tmp_path)
     with pytest.raises(NotMarkableError, match="no launch file starts a node of the hand-in"):
-        choose_launch_file(contents, packages, 3)
+        choose_launch_files(contents, packages, 3)
 
 
 def test_a_teacher_may_name_the_launch_file(tmp_path):
@@ -504,7 +520,7 @@ def test_a_launch_file_that_includes_itself_is_read_a_bounded_number_of_times(
     again = '<include file="$(find husky)/launch/ex3.launch"/>'
     launch(folder / "launch" / "ex3.launch", NODE.format("husky"), again * includes)
     contents = open_hand_in(HandIn("ann", tmp_path / "ann"), tmp_path)
-    chosen, _ = choose_launch_file(contents, contents.packages, 3)
+    chosen, *_ = choose_launch_files(contents, contents.packages, 3)
     assert chosen.nodes == ("husky/controller",)
     assert len(reads) <= launch_choice.MAX_READS
 
@@ -527,7 +543,7 @@ def test_a_launch_file_of_any_depth_or_length_is_read(content, tmp_path):
     folder = package(tmp_path / "ann" / "husky", "husky")
     launch(folder / "launch" / "ex3.launch", content)
     contents = open_hand_in(HandIn("ann", tmp_path / "ann"), tmp_path)
-    assert choose_launch_file(contents, contents.packages, 3)[0].nodes == ("husky/controller",)
+    assert choose_launch_files(contents, contents.packages, 3)[0].nodes == ("husky/controller",)
 
 
 # ---------------------------------------------------------------------------- what a teacher sets

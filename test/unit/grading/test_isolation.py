@@ -341,7 +341,10 @@ def test_deep_folders_are_walked(tmp_path):
         folder = folder / "d"
     subprocess.run(["mkdir", "-p", str(folder)], check=True)
     (folder / "file").touch()
-    assert list(walk(tmp_path)) == [folder / "file"]
+    try:
+        assert list(walk(tmp_path)) == [folder / "file"]
+    finally:
+        remove_tree(tmp_path / "d")  # pytest cannot
 
 
 # ---------------------------------------------------------------------------- environment and links

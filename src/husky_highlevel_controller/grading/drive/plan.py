@@ -9,7 +9,7 @@ import signal
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.config import ConfigError, from_plain
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, create, read_text
@@ -121,6 +121,29 @@ def read_events(path: Path) -> List[Event]:
     return events
 
 
+_CALLBACK = re.compile(
+    r"(?:\[ERROR\] \[[\d.]+(?:, (?P<at>[\d.]+))?\]: "
+    r"bad callback: <(?:function|bound method) (?P<name>[\w.]+)[^\n]*"
+    r"|Exception in thread (?P<thread>[^\n]*):)\n"
+    r"Traceback \(most recent call last\):\n(?P<lines>(?:[ \t][^\n]*\n)*)(?P<error>\w[^\n]*)"
+)
+_LINE = re.compile(r'File "[^"\n]*?([^/"\n]+)", line (\d+)')
+
+
+def exceptions_in(output: str) -> List[str]:
+    """Sentences on exceptions in callbacks and threads, after which rospy goes on, from what was printed."""
+    count: Dict[str, int] = {}
+    first: Dict[str, str] = {}
+    for found in _CALLBACK.finditer(output):
+        where = _LINE.findall(found["lines"])
+        line = f" ({where[-1][0]}:{where[-1][1]})" if where else ""
+        what = f"callback {found['name']}" if found["name"] else "a thread"
+        words = f"{what} raises {found['error'][:200]}{line}"
+        count[words] = count.get(words, 0) + 1
+        first.setdefault(words, f", first at {float(found['at']):.2f} s" if found["at"] else "")
+    return [f"{words}{first[words]}, {number} times" for words, number in count.items()]
+
+
 def notes_on(events: Sequence[Event], output: str) -> List[str]:
     """Sentences on what went wrong, each once, from events and from what was printed."""
     notes = [f"the launch file cannot be loaded: {e.error}" for e in events if e.event == "unloadable"]
@@ -136,6 +159,7 @@ def notes_on(events: Sequence[Event], output: str) -> List[str]:
     ]
     for node in re.findall(r"ERROR: cannot launch node of type \[([^\]]+)\]", output):
         notes.append(f"node {node} cannot be started: no such package or program, or it is not executable")
+    notes += exceptions_in(output)
     errors = re.findall(r"^\W*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
     for event in events:
         if event.event == "died":
@@ -144,6 +168,8 @@ def notes_on(events: Sequence[Event], output: str) -> List[str]:
                 how = f"signal {-code}" + (f", {signal.Signals(-code).name}" if -code < 32 else "")
             else:
                 how = f"exit code {code}"
-            why = f": {errors[-1][:200]}" if errors and code else ""
+            lines = _LINE.findall(output)
+            line = f" ({lines[-1][0]}:{lines[-1][1]})" if lines else ""
+            why = f": {errors[-1][:200]}{line}" if errors and code else ""
             notes.append(f"node {event.node} ends during the drive ({how}){why}")
     return list(dict.fromkeys(notes))

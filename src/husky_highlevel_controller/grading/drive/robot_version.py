@@ -19,6 +19,7 @@ from husky_highlevel_controller.grading.isolation.ros_network import Network
 from husky_highlevel_controller.grading.records import ROBOT_VERSIONS
 
 DEFAULT = "husky"
+TITLES = {"husky": "Husky", "husky_melodic": "Husky of ROS Melodic"}
 MAX_TEXT = 200_000  # [bytes] of a file that is read
 # in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
 SMB = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
@@ -53,8 +54,14 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
         settles(process, lambda: bool(subscribed()), lambda: is_up(network.uri, ()))
         version = subscribed()
     if version:
-        return version, f"--robot {version}: it subscribes to {topics[version]}"
-    return DEFAULT, f"--robot {DEFAULT}: it subscribes neither to {' nor to '.join(topics.values())}"
+        return (
+            version,
+            f"marked with the {TITLES[version]} (--robot {version}): it subscribes to {topics[version]}",
+        )
+    return DEFAULT, (
+        f"marked with the {TITLES[DEFAULT]} (--robot {DEFAULT}): it subscribes neither to "
+        f"{' nor to '.join(topics.values())}"
+    )
 
 
 def _names_of_the_smb(planned: Plan) -> str:

@@ -6,6 +6,7 @@ with nothing but TF, robot model, laser scan. What then differs from the backgro
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import re
 import shlex
@@ -64,8 +65,10 @@ class Setup:
     remaps: Tuple[str, ...] = ()
 
 
-def find_setup(planned: Plan, root: Optional[Path] = None) -> Optional[Setup]:
+def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> Optional[Setup]:
     """The configuration of the first rviz node; else the package's .rviz file with most of the displays.
+
+    A file that only another launch file than `launch_file` names is that one's.
 
     None where no configuration was handed in: a node without one shows what is in the student's ~/.rviz.
     A hand-in's configuration lies below `root`, whatever its launch file names.
@@ -78,10 +81,23 @@ def find_setup(planned: Plan, root: Optional[Path] = None) -> Optional[Setup]:
             return Setup(f"its rviz node, {path.name}", _read(path), remaps)
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
+    if folder and launch_file and len(planned.rviz):
+        elsewhere = _named_by_others(folder, Path(launch_file).name)
+        files = [path for path in files if path.name not in elsewhere]
     if not files:
         return None
     best = max(files, key=lambda path: len(set(CLASSES.values()) & _enabled_classes(_read(path))))
     return Setup(best.name, _read(best), remaps)
+
+
+def _named_by_others(folder: Path, launch_file: str) -> Set[str]:
+    """Names of .rviz files in launch files of a package other than one of this name."""
+    named: Set[str] = set()
+    for path in walk(folder):
+        if path.suffix == ".launch" and path.name != launch_file:
+            with contextlib.suppress(UnreadableFileError):
+                named |= set(re.findall(r"([\w.-]+\.rviz)\b", read_text(path)))
+    return named
 
 
 def _display_config(arguments: str) -> Optional[Path]:
@@ -232,9 +248,10 @@ def look(
     submission: Submission, planned: Plan, config: MarkingConfig, folder: Path
 ) -> Tuple[RvizView, Optional[np.ndarray]]:
     """Run the submission's RViz beside a robot that stands, and look at it; and its picture."""
-    setup = find_setup(planned, submission.root)
+    launchable = submission.launchable
+    setup = find_setup(planned, submission.root, launchable.name if launchable.kind == "launch" else "")
     if setup is None:
-        return RvizView(), None
+        return RvizView(started=bool(planned.rviz)), None
     absent = [program for program in ("rviz", "Xvfb") if shutil.which(program) is None]
     if absent:
         return RvizView(setup.source, problem=f"{' and '.join(absent)} not installed", judged=False), None

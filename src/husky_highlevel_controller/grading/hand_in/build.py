@@ -19,6 +19,7 @@ from husky_highlevel_controller.grading.hand_in.packages import BUILT, NotMarkab
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     is_below,
+    is_regular,
     read_text,
     remove_tree,
     walk,
@@ -293,6 +294,15 @@ def _catkin_make(
         end_all([process])
     output = process.output + (f"\n{process.problem}" if process.problem else "")
     return output, process.popen.returncode if in_time else None
+
+
+def is_built(node: str, folders: Folders) -> bool:
+    """Whether a node, package/type, can be started: a program that was built, or an executable script."""
+    package, _, name = node.partition("/")
+    found = [folders.root / "devel" / "lib" / package / name]
+    if package in folders.packages:
+        found += [path for path in walk(folders.packages[package]) if path.name == name]
+    return any(is_regular(path) and os.access(path, os.X_OK) for path in found)
 
 
 def build_error(output: str, root: Path) -> str:

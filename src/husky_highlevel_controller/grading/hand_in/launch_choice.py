@@ -30,6 +30,9 @@ MAX_READS = 1000  # launch files that are read for one hand-in, includes counted
 MAX_VALUE = 10_000  # letters of an attribute whose arguments are put in
 PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)
 TRIAL = re.compile(r"test|example|demo|tutorial|template|turtle|old|backup|copy", re.IGNORECASE)
+CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
+SCAN = re.compile(rb"LaserScan|PointCloud2")
+SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
 _ARGUMENT = re.compile(r"\$\(arg\s+([\w-]+)\s*\)")
 _FIND = re.compile(r"\$\(find\s+([\w-]+)\s*\)")
 
@@ -45,6 +48,7 @@ class LaunchFile:
     uses: FrozenSet[str] = frozenset()  # packages of the hand-in that it names
     pillar: bool = False  # it names the course's world
     rviz: bool = False  # it starts RViz
+    scans: bool = False  # a package of its nodes names the lidar's messages
 
 
 @dataclass
@@ -60,30 +64,45 @@ class _Budget:
     reads: int = MAX_READS
 
 
-def choose_launch_file(
-    contents: Contents, packages: Sequence[Package], exercise: int
-) -> Tuple[LaunchFile, str]:
-    """The launch file that fits best, and a sentence that says why.
+def choose_launch_files(contents: Contents, packages: Sequence[Package], exercise: int) -> List[LaunchFile]:
+    """Launch files that start a node of the hand-in, the one that fits best first.
 
     Raises:
-        NotMarkableError: none starts a node of the hand-in.
+        NotMarkableError: there is none.
     """
     folders = {package.name: package.path for package in packages}
     found = list(_launch_files(contents, packages))
     budget = _Budget()
+    scanning = {name for name, folder in folders.items() if _names_scans(folder)}
     fitting = [
-        read for read in (_read(path, place, folders, budget) for path, place in found) if read is not None
+        replace(read, scans=bool({node.partition("/")[0] for node in read.nodes} & scanning))
+        for read in (_read(path, place, folders, budget) for path, place in found)
+        if read is not None
     ]
     if not fitting:
         names = ", ".join(sorted(str(place) for _, place in found)[:20]) or "none"
         raise NotMarkableError(f"no launch file starts a node of the hand-in; launch files: {names}")
-    best = min(fitting, key=lambda each: _rank(each, exercise))
-    reasons = [f"starts {', '.join(best.nodes)}"]
-    if fits_exercise(best.place, exercise) == 2:
-        reasons.append(f"is named for exercise {exercise}")
-    reasons += ["uses the world singlePillar"] * best.pillar + ["starts RViz"] * best.rviz
-    others = f" (chosen of {len(fitting)})" if len(fitting) > 1 else ""
-    return best, f"launch file {best.place}: {', '.join(reasons)}{others}"
+    return sorted(fitting, key=lambda each: _rank(each, exercise))
+
+
+def reasons(chosen: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> str:
+    """A sentence that says why a launch file was chosen."""
+    words = [f"starts {', '.join(chosen.nodes)}"]
+    if fits_exercise(chosen.place, exercise) == 2:
+        words.append(f"is named for exercise {exercise}")
+    words += ["uses the world singlePillar"] * chosen.pillar + ["starts RViz"] * chosen.rviz
+    others = f" (chosen of {len(candidates)})" if len(candidates) > 1 else ""
+    return f"launch file {chosen.place}: {', '.join(words)}{others}"
+
+
+def _names_scans(folder: Path) -> bool:
+    """Whether a source file of a package names the lidar's messages."""
+    for path in walk(folder):
+        if path.suffix in SOURCES:
+            with contextlib.suppress(UnreadableFileError):
+                if SCAN.search(read_regular(path, MAX_LAUNCH)):
+                    return True
+    return False
 
 
 def named_launch_file(contents: Contents, packages: Sequence[Package], name: str) -> LaunchFile:
@@ -130,10 +149,13 @@ def _launch_files(contents: Contents, packages: Sequence[Package]) -> Iterator[T
 
 
 def _rank(file: LaunchFile, exercise: int) -> Tuple[Any, ...]:
-    """Smaller is better: the exercise's own, no trial or example, no other exercise's, the course's world."""
-    fits = fits_exercise(file.place, exercise)
-    trial = bool(TRIAL.search(file.place.name))
-    return fits != 2, trial, -fits, not file.pillar, not file.rviz, len(file.place.parts), str(file.place)
+    """Smaller is better. The pillar is exercise 3's world, so that it says less of another exercise."""
+    fits, name = fits_exercise(file.place, exercise), str(file.place)
+    content = (not file.pillar, not file.scans, not CONTROLLER.search(name))
+    order = (content, -fits) if exercise == 3 else (-fits, content)
+    return (
+        fits == 0, bool(TRIAL.search(file.place.name)), *order, not file.rviz, len(file.place.parts), name,
+    )  # fmt: skip
 
 
 def _read(

@@ -27,8 +27,12 @@ KNOWN = frozenset({
 })  # fmt: skip
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
-_NOT_AN_EXERCISE = re.compile(
-    r"(?i)(?:ros|tf|py|python|cpp|v|version|group|gruppe|team)[ _.-]*\d+|\d+d(?![a-z])"
+_WORD = r"(?:exercises?|exercice|exo|ex|course|session|uebung|\u00fcbung|task|homework|hw|lab|tp|sheet)"
+_COUNT = r"0*([1-9]\d?|" + "|".join(_NUMBERS) + r")(?![\da-z])"
+# exercise_3, Ex3, 5th_ex, or a number alone; but ENSTA's session 2 is the pillar's
+_EXERCISE = re.compile(
+    rf"(?<![a-z])(?!session[ _.-]*0*2(?!\d)){_WORD}[ _.-]*(?:no|nr|n)?[ _.-]*{_COUNT}"
+    rf"|(?<!\d)([1-9]\d?)(?:st|nd|rd|th)[ _.-]*{_WORD}(?![a-z])|\A{_COUNT}\Z"
 )
 
 
@@ -170,10 +174,13 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
 
 
 def exercise_numbers(name: str) -> Set[int]:
-    """Numbers of exercises in the name of a file or folder: ex3.launch, course_03, husky_5th, ex_one."""
-    words = _NOT_AN_EXERCISE.sub(" ", name)
-    numbers = {int(digits) for digits in re.findall(r"(?<![\d.])0*([1-9]\d?)(?![\d.]*\d)", words)}
-    return numbers | {_NUMBERS[word] for word in re.findall(r"[a-z]+", words.lower()) if word in _NUMBERS}
+    """Numbers of exercises in the name of a file or folder: ex3.launch, course_03, 5th_exercise, 3.
+
+    A number counts only beside a word for exercise, or alone: tb3, ur3 and 5ro14 are names of other things.
+    """
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.replace(".launch", "")).lower()
+    found = [next(filter(None, groups)) for groups in _EXERCISE.findall(words)]
+    return {_NUMBERS[word] if word in _NUMBERS else int(word) for word in found}
 
 
 def fits_exercise(place: PurePosixPath, exercise: int) -> int:

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import List, Optional, Tuple
 
 from husky_highlevel_controller.grading.drive.plan import Submission
-from husky_highlevel_controller.grading.hand_in.build import build, copy_packages
+from husky_highlevel_controller.grading.hand_in.build import build, copy_packages, is_built
 from husky_highlevel_controller.grading.hand_in.launch_choice import (
     LaunchFile,
-    choose_launch_file,
+    choose_launch_files,
     named_launch_file,
+    reasons,
 )
 from husky_highlevel_controller.grading.hand_in.packages import (
     BUILT,
@@ -27,6 +28,8 @@ from husky_highlevel_controller.grading.hand_in.packages import (
 from husky_highlevel_controller.grading.isolation.files import remove_tree, walk
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Launchable, Override
+
+MAX_TRIED = 3  # launch files, the next one where no node of one is built
 
 
 def prepare(
@@ -55,6 +58,7 @@ def prepare(
     notes = [*contents.notes, *aside]
     by_name = {package.name: package for package in packages}
     launch: Optional[LaunchFile] = None
+    candidates: List[LaunchFile] = []
     if override.node:
         needed = set(by_name)
     else:
@@ -62,15 +66,26 @@ def prepare(
             launch = named_launch_file(contents, packages, override.launch)
             notes.append(f"launch file {launch.place}, by marking.yaml")
         else:
-            launch, why = choose_launch_file(contents, packages, exercise)
-            notes.append(why)
+            candidates = choose_launch_files(contents, packages, exercise)
+            launch = candidates[0]
         needed = set(launch.uses) or set(by_name)
     folders, repairs = copy_packages(packages, out / "ws")
-    if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
-        notes.append("RViz's configuration lies beside the packages")
+    notes += repairs
     underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent))
     built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
-    notes += [*repairs, *built.notes]
+    for other in candidates[1:MAX_TRIED]:
+        if launch is None or any(is_built(node, folders) for node in launch.nodes):
+            break
+        needed |= set(other.uses)
+        rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
+        if any(is_built(node, folders) for node in other.nodes):
+            notes.append(f"launch file {launch.place} is passed over: {', '.join(launch.nodes)} is not built")
+            launch, built = other, rebuilt
+    if launch and candidates:
+        notes.append(reasons(launch, candidates, exercise))
+    if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
+        notes.append("RViz's configuration lies beside the packages")
+    notes += built.notes
     if launch is None:
         package, node = (override.node or "").split()
         launchable = Launchable("node", package, node, override.arguments)

@@ -115,8 +115,8 @@ def deleted_files(processes: Sequence[psutil.Process]) -> int:
     """Blocks of files that have no name any more and are held open [bytes]."""
     sizes = {}
     for process in processes:
-        with contextlib.suppress(OSError):
-            for entry in os.scandir(f"/proc/{process.pid}/fd"):
+        with contextlib.suppress(OSError), os.scandir(f"/proc/{process.pid}/fd") as entries:
+            for entry in entries:
                 with contextlib.suppress(OSError):
                     status = os.stat(entry.path)
                     if stat.S_ISREG(status.st_mode) and not status.st_nlink:

@@ -1,4 +1,4 @@
-"""Network namespace of one marking: loopback only, so that no submission reaches another or another machine."""
+"""Network namespace of one marking: loopback only, so that no submission reaches another, or a machine."""
 
 from __future__ import annotations
 

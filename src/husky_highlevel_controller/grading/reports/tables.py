@@ -33,6 +33,8 @@ def table(result: Result) -> str:
         evidence = textwrap.wrap(item.evidence + moment, WIDTH - len(indent)) or [""]
         lines.append(f"{item.name:<{name}}{points(item):>8}  {evidence[0]}")
         lines += [indent + line for line in evidence[1:]]
+        if item.hint:
+            lines += [indent + line for line in textwrap.wrap(f"look at: {item.hint}", WIDTH - len(indent))]
     lines += ["", f"{'total':<{name}}{f'{result.points:g}/{result.max_points:g}':>8}"]
     by_hand = sum(item.max_points for item in result.items if item.points is None)
     if by_hand:

@@ -10,7 +10,7 @@ import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
-from husky_highlevel_controller.grading.rubrics.exercise_3 import causes
+from husky_highlevel_controller.grading.rubrics.exercise_3 import causes, without_config
 from husky_highlevel_controller.grading.rubrics.items import forfeited
 
 ITEMS = (
@@ -59,13 +59,13 @@ def judge_parameters(recording: Recording) -> Item:
     return replace(item, points=points, evidence=f"{topic}; {queue}")
 
 
-def judge_view(view: RvizView, scan_topic: str) -> Item:
+def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
     """RViz shows the scan (10) in odom (5)."""
     item = Item(ITEMS[3], 0.0, 15.0, "")
     if not view.judged:
         return replace(item, points=None, evidence=f"not judged: {view.problem}")
     if not view.source:
-        return replace(item, points=None, evidence="for a person: no RViz configuration was handed in")
+        return without_config(item, view, rules)
     if view.problem:
         return replace(item, evidence=view.problem)
     seen = view.scan and scan_topic in view.topics
@@ -81,6 +81,6 @@ def judge_exercise_2(
         judge_output(recordings[0]),
         Item(ITEMS[1], None, 30.0, "for a person: is it built like the template?"),
         judge_parameters(recordings[0]),
-        judge_view(view, scan_topic),
+        judge_view(view, scan_topic, rules),
     ]
     return rules.apply(forfeited(items, recordings))

@@ -17,7 +17,7 @@ from husky_highlevel_controller.grading.rubrics.markers import judge_namespaces
 HALF_WAY = 0.5  # of the way to the pillar: who has come that far drives towards it
 FIRST_STEPS = 0.1  # of the way: who has come that far has begun to
 STOPPED = 1.0  # [s], so long it must stand in the end to have stopped
-MOST, SOME = 0.8, 0.2  # of the moments at which a marker came
+SILENT = 5.0  # [s], simulated: so long without a command, it has ceased to send any
 ITEMS = (
     "drives towards the pillar",
     "reaches the pillar",
@@ -25,7 +25,7 @@ ITEMS = (
     "marker at the pillar",
     "marker in RViz",
 )
-NO_VIEW = "for a person: no RViz configuration was handed in"
+NO_VIEW = "no RViz configuration was handed in"
 
 
 # ---------------------------------------------------------------------------- one drive
@@ -36,12 +36,12 @@ def judge_approach(recording: Recording) -> Item:
     item = Item(ITEMS[0], 0.0, 20.0, "")
     gaps, times = recording.hull_gaps, recording.times
     if not len(times):
-        return replace(item, evidence=_why_it_stands(recording))
+        return _stands(item, recording)
     way = max(gaps[0], 1e-6)
     nearest = int(np.argmin(gaps))
     covered = (way - gaps[nearest]) / way
     if not recording.moving.any():
-        return replace(item, evidence=_why_it_stands(recording))
+        return _stands(item, recording)
     distance = f"of the {way:.2f} m to the pillar"
     if covered >= HALF_WAY:
         half = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * way)])
@@ -51,7 +51,8 @@ def judge_approach(recording: Recording) -> Item:
     at = float(times[nearest])
     if covered >= FIRST_STEPS:
         words = f"covers {way - gaps[nearest]:.2f} m {distance}, less than half, by {at:.2f} s"
-        return replace(item, points=10.0, evidence=words, at=at)
+        cause = cause_of_stop(recording)
+        return replace(item, points=10.0, evidence=f"{words}{cause}", at=at, hint=STOPS if cause else TURNS)
     turned = float(np.abs(np.diff(np.unwrap(recording.poses[:, 2]))).sum())
     end = float(times[-1])
     if gaps[-1] > way + 0.5:
@@ -60,7 +61,13 @@ def judge_approach(recording: Recording) -> Item:
         words = f"turns round {turned / (2.0 * np.pi):.1f} times in {end:.2f} s and comes no nearer"
     else:
         words = f"comes only {max(way - gaps[nearest], 0.0):.2f} m nearer, {distance}"
-    return replace(item, evidence=words, at=at if gaps[-1] <= way + 0.5 else end)
+    cause = cause_of_stop(recording)
+    return replace(
+        item,
+        evidence=f"{words}{cause}",
+        at=at if gaps[-1] <= way + 0.5 else end,
+        hint=STOPS if cause else TURNS,
+    )
 
 
 def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
@@ -68,14 +75,15 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     item = Item(ITEMS[1], 0.0, 30.0, "")
     gaps, times = recording.hull_gaps, recording.times
     if not len(times):
-        return replace(item, evidence="there was no drive")
+        return replace(item, evidence="there was no drive", hint=LOGS)
     nearest = int(np.argmin(gaps))
     if gaps[nearest] > rules.reached:
         at = float(times[nearest])
         words = f"nearest {gaps[nearest]:.2f} m from the pillar, wanted {rules.reached:g} m, at {at:.2f} s"
         if not recording.driving[nearest + 1 :].any() and recording.driving.any():
             words = f"stops short: {words}"
-        return replace(item, evidence=words, at=at)
+        words += cause_of_stop(recording)
+        return replace(item, evidence=words, at=at, hint=STOPS)
     reached = float(times[np.argmax(gaps <= rules.reached)])
     touches = np.flatnonzero(gaps <= TOUCH)
     if len(touches):
@@ -85,34 +93,38 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
         speed = float(np.abs(before).max())
         if rules.rams(speed):
             words = f"rams the pillar at {speed:.2f} m/s, at most {rules.gentle:g} m/s are gentle"
-            return replace(item, points=max(30.0 - rules.ramming_costs, 0.0), evidence=words, at=at)
+            points = max(30.0 - rules.ramming_costs, 0.0)
+            return replace(item, points=points, evidence=words, at=at, hint=SLOWS)
         return replace(item, points=30.0, evidence=f"reaches it, at {speed:.2f} m/s", at=at)
     stood = _stands_since(recording)
     if stood is None:
         words = (
             f"comes within {gaps[nearest]:.2f} m at {float(times[nearest]):.2f} s, but does not stop there"
         )
-        return replace(item, points=20.0, evidence=words, at=reached)
+        return replace(item, points=20.0, evidence=words, at=reached, hint=SLOWS)
     if gaps[-1] > rules.reached:
         words = f"comes within {gaps[nearest]:.2f} m, but stands {gaps[-1]:.2f} m away in the end"
-        return replace(item, points=20.0, evidence=words, at=reached)
+        return replace(item, points=20.0, evidence=words, at=reached, hint=SLOWS)
     return replace(
         item, points=30.0, evidence=f"stands {gaps[-1]:.2f} m from it since {stood:.2f} s", at=stood
     )
 
 
 def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
-    """The marker is at the pillar: 20 for most of the time; 10 for some of it, or for most of it near by."""
-    item = Item(ITEMS[3], 0.0, 20.0, "")
+    """The marker is at the pillar: 20, by how near it is and how much of the time."""
+    item = Item(ITEMS[3], 0.0, 20.0, "", hint=MARKER)
     if not recording.marker_topics:
-        return replace(item, evidence="no topic of type visualization_msgs/Marker or MarkerArray")
+        words = "no topic of type visualization_msgs/Marker or MarkerArray"
+        return replace(item, evidence=words, hint="publish a visualization_msgs/Marker")
     # after a push it is not known where the pillar is
     judged = judge_namespaces(recording, first_touch(recording), rules)
     if not judged:
-        return replace(item, evidence=f"nothing came on {', '.join(recording.marker_topics)}")
-    best = max(judged, key=lambda shares: shares.order)
-    points = 20.0 if best.full >= MOST else 10.0 if best.full >= SOME or best.half >= MOST else 0.0
-    return replace(item, points=points, evidence=best.evidence, at=best.at)
+        words = f"nothing came on {', '.join(recording.marker_topics)}"
+        return replace(item, evidence=words, hint="publish the marker in the scans' callback")
+    best = max(judged, key=lambda placement: placement.score)
+    points = round(20.0 * best.score, 1)
+    hint = MIRRORED if best.mirrored else MARKER
+    return replace(item, points=points, evidence=best.evidence, at=best.at, hint=hint)
 
 
 def first_touch(recording: Recording) -> float:
@@ -130,9 +142,52 @@ def _stands_since(recording: Recording) -> Optional[float]:
     return float(recording.times[row])
 
 
-def _why_it_stands(recording: Recording) -> str:
-    """The first cause in the chain from scan to wheels."""
-    return f"the robot never moves: {first_cause(recording)}"
+def _stands(item: Item, recording: Recording) -> Item:
+    """The item of a robot that never moves, with the first cause in the chain from node to wheels."""
+    cause = first_cause(recording)
+    return replace(item, evidence=f"the robot never moves: {cause}", hint=hint_on(cause))
+
+
+def cause_of_stop(recording: Recording) -> str:
+    """Why a robot that drove stops: its node has ended, or raises, or sends no more; empty: not known."""
+    ended = causes(recording)
+    if ended:
+        return f"; {ended[0]}"
+    if not len(recording.commands) or recording.times[-1] - recording.commands[-1] < SILENT:
+        return ""
+    return (
+        f"; {recording.command_count} commands, the last at {recording.commands[-1]:.2f} s, then none: its "
+        "callback waits (for a service, in a loop or a sleep), or no scan reaches it"
+    )
+
+
+# what a student looks at, by where points are lost
+LOGS = "read the output of your node, and start it by your launch file with ./dev launch"
+STOPS = "compare the velocities that you send at this moment with the distance that you compute"
+TURNS = "check the sign of angular.z: positive turns left, and the angle is in the lidar's own frame"
+SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pillar"
+MARKER = "check header.frame_id and header.stamp, and the pillar's position in that frame"
+MIRRORED = (
+    "transform the point by TF, or take header.frame_id of the scan: its y axis points to the other side"
+)
+HINTS = (
+    ("listens to", "compare your topic's name with `rostopic list`, and look for a missing remap"),
+    ("does not subscribe", "subscribe to the scans, in the constructor"),
+    ("advertises no", "make a publisher of geometry_msgs/Twist on /cmd_vel, in the constructor"),
+    ("nothing came on", "publish the velocity in the scans' callback"),
+    ("sends its commands to", "publish on /cmd_vel, or remap your topic to it"),
+    (
+        "were zero",
+        "look at what the velocity is computed from: a gain of 0, or a parameter that is not loaded",
+    ),
+    ("raises", "the line named is where it happens"),
+    ("ends during the drive", "the last line of its output says why"),
+)
+
+
+def hint_on(cause: str) -> str:
+    """What to look at for a cause that `first_cause` names."""
+    return next((hint for words, hint in HINTS if words in cause), LOGS)
 
 
 def causes(recording: Recording) -> List[str]:
@@ -167,13 +222,32 @@ def first_cause(recording: Recording) -> str:
 # ---------------------------------------------------------------------------- the whole submission
 
 
-def judge_rviz(view: RvizView, scan_topic: str) -> Item:
+def without_config(item: Item, view: RvizView, rules: Rules) -> Item:
+    """The item of a submission without a configuration of RViz, by the rubric."""
+    item = replace(item, evidence=NO_VIEW, hint=SAVE)
+    if rules.no_rviz_config == "zero":
+        return replace(item, points=0.0)
+    if rules.no_rviz_config == "person":
+        return replace(item, points=None, evidence=f"for a person: {NO_VIEW}")
+    does = "starts" if view.started else "does not start"
+    words = f"{NO_VIEW}; its launch file {does} RViz"
+    return replace(item, points=item.max_points * view.started, evidence=words)
+
+
+SAVE = (
+    "save RViz's configuration into your package (File, Save Config As) and name it in the launch file, by -d"
+)
+DISPLAYS = "add the displays that are missing, with the fixed frame odom, and save the configuration"
+
+
+def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
     """RViz shows TF, robot model and laser scan: 6, 7 and 7."""
     item = Item(ITEMS[2], 0.0, 20.0, "")
     if not view.judged:
         return replace(item, points=None, evidence=f"not judged: {view.problem}")
     if not view.source:
-        return replace(item, points=None, evidence=NO_VIEW)
+        return without_config(item, view, rules)
+    item = replace(item, hint=DISPLAYS)
     if view.problem:
         return replace(item, evidence=f"{view.source}: {view.problem}")
     listens = scan_topic in view.topics
@@ -202,12 +276,15 @@ def judge_shown(view: RvizView, recordings: Sequence[Recording], rules: Rules = 
     placed = [recording for recording in recordings if judge_place(recording, rules).points]
     published = {marker.topic for recording in placed for marker in recording.markers if not marker.problem}
     if not published:
-        return replace(item, evidence="no marker at the pillar that could be shown")
+        return replace(item, evidence="no marker at the pillar that could be shown", hint=MARKER)
     if not view.source:
-        return replace(item, points=None, evidence=NO_VIEW)
+        return without_config(item, view, rules)
     shown = sorted(published & set(view.topics))
     if not shown:
-        return replace(item, evidence=f"RViz does not subscribe to {', '.join(sorted(published))}")
+        words = f"RViz does not subscribe to {', '.join(sorted(published))}"
+        return replace(
+            item, evidence=words, hint="add a Marker display of this topic, and save the configuration"
+        )
     return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown)}")
 
 
@@ -216,10 +293,10 @@ def judge_exercise_3(
 ) -> List[Item]:
     """All of exercise 3: 20, 30, 20, and 20 and 10 for the marker."""
     items = [
-        over_trials(recordings, judge_approach),
-        over_trials(recordings, partial(judge_arrival, rules=rules)),
-        judge_rviz(view, scan_topic),
-        over_trials(recordings, partial(judge_place, rules=rules)),
+        over_trials(recordings, judge_approach, rules.other_worlds),
+        over_trials(recordings, partial(judge_arrival, rules=rules), rules.other_worlds),
+        judge_rviz(view, scan_topic, rules),
+        over_trials(recordings, partial(judge_place, rules=rules), rules.other_worlds),
         judge_shown(view, recordings, rules),
     ]
     return rules.apply(forfeited(items, recordings))

@@ -11,16 +11,28 @@ from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.records import Item
 
 
-def over_trials(recordings: Sequence[Recording], judge: Callable[[Recording], Item]) -> Item:
-    """The mean of all drives, with the evidence of the worst."""
+def over_trials(
+    recordings: Sequence[Recording], judge: Callable[[Recording], Item], other_worlds: float
+) -> Item:
+    """Points of all drives together, with the evidence of the worst.
+
+    Args:
+        recordings: the first is of the course's world.
+        judge: of one drive.
+        other_worlds: what the further drives weigh together, 0 to 1.
+    """
     items = [judge(recording) for recording in recordings]
     number = min(range(len(items)), key=lambda n: items[n].points or 0.0)
     worst = items[number]
     if len(items) == 1:
         return worst
-    points = round(float(np.mean([item.points or 0.0 for item in items])), 1)
-    full = sum(item.full for item in items)
-    words = f"full marks in {full} of {len(items)} drives; drive {number + 1}: {worst.evidence}"
+    first, *further = [item.points or 0.0 for item in items]
+    mean = float(np.mean(further))
+    points = round((1.0 - other_worlds) * first + other_worlds * mean, 1)
+    words = f"in the course's world {first:g}, in {len(further)} others {round(mean, 1):g} of {worst.max_points:g}"
+    if not worst.full:
+        words += f"; drive {number + 1}"
+    words += f": {worst.evidence}"
     return replace(worst, points=points, evidence=words)
 
 

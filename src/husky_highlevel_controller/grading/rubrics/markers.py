@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left, insort
 from collections import defaultdict
 from dataclasses import dataclass, field
 from itertools import groupby
-from math import hypot
-from typing import Dict, List, Sequence, Tuple
+from math import atan2, ceil, cos, hypot, remainder, sin, tau
+from typing import Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
@@ -19,63 +20,67 @@ from husky_highlevel_controller.grading.drive.recording import (
     Recording,
 )
 from husky_highlevel_controller.grading.records import Rules
+from husky_highlevel_controller.robot import load_robot
 
-HEIGHT_MARGIN = 0.3  # [m], above and below the pillar
+HEIGHT_MARGIN = 0.3  # [m], above and below the pillar, for all points
+HEIGHT_FADE = 0.7  # [m] beyond the margin, for none
 LARGEST = 1.0  # [m], the middle of a shape that touches the pillar is no farther away
+TOUCHING = 0.5  # score of such a shape
 MOST = 0.5  # of what is drawn in a namespace must be right at a moment
 MAX_SERIES = 6  # topics and namespaces that are judged apart; where more came, all that is drawn is judged
-FULL, HALF, WRONG = 1.0, 0.5, 0.0
+OFF_AXIS = 0.1  # [rad], the pillar's bearing in base_link beyond which y cannot be mistaken
+ALWAYS, NEVER = 0.8, 0.2  # of the time, for all points and for none; linear in between
+FEW = 3  # moments that make no group yet
+MIRRORED = 0.8  # of the wrong markers off the axis must be where the pillar's mirror image is
 Key = Tuple[str, str, int]  # topic, namespace, id
 
 
 @dataclass(frozen=True)
-class Shares:
-    """How much of a drive one namespace's markers were right, and a sentence about it."""
+class Placement:
+    """Score of one namespace's markers over a drive, and a sentence about it."""
 
-    full: float  # of the moments at which something came
-    half: float  # at least half right
+    score: float  # 0 to 1
     evidence: str
     at: float  # [s], when it was first right, or first wrong
-
-    @property
-    def order(self) -> Tuple[float, float]:
-        """The best namespace counts."""
-        return (self.full, self.half)
+    mirrored: bool = False  # y has the wrong sign
 
 
 @dataclass
 class _Drawn:
     """What RViz draws of a namespace: the latest of each id until it is deleted or its lifetime ends."""
 
-    verdicts: Dict[Key, Tuple[float, float]] = field(default_factory=dict)  # (verdict, end of life [s])
-    full: int = 0
-    near: int = 0
+    scores: Dict[Key, Tuple[float, float]] = field(default_factory=dict)  # (score, end of life [s])
+    ordered: List[float] = field(default_factory=list)  # the scores
 
-    def put(self, key: Key, verdict: float, until: float) -> None:
+    def put(self, key: Key, score: float, until: float) -> None:
         self.remove(key)
-        self.verdicts[key] = (verdict, until)
-        self.full += verdict == FULL
-        self.near += verdict >= HALF
+        self.scores[key] = (score, until)
+        insort(self.ordered, score)
 
     def remove(self, key: Key) -> None:
-        verdict, _ = self.verdicts.pop(key, (WRONG, 0.0))
-        self.full -= verdict == FULL
-        self.near -= verdict >= HALF
+        if key in self.scores:
+            score, _ = self.scores.pop(key)
+            del self.ordered[bisect_left(self.ordered, score)]
 
     def clear(self, topic: str) -> None:
-        for key in [key for key in self.verdicts if key[0] == topic]:
+        for key in [key for key in self.scores if key[0] == topic]:
             self.remove(key)
 
     def expire(self, now: float, mortal: Sequence[Key]) -> None:
         for key in mortal:
-            if key in self.verdicts and self.verdicts[key][1] <= now:
+            if key in self.scores and self.scores[key][1] <= now:
                 self.remove(key)
 
+    @property
+    def score(self) -> float:
+        """The score that most of what is drawn has, at least."""
+        return self.ordered[-ceil(MOST * len(self.ordered))]
 
-def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Shares]:
-    """One verdict for each topic and namespace that sent markers before a moment [s].
 
-    One of many guesses is right by chance: beyond MAX_SERIES there is one verdict, on all that is drawn.
+def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Placement]:
+    """One score for each topic and namespace that sent markers before a moment [s].
+
+    One of many guesses is right by chance: beyond MAX_SERIES there is one score, of all that is drawn.
     """
     markers = [marker for marker in recording.markers if marker.at < until]
     series: Dict[Tuple[str, str], List[MarkerSample]] = defaultdict(list)
@@ -92,75 +97,120 @@ def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[S
     return [_judge(recording, members, rules) for members in series.values()]
 
 
-def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) -> Shares:
+def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) -> Placement:
     added = [marker for marker in markers if marker.action == ADD]
     first = added[0]
     name = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
     lost = [marker for marker in added if marker.problem]
     if len(lost) == len(added):
-        return Shares(0.0, 0.0, f"{name}: not to be seen: {lost[0].problem}", lost[0].at)
-    verdicts = {id(marker): verdict(recording, marker, rules) for marker in added}
-    moments = _moments(markers, verdicts)
-    full = sum(grade == FULL for _, grade in moments) / len(moments)
-    half = sum(grade >= HALF for _, grade in moments) / len(moments)
+        return Placement(0.0, f"{name}: not to be seen: {lost[0].problem}", lost[0].at)
+    scores = {id(marker): score_of(recording, marker, rules) for marker in added}
+    moments = _moments(markers, scores)
+    groups = _by_axis(recording, moments)
+    score = _score(groups)
+    full = sum(moment >= 1.0 for _, moment in moments) / len(moments)
     distances = [_distance(recording, marker) for marker in added if not marker.problem]
     words = f"{name}: right {100.0 * full:.0f} % of the time"
     words += f", {np.median(distances):.2f} m from the pillar's axis (median)"
-    crowd = len({(marker.topic, marker.namespace, marker.id) for marker in added})
-    groups = len({(marker.topic, marker.namespace) for marker in added})
-    wrong = next((marker for marker in added if verdicts[id(marker)] < FULL), None)
+    wrong = next((marker for marker in added if scores[id(marker)] < 1.0), None)
     if wrong is None:
-        return Shares(full, half, words, added[0].at)
-    if half > full:
-        words += f"; near it {100.0 * half:.0f} %"
+        return Placement(score, words, added[0].at)
+    if len(groups) > 1:
+        words += "; " + ", ".join(f"{100.0 * _share(group):.0f} % {where}" for where, group in groups.items())
+    mirrored = _is_mirrored(recording, [marker for marker in added if scores[id(marker)] < 1.0], rules)
+    if mirrored:
+        score = min(score, 0.5)
+        words += "; mirrored: y has the wrong sign"
+        words += ", for this laser hangs upside down" * load_robot(recording.robot).lidar_mount.upside_down
     words += f"; at {wrong.at:.2f} s {_fault(recording, wrong)}"
+    crowd = len({(marker.topic, marker.namespace, marker.id) for marker in added})
+    series = len({(marker.topic, marker.namespace) for marker in added})
     if crowd > 1:
-        where = f"namespace '{first.namespace}'" if groups == 1 else f"{groups} topics and namespaces"
+        where = f"namespace '{first.namespace}'" if series == 1 else f"{series} topics and namespaces"
         words += f"; {crowd} markers in {where}, half of those drawn must be right"
-    return Shares(full, half, words, wrong.at)
+    return Placement(score, words, wrong.at, mirrored)
 
 
-def _moments(markers: Sequence[MarkerSample], verdicts: Dict[int, float]) -> List[Tuple[float, float]]:
-    """(when [s], verdict on all that is drawn), for each moment at which something came."""
+def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[Tuple[float, float]]:
+    """(when [s], score of all that is drawn), for each moment at which something came."""
     drawn, moments = _Drawn(), []
     mortal: List[Key] = []  # markers with a lifetime
     for at, group in groupby(markers, key=lambda marker: marker.at):
         drawn.expire(at, mortal)
-        mortal = [key for key in mortal if key in drawn.verdicts]
+        mortal = [key for key in mortal if key in drawn.scores]
         came = False
         for marker in group:
             key = (marker.topic, marker.namespace, marker.id)
             if marker.action == ADD:
                 came = True
-                drawn.put(key, verdicts[id(marker)], marker.until)
+                drawn.put(key, scores[id(marker)], marker.until)
                 if marker.until < np.inf:
                     mortal.append(key)
             elif marker.action == DELETE:
                 drawn.remove(key)
             else:
                 drawn.clear(marker.topic)
-        if came and drawn.verdicts:
-            wanted = MOST * len(drawn.verdicts)
-            moments.append((at, FULL if drawn.full >= wanted else HALF if drawn.near >= wanted else WRONG))
+        if came and drawn.scores:
+            moments.append((at, drawn.score))
     return moments
 
 
-def verdict(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
-    """Whether one marker is at the pillar (1), near it or touching it (0.5), or neither (0)."""
+def _by_axis(recording: Recording, moments: Sequence[Tuple[float, float]]) -> Dict[str, List[float]]:
+    """Scores of the moments with the pillar off the robot's axis, and on it; a few make no group."""
+    groups: Dict[str, List[float]] = {"off the robot's axis": [], "on it": []}
+    for at, score in moments:
+        _, bearing = _pillar_from_robot(recording, at)
+        groups["off the robot's axis" if abs(bearing) > OFF_AXIS else "on it"].append(score)
+    large = {where: group for where, group in groups.items() if len(group) >= FEW}
+    return large or {"": [score for _, score in moments]}
+
+
+def _share(scores: Sequence[float]) -> float:
+    """How many of the scores are not 0."""
+    return float(np.mean(np.array(scores) > 0.0))
+
+
+def _score(groups: Mapping[str, Sequence[float]]) -> float:
+    """How near the markers are, times how much of the time, for which on and off the axis count alike."""
+    scores = np.concatenate([list(group) for group in groups.values()])
+    if not scores.any():
+        return 0.0
+    share = float(np.mean([_share(group) for group in groups.values()]))
+    return float(scores[scores > 0.0].mean()) * min(max((share - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
+
+
+def _is_mirrored(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) -> bool:
+    """Whether wrong markers are at the pillar's mirror image, seen from the robot: y has the wrong sign."""
+    near = []
+    for marker in wrong:
+        distance, bearing = _pillar_from_robot(recording, marker.at)
+        if marker.problem or abs(bearing) <= OFF_AXIS:
+            continue
+        x, y, yaw = recording.poses[_row(recording, marker.at)]
+        image = x + distance * cos(yaw - bearing), y + distance * sin(yaw - bearing)
+        error = hypot(marker.position[0] - image[0], marker.position[1] - image[1])
+        near.append(error <= rules.marker_half + OFF_AXIS * distance)
+    return len(near) >= FEW and float(np.mean(near)) >= MIRRORED
+
+
+def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
+    """Score of one marker, 0 to 1: 1 at the pillar, 0.5 at `marker_half`, linear in between and beyond."""
+    if marker.problem:
+        return 0.0
     size = recording.pillar_size
-    if marker.problem or not _level(marker, size.height):
-        return WRONG
-    slack = rules.marker_per_metre * _robot_distance(recording, marker.at)
+    slack = rules.marker_per_metre * _pillar_from_robot(recording, marker.at)[0]
     slack += size.radius - PILLAR_RADIUS  # a thicker pillar's near side is as right
-    distance = _distance(recording, marker)
-    if distance <= rules.marker_full + slack:
-        return FULL
-    touches = marker.reach <= size.radius and distance <= LARGEST + size.radius - PILLAR_RADIUS
-    return HALF if touches or distance <= rules.marker_half + slack else WRONG
+    distance, fade = _distance(recording, marker), max(rules.marker_half - rules.marker_full, 1e-6)
+    score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / fade
+    if marker.reach <= size.radius and distance <= LARGEST + size.radius - PILLAR_RADIUS:
+        score = max(score, TOUCHING)
+    return min(max(score, 0.0), 1.0) * _height_score(marker, size.height)
 
 
-def _level(marker: MarkerSample, height: float) -> bool:
-    return marker.low <= height + HEIGHT_MARGIN and marker.high >= -HEIGHT_MARGIN
+def _height_score(marker: MarkerSample, height: float) -> float:
+    """1 for a marker at the pillar's height, less above it and below the ground."""
+    gap = max(marker.low - height, -marker.high, 0.0)
+    return 1.0 - min(max(gap - HEIGHT_MARGIN, 0.0) / HEIGHT_FADE, 1.0)
 
 
 def _distance(recording: Recording, marker: MarkerSample) -> float:
@@ -168,10 +218,15 @@ def _distance(recording: Recording, marker: MarkerSample) -> float:
     return hypot(marker.position[0] - x, marker.position[1] - y)
 
 
-def _robot_distance(recording: Recording, at: float) -> float:
-    row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
-    x, y = recording.pillar
-    return hypot(x - float(recording.poses[row, 0]), y - float(recording.poses[row, 1]))
+def _row(recording: Recording, at: float) -> int:
+    return min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
+
+
+def _pillar_from_robot(recording: Recording, at: float) -> Tuple[float, float]:
+    """Distance [m] and bearing [rad] of the pillar in base_link at a moment [s]."""
+    x, y, yaw = map(float, recording.poses[_row(recording, at)])
+    dx, dy = recording.pillar[0] - x, recording.pillar[1] - y
+    return hypot(dx, dy), remainder(atan2(dy, dx) - yaw, tau)
 
 
 def _fault(recording: Recording, marker: MarkerSample) -> str:
@@ -182,7 +237,7 @@ def _fault(recording: Recording, marker: MarkerSample) -> str:
     px, py, pz = marker.position
     words = f"at ({px:.2f}, {py:.2f}, {pz:.2f}), the pillar at ({x:.2f}, {y:.2f})"
     height = recording.pillar_size.height
-    if not _level(marker, height):
+    if _height_score(marker, height) < 1.0:
         return (
             f"{words}: z is wrong, it is drawn from {marker.low:.2f} to {marker.high:.2f} m,"
             f" the pillar from 0 to {height:g} m"

@@ -41,7 +41,7 @@ from husky_highlevel_controller.ros.node import run_node
 LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
 # to the robot's mux, or past it
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
-SILENT = 3.0  # [s], simulated: a submission that listens, but advertises no command by then, sends none
+SILENT = 2.0  # [s], simulated: a submission that listens, but advertises no command by then, sends none
 MAX_VIOLATIONS = 5  # that are named
 
 

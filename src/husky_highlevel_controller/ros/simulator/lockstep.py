@@ -139,7 +139,7 @@ class Lockstep:
         if self._sleeps:
             rospy.loginfo_once("lockstep: a controller sleeps; the clock goes on scan by scan meanwhile")
             self._on_unanswered(
-                "it does not answer every scan with a command: simulated time goes on while it sleeps"
+                "it does not answer every scan with a command; the clock goes on while it waits"
             )
         elif could_nudge and not may_nudge:
             self._watched = self._to_the_end = True
