@@ -53,7 +53,7 @@ DESERVED = {
     ),
     "raises_in_callback": (
         (0, 0, None, 0, 0),
-        ["callback on_scan raises NameError: name 'minimum' is not defined (controller:11), first at 0."],
+        ["callback on_scan raises NameError: name 'minimum' is not defined (controller:13), first at 0."],
     ),
     "never_advertises": ((0, 0, None, 0, 0), ["the robot never moves: it advertises no cmd_vel"]),
     "floods": ((20, 30, None, 0, 0), ["it floods cmd_vel: "]),

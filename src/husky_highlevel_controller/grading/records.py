@@ -45,8 +45,8 @@ class Rules:
         default="person",
         metadata={
             "choices": ("person", "zero", "node"),
-            "help": "without a configuration of RViz a person judges, or there are no points, or a launch file "
-            "that starts RViz gets all",
+            "help": "without a configuration of RViz: a person judges, no points, or all of them for a "
+            "launch file that starts RViz",
         },
     )
     marker_per_metre: float = _number(0.01, 1.0, "added to both for each metre between robot and pillar")

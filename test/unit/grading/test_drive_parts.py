@@ -132,7 +132,8 @@ NameError: name 'minimum' is not defined
 
 def test_an_exception_in_a_callback_is_named_with_its_line():
     (note,) = notes_on([], RAISES * 7)
-    said = "callback on_scan raises NameError: name 'minimum' is not defined (controller:23), first at 0.34 s, 7 times"
+    said = "callback on_scan raises NameError: name 'minimum' is not defined (controller:23), "
+    said += "first at 0.34 s, 7 times"
     assert note == said
     assert notes_on([], "all is well\nTraceback of a path\n") == []
 

@@ -270,14 +270,15 @@ def test_suffixes_are_read_in_any_case():
 
 
 NUMBERS = {
-    3: "ex3.launch Ex3.launch EX_3 exercise3 Exercise-03 exercise_three exo3 exercice_3 course_03 course3 lab3 Lab_3 "
-    "tp3 TP03 task3 hw3 HW_3 homework3 sheet3 uebung3 session3 husky_ex3_cpp MyEx3.launch HuskyExercise3 "
-    "3rd_exercise ex_3_husky.zip 3 03 ex_no3 exercises3",
+    3: "ex3.launch Ex3.launch EX_3 exercise3 Exercise-03 exercise_three exo3 exercice_3 course_03 "
+    "course3 lab3 Lab_3 tp3 TP03 task3 hw3 HW_3 homework3 sheet3 uebung3 session3 husky_ex3_cpp "
+    "MyEx3.launch HuskyExercise3 3rd_exercise ex_3_husky.zip 3 03 ex_no3 exercises3",
     5: "husky_5th_ex.launch session_5 ex05.launch",
     1: "exercise_one 1 lab1_v2",
-    None: "tb3_autonomy turtlebot3_gazebo ur3_moveit pioneer3dx ps3joy rplidar_a3 robot3 5ro14_husky_controller session_2 "
-    "session2 MyHusky3.launch husky3 husky_highlevel_controller_v2 ros1_ws tf2_demo 2020 laser_2d group_4 python3 "
-    "example_3d next3 http3 team3 velodyne_16 melodic18 complex3",
+    None: "tb3_autonomy turtlebot3_gazebo ur3_moveit pioneer3dx ps3joy rplidar_a3 robot3 "
+    "5ro14_husky_controller session_2 session2 MyHusky3.launch husky3 husky_highlevel_controller_v2 "
+    "ros1_ws tf2_demo 2020 laser_2d group_4 python3 example_3d next3 http3 team3 velodyne_16 "
+    "melodic18 complex3",
 }
 
 

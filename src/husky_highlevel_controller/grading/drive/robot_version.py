@@ -54,10 +54,8 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
         settles(process, lambda: bool(subscribed()), lambda: is_up(network.uri, ()))
         version = subscribed()
     if version:
-        return (
-            version,
-            f"marked with the {TITLES[version]} (--robot {version}): it subscribes to {topics[version]}",
-        )
+        title = f"marked with the {TITLES[version]} (--robot {version})"
+        return version, f"{title}: it subscribes to {topics[version]}"
     return DEFAULT, (
         f"marked with the {TITLES[DEFAULT]} (--robot {DEFAULT}): it subscribes neither to "
         f"{' nor to '.join(topics.values())}"

@@ -29,7 +29,8 @@ def over_trials(
     first, *further = [item.points or 0.0 for item in items]
     mean = float(np.mean(further))
     points = round((1.0 - other_worlds) * first + other_worlds * mean, 1)
-    words = f"in the course's world {first:g}, in {len(further)} others {round(mean, 1):g} of {worst.max_points:g}"
+    words = f"in the course's world {first:g}, in {len(further)} others {round(mean, 1):g}"
+    words += f" of {worst.max_points:g}"
     if not worst.full:
         words += f"; drive {number + 1}"
     words += f": {worst.evidence}"
