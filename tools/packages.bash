@@ -21,7 +21,7 @@ launch_ros_packages=(
   ros-visualization-msgs
 )
 # `run ... grade` and `run catkin_make`: builds hand-ins, looks at them in RViz, keeps them in namespaces
-grade_packages=(bubblewrap g++ procps util-linux xvfb)
+grade_packages=(bubblewrap g++ procps util-linux valgrind libc6-dbg xvfb)
 grade_ros_packages=(
   libroscpp-dev
   # what hand-ins of the courses use

@@ -231,6 +231,7 @@ def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
 ATTACKS = {
     "blocks_readers": "for a person",
     "breaks_readers": "marked",
+    "drives_by_chance": "for a person",
     "escapes": "for a person",
     "escapes_too": "for a person",
     "hooks_the_setup": "for a person",
@@ -278,6 +279,9 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
         rows = {row["submission"]: row for row in csv.DictReader(table)}
     assert {name: row["state"] for name, row in rows.items()} == ATTACKS
     assert {row["total"] for name, row in rows.items() if not row["state"].startswith("could")} == {"0"}
+    if shutil.which("valgrind"):
+        chance = (tmp_path / "out" / "hand_ins" / "drives_by_chance" / "table.txt").read_text()
+        assert "`start_` (controller.cpp:22) is read at" in chance
     notes = rows["breaks_readers"]["notes"]
     assert "launch-prefix 'xterm -e' of node controller is dropped" in notes
     assert "node breaks_readers/no_such_program cannot be started" in notes

@@ -17,6 +17,7 @@ from typing import Any, List, Optional, Tuple
 from tqdm import tqdm
 
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.drive.memcheck import uninitialised
 from husky_highlevel_controller.grading.drive.plan import Plan, Submission, plan
 from husky_highlevel_controller.grading.drive.recording import Recording, empty_recording
 from husky_highlevel_controller.grading.drive.recording import load as load_recording
@@ -46,6 +47,7 @@ from husky_highlevel_controller.grading.records import (
 )
 from husky_highlevel_controller.grading.reports.files import write_replay, write_result
 from husky_highlevel_controller.grading.reports.plots import draw_drives, draw_pixels
+from husky_highlevel_controller.grading.rubrics.items import left_to_chance
 
 PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
 EVIDENCE, FINGERPRINT = "evidence.json", "fingerprint"  # files: for judging; of files and settings
@@ -54,6 +56,7 @@ OLD = (
     "plan",
     "rviz",
     "robot",
+    "memcheck",
     "stand_ins",
     "build.log",
     EVIDENCE,
@@ -75,6 +78,7 @@ class Evidence:
     network: str
     view: RvizView
     notes: Tuple[str, ...]
+    uninitialised: str = ""  # a variable of it that is read before it is written, in a sentence
 
 
 def mark(job: Job, shows_progress: bool = False) -> Result:
@@ -124,6 +128,8 @@ def judge(job: Job) -> Result:
     recordings = [load_recording(path, "") for path in _recordings(out)]
     config = replace(job.config, robot=evidence.robot)
     items = EXERCISES[config.exercise].judge(recordings, evidence.view, config.scan_topic, config.rules)
+    if evidence.uninitialised:
+        items = left_to_chance(items, evidence.uninitialised)
     notes = [*evidence.notes, *(note for recording in recordings for note in recording.notes)]
     settings = {**settings_of(job.config), "sandbox": evidence.sandbox, "network": evidence.network}
     result = Result(job.name, evidence.what, settings, tuple(items), tuple(dict.fromkeys(notes)))
@@ -149,6 +155,8 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> None:
     if config.robot == AUTO:
         robot, why = detect_robot(submission, planned, out / "robot") if planned.nodes else ("husky", "")
         config, notes = replace(config, robot=robot), [*notes, *[why] * bool(why)]
+    (trial, *_) = draw_trials(1, config.seed)
+    chance = uninitialised(submission, planned, trial, config, out / "memcheck") if planned.nodes else ""
     recordings = _drives(submission, planned, replace(job, config=config), shows_progress)
     view, pixels = look(submission, planned, config, out / "rviz")
     network = "loopback only" if private_network.is_private() else "not kept apart"
@@ -159,6 +167,7 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> None:
         network,
         view,
         (*notes, *planned.notes),
+        chance,
     )
     write_whole(out / EVIDENCE, to_json(evidence))
     items = judge(replace(job, override=replace(job.override, points={}, late=None))).items

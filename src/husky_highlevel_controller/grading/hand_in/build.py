@@ -285,7 +285,7 @@ def _catkin_make(
     command = [
         "catkin_make", "-C", str(folders.root), f"-DPYTHON_EXECUTABLE={sys.executable}",
         "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
-        f"-DCMAKE_CXX_FLAGS={flags}", "--make-args", "-k",
+        f"-DCMAKE_CXX_FLAGS=-g1 {flags}", "--make-args", "-k",
     ]  # fmt: skip
     process = Process(command, folders.log, env, folders.root, underlay)
     try:

@@ -178,7 +178,7 @@ HINTS = (
     ("sends its commands to", "publish on /cmd_vel, or remap your topic to it"),
     (
         "were zero",
-        "look at what the velocity is computed from: a gain of 0, or a parameter that is not loaded",
+        "a gain of 0, or a parameter that is not loaded",
     ),
     ("raises", "the line named is where it happens"),
     ("ends during the drive", "the last line of its output says why"),

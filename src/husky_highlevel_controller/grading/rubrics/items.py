@@ -44,3 +44,18 @@ def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[It
         return list(items)
     words = f"no points: {'; '.join(violations)}"
     return [item if item.points is None else replace(item, points=0.0, evidence=words) for item in items]
+
+
+def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
+    """Items of a submission whose behaviour is chance: a person judges what was driven."""
+    return [
+        item
+        if item.points is None or item.name.startswith("RViz shows")
+        else replace(
+            item,
+            points=None,
+            evidence=f"for a person: {cause}: it drives by chance; here {item.points:g}: {item.evidence}",
+            hint="give each member a value in the constructor",
+        )
+        for item in items
+    ]

@@ -22,6 +22,7 @@ import roslaunch.parent
 import roslaunch.pmon
 import roslaunch.rlutil
 import roslaunch.xmlloader
+import roslib.packages
 from rospkg import ResourceNotFound, RosPack
 
 # they bring the robot or its world, which the marking brings, or wait for somebody at a desk
@@ -159,6 +160,16 @@ def drop_prefix(node: Any, reporter: Reporter) -> None:
         node.launch_prefix = None
 
 
+def run_in_valgrind(nodes: List[Any], folder: str) -> None:
+    """Let programs that were compiled run in valgrind, with a log for each in a folder."""
+    for node in nodes:
+        found = roslib.packages.find_node(node.package, node.type)
+        with open(found[0] if found else os.devnull, "rb") as file:
+            if file.read(4) == b"\x7fELF":
+                log = os.path.join(folder, "memcheck.%p")
+                node.launch_prefix = f"valgrind --track-origins=yes --num-callers=20 --log-file={log}"
+
+
 def go_on_without_what_cannot_be_started() -> None:
     """One node that cannot be started does not stop the others: roslaunch ends all of them by this error."""
     launch_node = roslaunch.launch.ROSLaunchRunner.launch_node
@@ -188,7 +199,7 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 
 
 def main(arguments: List[str]) -> int:
-    """Start it and wait for its end: `EVENTS describe|run NAMES_OF_OUR_NODES --launch|--node ...`."""
+    """Start it and wait for its end: `EVENTS describe|run|memcheck OUR_NODES --launch|--node ...`."""
     events, action, taken, *what = arguments
     os.environ["HUSKY_SIMULATOR_IS_OURS"] = "1"  # our launch file, if it is graded, must not refuse it
     reporter = Reporter(events)
@@ -199,6 +210,8 @@ def main(arguments: List[str]) -> int:
         return 1
     if action == "describe":
         return 0
+    if action == "memcheck":
+        run_in_valgrind(config.nodes, os.path.dirname(events))
     roslaunch.rlutil.update_terminal_name = lambda *_: None
     go_on_without_what_cannot_be_started()
     # the server's address is where nodes register with roslaunch

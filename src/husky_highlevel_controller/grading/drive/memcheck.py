@@ -1,0 +1,163 @@
+"""Search for variables that a C++ node reads before it writes them, by valgrind's memcheck.
+
+What such a node does is chance: it may drive on the student's machine and stand on this one.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+from husky_highlevel_controller.grading.drive.plan import Plan, Submission, starter
+from husky_highlevel_controller.grading.drive.progress import settles, state_of_tree
+from husky_highlevel_controller.grading.drive.ros_graph import is_up, topics_subscribed
+from husky_highlevel_controller.grading.drive.run import simulate
+from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
+from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, create, read_text, walk
+from husky_highlevel_controller.grading.isolation.process import Process, wait
+from husky_highlevel_controller.grading.isolation.ros_network import Network
+from husky_highlevel_controller.grading.records import MarkingConfig
+
+VALGRIND = "valgrind"
+LOG = "memcheck."  # and the process's number; `ros/grading/submission.py` names it likewise
+CPU, WALL = 2.0, 8.0  # [s] that the node computes beneath valgrind once it listens, and at most waits
+ELF = b"\x7fELF"
+SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
+DEPTH = 4  # frames of the standard library between the read and the line of the hand-in
+
+_FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (.*) \(([^()]+):(\d+)\)$")
+_PRINTS = re.compile(r"printf|ostream|operator<<|num_put|rosconsole|ros::console|_itoa")
+_TYPE = r"(?:bool|char|int|long|short|float|double|unsigned(?: \w+)?|(?:std::)?size_t|u?int\d+_t)"
+_DECLARED = re.compile(
+    rf"^[ \t]*(?:mutable |volatile )?{_TYPE}[ \t]+(\w+(?:[ \t]*,[ \t]*\w+)*)[ \t]*;", re.MULTILINE
+)
+
+
+class Place(NamedTuple):
+    """A line of a source file."""
+
+    file: str  # its name without folders
+    line: int
+
+
+def uninitialised(
+    submission: Submission, planned: Plan, trial: Trial, config: MarkingConfig, folder: Path
+) -> str:
+    """A sentence on a variable that is read before it is written; empty: none is, or there is no C++ node.
+
+    Args:
+        submission: what to start.
+        planned: what it would start.
+        trial: a drive, for its world.
+        config: the marking's, with its robot.
+        folder: for logs.
+
+    Raises:
+        MarkingError: our own part of it does not work.
+    """
+    root = submission.root
+    if root is None or shutil.which(VALGRIND) is None:
+        return ""
+    if not any(_is_program(root / "devel" / "lib" / node) for node in planned.nodes):
+        return ""
+    with Network(folder) as network:
+        simulate(
+            network, trial_world(trial, config.robot_name), trial.start, trial.seed, config,
+            "real_time_factor:=1",
+        )  # fmt: skip
+        place = network.folder_of("submission")
+        events = place / "events.jsonl"
+        create(events).close()
+        process = network.start("submission", starter(events, "memcheck", submission), submission.workspace)
+        if settles(
+            process,
+            lambda: config.scan_topic in topics_subscribed(network.uri),
+            lambda: is_up(network.uri, planned.nodes),
+        ):
+            _let_it_compute(process)
+    logs = [path for path in place.iterdir() if path.name.startswith(LOG)]
+    return sentence(reads_in("\n".join(map(_text, sorted(logs))), root / "src"), root / "src")
+
+
+def _let_it_compute(process: Process) -> None:
+    _, begun = state_of_tree(process.popen.pid)
+    wait(lambda: not process.running or state_of_tree(process.popen.pid)[1] - begun > CPU, WALL)
+
+
+def _is_program(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(ELF)) == ELF
+    except OSError:
+        return False
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_text(path)
+    except UnreadableFileError:
+        return ""
+
+
+def reads_in(log: str, sources: Path) -> List[Tuple[Optional[Place], Optional[Place]]]:
+    """(line that reads, line that made the memory) of each read in a hand-in's sources, by memcheck's log.
+
+    What is only printed does not count. Where a value is sent, no line reads it.
+    """
+    own = {path.name for path in walk(sources) if path.suffix in SOURCES}
+    found = []
+    for block in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
+        text = re.sub(r"^==\d+== *", "", block, flags=re.MULTILINE).strip()
+        reads, _, made = text.partition("Uninitialised value was created")
+        origin = _first_own(made, own)
+        if reads.startswith(("Conditional jump", "Use of uninitialised value")):
+            line = _first_own(reads, own)
+            if line is not None:
+                found.append((line, origin))
+        elif reads.startswith("Syscall param") and "ros::" in reads and origin is not None:
+            found.append((None, origin))
+    return found
+
+
+def _first_own(stack: str, own: Sequence[str]) -> Optional[Place]:
+    for line in stack.splitlines()[: DEPTH + 1]:
+        frame = _FRAME.search(line.strip())
+        if frame and frame[2] in own:
+            return Place(frame[2], int(frame[3]))
+        if _PRINTS.search(line):
+            return None
+    return None
+
+
+def sentence(reads: Sequence[Tuple[Optional[Place], Optional[Place]]], sources: Path) -> str:
+    """The first read in words, with the variable's name where the line tells it; empty: there is none."""
+    if not reads:
+        return ""
+    texts = {path.name: _text(path) for path in walk(sources) if path.suffix in SOURCES}
+    declared = _declared(texts)
+    for line, _ in reads:
+        if line is not None:
+            words = texts.get(line.file, "").splitlines()[line.line - 1 : line.line]
+            names = [name for name in re.findall(r"\w+", " ".join(words)) if name in declared]
+            if names:
+                place = declared[names[0]]
+                name = f"`{names[0]}` ({place.file}:{place.line})"
+                return f"{name} is read at {line.file}:{line.line} before it is written"
+    line, made = reads[0]
+    if line is not None:
+        return f"a variable is read at {line.file}:{line.line} before it is written"
+    where = f", in an object made at {made.file}:{made.line}" if made else ""
+    return f"it sends a value that was never written{where}"
+
+
+def _declared(texts: Dict[str, str]) -> Dict[str, Place]:
+    """Variables that are declared without a value."""
+    found: Dict[str, Place] = {}
+    for file, text in texts.items():
+        for declaration in _DECLARED.finditer(text):
+            line = text.count("\n", 0, declaration.start(1)) + 1
+            for name in re.split(r"[ \t]*,[ \t]*", declaration[1]):
+                found.setdefault(name, Place(file, line))
+    return found

@@ -1,0 +1,61 @@
+"""Reads of uninitialised variables in valgrind's output: line and variable are named, prints do not count."""
+
+import pytest
+
+from husky_highlevel_controller.grading.drive.memcheck import reads_in, sentence
+
+SOURCE = """class Controller {
+  bool start_;
+  double gain_ = 1.0, speed_;
+  float x, y;
+};
+void onScan() {
+  if (start_) drive();
+  int count;
+  if (gain_ > y) drive();
+  std::cout << speed_;
+}
+"""
+MADE = "==9==  Uninitialised value was created by a stack allocation\n"
+MADE += "==9==    at 0x10A2: main (controller.cpp:30)\n"
+
+
+def block(first, *frames, made=MADE):
+    stack = [f"==9==    {'by' if n else 'at'} 0x4F: {frame}\n" for n, frame in enumerate(frames)]
+    return f"==9== {first}\n{''.join(stack)}{made}==9== \n"
+
+
+JUMP = "Conditional jump or move depends on uninitialised value(s)"
+SENT = "Syscall param sendto(msg) points to uninitialised byte(s)"
+
+
+@pytest.fixture
+def sources(tmp_path):
+    (tmp_path / "controller.cpp").write_text(SOURCE)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("log", "said"),
+    [
+        (
+            block(JUMP, "onScan() (controller.cpp:7)"),
+            "`start_` (controller.cpp:2) is read at controller.cpp:7",
+        ),
+        (block(JUMP, "onScan() (controller.cpp:9)"), "`y` (controller.cpp:4) is read at controller.cpp:9"),
+        (block(JUMP, "std::max(a, b) (stl_algobase.h:254)", "onScan() (controller.cpp:7)"), "`start_` "),
+        (block(JUMP, "onScan() (controller.cpp:6)"), "a variable is read at controller.cpp:6 before"),
+        (block(JUMP, "vfprintf (vfprintf.c:1)", "onScan() (controller.cpp:10)"), ""),
+        (block(JUMP, "std::ostream::_M_insert (ostream.tcc:3)", "onScan() (controller.cpp:10)"), ""),
+        (block(JUMP, "boost::thing() (thread.cpp:7)"), ""),
+        (
+            block(SENT, "send (send.c:28)", "ros::TransportTCP::write (in /usr/lib/libroscpp.so)"),
+            "it sends a value that was never written, in an object made at controller.cpp:30",
+        ),
+        (block(SENT, "send (send.c:28)", "ros::TransportTCP::write (in libroscpp.so)", made=""), ""),
+        ("==9== ERROR SUMMARY: 0 errors\n", ""),
+    ],
+)
+def test_a_read_that_decides_is_named(log, said, sources):
+    assert sentence(reads_in("==9== Memcheck\n==9== \n" + log, sources), sources).startswith(said)
+    assert bool(said) == bool(reads_in(log, sources))
