@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Collection, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.grading.drive.plan import Plan, Submission, starter
 from husky_highlevel_controller.grading.drive.progress import settles, state_of_tree
@@ -107,7 +107,7 @@ def reads_in(log: str, sources: Path) -> List[Tuple[Optional[Place], Optional[Pl
     What is only printed does not count. Where a value is sent, no line reads it.
     """
     own = {path.name for path in walk(sources) if path.suffix in SOURCES}
-    found = []
+    found: List[Tuple[Optional[Place], Optional[Place]]] = []
     for block in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
         text = re.sub(r"^==\d+== *", "", block, flags=re.MULTILINE).strip()
         reads, _, made = text.partition("Uninitialised value was created")
@@ -121,7 +121,7 @@ def reads_in(log: str, sources: Path) -> List[Tuple[Optional[Place], Optional[Pl
     return found
 
 
-def _first_own(stack: str, own: Sequence[str]) -> Optional[Place]:
+def _first_own(stack: str, own: Collection[str]) -> Optional[Place]:
     for line in stack.splitlines()[: DEPTH + 1]:
         frame = _FRAME.search(line.strip())
         if frame and frame[2] in own:
