@@ -50,7 +50,7 @@ class Log(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a pillar was found, and from where."""
+    """Place of a pillar that was found, and of the lidar."""
 
     x: float  # [m]
     y: float  # [m]
@@ -107,7 +107,7 @@ def read_bag(path: Path) -> List[Log]:
 
 
 def looks(log: Log, place: Place) -> Tuple[np.ndarray, np.ndarray]:
-    """Of each scan, (N,) bool: whether it has a return at the place; whether it looks through it."""
+    """Whether each scan has a return at the place, and whether it looks through it, (N,) bool each."""
     first = log.scans[0]
     step, count = first.angle_increment, len(first.ranges)
     dx, dy = place.x - log.poses[:, 0], place.y - log.poses[:, 1]
@@ -189,7 +189,7 @@ def confirmed_from(log: Log, found: List[List[Pillar]], start: int) -> Optional[
 
 
 def distinct(places: List[Place]) -> List[Place]:
-    """One place of each body."""
+    """Places of distinct bodies."""
     kept: List[Place] = []
     for place in places:
         if all(hypot(place.x - other.x, place.y - other.y) > 0.4 for other in kept):
@@ -198,7 +198,7 @@ def distinct(places: List[Place]) -> List[Place]:
 
 
 def row(log: Log, places: List[Place]) -> Tuple[int, int, int, int]:
-    """How many places: found, judged, standing, ghosts."""
+    """Numbers of places: found, judged, standing, ghosts."""
     shares = [share_standing(log, place) for place in places]
     judged = [share for share in shares if share is not None]
     return (

@@ -71,7 +71,7 @@ def from_plain(kind: Type[Record], value: Any, source: str) -> Record:
 
 
 def to_plain(value: Any) -> Any:
-    """What JSON can hold of a record: mappings, lists and plain values; arrays rounded to four digits."""
+    """Convert a record to JSON's types: mappings, lists and plain values; arrays rounded to four digits."""
     if is_dataclass(value):
         return {item.name: to_plain(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, np.ndarray):

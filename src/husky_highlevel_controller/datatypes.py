@@ -139,7 +139,7 @@ def even_beams(angle_min: float, angle_max: float, count: int) -> Beams:
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """One scan of a planar lidar (sensor_msgs/LaserScan)."""
+    """Scan of a planar lidar (sensor_msgs/LaserScan)."""
 
     stamp: float  # [s]
     frame: str
@@ -204,7 +204,7 @@ class RobotState(NamedTuple):
 
 
 class ImuSample(NamedTuple):
-    """One sample of an inertial measurement unit; on the Husky along base_link's axes."""
+    """Sample of an inertial measurement unit; on the Husky along base_link's axes."""
 
     stamp: float  # [s]
     quat_xyzw: Quaternion  # attitude of the sensor in a level frame of arbitrary heading
@@ -213,7 +213,7 @@ class ImuSample(NamedTuple):
 
 
 class PowerState(NamedTuple):
-    """What a Husky's base knows of its power; pairs are (left, right)."""
+    """Power of a Husky's base; pairs are (left, right)."""
 
     uptime: float  # [s]
     currents: Tuple[float, float]  # [A], of the motors
@@ -233,7 +233,7 @@ class MagSample(NamedTuple):
 
 
 class GpsFix(NamedTuple):
-    """One fix of a satellite receiver, on the WGS 84 ellipsoid."""
+    """Fix of a satellite receiver, on the WGS 84 ellipsoid."""
 
     stamp: float  # [s]
     latitude: float  # [deg], north positive
@@ -244,7 +244,7 @@ class GpsFix(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DepthImage:
-    """One image of a depth camera."""
+    """Image of a depth camera."""
 
     stamp: float  # [s]
     frame: str  # optical: z forward, x to the right, y down
@@ -259,7 +259,7 @@ class Odometry(NamedTuple):
 
 
 class OdometrySample(NamedTuple):
-    """One reading of the wheel encoders, and the dead reckoning from it."""
+    """Reading of the wheel encoders, and the dead reckoning from it."""
 
     wheels: WheelState
     from_wheels: Odometry  # both speeds from the wheels

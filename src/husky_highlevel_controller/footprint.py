@@ -21,12 +21,12 @@ class Footprint:
 
     @property
     def half_length(self) -> float:
-        """Of the rectangle about both [m]."""
+        """Half the length of the rectangle about hull and wheels [m]."""
         return max(self.hull[0], self.wheels[0])
 
     @property
     def half_width(self) -> float:
-        """Of the rectangle about both [m]."""
+        """Half the width of the rectangle about hull and wheels [m]."""
         return max(self.hull[1], self.wheels[2])
 
     def clearance(self, points_in_base: np.ndarray) -> np.ndarray:

@@ -131,7 +131,7 @@ def pose_to_2d(pose: Pose) -> Pose2D:
 
 
 def advance(pose: Pose2D, twist_in_base: Twist2D, duration: float) -> Pose2D:
-    """Where a constant twist leads in `duration` s: exactly along the arc."""
+    """Pose after a constant twist for `duration` s: exactly along the arc."""
     turn = twist_in_base.angular * duration
     # sin(a)/a and (1-cos(a))/a, by series where the quotient loses its digits
     if abs(turn) < 1e-4:

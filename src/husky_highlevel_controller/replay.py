@@ -23,7 +23,7 @@ MAX_MARKS = 1000
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """What is shown of a drive, in the world's frame."""
+    """Poses, paths and objects of a drive, in the world's frame."""
 
     title: str
     words: str  # how it ended

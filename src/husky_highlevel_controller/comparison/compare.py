@@ -37,7 +37,7 @@ class Comparison:
 
     @property
     def pairs(self) -> List[Tuple[Outcome, Outcome]]:
-        """Those of the scenes in which both succeed."""
+        """Pairs of outcomes of the scenes in which both succeed."""
         return [(a, b) for a, b in zip(self.a, self.b) if a.success and b.success]
 
     @property
@@ -55,12 +55,12 @@ class Comparison:
         return bootstrap([getattr(b, quantity) - getattr(a, quantity) for a, b in self.pairs])
 
     def mean(self, quantity: str) -> Tuple[float, float]:
-        """Of A and of B, over the scenes in which both succeed."""
+        """Mean of a figure of A and of B, over the scenes in which both succeed."""
         columns = [[getattr(one, quantity) for one in side] for side in zip(*self.pairs)] or [[np.nan]] * 2
         return float(np.mean(columns[0])), float(np.mean(columns[1]))
 
     def worse(self, margin: float) -> str:
-        """Why B is worse than A by more than a share of A's time; empty: it is not."""
+        """Reason why B is worse than A by more than a share of A's time; empty: it is not."""
         lost, won = len(self.only_b_fails), len(self.only_a_fails)
         if lost > won:
             return f"it fails in {lost} scenes in which A does not, and A in {won} in which B does not"

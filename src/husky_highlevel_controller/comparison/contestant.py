@@ -1,4 +1,4 @@
-"""What takes part in a comparison: parameters, a function, or a launch file; and one drive of it.
+"""Contestants of a comparison (parameters, a function, a launch file), and one drive of each.
 
 In: words of a command line, scenes. Out: `Outcome`s. Must not know: what they are compared for.
 
@@ -41,7 +41,7 @@ DRAWN_POSES = 300  # of a drive, that are kept for its picture
 
 @dataclass(frozen=True)
 class Contestant:
-    """One of the two."""
+    """Side of a comparison, A or B."""
 
     name: str
     setup: Setup
@@ -53,7 +53,7 @@ class Contestant:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """One drive."""
+    """Outcome of one drive."""
 
     scene: str
     arrived_at: float  # [s], from when on it stands at the pillar; inf: it does not in the end
@@ -64,12 +64,12 @@ class Outcome:
 
     @property
     def success(self) -> bool:
-        """It stands at the pillar, and has not touched it."""
+        """Whether the robot stands at the pillar, and has not touched it."""
         return self.arrived_at < inf and self.nearest > TOUCH
 
     @property
     def words(self) -> str:
-        """How it ended."""
+        """End of the drive in words."""
         touched = ", touched the pillar" if self.nearest <= TOUCH else ""
         touched += f" ({'; '.join(self.notes)})" if self.notes else ""
         if self.arrived_at == inf:
@@ -78,7 +78,7 @@ class Outcome:
 
 
 def contestant(words: str, base: Setup) -> Contestant:
-    """What the words name: FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch [ARGUMENTS].
+    """Contestant by words: FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch [ARGUMENTS].
 
     Raises:
         HuskyError: none of these, or it cannot be read.
@@ -174,7 +174,7 @@ def _launched(one: Contestant, launch: Launchable, scenario: Scenario) -> Outcom
 
 @lru_cache(maxsize=4)
 def _launch_problem(launch: Launchable) -> str:
-    """Why a launch file cannot drive; empty: it starts some node."""
+    """Reason why a launch file cannot drive; empty: it starts some node."""
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
         planned = plan(Submission(launch), Path(folder))
     return "" if planned.nodes else "; ".join(planned.notes) or "it starts no node"
@@ -183,7 +183,7 @@ def _launch_problem(launch: Launchable) -> str:
 def outcome(
     scene: str, times: np.ndarray, poses: np.ndarray, pillar: Tuple[float, float], robot: Robot
 ) -> Outcome:
-    """What a drive came to.
+    """Outcome of a drive of one contestant in one scene.
 
     Args:
         scene: its name.

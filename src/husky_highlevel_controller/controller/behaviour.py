@@ -49,7 +49,7 @@ PRESSING = 0.2  # [s], at control.TOUCH_LEAST_SPEED: 8 mm, so that it does touch
 
 
 class State(Enum):
-    """What the robot is doing."""
+    """State of the controller."""
 
     WAITING = "waiting"  # it cannot judge, or must not search
     SEARCHING = "searching"
@@ -60,7 +60,7 @@ class State(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """One scan, and the poses of its stamp."""
+    """Scan, and the poses of its stamp."""
 
     scan: Scan
     laser_in_base: Optional[Pose]  # None where TF does not know
@@ -76,7 +76,7 @@ class Observation:
 
 
 class ControllerState(NamedTuple):
-    """What the controller keeps from scan to scan."""
+    """Memory of the controller from scan to scan."""
 
     state: State = State.WAITING
     track: Track = Track()
@@ -238,7 +238,7 @@ def _act(
     enabled: bool,
     control: ControlConfig,
 ) -> _Act:
-    """What to do, given what is known of the pillar."""
+    """Action for what is known of the pillar."""
     if not enabled:
         return State.STOPPED, STOP, "stopped by its start/stop service", None
     if observation.laser_in_base is None:

@@ -59,12 +59,12 @@ class Segments(NamedTuple):
 
     @property
     def starts(self) -> np.ndarray:
-        """Where each begins in `beams` and `ranges`, (S,)."""
+        """Index at which each segment begins in `beams` and `ranges`, (S,)."""
         starts: np.ndarray = np.cumsum(self.counts) - self.counts
         return starts
 
     def those(self, chosen: np.ndarray) -> Segments:
-        """Those for which `chosen`, (S,) bool, is true."""
+        """Segments for which `chosen`, (S,) bool, is true."""
         of = np.repeat(chosen, self.counts)
         return Segments(self.beams[of], self.ranges[of], self.counts[chosen], self.near[chosen], self.step)
 
@@ -139,7 +139,7 @@ def _algebraic_fit(
 
 
 def few_moments(segment: Segment, origin: float) -> Moments:
-    """What `many_moments` makes, beam by beam: sooner done where they are few."""
+    """Moments as of `many_moments`, beam by beam: sooner done for few beams."""
     points, middle, step = [], segment.middle, segment.step
     for beam, depth in zip(segment.beams, segment.ranges):
         angle = (beam - middle) * step
@@ -235,7 +235,7 @@ def _geometric_fit(segment: Segment, origin: float, radius: float) -> Tuple[Vect
 
 
 def _improved(circle: Vector3, products: Products, radius: float) -> Tuple[Vector3, float]:
-    """One step of Gauss-Newton for centre and radius, expected at the origin, and how long it is [m]."""
+    """Step of Gauss-Newton for centre and radius, expected at the origin, and its length [m]."""
     x, y, r = circle
     dx, dy, dr = fit_step(circle, products, radius)
     longest = max(abs(dx), abs(dy), abs(dr))
@@ -254,7 +254,7 @@ def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius:
 
 
 def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, float]:
-    """How much the beams alone would change the radius, and how far that may be wrong [m]."""
+    """Change of the radius that the beams alone would make, and its standard error [m]."""
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), (_, _, _, ee) = products
     covariance = _inverse(xx + _LEAST_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
     dx, dy, dr = _apply(covariance, (xe, ye, re))

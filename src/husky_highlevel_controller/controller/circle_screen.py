@@ -29,7 +29,7 @@ _SAMPLES = 16  # beams of a silhouette that are looked at
 
 
 class Limits(NamedTuple):
-    """What a circle must meet to be a pillar."""
+    """Limits that a circle must meet to be a pillar."""
 
     radius: float  # [m], what is expected
     tolerance: float  # [m], how far a measured radius may be off
@@ -120,7 +120,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
 
 
 def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.ndarray]:
-    """How many sampled beams pass through each circle, and how many are hidden: no more than of all beams."""
+    """Count the sampled beams that pass through each circle, and hidden ones: no more than of all beams."""
     step, distance, r = abs(scan.angle_increment), np.hypot(fits.x, fits.y), fits.radius[:, None]
     inner = np.maximum(0.9 * fits.radius - 2.0 * fits.residual - _MARGIN, 0.0)
     half = np.arcsin(np.minimum(inner / np.maximum(distance, 1e-9), 1.0)) / step

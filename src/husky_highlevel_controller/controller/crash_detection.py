@@ -39,7 +39,7 @@ STANDING = 0.02  # [m/s], slower wheels have no direction of travel
 
 @dataclass(frozen=True)
 class CrashConfig:
-    """What counts as a crash."""
+    """Limits of a crash."""
 
     max_loss: float = field(
         default=0.12,
@@ -64,7 +64,7 @@ class CrashConfig:
 
 
 class _Push(NamedTuple):
-    """One sample without gravity, along the ground in the directions of base_link, and upwards."""
+    """Sample without gravity, along the ground in the directions of base_link, and upwards."""
 
     stamp: float  # [s]
     ahead: float  # [m/s], change of velocity since the last sample
@@ -181,7 +181,7 @@ class CrashDetector:
         return hypot(ahead, left)
 
     def _allowance(self, stamp: float, ground: float) -> float:
-        """What the ground may take from the speed [m/s], by what it does sideways and vertically."""
+        """Loss of speed [m/s] that the ground may cause, by its sideways and vertical shaking."""
         config = self._config
         self._ground.append((stamp, ground))
         while stamp - self._ground[0][0] > MEMORY:

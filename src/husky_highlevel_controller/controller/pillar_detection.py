@@ -30,7 +30,7 @@ from husky_highlevel_controller.datatypes import Pillar, Scan
 
 @dataclass(frozen=True)
 class PillarConfig:
-    """What counts as a pillar."""
+    """Limits of a pillar: size, number of beams, clearance."""
 
     pillar_radius: float = field(
         default=0.2, metadata={"min": 0.02, "max": 2.0, "help": "radius of the pillar looked for [m]"}
@@ -149,7 +149,7 @@ def _split(scan: Scan, config: PillarConfig) -> Tuple[np.ndarray, np.ndarray, Li
 def _breaks(
     config: PillarConfig, step: float, valid: np.ndarray, ranges: np.ndarray
 ) -> Tuple[List[int], List[int]]:
-    """Where in `valid` another body begins; and single beams that others pass by on both sides."""
+    """Starts of bodies in `valid`; and single beams that others pass by on both sides."""
     largest, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
     doubtful = (np.abs(ranges[1:] - ranges[:-1]) > rough) | (valid[1:] - valid[:-1] > 1)
     suspects = doubtful.nonzero()[0].tolist()
@@ -172,7 +172,7 @@ def _breaks(
 def _breaks_of_many(
     config: PillarConfig, step: float, valid: np.ndarray, ranges: np.ndarray, suspects: np.ndarray
 ) -> Tuple[List[int], List[int]]:
-    """What `_breaks` finds, by arrays: sooner done where many neighbours differ."""
+    """Starts as of `_breaks`, by arrays: sooner done where many neighbours differ."""
     largest, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
 
     def apart(left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -205,7 +205,7 @@ def _plausible(scan: Scan, config: PillarConfig, beams: List[int], ranges: List[
 def _plausible_of_many(
     scan: Scan, config: PillarConfig, valid: np.ndarray, ranges: np.ndarray, breaks: List[int]
 ) -> Segments:
-    """What `_plausible` lets pass, by arrays: sooner done where there are many segments."""
+    """Segments as of `_plausible`, by arrays: sooner done where there are many."""
     starts = np.array([0, *breaks])
     stops = np.array([*breaks, len(valid)])
     counts, step = stops - starts, abs(scan.angle_increment)
@@ -263,7 +263,7 @@ def _stands_out(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
 
 
 def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circle) -> Tuple[int, int]:
-    """Of the beams that should have met a circle: how many pass through it, and how many are hidden."""
+    """Count the beams that pass through a circle they should have met, and the hidden ones."""
     step, beams = abs(segment.step), segment.beams
     distance = hypot(circle.x, circle.y)
     inner = max(0.9 * circle.radius - 2.0 * circle.residual, 0.0)

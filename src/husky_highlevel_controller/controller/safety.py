@@ -27,7 +27,7 @@ STOPPING_TIMEOUT = 1.0  # [s], after a stop was called for the robot stands, or 
 
 @dataclass(frozen=True)
 class ProximityConfig:
-    """When something is too close."""
+    """Distances at which something is too close."""
 
     margin: float = field(
         default=0.1, metadata={"min": 0.0, "max": 1.0, "help": "clearance to keep when it stands [m]"}
@@ -106,7 +106,7 @@ def _longest_move(way: List[Pose2D], outline: Footprint) -> float:
 
 
 def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:
-    """Where the beams end, seen from above in base_link, (N, 2) [m]; what is too near to measure counts."""
+    """Ends of the beams from above, in base_link, (N, 2) [m]; returns too near to measure count."""
     too_near = scan.ranges == -np.inf
     ranges, there = np.where(too_near, scan.range_min, scan.ranges), scan.valid | too_near
     ranges, bearings = ranges[there], scan.bearings[there]

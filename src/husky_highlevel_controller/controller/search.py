@@ -31,7 +31,7 @@ _QUARTER = pi / 2.0
 
 
 class Search(NamedTuple):
-    """How far the search has come."""
+    """Progress of the search."""
 
     leg: int = 0  # legs begun
     to_turn: float = _ROUND  # [rad] before the next leg
@@ -74,7 +74,7 @@ def search_on(
 
 
 def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outline: Footprint) -> np.ndarray:
-    """What is near the robot, (N, 2) [m] in base_link.
+    """Points near the robot, (N, 2) [m] in base_link.
 
     Args:
         scan: one sweep.

@@ -46,7 +46,7 @@ class Estimate(NamedTuple):
 
 
 class Visibility(Enum):
-    """What a scan says about a remembered place."""
+    """Evidence of a scan about a remembered place."""
 
     SEEN = "seen"
     OUT_OF_VIEW = "out of view"
@@ -56,14 +56,14 @@ class Visibility(Enum):
 
 
 class Anchor(NamedTuple):
-    """Where an estimate and the lidar were, at most WATCH_TIME ago."""
+    """Places of an estimate and of the lidar, at most WATCH_TIME ago."""
 
     estimate: Estimate
     laser: Tuple[float, float]  # [m], in odom
 
 
 class Track(NamedTuple):
-    """One pillar followed."""
+    """Pillar that is followed from scan to scan."""
 
     estimate: Optional[Estimate] = None
     missed_time: float = 0.0  # [s] that its place looked empty, less those that showed it
@@ -162,7 +162,7 @@ def _at(place: Optional[Tuple[float, float]], sighting: Sighting) -> bool:
 
 
 def _weight(visibility: Visibility, track: Track, laser_in_odom: Pose, patient: bool) -> float:
-    """How much a second in which the pillar is not seen counts against it."""
+    """Weight of a second in which the pillar is not seen."""
     estimate = track.estimate
     assert estimate is not None
     if visibility is Visibility.EMPTY or not track.confirmed:
@@ -181,7 +181,7 @@ def _give_up(track: Track, reject: bool) -> Track:
 
 
 def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
-    """What the beams that should meet a remembered pillar say about it."""
+    """Evidence of the beams that should meet a remembered pillar."""
     step = scan.angle_increment
     x, y, _ = transform_point(inverse(laser_in_odom), (estimate.x, estimate.y, laser_in_odom.position[2]))
     distance = hypot(x, y)

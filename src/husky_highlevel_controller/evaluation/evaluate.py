@@ -39,7 +39,7 @@ TOUCHING = ControlConfig(stop_distance=0.0)
 
 
 class Figure(NamedTuple):
-    """One row of the table."""
+    """Row of the table."""
 
     name: str
     value: float
@@ -62,7 +62,7 @@ class Figure(NamedTuple):
 def extraction_figures(
     title: str, errors: Sequence[float], least: float = -inf, most: float = inf
 ) -> List[Figure]:
-    """Of the centre errors [m] in scenes with a pillar; inf is one not found."""
+    """Figures of the centre errors [m] in scenes with a pillar; inf is one not found."""
     found = [error for error in errors if error < inf]
     p95 = float(np.quantile(found, 0.95)) if found else nan
     return [
@@ -72,7 +72,7 @@ def extraction_figures(
 
 
 def start_figures(runs: Sequence[DriveResult]) -> List[Figure]:
-    """Of the runs from random starts."""
+    """Figures of the runs from random starts."""
     good = sum(run.good for run in runs)
     ratios, lost = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
     return [
@@ -90,7 +90,7 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Figure]:
 
 
 def course_figures(run: DriveResult, ratio: float = inf) -> List[Figure]:
-    """Of one run from the course's start."""
+    """Figures of the run from the course's start."""
     return [
         Figure("arrived, within 2 cm, without a touch", 100.0 * run.good, "%", least=100.0),
         Figure("time to arrival", run.arrived_at, "s"),
@@ -101,7 +101,7 @@ def course_figures(run: DriveResult, ratio: float = inf) -> List[Figure]:
 
 
 def touch_figures(run: DriveResult) -> List[Figure]:
-    """Of one run from the course's start with stop_distance 0."""
+    """Figures of the run from the course's start with stop_distance 0."""
     return [
         Figure(
             "touched the pillar, and nothing else", float(run.touched == ("unit_cylinder",)), "", least=1.0

@@ -35,7 +35,7 @@ DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0  # [s] of simulated time after whic
 def center_error(
     number: int, seed: int, clutter: bool, lidar: LidarConfig = SICK, detector: Optional[PillarConfig] = None
 ) -> float:
-    """How far from a random pillar the nearest one found is [m]; inf where none is the same."""
+    """Distance from a random pillar to the nearest one found [m]; inf where none is the same."""
     scene = pillar_scene(number, seed, clutter, lidar)
     assert scene.pillar is not None
     x, y, _ = scene.pillar
@@ -47,7 +47,7 @@ def center_error(
 def false_pillars(
     number: int, seed: int, lidar: LidarConfig = SICK, detector: Optional[PillarConfig] = None
 ) -> int:
-    """How many pillars of many beams are found in a random scene without one."""
+    """Number of pillars of many beams that are found in a random scene without one."""
     found = find_pillars(bare_scene(number, seed, lidar).scan, detector or PillarConfig())
     return sum(pillar.beams >= MANY_BEAMS for pillar in found)
 
@@ -57,7 +57,7 @@ def false_pillars(
 
 @dataclass(frozen=True)
 class DriveResult:
-    """What counts of one run."""
+    """Figures of one run."""
 
     name: str
     arrived_at: float  # [s]; inf if it did not
@@ -77,14 +77,14 @@ class DriveResult:
 
     @property
     def words(self) -> str:
-        """How it ended, in a sentence."""
+        """End of the run in a sentence."""
         end = f"arrived after {self.arrived_at:.2f} s" if self.arrived_at < inf else "did not arrive"
         touched = f", touched {', '.join(self.touched)}" if self.touched else ""
         return f"{end}, {100.0 * self.final_error:+.1f} cm from where it should stand{touched}"
 
     @property
     def good(self) -> bool:
-        """It stands where it should, and touched nothing."""
+        """Whether the robot stands where it should, and touched nothing."""
         return self.arrived_at < inf and not self.touched and abs(self.final_error) <= 0.02
 
 
@@ -113,7 +113,7 @@ def run_with_page(
     simulator: Optional[SimulatorConfig] = None,
     detector: Optional[PillarConfig] = None,
 ) -> Tuple[DriveResult, str, str]:
-    """As `run`, with the file name and the text of a page that plays the drive."""
+    """Run as `run`, with the file name and the text of a page that plays the drive."""
     trace = drive(control, scenario, simulator, detector)
     result = judge(trace, scenario, control, simulator)
     return (
@@ -141,7 +141,7 @@ def drive(
 def judge(
     trace: Trace, scenario: Scenario, control: ControlConfig, simulator: Optional[SimulatorConfig] = None
 ) -> DriveResult:
-    """What counts of a rollout."""
+    """Figures of a rollout."""
     robot = (simulator or simulator_config()).robot
     lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]
     distances = _lidar_to_pillar(trace, lidar_x)
@@ -181,7 +181,7 @@ def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: floa
 
 
 def crossings(trace: Trace) -> int:
-    """How often the true bearing swings to the other side after it was first aligned, up to the arrival.
+    """Number of times that the true bearing changes sides after it was first aligned, up to the arrival.
 
     Only while the controller has a target: one that searches turns past the pillar that it does not see yet.
     """

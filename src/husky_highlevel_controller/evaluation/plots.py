@@ -22,7 +22,7 @@ COLORS = ("tab:blue", "tab:red")  # of A and B
 
 
 class Panel(NamedTuple):
-    """One quantity over the grid."""
+    """Quantity over the grid."""
 
     title: str
     values: np.ndarray  # (N,) or (N, M), one for each point; nan: none
@@ -105,7 +105,7 @@ def _heat_map(figure: Figure, plot: Any, axes: Sequence[Axis], panel: Panel, mar
 
 
 def _edges(axis: Axis) -> np.ndarray:
-    """Where one cell ends and the next begins, half way between two values, (N + 1,)."""
+    """Edges of the cells, half way between two values, (N + 1,)."""
     values = np.log(axis.values) if axis.is_geometric else np.array(axis.values, dtype=float)
     middles = (values[1:] + values[:-1]) / 2.0
     first, last = (middles[0], middles[-1]) if len(middles) else (values[0] + 0.5, values[0] - 0.5)

@@ -40,7 +40,7 @@ Controller = Callable[
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """What happened, one row a scan (N of them); arrays are read-only."""
+    """Trace of a drive, one row a scan (N of them); arrays are read-only."""
 
     times: np.ndarray  # (N,) [s] of simulated time
     poses: np.ndarray  # (N, 3) [m, m, rad], true x, y and yaw of base_link in the world
@@ -56,7 +56,7 @@ class Trace:
 
     @property
     def arrived_at(self) -> Optional[float]:
-        """When it stood before the pillar for good [s]; None if it did not."""
+        """Time at which the robot stood before the pillar for good [s]; None if it did not."""
         if not self.states or self.states[-1] is not State.ARRIVED:
             return None
         last_other = max((i for i, state in enumerate(self.states) if state is not State.ARRIVED), default=-1)

@@ -45,7 +45,7 @@ SICK = simulator_config().lidar
 
 @dataclass(frozen=True, eq=False)
 class PillarScan:
-    """One scan, and what there is to be found in it."""
+    """Scan, and the pillar to be found in it."""
 
     scan: Scan
     pillar: Optional[Disc]
@@ -169,7 +169,7 @@ def _clearance(pillar: Disc, circles: Sequence[Disc], segments: Sequence[Wall]) 
 
 
 def _clutter(rng: np.random.Generator) -> Tuple[List[Disc], List[Wall]]:
-    """One to three bodies 0.8-18 m away."""
+    """Bodies, one to three, 0.8-18 m away."""
     circles: List[Disc] = []
     segments: List[Wall] = []
     for _ in range(rng.integers(1, 4)):

@@ -1,4 +1,4 @@
-"""What a drive depends on beside its scene: gains, detector, simulator; parameters of all three by name.
+"""Setup of a drive beside its scene: gains, detector, simulator; parameters of all three by name.
 
 In: names and values, of a command line or a YAML file. Out: `Setup`s, `Axis`es.
 Must not know: ROS, what comes of a drive.
@@ -81,7 +81,7 @@ class Axis:
 
 
 def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky") -> Setup:
-    """What `evaluate` drives with: PROFILES and GROUNDS of simulator/profile.py, ROBOTS.
+    """Setup that `evaluate` drives with: PROFILES and GROUNDS of simulator/profile.py, ROBOTS.
 
     Raises:
         ConfigError: the robot has no such profile.

@@ -21,7 +21,7 @@ class Interval(NamedTuple):
     high: float
 
     def words(self, unit: str, factor: float = 1.0) -> str:
-        """To be read."""
+        """Interval in words."""
         return f"{factor * self.mean:+.3f} {unit} [{factor * self.low:+.3f}, {factor * self.high:+.3f}]"
 
 

@@ -63,7 +63,7 @@ class Sweep:
         return grid
 
     def panels(self) -> List[Panel]:
-        """What is drawn."""
+        """Panels of the picture."""
         times, success = self.grid("arrived_at", np.median), 100.0 * self.grid("good", np.mean)
         overshoot = 100.0 * self.grid("overshoot", np.mean)
         nearest = 100.0 * self.grid("nearest", np.min)
@@ -77,7 +77,7 @@ class Sweep:
 
 
 def row(drive: DriveResult) -> Dict[str, Any]:
-    """One drive as a line of a table: seconds and metres."""
+    """Line of the table for one drive: seconds and metres."""
     return {
         "scene": drive.name, "success": drive.good, "arrived_at": drive.arrived_at, "bound": drive.bound,
         "final_error": drive.final_error, "overshoot": drive.overshoot, "nearest": drive.nearest,
@@ -101,7 +101,7 @@ def sweep(axes: Sequence[Axis], scenes: Sequence[Scenario], setup: Setup, worker
 
 
 def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
-    """What a picture of these axes marks: the defaults, and the course's gains where they are on it."""
+    """Marks of a picture of these axes: the defaults, and the course's gains where they are on it."""
     known = {"defaults": Setup(), "the course's gains": Setup(COURSE_GAINS)}
     if profile == "robot":
         known["robot.launch's gains"] = Setup(ROBOT_GAINS)

@@ -45,7 +45,7 @@ DIGITS = 4  # of a proposed value: what is driven is what the file says
 
 @dataclass(frozen=True)
 class Objective:
-    """What one drive costs [s]: time beyond what the limits of the robot need, and penalties."""
+    """Cost of one drive [s]: time beyond what the limits of the robot need, and penalties."""
 
     failure: float = 60.0  # [s], for a drive that does not arrive, in place of its time
     touch: float = 30.0  # [s], for a touch
@@ -53,7 +53,7 @@ class Objective:
     crossing: float = 1.0  # [s], for each swing across the pillar's direction
 
     def cost(self, drive: DriveResult) -> float:
-        """Of one drive [s]."""
+        """Cost of one drive [s]."""
         time = drive.arrived_at - drive.bound if drive.arrived_at < inf else self.failure
         penalties = self.touch * bool(drive.touched) + self.overshoot * drive.overshoot
         return time + penalties + self.crossing * drive.crossings
@@ -68,7 +68,7 @@ class Objective:
 
 
 class Range(NamedTuple):
-    """Where a parameter is looked for."""
+    """Range in which a parameter is looked for."""
 
     name: str
     low: float
@@ -76,7 +76,7 @@ class Range(NamedTuple):
 
 
 class Tuned(NamedTuple):
-    """What was found."""
+    """Result of tuning."""
 
     values: Dict[str, float]
     trials: List[Dict[str, Any]]  # a row for each setup that was tried

@@ -19,7 +19,7 @@ Judge = Callable[[Sequence[Recording], RvizView, str, Rules], List[Item]]
 
 @dataclass(frozen=True)
 class Exercise:
-    """One exercise of the course."""
+    """Exercise of the course."""
 
     items: Tuple[str, ...]  # names, for a rubric file
     judge: Judge

@@ -25,7 +25,7 @@ SKIPPED = frozenset({".git", "build", "devel", "__pycache__"})
 
 @dataclass(frozen=True)
 class Record:
-    """One marking of one submission, for a check by somebody else."""
+    """Record of one marking of one submission, which another machine can check."""
 
     schema: str
     name: str
@@ -88,7 +88,7 @@ def hashes_of_files(folder: Path) -> Dict[str, str]:
 
 
 def versions() -> Dict[str, str]:
-    """Of Python and of the libraries that a drive depends on."""
+    """Versions of Python and of the libraries that a drive depends on."""
     found = {"python": platform.python_version(), "machine": platform.machine()}
     for library in LIBRARIES:
         try:
@@ -99,7 +99,7 @@ def versions() -> Dict[str, str]:
 
 
 def differences(before: Record, after: Record) -> List[str]:
-    """What is not the same, in sentences; versions are named only beside something else."""
+    """Differences of two records, in sentences; versions are named only beside something else."""
     found: List[str] = []
     for place in sorted(set(before.inputs) | set(after.inputs)):
         if before.inputs.get(place) != after.inputs.get(place):

@@ -163,7 +163,7 @@ class Override:
 
 @dataclass(frozen=True)
 class Job:
-    """One marking: a launchable of a sourced workspace, or a hand-in that is built first."""
+    """Job of one marking: a launchable of a sourced workspace, or a hand-in that is built first."""
 
     name: str  # the student's
     out: str  # folder for the result
@@ -182,7 +182,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Item:
-    """One line of the table."""
+    """Line of the table."""
 
     name: str
     points: Optional[float]  # None: a machine cannot judge it

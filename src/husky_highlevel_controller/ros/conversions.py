@@ -68,7 +68,7 @@ def header(stamp: float, frame: str) -> Header:
 
 
 def scan_to_msg(scan: Scan) -> LaserScan:
-    """As the lidar's driver fills it; gazebo_ros_laser: times and intensities are all 0."""
+    """LaserScan message as the lidar's driver fills it; gazebo_ros_laser: times and intensities are all 0."""
     return LaserScan(
         header=header(scan.stamp, scan.frame),
         angle_min=scan.angle_min,
@@ -304,7 +304,7 @@ def points_to_msg(points: np.ndarray, stamp: float, frame: str) -> PointCloud2:
 
 
 def fix_to_msg(fix: GpsFix, drift: float, frame: str) -> NavSatFix:
-    """Where on Earth, as hector_gazebo's receiver says it: the covariance holds the square of `drift` [m]."""
+    """NavSatFix message as hector_gazebo's receiver fills it: the covariance is the square of `drift` [m]."""
     return NavSatFix(
         header=header(fix.stamp, frame),
         status=NavSatStatus(status=NavSatStatus.STATUS_FIX),
@@ -317,5 +317,5 @@ def fix_to_msg(fix: GpsFix, drift: float, frame: str) -> NavSatFix:
 
 
 def fix_velocity_to_msg(fix: GpsFix, frame: str) -> Vector3Stamped:
-    """How fast towards north, west and up; `frame` is only where the receiver sits."""
+    """Velocity message towards north, west and up; `frame` is only where the receiver sits."""
     return Vector3Stamped(header=header(fix.stamp, frame), vector=Vector3(*fix.velocity))

@@ -39,7 +39,7 @@ def wheel_speeds(twist: Twist2D, config: DriveConfig) -> Tuple[float, float]:
 
 
 def twist_of_wheels(left: float, right: float, config: DriveConfig) -> Twist2D:
-    """What wheel odometry makes of (left, right) wheel speeds in rad/s: the inverse of `wheel_speeds`."""
+    """Twist of wheel odometry from (left, right) wheel speeds in rad/s: the inverse of `wheel_speeds`."""
     separation = config.wheel_separation * config.wheel_separation_multiplier
     return Twist2D(
         (left + right) / 2.0 * config.wheel_radius, (right - left) * config.wheel_radius / separation

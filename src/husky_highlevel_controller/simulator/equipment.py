@@ -36,7 +36,7 @@ class Sensor(NamedTuple):
 
 
 class Equipment(NamedTuple):
-    """What moves the robot, and what it measures."""
+    """Drive train, sensors and battery of the robot."""
 
     drive: Drive
     base: Union[IdealBase, HuskyBase]

@@ -23,7 +23,7 @@ class Pacer:
         self._stamp, self._start = stamp, now
 
     def delay(self, stamp: float, now: float) -> float:
-        """How long to wait before going on [s]; 0 when late or not paced."""
+        """Time to wait before going on [s]; 0 when late or not paced."""
         return max(self._lead(stamp, now), 0.0)
 
     def lag(self, stamp: float, now: float) -> Optional[float]:

@@ -86,7 +86,7 @@ class Power:
         )
 
     def _current(self, torque: float, speed: float) -> float:
-        """Of one side [A]; a motor that the ground turns the way it rolls draws nothing."""
+        """Current of one side [A]; a motor that the ground turns the way it rolls draws nothing."""
         if abs(speed) < STANDING:
             return 0.0
         pushing = torque if speed > 0.0 else -torque

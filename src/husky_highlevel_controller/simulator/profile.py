@@ -24,7 +24,7 @@ from husky_highlevel_controller.simulator.sensors.vibration import VibrationConf
 
 @dataclass(frozen=True)
 class Ground:
-    """What the robot drives on."""
+    """Ground under the robot."""
 
     friction: float = field(metadata={"min": 0.05, "max": 2.0, "help": "of the wheels, lengthwise"})
     lateral_grip: float = field(

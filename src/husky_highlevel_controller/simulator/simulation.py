@@ -170,7 +170,7 @@ class Simulation:
         return self._objects.bodies
 
     def pose_of(self, name: str) -> Pose:
-        """Where a body is now, in the world; PlacementError if there is none of that name."""
+        """Pose of a body in the world; PlacementError if there is none of that name."""
         return self._objects.pose_of(name)
 
     @property

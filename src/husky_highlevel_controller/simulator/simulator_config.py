@@ -53,7 +53,7 @@ def simulator_config(robot: str = "husky") -> SimulatorConfig:
 
 
 def steps_per(rate: float, physics_rate: float, name: str) -> int:
-    """How many physics steps make one period of `rate` [Hz].
+    """Number of physics steps in one period of `rate` [Hz].
 
     Raises:
         HuskyError: the period is not a whole multiple of the physics step.

@@ -52,7 +52,7 @@ class TractionConfig:
 
 
 class WheelContact(NamedTuple):
-    """Where one wheel touches the ground."""
+    """Contact of one wheel with the ground."""
 
     x: float  # [m], from the robot's centre of mass, along base_link's x
     y: float  # [m], from the robot's centre of mass, along base_link's y

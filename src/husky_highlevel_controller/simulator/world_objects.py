@@ -104,7 +104,7 @@ class WorldObjects:
         return {body.name: body.pose_in_world for body in bodies if body.mass > 0.0 and body.collisions}
 
     def pose_of(self, name: str) -> Pose:
-        """Where a body is now, in the world; PlacementError if there is none of that name."""
+        """Pose of a body in the world; PlacementError if there is none of that name."""
         if name not in self._bodies:
             raise self._unknown(name)
         body = self._bodies[name]
@@ -114,7 +114,7 @@ class WorldObjects:
         return PlacementError(f"no body named '{name}'; there are: {', '.join(sorted(self._bodies))}")
 
     def scene(self) -> Scene:
-        """What the lidar can see now: all collision geometries, without the robot's."""
+        """Scene that the lidar sees: all collision geometries, without the robot's."""
         if self._stale:
             self._build_scene()
         for index, name, geometry in self._movable:

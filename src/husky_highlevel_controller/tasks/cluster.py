@@ -104,7 +104,7 @@ class Cluster:
             )
 
     def _ended(self, running: Dict[Future, Any]) -> List[Future]:
-        """Those that have ended, after POLL_PERIOD at the latest."""
+        """Tasks that have ended, after POLL_PERIOD at the latest."""
         try:
             with self._client.as_current():
                 return list(wait(list(running), timeout=POLL_PERIOD, return_when="FIRST_COMPLETED").done)

@@ -1,4 +1,4 @@
-"""What the commands that do many tasks have in common: options, and how they end.
+"""Options and exit codes common to the commands that do many tasks.
 
 In: an argument parser. Out: options, exit codes. Must not know: what the tasks do.
 """

@@ -92,7 +92,7 @@ def code_version() -> str:
 
 
 def processor() -> str:
-    """What this machine's processor is called; empty where that cannot be told."""
+    """Name of this machine's processor; empty where that cannot be told."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return next(line.split(": ", 1)[1] for line in lines if line.startswith("model name"))

@@ -22,7 +22,7 @@ Task = Callable[[Any], Any]
 
 
 class Workers:
-    """Those who do the tasks; a context manager."""
+    """Processes that do the tasks; a context manager."""
 
     def __init__(self, jobs: int = 2, cluster: str = "", resume: Optional[Path] = None) -> None:
         """Connect to them.
@@ -83,7 +83,7 @@ class Workers:
     def as_completed(
         self, task: Task, items: List[Any], title: str = "", chunk: int = 1, starts_programs: bool = False
     ) -> Iterator[Tuple[int, Any]]:
-        """As `map`, but number and result of each item in the order in which they come."""
+        """Results as of `map`, with the number of each item, in the order in which they come."""
         keys = self._keys(task, items)
         waiting: List[int] = []
         with tqdm(total=len(items), desc=title, disable=None) as bar:
@@ -107,7 +107,7 @@ class Workers:
                     yield from zip(group, results)
 
     def _keys(self, task: Task, items: List[Any]) -> List[str]:
-        """What a kept result is found by: the code, the task and the item; nothing without a file."""
+        """Key of a kept result: the code, the task and the item; nothing without a file."""
         if not self._store:
             return []
         common = fingerprint((code_version(), task))

@@ -1,1 +1,1 @@
-"""One drive of a submission: network, simulator, recording, RViz."""
+"""Drive of a submission: network, simulator, recording, RViz."""

@@ -19,7 +19,7 @@ NO_SERVICE = 25.0  # [s], simulated, without a service
 
 
 def exercise_2_speed(now: float) -> float:
-    """What the robot is commanded at a time [s]; [m/s]."""
+    """Commanded speed [m/s] at a time [s]."""
     return EX2_SPEED if EX2_FROM <= now < EX2_FROM + EX2_SECONDS else 0.0
 
 
@@ -52,7 +52,7 @@ class CallPlan:
         self.answered_at = now
 
     def reason(self, now: float, offered: bool) -> str:
-        """Why the drive is over; empty: it is not."""
+        """Reason why the drive is over; empty: it is not."""
         if not offered and now > NO_SERVICE:
             return f"no start/stop service for {NO_SERVICE:g} s"
         if self.made >= len(CALLS) and now >= self.answered_at + CALM:

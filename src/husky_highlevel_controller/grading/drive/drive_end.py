@@ -50,7 +50,7 @@ class DriveEnd:
             self._decided_at = now
 
     def reason(self, abandoned: bool = False) -> str:
-        """Why it is over; empty: it is not. Abandoned: none of the submission's nodes runs any more."""
+        """Reason why the drive is over; empty: it is not. Abandoned: no node of the submission runs."""
         still = self._now - self._moved_at
         if self._now >= self._touched_at + AT_PILLAR:
             return "it reached the pillar and touched it"

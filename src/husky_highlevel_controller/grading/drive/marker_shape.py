@@ -24,7 +24,7 @@ _CORNERS = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z i
 
 
 class Drawn(NamedTuple):
-    """One marker in the world, seen from a vertical axis."""
+    """Marker in the world, seen from a vertical axis."""
 
     position: Vector3  # [m], an arrow's tip, a solid's centre, a list's mean or its line's end
     reach: float  # [m], horizontally from the axis to the nearest drawn point; 0: it covers the axis

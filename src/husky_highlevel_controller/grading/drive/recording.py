@@ -29,7 +29,7 @@ class ExchangedError(RecordingError):
 
 @dataclass(frozen=True)
 class MarkerSample:
-    """One marker message, placed in the world; or the removal of markers."""
+    """Marker message, placed in the world; or the removal of markers."""
 
     topic: str
     namespace: str
@@ -48,7 +48,7 @@ class MarkerSample:
 
 @dataclass(frozen=True)
 class Call:
-    """One call of a start/stop service."""
+    """Call of a start/stop service."""
 
     at: float  # [s], simulated
     data: bool  # what was sent
@@ -75,7 +75,7 @@ class Assignment:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One drive of one submission; arrays are read-only."""
+    """Recording of one drive of one submission; arrays are read-only."""
 
     start: Pose2D  # of base_link in the world
     pillar: Tuple[float, float]  # [m], its centre in the world, before anybody pushes it
@@ -121,17 +121,17 @@ class Recording:
 
     @property
     def moving(self) -> np.ndarray:
-        """When the robot drives or turns, (N,) bool."""
+        """Rows in which the robot drives or turns, (N,) bool."""
         return (np.abs(self.speeds[:, 0]) > STANDS) | (np.abs(self.speeds[:, 1]) > STANDS)
 
     @property
     def driving(self) -> np.ndarray:
-        """When the robot drives, (N,) bool; one that trembles on the spot does not."""
+        """Rows in which the robot drives, (N,) bool; one that trembles on the spot does not."""
         return np.abs(self.speeds[:, 0]) > STANDS
 
 
 def empty_recording(pillar: Tuple[float, float], deadline: float, notes: Tuple[str, ...]) -> Recording:
-    """Of a drive that never began."""
+    """Recording of a drive that never began."""
     nothing = np.zeros(0)
     return Recording(
         Pose2D(), pillar, deadline, nothing, np.zeros((0, 3)), np.zeros((0, 2)), nothing, notes=notes

@@ -63,7 +63,7 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
 
 
 def _names_of_the_smb(planned: Plan) -> str:
-    """What of the SMB a submission includes or names, in words; empty: nothing."""
+    """Parts of the SMB that a submission includes or names, in words; empty: none."""
     if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
         return "its launch file starts the SMB's nodes"
     folder = planned.package_path

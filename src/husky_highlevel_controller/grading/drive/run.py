@@ -1,4 +1,4 @@
-"""One drive of a submission: a ROS master, a simulator and a recorder of its own, and what was recorded."""
+"""Drive of a submission: a ROS master, a simulator and a recorder of its own, and the recording."""
 
 from __future__ import annotations
 

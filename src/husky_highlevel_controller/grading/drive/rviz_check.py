@@ -58,7 +58,7 @@ VIEWS = {
 
 @dataclass(frozen=True)
 class Setup:
-    """How a submission would start RViz."""
+    """Configuration with which a submission would start RViz."""
 
     source: str  # in words
     config: Dict[str, Any]  # of RViz
@@ -217,7 +217,7 @@ class Screen:
 
 
 def foreground(pixels: np.ndarray, background: Sequence[int]) -> int:
-    """How many pixels of the view are not background; 0 while RViz has not drawn it."""
+    """Number of pixels of the view that are not background; 0 while RViz has not drawn it."""
     top, bottom, left, right = MARGINS
     height, width = pixels.shape[:2]
     view = pixels[int(top * height) : int(bottom * height), int(left * width) : int(right * width)]
@@ -264,7 +264,7 @@ def look(
 def _look_at(
     setup: Setup, submission: Submission, config: MarkingConfig, folder: Path
 ) -> Tuple[RvizView, np.ndarray]:
-    """What was seen, and its picture. A window that crashes is started again."""
+    """View and picture of RViz. A window that crashes is started again."""
     fixed_frame = str(_options(setup.config).get("Fixed Frame", "map"))
     with Network(folder) as network:
         screen = Screen(network)

@@ -19,7 +19,7 @@ _POSE, _SIZE = "<pose>20 5 0.5 0 0 0</pose>", "<radius>0.2</radius> <length>2</l
 
 @dataclass(frozen=True)
 class Trial:
-    """One drive."""
+    """Start, pillar and seed of one drive."""
 
     number: int
     start: Pose2D  # of base_link in the world

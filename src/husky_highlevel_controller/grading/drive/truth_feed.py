@@ -31,7 +31,7 @@ class TruthRow(NamedTuple):
 
 
 def row_from_line(values: Any) -> TruthRow:
-    """What the simulator writes: stamp, x, y, z, quaternion xyzw, speed, yaw rate."""
+    """Row of the simulator's line: stamp, x, y, z, quaternion xyzw, speed, yaw rate."""
     stamp, x, y, z, qx, qy, qz, qw, speed, yaw_rate = (float(value) for value in values)
     return TruthRow(stamp, Pose((x, y, z), (qx, qy, qz, qw)), speed, yaw_rate)
 

@@ -35,7 +35,7 @@ class ArchiveError(HuskyError):
 
 @dataclass
 class Allowance:
-    """How much may still be unpacked."""
+    """Files and bytes that may still be unpacked."""
 
     files: int = MAX_FILES
     size: int = MAX_BYTES  # [bytes]

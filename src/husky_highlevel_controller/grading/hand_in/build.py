@@ -83,7 +83,7 @@ endfunction()
 
 @dataclass(frozen=True)
 class Build:
-    """What came of building a hand-in."""
+    """Result of building a hand-in."""
 
     workspace: Workspace
     notes: Tuple[str, ...] = ()

@@ -161,7 +161,7 @@ def _rank(file: LaunchFile, exercise: int) -> Tuple[Any, ...]:
 def _read(
     path: Path, place: PurePosixPath, folders: Dict[str, Path], budget: _Budget
 ) -> Optional[LaunchFile]:
-    """What a launch file starts; None if that is no node of the hand-in."""
+    """Nodes and packages of a launch file; None if it starts no node of the hand-in."""
     seen = _Seen([], [])
     with contextlib.suppress(RecursionError):  # elements nested deeper than any launch file's
         _look_into(path, folders, {}, seen, budget, 0)

@@ -42,7 +42,7 @@ class NotMarkableError(HuskyError):
 
 @dataclass(frozen=True)
 class HandIn:
-    """What one student handed in."""
+    """Folder or archive of one student."""
 
     name: str  # the student's
     path: Path  # a folder or an archive
@@ -50,7 +50,7 @@ class HandIn:
 
 @dataclass(frozen=True)
 class Package:
-    """One catkin package of a hand-in."""
+    """Catkin package of a hand-in."""
 
     name: str
     path: Path
@@ -60,7 +60,7 @@ class Package:
 
 @dataclass(frozen=True)
 class Contents:
-    """What was found in a hand-in."""
+    """Packages of a hand-in, and notes."""
 
     root: Path  # its folder, or that of the unpacked archive
     packages: Tuple[Package, ...]

@@ -44,7 +44,7 @@ class SizeWatch:
             self._end_program()
 
     def _watch(self) -> str:
-        """Why it must be ended; empty: it has ended."""
+        """Reason why the program must be ended; empty: it has ended."""
         polls = 0
         while not self._done.wait(MEMORY_POLL_PERIOD):
             polls += 1

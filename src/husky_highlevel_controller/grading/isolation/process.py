@@ -103,7 +103,7 @@ class Process:
 
     @property
     def output(self) -> str:
-        """What it printed so far: the beginning, and the end."""
+        """Output so far: the beginning, and the end."""
         return (bytes(self._head) + b"\n" * bool(self._tail) + bytes(self._tail)).decode(errors="replace")
 
     @property
@@ -113,7 +113,7 @@ class Process:
 
     @property
     def problem(self) -> str:
-        """Why it was ended by its limits; empty: it was not."""
+        """Limit for which it was ended; empty: it was not."""
         return self._watch.problem if self._watch else ""
 
     def interrupt(self) -> None:

@@ -51,7 +51,7 @@ class Network:
         raise MarkingError(f"{self.master[0]} does not start: " + self.processes[-1].output.strip()[-300:])
 
     def variables(self) -> Dict[str, str]:
-        """What makes a program talk to this master."""
+        """Environment variables of a program that talks to this master."""
         return {
             "ROS_MASTER_URI": self.uri,
             "ROS_IP": "127.0.0.1",

@@ -101,7 +101,7 @@ def sandboxed(
 
 @lru_cache(maxsize=1)
 def kind_of_sandbox() -> str:
-    """What this machine lets us make: BUBBLEWRAP, NAMESPACE or NONE."""
+    """Kind of sandbox that this machine allows: BUBBLEWRAP, NAMESPACE or NONE."""
     if _works("bwrap", *_BUBBLEWRAP, *_WHOLE_SYSTEM, "true"):
         return BUBBLEWRAP
     return NAMESPACE if _works("unshare", *_NAMESPACE, "true") else NONE

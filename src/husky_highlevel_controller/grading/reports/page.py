@@ -70,7 +70,7 @@ def class_page(
 
 
 def feedback_page(result: Result, pictures: Sequence[bytes], replays: Sequence[str] = ()) -> str:
-    """One student's page, which needs no other file and names no other student.
+    """Page for one student, which needs no other file and names no other student.
 
     Args:
         result: the student's.

@@ -19,7 +19,7 @@ REACH = 40.0  # [m], a marker farther from the start is not drawn: it would shri
 
 
 def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
-    """One picture of all drives, side by side."""
+    """Picture of all drives, side by side."""
     figure = Figure(figsize=(5.2 * len(recordings) + 0.8, 5.0), dpi=90, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(1, len(recordings), squeeze=False)[0]

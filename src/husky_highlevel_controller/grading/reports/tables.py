@@ -19,7 +19,7 @@ def points(item: Item) -> str:
 
 
 def table(result: Result) -> str:
-    """To be read on a terminal."""
+    """Table of a result, for a terminal."""
     if result.problem:
         words = textwrap.wrap(f"{result.name}: could not be marked: {result.problem}", WIDTH)
         return "\n".join(

@@ -128,7 +128,7 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
 
 
 def first_touch(recording: Recording) -> float:
-    """When the robot first touches the pillar [s]; inf if it does not."""
+    """Time at which the robot first touches the pillar [s]; inf if it does not."""
     touches = np.flatnonzero(recording.hull_gaps <= TOUCH)
     return float(recording.times[touches[0]]) if len(touches) else np.inf
 
@@ -149,7 +149,7 @@ def _stands(item: Item, recording: Recording) -> Item:
 
 
 def cause_of_stop(recording: Recording) -> str:
-    """Why a robot that drove stops: its node has ended, or raises, or sends no more; empty: not known."""
+    """Cause for which a robot stops on its way: its node ends, raises, or is silent; empty: not known."""
     ended = causes(recording)
     if ended:
         return f"; {ended[0]}"
@@ -186,7 +186,7 @@ HINTS = (
 
 
 def hint_on(cause: str) -> str:
-    """What to look at for a cause that `first_cause` names."""
+    """Hint for a cause that `first_cause` names."""
     return next((hint for words, hint in HINTS if words in cause), LOGS)
 
 
@@ -197,7 +197,7 @@ def causes(recording: Recording) -> List[str]:
 
 
 def first_cause(recording: Recording) -> str:
-    """Why the robot stands: the first link of the chain node, scan, command that is broken."""
+    """Cause for which the robot stands: the first broken link of the chain node, scan, command."""
     silent, unread = ", ".join(recording.silent_topics), ", ".join(recording.unread_topics)
     ended = causes(recording)
     if not recording.subscribed and silent and not ended:

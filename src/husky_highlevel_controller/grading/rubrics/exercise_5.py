@@ -33,7 +33,7 @@ class Effect:
 
     @property
     def stopped(self) -> bool:
-        """It drove and stands."""
+        """Whether the robot drove and stands."""
         return self.before >= FAST and self.after <= SLOW
 
 
@@ -99,7 +99,7 @@ def _judge_starts(item: Item, name: str, effects: Sequence[Effect]) -> Item:
 
 
 def _judge_starts_from_rest(item: Item, name: str, recording: Recording, effects: Sequence[Effect]) -> Item:
-    """Of a robot that stood before every call."""
+    """Item of a robot that stood before every call."""
     if any(effect.after >= FAST for effect in effects):
         words = f"{name}: it drives after a call, but no call had stopped it before: for a person"
         return replace(item, points=None, evidence=words)

@@ -47,7 +47,7 @@ class Placement:
 
 @dataclass
 class _Drawn:
-    """What RViz draws of a namespace: the latest of each id until it is deleted or its lifetime ends."""
+    """Markers of a namespace that RViz draws: the latest of each id until it is deleted or too old."""
 
     scores: Dict[Key, Tuple[float, float]] = field(default_factory=dict)  # (score, end of life [s])
     ordered: List[float] = field(default_factory=list)  # the scores
@@ -78,7 +78,7 @@ class _Drawn:
 
 
 def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Placement]:
-    """One score for each topic and namespace that sent markers before a moment [s].
+    """Placement of each topic and namespace that sent markers before a moment [s].
 
     One of many guesses is right by chance: beyond MAX_SERIES there is one score, of all that is drawn.
     """
@@ -166,12 +166,12 @@ def _by_axis(recording: Recording, moments: Sequence[Tuple[float, float]]) -> Di
 
 
 def _share(scores: Sequence[float]) -> float:
-    """How many of the scores are not 0."""
+    """Share of the scores that are not 0."""
     return float(np.mean(np.array(scores) > 0.0))
 
 
 def _score(groups: Mapping[str, Sequence[float]]) -> float:
-    """How near the markers are, times how much of the time, for which on and off the axis count alike."""
+    """Mean score of the markers, times the share of the time; on and off the axis count alike."""
     scores = np.concatenate([list(group) for group in groups.values()])
     if not scores.any():
         return 0.0
@@ -230,7 +230,7 @@ def _pillar_from_robot(recording: Recording, at: float) -> Tuple[float, float]:
 
 
 def _fault(recording: Recording, marker: MarkerSample) -> str:
-    """Which coordinate of a marker is wrong."""
+    """Fault of a marker: the coordinate that is wrong."""
     if marker.problem:
         return f"not to be seen: {marker.problem}"
     x, y = recording.pillar

@@ -169,7 +169,7 @@ def _state_markers(observation: Observation, output: ControlOutput, stop_distanc
 
 
 def _stop_point(observation: Observation, output: ControlOutput, from_center: float) -> Point:
-    """Where the lidar is to stand, in base_link: on its way to the pillar, `from_center` m before it."""
+    """Point in base_link at which the lidar is to stand, on its way to the pillar, `from_center` m before."""
     assert output.target_in_base is not None
     assert observation.laser_in_base is not None
     x, y = output.target_in_base

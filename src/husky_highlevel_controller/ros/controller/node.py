@@ -50,7 +50,7 @@ POLL_PERIOD = 0.1  # [s] of wall time between two checks whether a transform is 
 
 @dataclass(frozen=True)
 class ScanTopicConfig:
-    """Where the scans come from."""
+    """Topic and queue of the scans."""
 
     scan_topic_name: str = field(
         default=f"/{load_robot().topics.scan}", metadata={"help": "topic of the lidar's scans"}

@@ -181,7 +181,7 @@ def _pose(marker: Marker) -> Pose:
 
 
 def _invisible(marker: Marker) -> str:
-    """Why RViz would draw nothing of it."""
+    """Reason why RViz would draw nothing of a marker."""
     p, q, scale = marker.pose.position, marker.pose.orientation, marker.scale
     if marker.action != Marker.ADD:
         return ""
@@ -199,7 +199,7 @@ def _invisible(marker: Marker) -> str:
 
 
 def _empty(marker: Marker) -> str:
-    """Why a marker of its type has nothing to draw."""
+    """Reason why a marker of its type has nothing to draw."""
     if not 0 <= marker.type <= Marker.TRIANGLE_LIST:
         return f"its type {marker.type} is none of visualization_msgs/Marker"
     if marker.type in LISTS and len(marker.points) < (2 if marker.type in LINES else 1):

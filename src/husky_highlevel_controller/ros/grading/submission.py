@@ -1,4 +1,4 @@
-"""Starts somebody's launch file or node as roslaunch would, but without simulator, RViz and desktop windows.
+"""Starts a submission's launch file or node as roslaunch would, without simulator, RViz and windows.
 
 Runs in the submission's environment, where a package of this one's name may hide this package: it imports
 nothing of it. What it leaves out, misses, and sees dying goes to a file, one JSON object a line.
@@ -49,7 +49,7 @@ class Reporter(roslaunch.pmon.ProcessListener):
         self._file = open(path, "a", buffering=1)  # noqa: SIM115 - as long as the process
 
     def tell(self, event: str, **what: Any) -> None:
-        """One event."""
+        """Write an event."""
         self._file.write(json.dumps({"event": event, **what}) + "\n")
 
     def process_died(self, process_name: str, exit_code: Optional[int]) -> None:
@@ -171,7 +171,7 @@ def run_in_valgrind(nodes: List[Any], folder: str) -> None:
 
 
 def go_on_without_what_cannot_be_started() -> None:
-    """One node that cannot be started does not stop the others: roslaunch ends all of them by this error."""
+    """Keep roslaunch going when one node cannot be started: by its error it would end all of them."""
     launch_node = roslaunch.launch.ROSLaunchRunner.launch_node
 
     def tolerant(runner: Any, node: Any, core: bool = False) -> Any:

@@ -51,7 +51,7 @@ class CrashStopNode:
         self._guard.judge(sample.stamp, danger)
 
     def _imu_in_base(self, frame: str) -> Quaternion:
-        """How the IMU is mounted; as base_link where TF does not know."""
+        """Mounting of the IMU in base_link; as base_link where TF does not know."""
         if frame.lstrip("/") == BASE:
             return IDENTITY.quat_xyzw
         transform = lookup_transform(self._transforms, BASE, frame)

@@ -70,7 +70,7 @@ def status_to_msg(power: PowerState, control_rate: float, e_stop: bool, stamp: f
 
 
 def diagnostics_of(status: HuskyStatus) -> DiagnosticArray:
-    """What husky_base makes of it: system, power, safety and software."""
+    """Diagnostics as husky_base makes them: system, power, safety and software."""
     array = DiagnosticArray(header=status.header)
     array.status = [
         _diagnostic("system_status", _system_level(status), _fields(status, "voltage", "current", "temp")),

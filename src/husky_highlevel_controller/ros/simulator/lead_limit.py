@@ -1,4 +1,4 @@
-"""As fast as it goes: keeps simulated time from running away from a controller that answers every scan.
+"""Limit of the simulated time's lead over a controller that answers every scan, when the clock is not paced.
 
 In: when a scan is about to be sent, when a command has arrived. Out: waits, for milliseconds.
 Must not know: the simulation, what was commanded.

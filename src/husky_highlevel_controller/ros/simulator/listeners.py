@@ -54,7 +54,7 @@ class Listeners:
         return not any(_runs(owner) for owner in set(self._owners.values()))
 
     def _ports(self) -> Set[Ports]:
-        """Of each connection; rospy has no public way to its sockets."""
+        """Ports of each connection; rospy has no public way to its sockets."""
         pairs = set()
         for queued in list(self._publisher.impl.connections):
             transport = getattr(queued, "_connection", queued)
@@ -66,7 +66,7 @@ class Listeners:
 
 
 def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
-    """Which process receives, of each connection that ends on this machine.
+    """Process that receives, of each connection that ends on this machine.
 
     The kernel takes 4 ms to list all connections: it is asked only when they change.
     """

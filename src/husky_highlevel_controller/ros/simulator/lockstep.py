@@ -24,7 +24,7 @@ AWAKE = 10  # scans answered in a row: the controller does not sleep, or not any
 
 
 class Lockstep:
-    """One scan, one command: then a whole ROS run is repeatable, however busy the machine is.
+    """Clock that waits after each scan for one command: a ROS run is repeatable on the busiest machine.
 
     A controller that sleeps by simulated time answers no scan meanwhile. The clock then goes on scan by scan,
     each time as soon as every process that receives scans is asleep again: that run, too, repeats itself.

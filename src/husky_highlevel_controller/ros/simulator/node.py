@@ -161,7 +161,7 @@ class SimulatorNode:
         self._publishers.publish_clock(self._simulation.stamp)
 
     def _wait_for_launch(self, partners: Partners) -> None:
-        """As fast as it goes, ten seconds pass while a controller starts: time waits for those launched."""
+        """Wait for the nodes launched: unpaced, ten simulated seconds pass while a controller starts."""
         end = time.monotonic() + LAUNCH_TIMEOUT
         while not rospy.is_shutdown() and not partners.joined():
             beside = launched_beside()
@@ -177,7 +177,7 @@ class SimulatorNode:
             time.sleep(PARTNERS_POLL_PERIOD)
 
     def _advance(self) -> bool:
-        """One step of the physics, and its messages; whether /clock was published."""
+        """Advance the physics by one step and publish its messages; whether /clock was published."""
         for twist in self._commands.take(self._simulation.stamp):
             try:
                 self._simulation.command(twist)

@@ -48,7 +48,7 @@ def running_simulator(master_uri: str) -> Optional[str]:
 
 
 def refusal(name: str, master_uri: str) -> str:
-    """Why a second simulator does not start, and what to do, in a sentence."""
+    """Reason why a second simulator does not start, and what to do, in a sentence."""
     return (
         f"{name} simulates already on {master_uri}; end it first, "
         "or give this one a master of its own: roslaunch -p 11312 ..."

@@ -17,7 +17,7 @@ OWN = {"master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "
 
 
 class Partners:
-    """Whoever listens to scans and sends commands, and those who listen besides."""
+    """Nodes that listen to scans and send commands, and nodes that listen besides."""
 
     def __init__(
         self,

@@ -20,7 +20,7 @@ SEND_TIMEOUT = 5.0  # [s] of wall time; a reader that is slower is given up
 
 
 class TruthLog:
-    """One JSON object a line: "truth" (stamp, pose, speed, yaw rate), "changed", "unanswered"."""
+    """Log of true states, JSON by line: "truth" (stamp, pose, speed, yaw rate), "changed", "unanswered"."""
 
     def __init__(self) -> None:
         path = os.environ.get(VARIABLE)
@@ -54,7 +54,7 @@ class TruthLog:
         self._socket = None
 
     def write_line(self, key: str, value: Any) -> None:
-        """One line."""
+        """Write a line."""
         if self._socket is None:
             return
         try:

@@ -53,7 +53,7 @@ class _Server(InteractiveMarkerServer):
         super().__init__(name)
 
     def __del__(self) -> None:
-        """Nothing is sent when the process ends."""
+        """Send nothing when the process ends."""
 
     @property
     def is_watched(self) -> bool:

@@ -44,7 +44,7 @@ class Curve:
 
 
 class Rate:
-    """How fast one number grows beside another, over a few seconds of the second."""
+    """Growth of one number beside another, over a few seconds of the second."""
 
     def __init__(self, window: float = 2.0) -> None:
         self._window = window

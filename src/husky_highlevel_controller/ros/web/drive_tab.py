@@ -22,7 +22,7 @@ Let go to stop.</div></div>"""
 
 
 class Status(NamedTuple):
-    """What the page says in numbers."""
+    """Numbers of the page."""
 
     time: Optional[float] = None  # [s], of the clock or the scans
     real_time_factor: Optional[float] = None

@@ -18,7 +18,7 @@ MAX_DEPTH = 100  # a chain that is longer runs in a circle
 
 
 class Frames:
-    """Who hangs on whom, and where."""
+    """Tree of frames, and their poses."""
 
     def __init__(self) -> None:
         self._parents: Dict[str, str] = {}

@@ -36,7 +36,7 @@ Message = Dict[str, Any]
 
 
 def refusal(headers: Mapping[str, str], path: str, is_loopback: bool, token: Optional[str]) -> Optional[str]:
-    """Why a request is refused, or None.
+    """Reason why a request is refused, or None.
 
     Args:
         headers: of the request.

@@ -17,7 +17,7 @@ SHOWN = 150  # lines of one page
 
 
 class Line(NamedTuple):
-    """One line of the log."""
+    """Line of the log."""
 
     level: int
     stamp: float  # [s]
@@ -26,7 +26,7 @@ class Line(NamedTuple):
 
 
 class Filter(NamedTuple):
-    """What is shown: all conditions must be met; an empty text meets every line."""
+    """Conditions of the lines that are shown: all must be met; an empty text meets every line."""
 
     level: int = LEVELS["info"]  # and worse
     node: str = ""  # part of the node's name

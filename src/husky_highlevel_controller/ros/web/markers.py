@@ -68,7 +68,7 @@ Piece = Union[Solid, Lines, Dots, Words, MeshFile]
 
 
 def pieces(marker: Marker) -> List[Piece]:
-    """What a marker looks like in its own frame; empty for one that RViz would refuse."""
+    """Shapes of a marker in its own frame; empty for one that RViz would refuse."""
     size = (marker.scale.x, marker.scale.y, marker.scale.z)
     if not all(isfinite(value) for value in size):
         return []
@@ -220,7 +220,7 @@ def _lines(kind: int, points: np.ndarray, colors: np.ndarray, width: float) -> L
 
 
 def _by_color(parts: Sequence[Any], colors: np.ndarray, make: Any) -> List[Piece]:
-    """One solid for each colour of the parts."""
+    """Solids of the parts, one for each colour."""
     groups: Dict[Rgba, List[Any]] = {}
     for part, color in zip(parts, colors):
         r, g, b, a = (float(value) for value in color)

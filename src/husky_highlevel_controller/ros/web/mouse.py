@@ -1,4 +1,4 @@
-"""What the mouse does in the scene: each page has a tool, and the scene's nodes pass on clicks and drags."""
+"""Mouse in the scene: each page has a tool, and the scene's nodes pass on clicks and drags."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ class Mouse:
 
 
 class Drag:
-    """One object that the mouse drags over the ground, at the height where it was grasped."""
+    """Object that the mouse drags over the ground, at the height where it was grasped."""
 
     def __init__(self, pose: Pose, show: Callable[[Pose], None], drop: Callable[[Any, Pose], None]) -> None:
         """Begin.

@@ -37,7 +37,7 @@ MOVABLE = (
 
 
 class Object(NamedTuple):
-    """One interactive marker that is drawn."""
+    """Interactive marker that is drawn."""
 
     node: Any
     frame: str

@@ -1,4 +1,4 @@
-"""What each page has for itself: its camera, its colours, its mouse and its view of the log."""
+"""Settings of each page: its camera, its colours, its mouse and its view of the log."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BRAND = (30, 110, 190)
 
 
 class Page:
-    """One browser's own fields and settings."""
+    """Fields and settings of one browser."""
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class Page:
             dark.on_update(lambda event: theme(gui, event.target.value))
 
     def make_tools(self, tab: Any) -> None:
-        """What the mouse does, as the first field of a tab."""
+        """Fields of the mouse's tools, the first of a tab."""
         with tab:
             tool = self.client.gui.add_button_group(
                 "Mouse",

@@ -20,7 +20,7 @@ STEPS = 1000  # of a slider, at least
 
 
 class Parameter(NamedTuple):
-    """One value that can be changed while its node runs."""
+    """Value that can be changed while its node runs."""
 
     name: str
     kind: str  # double, int, bool or str
@@ -48,7 +48,7 @@ class Parameter(NamedTuple):
 
     @property
     def step(self) -> float:
-        """Of the slider: 1 for whole numbers, else a power of ten that divides the range finely."""
+        """Step of the slider: 1 for whole numbers, else a power of ten that divides the range finely."""
         if self.kind == "int":
             return 1
         return float(10.0 ** floor(log10((self.max - self.min) / STEPS)))
@@ -72,7 +72,7 @@ class Parameter(NamedTuple):
 
 
 def parameters(description: Mapping[str, Any]) -> List[Parameter]:
-    """Those of all groups of a description."""
+    """Parameters of all groups of a description."""
     found = [_parameter(entry) for entry in description.get("parameters", ())]
     groups = description.get("groups", {})
     for group in groups.values() if isinstance(groups, Mapping) else groups:

@@ -1,4 +1,4 @@
-"""Where a ray of the mouse meets a level plane.
+"""Intersection of a ray of the mouse with a level plane.
 
 In: numbers. Out: points. Must not know: ROS, viser.
 """
@@ -13,7 +13,7 @@ FARTHEST = 200.0  # [m]; a click just below the horizon means no place
 
 
 def point_on_level(origin: Sequence[float], direction: Sequence[float], z: float) -> Optional[Vector3]:
-    """Where a ray meets the plane at height `z` [m]; None behind the camera, beside the plane or too far."""
+    """Intersection of a ray with the plane at height `z` [m]; None behind the camera or too far."""
     if abs(direction[2]) < 1e-9:
         return None
     distance = (z - origin[2]) / direction[2]

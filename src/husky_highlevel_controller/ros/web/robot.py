@@ -20,7 +20,7 @@ PLAIN: Rgba = (0.7, 0.7, 0.7, 1.0)  # of a visual without a material
 
 
 class Visual(NamedTuple):
-    """One shape of the robot."""
+    """Shape of the robot."""
 
     shape: Union[Solid, MeshFile]
     pose_in_frame: Pose

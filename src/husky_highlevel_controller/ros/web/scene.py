@@ -50,7 +50,7 @@ class DrawnMarker:
 
 
 class Scene:
-    """What is drawn; updated by one thread."""
+    """Scene that is drawn; updated by one thread."""
 
     def __init__(self, server: viser.ViserServer, fixed_frame: str) -> None:
         self._scene, self.fixed_frame = server.scene, fixed_frame

@@ -16,7 +16,7 @@ NO_NEWS_TIME = 2.0  # [s] of wall time without a message of the robot until the 
 
 
 class RobotStatus(NamedTuple):
-    """What the state bar says."""
+    """Numbers and words of the state bar."""
 
     is_locked: bool = False  # by the emergency stop
     is_paused: bool = False  # the simulated world
@@ -49,7 +49,7 @@ def e_stop_html(is_locked: bool) -> str:
 
 
 def state_html(status: RobotStatus) -> str:
-    """One line; what a node says of itself is text, never markup."""
+    """State bar as one line of HTML; texts of nodes are escaped."""
     if status.is_locked:
         level, sentence = "error", LOCKED
     elif status.is_paused:

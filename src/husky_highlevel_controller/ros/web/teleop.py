@@ -34,7 +34,7 @@ class Teleop:
         threading.Thread(target=self._run, name="teleop", daemon=True).start()
 
     def on_message(self, page: int, message: Dict[str, Any]) -> None:
-        """What a page sends: {"linear": -1..1, "angular": -1..1} or {"e_stop": bool}."""
+        """Take a page's message: {"linear": -1..1, "angular": -1..1} or {"e_stop": bool}."""
         if isinstance(message.get("e_stop"), bool):
             self.lock(message["e_stop"])
             if message["e_stop"]:

@@ -1,4 +1,4 @@
-"""What the page listens to: subscriptions that exist only while somebody looks."""
+"""Subscriptions of the page, which exist only while a browser shows it."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class Topics:
         return None if newest is None else newest.take()
 
     def take_all(self, kind: str) -> List[Received]:
-        """What came in since the last call, oldest first."""
+        """Messages since the last call, oldest first."""
         queue, taken = self._queues[kind], []
         while queue:
             taken.append(queue.popleft())

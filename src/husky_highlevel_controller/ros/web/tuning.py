@@ -73,7 +73,7 @@ class Tuning:
 
 
 class _Server:
-    """One dynamic_reconfigure server and its fields."""
+    """Server of dynamic_reconfigure and its fields."""
 
     def __init__(self, name: str, gui: viser.GuiApi, actions: Actions) -> None:
         self._name, self._gui, self._actions = name, gui, actions

@@ -74,7 +74,7 @@ class Wheel:
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """What physics needs of a robot: one rigid body that stands on four wheels."""
+    """Robot as physics needs it: one rigid body that stands on four wheels."""
 
     fixed_poses: Mapping[str, Pose]  # of every link that is rigidly attached to base_link, in base_link
     fixed_joints: Tuple[Tuple[str, str, Pose], ...]  # parent and child link, pose_child_in_parent

@@ -20,7 +20,7 @@ from husky_highlevel_controller.datatypes import DepthImage
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """What the depth camera is."""
+    """Resolution, field of view and range of the depth camera."""
 
     width: int = field(default=320, metadata={"min": 16, "max": 1280, "help": "columns of the image"})
     height: int = field(default=240, metadata={"min": 16, "max": 1024, "help": "rows of the image"})
@@ -38,7 +38,7 @@ class CameraConfig:
 
     @property
     def focal_length(self) -> float:
-        """Of both axes [px]."""
+        """Focal length of both axes [px]."""
         return self.width / 2.0 / tan(radians(self.field_of_view) / 2.0)
 
     @property
@@ -48,7 +48,7 @@ class CameraConfig:
 
     @property
     def center(self) -> Tuple[float, float]:
-        """Where the optical axis meets the image: column, row [px]; pixels are counted at their middles."""
+        """Pixel of the optical axis: column, row [px]; pixels are counted at their middles."""
         return (self.width - 1) / 2.0, (self.height - 1) / 2.0
 
 
@@ -61,7 +61,7 @@ class CameraSetup:
 
 
 def image_of(buffer: np.ndarray, config: CameraConfig, stamp: float, frame: str) -> DepthImage:
-    """What an OpenGL depth buffer shows, (height, width) in 0..1; NaN where nothing is near."""
+    """Depth image of an OpenGL depth buffer, (height, width) in 0..1; NaN where nothing is near."""
     near, far = config.near, config.far
     depth = far * near / (far - (far - near) * np.asarray(buffer, dtype=float))
     depth = np.where(depth < 0.999 * far, depth, np.nan).astype(np.float32)
@@ -70,7 +70,7 @@ def image_of(buffer: np.ndarray, config: CameraConfig, stamp: float, frame: str)
 
 
 def points_of(image: DepthImage, config: CameraConfig) -> np.ndarray:
-    """Where each pixel's surface lies in the camera's optical frame, (height, width, 3) float32 [m]."""
+    """Points of the pixels' surfaces in the camera's optical frame, (height, width, 3) float32 [m]."""
     u, v = config.center
     height, width = image.depth.shape
     x = (np.arange(width) - u) / config.focal_length * image.depth

@@ -39,7 +39,7 @@ INTENSITY_SCALE = 255.0  # of a spot wholly on a surface that returns everything
 
 @dataclass(frozen=True)
 class Lms1xxConfig:
-    """What the lidar is."""
+    """Beams, angles, range and noise of the lidar."""
 
     beams: int = field(default=541, metadata={"min": 2, "max": 1082, "help": "number of beams"})
     angle_max: float = field(
@@ -122,7 +122,7 @@ class Lms1xx:
 
 
 def _before(state: RobotState, age: float) -> Pose:
-    """Where base_link was in the world `age` s ago, at its present velocity; it does not tilt meanwhile."""
+    """Pose of base_link in the world `age` s ago, at its present velocity; it does not tilt meanwhile."""
     (vx, vy, vz), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
     turn = quat_from_rpy(0.0, 0.0, -yaw_rate * age)
     return compose(state.pose_in_world, Pose((-vx * age, -vy * age, -vz * age), turn))

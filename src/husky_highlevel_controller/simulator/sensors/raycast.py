@@ -36,7 +36,7 @@ Indices = np.ndarray
 
 
 class Solid(NamedTuple):
-    """One solid shape of a scene, in plain numbers."""
+    """Solid shape of a scene, in plain numbers."""
 
     kind: int  # BOX, CYLINDER or SPHERE
     size: Vector3  # [m], half the edges of the box around it, along its own axes

@@ -22,7 +22,7 @@ from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConf
 
 
 class RenderRequest(NamedTuple):
-    """One image to render."""
+    """Request for one image."""
 
     bodies: Optional[Mapping[str, Body]]  # None: those of the request before
     poses: Mapping[str, Pose]  # of the bodies that may have moved, in the world

@@ -41,7 +41,7 @@ INNOVATION = sqrt(
 
 @dataclass(frozen=True)
 class VibrationConfig:
-    """How rough the ground is."""
+    """Roughness of the ground."""
 
     horizontal: float = field(
         metadata={"min": 0.0, "max": 50.0, "help": "std of ax, ay per speed [(m/s^2)/(m/s)]"}
