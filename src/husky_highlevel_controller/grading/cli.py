@@ -22,6 +22,7 @@ from husky_highlevel_controller.grading.records import (
 )
 from husky_highlevel_controller.grading.reports.files import add_step_summary
 from husky_highlevel_controller.grading.reports.tables import table
+from husky_highlevel_controller.grading.review import serve
 from husky_highlevel_controller.grading.rubrics.rules import load_rules
 from husky_highlevel_controller.tasks.command import add_cluster_option, exit_codes, positive
 
@@ -47,6 +48,10 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     what.add_argument(
         "--verify", type=Path, metavar="RECORD",
         help="drive again as a record.json of exercise 3 says; exit code 0: it is the same, 1: it is not",
+    )  # fmt: skip
+    what.add_argument(
+        "--review", type=Path, metavar="OUT",
+        help="a page on which a person gives the points that `grade --all ... --out OUT` left open",
     )  # fmt: skip
     parser.add_argument("--exercise", type=int, choices=sorted(EXERCISES), default=3, help="(default 3)")
     parser.add_argument(
@@ -129,6 +134,8 @@ def verify(path: Path, out: Path) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Mark as the command line says; the exit code."""
+    if options.review:
+        return serve(options.review.resolve())
     exercise = EXERCISES[options.exercise]
     rules = load_rules(options.rubric, exercise.items) if options.rubric else Rules()
     config = MarkingConfig(
@@ -156,9 +163,9 @@ def run(options: argparse.Namespace) -> int:
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     options = parse(arguments)
-    if not options.all:  # each hand-in of a class has a network of its own
+    if not options.all and not options.review:  # each hand-in of a class has a network of its own
         private_network.enter()
-    if not options.cluster:
+    if not options.cluster and not options.review:
         stop_on_signals()  # waits end, and clean up behind them
     with exit_codes("grade"):
         raise SystemExit(run(options))

@@ -58,7 +58,7 @@ def class_page(
         _row(result, columns, pictures.get(result.name, ()), files.get(result.name, ())) for result in ordered
     ]
     shares = [result.points / result.max_points for result in ordered if result.max_points]
-    return _render(
+    return render(
         "class.html",
         rows=rows,
         columns=columns,
@@ -78,7 +78,7 @@ def feedback_page(result: Result, pictures: Sequence[bytes], replays: Sequence[s
         replays: HTML pages that play the drives.
     """
     row = replace(_row(result, [], pictures, ()), replays=tuple(replays))
-    return _render("feedback.html", row=row, settings=_settings(result))
+    return render("feedback.html", row=row, settings=_settings(result))
 
 
 def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
@@ -109,7 +109,8 @@ def _settings(result: Result) -> str:
     return ", ".join(f"{key} {value}" for key, value in result.settings.items() if value is not None)
 
 
-def _render(template: str, **values: Any) -> str:
+def render(template: str, **values: Any) -> str:
+    """A page of a template in templates/, with the common style."""
     folder = share_folder() / "templates"
     environment = Environment(
         loader=FileSystemLoader(str(folder)),

@@ -1,0 +1,144 @@
+"""Review page in a real browser: keys give points, which marking.yaml then holds; no other page writes it."""
+
+import json
+import shutil
+import threading
+from contextlib import contextmanager
+from urllib.error import HTTPError
+from urllib.request import Request, urlopen
+
+import pytest
+import yaml
+
+from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.hand_in.overrides import read_overrides
+from husky_highlevel_controller.grading.records import Item, Job, MarkingConfig, Result, to_json
+from husky_highlevel_controller.grading.reports.files import write_result
+from husky_highlevel_controller.grading.review import Review, make_server
+
+CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium")
+RVIZ, MARKER = "RViz shows TF, robot model, laser scan", "marker in RViz"
+
+
+@pytest.fixture
+def review(tmp_path):
+    """Two students, three open items; marking.yaml has an entry already."""
+    folder = tmp_path / "class"
+    for name, items in (("ann", (RVIZ, MARKER)), ("bob", (RVIZ,))):
+        (folder / name).mkdir(parents=True)
+        out = tmp_path / "out" / "hand_ins" / name
+        (out / "ws" / "src" / "husky").mkdir(parents=True)
+        (out / "ws" / "src" / "husky" / "a.launch").write_text(
+            '<node pkg="rviz" name="<script>alert(1)</script>"/>'
+        )
+        (out / "job.json").write_text(
+            to_json(Job(name, str(out), MarkingConfig(), hand_in=str(folder / name)))
+        )
+        left = [Item(item, None, 20.0, "for a person: no RViz configuration") for item in items]
+        write_result(
+            Result(name, "a.launch", {}, (Item("reaches the pillar", 30.0, 30.0, "stands"), *left)), out
+        )
+    (folder / "marking.yaml").write_text("# mine\nstudents: {bob: {late: {percent: 10, word: late}}}\n")
+    return Review(tmp_path / "out")
+
+
+@contextmanager
+def served(review):
+    server, address = make_server(review)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield address
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+def status_of(address, data, headers):
+    try:
+        with urlopen(Request(address, data=data, headers=headers)) as answer:
+            return answer.status
+    except HTTPError as refused:
+        refused.close()
+        return refused.code
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_keys_give_the_points_and_go_on(review):
+    sync_api = pytest.importorskip("playwright.sync_api")
+    with served(review) as address, sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page()
+        said = []
+        page.on("dialog", lambda dialog: said.append(dialog.message))
+        page.goto(address)
+        page.get_by_role("heading", name=f"ann: {RVIZ}").wait_for()
+        assert "<script>alert(1)" in page.inner_text("pre"), "as text"
+        page.keyboard.press("w")
+        page.keyboard.type("two of 3 displays")
+        page.keyboard.press("Enter")
+        page.keyboard.press("5")
+        page.get_by_role("heading", name=f"ann: {MARKER}").wait_for()
+        page.keyboard.press("n")
+        page.get_by_role("heading", name=f"bob: {RVIZ}").wait_for()
+        page.get_by_role("button", name="20", exact=False).last.click()
+        page.get_by_role("heading", name="All 3 items have points").wait_for()
+        page.goto(address)
+        page.get_by_role("heading", name=f"ann: {MARKER}").wait_for()
+        browser.close()
+        assert not said
+    given = read_overrides(review.folder, ["ann", "bob"])
+    points, word = given["ann"].points[RVIZ].points, given["ann"].points[RVIZ].word
+    assert (points, word) == (10.0, "two of 3 displays")
+    assert MARKER not in given["ann"].points
+    assert given["bob"].points[RVIZ].points == 20.0
+    assert given["bob"].late.percent == 10.0, "what was there stays"
+    assert (review.folder / "marking.yaml.before").read_text().startswith("# mine")
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        ({"points": 21, "word": ""}, 400),
+        ({"points": -1, "word": ""}, 400),
+        ({"points": float("nan"), "word": ""}, 400),
+        ({"points": "all", "word": ""}, 400),
+        ([], 400),
+        ("[" * 5000, 400),
+        ({"word": "x" * 20000, "points": 1}, 400),
+    ],
+)
+def test_what_is_no_points_changes_nothing(review, body, code):
+    before = (review.folder / "marking.yaml").read_text()
+    text = body if isinstance(body, str) else json.dumps(body)
+    with served(review) as address:
+        assert status_of(f"{address}0", text.encode(), {}) == code
+    assert (review.folder / "marking.yaml").read_text() == before
+
+
+@pytest.mark.parametrize(
+    ("path", "headers"),
+    [("/0", {}), ("/wrong/0", {}), (None, {"Origin": "http://evil.org"}), (None, {"Origin": "null"}),
+     (None, {"Host": "evil.org"})],
+)  # fmt: skip
+def test_no_other_page_and_no_other_user_writes(review, path, headers):
+    with served(review) as address:
+        place = f"{address}0" if path is None else address.rsplit("/", 2)[0] + path
+        data = json.dumps({"points": 1, "word": ""}).encode()
+        assert status_of(place, data, headers) == 403
+    assert "points" not in (review.folder / "marking.yaml").read_text()
+
+
+def test_a_broken_marking_file_is_named_and_kept(review):
+    (review.folder / "marking.yaml").write_text("students: [")
+    with pytest.raises(ConfigError, match=r"marking\.yaml"):
+        review.give(0, 10.0, "")
+    assert (review.folder / "marking.yaml").read_text() == "students: ["
+    (review.folder / "marking.yaml").write_text(yaml.safe_dump({"students": {"ann": {"robot": "husky"}}}))
+    review.give(0, 10.0, "")
+    assert read_overrides(review.folder, ["ann", "bob"])["ann"].robot == "husky"
+
+
+def test_a_folder_without_results_is_named(tmp_path):
+    with pytest.raises(HuskyError, match="no results of one class"):
+        Review(tmp_path)
