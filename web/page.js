@@ -10,6 +10,11 @@
   let socket = null;
   let timer = null;
 
+  try { // the server asks for it by viser's storage: the choice made here, or else the browser's own
+    const prefers = matchMedia("(prefers-color-scheme: dark)").matches ? "1" : "0";
+    localStorage.setItem("viser-user:is-dark", localStorage.getItem("viser-user:dark") ?? prefers);
+  } catch { /* a browser that stores nothing sees the day */ }
+
   const connect = () => {
     socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/drive`);
     socket.onclose = () => setTimeout(connect, 1000);

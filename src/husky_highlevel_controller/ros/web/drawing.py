@@ -9,10 +9,11 @@ import viser
 from viser import _messages
 
 from husky_highlevel_controller.datatypes import Pose, Quaternion, Rgba, Vector3
+from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_highlevel_controller.ros.web import meshes
 from husky_highlevel_controller.ros.web.markers import Dots, Lines, MeshFile, Piece, Solid, Words
 
-LETTER_HEIGHT = 0.45  # of a text marker's scale, as RViz's letters measure
+LETTER_SCALE = 1.0  # of a text marker: 12 px whatever its size in the scene, sharp at any distance
 INVISIBLE = 5e-4  # [m], and of a quaternion (1 mrad): what moves less stays
 LINE_WIDTH = 0.01  # [m], of a line without a width
 MIN_OPACITY = 0.02  # what is fainter is not drawn: RViz shows nothing either
@@ -39,13 +40,11 @@ def place(node: Any, pose: Pose) -> None:
 
 
 def look(camera: viser.CameraHandle, position: Vector3, look_at: Vector3) -> None:
-    """Put a page's camera somewhere.
+    """Put a page's camera somewhere; its handle keeps telling what the page has reported.
 
     Not by viser's setters, which calculate its rotation as well: a seventh of the page's thread.
     """
-    state = camera._state
-    state.position, state.look_at = np.array(position), np.array(look_at)
-    queue = state.client._websock_connection.queue_message
+    queue = camera._state.client._websock_connection.queue_message
     queue(_messages.SetCameraPositionMessage(position))
     queue(_messages.SetCameraLookAtMessage(look_at))
 
@@ -78,8 +77,8 @@ def draw(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose: Pose
                 scene.add_label(
                     name,
                     piece.text,
-                    font_size_mode="scene",
-                    font_scene_height=LETTER_HEIGHT * piece.height,
+                    font_size_mode="screen",
+                    font_screen_scale=LETTER_SCALE,
                     anchor="bottom-center",
                     **where,
                 )
@@ -102,7 +101,7 @@ def redraw(nodes: Sequence[Any], pieces: Sequence[Piece]) -> bool:
             node.points, node.colors = piece.points, piece.colors
             node.thickness = piece.width or LINE_WIDTH
         elif isinstance(piece, Words):
-            node.text, node.font_scene_height = piece.text, LETTER_HEIGHT * piece.height
+            node.text = piece.text
     return True
 
 
@@ -117,6 +116,16 @@ def _is_alike(node: Any, piece: Piece) -> bool:
 def clickable(nodes: Sequence[Any]) -> List[Any]:
     """Nodes that the mouse can take hold of."""
     return [node for node in nodes if isinstance(node, viser.MeshHandle)]
+
+
+def bounds(nodes: Sequence[Any]) -> Tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner (x, y, z) [m] of meshes, in the frame of their parent."""
+    points = []
+    for node in nodes:
+        w, x, y, z = node.wxyz.tolist()
+        points.append(node.vertices @ matrix_from_quat((x, y, z, w)).T + node.position)
+    corners = np.concatenate(points)
+    return corners.min(axis=0), corners.max(axis=0)
 
 
 def rgb(rgba: Rgba) -> Tuple[int, int, int]:

@@ -23,6 +23,7 @@ from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.web.actions import Actions
+from husky_highlevel_controller.ros.web.camera import FIELD_OF_VIEW
 from husky_highlevel_controller.ros.web.curves import Rate
 from husky_highlevel_controller.ros.web.drive_tab import DriveTab, Status
 from husky_highlevel_controller.ros.web.left_out import LeftOut
@@ -30,7 +31,7 @@ from husky_highlevel_controller.ros.web.log import LogBuffer
 from husky_highlevel_controller.ros.web.mouse import Mouse
 from husky_highlevel_controller.ros.web.objects import Objects
 from husky_highlevel_controller.ros.web.page_server import serve
-from husky_highlevel_controller.ros.web.pages import Page, theme
+from husky_highlevel_controller.ros.web.pages import Page, theme, wants_dark
 from husky_highlevel_controller.ros.web.plots import Plots
 from husky_highlevel_controller.ros.web.recorder import Recorder
 from husky_highlevel_controller.ros.web.scene import Scene
@@ -81,7 +82,7 @@ class WebNode:
         self._pages: Dict[int, Page] = {}
         self._came = threading.Event()
         self._clients_changed = threading.Lock()
-        self._arrivals: List[viser.ClientHandle] = []
+        self._arrivals: List[Tuple[viser.ClientHandle, bool]] = []
         self._leavers: List[int] = []
         self._log = LogBuffer()
         self._topics = Topics(_topic_names(config))
@@ -107,7 +108,8 @@ class WebNode:
     def _build(self, config: WebConfig) -> None:
         server = self._server
         theme(server.gui, False)
-        self._scene = Scene(server, config.fixed_frame)
+        server.initial_camera.fov = FIELD_OF_VIEW
+        self._scene = Scene(server, config.fixed_frame, config.controller)
         self._objects = Objects(server, self._scene.frames, config.fixed_frame)
         self._state_bar = StateBar(server.gui)  # above the tabs, and so on each of them
         group = server.gui.add_tab_group()
@@ -200,7 +202,7 @@ class WebNode:
         self._objects.update(self._topics.take_all("objects"))
         base = self._scene.base
         for page in self._pages.values():
-            page.update(None if base is None else base.position, self._pillar)
+            page.update(base, self._pillar)
         self._recorder.tick(now, None if base is None else base.position)
 
     def _take_numbers(self) -> None:
@@ -260,9 +262,9 @@ class WebNode:
         with self._clients_changed:
             arrivals, self._arrivals = self._arrivals, []
             leavers, self._leavers = self._leavers, []
-        for client in arrivals:
-            theme(client.gui, False)
-            page = Page(client, (self._tabs["View"], self._tabs["Log"]), self._log, self._mouse.bind)
+        for client, is_dark in arrivals:
+            tabs = (self._tabs["View"], self._tabs["Log"])
+            page = Page(client, tabs, self._log, self._mouse.bind, is_dark)
             page.make_tools(self._tabs["World"])
             self._pages[client.client_id] = page
         for number in leavers:
@@ -272,8 +274,9 @@ class WebNode:
             self._mouse.bind()
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
+        is_dark = wants_dark(client)
         with self._clients_changed:
-            self._arrivals.append(client)
+            self._arrivals.append((client, is_dark))
         self._came.set()
 
     def _on_disconnect(self, client: viser.ClientHandle) -> None:

@@ -20,7 +20,8 @@ from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
-from husky_highlevel_controller.ros.web.drawing import clickable, draw, place
+from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, contact_shadow
+from husky_highlevel_controller.ros.web.drawing import bounds, clickable, draw, place
 from husky_highlevel_controller.ros.web.frames import Frames
 from husky_highlevel_controller.ros.web.left_out import LeftOut
 from husky_highlevel_controller.ros.web.markers import Piece, Solid, pieces, pose_of
@@ -153,6 +154,10 @@ class Objects:
         for number, part in enumerate(parts):
             seen = [piece for piece in pieces(part) if not _is_ground(piece)]
             drawn += clickable(draw(self._scene, f"{path}/{number}", seen, pose_of(part) or Pose()))
+        if drawn:
+            low, high = bounds(drawn)
+            below = (*((low + high) / 2.0)[:2], low[2] + SHADOW_HEIGHT)
+            contact_shadow(self._scene, f"{path}/shadow", high - low, below)
         self.shown[key] = Object(
             node,
             marker.header.frame_id.lstrip("/"),

@@ -13,27 +13,35 @@ import rospy
 import viser
 from visualization_msgs.msg import Marker
 
-from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_highlevel_controller.datatypes import HuskyError, Pose, Vector3
 from husky_highlevel_controller.geometry import compose, matrix_from_quat
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_from_msg, points_from_scan
 from husky_highlevel_controller.ros.transforms import is_pose
 from husky_highlevel_controller.ros.web import shapes
-from husky_highlevel_controller.ros.web.drawing import clickable, draw, place, redraw
+from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, Backdrop, contact_shadow
+from husky_highlevel_controller.ros.web.drawing import bounds, clickable, draw, place, redraw
 from husky_highlevel_controller.ros.web.frames import Frames
 from husky_highlevel_controller.ros.web.left_out import LeftOut
 from husky_highlevel_controller.ros.web.markers import Key, Markers, Solid, looks, markers_of, pieces, pose_of
 from husky_highlevel_controller.ros.web.robot import rigid_groups
 from husky_highlevel_controller.ros.web.topics import Topics
 
-SCAN_COLOR, TRAIL_COLOR, CLOUD_COLOR = (215, 60, 235), (110, 130, 150), (60, 170, 160)
-POINT_SIZE = 0.05  # [m], of the scan's points
+SCAN_COLOR, RAY_COLOR, CLOUD_COLOR = (235, 30, 250), (205, 130, 215), (60, 170, 160)
+TRAIL_COLOR, PLAN_COLOR = (20, 120, 255), (255, 120, 0)
+POINT_SIZE = 0.07  # [m], of the scan's points
+RAYS = 60  # at most; a few show which beams have returned
 TRAIL_STEP, TRAIL_POINTS = 0.25, 1000  # [m] between two points of the trail, and how many
+LINE_WIDTH, DASH, PLAN_LENGTH = 0.04, 0.25, 100.0  # [m], of a line, of a dash and of a gap, of all dashes
+PLAN_PERIOD = 0.3  # [s] between two plans
+LINE_HEIGHT = 0.025  # [m] of trail and plan above the ground
 TRAIL_JUMP = 1.0  # [m] from here on the robot was put elsewhere, and the trail begins anew
 GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m], of the robot that is dragged
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
 LOOKS_PERIOD = 0.2  # [s] between two changes of what a marker looks like
 BASE, FOOTPRINT = "base_link", "base_footprint"
+# namespaces of the controller's markers: its path is the trail, its state stands in the state bar
+TARGET, SHOWN_ELSEWHERE = "target", ("path", "state")
 
 
 @dataclass
@@ -52,8 +60,9 @@ class DrawnMarker:
 class Scene:
     """Scene that is drawn; updated by one thread."""
 
-    def __init__(self, server: viser.ViserServer, fixed_frame: str) -> None:
+    def __init__(self, server: viser.ViserServer, fixed_frame: str, controller: str) -> None:
         self._scene, self.fixed_frame = server.scene, fixed_frame
+        self._controller = f"{controller}/"
         self._left_out = LeftOut()
         self.frames, self.markers = Frames(), Markers()
         self.layers = {
@@ -66,14 +75,12 @@ class Scene:
         }
         self.scan_stamp = 0.0  # [s]
         self._robot: Dict[str, Any] = {}
+        self._shadow: Any = None
         self.robot_shapes: List[Any] = []  # nodes that the mouse can take hold of
         self._drawn: Dict[Key, DrawnMarker] = {}
         self._axes: Dict[str, Any] = {}
         self._trail: List[Tuple[float, float, float]] = []
-        # without a graphics card shadows and reflections take a second a frame, the rest 1/60 s
-        self._scene.configure_default_lights(cast_shadow=False)
-        self._scene.configure_environment_map(None)
-        self._scene.add_light_ambient("/ambient", intensity=0.6)
+        self._backdrop = Backdrop(self._scene)
         empty = np.zeros((0, 3), np.float32)
         self._scan = self._scene.add_point_cloud(
             "/scan", empty, SCAN_COLOR, point_size=POINT_SIZE, point_shape="circle", precision="float32"
@@ -81,21 +88,16 @@ class Scene:
         self._cloud = self._scene.add_point_cloud(
             "/depth", empty, CLOUD_COLOR, point_size=0.03, precision="float32"
         )
-        self._trail_line = self._scene.add_line_segments(
-            "/trail", np.zeros((0, 2, 3), np.float32), TRAIL_COLOR, thickness=0.03
-        )
+        self._rays = self._add_lines("/rays", RAY_COLOR, thickness=1.0, thickness_units="screen")
+        self._trail_line = self._add_lines("/trail", TRAIL_COLOR, thickness=LINE_WIDTH)
+        self._plan_line = self._add_lines("/plan", PLAN_COLOR, thickness=LINE_WIDTH)
+        self._plan_due = 0.0  # [s]
         footprint = Solid(shapes.scaled(shapes.cube(), GHOST_SIZE), GHOST_COLOR)
         self._ghost = self._scene.add_frame("/ghost", show_axes=False, visible=False)
         draw(self._scene, "/ghost", [footprint], Pose())
-        self._grid = self._scene.add_grid(
-            "/grid",
-            width=60.0,
-            height=60.0,
-            cell_size=1.0,
-            section_size=5.0,
-            infinite_grid=True,
-            fade_distance=60.0,
-        )
+
+    def _add_lines(self, name: str, color: Tuple[int, int, int], **looks: Any) -> Any:
+        return self._scene.add_line_segments(name, np.zeros((0, 2, 3), np.float32), color, **looks)
 
     # ------------------------------------------------------------------ robot
 
@@ -103,7 +105,7 @@ class Scene:
         """Draw the robot of a URDF; a text that is none is a warning."""
         for node in reversed(self._robot.values()):  # what hangs on the base before the base
             node.remove()
-        self._robot, self.robot_shapes = {}, []
+        self._robot, self.robot_shapes, self._shadow = {}, [], None
         try:
             groups = rigid_groups(description)
         except HuskyError as error:
@@ -119,6 +121,9 @@ class Scene:
                     self.robot_shapes += clickable(
                         draw(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
                     )
+            if frame == BASE and self.robot_shapes:
+                low, high = bounds(self.robot_shapes)
+                self._shadow = contact_shadow(self._scene, f"{name}/shadow", high - low, (low + high) / 2.0)
 
     @property
     def base(self) -> Optional[Pose]:
@@ -152,10 +157,12 @@ class Scene:
         self._update_trail()
         self._update_markers(topics)
         self._update_axes()
-        if self._grid.visible != self.layers["grid"]:
-            self._grid.visible = self.layers["grid"]
-        if abs(self._grid.position[2] - self.ground) > 1e-6:
-            self._grid.position = (0.0, 0.0, self.ground)
+        self._update_plan()
+        self._backdrop.update(self.ground, self.layers["grid"])
+        footprint = self.frames.pose(FOOTPRINT, BASE)
+        if self._shadow is not None and footprint is not None:
+            x, y, _ = self._shadow.position.tolist()
+            place(self._shadow, Pose((x, y, footprint.position[2] + SHADOW_HEIGHT)))
 
     def show_ghost(self, pose: Optional[Pose]) -> None:
         """Show where the robot would be put, or nothing."""
@@ -175,14 +182,18 @@ class Scene:
 
     def _update_scan(self, msg: Optional[Any]) -> None:
         if self._scan.visible != self.layers["scan"]:
-            self._scan.visible = self.layers["scan"]
+            self._scan.visible = self._rays.visible = self.layers["scan"]
         if msg is None:
             return
         scan = conversions.scan_from_msg(msg)
         self.scan_stamp = scan.stamp
         pose = self.frames.pose(scan.frame, self.fixed_frame, scan.stamp)
         if pose is not None and self.layers["scan"]:
-            self._scan.points = _transformed(points_from_scan(scan), pose)
+            points = _transformed(points_from_scan(scan), pose)
+            hits = points[:: -(-len(points) // RAYS) or 1]
+            self._scan.points = points
+            lidar = np.array(pose.position, np.float32)
+            self._rays.points = np.stack([np.broadcast_to(lidar, hits.shape), hits], axis=1)
 
     def _update_cloud(self, msg: Optional[Any]) -> None:
         if self._cloud.visible != self.layers["depth"]:
@@ -200,7 +211,7 @@ class Scene:
         if base is None:
             return
         x, y, _ = base.position
-        point = (x, y, self.ground + 0.01)
+        point = (x, y, self.ground + LINE_HEIGHT)
         if self._trail and dist(self._trail[-1], point) < TRAIL_STEP:
             return
         if self._trail and dist(self._trail[-1], point) > TRAIL_JUMP:
@@ -209,12 +220,30 @@ class Scene:
         line = np.array(self._trail, np.float32)
         self._trail_line.points = np.stack([line[:-1], line[1:]], axis=1)
 
+    def _update_plan(self) -> None:
+        """Draw dashes from where the controller wants the robot to stop to where it is."""
+        now = time.monotonic()
+        if now < self._plan_due:
+            return
+        self._plan_due = now + PLAN_PERIOD
+        base, target, shown = self.base, None, self.markers.shown if self.layers["markers"] else {}
+        for (topic, namespace, _), marker in shown.items():
+            if namespace == TARGET and topic.startswith(self._controller):
+                frame = self.frames.pose(marker.header.frame_id.lstrip("/"), self.fixed_frame)
+                target = None if frame is None else compose(frame, pose_of(marker) or Pose())
+        height = self.ground + LINE_HEIGHT
+        ends = [] if base is None or target is None else [target.position, base.position]
+        plan = dashes(*((x, y, height) for x, y, _ in ends)) if ends else np.zeros((0, 2, 3), np.float32)
+        if not np.array_equal(self._plan_line.points, plan):
+            self._plan_line.points = plan
+
     def _update_markers(self, topics: Topics) -> None:
         now = time.monotonic()
         for topic, msg in topics.take_all("markers"):
             with self._left_out.item(topic):
                 for marker in markers_of(msg):
-                    self.markers.apply(topic, marker, now)
+                    if not (marker.ns in SHOWN_ELSEWHERE and topic.startswith(self._controller)):
+                        self.markers.apply(topic, marker, now)
         self.markers.expire(now)
         shown = self.markers.shown if self.layers["markers"] else {}
         for key in self._drawn.keys() - shown.keys():
@@ -265,6 +294,16 @@ class Scene:
                 axes = self._scene.add_frame(path, axes_length=0.25, axes_radius=0.01, visible=False)
                 self._axes[name] = (axes, self._scene.add_label(f"{path}/name", name, **_NAME_LABEL))
             self._show(self._axes[name][0], self.frames.pose(name, self.fixed_frame))
+
+
+def dashes(start: Vector3, end: Vector3) -> np.ndarray:
+    """Segments (N, 2, 3) of a dashed line [m]; counted from its start, they stay while its end moves."""
+    way = np.array(end) - np.array(start)
+    length = float(np.linalg.norm(way))
+    count = int(min(length, PLAN_LENGTH) / DASH + 1.0) // 2
+    marks = DASH * np.arange(2.0 * count).reshape(-1, 2, 1)
+    segments: np.ndarray = (np.array(start) + marks * way / max(length, DASH)).astype(np.float32)
+    return segments
 
 
 def _transformed(points: np.ndarray, pose: Pose) -> np.ndarray:

@@ -1,0 +1,82 @@
+"""Camera of one page: behind the robot, at the pillar, above, or free."""
+
+from __future__ import annotations
+
+from collections import deque
+from math import dist, radians
+from typing import Any, Deque, Optional
+
+import viser
+
+from husky_highlevel_controller.datatypes import Pose, Vector3
+from husky_highlevel_controller.geometry import quat_from_rpy, rotate, wrap_angle, yaw_from_quat
+from husky_highlevel_controller.ros.web.drawing import look
+
+FOLLOW, PILLAR, ABOVE, FREE = CAMERAS = ("Follow", "Pillar", "Above", "Free")
+FIELD_OF_VIEW = radians(38.0)  # of the view's height; wider ones make what stands upright lean
+# from what it looks at [m]; of FOLLOW with x along the robot's heading
+OFFSETS = {FOLLOW: (-4.7, 1.7, 1.25), PILLAR: (-5.6, -6.2, 2.6), ABOVE: (-0.01, 0.0, 30.0)}
+JUMP = 1.0  # [m] from here on the robot was put elsewhere
+TURN_SHARE = 0.08  # of the way to the robot's heading that the camera turns in one update
+STILL, STILL_ANGLE = 0.002, 0.001  # [m], [rad]: less is not worth a message
+SENT, SAME = 100, 0.01  # positions remembered, and the distance [m] of two that are one
+
+
+class Camera:
+    """Moves a page's camera, and takes over what the page's mouse does with it."""
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        self._client = client
+        self._name, self._is_placed, self._is_settled = FOLLOW, False, False
+        self._at: Vector3 = (0.0, 0.0, 0.0)  # [m], the point that it looks at
+        self._yaw, self._offset = 0.0, OFFSETS[FOLLOW]  # [rad], [m]
+        self._sent: Deque[Vector3] = deque(maxlen=SENT)
+
+    def choose(self, name: str) -> None:
+        """Take another of CAMERAS."""
+        self._name, self._is_placed = name, False
+
+    def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
+        """Move with what it looks at, in the fixed frame [m]."""
+        robot = None if base is None else base.position
+        target = pillar if self._name == PILLAR else robot
+        camera = self._client.camera
+        if target is None or self._name == FREE or camera.update_timestamp == 0.0:
+            return
+        yaw = 0.0 if base is None or self._name != FOLLOW else yaw_from_quat(base.quat_xyzw)
+        if self._is_placed and dist(target, self._at) < JUMP:
+            turn = TURN_SHARE * wrap_angle(yaw - self._yaw)
+            if dist(target, self._at) < STILL and abs(turn) < STILL_ANGLE:
+                return
+            self._yaw += turn
+            self._take_over(camera)
+        else:
+            self._yaw, self._is_settled = yaw, False
+            self._sent.clear()
+        if not self._is_placed:
+            self._offset = OFFSETS[self._name]
+        offset = rotate(quat_from_rpy(0.0, 0.0, self._yaw), self._offset)
+        position = (target[0] + offset[0], target[1] + offset[1], target[2] + offset[2])
+        with self._client.atomic():
+            if not self._is_placed:
+                camera.up_direction = (0.0, 0.0, 1.0)
+            look(camera, position, target)
+        self._sent.append(position)
+        self._is_placed, self._at = True, target
+
+    def _take_over(self, camera: Any) -> None:
+        """Look from where the page's mouse has put the camera.
+
+        The page's reports come late: a position that was sent to it is none of the mouse. Position and
+        rotation of a report belong together, the point that it looks at may be newer.
+        """
+        position = camera.position.tolist()
+        is_sent = any(dist(position, sent) < SAME for sent in self._sent)
+        if is_sent or not self._is_settled:
+            self._is_settled |= is_sent
+            return
+        w, x, y, z = camera.wxyz.tolist()
+        away = rotate((x, y, z, w), (0.0, 0.0, -1.0))
+        distance = dist(position, camera.look_at.tolist())
+        x, y, z = rotate(quat_from_rpy(0.0, 0.0, -self._yaw), away)
+        self._offset = (distance * x, distance * y, distance * z)
