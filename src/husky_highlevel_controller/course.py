@@ -1,6 +1,6 @@
 """The course's world: its file, its pillar, and the topics of the courses' Huskies.
 
-In: nothing. Out: constants. Must not know: ROS, how a world file is read.
+In: nothing. Out: constants.
 
 Numbers: singlePillar.world of the ETH course; a test holds them to worlds/singlePillar.world.
 """

@@ -1,7 +1,6 @@
 """Immutable records that pass between modules, with the unit and frame of every field.
 
 Records made at every physics step are named tuples, which are faster to make; arrays are read-only.
-Must not know: ROS, PyBullet, files.
 
 SI units and REP 103 axes (x forward, y left, z up) throughout; quaternions are xyzw.
 """

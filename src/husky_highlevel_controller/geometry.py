@@ -1,6 +1,6 @@
 """Rotations, quaternions and poses in 2D and 3D.
 
-In: numbers. Out: numbers. Must not know: ROS, PyBullet.
+In: numbers. Out: numbers.
 Quaternions are xyzw; roll-pitch-yaw is the URDF/SDF convention (fixed axes x, y, z: R = Rz Ry Rx).
 """
 

@@ -1,6 +1,6 @@
 """Paths of the package's data files: worlds, launch files, configuration, robot description.
 
-In: where this module lies. Out: a folder. Must not know: ROS, what the files hold.
+In: where this module lies. Out: a folder.
 """
 
 from __future__ import annotations

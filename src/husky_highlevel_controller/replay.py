@@ -1,6 +1,6 @@
 """A drive as one HTML page that plays it in 3D: it needs no server, no other file and no library.
 
-In: times and poses. Out: HTML, some tens of kilobytes. Must not know: ROS, where they come from.
+In: times and poses. Out: HTML, some tens of kilobytes.
 """
 
 from __future__ import annotations

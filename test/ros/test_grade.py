@@ -190,6 +190,15 @@ def test_a_node_for_an_older_husky(handed_in, tmp_path):
     assert points == [20.0, 30.0, None, 20.0, None], done.stdout
 
 
+def test_scans_are_sent_where_a_submission_listens(handed_in, tmp_path):
+    make_package("listens_to_laser", tmp_path / "class")
+    env = {**handed_in[1], "ROS_PACKAGE_PATH": f"{tmp_path / 'class'}:{os.environ['ROS_PACKAGE_PATH']}"}
+    done = grade("--node", "listens_to_laser", "controller", *QUICK, "--out", tmp_path / "out", env=env)
+    points = [item["points"] for item in json.loads((tmp_path / "out" / "result.json").read_text())["items"]]
+    assert points == [20.0, 0.0, None, 0.0, 0.0], done.stdout
+    assert "scans are sent on /laser, the only topic of scans that it subscribes to" in done.stdout
+
+
 def test_a_file_that_is_not_there_is_told(tmp_path):
     done = grade("--launch", "no_such_package", "a.launch", "--out", tmp_path)
     assert done.returncode == 1, done.stderr

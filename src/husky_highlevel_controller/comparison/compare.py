@@ -1,6 +1,6 @@
 """Is B as good as A? Both drive the same scenes, and the differences are counted scene by scene.
 
-In: two contestants, scenes. Out: a table, pictures, an exit code. Must not know: how one is driven.
+In: two contestants, scenes. Out: a table, pictures, an exit code.
 """
 
 from __future__ import annotations

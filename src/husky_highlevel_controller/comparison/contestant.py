@@ -1,6 +1,6 @@
 """Contestants of a comparison (parameters, a function, a launch file), and one drive of each.
 
-In: words of a command line, scenes. Out: `Outcome`s. Must not know: what they are compared for.
+In: words of a command line, scenes. Out: `Outcome`s.
 
 All kinds are judged by the true poses alone, for a launch file tells nothing else.
 """

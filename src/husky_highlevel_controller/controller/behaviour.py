@@ -1,7 +1,6 @@
 """State machine of the pillar controller: one scan in, one velocity command and its reason out.
 
 In: an `Observation`, a `ControllerState`. Out: the next `ControllerState`, a `ControlOutput`.
-Must not know: ROS, PyBullet, clocks: time is the scan's stamp.
 
 It follows the pillar it sees (tracking.py), drives to it (control.py), and searches for it when it is
 out of sight (search.py).

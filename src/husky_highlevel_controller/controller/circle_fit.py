@@ -1,7 +1,6 @@
 """Least-squares fits of a circle, a line and a corner to a segment of beams.
 
 In: a `Segment`. Out: a `Circle`, and how well a line or two lines would do.
-Must not know: ROS, PyBullet, what counts as a pillar besides its radius.
 
 Sums over many beams are matrix products; what is solved for with them are a few plain numbers.
 """

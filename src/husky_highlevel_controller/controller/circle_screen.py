@@ -1,7 +1,6 @@
 """Vectorised pre-selection of segments before the exact circle fit: bounds the computing time of a scan.
 
 In: a scan's segments. Out: those that may be pillars, to be fitted one by one.
-Must not know: ROS, PyBullet, what happens to the segments that are left.
 
 `fit_circle` takes about 0.1 ms for a segment, and a hedge makes hundreds of segments. Here one geometric fit
 runs for all of them in the same arrays. It rejects only what misses a limit by a clear margin, and the exact

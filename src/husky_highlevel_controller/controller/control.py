@@ -1,7 +1,6 @@
 """Proportional control of the drive to a pillar, its limits, and the remaining distance.
 
 In: where the pillar is, seen from base_link. Out: the twist to command.
-Must not know: ROS, PyBullet, scans, time.
 
 Two proportional laws: forward speed from the distance still to go, turning rate from the bearing.
 """

@@ -1,6 +1,6 @@
 """Collision detection by IMU: a loss of speed that neither wheels nor rough ground explain.
 
-In: IMU samples and wheel speeds. Out: the speed lost in a collision. Must not know: ROS, PyBullet.
+In: IMU samples and wheel speeds. Out: the speed lost in a collision.
 
 The change of velocity over a window counts, not the peak of a sample: on a real A200 single samples of
 8 m/s^2 (flooring) to 90 m/s^2 (snow) are vibration, and hardly change the velocity. What counts is

@@ -1,7 +1,6 @@
 """Pillar detection in a lidar scan: segmentation, circle fit, rival shapes.
 
 In: one `Scan`. Out: the pillars in it, in the laser's own frame.
-Must not know: ROS, PyBullet, how the lidar is mounted, what the robot does next.
 
 A pillar is not the nearest return. It is a segment of neighbouring beams that lie on a circle of the expected
 radius, look more like a circle than like straight walls, and are framed by beams that pass where a pillar

@@ -1,7 +1,6 @@
 """Search for a pillar that is out of sight, and free directions round obstacles.
 
 In: the robot's place in odom, a scan. Out: the next twist, a free direction.
-Must not know: ROS, PyBullet, how a pillar is found.
 
 A full turn on the spot, then the legs of a widening square with a full turn after each.
 """

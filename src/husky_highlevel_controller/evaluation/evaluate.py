@@ -1,7 +1,6 @@
 """Evaluation of the controller: one command, one table, the same figures for the same seed.
 
 In: counts and a seed. Out: a table on standard output; on a terminal, progress on standard error.
-Must not know: ROS.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Metrics of the controller: of single scans, and of whole drives.
 
 In: numbers of random scenes, scenarios, gains. Out: errors, times, touches, against the true poses.
-Must not know: ROS, which figures are wanted.
 """
 
 from __future__ import annotations

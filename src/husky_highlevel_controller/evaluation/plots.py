@@ -1,6 +1,6 @@
 """Draws what many drives came to: heat maps, curves, ways from above.
 
-In: arrays. Out: PNG. Must not know: ROS, how anything was driven.
+In: arrays. Out: PNG.
 """
 
 from __future__ import annotations

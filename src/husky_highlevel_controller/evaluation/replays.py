@@ -1,6 +1,6 @@
 """Replays of evaluated drives: a page that plays each, and their index.
 
-In: a `Trace`, the words for it. Out: HTML files. Must not know: ROS, which figures are wanted.
+In: a `Trace`, the words for it. Out: HTML files.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Writes down what many drives came to: tables for programs, a page for people.
 
-In: rows, pictures. Out: CSV, Parquet, HTML. Must not know: ROS, what the numbers mean.
+In: rows, pictures. Out: CSV, Parquet, HTML.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Rollout of simulator and controller in one process, without ROS.
 
 In: a `Scenario`, the controller's parameters. Out: a `Trace`. Only here simulator and controller meet.
-Must not know: ROS, clocks, files.
 
 Each scan is answered at once; the command acts from the next physics step on.
 """

@@ -1,7 +1,6 @@
 """Random scenarios from a seed: whole runs, and single scans.
 
 In: numbers and a seed. Out: `Scenario`s to drive, `PillarScan`s to analyse; number n of a seed never changes.
-Must not know: ROS, how anything is decided.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Setup of a drive beside its scene: gains, detector, simulator; parameters of all three by name.
 
 In: names and values, of a command line or a YAML file. Out: `Setup`s, `Axis`es.
-Must not know: ROS, what comes of a drive.
 
 A parameter of the simulator has its place in the name, as in robots/husky.yaml: lidar/noise.
 """

@@ -1,6 +1,6 @@
 """Statistics of paired drives: the same scenes, driven twice.
 
-In: differences. Out: means with confidence intervals. Must not know: ROS, what was driven.
+In: differences. Out: means with confidence intervals.
 """
 
 from __future__ import annotations

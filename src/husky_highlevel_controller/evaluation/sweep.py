@@ -1,6 +1,6 @@
 """Sweep of parameters: the same scenes driven at every point of a grid, as a table and a picture.
 
-In: axes, scenes. Out: a row for each drive, CSV, heat maps. Must not know: ROS.
+In: axes, scenes. Out: a row for each drive, CSV, heat maps.
 """
 
 from __future__ import annotations

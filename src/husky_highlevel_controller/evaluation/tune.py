@@ -1,7 +1,6 @@
 """Tuning: parameters for which an objective over random starts is smallest, checked on fresh ones.
 
 In: ranges of parameters, an objective. Out: a YAML file for controller.launch, and how good it is.
-Must not know: ROS.
 
 Optuna proposes whole batches and is told their results in order, so that the same seed finds the same values
 however many drive; the results are kept, so that an interrupted tuning goes on where it was.

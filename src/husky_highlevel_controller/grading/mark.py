@@ -78,6 +78,7 @@ class Evidence:
     network: str
     view: RvizView
     notes: Tuple[str, ...]
+    scans: str = ""  # topic of the scans, if it is another than the robot's
     uninitialised: str = ""  # a variable of it that is read before it is written, in a sentence
 
 
@@ -126,7 +127,7 @@ def judge(job: Job) -> Result:
     out = Path(job.out)
     evidence: Evidence = load(Evidence, out / EVIDENCE)
     recordings = [load_recording(path, "") for path in _recordings(out)]
-    config = replace(job.config, robot=evidence.robot)
+    config = replace(job.config, robot=evidence.robot, scans=evidence.scans)
     items = EXERCISES[config.exercise].judge(recordings, evidence.view, config.scan_topic, config.rules)
     if evidence.uninitialised:
         items = left_to_chance(items, evidence.uninitialised)
@@ -153,8 +154,10 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> None:
     planned = plan(submission, out / "plan")
     config = replace(job.config, robot=job.override.robot or job.config.robot)
     if config.robot == AUTO:
-        robot, why = detect_robot(submission, planned, out / "robot") if planned.nodes else ("husky", "")
-        config, notes = replace(config, robot=robot), [*notes, *[why] * bool(why)]
+        robot, scans, why = "husky", "", ""
+        if planned.nodes:
+            robot, scans, why = detect_robot(submission, planned, out / "robot")
+        config, notes = replace(config, robot=robot, scans=scans), [*notes, *[why] * bool(why)]
     (trial, *_) = draw_trials(1, config.seed)
     chance = uninitialised(submission, planned, trial, config, out / "memcheck") if planned.nodes else ""
     recordings = _drives(submission, planned, replace(job, config=config), shows_progress)
@@ -167,6 +170,7 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> None:
         network,
         view,
         (*notes, *planned.notes),
+        config.scans,
         chance,
     )
     write_whole(out / EVIDENCE, to_json(evidence))

@@ -86,11 +86,18 @@ class MarkingConfig:
     deadline: float = 120.0  # [s], simulated, of each drive
     pace: float = 5.0  # simulated seconds a second, at most
     rules: Rules = field(default_factory=Rules)
+    scans: str = ""  # topic of the scans that the submission subscribes to; empty: the robot's
 
     @property
     def scan_topic(self) -> str:
         """Topic of the scans, once the robot is known."""
-        return ROBOT_VERSIONS[self.robot][0]
+        return self.scans or ROBOT_VERSIONS[self.robot][0]
+
+    @property
+    def simulator_arguments(self) -> Tuple[str, ...]:
+        """Launch arguments of the simulator, once the robot is known."""
+        topic = (f"laser_topic:={self.scans.lstrip('/')}",) if self.scans else ()
+        return (*ROBOT_VERSIONS[self.robot][1], *topic)
 
     @property
     def robot_name(self) -> str:

@@ -1,6 +1,6 @@
 """Conversions between records and ROS messages.
 
-In and out: records and messages. Must not know: nodes, topics, rospy.
+In and out: records and messages.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Conversions to visualization_msgs markers for RViz.
 
-In: points, sizes, words. Out: messages. Must not know: nodes, topics, rospy.
+In: points, sizes, words. Out: messages.
 """
 
 from __future__ import annotations

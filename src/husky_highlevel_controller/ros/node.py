@@ -43,7 +43,7 @@ def publish(publisher: rospy.Publisher, message: Any) -> None:
 
 
 class Newcomers(rospy.SubscribeListener):
-    """Whether somebody has subscribed to a publisher since it was last asked."""
+    """Flag of a publisher that is set when a node subscribes."""
 
     def __init__(self) -> None:
         self._came = threading.Event()
@@ -53,7 +53,7 @@ class Newcomers(rospy.SubscribeListener):
         self._came.set()
 
     def take(self) -> bool:
-        """True once after somebody has come."""
+        """True once after a node has subscribed."""
         came = self._came.is_set()
         self._came.clear()
         return came

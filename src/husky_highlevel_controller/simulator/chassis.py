@@ -1,7 +1,6 @@
 """Robot chassis: ground forces on the wheels, true motion, contacts.
 
 In: a Bullet world with the robot, the wheels' commanded speeds. Out: forces on the robot, its state.
-Must not know: ROS, PyBullet, sensors, commands.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Drive of a real Husky: 10 Hz control loop, one speed limit for both sides, wheels with a time constant.
 
 In: velocity commands and the time. Out: the wheels' speeds.
-Must not know: ROS, PyBullet, the ground.
 
 Sources: husky_base (husky 0.6.10) runs its loop at 10 Hz and, where one side would exceed 1.0 m/s, scales
 both (limitDifferentialSpeed), so that the curve keeps its radius. The lag is measured: wheels of a Husky

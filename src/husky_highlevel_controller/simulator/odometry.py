@@ -1,7 +1,6 @@
 """Odometry: dead reckoning from the wheels, and from the wheels with a gyro.
 
 In: the wheels' angles, the gyro's yaw rate. Out: poses in odom and twists in base_link.
-Must not know: ROS, PyBullet, the true pose.
 
 The wheel odometry takes both speeds from the wheels, as the Husky's diff_drive_controller does; wheels that
 skid make it drift. The filtered one takes the yaw rate from the gyro instead: a small replacement for

@@ -1,7 +1,6 @@
 """Real-time pacing: keeps simulated time in step with wall time.
 
 In: both times. Out: how long to wait, and whether the machine falls behind.
-Must not know: ROS, how to sleep.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Power model of a driving Husky: motor currents, battery, temperatures.
 
 In: the torque on each side's wheels, the time. Out: a `PowerState`.
-Must not know: ROS, PyBullet.
 
 Measured (BorealTC, two motors together, at about 24 V): 3.9 A straight on at 0.3 m/s and 3.8 A at 1.0 m/s on
 hard ground, 7.5 A on loam and 10 A on snow, whatever the speed; 18 A turning in place on flooring, 23 A on

@@ -1,6 +1,6 @@
 """The real Husky's profile: what differs from Gazebo's, in one record.
 
-In: nothing. Out: `RobotProfile`, `Ground`. Must not know: ROS, PyBullet.
+In: nothing. Out: `RobotProfile`, `Ground`.
 
 Gazebo's Husky is what `SimulatorConfig` describes; a simulation that is given a profile publishes what the
 real robot's drivers publish. config/robot_profile.yaml holds the same numbers; a test compares the two.

@@ -1,7 +1,6 @@
 """Spawn requests: a requested object becomes a body, or is refused with the reason.
 
 In: a name, a shape's name, its size, a mass, a pose. Out: a `Body`.
-Must not know: ROS, PyBullet, what stands in the world.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Traction of a skid-steer robot: friction forces between wheels and ground.
 
 In: the robot's velocity in the plane, where and how hard each wheel touches. Out: the ground's forces.
-Must not know: ROS, PyBullet.
 
 Bullet's own contact friction turns a skid-steer robot at half the commanded rate with a ripple of 50 %
 (its friction axes are fixed in the world), so the wheels' contacts are frictionless and the ground's force

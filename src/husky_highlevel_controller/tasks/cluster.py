@@ -1,7 +1,6 @@
 """Groups of tasks on a Dask cluster. The only module that loads Dask, which is optional.
 
 In: the address of a scheduler, a function, groups of items. Out: their results as they come.
-Must not know: what the tasks do.
 
 A worker gets work only after it was asked: it must have this Python and this version of the package, and one
 thread, for threads that share a simulator spoil each other's results. All it needs comes over the wire.

@@ -1,6 +1,6 @@
 """Options and exit codes common to the commands that do many tasks.
 
-In: an argument parser. Out: options, exit codes. Must not know: what the tasks do.
+In: an argument parser. Out: options, exit codes.
 """
 
 from __future__ import annotations

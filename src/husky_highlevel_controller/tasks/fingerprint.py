@@ -1,7 +1,6 @@
 """Fingerprints: of values, of this package's code, and of the machine that computes.
 
 In: plain values, records, arrays, functions. Out: SHA-256 in hexadecimal digits; words.
-Must not know: ROS, what is computed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Groups of tasks on this machine: by processes, or by threads where a task starts programs of its own.
 
-In: a function, groups of items. Out: their results as they come. Must not know: what the tasks do.
+In: a function, groups of items. Out: their results as they come.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Results that are kept in a file, so that the same command goes on where it was ended.
 
-In: results by fingerprint. Out: the same ones, in a later process. Must not know: what they are.
+In: results by fingerprint. Out: the same ones, in a later process.
 
 The file holds pickles: open only one that this package wrote for you.
 """

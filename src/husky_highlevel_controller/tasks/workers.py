@@ -1,7 +1,6 @@
 """Maps a pure task over items, by this machine's processes or by a Dask cluster: the same results in order.
 
 In: a function, its items. Out: results, their hash, the machines that computed them.
-Must not know: what a task does.
 """
 
 from __future__ import annotations

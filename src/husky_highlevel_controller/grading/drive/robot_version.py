@@ -8,7 +8,12 @@ from typing import Tuple
 
 from husky_highlevel_controller.grading.drive.plan import Plan, Submission, starter
 from husky_highlevel_controller.grading.drive.progress import settles
-from husky_highlevel_controller.grading.drive.ros_graph import is_up, set_parameter, topics_subscribed
+from husky_highlevel_controller.grading.drive.ros_graph import (
+    is_up,
+    scan_topics,
+    set_parameter,
+    topics_subscribed,
+)
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     create,
@@ -26,8 +31,8 @@ SMB = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 
 
-def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[str, str]:
-    """The robot, and a sentence that says why it is this one.
+def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[str, str, str]:
+    """The robot, the topic of the scans if it is another than the robot's, and a sentence that says why.
 
     Args:
         submission: what to start.
@@ -39,7 +44,7 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
     """
     named = _names_of_the_smb(planned)
     if named:
-        return "smb", f"for the SMB (--robot smb): {named}"
+        return "smb", "", f"for the SMB (--robot smb): {named}"
     topics = {version: topic for version, (topic, _) in ROBOT_VERSIONS.items() if version != "smb"}
     with Network(folder) as network:
         events = network.folder_of("submission") / "events.jsonl"
@@ -52,13 +57,23 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
             return next((version for version, topic in topics.items() if topic in found), "")
 
         settles(process, lambda: bool(subscribed()), lambda: is_up(network.uri, ()))
-        version = subscribed()
+        version, scans = subscribed(), scan_topics(network.uri)
     if version:
         title = f"marked with the {TITLES[version]} (--robot {version})"
-        return version, f"{title}: it subscribes to {topics[version]}"
-    return DEFAULT, (
-        f"marked with the {TITLES[DEFAULT]} (--robot {DEFAULT}): it subscribes neither to "
-        f"{' nor to '.join(topics.values())}"
+        return version, "", f"{title}: it subscribes to {topics[version]}"
+    if len(scans) == 1:
+        return (
+            DEFAULT,
+            scans[0],
+            f"scans are sent on {scans[0]}, the only topic of scans that it subscribes to",
+        )
+    return (
+        DEFAULT,
+        "",
+        (
+            f"marked with the {TITLES[DEFAULT]} (--robot {DEFAULT}): it subscribes neither to "
+            f"{' nor to '.join(topics.values())}"
+        ),
     )
 
 

@@ -7,7 +7,7 @@ from xmlrpc.client import Error as XmlRpcError
 from xmlrpc.client import ServerProxy
 
 CALLER = "/marking"
-TWIST = "geometry_msgs/Twist"
+TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
 EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
 Nodes = Mapping[str, Sequence[str]]  # topic: nodes
 
@@ -43,6 +43,12 @@ def is_up(uri: str, ours: Sequence[str]) -> bool:
 def set_parameter(uri: str, name: str, value: Any) -> None:
     """Set a parameter."""
     _ask(uri, "setParam", name, value)
+
+
+def scan_topics(uri: str) -> Tuple[str, ...]:
+    """Topics of scans that a node subscribes to."""
+    types = dict(_ask(uri, "getTopicTypes") or ())
+    return tuple(topic for topic in topics_subscribed(uri) if types.get(topic) == SCAN)
 
 
 def topics_subscribed(uri: str) -> Tuple[str, ...]:

@@ -36,7 +36,7 @@ from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
 from husky_highlevel_controller.grading.isolation.files import create, write_whole
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
-from husky_highlevel_controller.grading.records import ROBOT_VERSIONS, MarkingConfig
+from husky_highlevel_controller.grading.records import MarkingConfig
 from husky_highlevel_controller.grading.records import to_json as record_to_json
 
 WALL_BASE, WALL_SLOWNESS = 300.0, 20.0  # [s] of wall time a drive may take, and how much slower than its pace
@@ -66,7 +66,7 @@ def simulate(
     simulator = network.start(
         "simulator",
         ["roslaunch", str(SIMULATOR), f"world_name:={file}", "rviz:=false",
-         "laser_enabled:=true", "laser_tower:=true", *place, *ROBOT_VERSIONS[config.robot][1],
+         "laser_enabled:=true", "laser_tower:=true", *place, *config.simulator_arguments,
          *arguments],
         HUSKY_TRUTH_SOCKET=truth_socket,
     )  # fmt: skip
@@ -188,5 +188,5 @@ def _finish(
             f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} simulated seconds"
         )
     if ended or recording.ended == CUT_OFF:
-        notes.append(f"the drive was cut off at {seconds:.2f} s: {ended or 'somebody ended the recorder'}")
+        notes.append(f"the drive was cut off at {seconds:.2f} s: {ended or 'the recorder was ended'}")
     return replace(recording, notes=tuple(notes), ended=ended or recording.ended, output=output)

@@ -1,6 +1,6 @@
 """Reads files that untrusted programs wrote: regular files of bounded size only, without ever waiting.
 
-In: paths. Out: bytes, or an error that names the file. Must not know: what is in them.
+In: paths. Out: bytes, or an error that names the file.
 """
 
 from __future__ import annotations

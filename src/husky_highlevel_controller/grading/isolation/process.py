@@ -1,6 +1,6 @@
 """Processes whose output is cut, whose size is watched, and which leave no process behind.
 
-In: commands. Out: running processes with a log. Must not know: ROS, what the processes are.
+In: commands. Out: running processes with a log.
 """
 
 from __future__ import annotations

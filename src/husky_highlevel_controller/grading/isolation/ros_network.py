@@ -1,6 +1,6 @@
 """A ROS network of its own: a master on a free port, programs that use it, and the end of them all.
 
-In: programs to start. Out: processes that talk to one master. Must not know: what the programs are.
+In: programs to start. Out: processes that talk to one master.
 """
 
 from __future__ import annotations

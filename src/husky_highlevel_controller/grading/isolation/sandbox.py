@@ -1,6 +1,6 @@
 """Sandbox for untrusted programs: bubblewrap where the machine allows it, else a process namespace.
 
-In: folders that a program may see and write. Out: a command that runs inside. Must not know: the programs.
+In: folders that a program may see and write. Out: a command that runs inside.
 
 With bubblewrap the whole file system is read-only; home folders and the folders of temporary files are
 empty but for what the workspace needs; only the program's own folders can be written. The program sees no

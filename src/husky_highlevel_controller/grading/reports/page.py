@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 import statistics
 from dataclasses import dataclass, replace
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
@@ -14,6 +15,7 @@ from markupsafe import Markup
 from husky_highlevel_controller.grading.records import Item, Result
 from husky_highlevel_controller.paths import share_folder
 
+LEAD = 1.0  # [s], simulated: a replay begins so long before the moment of the first cause
 BARS = 10  # of the histogram
 BAR_HEIGHT = 60  # [pixels], the highest
 COLOURS = {"marked": "", "for a person": "person", "could not be marked": "unmarked"}
@@ -77,6 +79,13 @@ def feedback_page(result: Result, pictures: Sequence[bytes], replays: Sequence[s
         pictures: PNGs.
         replays: HTML pages that play the drives.
     """
+    cause = result.cause
+    if cause is not None and cause.at is not None and replays:
+        drive = re.search(r"drive (\d+): ", cause.evidence)
+        shown = min(int(drive[1]) if drive else 1, len(replays)) - 1
+        start = f"const start = {max(cause.at - LEAD, 0.0):.2f};"
+        replays = [*replays]
+        replays[shown] = replays[shown].replace("const start = 0;", start, 1)
     row = replace(_row(result, [], pictures, ()), replays=tuple(replays))
     return render("feedback.html", row=row, settings=_settings(result))
 
@@ -88,7 +97,11 @@ def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
         counts[min(int(BARS * share), BARS - 1)] += 1
     highest = max([*counts, 1])
     return [
-        {"count": count, "height": round(BAR_HEIGHT * count / highest), "label": f"{100 * number // BARS} %"}
+        {
+            "count": count,
+            "height": round(BAR_HEIGHT * count / highest),
+            "label": f"{100 * number // BARS}-{100 * (number + 1) // BARS}",
+        }
         for number, count in enumerate(counts)
     ]
 

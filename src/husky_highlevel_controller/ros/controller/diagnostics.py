@@ -57,7 +57,7 @@ class Diagnostics:
         self._published_at = 0.0
 
     def update(self) -> None:
-        """Publish if a period is over or somebody has come; to be called several times a period."""
+        """Publish if a period is over or a node has subscribed; to be called several times a period."""
         now = rospy.get_time()
         is_early = 0.0 <= now - self._published_at < PERIOD  # less: the simulator was started again
         if not self._newcomers.take() and is_early:

@@ -77,7 +77,7 @@ class Display:
             self._show(*self._last)
 
     def update(self) -> None:
-        """Show the last scan again if somebody has come: a paused world has no other. Call it often."""
+        """Show the last scan again to a new subscriber: a paused world has no other. Call it often."""
         if self._newcomers.take():
             with self._turn:
                 if self._last is not None:

@@ -25,7 +25,7 @@ import roslaunch.xmlloader
 import roslib.packages
 from rospkg import ResourceNotFound, RosPack
 
-# they bring the robot or its world, which the marking brings, or wait for somebody at a desk
+# they bring the robot or its world, which the marking brings, or wait for a person at a desk
 SIMULATION = {
     "gazebo_ros", "husky_gazebo", "husky_control", "husky_description", "husky_navigation", "husky_viz",
     "smb_gazebo", "smb_control", "smb_description", "robot_state_publisher", "joint_state_publisher",
@@ -92,7 +92,9 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
     def _param_tag(self, tag: Any, *rest: Any, **more: Any) -> Any:
         if tag.getAttribute("name").lstrip("/") == "robot_description":
-            return None  # the marking brings the robot; theirs may need programs that are not there
+            return (
+                None  # the marking brings the robot; the hand-in's may need programs that are not installed
+            )
         load = super()._param_tag
         return self._try("param", tag, lambda: load(tag, *rest, **more))
 
@@ -205,7 +207,7 @@ def main(arguments: List[str]) -> int:
     reporter = Reporter(events)
     try:
         config = load(what, reporter, json.loads(taken))
-    except Exception as error:  # whatever a untrusted's file can do to roslaunch's loader
+    except Exception as error:  # an untrusted launch file may raise anything
         reporter.tell("unloadable", error=" ".join(str(error).split())[:500])
         return 1
     if action == "describe":

@@ -1,7 +1,6 @@
 """Limit of the simulated time's lead over a controller that answers every scan, when the clock is not paced.
 
 In: when a scan is about to be sent, when a command has arrived. Out: waits, for milliseconds.
-Must not know: the simulation, what was commanded.
 """
 
 from __future__ import annotations

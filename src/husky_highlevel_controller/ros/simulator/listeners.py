@@ -1,4 +1,4 @@
-"""Detects from /proc whether all subscribers of a topic are idle: no thread of theirs runs.
+"""Detects from /proc whether all subscribers of a topic are idle: none of their threads runs.
 
 A node that waits for simulated time (ros::Rate, ros::Duration::sleep, rospy.sleep) answers nothing until the
 clock goes on. What it sends does not distinguish it from one that computes; what its threads do does. A
@@ -23,7 +23,7 @@ LOOK_PERIOD = 0.002  # [s] of wall time
 STAT = 512  # [bytes] of a thread's /proc/.../stat that are read; its state is among the first
 RUNNING = {b"R", b"D"}  # states of a thread: on a CPU or waiting for one, or for a disk
 
-Ports = Tuple[int, int]  # of a connection: theirs, ours
+Ports = Tuple[int, int]  # of a connection: the subscriber's, this process's
 
 
 class Listeners:

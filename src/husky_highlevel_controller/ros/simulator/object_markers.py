@@ -1,6 +1,6 @@
 """Interactive markers of RViz for the bodies of the world.
 
-In: a `Body`, and where it is. Out: messages. Must not know: topics, rospy, the simulation.
+In: a `Body`, and where it is. Out: messages.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Check that no simulator runs on this master yet: a second one would set another time, or end the first.
 
 In: the ROS master. Out: the name of the simulator that runs already, the other publishers of /clock.
-Must not know: the simulation.
 
 A launch file asks while it is read, before any of its nodes starts: they have the names of those that run,
 and the master ends the first of each name. Only the standard library, because every launch waits for it.

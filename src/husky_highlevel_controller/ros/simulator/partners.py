@@ -1,7 +1,6 @@
 """Partners of the simulator: the nodes that must have joined before time begins.
 
 In: the topics they share with the simulator, the ROS master. Out: whether they are there.
-Must not know: the simulation.
 """
 
 from __future__ import annotations

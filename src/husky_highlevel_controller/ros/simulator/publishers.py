@@ -146,7 +146,7 @@ class Publishers:
         self._bumped.clear()
 
     def _has_state_publisher(self) -> bool:
-        """Whether somebody else's launch file started one: TF warns of every frame that is sent twice."""
+        """Whether a robot_state_publisher runs: TF warns of every frame that is sent twice."""
         return any(link.endpoint_id.endswith(STATE_PUBLISHER) for link in self.joints.impl.connections)
 
     def publish_clock(self, stamp: float) -> None:

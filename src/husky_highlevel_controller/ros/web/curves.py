@@ -1,6 +1,6 @@
 """Ring buffers of what is drawn as curves, and a meter of rates.
 
-In: samples with their times. Out: arrays. Must not know: ROS, viser, clocks.
+In: samples with their times. Out: arrays.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """The TF tree as last heard, with a short memory of the frames that move.
 
 In: poses of children in their parents, with stamps. Out: the pose of any frame in any other.
-Must not know: ROS, viser.
 """
 
 from __future__ import annotations

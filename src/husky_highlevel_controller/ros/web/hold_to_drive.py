@@ -1,6 +1,6 @@
 """Driving for as long as something is held: commands of several pages become one, which expires.
 
-In: commands with their moments. Out: the twist to send. Must not know: ROS, viser, clocks.
+In: commands with their moments. Out: the twist to send.
 """
 
 from __future__ import annotations

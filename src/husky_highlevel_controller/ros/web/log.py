@@ -1,6 +1,6 @@
 """The log: a ring of lines, filtered, as HTML.
 
-In: rosgraph_msgs/Log. Out: HTML. Must not know: rospy, viser.
+In: rosgraph_msgs/Log. Out: HTML.
 """
 
 from __future__ import annotations

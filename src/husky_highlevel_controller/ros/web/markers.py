@@ -1,7 +1,6 @@
 """Markers as RViz draws them: what a Marker message looks like, and which markers there are.
 
 In: visualization_msgs. Out: meshes, lines, points and words in the marker's own frame.
-Must not know: rospy, viser.
 """
 
 from __future__ import annotations

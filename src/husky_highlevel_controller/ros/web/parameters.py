@@ -1,7 +1,6 @@
 """Parameters of dynamic_reconfigure as fields of a page, and as YAML.
 
 In: descriptions decoded by dynamic_reconfigure, YAML text. Out: records and values.
-Must not know: rospy, viser.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Intersection of a ray of the mouse with a level plane.
 
-In: numbers. Out: points. Must not know: ROS, viser.
+In: numbers. Out: points.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The robot to look at, from its URDF: rigid groups of visuals, each moving with one TF frame.
 
-In: the text of robot_description. Out: records. Must not know: rospy, viser, where mesh files lie.
+In: the text of robot_description. Out: records.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Triangle meshes of simple shapes.
 
-In: sizes [m]. Out: vertices (V, 3) float32 and faces (F, 3) uint32. Must not know: ROS, viser.
+In: sizes [m]. Out: vertices (V, 3) float32 and faces (F, 3) uint32.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """World files as models that a simulator can spawn one by one.
 
-In: the text of an SDF world. Out: names and SDF texts. Must not know: ROS, viser, what a model is made of.
+In: the text of an SDF world. Out: names and SDF texts.
 """
 
 from __future__ import annotations

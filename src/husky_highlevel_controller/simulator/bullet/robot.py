@@ -1,7 +1,6 @@
 """PyBullet robot, one rigid body, in a world of bodies.
 
 In: a robot's model, forces. Out: how it moves and what it touches.
-Must not know: ROS, commands, sensors, wheels, how a tyre grips.
 """
 
 from __future__ import annotations

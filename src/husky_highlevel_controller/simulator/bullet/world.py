@@ -1,7 +1,6 @@
 """PyBullet world of bodies: add, remove, move, step.
 
 In: records. Out: records. Only this folder talks to PyBullet.
-Must not know: ROS, commands, sensors, what time it is.
 """
 
 from __future__ import annotations

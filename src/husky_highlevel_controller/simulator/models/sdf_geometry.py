@@ -1,6 +1,6 @@
 """SDF <geometry> and <material>: shapes and colours.
 
-In: `Node`s. Out: shapes and colours. Must not know: poses, models, worlds.
+In: `Node`s. Out: shapes and colours.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """SDF parser: elements with file, line and path, which every error message names.
 
 In: bytes or text of an SDF file. Out: `Node`s to read numbers and names from.
-Must not know: what the elements mean.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """SDF world loader: a world file (SDF 1.4 to 1.7, as Gazebo classic reads it) becomes records.
 
 In: SDF text, and for `model://` includes the folders of GAZEBO_MODEL_PATH. Out: a `World` of rigid bodies.
-Must not know: ROS, PyBullet, what is done with the world.
 
 Links are read one by one, joints are not: what hangs together in Gazebo falls apart here; a warning says so.
 Elements that are not supported are named in one warning per kind; invalid ones raise `WorldError`.

@@ -1,7 +1,6 @@
 """URDF elements: checked values read from them, and how they are written.
 
 In: XML elements. Out: numbers and poses; a `DescriptionError` names the element and what it says.
-Must not know: ROS, PyBullet, what a robot is made of.
 """
 
 from __future__ import annotations

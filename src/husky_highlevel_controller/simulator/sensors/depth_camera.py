@@ -1,7 +1,6 @@
 """Depth camera: its parameters, and 3D points from its depth image.
 
 In: a depth buffer from a renderer. Out: a `DepthImage`, points.
-Must not know: ROS, PyBullet.
 
 Numbers: the Kinect of husky_description before 0.4.4 (60 degrees wide, 0.05 to 8 m, 10 images a second), at
 half its 640 x 480 pixels. Frames are optical (REP 103): z forward, x to the right, y down.

@@ -1,7 +1,6 @@
 """Simulated SICK LMS1xx of a real Husky: beams with a width, swept while the robot moves.
 
 In: the robot's true pose and motion, a function that casts rays, a random generator. Out: a `Scan`.
-Must not know: ROS, PyBullet.
 
 Sources: range_min, range_max, beams, whole millimetres, misses of 0.0, and 0.5 / 360 / 50 s between beams
 from the driver (LMS1xx 0.3.0, LMS1xx_node) and the sensor's 50 Hz at 0.5 degrees; the spot, 8 mm + 15 mrad x

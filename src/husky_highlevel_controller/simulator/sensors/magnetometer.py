@@ -1,7 +1,6 @@
 """Simulated magnetometer of a real Husky's IMU: the Earth's magnetic field in base_link.
 
 In: the true attitude of base_link, a random generator. Out: a `MagSample`.
-Must not know: ROS, PyBullet.
 
 The field is that of 49.9 N 8.9 E, where the world lies (IGRF, rounded): 20.4 uT north, 1.3 uT east, 44.7 uT
 down; the world's x points east, as for the satellite receiver. The robot's own steel and currents, which bend

@@ -1,7 +1,6 @@
 """Ray intersection of a planar lidar with boxes, cylinders and spheres, in closed form.
 
 In: numbers of one shape, or arrays of many: the formulas are the same. Out: distances along the beams.
-Must not know: ROS, PyBullet, scenes, which beams may hit what.
 
 `prepare` takes centre and axes, in the laser's frame, and size: numbers, or arrays (K,) for K shapes. It
 gives rows (F, 2[, K]), whose products with a beam's direction say how bodies change along the beam, and

@@ -1,7 +1,6 @@
 """Ray casting of a planar lidar against boxes, cylinders, spheres and planes, in closed form.
 
 In: shapes with poses, where the laser stands, its beams' bearings. Out: distances.
-Must not know: ROS, PyBullet, noise.
 
 Bullet's own rays see a cylinder through its collision margin: a pillar of 0.2 m at 20 m is a beam too wide
 and its flank 2 cm off. Here every shape is exact, and the time grows with the beams that may hit something,

@@ -1,7 +1,6 @@
 """Renders depth images in a process of its own, so that the simulation need not wait.
 
 In, over a pipe: bodies, their poses, the camera's pose. Out: depth buffers.
-Must not know: ROS, time.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Vibration that a driving Husky's IMU measures: accelerations and rates that grow with the wheels' speed.
 
 In: an IMU, the robot's true motion, a random generator. Out: an `ImuSample`.
-Must not know: ROS, PyBullet.
 
 Measured on a Husky A200 (BorealTC, LaRocque et al. 2024, arXiv 2403.16877), medians over steady seconds of
 means of two samples at 100 Hz. Standard deviations of ax, ay, az [m/s^2] and the rates [rad/s] at a mean
