@@ -6,7 +6,8 @@ SHELL ["/bin/bash", "-eo", "pipefail", "-c"]
 ENV LANG=C.UTF-8 ROS_HOME=/tmp/ros
 WORKDIR /husky_highlevel_controller
 # what is installed changes seldom: a layer of its own
-COPY dev package.xml CMakeLists.txt setup.py requirements.txt requirements-python3.12.txt ./
+COPY dev package.xml CMakeLists.txt setup.py ./
+COPY requirements requirements
 COPY tools tools
 RUN bash tools/install_in_image.sh packages
 COPY . .

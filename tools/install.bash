@@ -112,7 +112,7 @@ pip_install() {
   "$venv/bin/pip" install --disable-pip-version-check --log "$log" "${arguments[@]}" >&2 || die_of_log pip "$log"
 }
 
-venv_requirements=(requirements.txt requirements-python3.12.txt)
+venv_requirements=(requirements/run.txt requirements/python3.12.txt)
 
 make_venv() {
   local site
@@ -121,9 +121,9 @@ make_venv() {
     # Debian's own python3, because rospy is built for it
     /usr/bin/python3 -m venv --clear "$venv"
     if "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info < (3, 12))'; then
-      pip_install "PyBullet for this Python (0.1 GB)" requirements-python3.12.txt
+      pip_install "PyBullet for this Python (0.1 GB)" requirements/python3.12.txt
     fi
-    pip_install "NumPy, PyBullet and what marking draws with (some 0.1 GB)" requirements.txt
+    pip_install "NumPy, PyBullet and what marking draws with (some 0.1 GB)" requirements/run.txt
     # rospy comes from Debian. A path rather than --system-site-packages: Debian's own .pth files and /usr/local
     # stay out, which put another matplotlib and another NumPy in front of those that belong together.
     site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
@@ -135,7 +135,7 @@ make_venv() {
 }
 
 make_test_venv() {
-  local files=(requirements-test.txt requirements-cluster.txt)
+  local files=(requirements/test.txt requirements/cluster.txt)
   if ! done_before venv-test "${files[@]}"; then
     pip_install "what tests and checks" "${files[@]}"
     mark_done venv-test "${files[@]}"

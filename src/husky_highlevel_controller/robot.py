@@ -1,4 +1,4 @@
-"""Robot description as data: names, topics, sizes, masses and limits of one robot, from robots/NAME.yaml.
+"""Robot description as data: names, topics, sizes, masses and limits, from config/robots/.
 
 The first section of the file, `robot`, is the record `Robot`; the other entries are the simulator's sensors
 (`simulator/simulation.py`). docs/robots.md says what a further robot needs.
@@ -128,14 +128,14 @@ class Robot:
 
 @lru_cache(maxsize=None)
 def robot_file(name: str) -> Dict[str, Any]:
-    """Content of robots/NAME.yaml.
+    """Content of config/robots/NAME.yaml.
 
     Raises:
         ConfigError: there is no robot of that name.
     """
     if name not in ROBOTS:
         raise ConfigError(f"robot '{name}' is not {' or '.join(ROBOTS)}")
-    with (share_folder() / "robots" / f"{name}.yaml").open() as file:
+    with (share_folder() / "config" / "robots" / f"{name}.yaml").open() as file:
         content: Dict[str, Any] = yaml.safe_load(file)
     return content
 
@@ -143,5 +143,5 @@ def robot_file(name: str) -> Dict[str, Any]:
 @lru_cache(maxsize=None)
 def load_robot(name: str = "husky") -> Robot:
     """The robot of that name; ConfigError if there is none, or its file is wrong."""
-    (robot,) = read_config(robot_file(name)["robot"], f"robots/{name}.yaml: robot/", Robot)
+    (robot,) = read_config(robot_file(name)["robot"], f"config/robots/{name}.yaml: robot/", Robot)
     return robot

@@ -195,7 +195,7 @@ def test_every_scan_is_answered_by_a_command_within_its_limits(cases):
     ("file", "records"),
     [
         ("controller.yaml", (ControlConfig, PillarConfig)),
-        ("../robots/husky.yaml", (SimulatorConfig,)),
+        ("../config/robots/husky.yaml", (SimulatorConfig,)),
         ("proximity_stop.yaml", (ProximityConfig,)),
         ("crash_stop.yaml", (CrashConfig,)),
     ],

@@ -146,7 +146,11 @@ def start_simulator(core, **changes):
     }  # fmt: skip
     core.master("setParam", "/robot_description", parameters.pop("/robot_description", robot_description()))
     return start_node(
-        core, "husky_simulator", "/husky_simulator", "robots/husky.yaml config/simulator.yaml", parameters
+        core,
+        "husky_simulator",
+        "/husky_simulator",
+        "config/robots/husky.yaml config/simulator.yaml",
+        parameters,
     )
 
 

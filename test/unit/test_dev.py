@@ -110,9 +110,10 @@ def test_roscore_listens_where_ros_master_uri_says(uri, arguments, port):
 
 
 def test_doctor_names_problems_and_fails_for_them(tmp_path):
-    for file in ("dev", "package.xml", "requirements.txt"):
+    for file in ("dev", "package.xml"):
         shutil.copy(ROOT / file, tmp_path)
-    shutil.copytree(ROOT / "tools", tmp_path / "tools")
+    for folder in ("requirements", "tools"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
     environment = {**os.environ, "ROS_MASTER_URI": "nowhere", "ROS_IP": "", "ROS_HOSTNAME": "no.such.host"}
     done = subprocess.run(
         [tmp_path / "dev", "doctor"], env=environment, capture_output=True, text=True, check=False

@@ -24,7 +24,7 @@ class ControlConfig:
     """Gains and limits of the drive to the pillar, and of the search for it.
 
     The default gains brake from 1.0 m/s with at most 2 m/s^2 and forgive 0.1 s of delay without swinging;
-    the robot's own limits are in robots/.
+    the robot's own limits are in config/robots/.
     """
 
     p_gain_vel: float = field(

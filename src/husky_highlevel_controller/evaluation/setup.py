@@ -2,7 +2,7 @@
 
 In: names and values, of a command line or a YAML file. Out: `Setup`s, `Axis`es.
 
-A parameter of the simulator has its place in the name, as in robots/husky.yaml: lidar/noise.
+A parameter of the simulator has its place in the name, as in config/robots/husky.yaml: lidar/noise.
 """
 
 from __future__ import annotations

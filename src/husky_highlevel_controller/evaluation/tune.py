@@ -180,7 +180,7 @@ def _optuna() -> Any:
         import optuna
     except ImportError as error:
         raise HuskyError(
-            f"tune needs Optuna ({error}): pip install -r requirements-cluster.txt, see docs/evaluation.md"
+            f"tune needs Optuna ({error}): pip install -r requirements/cluster.txt, see docs/evaluation.md"
         ) from None
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     return optuna

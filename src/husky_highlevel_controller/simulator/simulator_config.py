@@ -42,13 +42,13 @@ class SimulatorConfig:
 
 @lru_cache(maxsize=None)
 def simulator_config(robot: str = "husky") -> SimulatorConfig:
-    """The simulation of a robot, one of ROBOTS, as robots/NAME.yaml has it.
+    """The simulation of a robot, one of ROBOTS, as config/robots/NAME.yaml has it.
 
     Raises:
         ConfigError: there is no such robot, or its file is wrong.
     """
     values = {name: value for name, value in robot_file(robot).items() if name != "robot"}
-    (config,) = read_config(values, f"robots/{robot}.yaml: ", SimulatorConfig)
+    (config,) = read_config(values, f"config/robots/{robot}.yaml: ", SimulatorConfig)
     return replace(config, robot=load_robot(robot))
 
 

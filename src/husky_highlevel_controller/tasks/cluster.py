@@ -28,7 +28,7 @@ try:
     from distributed.comm import CommClosedError
 except ImportError as missing:
     raise HuskyError(
-        f"--cluster needs Dask ({missing}): pip install -r requirements-cluster.txt, see docs/cluster.md"
+        f"--cluster needs Dask ({missing}): pip install -r requirements/cluster.txt, see docs/cluster.md"
     ) from None
 
 CONNECT_DEADLINE = 20.0  # [s] for the scheduler to answer

@@ -71,10 +71,10 @@ def _pieces(value: Any) -> Iterator[bytes]:
 
 @lru_cache(maxsize=1)
 def code_version() -> str:
-    """Version of the package, and a hash of its sources, worlds and robot description."""
+    """Version of the package, and a hash of its sources, parameters, worlds and robot description."""
     digest, package, share = hashlib.sha256(), Path(__file__).resolve().parents[1], share_folder()
     files = {f"src/{path.relative_to(package).as_posix()}": path for path in package.rglob("*.py")}
-    for folder in ("urdf", "worlds"):
+    for folder in ("config", "urdf", "worlds"):
         files.update(
             {
                 path.relative_to(share).as_posix(): path

@@ -115,7 +115,7 @@ def test_where_no_scheduler_answers_the_command_says_so(monkeypatch):
 def test_without_dask_the_message_says_what_to_install(monkeypatch):
     monkeypatch.delitem(sys.modules, "husky_highlevel_controller.tasks.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(HuskyError, match=r"pip install -r requirements-cluster.txt"):
+    with pytest.raises(HuskyError, match=r"pip install -r requirements/cluster.txt"):
         Workers(cluster="tcp://127.0.0.1:8786")
 
 

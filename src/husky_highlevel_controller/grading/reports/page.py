@@ -123,8 +123,8 @@ def _settings(result: Result) -> str:
 
 
 def render(template: str, **values: Any) -> str:
-    """A page of a template in templates/, with the common style."""
-    folder = share_folder() / "templates"
+    """A page of a template in web/templates/, with the common style."""
+    folder = share_folder() / "web" / "templates"
     environment = Environment(
         loader=FileSystemLoader(str(folder)),
         autoescape=True,

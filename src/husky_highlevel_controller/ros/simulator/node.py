@@ -101,7 +101,9 @@ class SimulatorNode:
         profile = values.pop("robot_profile", {}) if values.get("profile") == "robot" else {}
         described = values.pop("robot", None)
         if not isinstance(described, dict):
-            raise ConfigError(f"{source}robot is missing; load robots/husky.yaml or robots/smb.yaml")
+            raise ConfigError(
+                f"{source}robot is missing; load config/robots/husky.yaml or config/robots/smb.yaml"
+            )
         (robot,) = read_config(described, source + "robot/", Robot)
         values.setdefault("laser_frame", robot.lidar_mount.frame)
         start, config, camera = read_config(values, source, StartConfig, SimulatorConfig, CameraSetup)

@@ -23,7 +23,7 @@ DRIFT_TIME = 3600.0  # [s]
 
 @dataclass(frozen=True)
 class GpsConfig:
-    """Place of the world on Earth, and noise of the receiver; robots/ holds the values."""
+    """Place of the world on Earth, and noise of the receiver; config/robots/ holds the values."""
 
     latitude: float = field(metadata={"min": -89.0, "max": 89.0, "help": "of the world's origin [deg]"})
     longitude: float = field(metadata={"min": -180.0, "max": 180.0, "help": "of the world's origin [deg]"})

@@ -18,7 +18,7 @@ from husky_highlevel_controller.geometry import quat_inverse, rotate
 
 @dataclass(frozen=True)
 class ImuConfig:
-    """Noise of the IMU; robots/ holds the values."""
+    """Noise of the IMU; config/robots/ holds the values."""
 
     acceleration_noise: float = field(
         metadata={"min": 0.0, "max": 10.0, "help": "standard deviation on each axis [m/s^2]"}

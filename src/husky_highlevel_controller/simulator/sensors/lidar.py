@@ -21,7 +21,7 @@ CastRays = Callable[[Pose, Beams, float], np.ndarray]
 
 @dataclass(frozen=True)
 class LidarConfig:
-    """Beams, range and noise of the lidar; robots/ holds their values."""
+    """Beams, range and noise of the lidar; config/robots/ holds their values."""
 
     beams: int = field(metadata={"min": 2, "max": 16384, "help": "number of beams"})
     angle_max: float = field(

@@ -21,7 +21,7 @@ from husky_highlevel_controller.simulator.sensors.lidar import CastRays
 
 @dataclass(frozen=True)
 class PointsConfig:
-    """Rings, columns, range and noise; robots/ holds the values."""
+    """Rings, columns, range and noise; config/robots/ holds the values."""
 
     rings: int = field(metadata={"min": 1, "max": 128, "help": "elevations"})
     columns: int = field(metadata={"min": 4, "max": 4096, "help": "directions all round; even"})

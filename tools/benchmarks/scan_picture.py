@@ -1,6 +1,6 @@
 """Draws docs/scan_profiles.png: a pillar 0.5 m before a wall, scanned by the lidars of both profiles.
 
-./dev run python benchmarks/scan_picture.py docs/scan_profiles.png
+./dev run python tools/benchmarks/scan_picture.py docs/scan_profiles.png
 """
 
 import sys

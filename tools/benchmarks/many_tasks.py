@@ -1,4 +1,4 @@
-"""What the seam for many tasks costs: ./dev run python benchmarks/many_tasks.py [--cluster tcp://HOST:8786].
+"""What the seam for many tasks costs: ./dev run python tools/benchmarks/many_tasks.py [--cluster tcp://HOST:8786].
 
 Prints overhead for one-second tasks, how much faster two workers are than one, memory over 10 000 short
 tasks, and the size of a report of 10 000 drives. On two idle cores; with --cluster, start two workers.

@@ -22,7 +22,7 @@ from rows import SHORT, Effort, Row
 
 from husky_highlevel_controller.tasks.fingerprint import processor
 
-RESULTS = Path(__file__).resolve().parent.parent / ".dev" / "bench.json"
+RESULTS = Path(__file__).resolve().parents[2] / ".dev" / "bench.json"
 
 
 def machine() -> Dict[str, object]:
