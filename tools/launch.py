@@ -101,17 +101,17 @@ def check_arguments(file: Path, given: List[str]) -> None:
             hint = f"did you mean '{near[0]}'? " if near else ""
             known = ", ".join(sorted(declared)) or "none"
             raise SystemExit(f"[dev] error: {file.name} has no argument '{name}'; {hint}It takes: {known}")
-        if name == "parameters" and assigned:
-            check_yaml(value)
+        if name in ("parameters", "simulator_parameters") and assigned:
+            check_yaml(name, value)
 
 
-def check_yaml(name: str) -> None:
+def check_yaml(argument: str, name: str) -> None:
     """Refuse a parameter file that cannot be read; roslaunch would end in a traceback."""
     try:
         values = yaml.safe_load(Path(name).read_text())
     except OSError as error:
         raise SystemExit(
-            f"[dev] error: parameters:={name}: {error.strerror} (looked for in {Path.cwd()})"
+            f"[dev] error: {argument}:={name}: {error.strerror} (looked for in {Path.cwd()})"
         ) from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         mark = getattr(error, "problem_mark", None)
