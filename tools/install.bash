@@ -109,7 +109,11 @@ pip_install() {
   say "installing $what from PyPI into .dev/venv"
   rm -f "$log"
   # a bar for each package in a terminal, else two lines
-  "$venv/bin/pip" install --disable-pip-version-check --log "$log" "${arguments[@]}" >&2 || die_of_log pip "$log"
+  # it says nothing while it unpacks, which takes minutes on a slow disk
+  (while sleep 20 && kill -0 $$ 2>/dev/null; do say "pip is at work"; done) &
+  local beat=$!
+  "$venv/bin/pip" install --disable-pip-version-check --log "$log" "${arguments[@]}" >&2 || { kill "$beat"; die_of_log pip "$log"; }
+  kill "$beat"
 }
 
 venv_requirements=(requirements/run.txt requirements/python3.12.txt)
@@ -123,7 +127,7 @@ make_venv() {
     if "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info < (3, 12))'; then
       pip_install "PyBullet for this Python (0.1 GB)" requirements/python3.12.txt
     fi
-    pip_install "NumPy, PyBullet and what marking draws with (some 0.1 GB)" requirements/run.txt
+    pip_install "NumPy, PyBullet and what marking draws with (some 0.2 GB)" requirements/run.txt
     # rospy comes from Debian. A path rather than --system-site-packages: Debian's own .pth files and /usr/local
     # stay out, which put another matplotlib and another NumPy in front of those that belong together.
     site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')

@@ -4,7 +4,7 @@ In: folders that a program may see and write. Out: a command that runs inside.
 
 With bubblewrap the whole file system is read-only; home folders and the folders of temporary files are
 empty but for what the workspace needs; only the program's own folders can be written. The program sees no
-process but its own. docs/marking.md says what holds without it.
+process but its own. docs/sandbox.md says what holds without it.
 """
 
 from __future__ import annotations

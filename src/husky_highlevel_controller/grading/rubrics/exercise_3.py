@@ -1,4 +1,4 @@
-"""Judges recorded drives by the rubric of exercise 3; docs/marking.md says the same in words."""
+"""Judges recorded drives by the rubric of exercise 3; docs/rubrics.md says the same in words."""
 
 from __future__ import annotations
 
