@@ -39,7 +39,12 @@ def named(name, default):
 def test_every_launch_argument_has_a_row(file):
     for argument in ElementTree.parse(SHARE / "launch" / file).getroot().findall("arg"):
         default = argument.get("default")
-        if argument.get("name") in ("rviz", "world_name", "parameters", "simulator_parameters"):  # told in words
+        if argument.get("name") in (
+            "rviz",
+            "world_name",
+            "parameters",
+            "simulator_parameters",
+        ):  # told in words
             default = ""
         default = re.sub(r"\$\(eval .* optenv\('(\w+)', '(\S+)'\)\)", r"`$\1`, else `\2`", default)
         named(argument.get("name"), re.sub(r"\$\(optenv (\w+) (\S+)\)", r"`$\1`, else `\2`", default))
