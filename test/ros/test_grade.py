@@ -302,7 +302,8 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
     assert said.count("all attempted") == 2
     assert "escaped: token" not in said
     if private_network.can_be_made():
-        assert len(set(re.findall(r"network: (\S+)", said))) == 2, "none finds the master of another"
+        # of each hand-in; the kernel gives the number of one that has ended to the next
+        assert os.readlink("/proc/self/ns/net") not in re.findall(r"network: (\S+)", said)
     if kind_of_sandbox() == BUBBLEWRAP:
         assert (tmp_path / "home" / "bashrc").read_text() == "mine"
         assert [path.name for path in (tmp_path / "home").iterdir()] == ["bashrc"]

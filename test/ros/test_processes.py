@@ -59,8 +59,9 @@ def test_a_launch_file_starts_with_every_argument_and_documents_it(file, ros):
         ["roslaunch", "--ros-args", PACKAGE, file], env=ros.env, capture_output=True, text=True, check=True
     ).stdout
     names = set(re.findall(r"^  (\w+)", documented, re.MULTILINE))
-    parameters = share_folder() / "config" / "controller.yaml"
-    arguments = [*ARGUMENTS, "naive:=false", f"parameters:={parameters}"]
+    config = share_folder() / "config"
+    arguments = [*ARGUMENTS, "naive:=false", f"parameters:={config / 'controller.yaml'}"]
+    arguments.append(f"simulator_parameters:={config / 'simulator.yaml'}")
     assert names == {argument.split(":=")[0] for argument in arguments} | {"gui"}
     assert documented.count('default "') == len(names), "every argument has a default"
     assert not re.search(r"^  \w+ .*\): *$", documented, re.MULTILINE)
