@@ -10,6 +10,24 @@
   let socket = null;
   let timer = null;
 
+  const root = document.documentElement;
+  const say = (words) => { // above everything, until the connection is back
+    let banner = document.querySelector(".husky-banner");
+    if (banner === null && words !== "") {
+      banner = document.createElement("div");
+      banner.className = "husky-banner";
+      banner.setAttribute("role", "alert");
+      root.append(banner);
+    }
+    if (banner !== null) banner.textContent = words;
+  };
+  root.classList.add("husky-connecting"); // not viser's panel for developers
+  const ready = setInterval(() => {
+    if (document.querySelector(".husky-e-stop") === null) return;
+    clearInterval(ready);
+    root.classList.remove("husky-connecting");
+  }, 100);
+
   try { // the server asks for it by viser's storage: the choice made here, or else the browser's own
     const prefers = matchMedia("(prefers-color-scheme: dark)").matches ? "1" : "0";
     localStorage.setItem("viser-user:is-dark", localStorage.getItem("viser-user:dark") ?? prefers);
@@ -17,7 +35,11 @@
 
   const connect = () => {
     socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/drive`);
-    socket.onclose = () => setTimeout(connect, 1000);
+    socket.onopen = () => say("");
+    socket.onclose = () => {
+      say("Connection lost: the simulator has ended, or the network has. Start ./dev launch again; this page waits for it.");
+      setTimeout(connect, 1000);
+    };
   };
   const send = (message) => {
     if (socket !== null && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));

@@ -117,6 +117,38 @@ def press(page, name):
     page.get_by_role("button", name=name, exact=True).click()
 
 
+def test_the_chosen_camera_is_filled(page):
+    show(page, "View")
+    colors = (
+        "() => ['Follow', 'Pillar', 'Above', 'Free'].map(name => getComputedStyle("
+        "[...document.querySelectorAll('button')].find(item => item.textContent === name)).backgroundColor)"
+    )
+
+    def chosen():
+        shown = page.evaluate(colors)
+        return [number for number, color in enumerate(shown) if shown.count(color) == 1]
+
+    press(page, "Above")
+    wait_until(lambda: chosen() == [2], "Above is filled")
+    press(page, "Follow")
+    wait_until(lambda: chosen() == [0], "Follow is filled")
+    show(page, "Drive")
+
+
+def test_a_phone_shows_the_robot_above_the_panel(browser, launched):
+    phone = browser.new_page(viewport={"width": 390, "height": 844}, device_scale_factor=COARSENESS)
+    watch(phone)
+    phone.goto(launched)
+    phone.wait_for_selector("text=EMERGENCY STOP")
+    canvas = "[...document.querySelectorAll('canvas')].map(c => c.getBoundingClientRect())"
+    phone.wait_for_function(f"{canvas}.some(box => box.width === 390 && box.height < 400)")
+    at_robot = "document.elementFromPoint(195, 190).tagName"  # the follow camera looks at the robot
+    assert phone.evaluate(at_robot) == "CANVAS"
+    assert phone.locator(".husky-e-stop").bounding_box()["y"] > 380.0
+    assert phone.get_by_role("button", name="Start", exact=True).bounding_box()["height"] >= 44.0
+    phone.close()
+
+
 def test_a_slider_that_is_moved_slows_the_robot(page, robot, network):
     show(page, "Tune")
     slider = slider_of(page, "max_linear")

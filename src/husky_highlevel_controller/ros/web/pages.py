@@ -12,7 +12,7 @@ from husky_highlevel_controller.ros.web.camera import CAMERAS, Camera
 from husky_highlevel_controller.ros.web.log import LEVELS, Filter, LogBuffer, to_html
 
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
-BRAND = (30, 110, 190)
+BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}  # by day and by night: text of 4.5 times the contrast
 DARK, IS_DARK = "dark", "is-dark"  # of the browser's storage: the choice, and what page.js makes of it
 STORAGE_TIMEOUT = 2.0  # [s]
 
@@ -58,6 +58,7 @@ class Page:
     def _make_view(self, tab: Any, is_dark: bool) -> None:
         with tab:
             gui = self.client.gui
+            self._chosen_camera = gui.add_html(choice_html(0), order=-2.5)
             camera = gui.add_button_group("Camera", CAMERAS, order=-2)
             camera.on_click(self._on_camera)
             dark = gui.add_checkbox("Dark", is_dark, hint="for this browser only", order=-1)
@@ -75,6 +76,7 @@ class Page:
     def make_tools(self, tab: Any) -> None:
         """Fields of the mouse's tools, the first of a tab."""
         with tab:
+            self._chosen_tool = self.client.gui.add_html(choice_html(0), order=-1.5)
             tool = self.client.gui.add_button_group(
                 "Mouse",
                 TOOLS,
@@ -104,9 +106,11 @@ class Page:
 
     def _on_camera(self, event: Any) -> None:
         self._camera.choose(event.target.value)
+        self._chosen_camera.content = choice_html(CAMERAS.index(event.target.value))
 
     def _on_tool_click(self, event: Any) -> None:
         self.tool = event.target.value
+        self._chosen_tool.content = choice_html(TOOLS.index(self.tool))
         self._on_tool()
         self._hint.content = _HINTS[self.tool]  # what it asks for works by now
 
@@ -117,6 +121,11 @@ _HINTS = {
     MOVE: "**Drag** an object, or the robot, over the ground.",
     DELETE: "**Click** an object to delete it.",
 }
+
+
+def choice_html(number: int) -> str:
+    """Mark by which page.css fills one button of the group that follows."""
+    return f'<i class="husky-choice-{number}" hidden></i>'
 
 
 def wants_dark(client: viser.ClientHandle) -> bool:
@@ -130,5 +139,9 @@ def wants_dark(client: viser.ClientHandle) -> bool:
 def theme(gui: viser.GuiApi, is_dark: bool) -> None:
     """Colours of a page; the button that would share it through another host is not offered."""
     gui.configure_theme(
-        dark_mode=is_dark, show_logo=False, show_share_button=False, brand_color=BRAND, control_width="medium"
+        dark_mode=is_dark,
+        show_logo=False,
+        show_share_button=False,
+        brand_color=BRANDS[is_dark],
+        control_width="medium",
     )

@@ -68,8 +68,9 @@ def state_html(status: RobotStatus) -> str:
         )
         if value is not None
     ]
+    time = "" if status.time is None else f' data-time="{status.time:.3f}"'
     return (
-        f'<div class="husky-block husky-state {level}" role="status">'
+        f'<div class="husky-block husky-state {level}"{time} role="status">'
         f'<span class="husky-light {level}"></span><b>{escape(sentence)}</b>'
         f"<span>{' &middot; '.join(numbers)}</span></div>"
     )
