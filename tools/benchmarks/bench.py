@@ -69,12 +69,16 @@ def main() -> None:
                         help=f"of {', '.join(FIGURES)}; may be given again")  # fmt: skip
     parser.add_argument("--short", action="store_true", help="only see that it works; the times mean nothing")
     parser.add_argument("--repeats", type=int, help=f"runs of each figure (default: {Effort().repeats})")
+    parser.add_argument("--against", type=Path, metavar="CHECKOUT",
+                        help="of another commit, for marking, which is measured only beside it")  # fmt: skip
     wanted = parser.parse_args()
     effort = SHORT if wanted.short else Effort()
     if wanted.repeats:
-        effort = Effort(**{**asdict(effort), "repeats": wanted.repeats})
+        effort = replace(effort, repeats=wanted.repeats, markings=wanted.repeats)
+    effort = replace(effort, against=wanted.against and wanted.against.resolve())
+    all_figures = [name for name in FIGURES if name != "marking" or (wanted.against and not wanted.short)]
     found, host, rows = {}, machine(), []
-    for name in wanted.only or FIGURES:
+    for name in wanted.only or all_figures:
         begin = time.monotonic()
         found[name] = FIGURES[name](effort)
         rows += found[name]
@@ -85,7 +89,7 @@ def main() -> None:
         print("\nA short run: it works, but its figures mean nothing.")
     figures = {name: [asdict(row) for row in each] for name, each in found.items()}
     document = {"machine": host, "effort": asdict(effort), "figures": figures}
-    wanted.json.write_text(json.dumps(document, indent=2) + "\n")
+    wanted.json.write_text(json.dumps(document, indent=2, default=str) + "\n")
     print(f"\nevery run: {wanted.json}")
 
 

@@ -17,6 +17,7 @@ from typing import Any, Callable, Dict, Iterator, List, Tuple
 import numpy as np
 from baselines import bare_loop
 from growth import growth, milliseconds
+from marking import marking
 from network import HERE, Network, cpu_seconds, peak_megabytes
 from rows import Effort, Row, compare, reaching
 
@@ -229,4 +230,5 @@ FIGURES: Dict[str, Callable[[Effort], List[Row]]] = {
     "latency": latency,
     "clutter": clutter,
     "growth": growth,
+    "marking": marking,
 }

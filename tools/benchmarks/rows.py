@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from statistics import median
 from typing import List, Optional, Sequence, Tuple
 
@@ -19,6 +20,8 @@ class Effort:
     scans: int = 500  # that the controller is to answer, each time; of fewer, one hundredth is a few outliers
     most_objects: int = 1000
     most_beams: int = 10000
+    markings: int = 1  # of each submission
+    against: Optional[Path] = None  # a checkout whose marking is the yardstick
 
 
 SHORT = Effort(repeats=1, simulated=2.0, real=2.0, scans=50, most_objects=10, most_beams=720)
