@@ -20,6 +20,7 @@ ROBOT_VERSIONS = {
     "smb": ("/scan", ("robot:=smb", "laser_topic:=scan")),
 }
 AUTO = "auto"  # the robot whose scans the submission subscribes to, or that it names
+WALL_BASE, WALL_SLOWNESS = 300.0, 20.0  # [s] of wall time a drive may take, and how much slower than its pace
 RAMMING_MARGIN = 0.05  # [m/s], a measured speed is not exact: a robot commanded to `gentle` does not ram
 MAX_TEXT = 1000  # letters of an evidence or note
 
@@ -98,6 +99,11 @@ class MarkingConfig:
         """Launch arguments of the simulator, once the robot is known."""
         topic = (f"laser_topic:={self.scans.lstrip('/')}",) if self.scans else ()
         return (*ROBOT_VERSIONS[self.robot][1], *topic)
+
+    @property
+    def wall_limit(self) -> float:
+        """Longest wall time of a drive [s]."""
+        return WALL_BASE + WALL_SLOWNESS * self.deadline / self.pace
 
     @property
     def robot_name(self) -> str:

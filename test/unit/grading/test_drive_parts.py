@@ -4,14 +4,18 @@ import json
 import socket
 import subprocess
 from math import inf
+from pathlib import Path
+
+import pytest
 
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.grading.drive.call_plan import CallPlan, exercise_2_over, exercise_2_speed
 from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
-from husky_highlevel_controller.grading.drive.plan import Plan, RvizNode, notes_on
+from husky_highlevel_controller.grading.drive.plan import Event, Plan, RvizNode, notes_on, package_path
 from husky_highlevel_controller.grading.drive.run import SIMULATOR, SIMULATOR_NODES
 from husky_highlevel_controller.grading.drive.rviz_check import find_setup
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed, TruthRow, row_from_line
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 
 
 def end_of(states, abandoned_at=inf):
@@ -128,6 +132,22 @@ Traceback (most recent call last):
     nearest = minimum(scan.ranges)
 NameError: name 'minimum' is not defined
 """
+
+
+@pytest.mark.parametrize(
+    ("path", "read"),
+    [
+        ("/ws/src/husky", True),
+        ("/more/husky", True),
+        ("/ws/src/../../home", False),
+        ("/", False),
+        ("", False),
+    ],
+)
+def test_no_folder_that_a_submission_invents_is_read(path, read):
+    workspace = Workspace({"ROS_PACKAGE_PATH": "/ros"}, (Path("/ws/devel/setup.bash"),), (Path("/more"),))
+    found = package_path([Event("started"), Event("package", path=path)], workspace)
+    assert found == (Path(path) if read else None)
 
 
 def test_an_exception_in_a_callback_is_named_with_its_line():

@@ -55,6 +55,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     open_hand_in,
 )
 from husky_highlevel_controller.grading.hand_in.prepare import add_rviz_files
+from husky_highlevel_controller.grading.isolation import files as files_module
 from husky_highlevel_controller.grading.isolation.files import read_regular
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.mark import EVIDENCE, FINGERPRINT, Evidence, judge, mark
@@ -72,6 +73,7 @@ from husky_highlevel_controller.grading.records import (
 from husky_highlevel_controller.grading.reports.files import write_result
 from husky_highlevel_controller.grading.reports.page import class_page
 from husky_highlevel_controller.grading.reports.tables import to_csv, to_junit
+from husky_highlevel_controller.tasks.workers import Workers
 
 MANIFEST = (
     '<package format="2"><name>{}</name><version>0.0.0</version><description>d</description>'
@@ -693,6 +695,37 @@ def test_a_class_is_marked_whatever_its_folders_and_files_are_called(tmp_path, c
     printed = capsys.readouterr()
     for text in (printed.out, printed.err, *(path.read_text() for path in (tmp_path / "out").glob("*.*"))):
         assert not [letter for letter in text if not letter.isprintable() and letter != "\n"]
+
+
+def test_a_hand_in_of_too_many_files_is_one_sentence_of_its_own(tmp_path, monkeypatch):
+    for number in range(20):
+        put(tmp_path / "class" / "ann" / str(number))
+    put(tmp_path / "class" / "bob" / "readme.txt")
+    monkeypatch.setattr(files_module, "MAX_ENTRIES", 10)
+    monkeypatch.setattr(batch_module, "run", mark_module.mark)
+    ann, bob = mark_all(MarkingConfig(), Batch(tmp_path / "class", tmp_path / "out"))
+    assert "more than 10 files and folders" in ann.problem
+    assert "no catkin package in it" in bob.problem
+
+
+def test_a_hand_in_ends_within_the_stated_time_and_is_not_tried_again(tmp_path, monkeypatch):
+    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
+    monkeypatch.setattr(batch_module, "DEADLINE", -1e6)
+    batch = Batch(tmp_path / "class", tmp_path / "out")
+    (first,) = mark_all(MarkingConfig(), batch)
+    assert first.problem.startswith("it did not end within ")
+    monkeypatch.setattr(batch_module, "run", None)
+    assert mark_all(MarkingConfig(), batch) == [first]
+
+
+def test_without_network_namespaces_hand_ins_are_marked_one_at_a_time(tmp_path, monkeypatch, capsys):
+    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
+    numbers = []
+    monkeypatch.setattr(batch_module.private_network, "can_be_made", lambda: False)
+    monkeypatch.setattr(batch_module, "Workers", lambda jobs, cluster: numbers.append(jobs) or Workers(jobs))
+    mark_all(MarkingConfig(), Batch(tmp_path / "class", tmp_path / "out", jobs=4))
+    assert numbers == [1]
+    assert "one hand-in at a time" in capsys.readouterr().err
 
 
 def test_what_could_not_be_marked_is_no_zero_in_any_file():

@@ -1,5 +1,7 @@
 """Markers as RViz would draw them, or not; what a submission sends costs the recorder a bounded memory."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import rospy
@@ -9,13 +11,18 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from husky_highlevel_controller.datatypes import Pose
-from husky_highlevel_controller.ros.grading.marker_watch import MAX_ALL_POINTS, MAX_MESSAGE, MarkerWatch
+from husky_highlevel_controller.ros.grading.marker_watch import (
+    MAX_ALL_POINTS,
+    MAX_MESSAGE,
+    MAX_TOPICS,
+    MarkerWatch,
+)
 
 
 @pytest.fixture
 def watch(monkeypatch):
     monkeypatch.setattr(tf2_ros, "TransformListener", lambda buffer: None)  # it would want a ROS master
-    return MarkerWatch(lambda: 1.0)
+    return MarkerWatch(lambda: 1.0, [str(Path(__file__).parents[1])])
 
 
 def marker(frame="base_link", **fields):
@@ -41,6 +48,7 @@ def test_a_frame_that_tf_refuses_costs_its_marker_only(watch, frame, stamp):
 
 
 POINTS = [Point(10.0, 0.0, 0.0)] * 4
+MESH = str(Path(__file__).relative_to(Path(__file__).parents[1]))  # as if its folder were a package
 CLEAR = ColorRGBA(1.0, 0.0, 0.0, 0.0)
 
 
@@ -52,8 +60,17 @@ CLEAR = ColorRGBA(1.0, 0.0, 0.0, 0.0)
         ({"type": 77}, "its type 77 is none of"),
         ({"type": Marker.POINTS, "points": POINTS, "colors": [CLEAR] * 4}, "its alpha is 0"),
         ({"type": Marker.TEXT_VIEW_FACING}, "its text is empty"),
-        ({"type": Marker.MESH_RESOURCE, "mesh_resource": "pillar.dae"}, "its mesh_resource is no address"),
-        ({"type": Marker.MESH_RESOURCE, "mesh_resource": "file:///no/such.dae"}, "its mesh does not exist"),
+        *[
+            ({"type": Marker.MESH_RESOURCE, "mesh_resource": address}, "its mesh does not exist")
+            for address in (
+                "pillar.dae",
+                "file:///no/such.dae",
+                "package://no_such_package/pillar.dae",
+                "package://husky_highlevel_controller/no_such.dae",
+                "http://127.0.0.1/pillar.dae",
+            )
+        ],
+        ({"type": Marker.MESH_RESOURCE, "mesh_resource": f"package://{MESH}"}, ""),
         ({"type": Marker.SPHERE_LIST, "points": POINTS}, ""),
         ({"type": Marker.CUBE, "colors": [CLEAR]}, ""),
         ({"type": Marker.TEXT_VIEW_FACING, "text": "pillar"}, ""),
@@ -75,6 +92,16 @@ def test_millions_of_points_are_not_kept(watch):
         each.type, each.id, each.points = Marker.POINTS, number, [Point()] * 5000
     watch.add(many, "/viz")
     assert sum(len(message.marker.points) for message in watch._messages) <= MAX_ALL_POINTS
+
+
+def test_long_names_and_many_topics_are_not_kept(watch, monkeypatch):
+    long = marker("f" * 100_000, ns="n" * 100_000, text="t" * 100_000, mesh_resource="m" * 100_000)
+    watch.add([long], "/viz")
+    assert len(str(watch._messages)) < 2_000
+    monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
+    for number in range(1000):
+        watch.follow(f"/viz_{number}", "visualization_msgs/Marker")
+    assert len(watch.topics) == MAX_TOPICS
 
 
 def test_a_message_of_many_megabytes_is_not_taken_apart(watch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
 import signal
 import sys
@@ -105,10 +106,18 @@ def plan(submission: Submission, folder: Path) -> Plan:
         notes.append("it starts no node of its own")
     package = submission.package_path
     if submission.root is None:
-        package = next((Path(event.path) for event in events if event.event == "package"), None)
+        package = package_path(events, submission.workspace)
     if planned is None:
         return Plan(package_path=package, notes=tuple(notes))
     return Plan(planned.nodes, planned.left_out, planned.rviz, package, tuple(notes))
+
+
+def package_path(events: Sequence[Event], workspace: Workspace) -> Optional[Path]:
+    """Folder of the package, by the events; one outside of the workspace is the submission's invention."""
+    roots = [Path(root) for root in workspace.env.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
+    roots += [*workspace.packages, *(setup.parents[1] for setup in workspace.setups)]
+    paths = [Path(os.path.normpath(event.path)) for event in events if event.event == "package"]
+    return next((path for path in paths if {path, *path.parents} & {*roots}), None)
 
 
 def read_events(path: Path) -> List[Event]:

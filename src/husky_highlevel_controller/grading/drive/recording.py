@@ -71,6 +71,7 @@ class Assignment:
     driver: str  # see `exercises.Exercise`
     ends_at_pillar: bool
     ours: Tuple[str, ...]  # nodes that are not the submission's
+    packages: Tuple[str, ...] = ()  # folders of the submission's packages, for meshes
 
 
 @dataclass(frozen=True, eq=False)

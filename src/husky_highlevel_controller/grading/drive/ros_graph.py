@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple
 from xmlrpc.client import Error as XmlRpcError
-from xmlrpc.client import ServerProxy
+from xmlrpc.client import ServerProxy, Transport
 
+ANSWER_DEADLINE = 60.0  # [s] of wall time; a submission may end the master and listen in its place
 CALLER = "/marking"
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
 EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
@@ -57,10 +58,17 @@ def topics_subscribed(uri: str) -> Tuple[str, ...]:
     return tuple(topic for topic, nodes in state[1] if nodes) if state else ()
 
 
+class _Transport(Transport):
+    def make_connection(self, host: Any) -> Any:
+        connection = super().make_connection(host)
+        connection.timeout = ANSWER_DEADLINE
+        return connection
+
+
 def _ask(uri: str, method: str, *arguments: Any) -> Any:
     """The master's answer; None where it has none."""
     try:
-        with ServerProxy(uri) as master:
+        with ServerProxy(uri, _Transport()) as master:
             code, _, value = getattr(master, method)(CALLER, *arguments)
     except (OSError, XmlRpcError, ValueError):
         return None

@@ -39,7 +39,6 @@ from husky_highlevel_controller.grading.isolation.ros_network import START_DEADL
 from husky_highlevel_controller.grading.records import MarkingConfig
 from husky_highlevel_controller.grading.records import to_json as record_to_json
 
-WALL_BASE, WALL_SLOWNESS = 300.0, 20.0  # [s] of wall time a drive may take, and how much slower than its pace
 STALL_DEADLINE = 90.0  # [s] of wall time in which simulated time must get on
 PROGRESS_PERIOD = 0.2  # [s] of wall time between two looks at a drive; each costs the ROS master milliseconds
 START_PERIOD = 0.05  # [s] of wall time between two looks at a program of ours that starts
@@ -92,12 +91,12 @@ def drive(
     Raises:
         MarkingError: our own part of it does not work.
     """
-    wall_limit = WALL_BASE + WALL_SLOWNESS * config.deadline / config.pace
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
         output, assignment = folder / RECORDING, folder / "assignment.json"
         task = Assignment(
             str(output), f"{private}/truth", trial.start, trial.pillar, config.deadline, config.scan_topic,
             config.robot_name, trial.driver, trial.ends_at_pillar, SIMULATOR_NODES,
+            tuple(map(str, submission.workspace.packages)),
         )  # fmt: skip
         assignment.write_text(record_to_json(task))
         recorder = network.start(
@@ -137,7 +136,9 @@ def drive(
             return stalled or not (recorder.running and simulator.running)
 
         ended = (
-            "" if wait(is_over, wall_limit, PROGRESS_PERIOD) else f"{wall_limit:.0f} s of wall time passed"
+            ""
+            if wait(is_over, config.wall_limit, PROGRESS_PERIOD)
+            else f"{config.wall_limit:.0f} s of wall time passed"
         )
         if not ended and recorder.running and simulator.running:
             ended = f"simulated time stood still for {STALL_DEADLINE:g} s of wall time"

@@ -39,7 +39,8 @@ class SizeWatch:
         try:
             self.problem = self._watch()
         except Exception as error:  # a program that cannot be watched does not go on
-            self.problem = f"it was ended: its size cannot be watched: {error}"
+            reason = getattr(error, "strerror", None) or error  # without a path of 3000 folders
+            self.problem = f"it was ended: its size cannot be watched: {reason}"
         if self.problem:
             self._end_program()
 

@@ -178,4 +178,5 @@ def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
     found |= {setup.resolve().parents[1] for setup in workspace.setups} | set(workspace.packages)
     if "DISPLAY" in env:
         found.add(DISPLAYS)
-    return sorted({path.resolve() for path in found if path.exists()})
+    # not Path.exists, which raises for a folder that this user must not enter
+    return sorted({path.resolve() for path in found if os.path.exists(path)})

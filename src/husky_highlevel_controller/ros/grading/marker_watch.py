@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
+import rospkg
 import rospy
 import tf2_ros
 from visualization_msgs.msg import Marker, MarkerArray
@@ -27,6 +30,8 @@ CROWD = 10  # markers at a moment; where more came, the next moment is recorded 
 MAX_SAMPLES = 50_000  # of a drive
 MAX_ALL_POINTS = 500_000  # of all markers of a drive
 MAX_MESSAGE = 2_000_000  # [bytes]
+MAX_TOPICS = 50
+MAX_NAME = 200  # letters of a namespace or frame
 RETRY_STEP, RETRY_END = 0.05, 1.0  # [s], simulated: a frame that appears later counts from then on
 
 
@@ -49,8 +54,11 @@ class _Moment:
 class MarkerWatch:
     """Callbacks only append; `samples` places everything at the end, when all transforms are known."""
 
-    def __init__(self, now: Callable[[], float]) -> None:
-        self._now = now
+    def __init__(self, now: Callable[[], float], packages: Sequence[str] = ()) -> None:
+        self._now, self._packages = (
+            now,
+            packages,
+        )  # folders of packages that the ROS environment does not name
         self._messages: List[_Message] = []
         self._points_left = MAX_ALL_POINTS
         self._moments: Dict[Tuple[str, str], _Moment] = {}
@@ -65,7 +73,7 @@ class MarkerWatch:
 
     def follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic, if its type is one of markers."""
-        if kind in KINDS and topic not in self._topics:
+        if kind in KINDS and topic not in self._topics and len(self._topics) < MAX_TOPICS:
             # raw messages: a large one is refused before it is taken apart
             self._topics[topic] = rospy.Subscriber(
                 topic, rospy.AnyMsg, self._on_message, (topic, KINDS[kind]), queue_size=100, tcp_nodelay=True
@@ -86,9 +94,16 @@ class MarkerWatch:
         for marker in markers:
             if marker.action in ACTIONS and self._is_due(now, (topic, marker.ns)):
                 problem = _invisible(marker)
+                if (
+                    not problem
+                    and marker.type == Marker.MESH_RESOURCE
+                    and not self._has(marker.mesh_resource)
+                ):
+                    problem = "its mesh does not exist"
                 marker.points = marker.points[: min(MAX_POINTS, self._points_left)]
                 self._points_left -= len(marker.points)
-                marker.colors, marker.text = [], ""
+                marker.colors, marker.text, marker.mesh_resource = [], "", ""
+                marker.ns, marker.header.frame_id = marker.ns[:MAX_NAME], marker.header.frame_id[:MAX_NAME]
                 self._messages.append(_Message(now, topic, marker, problem))
 
     def _is_due(self, now: float, key: Tuple[str, str]) -> bool:
@@ -101,6 +116,17 @@ class MarkerWatch:
             moment.at, moment.count = now, 0
         moment.count += 1
         return True
+
+    def _has(self, mesh: str) -> bool:
+        """Whether RViz finds a mesh, file://PATH or package://NAME/PATH; for http there is no network."""
+        scheme, _, place = mesh.partition("://")
+        if scheme == "file":
+            return is_regular(Path(place))
+        package, _, path = place.partition("/")
+        folders = [Path(folder, package) for folder in self._packages]
+        with suppress(rospkg.ResourceNotFound):
+            folders.append(Path(_installed().get_path(package)))
+        return scheme == "package" and any(is_regular(folder / path) for folder in folders)
 
     def samples(
         self, times: np.ndarray, poses: Sequence[Pose], pillar: Tuple[float, float]
@@ -206,10 +232,9 @@ def _empty(marker: Marker) -> str:
         return "it has no points"
     if marker.type == Marker.TEXT_VIEW_FACING and not marker.text.strip():
         return "its text is empty"
-    if marker.type == Marker.MESH_RESOURCE:
-        scheme, _, place = marker.mesh_resource.partition("://")
-        if scheme not in ("package", "file", "http", "https") or not place:
-            return "its mesh_resource is no address"
-        if scheme == "file" and not is_regular(Path(place)):
-            return "its mesh does not exist"
     return ""
+
+
+@lru_cache(maxsize=1)
+def _installed() -> Any:
+    return rospkg.RosPack()

@@ -57,7 +57,7 @@ class Recorder:
         self._commands: List[float] = []
         self._command_count = self._zero_count = 0
         self._nearest: List[Tuple[float, float]] = []
-        self._watch = MarkerWatch(lambda: self._now)
+        self._watch = MarkerWatch(lambda: self._now, self._task.packages)
         self._subscribed = self._listens = self._advertises = self._joined = self._written = False
         self._types: Dict[str, str] = {}  # of topics
         self._silent: List[str] = []
