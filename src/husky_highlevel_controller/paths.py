@@ -1,11 +1,13 @@
-"""Paths of the package's data files: worlds, launch files, configuration, robot description.
+"""Paths of data files: the package's worlds, launch files, configuration and robots; PyBullet's meshes.
 
-In: where this module lies. Out: a folder.
+In: where the modules lie. Out: folders.
 """
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
+from typing import Optional
 
 from husky_highlevel_controller.datatypes import HuskyError
 
@@ -24,3 +26,12 @@ def share_folder() -> Path:
         if (candidate / "urdf").is_dir():
             return candidate
     raise HuskyError("no folder urdf/ in " + " or ".join(map(str, candidates)))
+
+
+def mesh_folder() -> Optional[Path]:
+    """Folder of the Husky's meshes that come with PyBullet; None where PyBullet is not installed."""
+    spec = importlib.util.find_spec("pybullet_data")  # finds it without loading it
+    if spec is None or spec.origin is None:
+        return None
+    meshes = Path(spec.origin).resolve().parent / "husky" / "meshes"
+    return meshes if meshes.is_dir() else None

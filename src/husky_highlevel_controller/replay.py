@@ -1,20 +1,23 @@
 """A drive as one HTML page that plays it in 3D: it needs no server, no other file and no library.
 
-In: times and poses. Out: HTML, some tens of kilobytes.
+In: times and poses. Out: HTML, some hundred kilobytes.
 """
 
 from __future__ import annotations
 
+import base64
 import json
 from dataclasses import dataclass, field
-from typing import Any
+from functools import lru_cache
+from typing import Any, Dict, List
 
 import numpy as np
+from markupsafe import Markup
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
-from husky_highlevel_controller.footprint import Footprint
-from husky_highlevel_controller.paths import share_folder
-from husky_highlevel_controller.robot import load_robot
+from husky_highlevel_controller.robot import Robot, load_robot
+from husky_highlevel_controller.robot_mesh import Part, robot_mesh
+from husky_highlevel_controller.templates import render
 
 PERIOD = 0.1  # [s] between two poses that are kept; the page draws what lies between
 MAX_POSES = 3000  # a longer drive is kept more coarsely
@@ -32,7 +35,7 @@ class Replay:
     pillars: np.ndarray  # (1, 2) or (N, 2) [m], centre of the pillar, for good or at each of the times
     marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (M, 3) [s, m, m], of the pillar
     pillar_radius: float = PILLAR_RADIUS  # [m]
-    outline: Footprint = field(default_factory=lambda: load_robot().footprint)  # of the robot
+    robot: Robot = field(default_factory=load_robot)
 
 
 def to_html(replay: Replay) -> str:
@@ -47,14 +50,33 @@ def to_html(replay: Replay) -> str:
         "poses": _rounded(replay.poses[kept]),
         "pillars": _rounded(pillars[:1] if (pillars == pillars[:1]).all() else pillars),
         "marks": _rounded(marks[:: -(-len(marks) // MAX_MARKS) or 1]),
-        "robot": {
-            "length": replay.outline.half_length,
-            "width": replay.outline.half_width,
-            "pillar": replay.pillar_radius,
-        },
+        "pillar": replay.pillar_radius,
+        "robot": _robot(replay.robot),
     }
     text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")  # a title is anybody's
-    return (share_folder() / "web" / "replay.html").read_text().replace("@DATA@", text)
+    return render("replay.html", data=Markup(text))
+
+
+@lru_cache(maxsize=4)
+def _robot(robot: Robot) -> Dict[str, Any]:
+    """Triangles in millimetres, and where the wheels are."""
+    body, wheel = robot_mesh(robot)
+    wheels, drive, outline = robot.wheels, robot.drive, robot.footprint
+    return {
+        "size": [outline.half_length, outline.half_width],
+        "height": drive.wheel_radius - wheels.height,  # of base_link
+        "wheel": [wheels.base / 2.0, drive.wheel_separation / 2.0, wheels.height, drive.wheel_radius],
+        "track": drive.wheel_separation * drive.wheel_separation_multiplier,
+        "body": _packed(body),
+        "tyre": _packed(wheel),
+    }
+
+
+def _packed(parts: List[Part]) -> List[List[str]]:
+    return [
+        [part.color, base64.b64encode(np.round(1000.0 * part.triangles).astype("<i2").tobytes()).decode()]
+        for part in parts
+    ]
 
 
 def _kept(times: np.ndarray) -> np.ndarray:

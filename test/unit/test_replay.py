@@ -2,10 +2,16 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
+import pytest
+from defusedxml import ElementTree as ET
 
 from husky_highlevel_controller.replay import MAX_POSES, Replay, to_html
+from husky_highlevel_controller.robot import ROBOTS, load_robot
+from husky_highlevel_controller.robot_mesh import BODY, robot_mesh
+from husky_highlevel_controller.simulator.models.description import robot_description
 
 STANDS = np.array([[20.0, 5.0]])
 
@@ -31,7 +37,7 @@ def test_start_end_and_way_are_kept():
 
 
 def test_a_page_stays_small_however_long_the_drive():
-    assert len(to_html(drive(20.0))) < 30e3
+    assert len(to_html(drive(20.0))) < 200e3
     assert len(content(to_html(drive(3600.0)))["times"]) <= MAX_POSES + 2
 
 
@@ -54,3 +60,28 @@ def test_a_title_ends_no_script():
     html = to_html(drive(1.0, title="</script><script>alert(1)</script>"))
     assert content(html)["title"] == "</script><script>alert(1)</script>"
     assert html.count("</script>") == 2
+
+
+def test_the_meshes_are_where_the_robot_description_has_them():
+    def numbers(text):
+        return tuple(map(float, (text or "0 0 0").split()))
+
+    urdf = ET.fromstring(robot_description())
+    joints = {joint.find("child").get("link"): joint.find("origin") for joint in urdf.iter("joint")}
+    found = set()
+    for link in urdf.iter("link"):
+        for mesh in link.iter("mesh"):
+            origin = joints.get(link.get("name"))
+            x, _, z = numbers(None if origin is None else origin.get("xyz"))
+            if "wheel" not in mesh.get("filename"):
+                found.add((Path(mesh.get("filename")).name, x, z))
+    assert {(file, x, z) for file, _, x, z, _ in BODY} == found
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_wheels_stand_on_the_ground_and_the_body_between_them(name):
+    robot = load_robot(name)
+    body, wheel = (np.concatenate([part.triangles for part in parts]) for parts in robot_mesh(robot))
+    assert np.abs(wheel[..., 2]).max() == pytest.approx(robot.drive.wheel_radius, abs=0.006)
+    assert np.abs(body[..., 0]).max() <= robot.footprint.half_length + 0.02
+    assert 300 < len(wheel) + len(body) < 6000 if name == "husky" else len(wheel)

@@ -24,7 +24,7 @@ def replay_page(name: str, words: str, control: ControlConfig, trace: Trace, rob
     """File name and text of the page that plays a drive; the name tells scenario, gains and stop distance."""
     gains = f"gains {control.p_gain_vel:g} {control.p_gain_ang:g}"
     title = f"{name}, {gains}, stop {control.stop_distance:g} m"
-    page = to_html(Replay(title, words, trace.times, trace.poses, trace.pillars, outline=robot.footprint))
+    page = to_html(Replay(title, words, trace.times, trace.poses, trace.pillars, robot=robot))
     return f"{re.sub(r'[^a-z0-9.]+', '_', title.lower())}.html", page
 
 

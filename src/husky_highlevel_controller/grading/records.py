@@ -203,6 +203,7 @@ class Item:
     evidence: str
     at: Optional[float] = None  # [s], simulated: the moment the evidence is about
     hint: str = ""  # what to look at, where points are lost
+    drive: int = 1  # number of the drive that the evidence is about
 
     @property
     def full(self) -> bool:

@@ -20,7 +20,7 @@ from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.models.description import (
     DescriptionError,
     main,
-    mesh_folder,
+    mesh_uri,
     robot_description,
 )
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
@@ -151,7 +151,7 @@ def test_looks_do_not_change_the_physics():
 def test_the_meshes_are_looked_for_without_loading_pybullets_data_package():
     program = (
         "import sys; from husky_highlevel_controller.simulator.models import description as x;"
-        "x.mesh_folder();"
+        "x.mesh_uri();"
         "sys.exit('pybullet' in sys.modules or 'pybullet_data' in sys.modules)"
     )
     source = Path(__file__).resolve().parents[3] / "src"
@@ -160,7 +160,7 @@ def test_the_meshes_are_looked_for_without_loading_pybullets_data_package():
 
 def test_where_pybullet_is_not_installed_there_are_no_meshes(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert mesh_folder() == ""
+    assert mesh_uri() == ""
 
 
 def test_an_installed_module_finds_the_data_beside_its_library(monkeypatch, tmp_path):

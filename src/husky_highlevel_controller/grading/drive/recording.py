@@ -7,13 +7,13 @@ import json
 from dataclasses import dataclass, field
 from math import inf, nan
 from pathlib import Path
-from typing import List, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.config import ConfigError, from_plain, to_plain
 from husky_highlevel_controller.course import PILLARS, STANDS, PillarSize
-from husky_highlevel_controller.datatypes import HuskyError, Pose2D
+from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Scan
 from husky_highlevel_controller.robot import load_robot
 
 ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker message
@@ -92,6 +92,9 @@ class Recording:
     nearest: np.ndarray = field(  # (K, 2) [s, m], smallest valid range of each scan; inf for none
         default_factory=lambda: np.zeros((0, 2)), metadata={"shape": (-1, 2)}
     )
+    hits: np.ndarray = field(  # (M, 3) [s, m, m], points in the world of some of the scans
+        default_factory=lambda: np.zeros((0, 3)), metadata={"shape": (-1, 3)}
+    )
     markers: Tuple[MarkerSample, ...] = ()
     marker_topics: Tuple[str, ...] = ()  # that the submission publishes, whether or not anything came
     services: Tuple[str, ...] = ()  # std_srvs/SetBool that the submission offers
@@ -145,6 +148,26 @@ CUT_OFF = "it was cut off"  # why a drive ended that the recorder did not end
 def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float], robot: str) -> np.ndarray:
     """From the robot's outline, seen from above, to the pillar's surface, (N,) [m]; negative: inside."""
     return load_robot(robot).footprint.gaps(poses, np.asarray(pillar), PILLARS[robot].radius)
+
+
+def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot: str) -> np.ndarray:
+    """Points at which the beams of scans ended, (M, 3) [s, m, m] in the world.
+
+    Args:
+        scans: of the robot's lidar.
+        times: (N,) [s] of the true poses.
+        poses: (N, 3) [m, m, rad] of base_link in the world.
+        robot: one of ROBOTS.
+    """
+    mount, hits = load_robot(robot).lidar_mount, [np.zeros((0, 3))]
+    for scan in scans if len(times) else ():
+        x, y, yaw = poses[min(int(np.searchsorted(times, scan.stamp)), len(times) - 1)]
+        ranges = scan.ranges[scan.valid]
+        angles = scan.bearings[scan.valid] * (-1.0 if mount.upside_down else 1.0) + yaw
+        across, along = y + mount.x * np.sin(yaw), x + mount.x * np.cos(yaw)
+        points = along + ranges * np.cos(angles), across + ranges * np.sin(angles)
+        hits.append(np.column_stack([np.full(len(ranges), scan.stamp), *points]))
+    return np.round(np.concatenate(hits), 3)
 
 
 def to_json(recording: Recording) -> str:

@@ -80,7 +80,7 @@ def write_replay(recording: Recording, title: str, folder: Path) -> None:
             poses=recording.poses,
             pillars=np.array([recording.pillar]),
             pillar_radius=recording.pillar_size.radius,
-            outline=load_robot(recording.robot).footprint,
+            robot=load_robot(recording.robot),
             marks=np.array(marks, float).reshape(-1, 3),
         )
     )

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import base64
-import re
 import statistics
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 from urllib.parse import quote
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
-
 from husky_highlevel_controller.grading.records import Item, Result
-from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.templates import render
 
-LEAD = 1.0  # [s], simulated: a replay begins so long before the moment of the first cause
+LEAD = 1.0  # [s], simulated: a replay begins so long before the moment of an evidence
 BARS = 10  # of the histogram
 BAR_HEIGHT = 60  # [pixels], the highest
-COLOURS = {"marked": "", "for a person": "person", "could not be marked": "unmarked"}
+COLOURS = {"marked": "ok", "for a person": "person", "could not be marked": "unmarked"}
 
 
 @dataclass(frozen=True)
@@ -27,9 +22,18 @@ class Row:
 
     result: Result
     cells: Tuple[Optional[Item], ...]  # one for each column
-    pictures: Tuple[str, ...]  # PNG in base64
-    files: Tuple[Tuple[str, str], ...]  # words and address
-    replays: Tuple[str, ...] = ()  # HTML, each a page of its own
+    pictures: Tuple[bytes, ...]  # PNG
+    files: Tuple[Tuple[str, str], ...] = ()  # words and address
+    replays: Tuple[Tuple[str, float], ...] = ()  # HTML, each a page of its own, and the moment it shows [s]
+
+    def replay_of(self, item: Item) -> str:
+        """Address of the replay of an item's drive at its moment; empty: there is none."""
+        if item.at is None:
+            return ""
+        if item.drive <= len(self.replays):
+            return f"#drive_{item.drive}"
+        address = dict(self.files).get(f"replay of drive {item.drive}", "")
+        return address and f"{address}#{moment_of(item):.2f}"
 
     @property
     def open(self) -> float:
@@ -57,17 +61,25 @@ def class_page(
     ordered = sorted(results, key=lambda result: result.name.casefold())
     columns = list(dict.fromkeys(item.name for result in ordered for item in result.items))
     rows = [
-        _row(result, columns, pictures.get(result.name, ()), files.get(result.name, ())) for result in ordered
+        Row(
+            result,
+            tuple({item.name: item for item in result.items}.get(name) for name in columns),
+            tuple(pictures.get(result.name, ())),
+            tuple((words, quote(path)) for words, path in files.get(result.name, ())),
+        )
+        for result in ordered
     ]
     shares = [result.points / result.max_points for result in ordered if result.max_points]
     return render(
         "class.html",
         rows=rows,
         columns=columns,
-        settings=_settings(ordered[0]) if ordered else "no submissions",
+        settings=ordered[0].settings if ordered else {},
         counts=[(state, n) for state in COLOURS if (n := sum(r.state == state for r in ordered))],
         median=round(100.0 * statistics.median(shares), 1) if shares else None,
         bars=histogram(shares),
+        grade=_grade,
+        moment_of=moment_of,
     )
 
 
@@ -80,61 +92,34 @@ def feedback_page(result: Result, pictures: Sequence[bytes], replays: Sequence[s
         replays: HTML pages that play the drives.
     """
     cause = result.cause
-    if cause is not None and cause.at is not None and replays:
-        drive = re.search(r"drive (\d+): ", cause.evidence)
-        shown = min(int(drive[1]) if drive else 1, len(replays)) - 1
-        start = f"const start = {max(cause.at - LEAD, 0.0):.2f};"
-        replays = [*replays]
-        replays[shown] = replays[shown].replace("const start = 0;", start, 1)
-    row = replace(_row(result, [], pictures, ()), replays=tuple(replays))
-    return render("feedback.html", row=row, settings=_settings(result))
+    moments = [moment_of(cause) if cause and cause.drive == n else 0.0 for n in range(1, len(replays) + 1)]
+    row = Row(result, (), tuple(pictures), replays=tuple(zip(replays, moments)))
+    return render("feedback.html", row=row, grade=_grade, moment_of=moment_of)
 
 
 def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
-    """Bars over shares (0 to 1) of the points that were decided: count, height [px], label [%]."""
-    counts = [0] * BARS
+    """Bars over shares (0 to 1) of the points that were decided: count, height [px], label [%].
+
+    A share at the border of two bars counts in the higher; 100 % has a bar of its own.
+    """
+    counts = [0] * (BARS + 1)
     for share in shares:
-        counts[min(int(BARS * share), BARS - 1)] += 1
+        counts[min(int(BARS * share + 1e-9), BARS)] += 1
     highest = max([*counts, 1])
+    step = 100 // BARS
     return [
         {
             "count": count,
             "height": round(BAR_HEIGHT * count / highest),
-            "label": f"{100 * number // BARS}-{100 * (number + 1) // BARS}",
+            "label": f"{step * n}-{step * (n + 1) - 1}" if n < BARS else "100",
         }
-        for number, count in enumerate(counts)
+        for n, count in enumerate(counts)
     ]
 
 
-def _row(
-    result: Result, columns: Sequence[str], pictures: Sequence[bytes], files: Sequence[Tuple[str, str]]
-) -> Row:
-    items = {item.name: item for item in result.items}
-    return Row(
-        result,
-        tuple(items.get(name) for name in columns),
-        tuple(base64.b64encode(picture).decode() for picture in pictures),
-        tuple((words, quote(path)) for words, path in files),
-    )
-
-
-def _settings(result: Result) -> str:
-    return ", ".join(f"{key} {value}" for key, value in result.settings.items() if value is not None)
-
-
-def render(template: str, **values: Any) -> str:
-    """A page of a template in web/templates/, with the common style."""
-    folder = share_folder() / "web" / "templates"
-    environment = Environment(
-        loader=FileSystemLoader(str(folder)),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.globals.update(number=lambda value: f"{value:g}", grade=_grade)
-    style = Markup((folder / "style.css").read_text())
-    return environment.get_template(template).render(style=style, **values)
+def moment_of(item: Item) -> float:
+    """Moment at which a replay shows an item's evidence [s]: a little before it."""
+    return max((item.at or 0.0) - LEAD, 0.0)
 
 
 def _grade(points: float, max_points: float) -> str:

@@ -1,88 +1,103 @@
-"""Pictures of drives from above: the way, the pillar, the markers in time."""
+"""Pictures of drives from above: the way, the pillar, the markers in time; and one moment of a drive."""
 
 from __future__ import annotations
 
-import io
-from math import cos, isfinite, sin
-from typing import Any, Sequence
+from math import cos, hypot, isfinite, sin
+from typing import Any, List, Sequence
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon
+from matplotlib.collections import LineCollection
 
-from husky_highlevel_controller.grading.drive.recording import Recording
+from husky_highlevel_controller.grading.drive.recording import ADD, MarkerSample, Recording
+from husky_highlevel_controller.plots import DRIVEN, MARKER, draw_robot, from_above, new_figure, plain, png
 from husky_highlevel_controller.robot import load_robot
 
 COLORS = "viridis"  # of time
 REACH = 40.0  # [m], a marker farther from the start is not drawn: it would shrink the rest to nothing
+MAX_MARKERS, MAX_RAYS = 500, 120
+SCAN = "#c2185b"
 
 
 def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
     """Picture of all drives, side by side."""
-    figure = Figure(figsize=(5.2 * len(recordings) + 0.8, 5.0), dpi=90, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(5.2 * len(recordings) + 0.8, 5.0)
     axes = figure.subplots(1, len(recordings), squeeze=False)[0]
+    end = max([float(recording.times[-1]) for recording in recordings if len(recording.times)], default=1.0)
     for number, (recording, axis) in enumerate(zip(recordings, axes), 1):
-        _draw(recording, axis, figure)
-        axis.set_title(f"drive {number}: {recording.ended or 'no drive'}", fontsize=9)
-    # matplotlib reads $...$ as mathematics, and a name is anybody's
-    figure.suptitle(title.replace("$", r"\$"), fontsize=11)
-    return _png(figure)
+        drawn = _draw(recording, axis, end)
+        axis.set_title(plain(f"drive {number}: {recording.ended or 'no drive'}"), fontsize=10)
+    figure.colorbar(drawn, ax=axes, label="simulated time [s]", shrink=0.75, pad=0.02)
+    figure.suptitle(plain(title), fontsize=11)
+    return png(figure)
 
 
-def _draw(recording: Recording, axis: Any, figure: Figure) -> None:
-    start, end = recording.start, float(recording.times[-1]) if len(recording.times) else 1.0
-    axis.add_patch(Circle(recording.pillar, recording.pillar_size.radius, color="0.35", zorder=3))
-    axis.plot(
-        *recording.pillar, marker="o", markersize=9, markerfacecolor="none", color="0.35", label="pillar"
-    )
-    axis.plot(start.x, start.y, marker="^", color="tab:green", linestyle="none", label="start")
-    if len(recording.times):
-        x, y, yaw = recording.poses.T
-        drawn = axis.scatter(x, y, c=recording.times, cmap=COLORS, s=4, vmin=0.0, vmax=end, zorder=2)
-        figure.colorbar(drawn, ax=axis, label="simulated time [s]", shrink=0.75)
-        corners = [(1, 1), (-1, 1), (-1, -1), (1, -1)]
-        c, s = cos(yaw[-1]), sin(yaw[-1])
-        footprint = load_robot(recording.robot).footprint
-        half_length, half_width = footprint.half_length, footprint.half_width
-        outline = [
-            (x[-1] + c * along - s * across, y[-1] + s * along + c * across)
-            for along, across in ((i * half_length, j * half_width) for i, j in corners)
-        ]
-        axis.add_patch(Polygon(outline, fill=False, color="tab:red", zorder=3))
-    markers = np.array(
-        [
-            (marker.at, *marker.position[:2])
-            for marker in recording.markers
-            if all(map(isfinite, marker.position))
-            and np.hypot(marker.position[0] - start.x, marker.position[1] - start.y) < REACH
-        ]
-    ).reshape(-1, 3)
-    if len(markers):
-        markers = markers[:: max(1, len(markers) // 500)]
-        axis.scatter(
-            markers[:, 1], markers[:, 2], c=markers[:, 0], cmap=COLORS, vmin=0.0, vmax=end,
-            marker="x", s=28, linewidths=0.9, zorder=4, label="markers",
+def _draw(recording: Recording, axis: Any, end: float) -> Any:
+    """Draw a drive; the dots whose colour is time, up to an end [s]."""
+    from_above(axis, recording.pillar, recording.pillar_size.radius)
+    x, y, _ = recording.poses.T
+    colors = {"cmap": COLORS, "vmin": 0.0, "vmax": end}
+    drawn = axis.scatter(x, y, c=recording.times, s=5, zorder=2, **colors)
+    if len(recording.poses):
+        for row in (0, -1):
+            draw_robot(axis, tuple(recording.poses[row]), load_robot(recording.robot).footprint)
+        axis.annotate("start", (x[0], y[0]), (0, 12), textcoords="offset points", ha="center", fontsize=9)
+    axis.annotate("pillar", recording.pillar, (0, 10), textcoords="offset points", ha="center", fontsize=9)
+    markers = _near(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
+    if markers:
+        places = np.array([marker.position[:2] for marker in markers])
+        times = [marker.at for marker in markers]
+        axis.scatter(*places.T, c=times, marker="x", s=34, linewidths=1.2, zorder=6, **colors)
+        words = "marker" if len(markers) == 1 else "markers"
+        axis.annotate(
+            words, places[len(places) // 2], (0, -18), textcoords="offset points", ha="center", fontsize=9,
+            color=MARKER, arrowprops={"arrowstyle": "-", "color": MARKER},
         )  # fmt: skip
-    axis.set_aspect("equal", adjustable="datalim")
-    axis.margins(0.08)
-    axis.grid(alpha=0.3)
-    axis.set_xlabel("x in the world [m]")
-    axis.set_ylabel("y in the world [m]")
-    axis.legend(fontsize=8, loc="best")
+    return drawn
+
+
+def _near(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:
+    """The markers that were drawn somewhere near the start."""
+    start = recording.start
+    return [
+        marker
+        for marker in markers
+        if marker.action == ADD
+        and all(map(isfinite, marker.position))
+        and hypot(marker.position[0] - start.x, marker.position[1] - start.y) < REACH
+    ]
 
 
 def draw_pixels(pixels: np.ndarray) -> bytes:
     """(height, width, 3) of 0 to 255, as they are."""
     height, width = pixels.shape[:2]
-    figure = Figure(figsize=(width / 100.0, height / 100.0), dpi=100)
-    FigureCanvasAgg(figure)
+    figure = new_figure(width / 100.0, height / 100.0)
+    figure.set_dpi(100)
     figure.figimage(pixels.astype(np.uint8))
-    return _png(figure)
+    return png(figure)
 
 
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()
+def draw_moment(recording: Recording, at: float) -> bytes:
+    """Picture of one moment [s] as RViz would show it from above: robot, scan, pillar and latest marker."""
+    figure = new_figure(8.0, 6.0)
+    axis = figure.subplots()
+    from_above(axis, recording.pillar, recording.pillar_size.radius)
+    row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
+    x, y, yaw = map(float, recording.poses[row])
+    before = recording.hits[recording.hits[:, 0] <= at + 1e-6]
+    points = before[before[:, 0] == before[:, 0].max()][:, 1:] if len(before) else before[:, 1:]
+    robot = load_robot(recording.robot)
+    axis.plot(*recording.poses[: row + 1, :2].T, color=DRIVEN, linewidth=1.5, label="driven", zorder=2)
+    laser = x + robot.lidar_mount.x * cos(yaw), y + robot.lidar_mount.x * sin(yaw)
+    rays = [(laser, tuple(point)) for point in points[:: max(1, len(points) // MAX_RAYS)]]
+    axis.add_collection(LineCollection(rays, colors=SCAN, linewidths=0.4, alpha=0.4, zorder=1))
+    axis.scatter(*points.T, s=14, color=SCAN, zorder=5, label="laser scan")
+    draw_robot(axis, (x, y, yaw), robot.footprint)
+    markers = _near(recording, [marker for marker in recording.markers if marker.at <= at])[-1:]
+    for marker in markers:
+        axis.plot(*marker.position[:2], "X", color=MARKER, markersize=12, markeredgecolor="white", zorder=7,
+                  label=f"marker on {plain(marker.topic)}")  # fmt: skip
+    axis.annotate("pillar", recording.pillar, (0, 10), textcoords="offset points", ha="center", fontsize=9)
+    axis.legend(fontsize=9)
+    absent = "" if markers else "; no marker so far"
+    axis.set_title(f"{recording.times[row]:.2f} s{absent}", fontsize=11)
+    return png(figure)

@@ -34,7 +34,7 @@ def over_trials(
     if not worst.full:
         words += f"; drive {number + 1}"
     words += f": {worst.evidence}"
-    return replace(worst, points=points, evidence=words)
+    return replace(worst, points=points, evidence=words, drive=number + 1)
 
 
 def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[Item]:

@@ -15,6 +15,7 @@ import rosgraph
 import rospy
 from sensor_msgs.msg import LaserScan
 
+from husky_highlevel_controller.datatypes import Scan
 from husky_highlevel_controller.grading.drive.call_plan import FORWARD
 from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
 from husky_highlevel_controller.grading.drive.recording import (
@@ -22,6 +23,7 @@ from husky_highlevel_controller.grading.drive.recording import (
     Assignment,
     Recording,
     pose_jumps,
+    scan_hits,
     to_json,
 )
 from husky_highlevel_controller.grading.drive.ros_graph import (
@@ -43,6 +45,7 @@ LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
 SILENT = 2.0  # [s], simulated: a submission that listens, but advertises no command by then, sends none
 MAX_VIOLATIONS = 5  # that are named
+HITS_PERIOD = 1.0  # [s], simulated, between two scans whose points are kept for a picture
 
 
 class Recorder:
@@ -57,6 +60,7 @@ class Recorder:
         self._commands: List[float] = []
         self._command_count = self._zero_count = 0
         self._nearest: List[Tuple[float, float]] = []
+        self._scans: List[Scan] = []
         self._watch = MarkerWatch(lambda: self._now, self._task.packages)
         self._subscribed = self._listens = self._advertises = self._joined = self._written = False
         self._types: Dict[str, str] = {}  # of topics
@@ -125,6 +129,8 @@ class Recorder:
     def _on_scan(self, msg: LaserScan) -> None:
         scan = conversions.scan_from_msg(msg)
         self._nearest.append((scan.stamp, float(np.min(scan.ranges, where=scan.valid, initial=inf))))
+        if not self._scans or scan.stamp >= self._scans[-1].stamp + HITS_PERIOD:
+            self._scans.append(scan)
         self._driver.answer(scan.stamp)
 
     # ------------------------------------------------------------------------ the graph
@@ -199,6 +205,7 @@ class Recorder:
             command_count=self._command_count,
             zero_count=self._zero_count,
             nearest=np.array(self._nearest).reshape(-1, 2),
+            hits=scan_hits(self._scans, times, poses, self._task.robot),
             markers=self._watch.samples(times, [row.pose_in_world for row in truth], self._task.pillar),
             marker_topics=self._watch.topics,
             services=tuple(sorted(self._driver.services)),

@@ -5,14 +5,12 @@ In: arguments. Out: URDF text.
 
 from __future__ import annotations
 
-import importlib.util
 import re
 import sys
-from pathlib import Path
 from typing import Dict, Optional
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.paths import mesh_folder, share_folder
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 
 FLAGS = ("true", "false", "True", "False", "1", "0")
@@ -36,13 +34,10 @@ class DescriptionError(HuskyError):
         super().__init__(f"robot description: {problem}")
 
 
-def mesh_folder() -> str:
-    """URI of the Husky's meshes that come with PyBullet; empty where PyBullet is not installed."""
-    spec = importlib.util.find_spec("pybullet_data")  # finds it without loading it
-    if spec is None or spec.origin is None:
-        return ""
-    meshes = Path(spec.origin).resolve().parent / "husky" / "meshes"
-    return meshes.as_uri() if meshes.is_dir() else ""
+def mesh_uri() -> str:
+    """URI of the folder of the Husky's meshes; empty where there is none."""
+    folder = mesh_folder()
+    return folder.as_uri() if folder else ""
 
 
 def robot_description(
@@ -76,7 +71,7 @@ def robot_description(
             "laser_prefix": laser_prefix,
             "kinect_enabled": str(kinect_enabled),
             "profile": profile,
-            "meshes": mesh_folder() if meshes is None else meshes,
+            "meshes": mesh_uri() if meshes is None else meshes,
         }
     )
 
@@ -102,7 +97,7 @@ def main() -> None:
     """Print the URDF for `name:=value` arguments; exit with 2 on one that is wrong."""
     given = dict(argument.partition(":=")[::2] for argument in sys.argv[1:])
     try:
-        print(_expand({"meshes": mesh_folder(), **given}))
+        print(_expand({"meshes": mesh_uri(), **given}))
     except DescriptionError as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None

@@ -1,0 +1,67 @@
+"""Figures and PNGs of matplotlib, and the axes of a drive seen from above."""
+
+from __future__ import annotations
+
+import io
+from math import cos, sin
+from typing import Any, Sequence, Tuple
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
+
+from husky_highlevel_controller.footprint import Footprint
+
+DPI = 110
+DRIVEN, MARKER, ROBOT, PILLAR = "#0b62c4", "#e06c00", "#d9a300", "0.35"  # colours, told apart by all eyes
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of a size in inches."""
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def plain(text: str) -> str:
+    """A text that matplotlib draws letter by letter: $...$ would be mathematics."""
+    return text.replace("$", r"\$")
+
+
+def from_above(plot: Any, pillar: Sequence[float], radius: float) -> None:
+    """Prepare the axes of a drive seen from above, with the pillar.
+
+    Args:
+        plot: axes of matplotlib.
+        pillar: its centre in the world [m].
+        radius: of the pillar [m].
+    """
+    plot.add_patch(Circle(tuple(pillar[:2]), radius, color=PILLAR, zorder=3))
+    plot.set_aspect("equal", adjustable="datalim")
+    plot.margins(0.08)
+    plot.grid(alpha=0.3)
+    plot.set_xlabel("x in the world [m]")
+    plot.set_ylabel("y in the world [m]")
+
+
+def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint) -> None:
+    """Draw a robot's outline, with a notch where its front is.
+
+    Args:
+        plot: axes of matplotlib.
+        pose: x, y, yaw of base_link in the world [m, m, rad].
+        footprint: of the robot.
+    """
+    x, y, yaw = pose
+    length, width = footprint.half_length, footprint.half_width
+    corners = np.array([(length, width), (-length, width), (-length, -width), (length, -width), (0.4 * length, 0.0)])
+    turn = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
+    plot.add_patch(Polygon(corners @ turn + (x, y), facecolor=ROBOT, edgecolor="black", linewidth=0.8, zorder=4))

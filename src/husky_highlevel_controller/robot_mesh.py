@@ -1,0 +1,86 @@
+"""Triangles of a robot, few enough for a page: the Husky's meshes of PyBullet, else boxes and cylinders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import List, NamedTuple, Sequence, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.paths import mesh_folder
+from husky_highlevel_controller.robot import Robot
+
+YELLOW, BLACK, TYRE, PLATE, STEEL, GREY = "#f2b80d", "#26272a", "#333436", "#4d4f54", "#80858c", "#b8bdc2"
+# where urdf/husky.urdf.xacro has the meshes of the body: file, colour, x, z, whether it looks back [m]
+BODY = (
+    ("base_link.stl", BLACK, 0.0, 0.0, False),
+    ("top_plate.stl", YELLOW, 0.0, 0.0, False),
+    ("bumper.stl", BLACK, 0.48, 0.091, False),
+    ("bumper.stl", BLACK, -0.48, 0.091, True),
+    ("user_rail.stl", STEEL, 0.272, 0.245, False),
+)
+CELL = 0.012  # [m], vertices of a mesh in the same cell become one
+STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+SIDES = 20  # of a cylinder
+
+
+class Part(NamedTuple):
+    """Triangles of one colour."""
+
+    color: str
+    triangles: np.ndarray  # (N, 3, 3) [m], in base_link, or of a wheel about its hub
+
+
+def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
+    """Body and wheel of a robot."""
+    radius, width, mount = robot.drive.wheel_radius, robot.wheels.width, robot.lidar_mount
+    folder = mesh_folder() if robot.name == "husky" else None
+    hub = Part(STEEL, _box((0.1, width + 0.01, 0.05), (0.0, 0.0, 0.0)))
+    lidar = [
+        Part(BLACK, _box((0.01, 0.1, 0.12), (mount.x - 0.06, 0.0, mount.z))),
+        Part(GREY, _box((0.105, 0.1, 0.08), (mount.x, 0.0, mount.z + 0.045))),
+        Part(BLACK, _cylinder(0.044, 0.05)[..., [0, 2, 1]] + (mount.x, 0.0, mount.z)),
+    ]
+    if folder is None:
+        length, breadth = robot.hull.length, robot.hull.width
+        body = [Part(YELLOW, _box((length, breadth - 2.0 * width, 0.2), (0.0, 0.0, 0.1)))]
+        return [*body, *lidar], [Part(TYRE, _cylinder(radius, width)), hub]
+    body = [
+        Part(color, _mesh(folder / file) * ((-1, -1, 1) if back else (1, 1, 1)) + (x, 0.0, z))
+        for file, color, x, z, back in BODY
+    ]
+    plate = Part(PLATE, _box((0.73, 0.59, 0.0063), (0.0812, 0.0, 0.248)))
+    tyre = _mesh(folder / "wheel.stl")
+    tyre = tyre * (radius / np.abs(tyre[..., 2]).max(), 1.0, radius / np.abs(tyre[..., 2]).max())
+    return [*body, plate, *lidar], [Part(TYRE, tyre), hub]
+
+
+def _mesh(path: Path) -> np.ndarray:
+    """Triangles of a binary STL file, coarser by cells."""
+    triangles = np.frombuffer(path.read_bytes(), STL, offset=84)["corners"].astype(float)
+    cells = np.round(triangles / CELL)
+    flat = (cells == np.roll(cells, 1, axis=1)).all(axis=2).any(axis=1)
+    kept: np.ndarray = np.unique(cells[~flat], axis=0) * CELL
+    return kept
+
+
+def _box(size: Sequence[float], centre: Sequence[float]) -> np.ndarray:
+    """Triangles of a box, (12, 3, 3) [m]."""
+    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    index = [triangle for a, b, c, d in faces for triangle in ((a, b, c), (a, c, d))]
+    triangles: np.ndarray = (corners * size + centre)[index]
+    return triangles
+
+
+def _cylinder(radius: float, length: float) -> np.ndarray:
+    """Triangles of a cylinder about y, (4 SIDES, 3, 3) [m]."""
+    angles = 2.0 * np.pi * np.arange(SIDES + 1) / SIDES
+    x, z, y = radius * np.cos(angles), radius * np.sin(angles), length / 2.0
+    triangles = []
+    for n in range(SIDES):
+        a, b = (x[n], z[n]), (x[n + 1], z[n + 1])
+        left, right = [(p, -y, q) for p, q in (a, b)], [(p, y, q) for p, q in (a, b)]
+        triangles += [(left[0], left[1], right[1]), (left[0], right[1], right[0])]
+        triangles += [((0.0, -y, 0.0), left[0], left[1]), ((0.0, y, 0.0), right[0], right[1])]
+    return np.array(triangles)

@@ -1,0 +1,36 @@
+"""HTML pages from the Jinja2 templates in web/templates/: one head, one style, all text escaped."""
+
+from __future__ import annotations
+
+import base64
+from functools import lru_cache
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from husky_highlevel_controller.paths import share_folder
+
+
+def render(template: str, **values: Any) -> str:
+    """The page of a template; it needs no other file."""
+    return _environment().get_template(template).render(**values)
+
+
+@lru_cache(maxsize=1)
+def _environment() -> Environment:
+    folder = share_folder() / "web" / "templates"
+    environment = Environment(
+        loader=FileSystemLoader(str(folder)),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals.update(
+        style=Markup((folder / "style.css").read_text(encoding="utf-8")),
+        script=lambda name: Markup((folder / name).read_text(encoding="utf-8")),
+        number=lambda value: f"{value:.4g}" if isinstance(value, float) else str(value),
+        image=lambda png: f"data:image/png;base64,{base64.b64encode(png).decode()}",
+    )
+    return environment
