@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from math import cos, sin
-from typing import Any, Sequence, Tuple
+from typing import Any, Tuple
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -36,7 +36,7 @@ def plain(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def from_above(plot: Any, pillar: Sequence[float], radius: float) -> None:
+def from_above(plot: Any, pillar: Tuple[float, float], radius: float) -> None:
     """Prepare the axes of a drive seen from above, with the pillar.
 
     Args:
@@ -44,7 +44,7 @@ def from_above(plot: Any, pillar: Sequence[float], radius: float) -> None:
         pillar: its centre in the world [m].
         radius: of the pillar [m].
     """
-    plot.add_patch(Circle(tuple(pillar[:2]), radius, color=PILLAR, zorder=3))
+    plot.add_patch(Circle(pillar, radius, color=PILLAR, zorder=3))
     plot.set_aspect("equal", adjustable="datalim")
     plot.margins(0.08)
     plot.grid(alpha=0.3)
@@ -62,6 +62,10 @@ def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint
     """
     x, y, yaw = pose
     length, width = footprint.half_length, footprint.half_width
-    corners = np.array([(length, width), (-length, width), (-length, -width), (length, -width), (0.4 * length, 0.0)])
+    corners = np.array(
+        [(length, width), (-length, width), (-length, -width), (length, -width), (0.4 * length, 0.0)]
+    )
     turn = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
-    plot.add_patch(Polygon(corners @ turn + (x, y), facecolor=ROBOT, edgecolor="black", linewidth=0.8, zorder=4))
+    plot.add_patch(
+        Polygon(corners @ turn + (x, y), facecolor=ROBOT, edgecolor="black", linewidth=0.8, zorder=4)
+    )

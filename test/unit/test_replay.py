@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from defusedxml import ElementTree as ET
+from defusedxml import ElementTree
 
 from husky_highlevel_controller.replay import MAX_POSES, Replay, to_html
 from husky_highlevel_controller.robot import ROBOTS, load_robot
@@ -66,7 +66,7 @@ def test_the_meshes_are_where_the_robot_description_has_them():
     def numbers(text):
         return tuple(map(float, (text or "0 0 0").split()))
 
-    urdf = ET.fromstring(robot_description())
+    urdf = ElementTree.fromstring(robot_description())
     joints = {joint.find("child").get("link"): joint.find("origin") for joint in urdf.iter("joint")}
     found = set()
     for link in urdf.iter("link"):

@@ -16,8 +16,8 @@ import numpy as np
 
 from husky_highlevel_controller.comparison.contestant import Contestant, Outcome, contestant, drive_scene
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.plots import draw_ways
-from husky_highlevel_controller.evaluation.report import write_page, write_table
+from husky_highlevel_controller.evaluation.plots import draw_pairs, draw_ways
+from husky_highlevel_controller.evaluation.report import Cell, Table, write_page, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import add_profile_options, setup_of
 from husky_highlevel_controller.evaluation.statistics import Interval, bootstrap
@@ -25,6 +25,8 @@ from husky_highlevel_controller.grading.isolation.process import request_stop
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
+
+DIFFERENCE = "B - A, 95 % of the bootstrap"
 
 
 @dataclass(frozen=True)
@@ -76,25 +78,40 @@ class Comparison:
         """A row for each scene."""
         return [{"scene": a.scene, **_columns("a", a), **_columns("b", b)} for a, b in zip(self.a, self.b)]
 
-    def words(self, margin: float) -> str:
-        """The whole of it, to be read."""
-        count, why = len(self.a), self.worse(margin)
-        shares = [100.0 * sum(one.success for one in side) / count for side in (self.a, self.b)]
-        lines = [f"{count} scenes; A: {self.names[0]}; B: {self.names[1]}", ""]
-        lines.append(f"  {'':<34}{'A':>10}{'B':>10}   B - A, 95 % of the bootstrap")
-        lines.append(f"  {'stands at the pillar, no touch [%]':<34}{shares[0]:>10.1f}{shares[1]:>10.1f}")
+    def verdict(self, margin: float) -> str:
+        """The result in a sentence."""
+        why = self.worse(margin)
+        return f"B is worse than A: {why}" if why else "B is not worse than A"
+
+    def figures(self) -> List[Sequence[str]]:
+        """Rows of the table: a quantity, A's, B's, and the difference."""
+        shares = [100.0 * sum(one.success for one in side) / len(self.a) for side in (self.a, self.b)]
+        rows: List[Sequence[str]] = [
+            ("stands at the pillar, no touch [%]", *(f"{share:.1f}" for share in shares), "")
+        ]
         for title, quantity, unit, factor in (
             ("time to arrival [s]", "arrived_at", "s", 1.0), ("nearest approach [cm]", "nearest", "cm", 100.0)
         ):  # fmt: skip
-            a, b = (factor * value for value in self.mean(quantity))
-            lines.append(
-                f"  {title:<34}{a:>10.3f}{b:>10.3f}   {self.difference(quantity).words(unit, factor)}"
-            )
+            means = (f"{factor * value:.3f}" for value in self.mean(quantity))
+            rows.append((title, *means, self.difference(quantity).words(unit, factor)))
+        return rows
+
+    def failures(self) -> List[Tuple[str, Outcome, Outcome]]:
+        """Scenes in which only one fails: its letter, and what both did."""
+        sides = (("A", self.only_a_fails), ("B", self.only_b_fails))
+        return [(letter, a, b) for letter, scenes in sides for a, b in scenes]
+
+    def words(self, margin: float) -> str:
+        """The whole of it, to be read in a terminal."""
+        lines = [f"{len(self.a)} scenes; A: {self.names[0]}; B: {self.names[1]}", ""]
+        for title, a, b, difference in (("", "A", "B", DIFFERENCE), *self.figures()):
+            lines.append(f"  {title:<34}{a:>10}{b:>10}   {difference}".rstrip())
         lines.append(f"  (times and distances of the {len(self.pairs)} scenes in which both succeed)")
-        for who, found in (("A", self.only_a_fails), ("B", self.only_b_fails)):
-            lines += [f"  only {who} fails in {a.scene}: A {a.words}, B {b.words}" for a, b in found]
-        lines += ["", f"B is worse than A: {why}" if why else "B is not worse than A"]
-        return "\n".join(lines)
+        lines += [
+            f"  only {letter} fails in {a.scene}: A {a.words}, B {b.words}"
+            for letter, a, b in self.failures()
+        ]
+        return "\n".join([*lines, "", self.verdict(margin)])
 
 
 def _columns(side: str, one: Outcome) -> Dict[str, Any]:
@@ -114,18 +131,31 @@ def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: W
     return Comparison((a.name, b.name), sides[0], sides[1])
 
 
-def write(result: Comparison, words: str, out: Path) -> None:
+def write(result: Comparison, margin: float, words: str, out: Path) -> None:
     """Write table, page and a picture of each scene in which one fails and the other does not."""
-    write_table(result.table(), out / "compare")
+    rows = result.table()
+    write_table(rows, out / "compare")
     for old in out.glob("only_*_fails_*.png"):
         old.unlink()
-    pictures = []
-    for who, found in (("a", result.only_a_fails), ("b", result.only_b_fails)):
-        for pair in found:
-            ways = {f"{name}: {one.words}": one.poses for name, one in zip("AB", pair)}
-            pictures.append(draw_ways(ways, pair[0].pillar, pair[0].scene))
-            (out / f"only_{who}_fails_{pair[0].scene.replace(' ', '_')}.png").write_bytes(pictures[-1])
-    write_page(out / "index.html", "A and B on the same scenes", words, [], pictures)
+    pictures = {}
+    if result.pairs:
+        times = [(a.arrived_at, b.arrived_at) for a, b in result.pairs]
+        pictures["time to arrival"] = draw_pairs(times, "time to arrival [s], a dot for each scene")
+    for letter, a, b in result.failures():
+        ways = {f"A: {a.words}": a.poses, f"B: {b.words}": b.poses}
+        name = f"only {letter.lower()} fails {a.scene}"
+        pictures[name] = draw_ways(ways, a.pillar, f"{a.scene}: only {letter} fails")
+        (out / f"{name.replace(' ', '_')}.png").write_bytes(pictures[name])
+    title = f"Means of the {len(result.pairs)} scenes in which both succeed"
+    write_page(
+        out / "index.html", "A and B on the same scenes",
+        f"{len(result.a)} scenes; A: {result.names[0]}; B: {result.names[1]}; {words}",
+        [
+            Table(title, ("", "A", "B", DIFFERENCE), result.figures()),
+            Table("Every scene", list(rows[0]), [list(row.values()) for row in rows], folded=True),
+        ],
+        pictures, Cell(result.verdict(margin), "missed" if result.worse(margin) else "ok"),
+    )  # fmt: skip
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
@@ -164,9 +194,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         # what a launch file starts is not known, so its drives are not kept
         with Workers(options.jobs, options.cluster, None if launches else options.out / RESULTS) as workers:
             result = compare(a, b, random_starts(options.scenes, options.seed), workers)
-            words = result.words(options.margin)
-            write(result, f"{words}\n\n{workers.words}", options.out)
-            print(words)
+            write(result, options.margin, workers.words, options.out)
+            print(result.words(options.margin))
             print(f"\n{workers.words}\npage and pictures: {options.out / 'index.html'}", file=sys.stderr)
         if result.worse(options.margin):
             raise SystemExit(1)

@@ -12,6 +12,7 @@ from functools import partial
 from math import inf, nan
 from pathlib import Path
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from urllib.parse import quote
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from husky_highlevel_controller.evaluation.metrics import (
     run,
     run_with_page,
 )
-from husky_highlevel_controller.evaluation.replays import write_index
+from husky_highlevel_controller.evaluation.report import Cell, Table, write_page
 from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     COURSE_GAINS,
@@ -34,6 +35,7 @@ from husky_highlevel_controller.evaluation.setup import (
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
 from husky_highlevel_controller.tasks.workers import Workers
 
+INDEX = "index.html"
 TOUCHING = ControlConfig(stop_distance=0.0)
 
 
@@ -45,17 +47,35 @@ class Figure(NamedTuple):
     unit: str = ""
     least: float = -inf
     most: float = inf
+    replay: str = ""  # of the drive that the value is of, or of one that misses it
 
     @property
     def met(self) -> bool:
         """Whether it is where it is wanted; nan is not."""
         return self.least <= self.value <= self.most or (self.least, self.most) == (-inf, inf)
 
-    def __str__(self) -> str:
+    @property
+    def wanted(self) -> str:
+        """The bounds in words; empty: there are none."""
         bounds = [f">= {self.least:g}"] * (self.least > -inf) + [f"<= {self.most:g}"] * (self.most < inf)
-        wanted = " ".join(bounds)
-        verdict = ("ok" if self.met else "MISSED") if wanted else ""
-        return f"  {self.name:<66}{self.value:>9.3f} {self.unit:<5}{wanted:<12} {verdict}".rstrip()
+        return " ".join(bounds)
+
+    @property
+    def verdict(self) -> str:
+        """The judgement in a word; empty: nothing is wanted."""
+        return ("ok" if self.met else "MISSED") if self.wanted else ""
+
+    def __str__(self) -> str:
+        words = f"  {self.name:<66}{self.value:>9.3f} {self.unit:<5}{self.wanted:<12} {self.verdict}"
+        return words.rstrip()
+
+    @property
+    def cells(self) -> Sequence[Any]:
+        """Row of the page's table."""
+        style = {"ok": "ok", "MISSED": "missed"}.get(self.verdict, "")
+        value = f"{self.value:.3f} {self.unit}".rstrip()
+        replay = Cell("replay", "", quote(self.replay)) if self.replay else ""
+        return self.name, value, self.wanted, Cell(self.verdict, style), replay
 
 
 def extraction_figures(
@@ -74,24 +94,30 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Figure]:
     """Figures of the runs from random starts."""
     good = sum(run.good for run in runs)
     ratios, lost = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
+    bad = next((run.replay for run in runs if not run.good), "")
+    touching = next((run.replay for run in runs if run.touched), "")
+    late, slow = (runs[int(np.argmax(values))].replay for values in (ratios, lost))
+    far, turning = max(runs, key=lambda run: abs(run.final_error)), max(runs, key=lambda run: run.crossings)
     return [
-        Figure("arrived, within 2 cm, without a touch", 100.0 * good / len(runs), "%", least=100.0),
-        Figure("touched something", sum(bool(run.touched) for run in runs), "runs", most=0.0),
+        Figure("arrived, within 2 cm, without a touch", 100.0 * good / len(runs), "%", 100.0, replay=bad),
         Figure(
-            "largest final distance error", 100.0 * max(abs(run.final_error) for run in runs), "cm", most=2.0
+            "touched something", sum(bool(run.touched) for run in runs), "runs", most=0.0, replay=touching
+        ),
+        Figure(
+            "largest final distance error", 100.0 * abs(far.final_error), "cm", most=2.0, replay=far.replay
         ),
         Figure("time to arrival over the bound, median", float(np.median(ratios))),
-        Figure("time to arrival over the bound, largest", max(ratios)),
+        Figure("time to arrival over the bound, largest", max(ratios), replay=late),
         Figure("time to arrival beyond the bound, median", float(np.median(lost)), "s"),
-        Figure("time to arrival beyond the bound, largest", max(lost), "s"),
-        Figure("zero crossings of the bearing, largest", max(run.crossings for run in runs), "", most=2.0),
+        Figure("time to arrival beyond the bound, largest", max(lost), "s", replay=slow),
+        Figure("zero crossings of the bearing, largest", turning.crossings, most=2.0, replay=turning.replay),
     ]
 
 
 def course_figures(run: DriveResult, ratio: float = inf) -> List[Figure]:
     """Figures of the run from the course's start."""
     return [
-        Figure("arrived, within 2 cm, without a touch", 100.0 * run.good, "%", least=100.0),
+        Figure("arrived, within 2 cm, without a touch", 100.0 * run.good, "%", 100.0, replay=run.replay),
         Figure("time to arrival", run.arrived_at, "s"),
         Figure("time to arrival over the bound", run.ratio, "", most=ratio),
         Figure("final distance error", 100.0 * run.final_error, "cm", -2.0, 2.0),
@@ -103,7 +129,11 @@ def touch_figures(run: DriveResult) -> List[Figure]:
     """Figures of the run from the course's start with stop_distance 0."""
     return [
         Figure(
-            "touched the pillar, and nothing else", float(run.touched == ("unit_cylinder",)), "", least=1.0
+            "touched the pillar, and nothing else",
+            float(run.touched == ("unit_cylinder",)),
+            "",
+            1.0,
+            replay=run.replay,
         ),
         Figure("time to arrival", run.arrived_at, "s"),
         Figure("gap in the end", 100.0 * run.gap, "cm", most=0.5),
@@ -132,6 +162,7 @@ def evaluate_robot(
             100.0 * (standard.arrived_at < inf and not standard.touched),
             "%",
             100.0,
+            replay=standard.replay,
         ),
         Figure("time to arrival", standard.arrived_at, "s"),
         Figure("final distance error", 100.0 * standard.final_error, "cm"),
@@ -209,9 +240,24 @@ def drives(
     if replays is None:
         return workers.map(task, items, title)
     pages = workers.map(partial(run_with_page, *task.args, **task.keywords), items, title)
-    for _, name, page in pages:
-        (replays / name).write_text(page)
-    return [result for result, _, _ in pages]
+    for result, page in pages:
+        (replays / result.replay).write_text(page)
+    return [result for result, _ in pages]
+
+
+def write_index(folder: Path, title: str, sections: Sequence[Tuple[str, List[Figure]]]) -> None:
+    """Write the page with all figures, each with the replay of its drive, and a link to every replay."""
+    missed = [figure.name for _, figures in sections for figure in figures if not figure.met]
+    words = f"missed: {'; '.join(missed)}" if missed else "every figure is where it is wanted"
+    names = sorted(path.name for path in folder.glob("*.html") if path.name != INDEX)
+    links = [[Cell(Path(name).stem.replace("_", " "), "", quote(name))] for name in names]
+    header = ("figure", "value", "wanted", "verdict", "drive")
+    tables = [Table(section, header, [figure.cells for figure in figures]) for section, figures in sections]
+    write_page(
+        folder / INDEX, "Evaluation of the controller", title,
+        [*tables, Table(f"All {len(names)} replays", ("drive",), links, folded=True)],
+        verdict=Cell(words, "missed" if missed else "ok"),
+    )  # fmt: skip
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
@@ -246,6 +292,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         table = "\n".join(lines)
         print(table)
         if options.replays is not None:
-            write_index(options.replays, table)
+            write_index(options.replays, f"seed {seed}, profile {options.profile}", sections)
     if not all(figure.met for _, figures in sections for figure in figures):
         raise SystemExit(1)

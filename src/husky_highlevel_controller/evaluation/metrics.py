@@ -5,7 +5,7 @@ In: numbers of random scenes, scenarios, gains. Out: errors, times, touches, aga
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, inf, pi
 from typing import Optional, Tuple
 
@@ -15,7 +15,7 @@ from husky_highlevel_controller.controller.behaviour import decide
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 from husky_highlevel_controller.course import PILLAR_RADIUS
-from husky_highlevel_controller.evaluation.replays import replay_page
+from husky_highlevel_controller.evaluation.report import replay_page
 from husky_highlevel_controller.evaluation.rollout import Controller, Trace, model_of, rollout
 from husky_highlevel_controller.evaluation.scenarios import SICK, Scenario, bare_scene, pillar_scene
 from husky_highlevel_controller.robot import Robot
@@ -68,6 +68,7 @@ class DriveResult:
     crossings: int  # of zero by the true bearing, after the first alignment with a target
     overshoot: float  # [m], how far the lidar drove past the stop distance, true, at most
     nearest: float  # [m], smallest gap between outline and pillar, true
+    replay: str = ""  # file name of the page that plays it, if there is one
 
     @property
     def ratio(self) -> float:
@@ -111,14 +112,13 @@ def run_with_page(
     scenario: Scenario,
     simulator: Optional[SimulatorConfig] = None,
     detector: Optional[PillarConfig] = None,
-) -> Tuple[DriveResult, str, str]:
-    """Run as `run`, with the file name and the text of a page that plays the drive."""
+) -> Tuple[DriveResult, str]:
+    """Run as `run`, with the text of a page that plays the drive."""
     trace = drive(control, scenario, simulator, detector)
     result = judge(trace, scenario, control, simulator)
-    return (
-        result,
-        *replay_page(result.name, result.words, control, trace, (simulator or simulator_config()).robot),
-    )
+    robot = (simulator or simulator_config()).robot
+    name, page = replay_page(result.name, result.words, control, trace, robot)
+    return replace(result, replay=name), page
 
 
 def drive(

@@ -1,24 +1,22 @@
-"""Draws what many drives came to: heat maps, curves, ways from above.
+"""Pictures of many drives: heat maps, curves, ways from above.
 
 In: arrays. Out: PNG.
 """
 
 from __future__ import annotations
 
-import io
 from typing import Any, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LogNorm, Normalize
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.evaluation.setup import Axis
+from husky_highlevel_controller.plots import DRIVEN, MARKER, from_above, new_figure, plain, png
 
-COLORS = ("tab:blue", "tab:red")  # of A and B
+COLORS = (DRIVEN, MARKER)  # of A and B
+MAX_LABELLED = 15  # values of an axis, up to which each cell is labelled
+SYMBOLS = "*os^"
 
 
 class Panel(NamedTuple):
@@ -26,29 +24,30 @@ class Panel(NamedTuple):
 
     title: str
     values: np.ndarray  # (N,) or (N, M), one for each point; nan: none
-    colors: str = "viridis"
-    is_logarithmic: bool = False
-    limits: Tuple[float, float] = (np.nan, np.nan)  # of the colours; nan: the values' own
+    span: float  # the colours cover at least this much: a smaller difference is none
+    digits: int = 1  # behind the point, of a cell's label
+    is_good_high: bool = False
 
 
 Marks = Mapping[str, Sequence[float]]  # what stands out, by its name: a value for each axis
 
 
-def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, title: str) -> bytes:
+def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, title: str = "") -> bytes:
     """Curves over one axis, or heat maps over two, with marks."""
-    figure = _figure(9.6, 7.2)
-    for plot, panel in zip(figure.subplots(2, 2).flat, panels):
+    columns = min(len(panels), 2)
+    figure = new_figure(5.6 * columns, 4.6 * len(panels) / columns)
+    for plot, panel in zip(figure.subplots(-(-len(panels) // 2), columns, squeeze=False).flat, panels):
         if len(axes) == 1:
             _curve(plot, axes[0], panel, marks)
         else:
-            _heat_map(figure, plot, axes, panel, marks)
-        plot.set_title(panel.title, fontsize=10)
+            _heat_map(plot, axes, panel, marks)
+        plot.set_title(panel.title, fontsize=11)
         plot.set_xlabel(axes[0].label)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     if handles:
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
-    figure.suptitle(title, fontsize=11)
-    return _png(figure)
+    figure.suptitle(plain(title), fontsize=11)
+    return png(figure)
 
 
 def draw_ways(ways: Mapping[str, np.ndarray], pillar: Tuple[float, float], title: str) -> bytes:
@@ -59,77 +58,100 @@ def draw_ways(ways: Mapping[str, np.ndarray], pillar: Tuple[float, float], title
         pillar: its centre in the world [m].
         title: of the picture.
     """
-    figure = _figure(6.0, 5.6)
+    figure = new_figure(5.6, 4.8)
     plot = figure.subplots()
-    plot.add_patch(Circle(pillar, PILLAR_RADIUS, color="0.35", zorder=3))
-    for color, (words, poses) in zip(COLORS, ways.items()):
-        plot.plot(*poses[0, :2], "^", color="tab:green")
-        plot.plot(poses[:, 0], poses[:, 1], color=color, label=words.replace("$", r"\$"))
+    from_above(plot, pillar, PILLAR_RADIUS)
+    for color, style, (words, poses) in zip(COLORS, ("-", "--"), ways.items()):
+        plot.plot(poses[:, 0], poses[:, 1], style, color=color, label=plain(words))
         plot.plot(*poses[-1, :2], "o", color=color)
-    plot.set_aspect("equal", adjustable="datalim")
-    plot.set_xlabel("x in the world [m]")
-    plot.set_ylabel("y in the world [m]")
-    plot.grid(alpha=0.3)
+    plot.plot(*poses[0, :2], "k^", label="start")
     plot.legend(fontsize=8)
     plot.set_title(title)
-    return _png(figure)
+    return png(figure)
+
+
+def draw_trials(costs: Sequence[float]) -> bytes:
+    """Costs of setups in the order in which they were tried, and the smallest so far."""
+    figure = new_figure(5.6, 4.2)
+    plot = figure.subplots()
+    numbers = np.arange(1, len(costs) + 1)
+    plot.plot(numbers, costs, "o", color=DRIVEN, markersize=4, label="a setup; the first: the defaults")
+    plot.step(numbers, np.minimum.accumulate(costs), color=MARKER, where="post", label="smallest so far")
+    plot.set_ylim(top=float(np.quantile(costs, 0.9)) * 1.1)  # the worst ones would flatten all others
+    plot.set_xlabel("setup")
+    plot.set_ylabel("objective [s]")
+    plot.grid(alpha=0.3)
+    plot.legend(fontsize=9)
+    return png(figure)
+
+
+def draw_pairs(pairs: Sequence[Tuple[float, float]], title: str) -> bytes:
+    """Pairs of A and B as dots about the line on which both are equal."""
+    figure = new_figure(5.6, 4.8)
+    plot = figure.subplots()
+    a, b = np.array(pairs).reshape(-1, 2).T
+    plot.axline((float(a.mean()), float(a.mean())), slope=1.0, color="0.5", linewidth=1.0)
+    plot.plot(a, b, "o", color=DRIVEN, alpha=0.6, markersize=5)
+    plot.set_aspect("equal", adjustable="datalim")
+    plot.set_xlabel("A")
+    plot.set_ylabel("B")
+    plot.annotate("B is slower", (0.03, 0.93), xycoords="axes fraction", color="0.4")
+    plot.annotate("B is faster", (0.97, 0.03), xycoords="axes fraction", color="0.4", ha="right")
+    plot.grid(alpha=0.3)
+    plot.set_title(title, fontsize=11)
+    return png(figure)
+
+
+def _limits(panel: Panel) -> Tuple[float, float]:
+    """Limits of the colours or of the y axis: the best value, and at least the panel's span away."""
+    values = panel.values[np.isfinite(panel.values)]
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
+    spare = max(panel.span - (high - low), 0.0)
+    return (low - spare, high) if panel.is_good_high else (low, high + spare)
 
 
 def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
-    plot.plot(axis.values, panel.values, marker=".")
-    for number, (name, (value,)) in enumerate(marks.items()):
-        plot.axvline(value, color=f"C{number + 1}", linestyle="--", label=name)
-    _scale(plot.set_xscale, plot.xaxis, axis)
+    plot.plot(axis.values, panel.values, marker="o", markersize=4, color=DRIVEN)
+    low, high = _limits(panel)
+    plot.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
+    for symbol, (name, (value,)) in zip(("-", "--", ":"), marks.items()):
+        plot.axvline(value, color=MARKER, linestyle=symbol, label=name)
+    if axis.is_geometric:
+        plot.set_xscale("log")
+        plot.xaxis.set_minor_locator(NullLocator())
+        shown = axis.values[:: len(axis.values) // 8 + 1]
+        plot.xaxis.set_major_locator(FixedLocator(shown))
+        plot.xaxis.set_major_formatter(FixedFormatter([f"{value:.3g}" for value in shown]))
     plot.grid(alpha=0.3)
 
 
-def _heat_map(figure: Figure, plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> None:
+def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> None:
+    """Cells of equal size, one a value, each labelled; a mark between two values lies between their cells."""
+    low, high = _limits(panel)
     values = np.ma.masked_invalid(panel.values.T)
-    low, high = (None if np.isnan(limit) else limit for limit in panel.limits)
-    norm = (LogNorm if panel.is_logarithmic else Normalize)(low, high)
-    drawn = plot.pcolormesh(*map(_edges, axes), values, cmap=panel.colors, norm=norm)
+    colors = "cividis" if panel.is_good_high else "cividis_r"
+    drawn = plot.imshow(values, cmap=colors, vmin=low, vmax=high, origin="lower", aspect="auto")
     plot.set_facecolor("0.85")  # where there is no value
-    bar = figure.colorbar(drawn, ax=plot)
-    if panel.is_logarithmic:
-        bar.ax.yaxis.set_minor_formatter("{x:g}")
-        bar.ax.yaxis.set_major_formatter("{x:g}")
-        bar.ax.tick_params(which="minor", labelsize=7)
-    for symbol, (name, (x, y)) in zip("*os^", marks.items()):
+    if max(values.shape) <= MAX_LABELLED:
+        size = 9 if max(values.shape) <= 8 else 7
+        for (row, column), value in np.ndenumerate(values.filled(np.nan)):
+            is_dark = sum(drawn.cmap(drawn.norm(value))[:3]) < 1.5 and np.isfinite(value)
+            words = f"{value:.{panel.digits}f}" if np.isfinite(value) else "-"
+            plot.text(
+                column, row, words, ha="center", va="center", fontsize=size, color="w" if is_dark else "k"
+            )
+    else:
+        plot.figure.colorbar(drawn, ax=plot)
+    for set_ticks, axis in zip((plot.set_xticks, plot.set_yticks), axes):
+        step = len(axis.values) // (MAX_LABELLED + 1) + 1
+        set_ticks(range(0, len(axis.values), step), [f"{value:.3g}" for value in axis.values[::step]])
+    for symbol, (name, values_of_mark) in zip(SYMBOLS, marks.items()):
+        place = [
+            np.interp(value, axis.values, range(len(axis.values)))
+            for value, axis in zip(values_of_mark, axes)
+        ]
         plot.plot(
-            x, y, symbol, markersize=13 if symbol == "*" else 9, label=name, color="white",
-            markeredgecolor="black", linestyle="none", clip_on=False, zorder=3,
+            *place, symbol, markersize=20 if symbol == "*" else 16, label=name, color="none",
+            markeredgecolor=MARKER, markeredgewidth=2.0, linestyle="none", clip_on=False, zorder=3,
         )  # fmt: skip
-    _scale(plot.set_xscale, plot.xaxis, axes[0])
-    _scale(plot.set_yscale, plot.yaxis, axes[1])
     plot.set_ylabel(axes[1].label)
-
-
-def _edges(axis: Axis) -> np.ndarray:
-    """Edges of the cells, half way between two values, (N + 1,)."""
-    values = np.log(axis.values) if axis.is_geometric else np.array(axis.values, dtype=float)
-    middles = (values[1:] + values[:-1]) / 2.0
-    first, last = (middles[0], middles[-1]) if len(middles) else (values[0] + 0.5, values[0] - 0.5)
-    edges = np.concatenate([[2.0 * values[0] - first], middles, [2.0 * values[-1] - last]])
-    return np.exp(edges) if axis.is_geometric else edges
-
-
-def _scale(set_scale: Any, drawn_axis: Any, axis: Axis) -> None:
-    """With equal ratios: a logarithmic scale with plain numbers at some of the values."""
-    if axis.is_geometric:
-        set_scale("log")
-        shown = axis.values[:: len(axis.values) // 8 + 1]
-        drawn_axis.set_major_locator(FixedLocator(shown))
-        drawn_axis.set_major_formatter(FixedFormatter([f"{value:.2g}" for value in shown]))
-        drawn_axis.set_minor_locator(NullLocator())
-
-
-def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()

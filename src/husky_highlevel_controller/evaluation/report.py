@@ -1,49 +1,82 @@
-"""Writes down what many drives came to: tables for programs, a page for people.
+"""Results of many drives: tables for programs, a page for people, replays of single drives.
 
-In: rows, pictures. Out: CSV, Parquet, HTML.
+In: rows, pictures, traces. Out: CSV, Parquet, HTML.
 """
 
 from __future__ import annotations
 
 import csv
-from base64 import b64encode
-from html import escape
+import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, List, Mapping, Sequence
+from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-Rows = Sequence[Mapping[str, Any]]
-HEAD = (
-    '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>'
-    "body{{font-family:sans-serif;margin:2em}}td,th{{padding:.1em .8em;text-align:right}}"
-    "img{{max-width:100%}}"
-    "</style></head><body><h1>{title}</h1>"
-)
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.evaluation.rollout import Trace
+from husky_highlevel_controller.replay import Replay, to_html
+from husky_highlevel_controller.robot import Robot
+from husky_highlevel_controller.templates import render
 
 
-def write_table(rows: Rows, path: Path) -> List[Path]:
+class Cell(NamedTuple):
+    """Cell of a table, or a verdict."""
+
+    value: Any
+    style: str = ""  # ok or missed; empty: neither
+    link: str = ""  # address
+
+
+@dataclass(frozen=True)
+class Table:
+    """Table of a page; a cell that is no `Cell` is a plain value."""
+
+    title: str
+    header: Sequence[str]
+    cells: Sequence[Sequence[Any]]
+    folded: bool = False
+
+    @property
+    def rows(self) -> List[List[Cell]]:
+        """The cells, each a `Cell`."""
+        return [[one if isinstance(one, Cell) else Cell(one) for one in row] for row in self.cells]
+
+
+def write_page(
+    path: Path, title: str, lead: str, tables: Sequence[Table],
+    pictures: Optional[Mapping[str, bytes]] = None, verdict: Optional[Cell] = None,
+) -> None:  # fmt: skip
+    """Write a page with everything in it.
+
+    Args:
+        path: of the page.
+        title: of the page.
+        lead: the sentence below it.
+        tables: in order.
+        pictures: PNGs by their words.
+        verdict: the result in a sentence.
+    """
+    page = render("report.html", title=title, lead=lead, tables=tables, pictures=pictures, verdict=verdict)
+    path.write_text(page, encoding="utf-8")
+
+
+def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> List[Path]:
     """Write PATH.csv, and PATH.parquet where pyarrow is installed; the files written."""
     with path.with_suffix(".csv").open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
     try:
-        from pyarrow import Table, parquet
+        from pyarrow import Table as Columns
+        from pyarrow import parquet
     except ImportError:
         return [path.with_suffix(".csv")]
-    parquet.write_table(Table.from_pylist([dict(row) for row in rows]), path.with_suffix(".parquet"))
+    parquet.write_table(Columns.from_pylist([dict(row) for row in rows]), path.with_suffix(".parquet"))
     return [path.with_suffix(".csv"), path.with_suffix(".parquet")]
 
 
-def write_page(path: Path, title: str, words: str, rows: Rows, pictures: Sequence[bytes]) -> None:
-    """Write a page with everything in it: text, PNG pictures, a table of rows."""
-    parts = [HEAD.format(title=escape(title)), f"<pre>{escape(words)}</pre>"]
-    parts += [f'<p><img alt="" src="data:image/png;base64,{b64encode(p).decode()}"></p>' for p in pictures]
-    if rows:
-        cells = ["".join(f"<th>{escape(name)}</th>" for name in rows[0])]
-        cells += ["".join(f"<td>{escape(_word(cell))}</td>" for cell in row.values()) for row in rows]
-        parts.append(f"<table>{''.join(f'<tr>{line}</tr>' for line in cells)}</table>")
-    path.write_text("\n".join([*parts, "</body></html>\n"]))
-
-
-def _word(cell: Any) -> str:
-    return f"{cell:.4g}" if isinstance(cell, float) else str(cell)
+def replay_page(name: str, words: str, control: ControlConfig, trace: Trace, robot: Robot) -> Tuple[str, str]:
+    """File name and text of the page that plays a drive; the name tells scenario, gains and stop distance."""
+    gains = f"gains {control.p_gain_vel:g} {control.p_gain_ang:g}"
+    title = f"{name}, {gains}, stop {control.stop_distance:g} m"
+    page = to_html(Replay(title, words, trace.times, trace.poses, trace.pillars, robot=robot))
+    return f"{re.sub(r'[^a-z0-9.]+', '_', title.lower())}.html", page

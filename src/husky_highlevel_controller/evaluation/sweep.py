@@ -17,7 +17,7 @@ import numpy as np
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.evaluation.metrics import DriveResult, run
 from husky_highlevel_controller.evaluation.plots import Panel, draw_sweep
-from husky_highlevel_controller.evaluation.report import write_page, write_table
+from husky_highlevel_controller.evaluation.report import Table, write_page, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     COURSE_GAINS,
@@ -67,12 +67,11 @@ class Sweep:
         times, success = self.grid("arrived_at", np.median), 100.0 * self.grid("good", np.mean)
         overshoot = 100.0 * self.grid("overshoot", np.mean)
         nearest = 100.0 * self.grid("nearest", np.min)
-        limits = (0.0, max(1.0, float(overshoot.max())))
         return [
-            Panel("time to arrival, median [s]", np.where(times < inf, times, np.nan), "viridis_r", True),
-            Panel("success: arrived, within 2 cm, no touch [%]", success, "RdYlGn", limits=(0.0, 100.0)),
-            Panel("overshoot of the stop distance, mean [cm]", overshoot, "magma_r", limits=limits),
-            Panel("nearest approach of the hull to the pillar [cm]", nearest, "cividis"),
+            Panel("time to arrival, median [s]", np.where(times < inf, times, np.nan), 1.0),
+            Panel("success: arrived, within 2 cm, no touch [%]", success, 100.0, 0, is_good_high=True),
+            Panel("overshoot of the stop distance, mean [cm]", overshoot, 5.0),
+            Panel("nearest approach of the hull to the pillar [cm]", nearest, 5.0, is_good_high=True),
         ]
 
 
@@ -129,12 +128,13 @@ def summary(result: Sweep) -> List[Dict[str, Any]]:
 def write(result: Sweep, title: str, words: str, marked: Mapping[str, Sequence[float]], out: Path) -> None:
     """Write table, picture and page into a folder, and say where they are."""
     files = write_table(result.table(), out / "sweep")
-    pictures = []
+    pictures, panels, rows = {}, result.panels(), summary(result)
     if len(result.axes) <= 2:
-        pictures = [draw_sweep(result.axes, result.panels(), marked, title)]
-        (out / "sweep.png").write_bytes(pictures[0])
+        pictures = {panel.title: draw_sweep(result.axes, [panel], marked) for panel in panels}
+        (out / "sweep.png").write_bytes(draw_sweep(result.axes, panels, marked, title))
         files.append(out / "sweep.png")
-    write_page(out / "index.html", title, words, summary(result), pictures)
+    every = Table("Every point", list(rows[0]), [list(row.values()) for row in rows])
+    write_page(out / "index.html", title, words, [every], pictures)
     print("\n".join([title, words, *(f"file: {file}" for file in [*files, out / "index.html"])]))
 
 

@@ -21,7 +21,8 @@ import numpy as np
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.metrics import DriveResult
-from husky_highlevel_controller.evaluation.report import write_table
+from husky_highlevel_controller.evaluation.plots import draw_trials
+from husky_highlevel_controller.evaluation.report import Table, write_page, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     Setup,
@@ -40,6 +41,7 @@ from husky_highlevel_controller.tasks.workers import Workers
 
 BATCH = 8  # setups that are proposed at once; fixed, for the proposals depend on it
 DIGITS = 4  # of a proposed value: what is driven is what the file says
+HEADER = ("defaults", "found", "found - defaults")
 
 
 @dataclass(frozen=True)
@@ -186,30 +188,36 @@ def _optuna() -> Any:
     return optuna
 
 
-def verdict(
+Figures = List[Sequence[str]]  # rows: a quantity, the defaults', the found one's, the difference
+
+
+def check(
     base: Setup,
     found: Setup,
     scenes: Sequence[Scenario],
     objective: Objective,
     workers: Workers,
     drive: Drive,
-) -> str:
-    """Both setups on the same fresh scenes: a table with the paired differences."""
+) -> Figures:
+    """Both setups on the same fresh scenes, with the paired differences."""
     both = workers.map(drive, list(product([base, found], scenes)), "fresh starts")
     sides = both[: len(scenes)], both[len(scenes) :]
-    lines = [
-        f"  {'on ' + str(len(scenes)) + ' fresh starts':<34}{'defaults':>10}{'found':>10}   found - defaults"
-    ]
-    shares = [100.0 * float(np.mean([one.good for one in side])) for side in sides]
-    lines.append(f"  {'arrived, within 2 cm, no touch [%]':<34}{shares[0]:>10.1f}{shares[1]:>10.1f}")
+    shares = (f"{100.0 * float(np.mean([one.good for one in side])):.1f}" for side in sides)
+    figures: Figures = [("arrived, within 2 cm, no touch [%]", *shares, "")]
     pairs = [(a, b) for a, b in zip(*sides) if a.arrived_at < inf and b.arrived_at < inf]
     times = [[one.arrived_at for one in side] for side in zip(*pairs)] or [[], []]
     costs = [[objective.cost(one) for one in side] for side in sides]
     for title, (first, second) in (("time to arrival, mean [s]", times), ("objective [s]", costs)):
         interval = bootstrap(np.subtract(second, first).tolist())
-        means = [float(np.mean(side)) if side else float("nan") for side in (first, second)]
-        lines.append(f"  {title:<34}{means[0]:>10.3f}{means[1]:>10.3f}   {interval.words('s')}")
-    return "\n".join(lines)
+        a, b = (f"{float(np.mean(side)) if side else float('nan'):.3f}" for side in (first, second))
+        figures.append((title, a, b, interval.words("s")))
+    return figures
+
+
+def verdict(figures: Figures, count: int) -> str:
+    """The figures of `check` on a number of scenes, for a terminal."""
+    rows = [(f"on {count} fresh starts", *HEADER), *figures]
+    return "\n".join(f"  {title:<34}{a:>10}{b:>10}   {words}".rstrip() for title, a, b, words in rows)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
@@ -252,6 +260,29 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             for name, value in tuned.values.items():
                 print(f"  {name} {value:g} {unit_of(name)}, by default {parameters(base)[name]:g}")
             found, fresh = base.with_values(tuned.values), random_starts(options.fresh, seed + 1)
-            print(verdict(base, found, fresh, objective, workers, drive_with))
-            print(f"\nroslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}")
+            figures = check(base, found, fresh, objective, workers, drive_with)
+            print(verdict(figures, options.fresh))
+            command = f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}"
+            values = [
+                (f"{name} {unit_of(name)}", parameters(base)[name], value)
+                for name, value in tuned.values.items()
+            ]
+            trials = Table(
+                "Every setup",
+                list(tuned.trials[0]),
+                [list(row.values()) for row in tuned.trials],
+                folded=True,
+            )
+            write_page(
+                options.out / "index.html",
+                "Parameters found by tune",
+                f"{workers.words}; drive with: {command}",
+                [
+                    Table("Parameters", ("", "by default", "found"), values),
+                    Table(f"Both on {options.fresh} fresh starts", ("", *HEADER), figures),
+                    trials,
+                ],
+                {"setups": draw_trials([row["objective"] for row in tuned.trials])},
+            )
+            print(f"\n{command}\npage: {options.out / 'index.html'}")
             print(workers.words, file=sys.stderr)

@@ -35,7 +35,7 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
     """Draw a drive; the dots whose colour is time, up to an end [s]."""
     from_above(axis, recording.pillar, recording.pillar_size.radius)
     x, y, _ = recording.poses.T
-    colors = {"cmap": COLORS, "vmin": 0.0, "vmax": end}
+    colors: Any = {"cmap": COLORS, "vmin": 0.0, "vmax": end}
     drawn = axis.scatter(x, y, c=recording.times, s=5, zorder=2, **colors)
     if len(recording.poses):
         for row in (0, -1):
@@ -46,7 +46,9 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
     if markers:
         places = np.array([marker.position[:2] for marker in markers])
         times = [marker.at for marker in markers]
-        axis.scatter(*places.T, c=times, marker="x", s=34, linewidths=1.2, zorder=6, **colors)
+        axis.scatter(
+            places[:, 0], places[:, 1], c=times, marker="x", s=34, linewidths=1.2, zorder=6, **colors
+        )
         words = "marker" if len(markers) == 1 else "markers"
         axis.annotate(
             words, places[len(places) // 2], (0, -18), textcoords="offset points", ha="center", fontsize=9,
@@ -90,7 +92,7 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     laser = x + robot.lidar_mount.x * cos(yaw), y + robot.lidar_mount.x * sin(yaw)
     rays = [(laser, tuple(point)) for point in points[:: max(1, len(points) // MAX_RAYS)]]
     axis.add_collection(LineCollection(rays, colors=SCAN, linewidths=0.4, alpha=0.4, zorder=1))
-    axis.scatter(*points.T, s=14, color=SCAN, zorder=5, label="laser scan")
+    axis.scatter(points[:, 0], points[:, 1], s=14, color=SCAN, zorder=5, label="laser scan")
     draw_robot(axis, (x, y, yaw), robot.footprint)
     markers = _near(recording, [marker for marker in recording.markers if marker.at <= at])[-1:]
     for marker in markers:
