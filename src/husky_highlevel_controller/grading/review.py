@@ -6,7 +6,6 @@ address holds a token, so that no other page of the browser and no other user of
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 import secrets
@@ -22,6 +21,8 @@ import yaml
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.drive.recording import load as load_recording
+from husky_highlevel_controller.grading.drive.run import RECORDING
 from husky_highlevel_controller.grading.hand_in.overrides import FILE, read_overrides
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
@@ -31,7 +32,9 @@ from husky_highlevel_controller.grading.isolation.files import (
 )
 from husky_highlevel_controller.grading.records import Item, Job, load
 from husky_highlevel_controller.grading.reports.files import HAND_INS, PICTURES, REPLAY, load_result
-from husky_highlevel_controller.grading.reports.page import render
+from husky_highlevel_controller.grading.reports.page import moment_of
+from husky_highlevel_controller.grading.reports.plots import draw_moment
+from husky_highlevel_controller.templates import render
 
 KEYS = 9  # 1 gives nothing, 9 all points
 MAX_BODY = 10_000  # [bytes] of a request
@@ -66,10 +69,21 @@ class OpenItem:
         ]
 
     @property
-    def pictures(self) -> List[str]:
-        """PNGs of the drives and of RViz, in base64."""
+    def pictures(self) -> List[bytes]:
+        """PNGs: robot, scan and marker at the item's moment, else in mid-drive; the drives; RViz."""
+        moment = []
+        with suppress(HuskyError):
+            recording = load_recording(self.out / f"drive_{self.item.drive}" / RECORDING, "")
+            if len(recording.times):
+                at = recording.times[-1] / 2.0 if self.item.at is None else self.item.at
+                moment = [draw_moment(recording, at)]
         paths = [self.out / name for name in PICTURES]
-        return [base64.b64encode(path.read_bytes()).decode() for path in paths if path.is_file()]
+        return moment + [path.read_bytes() for path in paths if path.is_file()]
+
+    @property
+    def start(self) -> float:
+        """Moment at which the replays begin [s]."""
+        return moment_of(self.item)
 
     @property
     def replays(self) -> List[int]:

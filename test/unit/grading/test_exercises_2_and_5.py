@@ -7,7 +7,7 @@ import pytest
 
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.drive.recording import Call, Recording
-from husky_highlevel_controller.grading.records import RvizView, total
+from husky_highlevel_controller.grading.records import Rules, RvizView, total
 from husky_highlevel_controller.grading.rubrics.exercise_2 import (
     judge_exercise_2,
     judge_output,
@@ -156,3 +156,23 @@ def test_that_it_sleeps_is_no_reason_to_have_no_service():
     items = judge_calls(recording(notes=(slow, "it floods cmd_vel: 9000 commands in 25 simulated seconds")))
     assert [item.evidence for item in items] == ["no std_srvs/SetBool service"] * 2
     assert "does not subscribe to the scans" in judge_output(recording(notes=(slow,))).evidence
+
+
+@pytest.mark.parametrize(
+    "items",
+    [
+        judge_exercise_2([recording()], RvizView(), SCAN, Rules(no_rviz_config="zero")),
+        judge_exercise_2([recording(subscribed=True, output=told(20.0, 19.9))], VIEW, SCAN),
+        judge_exercise_2([recording(subscribed=True)], replace(VIEW, fixed_frame="map"), SCAN),
+        judge_exercise_2([recording(violations=("it resets the simulator",))], VIEW, SCAN),
+        judge_exercise_5([recording()], VIEW, SCAN),
+        judge_exercise_5([recording(1.0)], VIEW, SCAN),
+        judge_exercise_5(
+            [recording(1.0, services=("/stop",), calls=(Call(5.0, True, True, "", 5.1),))], VIEW, SCAN
+        ),
+    ],
+)
+def test_every_item_that_lost_points_says_what_to_look_at(items):
+    lost = [item for item in items if item.points is not None and not item.full]
+    assert lost
+    assert [item.name for item in lost if not item.hint] == []

@@ -30,7 +30,7 @@ def test_what_a_package_names_tells_the_smb(name, text, word, tmp_path):
     (tmp_path / name).write_text(text)
     robot, _, why = detect_robot(NODE, Plan(nodes=("p/n",), package_path=tmp_path), tmp_path)
     assert robot == "smb"
-    assert why == f"for the SMB (--robot smb): {name} names {word}"
+    assert why == f"the simulated robot is the SMB: {name} names {word}"
 
 
 def test_a_node_of_the_smb_that_is_left_out_tells_it_too(tmp_path):

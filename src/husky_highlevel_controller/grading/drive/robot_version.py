@@ -44,7 +44,7 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
     """
     named = _names_of_the_smb(planned)
     if named:
-        return "smb", "", f"for the SMB (--robot smb): {named}"
+        return "smb", "", f"the simulated robot is the SMB: {named}"
     topics = {version: topic for version, (topic, _) in ROBOT_VERSIONS.items() if version != "smb"}
     with Network(folder) as network:
         events = network.folder_of("submission") / "events.jsonl"
@@ -59,7 +59,7 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
         settles(process, lambda: bool(subscribed()), lambda: is_up(network.uri, ()))
         version, scans = subscribed(), scan_topics(network.uri)
     if version:
-        title = f"marked with the {TITLES[version]} (--robot {version})"
+        title = f"the simulated robot is the {TITLES[version]}"
         return version, "", f"{title}: it subscribes to {topics[version]}"
     if len(scans) == 1:
         return (
@@ -71,7 +71,7 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
         DEFAULT,
         "",
         (
-            f"marked with the {TITLES[DEFAULT]} (--robot {DEFAULT}): it subscribes neither to "
+            f"the simulated robot is the {TITLES[DEFAULT]}: it subscribes neither to "
             f"{' nor to '.join(topics.values())}"
         ),
     )

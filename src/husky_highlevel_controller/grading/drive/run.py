@@ -138,10 +138,10 @@ def drive(
         ended = (
             ""
             if wait(is_over, config.wall_limit, PROGRESS_PERIOD)
-            else f"{config.wall_limit:.0f} s of wall time passed"
+            else f"it took longer than {config.wall_limit:.0f} s"
         )
         if not ended and recorder.running and simulator.running:
-            ended = f"simulated time stood still for {STALL_DEADLINE:g} s of wall time"
+            ended = f"the simulation made no progress for {STALL_DEADLINE:g} s"
         if recorder.running:
             ended = ended or "the simulator was ended"
             recorder.interrupt()
@@ -185,9 +185,7 @@ def _finish(
     notes = [*notes, *([] if died else recording.notes)]
     seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
     if recording.command_count / seconds > FLOOD:
-        notes.append(
-            f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} simulated seconds"
-        )
+        notes.append(f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s")
     if ended or recording.ended == CUT_OFF:
         notes.append(f"the drive was cut off at {seconds:.2f} s: {ended or 'the recorder was ended'}")
     return replace(recording, notes=tuple(notes), ended=ended or recording.ended, output=output)

@@ -10,7 +10,7 @@ import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
-from husky_highlevel_controller.grading.rubrics.exercise_3 import causes, without_config
+from husky_highlevel_controller.grading.rubrics.exercise_3 import DISPLAYS, causes, hint_on, without_config
 from husky_highlevel_controller.grading.rubrics.items import forfeited
 
 ITEMS = (
@@ -23,6 +23,13 @@ SAME = 0.02  # [m], a number printed this near to a range measured is that range
 LEAST_LINES = 5  # with such a number
 SPAN = 0.5  # of the change of the smallest range must be printed
 
+# what a student looks at, by where points are lost
+PRINT = "print the smallest range in the scans' callback, by ROS_INFO or rospy.loginfo, with output=screen"
+MINIMUM = (
+    "take the smallest of the ranges that are valid (range_min <= r <= range_max), anew in each callback"
+)
+PARAMETERS = "read both as private parameters of the node, from the launch file or its YAML file"
+
 _NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
 _PREFIX = re.compile(r"^\W*(?:\x1b\[\d*m)?\[[A-Z ]+\] \[[^\]]*\](?: \[[^\]]*\])?:?")  # of a line of a ROS log
 
@@ -33,16 +40,16 @@ def judge_output(recording: Recording) -> Item:
     truth = recording.nearest[np.isfinite(recording.nearest[:, 1]), 1]
     if not recording.subscribed or not len(truth):
         why = (causes(recording) or ["it does not subscribe to the scans"])[0]
-        return replace(item, evidence=f"nothing to print: {why}")
+        return replace(item, evidence=f"nothing to print: {why}", hint=hint_on(why))
     low, high = float(truth.min()), float(truth.max())
     printed = [value for line in recording.output.splitlines() for value in _ranges_in(line, low, high)]
     if len(printed) < LEAST_LINES:
         words = f"{len(printed)} lines with a range between {low:.2f} and {high:.2f} m, wanted {LEAST_LINES}"
-        return replace(item, evidence=words)
+        return replace(item, evidence=words, hint=PRINT)
     words = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
     words += f"measured {high:.2f} to {low:.2f} m"
     follows = max(printed) - min(printed) >= SPAN * (high - low) and printed[0] > printed[-1]
-    return replace(item, points=40.0 if follows else 20.0, evidence=words)
+    return replace(item, points=40.0 if follows else 20.0, evidence=words, hint=MINIMUM)
 
 
 def _ranges_in(line: str, low: float, high: float) -> List[float]:
@@ -56,12 +63,12 @@ def judge_parameters(recording: Recording) -> Item:
     points = 8.0 * bool(recording.topic_parameters) + 7.0 * bool(recording.queue_parameters)
     topic = ", ".join(recording.topic_parameters) or "no parameter is the scans' topic"
     queue = ", ".join(recording.queue_parameters) or "no whole number is called queue"
-    return replace(item, points=points, evidence=f"{topic}; {queue}")
+    return replace(item, points=points, evidence=f"{topic}; {queue}", hint=PARAMETERS)
 
 
 def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
     """RViz shows the scan (10) in odom (5)."""
-    item = Item(ITEMS[3], 0.0, 15.0, "")
+    item = Item(ITEMS[3], 0.0, 15.0, "", hint=DISPLAYS)
     if not view.judged:
         return replace(item, points=None, evidence=f"not judged: {view.problem}")
     if not view.source:

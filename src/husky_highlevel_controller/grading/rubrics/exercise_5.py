@@ -9,7 +9,7 @@ import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import Call, Recording
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
-from husky_highlevel_controller.grading.rubrics.exercise_3 import causes, first_cause
+from husky_highlevel_controller.grading.rubrics.exercise_3 import causes, first_cause, hint_on
 from husky_highlevel_controller.grading.rubrics.items import forfeited
 
 ITEMS = (
@@ -21,6 +21,10 @@ ITEMS = (
 BEFORE = 0.5  # [s], simulated, before a call: what the robot did then counts as just before
 SETTLED, CALM = 1.5, 4.0  # [s], simulated, after a call's answer: from when to when it is looked at
 SLOW, FAST = 0.05, 0.1  # [m/s]: stands, drives
+# what a student looks at, by where points are lost
+SERVICE = "advertise a service of type std_srvs/SetBool in the constructor"
+STOP = "keep the request in a member, and let each callback of the scans send a zero twist while it says stop"
+START = "let the other request clear that member, so that the scans' callback drives again"
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Effect:
 
 def judge_calls(recording: Recording) -> List[Item]:
     """The service stops (50) and starts (50) the robot, again and again; half for once only."""
-    stop, start = Item(ITEMS[0], 0.0, 50.0, ""), Item(ITEMS[1], 0.0, 50.0, "")
+    stop, start = Item(ITEMS[0], 0.0, 50.0, "", hint=STOP), Item(ITEMS[1], 0.0, 50.0, "", hint=START)
     if not recording.calls:
         offered = recording.services
         why = f"{offered[0]} was not called" if offered else "no std_srvs/SetBool service"
@@ -47,7 +51,8 @@ def judge_calls(recording: Recording) -> List[Item]:
             why += f", but {', '.join(recording.other_services)}: for a person"
             return [replace(stop, points=None, evidence=why), replace(start, points=None, evidence=why)]
         why += "".join(f": {cause}" for cause in causes(recording)[:1])
-        return [replace(stop, evidence=why), replace(start, evidence=why)]
+        hint = hint_on(why) if causes(recording) else SERVICE
+        return [replace(item, evidence=why, hint=hint) for item in (stop, start)]
     name = recording.services[0] if recording.services else "its service"
     effects = [Effect(call, *_speeds(recording, call)) for call in recording.calls]
     stops = _stopping_value(effects)
@@ -104,7 +109,8 @@ def _judge_starts_from_rest(item: Item, name: str, recording: Recording, effects
         words = f"{name}: it drives after a call, but no call had stopped it before: for a person"
         return replace(item, points=None, evidence=words)
     if not (np.abs(recording.speeds[:, 0]) >= FAST).any():
-        return replace(item, evidence=f"{name}: it never drives: {first_cause(recording)}")
+        cause = first_cause(recording)
+        return replace(item, evidence=f"{name}: it never drives: {cause}", hint=hint_on(cause))
     words = f"{name}: not judged, it had stopped by itself before the first call: for a person"
     return replace(item, points=None, evidence=words)
 
@@ -127,7 +133,12 @@ def judge_exercise_5(
     items = judge_calls(recordings[0])
     drives = (np.abs(recordings[0].speeds[:, 0]) > FAST).any()
     if not drives and (recordings[0].services or not recordings[0].other_services):
-        why = f"it never drives, so it cannot be stopped: {first_cause(recordings[0])}"
-        items = [replace(items[0], points=0.0, evidence=why), replace(items[1], points=0.0)]
+        cause = first_cause(recordings[0])
+        why = f"it never drives, so it cannot be stopped: {cause}"
+        hint = hint_on(cause)
+        items = [
+            replace(items[0], points=0.0, evidence=why, hint=hint),
+            replace(items[1], points=0.0, hint=hint),
+        ]
     items += [Item(name, None, 25.0, by_hand) for name in ITEMS[2:]]
     return rules.apply(forfeited(items, recordings))

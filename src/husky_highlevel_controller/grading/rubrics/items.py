@@ -43,7 +43,11 @@ def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[It
     if not violations:
         return list(items)
     words = f"no points: {'; '.join(violations)}"
-    return [item if item.points is None else replace(item, points=0.0, evidence=words) for item in items]
+    hint = "read scans and TF, and send commands, markers and services: nothing else is a controller's"
+    return [
+        item if item.points is None else replace(item, points=0.0, evidence=words, hint=hint)
+        for item in items
+    ]
 
 
 def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:

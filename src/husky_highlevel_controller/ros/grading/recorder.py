@@ -180,7 +180,7 @@ class Recorder:
         if not self._task.ends_at_pillar:
             return ""
         if self._listens and not self._advertises and self._now >= SILENT:
-            return f"it had advertised no velocity command for {SILENT:g} s"
+            return f"it had no publisher of velocity commands for {SILENT:g} s"
         return self._end.reason(self._abandoned.is_set())
 
     def _write(self, ended: str) -> None:
