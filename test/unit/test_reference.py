@@ -1,7 +1,7 @@
 """docs/reference.md agrees with the code about arguments, parameters, topics and defaults."""
 
 import re
-from dataclasses import fields, is_dataclass
+from dataclasses import fields
 
 import pytest
 import yaml
@@ -16,7 +16,7 @@ from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros.controller.display import ESTIMATE, IN_LASER, IN_ODOM, PATH, STATE, TARGET
 from husky_highlevel_controller.ros.controller.node import ScanTopicConfig, StartStopConfig
-from husky_highlevel_controller.simulator.simulator_config import simulator_config
+from husky_highlevel_controller.ros.safety.guard import ServiceConfig
 
 SHARE = share_folder()
 REFERENCE = (SHARE / "docs" / "reference.md").read_text()
@@ -62,39 +62,39 @@ def test_the_launch_files_name_the_robot_s_topics(file, robot):
     assert topics.limited_command == f"{robot}_velocity_controller/cmd_vel_out", "as web.launch has it"
 
 
-NODE_RECORDS = [ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig, ProximityConfig, CrashConfig]
-
-
-@pytest.mark.parametrize("record", NODE_RECORDS)
-def test_every_parameter_of_a_node_has_a_row(record):
-    for parameter in fields(record):
-        if parameter.metadata:
-            named(f"~{parameter.name}", parameter.default)
-
-
 @pytest.mark.parametrize(
-    ("namespace", "record"),
-    [("lidar/", simulator_config().lidar), ("imu/", simulator_config().imu), ("gps/", simulator_config().gps),
-     ("", simulator_config())],
-)  # fmt: skip
-def test_every_parameter_of_a_sensor_has_a_row(namespace, record):
-    for parameter in fields(record):
-        if parameter.metadata and not is_dataclass(getattr(record, parameter.name)):
-            named(f"~{namespace}{parameter.name}", getattr(record, parameter.name))
+    ("file", "records"),
+    [
+        ("controller", [StartStopConfig, ControlConfig, PillarConfig]),
+        ("proximity_stop", [ServiceConfig, ProximityConfig]),
+        ("crash_stop", [ServiceConfig, CrashConfig]),
+    ],
+)
+def test_a_node_s_yaml_file_says_what_the_code_says(file, records):
+    values = yaml.safe_load((SHARE / "config" / f"{file}.yaml").read_text())
+    assert read_config(values, f"{file}.yaml: ", *records) == [record() for record in records]
+    assert f"[config/{file}.yaml](../config/{file}.yaml)" in REFERENCE
+
+
+@pytest.mark.parametrize("file", ["controller", "proximity_stop", "crash_stop", "simulator", "robots/husky"])
+def test_every_parameter_in_a_yaml_file_has_its_meaning_beside_it(file):
+    text = (SHARE / "config" / f"{file}.yaml").read_text()
+    if file.startswith("robots/"):
+        text = text[text.index("# parameters of husky_simulator") :]
+    lines = [line for line in text.splitlines() if re.match(r"\s*\w+: \S", line)]
+    assert lines
+    assert [line for line in lines if not re.search(r"\S\s+# \S", line)] == []
+
+
+def test_the_parameters_of_scans_are_told():
+    for parameter in fields(ScanTopicConfig):
+        assert re.search(rf"`~{parameter.name}` \(`?{parameter.default}`?\)", REFERENCE), parameter.name
 
 
 def test_every_topic_of_the_husky_has_a_row():
     topics = vars(load_robot().topics)
     for name in {*topics.pop("velocity"), *topics.values()} - {""}:
         assert f"`{name}`" in REFERENCE, name
-
-
-def test_the_controller_s_yaml_says_what_the_code_says():
-    values = yaml.safe_load((SHARE / "config" / "controller.yaml").read_text())
-    switch, control, looks = read_config(
-        values, "controller.yaml: ", StartStopConfig, ControlConfig, PillarConfig
-    )
-    assert (switch, control, looks) == (StartStopConfig(), ControlConfig(), PillarConfig())
 
 
 @pytest.mark.parametrize(
