@@ -1,0 +1,226 @@
+"""A class with attacks: none stops it, gets out of the sandbox, earns points, or costs a fellow any."""
+
+import csv
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import tarfile
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+
+from husky_highlevel_controller.grading.isolation import private_network
+from husky_highlevel_controller.grading.isolation.sandbox import BUBBLEWRAP, kind_of_sandbox
+
+SUBMISSIONS = Path(__file__).parents[1] / "submissions"
+sys.path.insert(0, str(SUBMISSIONS))
+from packages import FOLDERS, NODES, make_package  # noqa: E402 - lives beside the submissions
+
+NOBODY = 65534
+AS_NOBODY = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
+LAUNCH_FILES = ("eval", "itself", "prefix")  # attacks of a launch file
+QUICK = ["--trials", "1", "--pace", "8", "--robot", "husky"]
+
+# state of each hand-in; attacks beside those of the package `attacks`
+STATES = {
+    "blocks_readers": "for a person",
+    "breaks_readers": "marked",
+    "drives_by_chance": "for a person",
+    "escapes": "for a person",
+    "escapes_too": "for a person",
+    "forges_events": "for a person",
+    "hides": "for a person",
+    "hooks_the_setup": "marked",
+    "links_out": "could not be marked: its build puts links in place of src or devel/setup.bash",
+    "names_a_path": "could not be marked: no catkin package in it; package.xml: <name> is "
+    "'/var/tmp/husky_named_a_path', which is not the name of a package",
+    "sabotages": "for a person",
+}  # fmt: skip
+HONEST = (
+    "complete", "crashes", "commands_zero", "drives_away", "drives_in_cpp", "has_a_wiki_setup",
+    "imports_what_is_missing", "marks_in_base_link", "needs_a_missing_package", "raises_in_callback", "rams",
+    "spins", "stops_short",
+)  # fmt: skip
+EVERY_THIRD = ("sabotages", "unlinks", "ends_the_master", "eval", "sprays", "bomb", "floods_markers")
+
+
+def make_class(folder, *names):
+    """Hand-ins by name: of submissions, of the attacks in the package `attacks`, or an archive."""
+    folder.mkdir(exist_ok=True)
+    students = {}
+    for name in names:
+        if name == "bomb":
+            make_bomb(folder / "bomb.tar.xz")
+        elif name in NODES + FOLDERS:
+            make_package(name, folder)
+        else:
+            make_package("attacks", folder, name)
+            launch = {"launch": f"{name}.launch"}
+            students[name] = launch if name in LAUNCH_FILES else {"arguments": [f"attack:={name}"]}
+    (folder / "marking.yaml").write_text(yaml.safe_dump({"students": students}))
+
+
+def make_bomb(path):
+    """An archive of kilobytes whose first header is 1.2 GB long."""
+    header = tarfile.TarInfo("././@LongLink")
+    header.type, header.size = tarfile.GNUTYPE_LONGNAME, 1_200_000_000
+    with subprocess.Popen(["xz", "-1"], stdin=subprocess.PIPE, stdout=path.open("wb")) as packer:
+        packer.stdin.write(header.tobuf(tarfile.GNU_FORMAT))
+        for _ in range(1200):
+            packer.stdin.write(bytes(1_000_000))
+
+
+def grade(folder, *arguments, user=(), env=None):
+    """Mark a class into `out` beside it; rows of the table by name, and what was printed."""
+    command = [
+        "rosrun",
+        "husky_highlevel_controller",
+        "grade",
+        "--all",
+        folder,
+        "--out",
+        folder.parent / "out",
+    ]
+    done = subprocess.run(
+        [*user, *map(str, [*command, *QUICK, *arguments])],
+        env=env, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode in (1, 2), done.stdout + done.stderr
+    with (folder.parent / "out" / "results.csv").open(newline="") as table:
+        return {row["submission"]: row for row in csv.DictReader(table)}, done.stdout + done.stderr
+
+
+def logs_of(out, name):
+    """Everything that a hand-in's programs printed, by the place of the log."""
+    folder = out / "hand_ins" / name
+    return {str(path.relative_to(folder)): path.read_text() for path in folder.glob("**/*.log")}
+
+
+def assert_without_capabilities(out):
+    """Build, sourcing, node and RViz of `hooks_the_setup`."""
+    logs = logs_of(out, "hooks_the_setup")
+    for place in ("build.log", "plan/plan.log", "drive_1/submission.log", "rviz/rviz_all_1.log"):
+        assert "CapEff:\t0000000000000000\nCapBnd:\t0000000000000000\n" in logs[place], place
+    assert "escaped" not in "".join(logs.values())
+
+
+def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
+    make_class(tmp_path / "class", *set(STATES) - {"escapes_too"})
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "bashrc").write_text("mine")
+    (tmp_path / "class" / "links_out" / "target").write_text(str(tmp_path / "home"))
+    out = tmp_path / "out"
+    with (tmp_path / "key").open("w") as key, socket.create_server(("127.0.0.1", 0)) as server:
+        key.write("secret")
+        outside = [Path("/var/tmp"), Path("/usr/local/bin"), tmp_path, out]
+        places = {
+            "key": key.name, "folders": list(map(str, outside)), "port": server.getsockname()[1],
+            "pid": os.getpid(),
+        }  # fmt: skip
+        escapes = tmp_path / "class" / "escapes"
+        (escapes / "scripts" / "places.json").write_text(json.dumps(places))
+        shutil.copytree(escapes, tmp_path / "class" / "escapes_too")
+        env = {**os.environ, "FAKE_TOKEN": "secret"}
+        rows, printed = grade(tmp_path / "class", "--jobs", "2", "--deadline", "5", env=env)
+        server.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            server.accept()
+    assert {name: row["state"] for name, row in rows.items()} == STATES
+    got = {name: row["total"] for name, row in rows.items() if not row["state"].startswith("could")}
+    assert got == {**dict.fromkeys(got, "0"), "hooks_the_setup": "20"}  # for RViz
+    if shutil.which("valgrind"):
+        chance = (out / "hand_ins" / "drives_by_chance" / "table.txt").read_text()
+        assert "`start_` (controller.cpp:22) is read at" in chance
+    notes = rows["breaks_readers"]["notes"]
+    assert "launch-prefix 'xterm -e' of node controller is dropped" in notes
+    assert "node breaks_readers/no_such_program cannot be started" in notes
+    texts = [
+        printed,
+        *(
+            path.read_text()
+            for path in (out / "hand_ins" / "forges_events").glob("*.*")
+            if path.suffix != ".png"
+        ),
+    ]
+    for text in texts:
+        assert not [letter for letter in text if not letter.isprintable() and letter not in "\n\r\t"]
+        assert "<script>alert" not in text or "<html" not in text
+    for each in (
+        "it has no points",
+        "its alpha is 0",
+        "its mesh does not exist",
+        "its text is empty",
+        "type 77",
+        "at (20.00, 8.00",
+    ):
+        assert each in (out / "hand_ins" / "hides" / "result.json").read_text()
+    said = "".join(logs_of(out, name)["drive_1/submission.log"] for name in ("escapes", "escapes_too"))
+    assert said.count("all attempted") == 2
+    assert "escaped: token" not in said
+    if private_network.can_be_made():
+        # of each hand-in; the kernel gives the number of one that has ended to the next
+        assert os.readlink("/proc/self/ns/net") not in re.findall(r"network: (\S+)", said)
+        assert "sabotaged" not in logs_of(out, "sabotages")["drive_1/submission.log"]
+    if kind_of_sandbox() == BUBBLEWRAP:
+        assert_without_capabilities(out)
+        assert (tmp_path / "home" / "bashrc").read_text() == "mine"
+        assert [path.name for path in (tmp_path / "home").iterdir()] == ["bashrc"]
+        # it may write into a /var/tmp of its own
+        assert not [line for line in said.splitlines() if line.startswith("escaped") and "write" not in line]
+        assert not [path for folder in outside for path in folder.glob("escaped")]
+        assert not list(Path("/var/tmp").glob("husky_*"))
+    running = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if path.exists()]
+    assert b"sleep\0" + b"86399\0" not in running, "what an environment hook started"
+
+
+@pytest.fixture
+def home():
+    """A folder that the user nobody may write; pytest's own are root's alone."""
+    if os.getuid() or subprocess.run([*AS_NOBODY, "test", "-r", __file__], check=False).returncode:
+        pytest.skip("root marks as another user, who can read the package")
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
+        yield Path(folder)
+
+
+def as_nobody(home):
+    """The words before a command; `home` is given to the user."""
+    subprocess.run(["chown", "-R", f"{NOBODY}:{NOBODY}", str(home)], check=True)
+    return [*AS_NOBODY, "env", f"HOME={home}"]
+
+
+@pytest.mark.skipif(kind_of_sandbox() != BUBBLEWRAP, reason="no bubblewrap here")
+def test_no_hand_in_of_a_teacher_who_is_not_root_has_a_capability(home):
+    make_class(home / "class", "hooks_the_setup")
+    rows, _ = grade(home / "class", "--deadline", "5", user=as_nobody(home))
+    assert rows["hooks_the_setup"]["state"] == STATES["hooks_the_setup"]
+    assert_without_capabilities(home / "out")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("user", ["root", "nobody"])
+def test_in_a_class_of_20_with_every_third_an_attack_the_others_get_what_they_get_alone(
+    user, tmp_path, request, capfd
+):
+    folder = tmp_path if user == "root" else request.getfixturevalue("home")
+    (folder / "alone").mkdir()
+    make_class(folder / "alone" / "class", *HONEST)
+    make_class(folder / "class", *HONEST, *EVERY_THIRD)
+    words = () if user == "root" else as_nobody(folder)
+    before = time.monotonic()
+    alone, _ = grade(folder / "alone" / "class", "--deadline", "25", user=words)
+    between = time.monotonic()
+    rows, _ = grade(folder / "class", "--deadline", "25", "--jobs", "2", user=words)
+    after = time.monotonic()
+    with capfd.disabled():
+        print(f"\nalone {between - before:.0f} s, the class of {len(rows)} {after - between:.0f} s")
+        for row in rows.values():
+            print(*list(row.values())[:9], row["notes"][:100], sep=" | ")
+    assert {name: rows[name] for name in HONEST} == {name: alone[name] for name in HONEST}
+    assert {rows[name]["total"] for name in EVERY_THIRD} <= {"0", ""}
