@@ -9,7 +9,6 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.drive import rviz_check
 from husky_highlevel_controller.grading.drive.plan import Plan, RvizNode, notes_on, read_events
 from husky_highlevel_controller.grading.hand_in.launch_choice import choose_launch_files, reasons
-from husky_highlevel_controller.grading.hand_in.overrides import read_overrides
 from husky_highlevel_controller.grading.hand_in.packages import (
     NotMarkableError,
     choose_packages,
@@ -19,6 +18,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     read_manifest,
 )
 from husky_highlevel_controller.grading.reports.files import load_result
+from husky_highlevel_controller.grading.settings import read_overrides
 
 MANIFEST = (
     '<package format="2"><name>husky</name><version>0.0.0</version><description>d</description>'

@@ -18,7 +18,7 @@ from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS, SMB_GAINS
 from husky_highlevel_controller.grading.rubrics.exercise_3 import ITEMS
-from husky_highlevel_controller.grading.rubrics.rules import load_rules
+from husky_highlevel_controller.grading.settings import load_rules
 from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
 from husky_highlevel_controller.simulator.power import PowerConfig
 from husky_highlevel_controller.simulator.profile import RobotProfile

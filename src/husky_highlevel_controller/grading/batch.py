@@ -21,7 +21,6 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 from tqdm import tqdm
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.hand_in.overrides import read_overrides
 from husky_highlevel_controller.grading.hand_in.packages import HandIn, find_hand_ins
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import (
@@ -40,6 +39,7 @@ from husky_highlevel_controller.grading.reports.files import (
     write_class,
     write_result,
 )
+from husky_highlevel_controller.grading.settings import read_overrides
 from husky_highlevel_controller.tasks.workers import Workers
 
 DEADLINE = 3600.0  # [s] of wall time for one hand-in, beside its drives

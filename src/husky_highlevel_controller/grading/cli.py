@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Optional, Sequence
+from typing import Callable, Optional, Sequence
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.batch import Batch, mark_all
@@ -23,7 +23,7 @@ from husky_highlevel_controller.grading.records import (
 from husky_highlevel_controller.grading.reports.files import add_step_summary
 from husky_highlevel_controller.grading.reports.tables import table
 from husky_highlevel_controller.grading.review import serve
-from husky_highlevel_controller.grading.rubrics.rules import load_rules
+from husky_highlevel_controller.grading.settings import load_rules
 from husky_highlevel_controller.tasks.command import add_cluster_option, exit_codes, positive
 
 
@@ -34,17 +34,15 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         description="Mark a controller by the course's rubric, headless. "
         "Exit code 0: full marks, 1: less, 2: it could not be marked.",
     )
-    what = parser.add_mutually_exclusive_group(required=True)
+    what, add = parser.add_mutually_exclusive_group(required=True), parser.add_argument
     what.add_argument(
         "--launch", nargs="+", metavar=("PACKAGE", "FILE"), help="a launch file, and its arguments"
     )
     what.add_argument("--node", nargs="+", metavar=("PACKAGE", "TYPE"), help="a node, and its arguments")
     what.add_argument(
-        "--all",
-        type=Path,
-        metavar="DIR",
+        "--all", type=Path, metavar="DIR",
         help="every hand-in in a folder: each folder or archive in it is one",
-    )
+    )  # fmt: skip
     what.add_argument(
         "--verify", type=Path, metavar="RECORD",
         help="drive again as a record.json of exercise 3 says; exit code 0: it is the same, 1: it is not",
@@ -53,38 +51,31 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         "--review", type=Path, metavar="OUT",
         help="a page on which a person gives the points that `grade --all ... --out OUT` left open",
     )  # fmt: skip
-    parser.add_argument("--exercise", type=int, choices=sorted(EXERCISES), default=3, help="(default 3)")
-    parser.add_argument(
+    add("--exercise", type=int, choices=sorted(EXERCISES), default=3, help="(default 3)")
+    add(
         "--robot", choices=(AUTO, *ROBOT_VERSIONS), default=AUTO,
         help="husky: scans on /front/scan in front_laser, husky_melodic: on /scan in base_laser, smb: on "
         "/scan in rslidar (default auto: what the submission subscribes to and names)",
     )  # fmt: skip
-    parser.add_argument(
-        "--seed", type=_not_negative, default=0, help="of starts, pillars and noise (default 0)"
-    )
-    parser.add_argument("--trials", type=positive, default=3, help="drives in exercise 3 (default 3)")
-    parser.add_argument(
-        "--deadline", type=_seconds, help="of a drive, simulated seconds (default 120; 60 in 2, 5)"
-    )
-    parser.add_argument(
-        "--pace", type=_seconds,
+    seed = between(int, 0, 2**31 - 1001)
+    add("--seed", type=seed, default=0, help="of starts, pillars and noise (default 0)")
+    add("--trials", type=positive, default=3, help="drives in exercise 3 (default 3)")
+    seconds = between(float, 0.1, 3600.0)
+    add("--deadline", type=seconds, help="of a drive, simulated seconds (default 120; 60 in 2, 5)")
+    add(
+        "--pace",
+        type=seconds,
         help="simulated seconds a second, at most (default 5; 1 in exercise 2, 2 in 5)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out", type=Path, default=Path("marking"), help="folder of results (default ./marking)"
     )
-    parser.add_argument(
+    add("--out", type=Path, default=Path("marking"), help="folder of results (default ./marking)")
+    add(
         "--underlay", "--setup", dest="underlay", type=Path, metavar="SETUP.bash",
         help="sourced first: the submission's workspace, or with --all one that hand-ins are built on",
     )  # fmt: skip
-    parser.add_argument("--jobs", type=positive, default=1, help="with --all: hand-ins at a time (default 1)")
+    add("--jobs", type=positive, default=1, help="with --all: hand-ins at a time (default 1)")
     add_cluster_option(parser)
-    parser.add_argument(
-        "--rubric", type=Path, metavar="FILE", help="YAML: tolerances, weights, items that a person judges"
-    )
-    parser.add_argument(
-        "--only", action="append", default=[], metavar="NAME", help="with --all: mark this one again"
-    )
+    add("--rubric", type=Path, metavar="FILE", help="YAML: tolerances, weights, items that a person judges")
+    add("--only", action="append", default=[], metavar="NAME", help="with --all: mark this one again")
     options = parser.parse_args(arguments)
     if options.cluster and not options.all:
         parser.error(f"--cluster {options.cluster}: only with --all")
@@ -98,17 +89,14 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     return options
 
 
-def _not_negative(text: str) -> int:
-    number = int(text)
-    if not 0 <= number < 2**31 - 1000:
-        raise argparse.ArgumentTypeError(f"{text} is not in 0..{2**31 - 1001}")
-    return number
+def between(kind: Callable[[str], float], low: float, high: float) -> Callable[[str], float]:
+    """A type of argument: a number in a range."""
 
+    def number(text: str) -> float:
+        if not low <= kind(text) <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not in {low}..{high}")
+        return kind(text)
 
-def _seconds(text: str) -> float:
-    number = float(text)
-    if not 0.1 <= number <= 3600.0:
-        raise argparse.ArgumentTypeError(f"{text} is not in 0.1..3600")
     return number
 
 
@@ -119,17 +107,13 @@ def verify(path: Path, out: Path) -> int:
         raise HuskyError(f"{path}: exercise {before.config.exercise} cannot be verified, only exercise 3")
     mark(
         Job(
-            before.name,
-            str(out),
-            before.config,
-            before.launchable,
-            setups=before.setups,
-            packages=before.packages,
+            before.name, str(out), before.config, before.launchable,
+            setups=before.setups, packages=before.packages,
         )
-    )
-    found = differences(before, load_record(out / "record.json"))
-    print("\n".join(found) if found else f"{before.name}: the same files, drives and points as recorded")
-    return 1 if found else 0
+    )  # fmt: skip
+    changes = differences(before, load_record(out / "record.json"))
+    print("\n".join(changes) or f"{before.name}: the same files, drives and points as recorded")
+    return int(bool(changes))
 
 
 def run(options: argparse.Namespace) -> int:

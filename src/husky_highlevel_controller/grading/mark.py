@@ -27,7 +27,6 @@ from husky_highlevel_controller.grading.drive.run import RECORDING, drive
 from husky_highlevel_controller.grading.drive.rviz_check import look
 from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
 from husky_highlevel_controller.grading.exercises import EXERCISES
-from husky_highlevel_controller.grading.hand_in.overrides import with_override
 from husky_highlevel_controller.grading.hand_in.packages import NotMarkableError
 from husky_highlevel_controller.grading.hand_in.prepare import prepare
 from husky_highlevel_controller.grading.isolation import private_network
@@ -48,24 +47,14 @@ from husky_highlevel_controller.grading.records import (
 from husky_highlevel_controller.grading.reports.files import write_replay, write_result
 from husky_highlevel_controller.grading.reports.plots import draw_drives, draw_pixels
 from husky_highlevel_controller.grading.rubrics.items import left_to_chance
+from husky_highlevel_controller.grading.settings import with_override
 
 PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
 EVIDENCE, FINGERPRINT = "evidence.json", "fingerprint"  # files: for judging; of files and settings
 OLD = (
-    "drive_*",
-    "plan",
-    "rviz",
-    "robot",
-    "memcheck",
-    "stand_ins",
-    "build.log",
-    EVIDENCE,
-    FINGERPRINT,
-    "result.json",
-    "record.json",
-    "*.png",
-    "traceback.txt",
-)
+    "drive_*", "plan", "rviz", "robot", "memcheck", "stand_ins", "build.log", EVIDENCE, FINGERPRINT,
+    "result.json", "record.json", "*.png",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -109,7 +98,7 @@ def mark(job: Job, shows_progress: bool = False) -> Result:
         problem = f"{error.strerror or error}" + (f": {error.filename}" if error.filename else "")
     except Exception as error:
         problem = f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
-        _write_traceback(out)
+        traceback.print_exc()  # into the log
     if problem:
         result = Result(job.name, "", settings_of(job.config), (), (), problem)
     write_result(result, out)
@@ -126,7 +115,8 @@ def judge(job: Job) -> Result:
     """
     out = Path(job.out)
     evidence: Evidence = load(Evidence, out / EVIDENCE)
-    recordings = [load_recording(path, "") for path in _recordings(out)]
+    paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: int(path.parent.name[len("drive_") :]))
+    recordings = [load_recording(path, "") for path in paths]
     config = replace(job.config, robot=evidence.robot, scans=evidence.scans)
     items = EXERCISES[config.exercise].judge(recordings, evidence.view, config.scan_topic, config.rules)
     if evidence.uninitialised:
@@ -141,11 +131,6 @@ def settings_of(config: MarkingConfig) -> Any:
     """The settings that a result shows."""
     settings = {key: value for key, value in vars(config).items() if key != "rules"}
     return {**settings, "rubric": None if config.rules == DEFAULT_RULES else str(config.rules)}
-
-
-def _recordings(out: Path) -> List[Path]:
-    found = out.glob(f"drive_*/{RECORDING}")
-    return sorted(found, key=lambda path: int(path.parent.name.rpartition("_")[2]))
 
 
 def _gather(job: Job, out: Path, shows_progress: bool) -> None:
@@ -164,15 +149,9 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> None:
     view, pixels = look(submission, planned, config, out / "rviz")
     network = "loopback only" if private_network.is_private() else "not kept apart"
     evidence = Evidence(
-        submission.launchable.summary,
-        config.robot,
-        kind_of_sandbox(),
-        network,
-        view,
-        (*notes, *planned.notes),
-        config.scans,
-        chance,
-    )
+        submission.launchable.summary, config.robot, kind_of_sandbox(), network, view,
+        (*notes, *planned.notes), config.scans, chance,
+    )  # fmt: skip
     write_whole(out / EVIDENCE, to_json(evidence))
     items = judge(replace(job, override=replace(job.override, points={}, late=None))).items
     write_record(out, job, submission, planned, config, recordings, items)
@@ -225,13 +204,6 @@ def _bar(trial: Trial, trials: int, config: MarkingConfig, shows_progress: bool)
 def _advance(bar: Any, now: float) -> None:
     """Show a simulated time [s]."""
     bar.update(round(min(now, bar.total) - bar.n, 1))
-
-
-def _write_traceback(out: Path) -> None:
-    try:
-        (out / "traceback.txt").write_text(traceback.format_exc(), errors="backslashreplace")
-    except OSError:
-        print(traceback.format_exc(), file=sys.stderr)
 
 
 def stop_on_signals() -> None:

@@ -6,6 +6,7 @@ import hashlib
 import platform
 from dataclasses import dataclass
 from importlib import metadata
+from itertools import zip_longest
 from pathlib import Path
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
@@ -89,42 +90,27 @@ def hashes_of_files(folder: Path) -> Dict[str, str]:
 
 def versions() -> Dict[str, str]:
     """Versions of Python and of the libraries that a drive depends on."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
-    for library in LIBRARIES:
-        try:
-            found[library] = metadata.version(library)
-        except metadata.PackageNotFoundError:
-            found[library] = "unknown"
-    return found
+    libraries = {library: metadata.version(library) for library in LIBRARIES}
+    return {"python": platform.python_version(), "machine": platform.machine(), **libraries}
 
 
 def differences(before: Record, after: Record) -> List[str]:
     """Differences of two records, in sentences; versions are named only beside something else."""
-    found: List[str] = []
+    changes: List[str] = []
     for place in sorted(set(before.inputs) | set(after.inputs)):
         if before.inputs.get(place) != after.inputs.get(place):
-            found.append(f"file {place} {_change(before.inputs, after.inputs, place)}")
-    for number, (first, second) in enumerate(_pairs(before.drives, after.drives), 1):
+            change = "is new" if place not in before.inputs else "has changed"
+            changes.append(f"file {place} {change if place in after.inputs else 'is gone'}")
+    for number, (first, second) in enumerate(zip_longest(before.drives, after.drives), 1):
         if first != second:
-            found.append(f"drive {number} differs")
+            changes.append(f"drive {number} differs")
     for item in before.points:
         if before.points[item] != after.points.get(item):
-            found.append(f"{item}: {before.points[item]} points before, {after.points.get(item)} now")
-    if found:
-        found += [
+            changes.append(f"{item}: {before.points[item]} points before, {after.points.get(item)} now")
+    if changes:
+        changes += [
             f"{name} was {version}, is {after.versions.get(name)}"
             for name, version in before.versions.items()
             if after.versions.get(name) != version
         ]
-    return found
-
-
-def _change(before: Mapping[str, str], after: Mapping[str, str], place: str) -> str:
-    return "is new" if place not in before else "is gone" if place not in after else "has changed"
-
-
-def _pairs(before: Sequence[str], after: Sequence[str]) -> List[Tuple[str, str]]:
-    longest = max(len(before), len(after))
-    return [
-        (before[n] if n < len(before) else "", after[n] if n < len(after) else "") for n in range(longest)
-    ]
+    return changes

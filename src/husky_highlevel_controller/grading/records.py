@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.config import ConfigError, from_plain, to_plain
 from husky_highlevel_controller.course import REACHED
@@ -239,15 +239,8 @@ class Result:
 
     def __post_init__(self) -> None:
         """Make every text printable."""
-        items = tuple(
-            replace(
-                item, name=printable(item.name), evidence=printable(item.evidence), hint=printable(item.hint)
-            )
-            for item in self.items
-        )
-        clean: Dict[str, Any] = {name: printable(getattr(self, name)) for name in ("name", "what", "problem")}
-        for name, value in {**clean, "items": items, "notes": tuple(map(printable, self.notes))}.items():
-            object.__setattr__(self, name, value)
+        for name in ("name", "what", "problem", "notes", "items"):
+            object.__setattr__(self, name, _printable(getattr(self, name)))
 
     @property
     def points(self) -> float:
@@ -281,6 +274,16 @@ def total(items: Sequence[Item]) -> Tuple[float, float]:
     """Points, and how many a machine can give."""
     judged = [item for item in items if item.points is not None]
     return round(sum(item.points or 0.0 for item in judged), 1), sum(item.max_points for item in judged)
+
+
+def _printable(value: Any) -> Any:
+    """A text, items, or several of these with every text printable."""
+    if isinstance(value, str):
+        return printable(value)
+    if isinstance(value, Item):
+        texts = printable(value.name), printable(value.evidence), printable(value.hint)
+        return replace(value, name=texts[0], evidence=texts[1], hint=texts[2])
+    return tuple(map(_printable, value))
 
 
 def printable(text: str, limit: int = MAX_TEXT) -> str:

@@ -23,7 +23,6 @@ from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.drive.recording import load as load_recording
 from husky_highlevel_controller.grading.drive.run import RECORDING
-from husky_highlevel_controller.grading.hand_in.overrides import FILE, read_overrides
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_text,
@@ -34,6 +33,7 @@ from husky_highlevel_controller.grading.records import Item, Job, load
 from husky_highlevel_controller.grading.reports.files import HAND_INS, PICTURES, REPLAY, load_result
 from husky_highlevel_controller.grading.reports.page import moment_of
 from husky_highlevel_controller.grading.reports.plots import draw_moment
+from husky_highlevel_controller.grading.settings import FILE, read_overrides
 from husky_highlevel_controller.templates import render
 
 KEYS = 9  # 1 gives nothing, 9 all points

@@ -6,6 +6,7 @@ from math import nan
 
 import numpy as np
 import pytest
+import yaml
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import Pose2D
@@ -34,7 +35,7 @@ from husky_highlevel_controller.grading.rubrics.exercise_3 import (
     judge_shown,
 )
 from husky_highlevel_controller.grading.rubrics.items import over_trials
-from husky_highlevel_controller.grading.rubrics.rules import read_rules
+from husky_highlevel_controller.grading.settings import load_rules
 
 PILLAR = (10.0, 0.0)  # [m]
 NOSE = 0.4937  # [m], from base_link to the front
@@ -508,9 +509,15 @@ def test_interfering_with_the_simulator_ends_the_claim_to_points():
     assert items[0].evidence == "no points: the robot jumps 19.87 m at 1.48 s"
 
 
-def test_a_teacher_may_weigh_items_and_leave_one_to_a_person():
+def rules_of(content, folder):
+    path = folder / "rubric.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return load_rules(path, ITEMS)
+
+
+def test_a_teacher_may_weigh_items_and_leave_one_to_a_person(tmp_path):
     content = {"weights": {"reaches the pillar": 60}, "by_person": ["marker in RViz"], "ramming_costs": 10}
-    rules = read_rules(content, "rubric.yaml", ITEMS)
+    rules = rules_of(content, tmp_path)
     items = judge_exercise_3([markers(drive((12.0, 1.0)), (10.0, 0.0, 0.0))], FULL_VIEW, SCAN, rules)
     assert [item.points for item in items] == [20.0, 40.0, 20.0, 20.0, None]
     assert total(items) == (100.0, 120.0)
@@ -529,9 +536,9 @@ def test_a_teacher_may_weigh_items_and_leave_one_to_a_person():
         ({"by_person": "all"}, "by_person = 'all' is not a list"),
     ],
 )
-def test_a_rubric_file_with_a_mistake_is_refused(content, words):
+def test_a_rubric_file_with_a_mistake_is_refused(content, words, tmp_path):
     with pytest.raises(ConfigError, match=words):
-        read_rules(content, "rubric.yaml", ITEMS)
+        rules_of(content, tmp_path)
 
 
 def test_a_recording_that_was_exchanged_is_refused(tmp_path):

@@ -44,7 +44,6 @@ from husky_highlevel_controller.grading.hand_in.launch_choice import (
     named_launch_file,
     reasons,
 )
-from husky_highlevel_controller.grading.hand_in.overrides import read_overrides, with_override
 from husky_highlevel_controller.grading.hand_in.packages import (
     HandIn,
     NotMarkableError,
@@ -73,6 +72,7 @@ from husky_highlevel_controller.grading.records import (
 from husky_highlevel_controller.grading.reports.files import write_result
 from husky_highlevel_controller.grading.reports.page import class_page
 from husky_highlevel_controller.grading.reports.tables import to_csv, to_junit
+from husky_highlevel_controller.grading.settings import read_overrides, with_override
 from husky_highlevel_controller.tasks.workers import Workers
 
 MANIFEST = (

@@ -12,10 +12,10 @@ import yaml
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.hand_in.overrides import read_overrides
 from husky_highlevel_controller.grading.records import Item, Job, MarkingConfig, Result, to_json
 from husky_highlevel_controller.grading.reports.files import write_result
 from husky_highlevel_controller.grading.review import Review, make_server
+from husky_highlevel_controller.grading.settings import read_overrides
 
 CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium")
 RVIZ, MARKER = "RViz shows TF, robot model, laser scan", "marker in RViz"

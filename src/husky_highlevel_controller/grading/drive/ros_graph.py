@@ -6,7 +6,7 @@ from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple
 from xmlrpc.client import Error as XmlRpcError
 from xmlrpc.client import ServerProxy, Transport
 
-ANSWER_DEADLINE = 60.0  # [s] of wall time; a submission may end the master and listen in its place
+ANSWER_DEADLINE = 20.0  # [s] of wall time; a submission may end the master and listen in its place
 CALLER = "/marking"
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
 EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}

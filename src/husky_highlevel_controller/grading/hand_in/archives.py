@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import resource
-import shutil
 import stat
 import subprocess
 import sys
@@ -159,12 +158,6 @@ def _tar_members(archive: Path) -> Iterator[_Member]:
             seen.add(info.name)
             content = opened.extractfile(info) if wanted else None
             yield info.name, bool(info.mode & 0o100), not (info.isfile() or info.isdir()), content
-
-
-def free_space_error(folder: Path, needed: int) -> str:
-    """A sentence if the file system of a folder has less than `needed` bytes left; else empty."""
-    left = shutil.disk_usage(folder).free
-    return "" if left >= needed else f"only {left / 1e6:.0f} MB are free in {folder}"
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from husky_highlevel_controller.replay import Replay, to_html
 from husky_highlevel_controller.robot import load_robot
 
 PICTURES = ("drive.png", "rviz.png")
-LOGS = (("build log", "build.log"), ("marking log", "mark.log"), ("traceback", "traceback.txt"))
+LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
 HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
 REPLAY = "replay.html"  # in the folder of a drive
 SUMS = ("points", "max_points", "full")  # keys of result.json for other programs
