@@ -141,26 +141,15 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
     notes = rows["breaks_readers"]["notes"]
     assert "launch-prefix 'xterm -e' of node controller is dropped" in notes
     assert "node breaks_readers/no_such_program cannot be started" in notes
-    texts = [
-        printed,
-        *(
-            path.read_text()
-            for path in (out / "hand_ins" / "forges_events").glob("*.*")
-            if path.suffix != ".png"
-        ),
-    ]
-    for text in texts:
+    pages = [path for path in (out / "hand_ins" / "forges_events").glob("*.*") if path.suffix != ".png"]
+    for text in (printed, *(path.read_text() for path in pages)):
         assert not [letter for letter in text if not letter.isprintable() and letter not in "\n\r\t"]
         assert "<script>alert" not in text or "<html" not in text
-    for each in (
-        "it has no points",
-        "its alpha is 0",
-        "its mesh does not exist",
-        "its text is empty",
-        "type 77",
-        "at (20.00, 8.00",
-    ):
-        assert each in (out / "hand_ins" / "hides" / "result.json").read_text()
+    recording = json.loads((out / "hand_ins" / "hides" / "drive_1" / "recording.json").read_text())
+    assert {marker["problem"].replace("77", "") for marker in recording["markers"]} == {
+        "it has no points", "its alpha is 0", "its mesh does not exist", "its text is empty",
+        "its type  is none of visualization_msgs/Marker", "",
+    }  # fmt: skip
     said = "".join(logs_of(out, name)["drive_1/submission.log"] for name in ("escapes", "escapes_too"))
     assert said.count("all attempted") == 2
     assert "escaped: token" not in said

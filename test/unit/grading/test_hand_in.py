@@ -379,6 +379,17 @@ def test_a_launch_file_may_lie_beside_its_package(tmp_path):
     assert "is named for exercise 3" in why
 
 
+def test_no_launch_file_is_read_through_a_link(tmp_path):
+    launch(tmp_path / "bob" / "launch" / "ex3.launch", NODE.format("husky"))
+    folder = package(tmp_path / "ann" / "husky", "husky")
+    (tmp_path / "ann" / "launch").symlink_to(tmp_path / "bob" / "launch")
+    (folder / "inner").symlink_to(tmp_path / "bob" / "launch")
+    launch(folder / "launch" / "a.launch", '<include file="$(find husky)/inner/ex3.launch"/>')
+    contents = open_hand_in(HandIn("ann", tmp_path / "ann"), tmp_path)
+    with pytest.raises(NotMarkableError, match="launch files: husky/launch/a.launch$"):
+        choose_launch_files(contents, contents.packages, 3)
+
+
 def test_rviz_s_default_file_beside_a_package_is_its_configuration(tmp_path):
     folder = package(tmp_path / "class" / "ann" / "husky", "husky")
     put(tmp_path / "class" / "ann" / ".rviz" / "default.rviz", "shown")

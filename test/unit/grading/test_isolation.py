@@ -72,7 +72,7 @@ def named(name):
 def kind(request, monkeypatch):
     """Each kind of sandbox that this machine can make."""
     if KINDS[request.param] < KINDS[kind_of_sandbox()] or (
-        request.param == NAMESPACE and not sandbox._works("unshare", *sandbox._NAMESPACE, "true")
+        request.param == NAMESPACE and not sandbox.works("unshare", *sandbox._NAMESPACE, "true")
     ):
         pytest.skip(f"this machine does not make a {request.param}")
     monkeypatch.setattr(sandbox, "kind_of_sandbox", lambda: request.param)

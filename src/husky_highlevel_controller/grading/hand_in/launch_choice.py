@@ -19,6 +19,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
 )
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
+    is_below,
     is_regular,
     read_regular,
     walk,
@@ -29,10 +30,13 @@ MAX_DEPTH = 8  # of includes
 MAX_READS = 1000  # launch files that are read for one hand-in, includes counted each time
 MAX_VALUE = 10_000  # letters of an attribute whose arguments are put in
 PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)
-TRIAL = re.compile(r"test|example|demo|tutorial|template|turtle|old|backup|copy", re.IGNORECASE)
+DEMO_NAME = re.compile(r"test|example|demo|tutorial|template|turtle|old|backup|copy", re.IGNORECASE)
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
 SCAN = re.compile(rb"LaserScan|PointCloud2")
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
+UNREADABLE = (  # no XML, entities, an unknown encoding, elements nested deeper than any launch file's
+    UnreadableFileError, ElementTree.ParseError, DefusedXmlException, ValueError, LookupError, RecursionError,
+)  # fmt: skip
 _ARGUMENT = re.compile(r"\$\(arg\s+([\w-]+)\s*\)")
 _FIND = re.compile(r"\$\(find\s+([\w-]+)\s*\)")
 
@@ -51,38 +55,24 @@ class LaunchFile:
     scans: bool = False  # a package of its nodes names the lidar's messages
 
 
-@dataclass
-class _Seen:
-    nodes: List[str]
-    uses: List[str]
-    pillar: bool = False
-    rviz: bool = False
-
-
-@dataclass
-class _Budget:
-    reads: int = MAX_READS
-
-
 def choose_launch_files(contents: Contents, packages: Sequence[Package], exercise: int) -> List[LaunchFile]:
     """Launch files that start a node of the hand-in, the one that fits best first.
 
     Raises:
         NotMarkableError: there is none.
     """
-    folders = {package.name: package.path for package in packages}
-    found = list(_launch_files(contents, packages))
-    budget = _Budget()
-    scanning = {name for name, folder in folders.items() if _names_scans(folder)}
+    reader = _Reader({package.name: package.path for package in packages})
+    places = list(_launch_files(contents, packages))
+    scanning = {name for name, folder in reader.folders.items() if _names_scans(folder)}
     fitting = [
-        replace(read, scans=bool({node.partition("/")[0] for node in read.nodes} & scanning))
-        for read in (_read(path, place, folders, budget) for path, place in found)
-        if read is not None
+        replace(file, scans=bool({node.partition("/")[0] for node in file.nodes} & scanning))
+        for file in (reader.read(path, place) for path, place in places)
+        if file.nodes
     ]
     if not fitting:
-        names = ", ".join(sorted(str(place) for _, place in found)[:20]) or "none"
+        names = ", ".join(sorted(str(place) for _, place in places)[:20]) or "none"
         raise NotMarkableError(f"no launch file starts a node of the hand-in; launch files: {names}")
-    return sorted(fitting, key=lambda each: _rank(each, exercise))
+    return sorted(fitting, key=lambda file: _rank(file, exercise))
 
 
 def reasons(chosen: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> str:
@@ -111,21 +101,11 @@ def named_launch_file(contents: Contents, packages: Sequence[Package], name: str
     Raises:
         NotMarkableError: there is none, or more than one.
     """
-    folders = {package.name: package.path for package in packages}
-    wanted = PurePosixPath(name).parts
-    fitting = [
-        (path, place)
-        for path, place in _launch_files(contents, packages)
-        if place.parts[-len(wanted) :] == wanted
-    ]
+    words = PurePosixPath(name).parts
+    fitting = [each for each in _launch_files(contents, packages) if each[1].parts[-len(words) :] == words]
     if len(fitting) != 1:
         raise NotMarkableError(f"marking.yaml names the launch file {name!r}: {len(fitting)} fit it")
-    path, place = fitting[0]
-    read = _read(path, place, folders, _Budget())
-    if read is not None:
-        return read
-    inside = [name for name, folder in folders.items() if folder in path.parents]
-    return LaunchFile(path, place, (inside or list(folders))[0])
+    return _Reader({package.name: package.path for package in packages}).read(*fitting[0])
 
 
 def _launch_files(contents: Contents, packages: Sequence[Package]) -> Iterator[Tuple[Path, PurePosixPath]]:
@@ -137,13 +117,11 @@ def _launch_files(contents: Contents, packages: Sequence[Package]) -> Iterator[T
                 seen.add(path)
                 yield path, package.place / path.relative_to(package.path).as_posix()
         for root, place in contents.places.items():
-            if root not in package.path.parents:
-                continue
-            for folder in (
-                parent for parent in package.path.parents if parent == root or root in parent.parents
-            ):
+            for folder in package.path.parents:
+                if folder != root and root not in folder.parents:
+                    break
                 for path in sorted([*folder.glob("*.launch"), *folder.glob("launch/*.launch")]):
-                    if path not in seen and path.is_file() and not path.is_symlink():
+                    if path not in seen and path.is_file() and not path.is_symlink() and is_below(path, root):
                         seen.add(path)
                         yield path, place / path.relative_to(root).as_posix()
 
@@ -153,86 +131,76 @@ def _rank(file: LaunchFile, exercise: int) -> Tuple[Any, ...]:
     fits, name = fits_exercise(file.place, exercise), str(file.place)
     content = (not file.pillar, not file.scans, not CONTROLLER.search(name))
     order = (content, -fits) if exercise == 3 else (-fits, content)
-    return (
-        fits == 0, bool(TRIAL.search(file.place.name)), *order, not file.rviz, len(file.place.parts), name,
-    )  # fmt: skip
+    demo = bool(DEMO_NAME.search(file.place.name))
+    return fits == 0, demo, *order, not file.rviz, len(file.place.parts), name
 
 
-def _read(
-    path: Path, place: PurePosixPath, folders: Dict[str, Path], budget: _Budget
-) -> Optional[LaunchFile]:
-    """Nodes and packages of a launch file; None if it starts no node of the hand-in."""
-    seen = _Seen([], [])
-    with contextlib.suppress(RecursionError):  # elements nested deeper than any launch file's
-        _look_into(path, folders, {}, seen, budget, 0)
-    if not seen.nodes:
-        return None
-    nodes = tuple(dict.fromkeys(seen.nodes))
-    uses = frozenset(seen.uses) & frozenset(folders)
-    inside = [name for name, folder in folders.items() if folder in path.parents]
-    file = LaunchFile(path, place, (inside or [nodes[0].partition("/")[0]])[0], nodes, uses)
-    return replace(file, pillar=seen.pillar, rviz=seen.rviz)
+class _Reader:
+    """Reads launch files and what they include, MAX_READS files in all."""
 
+    def __init__(self, folders: Dict[str, Path]) -> None:
+        self.folders = folders  # of the hand-in's packages
+        self._reads = 0
 
-def _look_into(
-    path: Path, folders: Dict[str, Path], arguments: Dict[str, str], seen: _Seen, budget: _Budget, depth: int
-) -> None:
-    budget.reads -= 1
-    if budget.reads < 0:
-        return
-    try:
-        content = read_regular(path, MAX_LAUNCH)
-        root = ElementTree.fromstring(content)
-    except (UnreadableFileError, ElementTree.ParseError, DefusedXmlException):
-        return
-    except (ValueError, LookupError, RecursionError):
-        return
-    arguments = dict(arguments)
+    def read(self, path: Path, place: PurePosixPath) -> LaunchFile:
+        """Nodes and packages of a launch file."""
+        self._nodes: List[str] = []
+        self._uses: List[str] = []
+        self._pillar = self._rviz = False
+        self._read(path, {}, 0)
+        nodes = tuple(dict.fromkeys(self._nodes))
+        uses = frozenset(self._uses) & frozenset(self.folders) if nodes else frozenset()
+        inside = [name for name, folder in self.folders.items() if folder in path.parents]
+        package, *_ = [*inside, *(node.partition("/")[0] for node in nodes), *self.folders]
+        return LaunchFile(path, place, package, nodes, uses, self._pillar, self._rviz)
 
-    def visit(element: Any) -> None:
+    def _read(self, path: Path, arguments: Dict[str, str], depth: int) -> None:
+        self._reads += 1
+        if self._reads <= MAX_READS:
+            with contextlib.suppress(*UNREADABLE):
+                root = ElementTree.fromstring(read_regular(path, MAX_LAUNCH))
+                self._visit(root, path, dict(arguments), depth)
+
+    def _visit(self, element: Any, path: Path, arguments: Dict[str, str], depth: int) -> None:
         if not _is_on(element, arguments):
             return
         if element.tag == "arg":
-            default = element.get("value", element.get("default", ""))
-            arguments.setdefault(element.get("name", ""), default)
+            arguments.setdefault(element.get("name", ""), element.get("value", element.get("default", "")))
         for value in element.attrib.values():
             value = _substituted(value, arguments)
-            seen.uses += _FIND.findall(value)
-            seen.pillar |= bool(PILLAR.search(value))
+            self._uses += _FIND.findall(value)
+            self._pillar |= bool(PILLAR.search(value))
         if element.tag == "node":
             package = element.get("pkg", "")
-            seen.rviz |= package == "rviz"
-            if package in folders:
-                seen.uses.append(package)
-                seen.nodes.append(f"{package}/{element.get('type', '')}")
-        if element.tag == "include" and depth < MAX_DEPTH:
-            file = _included(_substituted(element.get("file", ""), arguments), path, folders)
+            self._rviz |= package == "rviz"
+            if package in self.folders:
+                self._uses.append(package)
+                self._nodes.append(f"{package}/{element.get('type', '')}")
+        if element.tag != "include":
+            for child in element:
+                self._visit(child, path, arguments, depth)
+        elif depth < MAX_DEPTH:
+            file = _included(_substituted(element.get("file", ""), arguments), path, self.folders)
             passed = {
                 arg.get("name", ""): _substituted(arg.get("value", ""), arguments)
                 for arg in element.iter("arg")
             }
-            for arg in element.iter("arg"):
-                seen.pillar |= bool(PILLAR.search(_substituted(arg.get("value", ""), arguments)))
+            self._pillar |= any(map(PILLAR.search, passed.values()))
             if file is not None:
-                _look_into(file, folders, passed, seen, budget, depth + 1)
-            return
-        for child in element:
-            visit(child)
-
-    visit(root)
+                self._read(file, passed, depth + 1)
 
 
 def _included(file: str, path: Path, folders: Dict[str, Path]) -> Optional[Path]:
     """An included file of the hand-in's own."""
-    found = _FIND.match(file)
-    if found and found.group(1) in folders:
-        inside = folders[found.group(1)]
-        target = inside / file[found.end() :].lstrip("/")
+    package = _FIND.match(file)
+    if package and package.group(1) in folders:
+        inside, target = folders[package.group(1)], file[package.end() :]
     elif file.startswith("$(dirname)"):
-        inside, target = path.parent, path.parent / file[len("$(dirname)") :].lstrip("/")
+        inside, target = path.parent, file[len("$(dirname)") :]
     else:
         return None
-    return target if ".." not in target.parts and is_regular(target) else None
+    place = inside / target.lstrip("/")
+    return place if ".." not in place.parts and is_regular(place) and is_below(place, inside) else None
 
 
 def _substituted(text: str, arguments: Dict[str, str]) -> str:

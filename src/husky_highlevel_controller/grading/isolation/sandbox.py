@@ -10,6 +10,7 @@ process but its own. docs/sandbox.md says what holds without it.
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -67,9 +68,7 @@ class Workspace:
     setups: Tuple[Path, ...] = ()  # setup.bash files, sourced in the sandbox, in this order
     packages: Tuple[Path, ...] = ()  # folders of packages that are found without being built
     hidden: Tuple[Path, ...] = ()  # folders whose content it must not see: other hand-ins and their results
-    own_modules: bool = (
-        True  # this package's Python modules can be imported; a hand-in has one of the same name
-    )
+    own_modules: bool = True  # it can import this package's modules; a hand-in has one of the same name
 
 
 def sandboxed(
@@ -84,54 +83,50 @@ def sandboxed(
         env: the environment the whole command will be started with.
     """
     kind = kind_of_sandbox()
-    limits = [_program("prlimit"), f"--fsize={FILE_SIZE}", f"--data={PROCESS_MEMORY}", "--core=0"]
+    limits = [system_program("prlimit"), f"--fsize={FILE_SIZE}", f"--data={PROCESS_MEMORY}", "--core=0"]
     if kind != NONE:
         limits.append(f"--nproc={THREADS}")
     packages = os.pathsep.join(map(str, workspace.packages))
     setups = [str(path.resolve()) for path in workspace.setups]
-    script = f"MARKING_PACKAGES={_quoted(packages)}; {_SOURCE}"
+    script = f"MARKING_PACKAGES={shlex.quote(packages)}; {_SOURCE}"
     if not workspace.own_modules:
-        script += f"MARKING_HIDDEN=({' '.join(_quoted(str(folder)) for folder in _own_modules())}); {_HIDE}"
-    source = [_program("bash"), "-c", script + _PACKAGES, "bash"]
-    inner = [*limits, *source, *setups, "--", _program("stdbuf"), "-oL", *command]
+        script += f"MARKING_HIDDEN=({' '.join(map(shlex.quote, _own_modules()))}); {_HIDE}"
+    source = [system_program("bash"), "-c", script + _PACKAGES, "bash"]
+    inner = [*limits, *source, *setups, "--", system_program("stdbuf"), "-oL", *command]
     if kind == BUBBLEWRAP:
-        return [_program("bwrap"), *_bubblewrap(), *_mounts(workspace, writable, env), "--", *inner]
-    return [_program("unshare"), *_NAMESPACE, *inner] if kind == NAMESPACE else inner
+        return [system_program("bwrap"), *_bubblewrap(), *_mounts(workspace, writable, env), "--", *inner]
+    return [system_program("unshare"), *_NAMESPACE, *inner] if kind == NAMESPACE else inner
 
 
 @lru_cache(maxsize=1)
 def kind_of_sandbox() -> str:
     """Kind of sandbox that this machine allows: BUBBLEWRAP, NAMESPACE or NONE."""
-    if _works("bwrap", *_BUBBLEWRAP, *_WHOLE_SYSTEM, "true"):
+    if works("bwrap", *_BUBBLEWRAP, *_WHOLE_SYSTEM, "true"):
         return BUBBLEWRAP
-    return NAMESPACE if _works("unshare", *_NAMESPACE, "true") else NONE
+    return NAMESPACE if works("unshare", *_NAMESPACE, "true") else NONE
 
 
 @lru_cache(maxsize=1)
 def _bubblewrap() -> List[str]:
     """Options of bubblewrap for every sandbox, as far as this machine's version has them."""
     options = [*_BUBBLEWRAP, *_NO_NESTED_NAMESPACES]
-    return options if _works("bwrap", *options, *_WHOLE_SYSTEM, "true") else _BUBBLEWRAP
+    return options if works("bwrap", *options, *_WHOLE_SYSTEM, "true") else _BUBBLEWRAP
 
 
-def _works(program: str, *arguments: str) -> bool:
+def works(program: str, *arguments: str) -> bool:
+    """Whether a program of the system succeeds."""
     try:
-        asked = subprocess.run(
-            [_program(program), *arguments], capture_output=True, timeout=PROBE_DEADLINE, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired):
+        command = [system_program(program), *arguments]
+        subprocess.run(command, capture_output=True, timeout=PROBE_DEADLINE, check=True)
+    except (OSError, subprocess.SubprocessError):
         return False
-    return asked.returncode == 0
+    return True
 
 
 @lru_cache(maxsize=None)
-def _program(name: str) -> str:
+def system_program(name: str) -> str:
     """Absolute path of a program of the system, by the search path that marking was started with."""
     return shutil.which(name) or f"/usr/bin/{name}"
-
-
-def _quoted(text: str) -> str:
-    return "'" + text.replace("'", "'\\''") + "'"
 
 
 def _mounts(workspace: Workspace, writable: Sequence[Path], env: Dict[str, str]) -> List[str]:
@@ -140,43 +135,40 @@ def _mounts(workspace: Workspace, writable: Sequence[Path], env: Dict[str, str])
     real_home = Path(os.path.expanduser("~"))
     roots = {Path(path).resolve() for path in (*HIDDEN, real_home, home)} - {Path("/")}
     hidden = {path for path in roots | {path.resolve() for path in workspace.hidden} if path.is_dir()}
-    shown = _needed(workspace, env)
-    steps: List[Tuple[int, int, List[str]]] = []
     size = ["--size", str(TEMPORARY_FILES), "--tmpfs"]
-    steps += [(len(path.parts), 0, [*size, str(path)]) for path in hidden]
+    steps = [(len(path.parts), 0, [*size, str(path)]) for path in hidden]
     steps += [
         (len(path.parts), 1, ["--ro-bind", str(path), str(path)])
-        for path in shown
+        for path in _needed(workspace, env)
         if path not in hidden and not any(path in root.parents for root in roots)
     ]
-    for path in (folder.resolve() for folder in writable):
-        steps.append((len(path.parts), 2, ["--bind", str(path), str(path)]))
-    fixed = [*_WHOLE_SYSTEM, *size, "/dev/shm"]
-    ordered = sorted(steps, key=lambda step: step[:2])
-    return [*fixed, *(word for _, _, words in ordered for word in words)]
+    places = [folder.resolve() for folder in writable]
+    steps += [(len(path.parts), 2, ["--bind", str(path), str(path)]) for path in places]
+    words = [word for _, _, words in sorted(steps, key=lambda step: step[:2]) for word in words]
+    return [*_WHOLE_SYSTEM, *size, "/dev/shm", *words]
 
 
-def _own_modules() -> List[Path]:
+def _own_modules() -> List[str]:
     """Folders on PYTHONPATH that hold this package, and no other of its name: built, installed, sources."""
     folders = [Path(entry) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
     package = Path(husky_highlevel_controller.__file__).parent
     own_files = ("paths.py", "msg/_HuskyStatus.py")
     built = [each for each in folders if any((each / package.name / file).is_file() for file in own_files)]
-    return [package.parent, *built]
+    return [str(package.parent), *map(str, built)]
 
 
 def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
     """Folders that a program of the workspace reads: what its environment names, and this package."""
     share = share_folder()
-    found = {Path(sys.prefix), Path(sys.base_prefix), share, Path(sysconfig.get_paths()["purelib"])}
-    found |= {entry.resolve().parent for entry in share.iterdir()} | {Path(__file__).resolve().parents[2]}
+    folders = {Path(sys.prefix), Path(sys.base_prefix), share, Path(sysconfig.get_paths()["purelib"])}
+    folders |= {entry.resolve().parent for entry in share.iterdir()} | {Path(__file__).resolve().parents[2]}
     for name in SEARCH_PATHS:
-        found |= {Path(word) for word in env.get(name, "").split(os.pathsep) if word.startswith("/")}
+        folders |= {Path(word) for word in env.get(name, "").split(os.pathsep) if word.startswith("/")}
     for prefix in env.get("CMAKE_PREFIX_PATH", "").split(os.pathsep):
         if prefix.startswith("/"):  # libraries and messages lie beside devel/ in the source space
-            found |= {Path(prefix).parent}
-    found |= {setup.resolve().parents[1] for setup in workspace.setups} | set(workspace.packages)
+            folders |= {Path(prefix).parent}
+    folders |= {setup.resolve().parents[1] for setup in workspace.setups} | set(workspace.packages)
     if "DISPLAY" in env:
-        found.add(DISPLAYS)
+        folders.add(DISPLAYS)
     # not Path.exists, which raises for a folder that this user must not enter
-    return sorted({path.resolve() for path in found if os.path.exists(path)})
+    return sorted({path.resolve() for path in folders if os.path.exists(path)})
