@@ -386,7 +386,7 @@ def test_no_launch_file_is_read_through_a_link(tmp_path):
     (folder / "inner").symlink_to(tmp_path / "bob" / "launch")
     launch(folder / "launch" / "a.launch", '<include file="$(find husky)/inner/ex3.launch"/>')
     contents = open_hand_in(HandIn("ann", tmp_path / "ann"), tmp_path)
-    with pytest.raises(NotMarkableError, match="launch files: husky/launch/a.launch$"):
+    with pytest.raises(NotMarkableError, match=r"launch files: husky/launch/a\.launch$"):
         choose_launch_files(contents, contents.packages, 3)
 
 
