@@ -78,24 +78,21 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
     Raises:
         ArchiveError: see there.
     """
-    left_out = 0
+    left_out, seen = 0, set()
     members = _zip_members if suffix_of(archive.name) == ".zip" else _tar_members
     try:
         for name, executable, special, content in members(archive):
             left_out += special
-            if content is not None:
+            if content is not None and name not in seen:
+                seen.add(name)
                 with content:
                     target = folder / _inside(name, archive)
                     target.parent.mkdir(parents=True, exist_ok=True)
                     _copy(content, target, allowance, archive)
                     if executable:
                         target.chmod(0o755)
-    except ArchiveError:
+    except (ArchiveError, MemoryError):
         raise
-    except MemoryError:
-        raise ArchiveError(
-            f"{archive.name} cannot be unpacked within {MEMORY / 1e9:g} GB of memory"
-        ) from None
     except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: a password is needed
         raise ArchiveError(f"{archive.name} cannot be unpacked: {error}") from error
     except Exception as error:  # of zipfile, tarfile, zlib, lzma, bz2, struct
@@ -140,23 +137,17 @@ def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path)
 
 def _zip_members(archive: Path) -> Iterator[_Member]:
     with zipfile.ZipFile(archive) as opened:
-        seen = set()
         for info in opened.infolist():
             mode = info.external_attr >> 16
             special = stat.S_IFMT(mode) not in (0, stat.S_IFREG, stat.S_IFDIR)
-            wanted = not special and not info.is_dir() and info.filename not in seen
-            seen.add(info.filename)
-            content = opened.open(info) if wanted else None
+            content = None if special or info.is_dir() else opened.open(info)
             yield info.filename, bool(mode & 0o100), special, content
 
 
 def _tar_members(archive: Path) -> Iterator[_Member]:
     with tarfile.open(archive) as opened:
-        seen = set()
         for info in opened:
-            wanted = info.isfile() and info.name not in seen
-            seen.add(info.name)
-            content = opened.extractfile(info) if wanted else None
+            content = opened.extractfile(info) if info.isfile() else None
             yield info.name, bool(info.mode & 0o100), not (info.isfile() or info.isdir()), content
 
 

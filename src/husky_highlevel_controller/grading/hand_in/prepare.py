@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Optional, Tuple
+from typing import List, Tuple
 
 from husky_highlevel_controller.grading.drive.plan import Submission
 from husky_highlevel_controller.grading.hand_in.build import build, copy_packages, is_built
@@ -57,18 +57,14 @@ def prepare(
         raise NotMarkableError("; ".join(["no catkin package in it", *contents.notes, *aside]))
     notes = [*contents.notes, *aside]
     by_name = {package.name: package for package in packages}
-    launch: Optional[LaunchFile] = None
     candidates: List[LaunchFile] = []
-    if override.node:
-        needed = set(by_name)
-    else:
-        if override.launch:
-            launch = named_launch_file(contents, packages, override.launch)
-            notes.append(f"launch file {launch.place}, by marking.yaml")
-        else:
-            candidates = choose_launch_files(contents, packages, exercise)
-            launch = candidates[0]
-        needed = set(launch.uses) or set(by_name)
+    if override.launch:
+        candidates = [named_launch_file(contents, packages, override.launch)]
+        notes.append(f"launch file {candidates[0].place}, by marking.yaml")
+    elif not override.node:
+        candidates = choose_launch_files(contents, packages, exercise)
+    launch = candidates[0] if candidates else None
+    needed = set(launch.uses if launch else ()) or set(by_name)
     folders, repairs = copy_packages(packages, out / "ws")
     notes += repairs
     underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent))
@@ -81,7 +77,7 @@ def prepare(
         if any(is_built(node, folders) for node in other.nodes):
             notes.append(f"launch file {launch.place} is passed over: {', '.join(launch.nodes)} is not built")
             launch, built = other, rebuilt
-    if launch and candidates:
+    if launch and not override.launch:
         notes.append(reasons(launch, candidates, exercise))
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
         notes.append("RViz's configuration lies beside the packages")
