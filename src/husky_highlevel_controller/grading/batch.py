@@ -45,7 +45,7 @@ from husky_highlevel_controller.tasks.workers import Workers
 DEADLINE = 3600.0  # [s] of wall time for one hand-in, beside its drives
 PROGRAM = "husky_highlevel_controller.grading.mark"
 MAX_FILE = 50_000_000  # [bytes] of a file that a cluster sends back
-NOT_RETURNED = ("unpacked", "ws", "stand_ins")  # folders that are made of the hand-in
+NOT_RETURNED = frozenset({"unpacked", "ws", "stand_ins"})  # folders that are made of the hand-in
 Files = Dict[str, bytes]  # content by place in the folder of results
 
 
@@ -224,13 +224,10 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
         (folder / "hand_ins").mkdir()
         path, out = content.unpack(folder / "hand_ins"), folder / "out" / job.name
         run(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
-        found = [file for file in walk(out) if file.relative_to(out).parts[0] not in NOT_RETURNED]
         files: Files = {}
-        for file in found:
-            try:
+        for file in walk(out, NOT_RETURNED):
+            with contextlib.suppress(UnreadableFileError):  # too large, or gone
                 files[file.relative_to(out).as_posix()] = read_regular(file, MAX_FILE)
-            except UnreadableFileError:  # too large, or gone
-                continue
         return files
 
 

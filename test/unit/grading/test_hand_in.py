@@ -30,6 +30,7 @@ from husky_highlevel_controller.grading.drive.recording import empty_recording
 from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.hand_in import archives, launch_choice
 from husky_highlevel_controller.grading.hand_in import build as build_module
+from husky_highlevel_controller.grading.hand_in import packages as packages_module
 from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, unpack
 from husky_highlevel_controller.grading.hand_in.build import (
     OLD_BOOST,
@@ -737,6 +738,13 @@ def test_without_network_namespaces_hand_ins_are_marked_one_at_a_time(tmp_path, 
     mark_all(MarkingConfig(), Batch(tmp_path / "class", tmp_path / "out", jobs=4))
     assert numbers == [1]
     assert "one hand-in at a time" in capsys.readouterr().err
+
+
+def test_a_hand_in_of_thousands_of_packages_is_refused(tmp_path):
+    for number in range(packages_module.MAX_PACKAGES + 1):
+        package(tmp_path / "ann" / f"p{number}", f"p{number}")
+    with pytest.raises(NotMarkableError, match="it holds 201 packages, more than 200"):
+        open_hand_in(HandIn("ann", tmp_path / "ann"), tmp_path)
 
 
 def test_what_could_not_be_marked_is_no_zero_in_any_file():

@@ -6,7 +6,7 @@ import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
-from typing import Dict, FrozenSet, List, Sequence, Set, Tuple
+from typing import Dict, FrozenSet, List, Mapping, Sequence, Set, Tuple
 
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
@@ -15,7 +15,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, suffix_of, unpack
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_regular, walk
 
-MAX_ARCHIVES = 50  # inside of one hand-in
+MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # inside of one hand-in
 MAX_MANIFEST = 1_000_000  # [bytes]
 BUILT = frozenset({"build", "devel", "install", "logs", ".git", "__pycache__", "__MACOSX", ".catkin_tools"})
 # packages that courses hand out or that Debian and the robot bring: a copy of one is not the student's work
@@ -64,9 +64,7 @@ class Contents:
 
     root: Path  # its folder, or that of the unpacked archive
     packages: Tuple[Package, ...]
-    places: Dict[Path, PurePosixPath] = field(
-        default_factory=dict
-    )  # folders on disk by place: root, archives
+    places: Mapping[Path, PurePosixPath] = field(default_factory=dict)  # of folders: root, archives
     notes: Tuple[str, ...] = ()
 
 
@@ -78,17 +76,17 @@ def find_hand_ins(folder: Path) -> List[HandIn]:
     """
     if (folder / "package.xml").is_file():
         return [HandIn(_printable_name(folder.name), folder)]
-    found: Dict[str, HandIn] = {}
+    hand_ins: Dict[str, HandIn] = {}
     for path in sorted(folder.iterdir()):
         suffix = suffix_of(path.name)
         is_archive = bool(suffix) and path.is_file()
         if path.name.startswith(".") or path.is_symlink() or not (is_archive or path.is_dir()):
             continue
         name = _printable_name(path.name[: -len(suffix)] if is_archive else path.name)
-        if name in found:
-            raise HuskyError(f"{folder}: {found[name].path.name} and {path.name} are both called {name}")
-        found[name] = HandIn(name, path)
-    return list(found.values())
+        if name in hand_ins:
+            raise HuskyError(f"{folder}: {hand_ins[name].path.name} and {path.name} are both called {name}")
+        hand_ins[name] = HandIn(name, path)
+    return list(hand_ins.values())
 
 
 def _printable_name(name: str) -> str:
@@ -125,21 +123,21 @@ def open_hand_in(hand_in: HandIn, scratch: Path) -> Contents:
             except ArchiveError as error:
                 notes.append(str(error))
             places[unpacked] = PurePosixPath(archive.relative_to(root).as_posix())
-        found: List[Package] = []
-        for folder, place in places.items():
-            found += _packages(folder, place, notes)
+        packages = [each for folder, place in places.items() for each in _packages(folder, place, notes)]
     except (ArchiveError, UnreadableFileError, OSError) as error:
         raise NotMarkableError(f"it cannot be read: {error}") from error
-    return Contents(root, tuple(found), places, tuple(notes))
+    if len(packages) > MAX_PACKAGES:
+        raise NotMarkableError(f"it holds {len(packages)} packages, more than {MAX_PACKAGES}")
+    return Contents(root, tuple(packages), places, tuple(notes))
 
 
 def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Package]:
     """Packages below a folder, outer ones first; what lies inside of one belongs to it."""
     manifests = [path for path in walk(folder, BUILT) if path.name == "package.xml"]
-    found: List[Package] = []
+    packages: Dict[Path, Package] = {}
     for manifest in sorted(manifests, key=lambda path: (len(path.parts), path)):
         path = manifest.parent
-        if any(package.path in path.parents for package in found):
+        if any(parent in packages for parent in path.parents):
             continue
         where = place / path.relative_to(folder).as_posix()
         try:
@@ -147,8 +145,8 @@ def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Pack
         except NotMarkableError as error:
             notes.append(f"{where / 'package.xml'}: {error}")
             continue
-        found.append(Package(name, path, where, needs))
-    return found
+        packages[path] = Package(name, path, where, needs)
+    return list(packages.values())
 
 
 def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
@@ -179,8 +177,8 @@ def exercise_numbers(name: str) -> Set[int]:
     A number counts only beside a word for exercise, or alone: tb3, ur3 and 5ro14 are names of other things.
     """
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.replace(".launch", "")).lower()
-    found = [next(filter(None, groups)) for groups in _EXERCISE.findall(words)]
-    return {_NUMBERS[word] if word in _NUMBERS else int(word) for word in found}
+    numbers = [next(filter(None, groups)) for groups in _EXERCISE.findall(words)]
+    return {_NUMBERS[word] if word in _NUMBERS else int(word) for word in numbers}
 
 
 def fits_exercise(place: PurePosixPath, exercise: int) -> int:
@@ -222,13 +220,12 @@ def choose_packages(found: Sequence[Package], exercise: int) -> Tuple[List[Packa
 
 def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]:
     """Names of packages, and of all packages of the hand-in that they depend on."""
-    found: Set[str] = set()
-    to_see = set(names)
-    while to_see:
-        name = to_see.pop()
-        found.add(name)
-        to_see |= (packages[name].needs & set(packages)) - found
-    return found
+    known, waiting = set(names), list(names)
+    while waiting:
+        needs = packages[waiting.pop()].needs & set(packages) - known
+        known |= needs
+        waiting += needs
+    return known
 
 
 def _depth(package: Package) -> Tuple[bool, int, str]:

@@ -98,20 +98,20 @@ def walk(folder: Path, skipped: frozenset = frozenset({".git"})) -> Iterator[Pat
     Raises:
         UnreadableFileError: there are more than MAX_ENTRIES.
     """
-    seen = 0
+    count = 0
     waiting = [str(folder)]
     while waiting:
         try:
             with os.scandir(waiting.pop()) as entries:
-                found = sorted(itertools.islice(entries, MAX_ENTRIES + 1), key=lambda entry: entry.name)
+                inner = sorted(itertools.islice(entries, MAX_ENTRIES + 1), key=lambda entry: entry.name)
         except OSError:  # it is gone, hides its content, or its path is longer than the kernel takes
             continue
-        seen += len(found)
-        if seen > MAX_ENTRIES:
+        count += len(inner)
+        if count > MAX_ENTRIES:
             raise UnreadableFileError(f"{folder}: more than {MAX_ENTRIES} files and folders")
-        yield from (Path(entry.path) for entry in found if entry.is_file(follow_symlinks=False))
-        inner = [e.path for e in found if e.is_dir(follow_symlinks=False) and e.name not in skipped]
-        waiting += reversed(inner)
+        yield from (Path(entry.path) for entry in inner if entry.is_file(follow_symlinks=False))
+        folders = [e.path for e in inner if e.is_dir(follow_symlinks=False) and e.name not in skipped]
+        waiting += reversed(folders)
 
 
 def remove_tree(folder: Path) -> None:

@@ -175,12 +175,12 @@ def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) ->
 
 def with_variable(name: str, value: str) -> List[int]:
     """Every process that was started with this variable in its environment."""
-    found = []
+    pids = []
     for process in psutil.process_iter():
         with contextlib.suppress(psutil.Error, OSError):
             if process.environ().get(name, "").rstrip("/") == value and process.pid != os.getpid():
-                found.append(process.pid)
-    return found
+                pids.append(process.pid)
+    return pids
 
 
 def end_all(processes: Sequence[Process]) -> List[int]:
