@@ -40,7 +40,7 @@ class Rules:
     ramming_costs: float = _number(0.0, 30.0, "points that ramming the pillar costs")
     gentle: float = _number(0.5, 5.0, "a robot that touches the pillar faster than this rams it [m/s]")
     marker_full: float = _number(0.3, 5.0, "from the marker to the pillar's axis for all points [m]")
-    marker_half: float = _number(0.65, 5.0, "from the marker to the pillar's axis for half of the points [m]")
+    marker_half: float = _number(0.5, 5.0, "from the marker to the pillar's axis for half of the points [m]")
     other_worlds: float = _number(1.0 / 3.0, 1.0, "what the drives in other worlds weigh, together")
     no_rviz_config: str = field(
         default="person",

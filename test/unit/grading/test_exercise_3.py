@@ -249,8 +249,8 @@ def test_points_grow_with_the_time_for_which_the_marker_is_right(share, points):
 
 def test_points_fall_with_the_distance_and_the_height_without_a_cliff():
     rules = Rules(marker_per_metre=0.0)
-    places = [((10.0 - off, 0.0, 0.0), points) for off, points in ((0.3, 20.0), (0.475, 15.0), (0.65, 10.0))]
-    places += [((9.1, 0.0, 0.0), 2.9), ((8.9, 0.0, 0.0), 0.0)]
+    places = [((10.0 - off, 0.0, 0.0), points) for off, points in ((0.3, 20.0), (0.4, 15.0), (0.5, 10.0))]
+    places += [((9.4, 0.0, 0.0), 5.0), ((9.2, 0.0, 0.0), 0.0)]
     places += [((10.0, 0.0, 2.64), 16.0), ((10.0, 0.0, 2.85), 10.0), ((10.0, 0.0, -0.64), 16.0)]
     for place, points in places:
         assert judge_place(markers(GOOD, place), rules).points == pytest.approx(points, abs=0.05), place
@@ -277,7 +277,7 @@ def test_a_mirrored_marker_gets_half_at_most_and_is_named():
     assert judge_place(turning(mirrored=False)).points == 20.0
     item = judge_place(turning(mirrored=True))
     assert 9.0 <= item.points <= 10.0
-    assert "0 % off the robot's axis, 98 % on it; mirrored: y has the wrong sign, for" in item.evidence
+    assert "0 % off the robot's axis, 100 % on it; mirrored: y has the wrong sign, for" in item.evidence
     assert "its y axis points to the other side" in item.hint
     upright = replace(turning(mirrored=True), robot="smb")
     assert "upside down" not in judge_place(upright).evidence

@@ -345,8 +345,11 @@ def test_other_exercises_and_known_packages_are_left_aside_unless_needed(tmp_pat
         ({"launch/a.launch": [NODE], "launch/b.launch": [NODE, RVIZ]}, "b.launch"),
         ({"launch/ex3.launch": [NODE], "launch/husky.launch": [NODE, WORLD]}, "husky.launch"),
         ({"launch/ex5.launch": [NODE, WORLD], "launch/husky.launch": [NODE]}, "husky.launch"),
-        ({"launch/a.launch": [NODE], "launch/high_level.launch": [NODE]}, "high_level.launch"),
+        ({"launch/a.launch": [NODE, RVIZ], "launch/high_level.launch": [NODE]}, "high_level.launch"),
         ({"launch/a_test.launch": [NODE, RVIZ], "launch/b.launch": [NODE]}, "b.launch"),
+        ({"launch/a_ekf.launch": [NODE, WORLD, RVIZ], "launch/b.launch": [NODE]}, "b.launch"),
+        ({"pillar/a.launch": [NODE, WORLD], "pillar/single_pillar.launch": [NODE, WORLD]},
+         "single_pillar.launch"),
         (
             {"launch/a.launch": ['<group if="false">', NODE, "</group>"], "launch/b.launch": [NODE]},
             "b.launch",

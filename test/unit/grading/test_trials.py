@@ -91,6 +91,14 @@ def test_one_display_is_left_wherever_it_is():
     assert len(CONFIG["Visualization Manager"]["Displays"]) == 3, "the configuration itself stays"
 
 
+def test_no_display_asks_for_udp_which_rospy_does_not_speak():
+    scan = {**SCAN, "Unreliable": True}
+    config = {"Visualization Manager": {"Displays": [scan, {"Class": "rviz/Group", "Displays": [scan]}, 7]}}
+    displays = rviz_check.placed(config, 0, 0)["Visualization Manager"]["Displays"]
+    tcp = {**SCAN, "Unreliable": False}
+    assert displays == [tcp, {"Class": "rviz/Group", "Displays": [tcp]}]
+
+
 def test_only_what_is_switched_on_counts(tmp_path):
     put(tmp_path / "a.rviz", "Visualization Manager: {Displays: [{Class: rviz/TF, Enabled: false}]}")
     put(tmp_path / "z" / "b.rviz", "Visualization Manager: {Displays: [{Class: rviz/LaserScan}]}")

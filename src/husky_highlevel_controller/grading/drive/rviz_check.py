@@ -167,16 +167,31 @@ def only(config: Dict[str, Any], kind: str) -> Dict[str, Any]:
     return {**config, "Visualization Manager": {**_manager(config), "Displays": kept(_displays(config))}}
 
 
+def _by_tcp(displays: Sequence[Any]) -> List[Any]:
+    """The displays without `Unreliable`: it asks for UDP, which publishers in rospy do not speak."""
+    known = [display for display in displays if isinstance(display, dict)]
+    return [
+        {**display, "Displays": _by_tcp(_entries(display["Displays"]))}
+        if "Displays" in display
+        else {**display, "Unreliable": False}
+        for display in known
+    ]
+
+
 def placed(config: Dict[str, Any], column: int, row: int) -> Dict[str, Any]:
-    """The configuration in a tile of the screen, without panels, its camera on the robot, at 5 Hz."""
+    """The configuration in a tile of the screen, by TCP, without panels, its camera on the robot, at 5 Hz."""
     config = copy.deepcopy(config)
     config["Panels"] = []
     config["Window Geometry"] = {
         "X": column * TILE[0], "Y": row * TILE[1], "Width": TILE[0], "Height": TILE[1],
         "Hide Left Dock": True, "Hide Right Dock": True,
     }  # fmt: skip
-    options = {**_options(config), "Frame Rate": 5}
-    config["Visualization Manager"] = {**_manager(config), "Global Options": options, "Views": VIEWS}
+    config["Visualization Manager"] = {
+        **_manager(config),
+        "Displays": _by_tcp(_displays(config)),
+        "Global Options": {**_options(config), "Frame Rate": 5},
+        "Views": VIEWS,
+    }
     return config
 
 

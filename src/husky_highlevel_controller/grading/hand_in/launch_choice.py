@@ -30,7 +30,10 @@ MAX_DEPTH = 8  # of includes
 MAX_READS = 1000  # launch files that are read for one hand-in, includes counted each time
 MAX_VALUE = 10_000  # letters of an attribute whose arguments are put in
 PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)
-DEMO_NAME = re.compile(r"test|example|demo|tutorial|template|turtle|old|backup|copy", re.IGNORECASE)
+OTHER_USE = re.compile(  # trials, leftovers, and the course's exercise on localization
+    r"test|example|demo|tutorial|template|turtle|old|backup|copy|ekf|locali[sz]|slam|mapping|bag",
+    re.IGNORECASE,
+)
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
 SCAN = re.compile(rb"LaserScan|PointCloud2")
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
@@ -131,8 +134,10 @@ def _rank(file: LaunchFile, exercise: int) -> Tuple[Any, ...]:
     fits, name = fits_exercise(file.place, exercise), str(file.place)
     content = (not file.pillar, not file.scans, not CONTROLLER.search(name))
     order = (content, -fits) if exercise == 3 else (-fits, content)
-    demo = bool(DEMO_NAME.search(file.place.name))
-    return fits == 0, demo, *order, not file.rviz, len(file.place.parts), name
+    return (
+        fits == 0, bool(OTHER_USE.search(file.place.name)), *order, not CONTROLLER.search(file.place.name),
+        not file.rviz, len(file.place.parts), name,
+    )  # fmt: skip
 
 
 class _Reader:

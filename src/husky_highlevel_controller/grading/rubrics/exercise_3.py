@@ -52,7 +52,8 @@ def judge_approach(recording: Recording) -> Item:
     if covered >= FIRST_STEPS:
         words = f"covers {way - gaps[nearest]:.2f} m {distance}, less than half, by {at:.2f} s"
         cause = cause_of_stop(recording)
-        return replace(item, points=10.0, evidence=f"{words}{cause}", at=at, hint=STOPS if cause else TURNS)
+        hint = hint_on(cause) if cause else TURNS
+        return replace(item, points=10.0, evidence=f"{words}{cause}", at=at, hint=hint)
     turned = float(np.abs(np.diff(np.unwrap(recording.poses[:, 2]))).sum())
     end = float(times[-1])
     if gaps[-1] > way + 0.5:
@@ -66,7 +67,7 @@ def judge_approach(recording: Recording) -> Item:
         item,
         evidence=f"{words}{cause}",
         at=at if gaps[-1] <= way + 0.5 else end,
-        hint=STOPS if cause else TURNS,
+        hint=hint_on(cause) if cause else TURNS,
     )
 
 
@@ -82,8 +83,8 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
         words = f"nearest {gaps[nearest]:.2f} m from the pillar, wanted {rules.reached:g} m, at {at:.2f} s"
         if not recording.driving[nearest + 1 :].any() and recording.driving.any():
             words = f"stops short: {words}"
-        words += cause_of_stop(recording)
-        return replace(item, evidence=words, at=at, hint=STOPS)
+        cause = cause_of_stop(recording)
+        return replace(item, evidence=words + cause, at=at, hint=hint_on(cause) if cause else STOPS)
     reached = float(times[np.argmax(gaps <= rules.reached)])
     touches = np.flatnonzero(gaps <= TOUCH)
     if len(touches):
@@ -182,6 +183,7 @@ HINTS = (
     ),
     ("raises", "the line named is where it happens"),
     ("ends during the drive", "the last line of its output says why"),
+    ("then none", "look at what your callback waits for at that moment"),
 )
 
 
@@ -276,7 +278,8 @@ def judge_shown(view: RvizView, recordings: Sequence[Recording], rules: Rules = 
     placed = [recording for recording in recordings if judge_place(recording, rules).points]
     published = {marker.topic for recording in placed for marker in recording.markers if not marker.problem}
     if not published:
-        return replace(item, evidence="no marker at the pillar that could be shown", hint=MARKER)
+        hint = judge_place(recordings[0], rules).hint if recordings else MARKER
+        return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
         return without_config(item, view, rules)
     shown = sorted(published & set(view.topics))

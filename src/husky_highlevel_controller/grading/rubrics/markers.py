@@ -28,10 +28,10 @@ LARGEST = 1.0  # [m], the middle of a shape that touches the pillar is no farthe
 TOUCHING = 0.5  # score of such a shape
 MOST = 0.5  # of what is drawn in a namespace must be right at a moment
 MAX_SERIES = 6  # topics and namespaces that are judged apart; where more came, all that is drawn is judged
-OFF_AXIS = 0.1  # [rad], the pillar's bearing in base_link beyond which y cannot be mistaken
 ALWAYS, NEVER = 0.8, 0.2  # of the time, for all points and for none; linear in between
 FEW = 3  # moments that make no group yet
 MIRRORED = 0.8  # of the wrong markers off the axis must be where the pillar's mirror image is
+IMAGE_SLOPE = 0.1  # [m] of error for each metre of distance, at which a marker is still at the mirror image
 Key = Tuple[str, str, int]  # topic, namespace, id
 
 
@@ -106,7 +106,7 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
         return Placement(0.0, f"{name}: not to be seen: {lost[0].problem}", lost[0].at)
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _moments(markers, scores)
-    groups = _by_axis(recording, moments)
+    groups = _by_axis(recording, moments, rules)
     score = _score(groups)
     full = sum(moment >= 1.0 for _, moment in moments) / len(moments)
     distances = [_distance(recording, marker) for marker in added if not marker.problem]
@@ -155,14 +155,22 @@ def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[
     return moments
 
 
-def _by_axis(recording: Recording, moments: Sequence[Tuple[float, float]]) -> Dict[str, List[float]]:
+def _by_axis(
+    recording: Recording, moments: Sequence[Tuple[float, float]], rules: Rules
+) -> Dict[str, List[float]]:
     """Scores of the moments with the pillar off the robot's axis, and on it; a few make no group."""
     groups: Dict[str, List[float]] = {"off the robot's axis": [], "on it": []}
     for at, score in moments:
-        _, bearing = _pillar_from_robot(recording, at)
-        groups["off the robot's axis" if abs(bearing) > OFF_AXIS else "on it"].append(score)
+        groups["off the robot's axis" if _is_off_axis(recording, at, rules) else "on it"].append(score)
     large = {where: group for where, group in groups.items() if len(group) >= FEW}
     return large or {"": [score for _, score in moments]}
+
+
+def _is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
+    """Whether the pillar is so far off the robot's x axis that a marker with the wrong sign of y scores 0."""
+    distance, bearing = _pillar_from_robot(recording, at)
+    nothing = 2.0 * rules.marker_half - rules.marker_full  # [m] from the axis of a thin, near pillar
+    return 2.0 * distance * abs(sin(bearing)) > nothing + _slack(recording, distance, rules)
 
 
 def _share(scores: Sequence[float]) -> float:
@@ -183,13 +191,14 @@ def _is_mirrored(recording: Recording, wrong: Sequence[MarkerSample], rules: Rul
     """Whether wrong markers are at the pillar's mirror image, seen from the robot: y has the wrong sign."""
     near = []
     for marker in wrong:
-        distance, bearing = _pillar_from_robot(recording, marker.at)
-        if marker.problem or abs(bearing) <= OFF_AXIS:
+        if marker.problem or not _is_off_axis(recording, marker.at, rules):
             continue
+        distance, bearing = _pillar_from_robot(recording, marker.at)
         x, y, yaw = recording.poses[_row(recording, marker.at)]
         image = x + distance * cos(yaw - bearing), y + distance * sin(yaw - bearing)
         error = hypot(marker.position[0] - image[0], marker.position[1] - image[1])
-        near.append(error <= rules.marker_half + OFF_AXIS * distance)
+        slack = _slack(recording, distance, rules) + IMAGE_SLOPE * distance
+        near.append(error <= rules.marker_half + slack)
     return len(near) >= FEW and float(np.mean(near)) >= MIRRORED
 
 
@@ -198,13 +207,17 @@ def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     if marker.problem:
         return 0.0
     size = recording.pillar_size
-    slack = rules.marker_per_metre * _pillar_from_robot(recording, marker.at)[0]
-    slack += size.radius - PILLAR_RADIUS  # a thicker pillar's near side is as right
+    slack = _slack(recording, _pillar_from_robot(recording, marker.at)[0], rules)
     distance, fade = _distance(recording, marker), max(rules.marker_half - rules.marker_full, 1e-6)
     score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / fade
     if marker.reach <= size.radius and distance <= LARGEST + size.radius - PILLAR_RADIUS:
         score = max(score, TOUCHING)
     return min(max(score, 0.0), 1.0) * _height_score(marker, size.height)
+
+
+def _slack(recording: Recording, distance: float, rules: Rules) -> float:
+    """Tolerance [m] that a robot's distance [m] and a thick pillar add: its near side is as right."""
+    return rules.marker_per_metre * distance + recording.pillar_size.radius - PILLAR_RADIUS
 
 
 def _height_score(marker: MarkerSample, height: float) -> float:
