@@ -26,7 +26,33 @@
     if (document.querySelector(".husky-e-stop") === null) return;
     clearInterval(ready);
     root.classList.remove("husky-connecting");
+    spoken.className = "husky-spoken";
+    spoken.setAttribute("role", "status"); // read out when its text changes; the state bar itself changes all the time
+    document.body.append(spoken);
+    setInterval(describe, 500);
   }, 100);
+  const spoken = document.createElement("div");
+  const describe = () => { // what viser leaves without a name, to screen readers
+    const state = document.querySelector(".husky-state b")?.textContent ?? "";
+    if (spoken.textContent !== state) spoken.textContent = state;
+    document.querySelectorAll("canvas:not([aria-label])").forEach((canvas) => {
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", "3D view of the robot");
+    });
+    document.querySelectorAll("label").forEach((label) => {
+      const row = label.parentElement.parentElement.parentElement;
+      row.querySelectorAll("[role=slider]:not([aria-label]), input:not([aria-label])").forEach((field) => {
+        field.setAttribute("aria-label", label.textContent);
+      });
+      if (row.querySelector("button") !== null && !row.hasAttribute("role")) {
+        row.setAttribute("role", "group");
+        row.setAttribute("aria-label", label.textContent);
+      }
+    });
+    document.querySelectorAll(".mantine-Notification-root").forEach((notice) => { // it would stay in the view for ever
+      if (notice.textContent.startsWith("Software WebGL")) setTimeout(() => notice.querySelector("button")?.click(), 4000);
+    });
+  };
 
   try { // the server asks for it by viser's storage: the choice made here, or else the browser's own
     const prefers = matchMedia("(prefers-color-scheme: dark)").matches ? "1" : "0";

@@ -38,6 +38,7 @@ class WorldServicesAnswer(RosTest):
         self.spawn, self.delete = service(node + "spawn", SpawnObject), service(node + "delete", DeleteObject)
         self.move, self.list = service(node + "move", MoveObject), service(node + "list", ListObjects)
         self.step = service(node + "step", StepWorld)
+        self.load_world = service(node + "load_world", LoadWorld)
         self.scans = self.remember("front/scan", LaserScan)
         self.truth = self.remember("ground_truth/odom", Odometry)
         self.says(self.reset(), "the world is as it was at the start; time runs on from ")
@@ -150,6 +151,16 @@ class WorldServicesAnswer(RosTest):
         self.assertEqual(times, sorted(times), "the clock never runs backwards")
         stamps = [stamp(msg) for msg in list(self.scans)]
         self.assertEqual(stamps, sorted(stamps))
+
+    def test_another_world_is_loaded_whole_or_not_at_all(self):
+        self.box("crate", 3.0)
+        for name, words in (("none.world", "none.world"), ("../package.xml", "package.xml")):
+            self.refuses(self.load_world(name), words)
+        self.assertIn("crate", self.names())
+        self.says(self.load_world("empty.world"), "'")
+        self.assertEqual(self.names(), ["ground_plane"])
+        self.says(self.load_world("singlePillar.world"), "'")
+        self.assertIn("unit_cylinder", self.names())
 
     def test_gazebo_s_own_names_work_in_scripts(self):
         self.move("husky", pose(-2.0, 1.0), "")

@@ -1,7 +1,7 @@
 """The world changes under way: objects come, go and are moved, and so is the robot."""
 
 from dataclasses import replace
-from math import hypot, inf, nan
+from math import dist, hypot, inf, nan
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +22,8 @@ from husky_highlevel_controller.datatypes import (
     World,
 )
 from husky_highlevel_controller.geometry import compose, quat_from_rpy, yaw_from_quat
-from husky_highlevel_controller.ros.web.worlds import models
 from husky_highlevel_controller.simulator.bullet.world import PlacementError
-from husky_highlevel_controller.simulator.models.sdf_world import load_world, parse_model
+from husky_highlevel_controller.simulator.models.sdf_world import load_world
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
@@ -307,12 +306,27 @@ WORLDS = sorted((Path(__file__).parents[2] / "worlds").glob("*.world"))
 
 
 @pytest.mark.parametrize("path", WORLDS, ids=lambda path: path.stem)
-def test_every_world_can_be_put_together_model_by_model(path, simulate):
+def test_a_loaded_world_is_as_if_begun_in_and_time_runs_on(path, simulate):
+    simulation, world = simulate(body("box", Box((1.0, 1.0, 1.0)), 3.0, 0.0, 0.5)), load_world(path)
+    drive(simulation, 1.0, 0.5)
+    simulation.load_world(world)
+    begun = Simulation(world, HUSKY, EXACT, Pose2D(), 1)
+    assert list(simulation.bodies) == list(begun.bodies)
+    assert simulation.stamp == 1.0
+    assert ahead(simulation) == ahead(begun)
+    begun.close()
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.8), (0.0, 0.0, -1.6)])
+def test_a_world_that_is_refused_changes_nothing(gravity, simulate):
     simulation = simulate()
-    for model in models(path.read_text(), path.name):  # as the page loads it
-        simulation.spawn(parse_model(model.xml, model.name, Pose()))
-    wanted = {body.name for body in load_world(path).bodies} - {"ground_plane"}
-    assert set(simulation.bodies) - {GROUND.name} == wanted
+    drive(simulation, 1.0, 0.5)
+    before = place(simulation)
+    on_the_start = body("wall", Box((1.0, 1.0, 1.0)), 0.0, 0.0, 0.5)
+    with pytest.raises(PlacementError):
+        simulation.load_world(World("blocked", (GROUND, on_the_start), gravity))
+    assert dist(place(simulation), before) < 0.01
+    assert set(simulation.bodies) == {GROUND.name}
 
 
 def test_in_a_world_with_nothing_in_it_nothing_is_seen():

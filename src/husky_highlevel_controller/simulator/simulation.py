@@ -60,7 +60,8 @@ class Simulation:
             config = replace(config, traction=replace(config.traction, **grip))
         self._rate, self.dt = config.physics_rate, 1.0 / config.physics_rate
         self._odometry_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
-        self._world, self._start, self._seed = world, start, seed
+        self._world, self._robot, self._config = world, robot, config
+        self._start, self._seed = start, seed
         self._equipment = equip(config, self._drive_config, robot, self._cast, world.gravity)
         self._odometer = Odometer(self._drive_config, self.dt)
         self._bullet = RobotWorld(self.dt)
@@ -107,6 +108,18 @@ class Simulation:
         self._objects.load(self._world.bodies)
         self._chassis.place(self._chassis.on_ground(pose_from_2d(self._start)), self._world.gravity)
         self._odometer.reset(self._chassis.wheels())
+
+    def load_world(self, world: World) -> None:
+        """Begin anew in another world.
+
+        Raises:
+            HuskyError: it cannot be simulated, or something stands at the start; then nothing changes.
+        """
+        if world.gravity != self._world.gravity:
+            raise PlacementError(f"gravity of '{world.name}' is not that of '{self._world.name}'")
+        Simulation(world, self._robot, self._config, self._start, self._seed).close()
+        self._world = world
+        self.reset()
 
     @property
     def stamp(self) -> float:

@@ -39,7 +39,14 @@ from husky_highlevel_controller.simulator.profile import GROUNDS, RobotProfile
 from husky_highlevel_controller.simulator.sensors.depth_camera import CameraSetup
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, steps_per
-from husky_highlevel_controller.srv import StepWorld, StepWorldRequest, StepWorldResponse
+from husky_highlevel_controller.srv import (
+    LoadWorld,
+    LoadWorldRequest,
+    LoadWorldResponse,
+    StepWorld,
+    StepWorldRequest,
+    StepWorldResponse,
+)
 
 MAX_STEPS = 100_000  # in one request
 # [s] of wall time
@@ -238,6 +245,7 @@ class SimulatorNode:
             rospy.Service(f"gazebo/{gazebo_name}", Empty, partial(self._on_empty, work, changes))
             rospy.Service(f"~{name}", Trigger, partial(self._on_trigger, work, changes))
         rospy.Service("~step", StepWorld, self._on_step)
+        rospy.Service("~load_world", LoadWorld, self._on_load_world)
 
     def _pause(self) -> str:
         self._paused = True
@@ -253,6 +261,12 @@ class SimulatorNode:
         self._simulation.reset()
         self._commands.forget()
         return f"the world is as it was at the start; time runs on from {self._simulation.stamp:.3f} s"
+
+    def _load_world(self, name: str) -> str:
+        world = load_world(find_world(name, _world_folders()))
+        self._simulation.load_world(world)
+        self._commands.forget()
+        return f"'{world.name}' with {len(world.bodies)} bodies, the robot at the start"
 
     def _reset_poses(self) -> str:
         self._simulation.reset_poses()
@@ -278,6 +292,11 @@ class SimulatorNode:
 
     def _on_step(self, request: StepWorldRequest) -> StepWorldResponse:
         return StepWorldResponse(*ask(self._calls, lambda: self._step(request.steps), between_steps=True))
+
+    def _on_load_world(self, request: LoadWorldRequest) -> LoadWorldResponse:
+        return LoadWorldResponse(
+            *ask(self._calls, lambda: self._load_world(request.world_name), between_steps=True)
+        )
 
 
 def _world_folders() -> List[Path]:

@@ -7,7 +7,7 @@ message (1.15.2), and together they took as much CPU time as half a simulator.
 from __future__ import annotations
 
 from math import gcd
-from typing import Any, Callable, Optional, Set
+from typing import Any, Callable, List, Optional, Set, Tuple
 
 import numpy as np
 import rospy
@@ -31,6 +31,18 @@ STATE_PUBLISHER = "robot_state_publisher"
 QUEUE = 200  # messages kept for a subscriber that is busy; one that hangs must not hold the world
 
 
+class LastTransforms(rospy.SubscribeListener):
+    """Sends the last transforms to a node that subscribes: while time stands still no others come."""
+
+    def __init__(self, make: Callable[[], List[TFMessage]]) -> None:
+        self._make = make
+
+    def peer_subscribe(self, _topic: str, _publish: Any, publish_to_peer: Callable[[Any], None]) -> None:
+        """Called by rospy, in a thread of its own."""
+        for message in self._make():
+            publish_to_peer(message)
+
+
 class Publishers:
     """Publishes snapshots; no message is made for a topic without a subscriber."""
 
@@ -51,7 +63,10 @@ class Publishers:
         self._bumped: Set[str] = set()
         self.truth_log = TruthLog()
         self.clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
-        self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
+        self._last: Optional[Tuple[float, OdometrySample]] = None
+        self.transforms = rospy.Publisher(
+            "/tf", TFMessage, LastTransforms(self._last_transforms), queue_size=QUEUE
+        )
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
         self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
@@ -91,6 +106,7 @@ class Publishers:
             self.publish_clock(snapshot.stamp)
             on_clock()
         if odometry is not None:
+            self._last = snapshot.stamp, odometry
             base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
             publish_if_subscribed(
                 self.transforms, conversions.move_tree, self._base_frame, [base_in_odom], snapshot.stamp
@@ -110,6 +126,16 @@ class Publishers:
             publish_if_subscribed(self._fix, conversions.fix_to_msg, snapshot.gps, self._drift, BASE)
             publish_if_subscribed(self._fix_velocity, conversions.fix_velocity_to_msg, snapshot.gps, BASE)
         return tells_time
+
+    def _last_transforms(self) -> List[TFMessage]:
+        if self._last is None:
+            return []
+        stamp, odometry = self._last
+        trees = [[(ODOM, BASE, pose_from_2d(odometry.filtered.pose_base_in_odom))]]
+        if not self._has_state_publisher():
+            angles = odometry.wheels.angles
+            trees.append([(BASE, w.link, w.pose_at(angle)) for w, angle in zip(self._wheels, angles)])
+        return [conversions.tree_to_msg(tree, stamp) for tree in trees]
 
     def publish_scan(self, scan: Scan) -> None:
         """Publish a scan."""

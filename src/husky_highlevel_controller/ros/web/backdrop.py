@@ -19,11 +19,8 @@ from husky_highlevel_controller.datatypes import Vector3
 SIDES = 48  # of the ground's disc and of the sky's dome
 RADIUS = 400.0  # [m] from the origin to the horizon
 SHADOW_HEIGHT, GRID_HEIGHT = 0.004, 0.012  # [m] above the ground, so that none hides the other
-SHADOW_BLUR, SHADOW_PIXELS, SHADOW_OPACITY = (
-    0.22,
-    96,
-    0.55,
-)  # [m] beyond the outline; image size; at its darkest
+# of shadows: [m] beyond the outline; side of the picture; at the darkest
+SHADOW_BLUR, SHADOW_PIXELS, SHADOW_OPACITY = 0.22, 96, 0.55
 Colour = Tuple[float, float, float]  # linear, before the browser's tone mapping
 
 
@@ -42,11 +39,11 @@ class Look(NamedTuple):
 
 LOOKS = {
     "day": Look(
-        (0.74, 0.77, 0.80), (0.58, 0.68, 0.80), (0.95, 1.2, 1.5), (0.10, 0.30, 0.85),
+        (0.74, 0.77, 0.80), (0.80, 0.97, 1.18), (0.95, 1.2, 1.5), (0.10, 0.30, 0.85),
         (175, 181, 188), (130, 138, 148), 2.4, 2.6,
     ),
     "night": Look(
-        (0.045, 0.05, 0.058), (0.04, 0.05, 0.065), (0.05, 0.065, 0.095), (0.004, 0.007, 0.015),
+        (0.045, 0.05, 0.058), (0.045, 0.057, 0.08), (0.05, 0.065, 0.095), (0.004, 0.007, 0.015),
         (74, 80, 88), (98, 106, 118), 2.0, 1.8,
     ),
 }  # fmt: skip

@@ -13,9 +13,9 @@ from husky_highlevel_controller.geometry import quat_from_rpy, rotate, wrap_angl
 from husky_highlevel_controller.ros.web.drawing import look
 
 FOLLOW, PILLAR, ABOVE, FREE = CAMERAS = ("Follow", "Pillar", "Above", "Free")
-FIELD_OF_VIEW = radians(38.0)  # of the view's height; wider ones make what stands upright lean
+FIELD_OF_VIEW = radians(34.0)  # of the view's height; wider ones make what stands upright lean
 # from what it looks at [m]; of FOLLOW with x along the robot's heading
-OFFSETS = {FOLLOW: (-4.7, 1.7, 1.25), PILLAR: (-5.6, -6.2, 2.6), ABOVE: (-0.01, 0.0, 30.0)}
+OFFSETS = {FOLLOW: (-5.35, 1.95, 1.2), PILLAR: (-6.4, -7.1, 2.6), ABOVE: (-0.01, 0.0, 34.0)}
 JUMP = 1.0  # [m] from here on the robot was put elsewhere
 TURN_SHARE = 0.08  # of the way to the robot's heading that the camera turns in one update
 STILL, STILL_ANGLE = 0.002, 0.001  # [m], [rad]: less is not worth a message

@@ -1,22 +1,41 @@
-"""Draws pieces with viser: a piece becomes a node of its scene."""
+"""Draws pieces with viser: a piece becomes a node of its scene, and one that cannot is left out."""
 
 from __future__ import annotations
 
-from typing import Any, List, Optional, Sequence, Tuple
+from contextlib import contextmanager
+from typing import Any, Iterator, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
+import rospy
 import viser
 from viser import _messages
 
 from husky_highlevel_controller.datatypes import Pose, Quaternion, Rgba, Vector3
 from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_highlevel_controller.ros.web import meshes
-from husky_highlevel_controller.ros.web.markers import Dots, Lines, MeshFile, Piece, Solid, Words
+from husky_highlevel_controller.ros.web.markers import Label, Lines, MeshFile, Piece, Points, Solid
 
 LETTER_SCALE = 1.0  # of a text marker: 12 px whatever its size in the scene, sharp at any distance
 INVISIBLE = 5e-4  # [m], and of a quaternion (1 mrad): what moves less stays
 LINE_WIDTH = 0.01  # [m], of a line without a width
 MIN_OPACITY = 0.02  # what is fainter is not drawn: RViz shows nothing either
+
+
+class LeftOut:
+    """Catches the errors of single items, so that none of them ends the page and its emergency stop."""
+
+    def __init__(self) -> None:
+        self._warned: Set[str] = set()
+
+    @contextmanager
+    def item(self, source: str) -> Iterator[None]:
+        """Run a block that shows something of a source, such as a topic; log its first error as a warning."""
+        try:
+            yield
+        except Exception as error:  # whatever a message holds, the page goes on
+            if source not in self._warned:
+                self._warned.add(source)
+                rospy.logwarn(f"{source} is not shown: {type(error).__name__}: {error}")
 
 
 def wxyz(quat_xyzw: Quaternion) -> Tuple[float, float, float, float]:
@@ -66,13 +85,13 @@ def draw(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose: Pose
         elif isinstance(piece, Lines):
             width = piece.width or LINE_WIDTH
             nodes.append(scene.add_line_segments(name, piece.points, piece.colors, thickness=width, **where))
-        elif isinstance(piece, Dots):
+        elif isinstance(piece, Points):
             nodes.append(
                 scene.add_point_cloud(
                     name, piece.points, piece.colors, point_size=piece.size, precision="float32", **where
                 )
             )
-        elif isinstance(piece, Words):
+        elif isinstance(piece, Label):
             nodes.append(
                 scene.add_label(
                     name,
@@ -100,7 +119,7 @@ def redraw(nodes: Sequence[Any], pieces: Sequence[Piece]) -> bool:
         elif isinstance(piece, Lines):
             node.points, node.colors = piece.points, piece.colors
             node.thickness = piece.width or LINE_WIDTH
-        elif isinstance(piece, Words):
+        elif isinstance(piece, Label):
             node.text = piece.text
     return True
 
@@ -110,7 +129,7 @@ def _is_alike(node: Any, piece: Piece) -> bool:
         return isinstance(node, viser.MeshHandle) and piece.rgba[3] >= MIN_OPACITY
     if isinstance(piece, Lines):
         return isinstance(node, viser.LineSegmentsHandle)
-    return isinstance(piece, Words) and isinstance(node, viser.LabelHandle)
+    return isinstance(piece, Label) and isinstance(node, viser.LabelHandle)
 
 
 def clickable(nodes: Sequence[Any]) -> List[Any]:

@@ -11,25 +11,25 @@ from std_srvs.srv import SetBool, Trigger
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.ros.web.actions import Actions, call
-from husky_highlevel_controller.ros.web.curves import fixed
-from husky_highlevel_controller.ros.web.state_bar import LEVELS, set_html
+from husky_highlevel_controller.ros.web.plots import fixed, set_html
+from husky_highlevel_controller.ros.web.state_bar import LEVELS
 from husky_highlevel_controller.ros.web.teleop import Teleop
 from husky_highlevel_controller.srv import StepWorld
 
-PAD = """<div class="husky-block husky-drive"><div class="husky-pad"><div class="husky-knob"></div></div>
-<div class="husky-keys">Drag the pad, or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd>.
-Let go to stop.</div></div>"""
+PAD = """<div class="husky-block husky-drive">
+<div class="husky-pad" aria-hidden="true"><div class="husky-knob"></div></div>
+<div>Drag the pad<span class="husky-has-keys">,
+or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd></span>. Let go to stop.<br>
+<span class="husky-has-keys"><kbd>Space</kbd> is the emergency stop.</span></div></div>"""
+PRIMARY = '<i class="husky-choice-0" hidden></i>'  # fills the first button of the group that follows
 
 
-class Status(NamedTuple):
-    """Numbers of the page."""
+class Readings(NamedTuple):
+    """Numbers below the lights; those of the drive are in the state bar."""
 
-    time: Optional[float] = None  # [s], of the clock or the scans
+    bearing_error: Optional[float] = None  # [rad]
     real_time_factor: Optional[float] = None
     scan_rate: Optional[float] = None  # [Hz] of the scans' own stamps
-    distance_error: Optional[float] = None  # [m]
-    bearing_error: Optional[float] = None  # [rad]
-    speed: Optional[float] = None  # [m/s], measured
 
 
 class DriveTab:
@@ -42,7 +42,8 @@ class DriveTab:
         self._controller, self._simulator = controller, simulator
         self._lights: Dict[str, Tuple[int, str]] = {}
         gui = server.gui
-        self._status = gui.add_html(status_html(Status(), []))
+        self._readings = gui.add_html(readings_html(Readings(), []))
+        gui.add_html(PRIMARY)
         start = gui.add_button_group("Controller", ("Start", "Stop"))
         start.on_click(self._on_start_stop)
         with gui.add_folder("Drive by hand"):
@@ -61,13 +62,13 @@ class DriveTab:
             )
             again.on_click(self._on_again)
 
-    def update(self, status: Status, diagnostics: List[Any]) -> None:
+    def update(self, readings: Readings, diagnostics: List[Any]) -> None:
         """Show new readings; `diagnostics` are messages of /diagnostics."""
         for array in diagnostics:
             for item in array.status:
                 self._lights[item.name] = (item.level, item.message)
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
-        set_html(self._status, status_html(status, lights))
+        set_html(self._readings, readings_html(readings, lights))
 
     def forget(self) -> None:
         """Drop the lights of nodes that may be gone."""
@@ -80,6 +81,16 @@ class DriveTab:
     def stop(self) -> None:
         """Stop the controller, so that it stands still when the emergency stop is released."""
         self._actions.do(lambda: self._start_stop(False), None, "Controller")
+
+    def again(self, client: Any) -> None:
+        """Bring back the world and the robot as they were at the start, and start the controller."""
+
+        def work() -> str:
+            sentence = call(f"{self._simulator}/reset", Trigger)
+            self._start_stop(True)
+            return sentence
+
+        self._actions.do(work, client, "Drive again")
 
     def activity(self) -> Tuple[int, str]:
         """Level and sentence of the controller's diagnostics; empty where there are none."""
@@ -109,15 +120,12 @@ class DriveTab:
         self._actions.do(lambda: call(f"{self._simulator}/{name}", Trigger), client, "Simulation")
 
 
-def status_html(status: Status, lights: List[Tuple[str, int, str]]) -> str:
+def readings_html(readings: Readings, lights: List[Tuple[str, int, str]]) -> str:
     """Readings and lights; whatever a node says of itself is text, never markup."""
     rows = [
-        ("distance to go", _number(status.distance_error, "m")),
-        ("bearing error", _number(status.bearing_error, "rad")),
-        ("speed", _number(status.speed, "m/s")),
-        ("time", _number(status.time, "s", 1)),
-        ("real-time factor", _number(status.real_time_factor, "", 2)),
-        ("scans", _number(status.scan_rate, "Hz", 1)),
+        ("bearing of the pillar", _number(readings.bearing_error, "rad")),
+        ("real-time factor", _number(readings.real_time_factor, "", 2)),
+        ("scans", _number(readings.scan_rate, "Hz", 1)),
     ]
     table = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in rows)
     lamps = "".join(

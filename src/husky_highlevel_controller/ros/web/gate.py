@@ -1,4 +1,4 @@
-"""The door of the page: who may come in, what page they get, and the channel on which they drive.
+"""Access control of the page: checks of origin and token, delivery of the page, the drive WebSocket.
 
 viser serves its page and its data on one port and asks for nothing. The gate stands before both, on the
 same port: it refuses requests of other sites' pages (a WebSocket knows no same-origin rule), asks for the

@@ -40,7 +40,7 @@ class Lines(NamedTuple):
     width: float  # [m]
 
 
-class Dots(NamedTuple):
+class Points(NamedTuple):
     """Square points."""
 
     points: np.ndarray  # (N, 3) float32 [m]
@@ -48,7 +48,7 @@ class Dots(NamedTuple):
     size: float  # [m]
 
 
-class Words(NamedTuple):
+class Label(NamedTuple):
     """A text that faces the camera."""
 
     text: str
@@ -63,10 +63,10 @@ class MeshFile(NamedTuple):
     rgba: Optional[Rgba]  # None: the file's own colours
 
 
-Piece = Union[Solid, Lines, Dots, Words, MeshFile]
+Piece = Union[Solid, Lines, Points, Label, MeshFile]
 
 
-def pieces(marker: Marker) -> List[Piece]:
+def primitives(marker: Marker) -> List[Piece]:
     """Shapes of a marker in its own frame; empty for one that RViz would refuse."""
     size = (marker.scale.x, marker.scale.y, marker.scale.z)
     if not all(isfinite(value) for value in size):
@@ -77,7 +77,7 @@ def pieces(marker: Marker) -> List[Piece]:
     if kind == Marker.ARROW:
         return _arrow(marker, size)
     if kind == Marker.TEXT_VIEW_FACING:
-        return [Words(marker.text, size[2])] if marker.text.strip() else []
+        return [Label(marker.text, size[2])] if marker.text.strip() else []
     if kind == Marker.MESH_RESOURCE:
         own_colors = marker.mesh_use_embedded_materials
         return [MeshFile(marker.mesh_resource, size, None if own_colors else _rgba(marker.color))]
@@ -88,7 +88,7 @@ def pieces(marker: Marker) -> List[Piece]:
     if kind in (Marker.LINE_STRIP, Marker.LINE_LIST):
         return _lines(kind, points, colors, size[0])
     if kind == Marker.POINTS and len(points):
-        return [Dots(points, _bytes(colors[:, :3]), max(size[0], size[1]))]
+        return [Points(points, _bytes(colors[:, :3]), max(size[0], size[1]))]
     if kind == Marker.TRIANGLE_LIST:
         whole = 3 * (len(points) // 3)
         corners = points[:whole].reshape(-1, 3, 3) * np.array(size)
@@ -105,8 +105,8 @@ def pieces(marker: Marker) -> List[Piece]:
 _UNIT_SHAPES = {Marker.CUBE: shapes.cube, Marker.SPHERE: shapes.sphere, Marker.CYLINDER: shapes.cylinder}
 
 
-def looks(marker: Marker) -> Tuple[Any, ...]:
-    """All that `pieces` depends on, sizes to the millimetre: equal looks need not be drawn again."""
+def appearance(marker: Marker) -> Tuple[Any, ...]:
+    """All that `primitives` depends on, sizes to the millimetre: equal looks need not be drawn again."""
     scale, color = marker.scale, marker.color
     return (
         marker.type,

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, Callable, Dict
+from typing import TYPE_CHECKING, Any, Callable, Dict, Optional, Sequence
 
 import viser
 
-from husky_highlevel_controller.datatypes import Pose
+from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.ros.web.objects import Key, Object, Objects
 from husky_highlevel_controller.ros.web.pages import DELETE, LOOK, MOVE, PUT, Page
-from husky_highlevel_controller.ros.web.rays import point_on_level
 from husky_highlevel_controller.ros.web.scene import BASE, Scene
 
 if TYPE_CHECKING:  # it imports messages, which tests without a workspace do not have
     from husky_highlevel_controller.ros.web.world_tab import WorldTab
+
+FARTHEST = 200.0  # [m]; a click just below the horizon means no place
 
 
 class Mouse:
@@ -148,6 +149,16 @@ class Drag:
             self._show(self._pose)
         if event.phase == "end":
             self._drop(event.client, self._pose)
+
+
+def point_on_level(origin: Sequence[float], direction: Sequence[float], z: float) -> Optional[Vector3]:
+    """Intersection of a ray with the plane at height `z` [m]; None behind the camera or too far."""
+    if abs(direction[2]) < 1e-9:
+        return None
+    distance = (z - origin[2]) / direction[2]
+    if not 0.0 < distance < FARTHEST:
+        return None
+    return (origin[0] + distance * direction[0], origin[1] + distance * direction[1], z)
 
 
 def _vector(values: Any) -> Any:

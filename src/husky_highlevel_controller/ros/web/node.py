@@ -24,15 +24,14 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.web.actions import Actions
 from husky_highlevel_controller.ros.web.camera import FIELD_OF_VIEW
-from husky_highlevel_controller.ros.web.curves import Rate
-from husky_highlevel_controller.ros.web.drive_tab import DriveTab, Status
-from husky_highlevel_controller.ros.web.left_out import LeftOut
+from husky_highlevel_controller.ros.web.drawing import LeftOut
+from husky_highlevel_controller.ros.web.drive_tab import DriveTab, Readings
 from husky_highlevel_controller.ros.web.log import LogBuffer
 from husky_highlevel_controller.ros.web.mouse import Mouse
 from husky_highlevel_controller.ros.web.objects import Objects
 from husky_highlevel_controller.ros.web.page_server import serve
 from husky_highlevel_controller.ros.web.pages import Page, theme, wants_dark
-from husky_highlevel_controller.ros.web.plots import Plots
+from husky_highlevel_controller.ros.web.plots import Plots, Rate
 from husky_highlevel_controller.ros.web.recorder import Recorder
 from husky_highlevel_controller.ros.web.scene import Scene
 from husky_highlevel_controller.ros.web.state_bar import NO_NEWS_TIME, RobotStatus, StateBar
@@ -118,13 +117,16 @@ class WebNode:
         with self._tabs["Drive"]:
             self._drive = DriveTab(server, self._actions, self._teleop, config.controller, config.simulator)
         self._teleop.on_lock = self._drive.stop
+        self._state_bar.on_again = self._drive.again
         with self._tabs["World"]:
             world = WorldTab(server, self._actions, config.simulator, config.fixed_frame)
+        self._state_bar.on_elsewhere = lambda client: world.move_away(client, self._pillar)
         self._mouse = Mouse(server, self._scene, self._objects, world, self._pages)
         with self._tabs["Tune"]:
-            self._tuning = Tuning(server, self._actions)
+            self._tuning = Tuning(server, self._actions, self._tabs["Tune"])
         with self._tabs["Curves"]:
-            self._plots = Plots(server)
+            self._plots = Plots(server.gui)
+        self._tuning.on_change = self._on_parameter
         with self._tabs["View"]:
             with server.gui.add_folder("Layers, for every page"):
                 for layer, is_shown in self._scene.layers.items():
@@ -139,7 +141,7 @@ class WebNode:
         while not rospy.is_shutdown():
             self._greet()
             if not self._pages:
-                self._sleep_until_somebody_comes()
+                self._idle_until_client_connects()
                 readings_due = curves_due = network_due = 0.0
                 continue
             now = time.monotonic()
@@ -160,7 +162,7 @@ class WebNode:
             time.sleep(max(0.0, period - (time.monotonic() - now)))
         self._server.stop()
 
-    def _sleep_until_somebody_comes(self) -> None:
+    def _idle_until_client_connects(self) -> None:
         if self._topics.is_open:
             self._topics.close()
             self._tuning.close()
@@ -217,7 +219,8 @@ class WebNode:
         error = self._topics.take("error")
         if error is not None:
             self._error = (error.vector.x, error.vector.y)
-            self._plots.curves["error"].add(error.header.stamp.to_sec(), *self._error)
+            for name, value in zip(("distance", "bearing"), self._error):
+                self._plots.curves[name].add(error.header.stamp.to_sec(), value)
         pillar = self._topics.take("pillar")
         if pillar is not None:
             frame = self._scene.frames.pose(pillar.header.frame_id, self._config.fixed_frame)
@@ -239,8 +242,7 @@ class WebNode:
         measured = self._speeds.get("measured")
         distance, bearing = self._error or (None, None)
         speed = None if measured is None else measured[0]
-        rates = self._clock_rate.value, self._scan_rate.value
-        status = Status(self._time, *rates, distance, bearing, speed)
+        readings = Readings(bearing, self._clock_rate.value, self._scan_rate.value)
         level, activity = self._drive.activity()
         self._state_bar.update(
             RobotStatus(
@@ -254,7 +256,7 @@ class WebNode:
                 self._time,
             )
         )
-        self._drive.update(status, [received.msg for received in self._topics.take_all("diagnostics")])
+        self._drive.update(readings, [received.msg for received in self._topics.take_all("diagnostics")])
 
     # ------------------------------------------------------------------ pages come and go
 
@@ -282,6 +284,10 @@ class WebNode:
     def _on_disconnect(self, client: viser.ClientHandle) -> None:
         with self._clients_changed:
             self._leavers.append(client.client_id)
+
+    def _on_parameter(self, change: str) -> None:
+        if self._time is not None:
+            self._plots.mark(self._time, change)
 
     def _on_paused(self, msg: Bool) -> None:
         self._is_paused = msg.data

@@ -21,10 +21,9 @@ from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, contact_shadow
-from husky_highlevel_controller.ros.web.drawing import bounds, clickable, draw, place
+from husky_highlevel_controller.ros.web.drawing import LeftOut, bounds, clickable, draw, place
 from husky_highlevel_controller.ros.web.frames import Frames
-from husky_highlevel_controller.ros.web.left_out import LeftOut
-from husky_highlevel_controller.ros.web.markers import Piece, Solid, pieces, pose_of
+from husky_highlevel_controller.ros.web.markers import Piece, Solid, pose_of, primitives
 from husky_highlevel_controller.ros.web.topics import Received
 
 Key = Tuple[str, str]  # server's topic, name of the marker
@@ -152,7 +151,7 @@ class Objects:
         drawn: List[Any] = []
         parts = [part for control in marker.controls for part in control.markers]
         for number, part in enumerate(parts):
-            seen = [piece for piece in pieces(part) if not _is_ground(piece)]
+            seen = [piece for piece in primitives(part) if not _is_ground(piece)]
             drawn += clickable(draw(self._scene, f"{path}/{number}", seen, pose_of(part) or Pose()))
         if drawn:
             low, high = bounds(drawn)

@@ -14,7 +14,7 @@ from husky_highlevel_controller.ros.web.log import LEVELS, Filter, LogBuffer, to
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
 BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}  # by day and by night: text of 4.5 times the contrast
 DARK, IS_DARK = "dark", "is-dark"  # of the browser's storage: the choice, and what page.js makes of it
-STORAGE_TIMEOUT = 2.0  # [s]
+STORAGE_TIMEOUT = 30.0  # [s]; a browser that draws by software answers late
 
 
 class Page:
@@ -143,5 +143,5 @@ def theme(gui: viser.GuiApi, is_dark: bool) -> None:
         show_logo=False,
         show_share_button=False,
         brand_color=BRANDS[is_dark],
-        control_width="medium",
+        control_width="large",
     )

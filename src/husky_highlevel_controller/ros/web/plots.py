@@ -1,91 +1,215 @@
-"""The tab of curves: errors, speeds and turning rates of the last half minute, as SVG.
+"""Curves tab: errors and speeds of the last half minute as SVG charts, and rates of growth.
 
 A chart of viser's own takes its width from its tab before the tab is shown, and stays as narrow as a letter.
 """
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Sequence, Tuple
+from collections import deque
+from html import escape
+from math import ceil, floor, log10
+from typing import Any, Deque, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 import viser
 
-from husky_highlevel_controller.ros.web.curves import Curve, fixed
+CAPACITY = 1000  # samples
+WINDOW = 30.0  # [s] that a chart shows
+RESOLUTION = 0.25  # [s] between two points of a curve: more are not seen, and are sent again and again
+# of a chart, in px where the panel has its usual width: whole, and what labels take at its sides
+WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 360.0, 104.0, 36.0, 6.0, 18.0, 6.0
+TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))
+MAX_MARKS = 8  # changes of parameters in one chart
 
-COLORS = ("#2b86d9", "#e07b00")
-RESOLUTION = 0.2  # [s] between two points of a curve: more are not seen, and are sent again and again
-WIDTH, HEIGHT = 300.0, 110.0  # of a chart's own units
-PLOTS: Dict[str, Tuple[str, Tuple[str, str]]] = {
-    "error": ("error", ("distance [m]", "bearing [rad]")),
-    "speed": ("forward speed [m/s]", ("commanded", "measured")),
-    "turning": ("turning rate [rad/s]", ("commanded", "measured")),
-}
+
+class Chart(NamedTuple):
+    """Chart of one quantity."""
+
+    name: str  # of its curve
+    title: str
+    unit: str
+    series: Tuple[str, ...]  # commanded is dashed
+
+
+CHARTS = (
+    Chart("distance", "distance to go", "m", ("measured",)),
+    Chart("bearing", "bearing of the pillar", "rad", ("measured",)),
+    Chart("speed", "forward speed", "m/s", ("commanded", "measured")),
+    Chart("turning", "turning rate", "rad/s", ("commanded", "measured")),
+)
+
+
+class Curve:
+    """The samples of the last `window` seconds."""
+
+    def __init__(self, series: int, window: float = WINDOW) -> None:
+        """Begin empty.
+
+        Args:
+            series: values of one sample.
+            window: how far back the curve goes [s].
+        """
+        self._window, self._series = window, series
+        self._samples: Deque[Tuple[float, ...]] = deque(maxlen=CAPACITY)  # time and values, the newest last
+
+    def add(self, stamp: float, *values: float) -> None:
+        """Add a sample; a time that runs backwards begins anew, one that stands still adds nothing."""
+        samples = self._samples
+        if samples and stamp < samples[-1][0]:
+            samples.clear()
+        if samples and stamp == samples[-1][0]:
+            return
+        samples.append((stamp, *values))
+        while stamp - samples[0][0] > self._window:
+            samples.popleft()
+
+    @property
+    def arrays(self) -> Tuple[np.ndarray, ...]:
+        """Times and each series, oldest first; NaN where there was no value."""
+        return tuple(np.array(list(self._samples), float).reshape(-1, self._series + 1).T)
+
+
+class Mark(NamedTuple):
+    """Change of a parameter."""
+
+    stamp: float  # [s]
+    text: str
 
 
 class Plots:
-    """Charts of the curves."""
+    """Charts of the curves, with a line at each change of a parameter."""
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        self.curves = {name: Curve(2) for name in PLOTS}
-        self._charts: Dict[str, Any] = {name: server.gui.add_html("") for name in PLOTS}
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self.curves = {chart.name: Curve(len(chart.series)) for chart in CHARTS}
+        self._elements: List[Any] = [gui.add_html("") for _ in CHARTS]
+        self._marks: Deque[Mark] = deque(maxlen=MAX_MARKS)
+
+    def mark(self, stamp: float, text: str) -> None:
+        """Mark a change of a parameter at a time [s]."""
+        self._marks.append(Mark(stamp, text))
 
     def update(self) -> None:
         """Send what is new."""
-        for name, chart in self._charts.items():
-            content = chart_html(*PLOTS[name], self.curves[name].arrays)
-            if chart.content != content:
-                chart.content = content
+        for chart, element in zip(CHARTS, self._elements):
+            set_html(element, chart_html(chart, self.curves[chart.name].arrays, list(self._marks)))
 
 
-def chart_html(title: str, labels: Sequence[str], arrays: Sequence[np.ndarray]) -> str:
-    """A chart of series over time; NaN is a gap, and 0 is always within the range."""
+class Rate:
+    """Growth of one number beside another, over a few seconds of the second."""
+
+    def __init__(self, window: float = 2.0) -> None:
+        self._window = window
+        self._samples: Deque[Tuple[float, float]] = deque()
+
+    def add(self, amount: float, moment: float) -> None:
+        """Add a reading of both; an amount that shrinks begins anew."""
+        if self._samples and amount < self._samples[-1][0]:
+            self._samples.clear()
+        self._samples.append((amount, moment))
+        while len(self._samples) > 2 and moment - self._samples[1][1] >= self._window:
+            self._samples.popleft()
+
+    @property
+    def value(self) -> Optional[float]:
+        """Growth of the amount for each second; None before two readings."""
+        if len(self._samples) < 2:
+            return None
+        (first, start), (last, end) = self._samples[0], self._samples[-1]
+        return (last - first) / (end - start) if end > start else None
+
+
+def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark] = ()) -> str:
+    """HTML of a chart of series over time; NaN is a gap, and 0 is always within the range."""
     times, series = arrays[0], arrays[1:]
-    finite = [values[np.isfinite(values)] for values in series]
-    low = min([0.0, *(float(values.min()) for values in finite if len(values))])
-    high = max([0.0, *(float(values.max()) for values in finite if len(values))])
-    span = max(high - low, 0.1)
-    lines = [_line(0.0, 0.0, low, span, "rgba(128,128,128,0.5)")]
-    for values, color in zip(series, COLORS):
-        lines.append(
-            f'<path fill="none" stroke="{color}" stroke-width="1.5" d="{_path(times, values, low, span)}"/>'
+    end = float(times[-1]) if len(times) else 0.0
+    ticks = nice_ticks(*_limits(series))
+    low, high = ticks[0], ticks[-1]
+    right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
+
+    def x_of(time: Any) -> Any:
+        return LEFT + (right - LEFT) * (1.0 + (time - end) / WINDOW)
+
+    def y_of(value: Any) -> Any:
+        return TOP + (bottom - TOP) * (high - value) / (high - low)
+
+    parts = [
+        f'<path class="{"grid" if tick else "zero"}" d="M{LEFT:.0f},{y_of(tick):.1f}H{right:.0f}"/>'
+        f'<text x="{LEFT - 4.0:.0f}" y="{y_of(tick) + 3.5:.1f}" text-anchor="end">{tick:g}</text>'
+        for tick in ticks
+    ]
+    for age, name, anchor in TIME_TICKS:
+        x = x_of(end - age)
+        parts.append(
+            f'<path class="grid" d="M{x:.1f},{TOP:.0f}V{bottom:.0f}"/>'
+            f'<text x="{x:.1f}" y="{HEIGHT - 5.0:.0f}" text-anchor="{anchor}">{name}</text>'
         )
-    key = " ".join(
-        f'<span style="color:{color}">&#9632;</span> {label} {_newest(values)}'
-        for label, color, values in zip(labels, COLORS, series)
+    for mark in marks:
+        if 0.0 <= end - mark.stamp < WINDOW:
+            x = x_of(mark.stamp)
+            anchor = "start" if x < WIDTH / 2.0 else "end"
+            shift = 3.0 if anchor == "start" else -3.0
+            parts.append(
+                f'<path class="mark" d="M{x:.1f},{TOP:.0f}V{bottom:.0f}"/>'
+                f'<text class="mark" x="{x + shift:.1f}" y="{TOP + 9.0:.0f}" text-anchor="{anchor}">'
+                f"{escape(mark.text)}</text>"
+            )
+    for name, values in zip(chart.series, series):
+        parts.append(f'<path class="curve {name}" d="{_path(times, values, x_of, y_of)}"/>')
+    newest = [_newest(values) for values in series]
+    key = "".join(
+        f'<span><i class="{name}"></i>{name if len(series) > 1 else ""} {value}</span>'
+        for name, value in zip(chart.series, newest)
     )
-    limits = f"{fixed(low, 2)} to {fixed(low + span, 2)}, last {_length(times):.0f} s"
+    spoken = ", ".join(f"{name} {value}" for name, value in zip(chart.series, newest))
     return (
-        f'<div class="husky-block"><b>{title}</b>, {limits}<br>{key}'
-        f'<svg viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" style="width:100%;display:block">'
-        f"{''.join(lines)}</svg></div>"
+        f'<div class="husky-block husky-chart"><div><b>{chart.title}</b> [{chart.unit}]{key}</div>'
+        f'<svg viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" role="img" aria-label="{chart.title}: {spoken}">'
+        f"{''.join(parts)}</svg></div>"
     )
 
 
-def _path(times: np.ndarray, values: np.ndarray, low: float, span: float) -> str:
+def nice_ticks(low: float, high: float) -> List[float]:
+    """Three to six round numbers from at most `low` to at least `high`."""
+    raw = (high - low) / 3.0
+    power = 10.0 ** floor(log10(raw))
+    step = next(power * factor for factor in (1.0, 2.0, 5.0, 10.0) if power * factor >= raw * (1.0 - 1e-9))
+    first, last = floor(low / step + 1e-9), ceil(high / step - 1e-9)
+    return [round(step * number, 9) for number in range(first, last + 1)]
+
+
+def _limits(series: Sequence[np.ndarray]) -> Tuple[float, float]:
+    """Lowest and highest value of all series, 0 among them; at least 0.1 apart."""
+    values = np.concatenate([np.zeros(1), *series])
+    values = values[np.isfinite(values)]
+    low, high = float(values.min()), float(values.max())
+    return low, max(high, low + 0.1)
+
+
+def _path(times: np.ndarray, values: np.ndarray, x_of: Any, y_of: Any) -> str:
     if len(times) < 3:
         return ""
-    bins = np.floor(times / RESOLUTION)  # of absolute time: what is drawn once stays drawn
+    bins = np.floor(times / RESOLUTION)
     kept = np.append(np.flatnonzero(np.diff(bins)), len(times) - 1)
-    times, values = times[kept], values[kept]
-    x = WIDTH * (times - times[0]) / (times[-1] - times[0])
-    y = HEIGHT * (1.0 - (values - low) / span)
-    words: List[str] = []
+    steps: List[str] = []
     pen = "M"
-    for a, b in zip(x.tolist(), y.tolist()):
-        if b == b:
-            words.append(f"{pen}{a:.1f},{b:.1f}")
-        pen = "L" if b == b else "M"
-    return "".join(words)
-
-
-def _line(start: float, end: float, low: float, span: float, color: str) -> str:
-    y0, y1 = (HEIGHT * (1.0 - (value - low) / span) for value in (start, end))
-    return f'<path d="M0,{y0:.1f}L{WIDTH:.0f},{y1:.1f}" stroke="{color}" stroke-width="0.7"/>'
+    for x, y in zip(x_of(times[kept]).tolist(), y_of(values[kept]).tolist()):
+        if y == y:
+            steps.append(f"{pen}{x:.1f},{y:.1f}")
+        pen = "L" if y == y else "M"
+    return "".join(steps)
 
 
 def _newest(values: np.ndarray) -> str:
     return fixed(float(values[-1]), 2) if len(values) and values[-1] == values[-1] else "&ndash;"
 
 
-def _length(times: np.ndarray) -> float:
-    return float(times[-1] - times[0]) if len(times) else 0.0
+def fixed(value: float, digits: int) -> str:
+    """A number with so many digits after the point; what rounds to nothing has no sign."""
+    text = f"{value:.{digits}f}"
+    return text.lstrip("-") if float(text) == 0.0 else text
+
+
+def set_html(element: Any, content: str) -> None:
+    """Change an element's HTML if it differs: every change is sent to every page."""
+    if element.content != content:
+        element.content = content

@@ -20,19 +20,26 @@ from husky_highlevel_controller.ros.clouds import points_from_msg, points_from_s
 from husky_highlevel_controller.ros.transforms import is_pose
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, Backdrop, contact_shadow
-from husky_highlevel_controller.ros.web.drawing import bounds, clickable, draw, place, redraw
+from husky_highlevel_controller.ros.web.drawing import LeftOut, bounds, clickable, draw, place, redraw
 from husky_highlevel_controller.ros.web.frames import Frames
-from husky_highlevel_controller.ros.web.left_out import LeftOut
-from husky_highlevel_controller.ros.web.markers import Key, Markers, Solid, looks, markers_of, pieces, pose_of
+from husky_highlevel_controller.ros.web.markers import (
+    Key,
+    Markers,
+    Solid,
+    appearance,
+    markers_of,
+    pose_of,
+    primitives,
+)
 from husky_highlevel_controller.ros.web.robot import rigid_groups
 from husky_highlevel_controller.ros.web.topics import Topics
 
 SCAN_COLOR, RAY_COLOR, CLOUD_COLOR = (235, 30, 250), (205, 130, 215), (60, 170, 160)
 TRAIL_COLOR, PLAN_COLOR = (20, 120, 255), (255, 120, 0)
-POINT_SIZE = 0.07  # [m], of the scan's points
+POINT_SIZE = 0.05  # [m], of the scan's points
 RAYS = 60  # at most; a few show which beams have returned
 TRAIL_STEP, TRAIL_POINTS = 0.25, 1000  # [m] between two points of the trail, and how many
-LINE_WIDTH, DASH, PLAN_LENGTH = 0.04, 0.25, 100.0  # [m], of a line, of a dash and of a gap, of all dashes
+LINE_WIDTH, DASH, PLAN_LENGTH = 0.03, 0.25, 100.0  # [m], of a line, of a dash and of a gap, of all dashes
 PLAN_PERIOD = 0.3  # [s] between two plans
 LINE_HEIGHT = 0.025  # [m] of trail and plan above the ground
 TRAIL_JUMP = 1.0  # [m] from here on the robot was put elsewhere, and the trail begins anew
@@ -51,7 +58,7 @@ class DrawnMarker:
     name: str  # of its node
     node: Any
     marker: Optional[Marker] = None
-    looks: Optional[Tuple[Any, ...]] = None
+    appearance: Optional[Tuple[Any, ...]] = None
     drawn_at: float = -inf  # [s]
     is_stale: bool = False  # it looks different by now
     parts: List[Any] = field(default_factory=list)  # nodes of its pieces
@@ -272,16 +279,16 @@ class Scene:
 
     def _draw_looks(self, drawn: DrawnMarker, marker: Marker, now: float) -> None:
         """Draw it anew if it looks different, not more often than the eye needs."""
-        appearance = looks(marker)
-        drawn.is_stale = appearance != drawn.looks and now < drawn.drawn_at + LOOKS_PERIOD
-        if appearance == drawn.looks or drawn.is_stale:
+        new_appearance = appearance(marker)
+        drawn.is_stale = new_appearance != drawn.appearance and now < drawn.drawn_at + LOOKS_PERIOD
+        if new_appearance == drawn.appearance or drawn.is_stale:
             return
-        drawn.looks, drawn.drawn_at = appearance, now
-        seen = pieces(marker)
-        if not redraw(drawn.parts, seen):
+        drawn.appearance, drawn.drawn_at = new_appearance, now
+        shapes_of_marker = primitives(marker)
+        if not redraw(drawn.parts, shapes_of_marker):
             for part in drawn.parts:
                 part.remove()
-            drawn.parts = draw(self._scene, drawn.name, seen, Pose())
+            drawn.parts = draw(self._scene, drawn.name, shapes_of_marker, Pose())
 
     def _update_axes(self) -> None:
         names = self.frames.names if self.layers["frames"] else []

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from html import escape
-from typing import Any, NamedTuple, Optional
+from typing import Any, Callable, NamedTuple, Optional
 
 import viser
 
-from husky_highlevel_controller.ros.web.curves import fixed
+from husky_highlevel_controller.ros.web.plots import fixed, set_html
 
 LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
+ARRIVED = "arrived"  # the controller's word
 LOCKED = "emergency stop: no command is obeyed"
-PHRASES = {"stopped": "standing still until Start is pressed", "driving": "driving to the pillar"}
+PHRASES = {
+    "stopped": "standing still until Start is pressed",
+    "driving": "driving to the pillar",
+    "searching": "searching for the pillar",
+    ARRIVED: "arrived at the pillar",
+}
+AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 NO_NEWS_TIME = 2.0  # [s] of wall time without a message of the robot until the page says so
 
 
@@ -29,16 +36,31 @@ class RobotStatus(NamedTuple):
 
 
 class StateBar:
-    """Shown on every tab."""
+    """Emergency stop and state, shown on every tab; when the robot has arrived, what can be done next."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
+        self.on_again: Callable[[Any], None] = lambda client: None  # called with the page that asks for it
+        self.on_elsewhere: Callable[[Any], None] = lambda client: None
         self._e_stop = gui.add_html(e_stop_html(False))
         self._state = gui.add_html(state_html(RobotStatus()))
+        self._next = gui.add_button_group(
+            "What next?",
+            (AGAIN, ELSEWHERE),
+            visible=False,
+            hint=f"{AGAIN}: from the start. {ELSEWHERE}: to a place 4 to 8 m away; the robot follows it",
+        )
+        self._next.on_click(self._on_next)
 
     def update(self, status: RobotStatus) -> None:
         """Show a new state."""
         set_html(self._e_stop, e_stop_html(status.is_locked))
         set_html(self._state, state_html(status))
+        has_arrived = status.activity == ARRIVED and not status.is_locked
+        if self._next.visible != has_arrived:
+            self._next.visible = has_arrived
+
+    def _on_next(self, event: Any) -> None:
+        (self.on_again if event.target.value == AGAIN else self.on_elsewhere)(event.client)
 
 
 def e_stop_html(is_locked: bool) -> str:
@@ -70,16 +92,10 @@ def state_html(status: RobotStatus) -> str:
     ]
     time = "" if status.time is None else f' data-time="{status.time:.3f}"'
     return (
-        f'<div class="husky-block husky-state {level}"{time} role="status">'
-        f'<span class="husky-light {level}"></span><b>{escape(sentence)}</b>'
-        f"<span>{' &middot; '.join(numbers)}</span></div>"
+        f'<div class="husky-block husky-state {level}"{time}>'
+        f'<div><span class="husky-light {level}"></span><b>{escape(sentence)}</b></div>'
+        f"<div>{' &middot; '.join(numbers) or '&nbsp;'}</div></div>"
     )
-
-
-def set_html(element: Any, content: str) -> None:
-    """Change an element's HTML if it differs: every change is sent to every page."""
-    if element.content != content:
-        element.content = content
 
 
 def _button(style: str, locks: str, words: str) -> str:

@@ -1,21 +1,69 @@
-"""Sends what is driven by hand, and the emergency stop, from a thread that nothing else delays."""
+"""Teleoperation: commands of the pages, and the emergency stop, from a thread that nothing else delays."""
 
 from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Callable, Dict
+from math import inf
+from typing import Any, Callable, Dict, Optional
 
 import rospy
 from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool
 
-from husky_highlevel_controller.datatypes import Twist2D
+from husky_highlevel_controller.datatypes import STOP, Twist2D
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
-from husky_highlevel_controller.ros.web.hold_to_drive import HoldToDrive, clamp_axis
 
 PERIOD = 0.05  # [s] between two commands; twist_mux drops a source after 0.5 s, the wheels stop after 0.25 s
+
+EXPIRY = 0.25  # [s] without a word from the page; it repeats itself every 0.05 s while a key is held
+
+
+def clamp_axis(value: Any) -> Optional[float]:
+    """Axis of a joystick, clamped to -1..1; None for what is no finite number."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
+        return None
+    return float(max(-1, min(1, value))) if abs(value) != inf else None
+
+
+class HoldToDrive:
+    """Arbitrates between pages: the first one keeps control until it releases it or times out (EXPIRY)."""
+
+    def __init__(self) -> None:
+        self._holder: Optional[int] = None
+        self._twist, self._heard_at = STOP, 0.0
+        self._has_to_stop = False
+
+    @property
+    def is_active(self) -> bool:
+        """Whether there is something to send."""
+        return self._holder is not None or self._has_to_stop
+
+    def hold(self, page: int, twist: Twist2D, now: float) -> None:
+        """A page commands a twist at `now` [s]; no motion at all is to let go."""
+        if self._holder not in (None, page) and now - self._heard_at < EXPIRY:
+            return
+        if twist == STOP:
+            self.release(page)
+        else:
+            self._holder, self._twist, self._heard_at = page, twist, now
+
+    def release(self, page: int) -> None:
+        """A page lets go, or is gone."""
+        if page == self._holder:
+            self._holder, self._has_to_stop = None, True
+
+    def command(self, now: float) -> Optional[Twist2D]:
+        """The twist to send at `now` [s]: one STOP after the last, then None."""
+        if self._holder is not None and now - self._heard_at >= EXPIRY:
+            self.release(self._holder)
+        if self._holder is not None:
+            return self._twist
+        if self._has_to_stop:
+            self._has_to_stop = False
+            return STOP
+        return None
 
 
 class Teleop:

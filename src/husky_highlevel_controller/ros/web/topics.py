@@ -1,4 +1,4 @@
-"""Subscriptions of the page, which exist only while a browser shows it."""
+"""Subscriptions of the page; open only while a client is connected."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdate, Marker, MarkerArray
 
 DRAWN_PAUSE, NUMBERS_PAUSE = 0.05, 0.2  # [s] between two readings of what is drawn, and of numbers
-WAITING = 0.2  # of a pause: what is read so soon after it came in meanwhile
+BURST_SHARE = 0.2  # of a pause: a message so soon after it had come in meanwhile
 QUEUE = 2000  # messages of one topic kept between two looks; a page that stays behind loses the oldest
 DRAWN = {kind._type: kind for kind in (Marker, MarkerArray, Path)}
 INTERACTIVE = "visualization_msgs/InteractiveMarkerUpdate"
@@ -31,14 +31,14 @@ class Paced:
     """
 
     def __init__(self, take: Callable[[Any], None], pause: float) -> None:
-        """Pause for so long [s] after a message that was not there yet when the last pause ended."""
+        """After a message that did not arrive during the last pause, sleep `pause` [s]: then read a burst."""
         self._take, self._pause = take, pause
         self._ended = threading.local()  # [s], the last pause; a topic has a thread for each publisher
 
     def __call__(self, msg: Any) -> None:
         """Take a message."""
         self._take(msg)
-        if time.monotonic() - getattr(self._ended, "at", -inf) > WAITING * self._pause:
+        if time.monotonic() - getattr(self._ended, "at", -inf) > BURST_SHARE * self._pause:
             time.sleep(self._pause)
             self._ended.at = time.monotonic()
 

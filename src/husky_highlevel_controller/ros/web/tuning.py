@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import rospy
 import viser
@@ -17,21 +17,22 @@ from husky_highlevel_controller.ros.web.parameters import Parameter, from_yaml, 
 
 DESCRIPTION = "dynamic_reconfigure/ConfigDescription"
 SUFFIX = "/parameter_descriptions"
+QUIET: Tuple[int, int, int] = (95, 102, 110)  # of a button that is seldom needed
 
 
 class Tuning:
     """Keeps the fields and the servers equal, both ways."""
 
-    def __init__(self, server: viser.ViserServer, actions: Actions) -> None:
-        self._gui, self._actions = server.gui, actions
+    def __init__(self, server: viser.ViserServer, actions: Actions, tab: Any) -> None:
+        self._gui, self._actions, self._tab = server.gui, actions, tab
+        self.on_change: Callable[[str], None] = lambda change: None  # called with "parameter old \u2192 new"
         self._servers: Dict[str, _Server] = {}
         buttons = self._gui.add_button_group(
             "Parameters", ("Save", "Defaults"), hint="Save: download all as YAML. Defaults: reset all"
         )
         buttons.on_click(self._on_button)
-        upload = self._gui.add_upload_button("Load YAML", mime_type=".yaml,.yml")
+        upload = self._gui.add_upload_button("Load YAML", color=QUIET, mime_type=".yaml,.yml")
         upload.on_upload(self._on_upload)
-        self._folders = self._gui.add_folder("Nodes")
 
     def follow(self, published: List[Tuple[str, str]]) -> None:
         """Add folders of servers that are new, drop those of servers that are gone."""
@@ -39,8 +40,8 @@ class Tuning:
         for name in set(self._servers) - names:
             self._servers.pop(name).close()
         for name in sorted(names - set(self._servers)):
-            with self._folders:
-                self._servers[name] = _Server(name, self._gui, self._actions)
+            with self._tab:
+                self._servers[name] = _Server(name, self._gui, self._actions, self.on_change)
 
     def close(self) -> None:
         """Listen to no server any more."""
@@ -75,8 +76,10 @@ class Tuning:
 class _Server:
     """Server of dynamic_reconfigure and its fields."""
 
-    def __init__(self, name: str, gui: viser.GuiApi, actions: Actions) -> None:
-        self._name, self._gui, self._actions = name, gui, actions
+    def __init__(
+        self, name: str, gui: viser.GuiApi, actions: Actions, on_change: Callable[[str], None]
+    ) -> None:
+        self._name, self._gui, self._actions, self._on_change = name, gui, actions, on_change
         self.parameters: List[Parameter] = []
         self.values: Dict[str, Any] = {}
         self._description: Dict[str, Any] = {}
@@ -141,6 +144,9 @@ class _Server:
 
     def _show(self, values: Dict[str, Any]) -> None:
         with self._turn:
+            for name, value in values.items():
+                if self.values.get(name, value) != value:
+                    self._on_change(change_text(name, self.values[name], value))
             self.values = {**self.values, **values}
             for parameter in self.parameters:
                 name, field = parameter.name, self._fields.get(parameter.name)
@@ -189,6 +195,12 @@ class _Server:
                 raise HuskyError(message)
 
             self._actions.do(refuse, event.client, self._name)
+
+
+def change_text(name: str, old: Any, new: Any) -> str:
+    """Change of a parameter in a few letters."""
+    before, after = (f"{value:g}" if isinstance(value, float) else str(value) for value in (old, new))
+    return f"{name} {before} \u2192 {after}"
 
 
 def shown_value(parameter: Parameter, value: Any) -> Any:

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from math import cos, dist, pi, sin
 from pathlib import Path
-from typing import Any, List, Optional
+from random import uniform
+from typing import Any, Dict, List, Optional
 
 import viser
-from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import Vector3 as Vector3Msg
 
-from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_highlevel_controller.datatypes import HuskyError, Pose, Vector3
 from husky_highlevel_controller.geometry import pose_from_2d, pose_to_2d
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.web.actions import Actions, answer_of, call
-from husky_highlevel_controller.ros.web.worlds import GROUND, models
-from husky_highlevel_controller.srv import DeleteObject, ListObjects, MoveObject, SpawnObject
+from husky_highlevel_controller.srv import DeleteObject, ListObjects, LoadWorld, MoveObject, SpawnObject
 
 ROBOT = "husky"  # what the simulator's services call the robot
+GROUND = "ground_plane"
+MOVE_ATTEMPTS = 10  # to find a place that is free
 SIZES = {"box": (0.4, 0.4, 0.8), "cylinder": (0.4, 0.4, 1.0), "sphere": (0.5, 0.5, 0.5)}  # [m]
 
 
@@ -50,7 +52,7 @@ class WorldTab:
         with gui.add_folder("World"):
             self._worlds = gui.add_dropdown("File", self._files())
             load = gui.add_button(
-                "Load", hint="replaces every object; Reset on the first tab brings the first back"
+                "Load", hint="the robot begins anew in this world; Reset leads back to its beginning"
             )
         load.on_click(lambda event: actions.do(self._load, event.client, "World"))
 
@@ -72,10 +74,33 @@ class WorldTab:
         service = f"{self._simulator}/delete"
         self._actions.do(lambda: call(service, DeleteObject, name), client, "Delete")
 
+    def move_away(self, client: viser.ClientHandle, point: Optional[Vector3]) -> None:
+        """Move the object nearest to a point [m, the page's frame] elsewhere."""
+        self._actions.do(lambda: self._move_away(point), client, "Move")
+
     # ------------------------------------------------------------------ for the actions' thread
 
+    def _move_away(self, point: Optional[Vector3]) -> str:
+        poses = self._poses()
+        for name in [name for name in poses if name.split("::")[0] in (GROUND, ROBOT)]:
+            poses.pop(name)
+        if point is None or not poses:
+            raise HuskyError("there is no pillar to move")
+        name = min(poses, key=lambda name: dist(poses[name].position[:2], point[:2]))
+        x, y, z = poses[name].position
+        for attempt in range(MOVE_ATTEMPTS):
+            away = uniform(4.0, 8.0)
+            angle = uniform(-pi, pi)
+            pose = poses[name]._replace(position=(x + away * cos(angle), y + away * sin(angle), z))
+            try:
+                return self._move(name, pose)
+            except HuskyError:
+                if attempt == MOVE_ATTEMPTS - 1:
+                    raise
+        return ""
+
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
-        taken = set(self._list())
+        taken = self._poses()
         self._put_count += 1
         while f"{shape}_{self._put_count}" in taken:
             self._put_count += 1
@@ -95,35 +120,15 @@ class WorldTab:
     def _move(self, name: str, pose: Pose) -> str:
         return call(f"{self._simulator}/move", MoveObject, name, conversions.pose_to_msg(pose), self._frame)
 
-    def _list(self) -> List[str]:
+    def _poses(self) -> Dict[str, Pose]:
+        """Poses of all objects in the page's frame."""
         answer = answer_of(f"{self._simulator}/list", ListObjects, self._frame)
         if not answer.success:
             raise HuskyError(f"{self._simulator}/list: {answer.status_message}")
-        return list(answer.model_names)
+        return dict(zip(answer.model_names, map(conversions.pose_from_msg, answer.poses)))
 
     def _load(self) -> str:
-        name = self._worlds.value
-        path = share_folder() / "worlds" / name
-        try:
-            wanted = models(path.read_text(), name)
-        except OSError as error:
-            raise HuskyError(f"{path}: {error.strerror}") from None
-        for old in self._list():
-            if old.split("::")[0] != GROUND:
-                call(f"{self._simulator}/delete", DeleteObject, old)
-        for model in wanted:
-            call(
-                f"{self._simulator}/spawn",
-                SpawnObject,
-                model.name,
-                model.xml,
-                "",
-                Vector3Msg(),
-                0.0,
-                _ORIGIN,
-                "world",
-            )
-        return f"{name}: {len(wanted)} models"
+        return call(f"{self._simulator}/load_world", LoadWorld, self._worlds.value)
 
     def _on_shape(self, event: Any) -> None:
         self._size.value = SIZES[event.target.value]
@@ -132,7 +137,3 @@ class WorldTab:
     def _files() -> List[str]:
         folder: Path = share_folder() / "worlds"
         return sorted(path.name for path in folder.glob("*.world"))
-
-
-_ORIGIN = PoseMsg()
-_ORIGIN.orientation.w = 1.0

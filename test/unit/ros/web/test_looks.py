@@ -15,14 +15,14 @@ from husky_highlevel_controller.ros.clouds import points_from_msg
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.frames import Frames
 from husky_highlevel_controller.ros.web.markers import (
-    Dots,
+    Label,
     Lines,
     Markers,
     MeshFile,
+    Points,
     Solid,
-    Words,
     markers_of,
-    pieces,
+    primitives,
 )
 from husky_highlevel_controller.ros.web.robot import rigid_groups
 
@@ -56,13 +56,13 @@ def test_shapes_are_closed_and_turn_outwards(mesh, expected):
 
 
 def test_a_cube_marker_has_the_size_of_its_scale():
-    (solid,) = pieces(marker(Marker.CUBE, (1.0, 2.0, 3.0)))
+    (solid,) = primitives(marker(Marker.CUBE, (1.0, 2.0, 3.0)))
     assert np.ptp(solid.mesh.vertices, axis=0) == pytest.approx([1.0, 2.0, 3.0])
     assert solid.rgba == (1, 0, 0, 1)
 
 
 def test_an_arrow_goes_from_its_first_point_to_its_second():
-    (solid,) = pieces(marker(Marker.ARROW, (0.1, 0.2, 0.0), [(1, 1, 0), (1, 3, 0)]))
+    (solid,) = primitives(marker(Marker.ARROW, (0.1, 0.2, 0.0), [(1, 1, 0), (1, 3, 0)]))
     assert solid.mesh.vertices[:, 1].min() == pytest.approx(1.0)
     assert solid.mesh.vertices[:, 1].max() == pytest.approx(3.0)
     assert np.abs(solid.mesh.vertices[:, 0] - 1.0).max() == pytest.approx(0.1, abs=1e-6)
@@ -78,7 +78,7 @@ def test_a_path_is_a_line_in_its_frame_that_an_empty_path_deletes():
         shown.apply("/plan", marker, 0.0)
     (line,) = shown.shown.values()
     assert line.header.frame_id == "map"
-    (lines,) = pieces(line)
+    (lines,) = primitives(line)
     assert lines.points.tolist() == [[[0, 0, 0], [1, 0, 0]], [[1, 0, 0], [2, 0, 0]]]
     assert lines.width > 0.0
     for marker in markers_of(Path()):
@@ -89,7 +89,7 @@ def test_a_path_is_a_line_in_its_frame_that_an_empty_path_deletes():
 def test_a_strip_joins_neighbours_and_a_list_pairs():
     corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
     (strip,), (pairs,) = (
-        pieces(marker(kind, points=corners)) for kind in (Marker.LINE_STRIP, Marker.LINE_LIST)
+        primitives(marker(kind, points=corners)) for kind in (Marker.LINE_STRIP, Marker.LINE_LIST)
     )
     assert isinstance(strip, Lines)
     assert len(strip.points) == 3
@@ -97,7 +97,7 @@ def test_a_strip_joins_neighbours_and_a_list_pairs():
 
 
 def test_lists_are_one_solid_for_each_colour():
-    drawn = pieces(
+    drawn = primitives(
         marker(Marker.CUBE_LIST, points=[(0, 0, 0), (5, 0, 0), (9, 0, 0)], colors=[RED, GREEN, RED])
     )
     assert [piece.rgba for piece in drawn] == [(1, 0, 0, 1), (0, 1, 0, 1)]
@@ -105,20 +105,20 @@ def test_lists_are_one_solid_for_each_colour():
 
 
 def test_points_texts_meshes_and_triangles():
-    (dots,) = pieces(marker(Marker.POINTS, (0.1, 0.1, 0.0), [(0, 0, 1)]))
-    assert dots == Dots(dots.points, dots.colors, 0.1)
-    assert pieces(marker(Marker.TEXT_VIEW_FACING, (0, 0, 0.3), text="arrived")) == [Words("arrived", 0.3)]
-    (file,) = pieces(marker(Marker.MESH_RESOURCE, mesh_resource="package://a/b.stl"))
+    (dots,) = primitives(marker(Marker.POINTS, (0.1, 0.1, 0.0), [(0, 0, 1)]))
+    assert dots == Points(dots.points, dots.colors, 0.1)
+    assert primitives(marker(Marker.TEXT_VIEW_FACING, (0, 0, 0.3), text="arrived")) == [Label("arrived", 0.3)]
+    (file,) = primitives(marker(Marker.MESH_RESOURCE, mesh_resource="package://a/b.stl"))
     assert file == MeshFile("package://a/b.stl", (1.0, 1.0, 1.0), (1, 0, 0, 1))
-    (sheet,) = pieces(marker(Marker.TRIANGLE_LIST, points=[(0, 0, 0), (1, 0, 0), (0, 1, 0), (7, 7, 7)]))
+    (sheet,) = primitives(marker(Marker.TRIANGLE_LIST, points=[(0, 0, 0), (1, 0, 0), (0, 1, 0), (7, 7, 7)]))
     assert isinstance(sheet, Solid)
     assert len(sheet.mesh.faces) == 1
 
 
 @pytest.mark.parametrize("broken", [float("nan"), float("inf")])
 def test_what_is_not_finite_is_not_drawn(broken):
-    assert pieces(marker(Marker.CUBE, (broken, 1.0, 1.0))) == []
-    assert pieces(marker(Marker.LINE_STRIP, points=[(0, 0, 0), (broken, 0, 0)])) == []
+    assert primitives(marker(Marker.CUBE, (broken, 1.0, 1.0))) == []
+    assert primitives(marker(Marker.LINE_STRIP, points=[(0, 0, 0), (broken, 0, 0)])) == []
 
 
 def test_markers_are_replaced_deleted_and_die():

@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import queue
+import re
 import threading
 from types import SimpleNamespace
 
@@ -12,21 +13,17 @@ from sensor_msgs.msg import PointCloud2, PointField
 
 from husky_highlevel_controller.datatypes import IDENTITY, STOP, HuskyError, Twist2D
 from husky_highlevel_controller.ros.clouds import points_from_msg
-from husky_highlevel_controller.ros.web import actions, left_out
-from husky_highlevel_controller.ros.web.curves import Curve, Rate, fixed
-from husky_highlevel_controller.ros.web.drawing import rgb
+from husky_highlevel_controller.ros.web import actions, drawing
 from husky_highlevel_controller.ros.web.gate import _parse, refusal, replay_page
-from husky_highlevel_controller.ros.web.hold_to_drive import EXPIRY, HoldToDrive, clamp_axis
 from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, LogBuffer, to_html
-from husky_highlevel_controller.ros.web.mouse import Drag, Mouse
+from husky_highlevel_controller.ros.web.mouse import Drag, Mouse, point_on_level
 from husky_highlevel_controller.ros.web.page_server import LoopEvent, MessageBuffer
 from husky_highlevel_controller.ros.web.pages import MOVE
 from husky_highlevel_controller.ros.web.parameters import from_yaml, parameters, to_yaml
-from husky_highlevel_controller.ros.web.plots import chart_html
-from husky_highlevel_controller.ros.web.rays import point_on_level
+from husky_highlevel_controller.ros.web.plots import CHARTS, Curve, Mark, Rate, chart_html, fixed, nice_ticks
 from husky_highlevel_controller.ros.web.state_bar import RobotStatus, state_html
+from husky_highlevel_controller.ros.web.teleop import EXPIRY, HoldToDrive, clamp_axis
 from husky_highlevel_controller.ros.web.tuning import shown_value
-from husky_highlevel_controller.ros.web.worlds import models
 
 AHEAD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.8)
 
@@ -214,29 +211,28 @@ def test_a_click_meets_the_ground_below_the_horizon_only():
     assert point_on_level((0, 0, 2), (1, 0, -1e-4), 0.0) is None
 
 
-WORLD = """<sdf version="1.4"><world name="w"><include><uri>model://sun</uri></include>
-<include><uri>model://ground_plane</uri></include>
-<model name="pillar"><pose>1 2 0 0 0 0</pose><link name="l"/></model></world></sdf>"""
-
-
-def test_a_world_is_its_models_without_ground_and_sun():
-    (model,) = models(WORLD, "w.world")
-    assert model.name == "pillar"
-    assert "<pose>1 2 0 0 0 0</pose>" in model.xml
-
-
-@pytest.mark.parametrize("text", ["no", "<sdf/>", WORLD.replace("model://sun", "model://house")])
-def test_a_world_that_cannot_be_loaded_is_refused_by_name(text):
-    with pytest.raises(HuskyError, match=r"w\.world"):
-        models(text, "w.world")
-
-
 def test_a_chart_draws_gaps_as_gaps_and_survives_nothing():
+    speed = CHARTS[2]
     times, values = np.arange(4.0), np.array([0.0, 1.0, np.nan, 0.5])
-    html = chart_html("speed", ("commanded", "measured"), (times, values, values))
-    assert "M0.0,110.0L100.0,0.0M300.0,55.0" in html
-    assert "0.50" in html
-    assert "<svg" in chart_html("speed", ("commanded", "measured"), (np.zeros(0),) * 3)
+    curve = re.search(r'class="curve commanded" d="([^"]+)"', chart_html(speed, (times, values, values)))
+    assert re.sub("[0-9.,]", "", curve.group(1)) == "MLM"
+    assert "<svg" in chart_html(speed, (np.zeros(0),) * 3)
+
+
+def test_a_chart_marks_a_change_of_a_parameter_while_it_is_in_the_window():
+    times = np.arange(0.0, 100.0)
+    marks = [Mark(50.0, "p_gain_vel 2 > 1"), Mark(90.0, "<p_gain_ang> 2 > 4")]
+    html = chart_html(CHARTS[0], (times, times), marks)
+    assert "p_gain_vel" not in html
+    assert "&lt;p_gain_ang&gt; 2 &gt; 4" in html
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "ticks"),
+    [(0.0, 19.69, [0, 10, 20]), (-0.02, 0.25, [-0.1, 0, 0.1, 0.2, 0.3]), (0.0, 1.0, [0, 0.5, 1.0])],
+)
+def test_ticks_are_round_and_hold_all_values(low, high, ticks):
+    assert nice_ticks(low, high) == pytest.approx(ticks)
 
 
 def test_a_message_of_another_thread_wakes_the_pages_by_their_own_loop():
@@ -309,11 +305,11 @@ def test_a_service_that_hangs_is_given_up_with_a_sentence(monkeypatch):
 
 def test_an_item_that_cannot_be_shown_is_left_out_with_one_warning(monkeypatch):
     warnings = []
-    monkeypatch.setattr(left_out.rospy, "logwarn", warnings.append)
-    items = left_out.LeftOut()
+    monkeypatch.setattr(drawing.rospy, "logwarn", warnings.append)
+    items = drawing.LeftOut()
     for _ in range(3):
         with items.item("/markers"):
-            rgb((float("nan"), 0.0, 0.0, 1.0))
+            drawing.rgb((float("nan"), 0.0, 0.0, 1.0))
     assert warnings == ["/markers is not shown: ValueError: cannot convert float NaN to integer"]
 
 
