@@ -5,7 +5,14 @@ import rospy
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from harness import RosTest, run, stamp, twist
 from husky_highlevel_controller.msg import Bumps
-from husky_highlevel_controller.srv import DeleteObject, ListObjects, MoveObject, SpawnObject, StepWorld
+from husky_highlevel_controller.srv import (
+    DeleteObject,
+    ListObjects,
+    LoadWorld,
+    MoveObject,
+    SpawnObject,
+    StepWorld,
+)
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
