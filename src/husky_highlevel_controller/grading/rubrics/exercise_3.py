@@ -35,39 +35,30 @@ def judge_approach(recording: Recording) -> Item:
     """The Husky drives towards the pillar: 20."""
     item = Item(ITEMS[0], 0.0, 20.0, "")
     gaps, times = recording.hull_gaps, recording.times
-    if not len(times):
-        return _stands(item, recording)
+    if not recording.moving.any():
+        cause = first_cause(recording)
+        return replace(item, evidence=f"the robot never moves: {cause}", hint=hint_on(cause))
     way = max(gaps[0], 1e-6)
     nearest = int(np.argmin(gaps))
-    covered = (way - gaps[nearest]) / way
-    if not recording.moving.any():
-        return _stands(item, recording)
-    distance = f"of the {way:.2f} m to the pillar"
-    if covered >= HALF_WAY:
+    nearer, distance = way - gaps[nearest], f"of the {way:.2f} m to the pillar"
+    if nearer >= HALF_WAY * way:
         half = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * way)])
-        return replace(
-            item, points=20.0, evidence=f"half {distance} are behind it after {half:.2f} s", at=half
-        )
-    at = float(times[nearest])
-    if covered >= FIRST_STEPS:
-        words = f"covers {way - gaps[nearest]:.2f} m {distance}, less than half, by {at:.2f} s"
-        cause = cause_of_stop(recording)
-        hint = hint_on(cause) if cause else TURNS
-        return replace(item, points=10.0, evidence=f"{words}{cause}", at=at, hint=hint)
-    turned = float(np.abs(np.diff(np.unwrap(recording.poses[:, 2]))).sum())
-    end = float(times[-1])
-    if gaps[-1] > way + 0.5:
+        words = f"half {distance} are behind it after {half:.2f} s"
+        return replace(item, points=20.0, evidence=words, at=half)
+    at, end, points = float(times[nearest]), float(times[-1]), 0.0
+    turns = float(np.abs(np.diff(np.unwrap(recording.poses[:, 2]))).sum()) / (2.0 * np.pi)
+    if nearer >= FIRST_STEPS * way:
+        words, points = f"covers {nearer:.2f} m {distance}, less than half, by {at:.2f} s", 10.0
+    elif gaps[-1] > way + 0.5:
         words = f"drives away: {gaps[-1] - way:.2f} m farther from the pillar after {end:.2f} s"
-    elif turned > 2.0 * np.pi:
-        words = f"turns round {turned / (2.0 * np.pi):.1f} times in {end:.2f} s and comes no nearer"
+        at = end
+    elif turns > 1.0:
+        words = f"turns round {turns:.1f} times in {end:.2f} s and comes no nearer"
     else:
-        words = f"comes only {max(way - gaps[nearest], 0.0):.2f} m nearer, {distance}"
+        words = f"comes only {max(nearer, 0.0):.2f} m nearer, {distance}"
     cause = cause_of_stop(recording)
     return replace(
-        item,
-        evidence=f"{words}{cause}",
-        at=at if gaps[-1] <= way + 0.5 else end,
-        hint=hint_on(cause) if cause else TURNS,
+        item, points=points, evidence=words + cause, at=at, hint=hint_on(cause) if cause else TURNS
     )
 
 
@@ -98,17 +89,14 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
             return replace(item, points=points, evidence=words, at=at, hint=SLOWS)
         return replace(item, points=30.0, evidence=f"reaches it, at {speed:.2f} m/s", at=at)
     stood = _stands_since(recording)
+    if stood is not None and gaps[-1] <= rules.reached:
+        words = f"stands {gaps[-1]:.2f} m from it since {stood:.2f} s"
+        return replace(item, points=30.0, evidence=words, at=stood)
+    words = f", but stands {gaps[-1]:.2f} m away in the end"
     if stood is None:
-        words = (
-            f"comes within {gaps[nearest]:.2f} m at {float(times[nearest]):.2f} s, but does not stop there"
-        )
-        return replace(item, points=20.0, evidence=words, at=reached, hint=SLOWS)
-    if gaps[-1] > rules.reached:
-        words = f"comes within {gaps[nearest]:.2f} m, but stands {gaps[-1]:.2f} m away in the end"
-        return replace(item, points=20.0, evidence=words, at=reached, hint=SLOWS)
-    return replace(
-        item, points=30.0, evidence=f"stands {gaps[-1]:.2f} m from it since {stood:.2f} s", at=stood
-    )
+        words = f" at {float(times[nearest]):.2f} s, but does not stop there"
+    words = f"comes within {gaps[nearest]:.2f} m{words}"
+    return replace(item, points=20.0, evidence=words, at=reached, hint=SLOWS)
 
 
 def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
@@ -143,12 +131,6 @@ def _stands_since(recording: Recording) -> Optional[float]:
     return float(recording.times[row])
 
 
-def _stands(item: Item, recording: Recording) -> Item:
-    """The item of a robot that never moves, with the first cause in the chain from node to wheels."""
-    cause = first_cause(recording)
-    return replace(item, evidence=f"the robot never moves: {cause}", hint=hint_on(cause))
-
-
 def cause_of_stop(recording: Recording) -> str:
     """Cause for which a robot stops on its way: its node ends, raises, or is silent; empty: not known."""
     ended = causes(recording)
@@ -177,10 +159,7 @@ HINTS = (
     ("advertises no", "make a publisher of geometry_msgs/Twist on /cmd_vel, in the constructor"),
     ("nothing came on", "publish the velocity in the scans' callback"),
     ("sends its commands to", "publish on /cmd_vel, or remap your topic to it"),
-    (
-        "were zero",
-        "a gain of 0, or a parameter that is not loaded",
-    ),
+    ("were zero", "a gain of 0, or a parameter that is not loaded"),
     ("raises", "the line named is where it happens"),
     ("ends during the drive", "the last line of its output says why"),
     ("then none", "look at what your callback waits for at that moment"),
@@ -209,13 +188,9 @@ def first_cause(recording: Recording) -> str:
     if not recording.subscribed:
         return "it does not subscribe to the scans"
     if not recording.command_count:
-        return (
-            f"it sends its commands to {unread}, which has no subscriber"
-            if unread
-            else "nothing came on cmd_vel"
-            if recording.advertised
-            else "it advertises no cmd_vel"
-        )
+        if unread:
+            return f"it sends its commands to {unread}, which has no subscriber"
+        return "nothing came on cmd_vel" if recording.advertised else "it advertises no cmd_vel"
     if recording.zero_count == recording.command_count:
         return f"all {recording.command_count} commands were zero"
     return f"in spite of {recording.command_count} commands"
@@ -260,14 +235,11 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
     ]
     seen = [what for _, there, what in parts if there]
     unseen = [what for _, there, what in parts if not there]
-    words = f"{view.source}: "
-    words += "; ".join(
-        [f"{', '.join(seen)} to be seen"] * bool(seen)
-        + [f"{', '.join(unseen)} not to be seen"] * bool(unseen)
-    )
-    if not listens:
-        words += f"; does not subscribe to {scan_topic}"
-    return replace(item, points=sum(points for points, there, _ in parts if there), evidence=words)
+    words = [f"{', '.join(seen)} to be seen"] * bool(seen)
+    words += [f"{', '.join(unseen)} not to be seen"] * bool(unseen)
+    words += [f"does not subscribe to {scan_topic}"] * (not listens)
+    points = sum(points for points, there, _ in parts if there)
+    return replace(item, points=points, evidence=f"{view.source}: {'; '.join(words)}")
 
 
 def judge_shown(view: RvizView, recordings: Sequence[Recording], rules: Rules = DEFAULT_RULES) -> Item:
@@ -285,9 +257,8 @@ def judge_shown(view: RvizView, recordings: Sequence[Recording], rules: Rules = 
     shown = sorted(published & set(view.topics))
     if not shown:
         words = f"RViz does not subscribe to {', '.join(sorted(published))}"
-        return replace(
-            item, evidence=words, hint="add a Marker display of this topic, and save the configuration"
-        )
+        hint = "add a Marker display of this topic, and save the configuration"
+        return replace(item, evidence=words, hint=hint)
     return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown)}")
 
 
