@@ -57,9 +57,8 @@ def judge_approach(recording: Recording) -> Item:
     else:
         words = f"comes only {max(nearer, 0.0):.2f} m nearer, {distance}"
     cause = cause_of_stop(recording)
-    return replace(
-        item, points=points, evidence=words + cause, at=at, hint=hint_on(cause) if cause else TURNS
-    )
+    hint = hint_on(cause) if cause else TURNS
+    return replace(item, points=points, evidence=words + cause, at=at, hint=hint)
 
 
 def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
