@@ -149,12 +149,12 @@ def write(result: Comparison, margin: float, words: str, out: Path) -> None:
     title = f"Means of the {len(result.pairs)} scenes in which both succeed"
     write_page(
         out / "index.html", "A and B on the same scenes",
-        f"{len(result.a)} scenes; A: {result.names[0]}; B: {result.names[1]}; {words}",
+        f"{len(result.a)} scenes; A: {result.names[0]}; B: {result.names[1]}",
         [
             Table(title, ("", "A", "B", DIFFERENCE), result.figures()),
             Table("Every scene", list(rows[0]), [list(row.values()) for row in rows], folded=True),
         ],
-        pictures, Cell(result.verdict(margin), "missed" if result.worse(margin) else "ok"),
+        pictures, Cell(result.verdict(margin), "missed" if result.worse(margin) else "ok"), words,
     )  # fmt: skip
 
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 from typing import Any, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
@@ -27,6 +29,7 @@ class Panel(NamedTuple):
     span: float  # the colours cover at least this much: a smaller difference is none
     digits: int = 1  # behind the point, of a cell's label
     is_good_high: bool = False
+    is_logarithmic: bool = False
 
 
 Marks = Mapping[str, Sequence[float]]  # what stands out, by its name: a value for each axis
@@ -127,19 +130,23 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
 
 def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> None:
     """Cells of equal size, one a value, each labelled; a mark between two values lies between their cells."""
-    low, high = _limits(panel)
+    norm = (LogNorm if panel.is_logarithmic else Normalize)(*_limits(panel))
     values = np.ma.masked_invalid(panel.values.T)
     colors = "cividis" if panel.is_good_high else "cividis_r"
-    drawn = plot.imshow(values, cmap=colors, vmin=low, vmax=high, origin="lower", aspect="auto")
+    drawn = plot.imshow(values, cmap=colors, norm=norm, origin="lower", aspect="auto")
     plot.set_facecolor("0.85")  # where there is no value
+    for separate, count in zip((plot.axvline, plot.axhline), values.shape[::-1]):
+        for edge in range(1, count):
+            separate(edge - 0.5, color="w", linewidth=0.8)
     if max(values.shape) <= MAX_LABELLED:
         size = 9 if max(values.shape) <= 8 else 7
         for (row, column), value in np.ndenumerate(values.filled(np.nan)):
-            is_dark = sum(drawn.cmap(drawn.norm(value))[:3]) < 1.5 and np.isfinite(value)
-            words = f"{value:.{panel.digits}f}" if np.isfinite(value) else "-"
+            color = drawn.cmap(norm(value)) if np.isfinite(value) else (0.85, 0.85, 0.85)
             plot.text(
-                column, row, words, ha="center", va="center", fontsize=size, color="w" if is_dark else "k"
-            )
+                column, row, f"{value:.{panel.digits}f}" if np.isfinite(value) else "-", fontsize=size,
+                ha="center", va="center", color="w" if sum(color[:3]) < 1.5 else "k", zorder=5,
+                path_effects=[withStroke(linewidth=3, foreground=color)],  # a mark may lie below it
+            )  # fmt: skip
     else:
         plot.figure.colorbar(drawn, ax=plot)
     for set_ticks, axis in zip((plot.set_xticks, plot.set_yticks), axes):
@@ -151,7 +158,7 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
             for value, axis in zip(values_of_mark, axes)
         ]
         plot.plot(
-            *place, symbol, markersize=20 if symbol == "*" else 16, label=name, color="none",
+            *place, symbol, markersize=26 if symbol == "*" else 22, label=name, color="none",
             markeredgecolor=MARKER, markeredgewidth=2.0, linestyle="none", clip_on=False, zorder=3,
         )  # fmt: skip
     plot.set_ylabel(axes[1].label)

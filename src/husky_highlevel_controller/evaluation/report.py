@@ -43,7 +43,7 @@ class Table:
 
 def write_page(
     path: Path, title: str, lead: str, tables: Sequence[Table],
-    pictures: Optional[Mapping[str, bytes]] = None, verdict: Optional[Cell] = None,
+    pictures: Optional[Mapping[str, bytes]] = None, verdict: Optional[Cell] = None, source: str = "",
 ) -> None:  # fmt: skip
     """Write a page with everything in it.
 
@@ -54,9 +54,10 @@ def write_page(
         tables: in order.
         pictures: PNGs by their words.
         verdict: the result in a sentence.
+        source: of the results: hash, machine, versions.
     """
-    page = render("report.html", title=title, lead=lead, tables=tables, pictures=pictures, verdict=verdict)
-    path.write_text(page, encoding="utf-8")
+    parts = {"pictures": pictures, "verdict": verdict, "source": source}
+    path.write_text(render("report.html", title=title, lead=lead, tables=tables, **parts), encoding="utf-8")
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> List[Path]:

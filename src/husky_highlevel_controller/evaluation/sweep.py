@@ -68,7 +68,9 @@ class Sweep:
         overshoot = 100.0 * self.grid("overshoot", np.mean)
         nearest = 100.0 * self.grid("nearest", np.min)
         return [
-            Panel("time to arrival, median [s]", np.where(times < inf, times, np.nan), 1.0),
+            Panel(
+                "time to arrival, median [s]", np.where(times < inf, times, np.nan), 2.0, is_logarithmic=True
+            ),
             Panel("success: arrived, within 2 cm, no touch [%]", success, 100.0, 0, is_good_high=True),
             Panel("overshoot of the stop distance, mean [cm]", overshoot, 5.0),
             Panel("nearest approach of the hull to the pillar [cm]", nearest, 5.0, is_good_high=True),
@@ -134,7 +136,8 @@ def write(result: Sweep, title: str, words: str, marked: Mapping[str, Sequence[f
         (out / "sweep.png").write_bytes(draw_sweep(result.axes, panels, marked, title))
         files.append(out / "sweep.png")
     every = Table("Every point", list(rows[0]), [list(row.values()) for row in rows])
-    write_page(out / "index.html", title, words, [every], pictures)
+    lead = f"{len(result.scenes)} random starts at each of {len(result.points)} points"
+    write_page(out / "index.html", title, lead, [every], pictures, source=words)
     print("\n".join([title, words, *(f"file: {file}" for file in [*files, out / "index.html"])]))
 
 

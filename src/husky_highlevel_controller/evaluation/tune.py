@@ -276,13 +276,14 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             write_page(
                 options.out / "index.html",
                 "Parameters found by tune",
-                f"{workers.words}; drive with: {command}",
+                f"Drive with: {command}",
                 [
                     Table("Parameters", ("", "by default", "found"), values),
                     Table(f"Both on {options.fresh} fresh starts", ("", *HEADER), figures),
                     trials,
                 ],
                 {"setups": draw_trials([row["objective"] for row in tuned.trials])},
+                source=workers.words,
             )
             print(f"\n{command}\npage: {options.out / 'index.html'}")
             print(workers.words, file=sys.stderr)

@@ -416,7 +416,8 @@ def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():
     short, third = drive((3.0, 0.0)), 1.0 / 3.0
     item = over_trials([GOOD, short, GOOD], judge_arrival, third)
     assert item.points == 25.0
-    assert "in the course's world 30, in 2 others 15 of 30; drive 2: " in item.evidence
+    assert item.evidence.endswith("(drive 2; of 30 points 30 in the course's world, 15 in 2 others)")
+    assert item.drive == 2
     assert over_trials([GOOD, short, short], judge_arrival, third).points == 20.0
     assert over_trials([short, GOOD, GOOD], judge_arrival, third).points == 10.0
     assert over_trials([GOOD, short, short], judge_arrival, 0.0).points == 30.0

@@ -9,7 +9,16 @@ import numpy as np
 from matplotlib.collections import LineCollection
 
 from husky_highlevel_controller.grading.drive.recording import ADD, MarkerSample, Recording
-from husky_highlevel_controller.plots import DRIVEN, MARKER, draw_robot, from_above, new_figure, plain, png
+from husky_highlevel_controller.plots import (
+    DPI,
+    DRIVEN,
+    MARKER,
+    draw_robot,
+    from_above,
+    new_figure,
+    plain,
+    png,
+)
 from husky_highlevel_controller.robot import load_robot
 
 COLORS = "viridis"  # of time
@@ -72,8 +81,7 @@ def _near(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerS
 def draw_pixels(pixels: np.ndarray) -> bytes:
     """(height, width, 3) of 0 to 255, as they are."""
     height, width = pixels.shape[:2]
-    figure = new_figure(width / 100.0, height / 100.0)
-    figure.set_dpi(100)
+    figure = new_figure(width / DPI, height / DPI)
     figure.figimage(pixels.astype(np.uint8))
     return png(figure)
 

@@ -29,11 +29,12 @@ def over_trials(
     first, *further = [item.points or 0.0 for item in items]
     mean = float(np.mean(further))
     points = round((1.0 - other_worlds) * first + other_worlds * mean, 1)
-    words = f"in the course's world {first:g}, in {len(further)} others {round(mean, 1):g}"
-    words += f" of {worst.max_points:g}"
+    words = f"{worst.evidence}; likewise in {len(further)} other worlds"
     if not worst.full:
-        words += f"; drive {number + 1}"
-    words += f": {worst.evidence}"
+        words = (
+            f"{worst.evidence} (drive {number + 1}; of {worst.max_points:g} points {first:g} in the course's"
+        )
+        words += f" world, {round(mean, 1):g} in {len(further)} others)"
     return replace(worst, points=points, evidence=words, drive=number + 1)
 
 
