@@ -55,7 +55,7 @@ def test_there_is_a_row_for_each_drive_with_what_it_came_to(folder):
 def test_the_page_shows_the_picture_and_every_point(folder):
     page = (folder / "index.html").read_text()
     assert (folder / "sweep.png").read_bytes().startswith(PNG)
-    assert page.count("<img") == 1
+    assert page.count("<img") == 4
     assert page.count("<tr>") == 1 + 4
     assert "results " in page
 

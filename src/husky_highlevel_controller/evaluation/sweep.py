@@ -135,7 +135,7 @@ def write(result: Sweep, title: str, words: str, marked: Mapping[str, Sequence[f
         pictures = {panel.title: draw_sweep(result.axes, [panel], marked) for panel in panels}
         (out / "sweep.png").write_bytes(draw_sweep(result.axes, panels, marked, title))
         files.append(out / "sweep.png")
-    every = Table("Every point", list(rows[0]), [list(row.values()) for row in rows])
+    every = Table("Every point", list(rows[0]), [list(row.values()) for row in rows], folded=True)
     lead = f"{len(result.scenes)} random starts at each of {len(result.points)} points"
     write_page(out / "index.html", title, lead, [every], pictures, source=words)
     print("\n".join([title, words, *(f"file: {file}" for file in [*files, out / "index.html"])]))

@@ -43,7 +43,7 @@ BEFORE, AFTER = 6, 18  # lines of an excerpt around the line that fits
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h", ".launch"}
 # the code that an item is about, by a word of its name
 CODE = (
-    ("RViz", r"pkg=.rviz"),
+    ("RViz", r"pkg=.rviz|</launch>"),
     ("marker", r"Marker[^A]*\w+\s*[;(=]"),
     ("stop", r"SetBool"),
     ("start", r"SetBool"),
