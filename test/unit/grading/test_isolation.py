@@ -217,7 +217,7 @@ def test_neither_program_nor_setup_file_has_a_capability(uid_0, tmp_path):
     mine = tmp_path / "mine"
     mine.mkdir()
     command = sandbox.sandboxed(
-        Workspace(setups=(setup,)), ["bash", "-c", UNDO_MOUNTS], [mine], dict(os.environ)
+        Workspace(setups=(setup,)), ["bash", "-c", UNDO_MOUNTS], mine, dict(os.environ)
     )
     outer = ["unshare", "--user", "--map-root-user", "--net"] if uid_0 else []
     answer = subprocess.run([*outer, *command], capture_output=True, text=True, timeout=60, check=False)

@@ -1,7 +1,4 @@
-"""Limits of memory and disk of untrusted programs: sizes of their processes and folders are watched.
-
-rlimits do not do it: RLIMIT_DATA counts no shared mappings, RLIMIT_FSIZE no number of files.
-"""
+"""Watchdog for memory and disk of a process tree; rlimits count neither shared mappings nor files."""
 
 from __future__ import annotations
 
@@ -15,9 +12,9 @@ from typing import Callable, List, Optional, Sequence, Tuple
 import psutil
 
 MEMORY = 6_000_000_000  # [bytes] of all processes of a program together
-DISK = 3_000_000_000  # [bytes] of all files in its folders
+DISK = 3_000_000_000  # [bytes] of all files in its folder
 MEMORY_POLL_PERIOD = 0.25  # [s]
-FILES = 200_000  # files and folders in its folders
+FILES = 200_000  # files and folders in its folder
 BLOCK = 512  # [bytes] of st_blocks, stat(2)
 DISK_POLLS = 8  # memory polls for each look at the folders
 
@@ -25,9 +22,9 @@ DISK_POLLS = 8  # memory polls for each look at the folders
 class SizeWatch:
     """Ends a program whose memory or files have grown beyond their limits."""
 
-    def __init__(self, pid: int, folders: Sequence[Path], end_program: Callable[[], None]) -> None:
+    def __init__(self, pid: int, folder: Path, end_program: Callable[[], None]) -> None:
         self.problem = ""  # why the program was ended
-        self._pid, self._folders, self._end_program = pid, tuple(folders), end_program
+        self._pid, self._folder, self._end_program = pid, folder, end_program
         self._done = threading.Event()
         threading.Thread(target=self._run, daemon=True).start()
 
@@ -55,7 +52,7 @@ class SizeWatch:
             if memory_of(processes) > MEMORY:
                 return f"it was ended: it used more than {MEMORY / 1e9:g} GB of memory"
             if polls % DISK_POLLS == 0:
-                size, files = disk_usage(self._folders)
+                size, files = disk_usage(self._folder)
                 if size + deleted_files(processes) > DISK:
                     return f"it was ended: it wrote more than {DISK / 1e9:g} GB of files"
                 if files > FILES:
@@ -87,8 +84,8 @@ def memory_of(processes: Sequence[psutil.Process]) -> int:
     return proportional
 
 
-def disk_usage(folders: Sequence[Path]) -> Tuple[int, int]:
-    """Blocks of the files below folders [bytes], and the number of files and folders; no link is followed.
+def disk_usage(folder: Path) -> Tuple[int, int]:
+    """Blocks of the files below a folder [bytes], and the number of files and folders; no link is followed.
 
     It ends with the first entry beyond FILES.
 
@@ -96,7 +93,7 @@ def disk_usage(folders: Sequence[Path]) -> Tuple[int, int]:
         OSError: a folder hides its content, or its path is longer than the kernel takes.
     """
     size = count = 0
-    waiting = [str(folder) for folder in folders]
+    waiting = [str(folder)]
     while waiting and count <= FILES:
         try:
             with os.scandir(waiting.pop()) as entries:

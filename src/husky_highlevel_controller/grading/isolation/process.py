@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Callable, Dict, List, Optional, Sequence
+from typing import BinaryIO, Callable, Dict, List, Optional, Sequence
 
 import psutil
 
@@ -42,7 +42,6 @@ class Process:
         env: Dict[str, str],
         folder: Path,
         workspace: Optional[Workspace] = None,
-        writable: Sequence[Path] = (),
     ) -> None:
         """Start it.
 
@@ -50,17 +49,16 @@ class Process:
             command: program and arguments.
             log: file for its output.
             env: environment.
-            folder: working directory.
+            folder: working directory; the only one that an untrusted program may write.
             workspace: of an untrusted program, which then runs in the sandbox; None for one of ours.
-            writable: further folders that an untrusted program may write.
         """
         self.log = log
-        self._file = None
+        self._file: Optional[BinaryIO] = None
         with contextlib.suppress(OSError):  # a full disk costs the log, not the drive
             self._file = create(log)  # before the program can lay a link there
         self._watch: Optional[SizeWatch] = None
         if workspace is not None:
-            command = sandboxed(workspace, command, [folder, *writable], env)
+            command = sandboxed(workspace, command, folder, env)
         self.popen = subprocess.Popen(
             [sys.executable, "-I", _REAPER, str(os.getpid()), *command],
             stdin=subprocess.DEVNULL,
@@ -71,35 +69,31 @@ class Process:
             start_new_session=True,
         )
         if workspace is not None:
-            self._watch = SizeWatch(self.popen.pid, [folder, *writable], self.popen.terminate)
-        self._head, self._tail, self._size = bytearray(), bytearray(), 0
+            self._watch = SizeWatch(self.popen.pid, folder, self.popen.terminate)
+        self._head, self._tail = bytearray(), bytearray()
         self._pump = threading.Thread(target=self._read, daemon=True)
         self._pump.start()
 
     def _read(self) -> None:
         assert self.popen.stdout is not None
-        file = self._file
-        with self.popen.stdout as pipe:
-            descriptor = pipe.fileno()
-            while True:
-                try:
-                    chunk = os.read(descriptor, CHUNK)
-                except (OSError, ValueError):
-                    break
-                if not chunk:
-                    break
-                self._size += len(chunk)
-                room = LOG_HEAD - len(self._head)
-                if room > 0:
-                    self._head += chunk[:room]
-                    _write(file, chunk[:room])
-                if len(chunk) > room:
-                    self._tail = (self._tail + chunk[max(room, 0) :])[-LOG_TAIL:]
+        size = 0
+        with self.popen.stdout as pipe, contextlib.suppress(OSError, ValueError):
+            for chunk in iter(lambda: os.read(pipe.fileno(), CHUNK), b""):
+                size += len(chunk)
+                room = max(LOG_HEAD - len(self._head), 0)
+                self._head += chunk[:room]
+                self._write(chunk[:room])
+                self._tail = (self._tail + chunk[room:])[-LOG_TAIL:]
         if self._tail:
-            left_out = self._size - len(self._head) - len(self._tail)
-            _write(file, b"\n[... %d bytes left out ...]\n" % left_out + bytes(self._tail))
-        if file is not None:
-            file.close()
+            left_out = size - len(self._head) - len(self._tail)
+            self._write(b"\n[... %d bytes left out ...]\n" % left_out + bytes(self._tail))
+        if self._file is not None:
+            self._file.close()
+
+    def _write(self, content: bytes) -> None:
+        with contextlib.suppress(OSError):
+            if self._file is not None:
+                self._file.write(content)
 
     @property
     def output(self) -> str:
@@ -133,12 +127,6 @@ class Process:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.popen.wait(END_DEADLINE)
         self._pump.join(END_DEADLINE)
-
-
-def _write(file: Optional[object], content: bytes) -> None:
-    with contextlib.suppress(OSError):
-        if file is not None:
-            file.write(content)  # type: ignore[attr-defined]
 
 
 STOP_REQUESTED = threading.Event()  # Ctrl-C or SIGTERM: marking is to end

@@ -71,15 +71,13 @@ class Workspace:
     own_modules: bool = True  # it can import this package's modules; a hand-in has one of the same name
 
 
-def sandboxed(
-    workspace: Workspace, command: Sequence[str], writable: Sequence[Path], env: Dict[str, str]
-) -> List[str]:
+def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: Dict[str, str]) -> List[str]:
     """The command that runs a command in the sandbox, with its workspace sourced inside.
 
     Args:
         workspace: what it runs in.
         command: program and arguments.
-        writable: existing folders it may write.
+        folder: existing; the only one that it may write.
         env: the environment the whole command will be started with.
     """
     kind = kind_of_sandbox()
@@ -94,7 +92,7 @@ def sandboxed(
     source = [system_program("bash"), "-c", script + _PACKAGES, "bash"]
     inner = [*limits, *source, *setups, "--", system_program("stdbuf"), "-oL", *command]
     if kind == BUBBLEWRAP:
-        return [system_program("bwrap"), *_bubblewrap(), *_mounts(workspace, writable, env), "--", *inner]
+        return [system_program("bwrap"), *_bubblewrap(), *_mounts(workspace, folder, env), "--", *inner]
     return [system_program("unshare"), *_NAMESPACE, *inner] if kind == NAMESPACE else inner
 
 
@@ -129,7 +127,7 @@ def system_program(name: str) -> str:
     return shutil.which(name) or f"/usr/bin/{name}"
 
 
-def _mounts(workspace: Workspace, writable: Sequence[Path], env: Dict[str, str]) -> List[str]:
+def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str]:
     """Bubblewrap's arguments: outer folders come first, so that inner ones are mounted into them."""
     home = Path(env.get("HOME", "/root"))
     real_home = Path(os.path.expanduser("~"))
@@ -142,8 +140,8 @@ def _mounts(workspace: Workspace, writable: Sequence[Path], env: Dict[str, str])
         for path in _needed(workspace, env)
         if path not in hidden and not any(path in root.parents for root in roots)
     ]
-    places = [folder.resolve() for folder in writable]
-    steps += [(len(path.parts), 2, ["--bind", str(path), str(path)]) for path in places]
+    place = folder.resolve()
+    steps.append((len(place.parts), 2, ["--bind", str(place), str(place)]))
     words = [word for _, _, words in sorted(steps, key=lambda step: step[:2]) for word in words]
     return [*_WHOLE_SYSTEM, *size, "/dev/shm", *words]
 

@@ -251,14 +251,9 @@ def _fault(recording: Recording, marker: MarkerSample) -> str:
     words = f"at ({px:.2f}, {py:.2f}, {pz:.2f}), the pillar at ({x:.2f}, {y:.2f})"
     height = recording.pillar_size.height
     if _height_score(marker, height) < 1.0:
-        return (
-            f"{words}: z is wrong, it is drawn from {marker.low:.2f} to {marker.high:.2f} m,"
-            f" the pillar from 0 to {height:g} m"
-        )
+        words += f": z is wrong, it is drawn from {marker.low:.2f} to {marker.high:.2f} m"
+        return f"{words}, the pillar from 0 to {height:g} m"
     dx, dy = px - x, py - y
-    which = "x" if abs(dx) > 2.0 * abs(dy) else "y" if abs(dy) > 2.0 * abs(dx) else "x and y"
-    return (
-        f"{words}: {which} off by {abs(dx):.2f} m and {abs(dy):.2f} m"
-        if which == "x and y"
-        else (f"{words}: {which} off by {max(abs(dx), abs(dy)):.2f} m")
-    )
+    if 0.5 * abs(dy) <= abs(dx) <= 2.0 * abs(dy):
+        return f"{words}: x and y off by {abs(dx):.2f} m and {abs(dy):.2f} m"
+    return f"{words}: {'x' if abs(dx) > abs(dy) else 'y'} off by {max(abs(dx), abs(dy)):.2f} m"

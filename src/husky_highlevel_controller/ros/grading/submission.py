@@ -172,7 +172,7 @@ def run_in_valgrind(nodes: List[Any], folder: str) -> None:
                 node.launch_prefix = f"valgrind --track-origins=yes --num-callers=20 --log-file={log}"
 
 
-def go_on_without_what_cannot_be_started() -> None:
+def tolerate_failed_nodes() -> None:
     """Keep roslaunch going when one node cannot be started: by its error it would end all of them."""
     launch_node = roslaunch.launch.ROSLaunchRunner.launch_node
 
@@ -215,7 +215,7 @@ def main(arguments: List[str]) -> int:
     if action == "memcheck":
         run_in_valgrind(config.nodes, os.path.dirname(events))
     roslaunch.rlutil.update_terminal_name = lambda *_: None
-    go_on_without_what_cannot_be_started()
+    tolerate_failed_nodes()
     # the server's address is where nodes register with roslaunch
     with contextlib.suppress(KeyboardInterrupt):
         run_id = roslaunch.rlutil.get_or_generate_uuid(None, True)
