@@ -54,7 +54,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     fits_exercise,
     open_hand_in,
 )
-from husky_highlevel_controller.grading.hand_in.prepare import add_rviz_files
+from husky_highlevel_controller.grading.hand_in.prepare import add_rviz_files, launch_file_in
 from husky_highlevel_controller.grading.isolation import files as files_module
 from husky_highlevel_controller.grading.isolation.files import read_regular
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
@@ -406,6 +406,32 @@ def test_rviz_s_default_file_beside_a_package_is_its_configuration(tmp_path):
     assert {path.name: path.read_text() for path in copy.iterdir()} == {"default.rviz": "shown"}
     put(folder / "own.rviz")
     assert not add_rviz_files(contents, 3, folder), "which has one of its own"
+
+
+def test_no_file_is_copied_through_a_link_that_the_build_laid(tmp_path):
+    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
+    put(tmp_path / "class" / "ann" / ".rviz" / "default.rviz", "evil")
+    beside = launch(tmp_path / "class" / "ann" / "ex3.launch", NODE.format("husky"))
+    bashrc = put(tmp_path / "home" / "bashrc", "mine")
+    contents, (only,), _ = chosen(tmp_path / "class", tmp_path)
+    folders, _ = copy_packages([only], tmp_path / "ws")
+    for link in (folders.packages["husky"] / "default.rviz", tmp_path / "ws" / "src" / "ex3.launch"):
+        link.symlink_to(bashrc)
+    assert add_rviz_files(contents, 3, folders.packages["husky"])
+    candidate = choose_launch_files(contents, [only], 3)[0]
+    copy = launch_file_in(candidate, folder, folders.packages["husky"], tmp_path / "ws")
+    assert copy.read_text() == beside.read_text()
+    assert bashrc.read_text() == "mine"
+
+
+def test_a_build_that_puts_a_link_in_place_of_a_package_is_refused(tmp_path, monkeypatch):
+    folders = Folders(tmp_path / "ws", {"husky": tmp_path / "ws" / "src" / "husky"})
+    (tmp_path / "home").mkdir()
+    (tmp_path / "ws" / "src").mkdir(parents=True)
+    folders.packages["husky"].symlink_to(tmp_path / "home")
+    monkeypatch.setattr(build_module, "_catkin_make", lambda *_: ("", 0))
+    with pytest.raises(NotMarkableError, match="links in place of src"):
+        build_module.build(folders, frozenset({"husky"}), Workspace())
 
 
 def test_without_a_launch_file_that_fits_there_is_no_mark(tmp_path):

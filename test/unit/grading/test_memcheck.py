@@ -1,8 +1,10 @@
 """Reads of uninitialised variables in valgrind's output: line and variable are named, prints do not count."""
 
+import os
+
 import pytest
 
-from husky_highlevel_controller.grading.drive.memcheck import reads_in, sentence
+from husky_highlevel_controller.grading.drive.memcheck import _is_program, reads_in, sentence
 
 SOURCE = """class Controller {
   bool start_;
@@ -59,3 +61,9 @@ def sources(tmp_path):
 def test_a_read_that_decides_is_named(log, said, sources):
     assert sentence(reads_in("==9== Memcheck\n==9== \n" + log, sources), sources).startswith(said)
     assert bool(said) == bool(reads_in(log, sources))
+
+
+def test_a_fifo_in_place_of_a_program_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "program").write_bytes(b"\x7fELF...")
+    assert [_is_program(tmp_path / name) for name in ("fifo", "program", "none")] == [False, True, False]

@@ -5,6 +5,7 @@ What such a node does is chance: it may drive on the student's machine and stand
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 from pathlib import Path
@@ -15,7 +16,13 @@ from husky_highlevel_controller.grading.drive.progress import settles, state_of_
 from husky_highlevel_controller.grading.drive.ros_graph import is_up, topics_subscribed
 from husky_highlevel_controller.grading.drive.run import simulate
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
-from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, create, read_text, walk
+from husky_highlevel_controller.grading.isolation.files import (
+    UnreadableFileError,
+    create,
+    is_regular,
+    read_text,
+    walk,
+)
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import Network
 from husky_highlevel_controller.grading.records import MarkingConfig
@@ -87,11 +94,11 @@ def _let_it_compute(process: Process) -> None:
 
 
 def _is_program(path: Path) -> bool:
-    try:
-        with path.open("rb") as file:
-            return file.read(len(ELF)) == ELF
-    except OSError:
-        return False
+    with contextlib.suppress(OSError):
+        if is_regular(path):  # the build may have put a FIFO there
+            with path.open("rb") as file:
+                return file.read(len(ELF)) == ELF
+    return False
 
 
 def _text(path: Path) -> str:

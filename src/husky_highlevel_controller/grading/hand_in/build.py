@@ -260,7 +260,8 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     elif code:
         notes.append(f"it does not build: {build_error(output, folders.root)}")
     places = [folders.root / "src", *[folders.setup] * folders.setup.exists()]
-    if not all(is_below(place, folders.root) for place in places):  # the sandbox would show its target
+    # the sandbox would show a link's target, and marking would write into it
+    if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
         raise NotMarkableError("its build puts links in place of src or devel/setup.bash")
     setups = (*underlay.setups, *places[1:])
     workspace = Workspace(underlay.env, setups, (places[0],), underlay.hidden, own_modules=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import List, Tuple
@@ -25,7 +24,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     open_hand_in,
     with_dependencies,
 )
-from husky_highlevel_controller.grading.isolation.files import remove_tree, walk
+from husky_highlevel_controller.grading.isolation.files import copy, remove_tree, walk
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Launchable, Override
 
@@ -87,7 +86,7 @@ def prepare(
         launchable = Launchable("node", package, node, override.arguments)
     else:
         package = launch.package
-        file = _launch_file_in(launch, by_name[package].path, folders.packages[package], folders.root)
+        file = launch_file_in(launch, by_name[package].path, folders.packages[package], folders.root)
         title = " ".join([str(launch.place), *override.arguments])
         launchable = Launchable("launch", package, str(file), override.arguments, title)
     return Submission(launchable, built.workspace, folders.root, folders.packages.get(package)), notes
@@ -103,15 +102,15 @@ def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
             inside = any(other.path in path.parents for other in contents.packages)
             fits = fits_exercise(place / path.relative_to(folder).as_posix(), exercise)
             if path.suffix == ".rviz" and fits and not inside:
-                shutil.copyfile(path, package / path.name)
+                copy(path, package / path.name)  # the build may have laid a link there
                 added = True
     return added
 
 
-def _launch_file_in(launch: LaunchFile, package: Path, copy: Path, workspace: Path) -> Path:
+def launch_file_in(launch: LaunchFile, package: Path, built: Path, workspace: Path) -> Path:
     """The launch file's copy in the workspace; one beside the packages is copied now."""
     if package in launch.path.parents:
-        return copy / launch.path.relative_to(package)
+        return built / launch.path.relative_to(package)
     target = workspace / "src" / launch.path.name
-    shutil.copyfile(launch.path, target)
+    copy(launch.path, target)
     return target

@@ -70,6 +70,18 @@ def create(path: Path) -> BinaryIO:
     return open(os.open(path, flags, 0o644), "wb", buffering=0)
 
 
+def copy(source: Path, target: Path) -> None:
+    """Copy a regular file of bounded size in place of whatever has the target's name; no link is followed.
+
+    Raises:
+        UnreadableFileError: as `read_regular`.
+        OSError: it cannot be written.
+    """
+    content = read_regular(source)
+    with create(target) as file:
+        file.write(content)
+
+
 def is_below(path: Path, root: Path) -> bool:
     """Whether a path leads to a place below a folder, and not by a link out of it."""
     return root.resolve() in path.resolve().parents
