@@ -10,6 +10,7 @@ from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
+import imageio.v3 as imageio
 import numpy as np
 import pytest
 import viser
@@ -135,6 +136,14 @@ def test_the_chosen_camera_is_filled(page):
     show(page, "Drive")
 
 
+def yellow_rows(page):
+    """Rows of a picture of the view in which the Husky's yellow is seen."""
+    pad = page.locator(".husky-pad")
+    image = imageio.imread(page.screenshot(mask=[pad], mask_color="#000000")).astype(int)
+    red, green, blue = image[..., 0], image[..., 1], image[..., 2]
+    return np.flatnonzero(((red > 150) & (green > 120) & (blue < 0.6 * green)).any(axis=1))
+
+
 def test_a_phone_shows_the_robot_above_the_panel(browser, launched):
     phone = browser.new_page(viewport={"width": 390, "height": 844}, device_scale_factor=COARSENESS)
     watch(phone)
@@ -142,11 +151,53 @@ def test_a_phone_shows_the_robot_above_the_panel(browser, launched):
     phone.wait_for_selector("text=EMERGENCY STOP")
     canvas = "[...document.querySelectorAll('canvas')].map(c => c.getBoundingClientRect())"
     phone.wait_for_function(f"{canvas}.some(box => box.width === 390 && box.height < 400)")
-    at_robot = "document.elementFromPoint(195, 190).tagName"  # the follow camera looks at the robot
-    assert phone.evaluate(at_robot) == "CANVAS"
+    wait_until(lambda: yellow_rows(phone).size > 0, "the robot is drawn")
+    assert yellow_rows(phone).max() < phone.locator(".husky-e-stop").bounding_box()["y"] * COARSENESS
     assert phone.locator(".husky-e-stop").bounding_box()["y"] > 380.0
     assert phone.get_by_role("button", name="Start", exact=True).bounding_box()["height"] >= 44.0
     phone.close()
+
+
+def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, robot, objects):
+    arrived = ".husky-state:has-text('arrived at the pillar')"
+    page.wait_for_selector(arrived)
+    before = objects()["unit_cylinder"]
+    press(page, "Move the pillar")
+    wait_until(lambda: dist(objects()["unit_cylinder"], before) > 3.0, "the pillar is elsewhere")
+    page.wait_for_selector(".husky-state:has-text('driving')")
+    page.wait_for_selector(arrived)
+    press(page, "Drive again")
+    wait_until(lambda: dist(robot.position, (0.0, 0.0)) < 1.0, "the robot is at the start")
+    wait_until(lambda: robot.speed > 0.5, "the robot drives")
+    assert dist(objects()["unit_cylinder"], (20.0, 5.0)) < 0.1
+
+
+def test_what_is_drawn_stays_close_behind_the_robot(page, robot):
+    time_shown = "Number(document.querySelector('[data-time]').dataset.time)"
+    for _ in range(5):
+        page.evaluate(NEXT_PICTURE)
+        assert robot.time - page.evaluate(time_shown) < 2.0
+
+
+def test_garbage_to_upload_is_refused_with_a_sentence(page, tmp_path):
+    show(page, "Tune")
+    for content, words in ((b"\xff\xfe", "this is no text file"), (b"{", "this is no YAML")):
+        (tmp_path / "garbage.yaml").write_bytes(content)
+        with page.expect_file_chooser() as chooser:
+            press(page, "Load YAML")
+        chooser.value.set_files(tmp_path / "garbage.yaml")
+        page.wait_for_selector(f"text={words}")
+    show(page, "Drive")
+
+
+def test_another_world_is_loaded_and_the_first_again(page, robot, objects):
+    show(page, "World")
+    for world, has_pillar in (("ramp.world", False), ("singlePillar.world", True)):
+        page.get_by_role("textbox", name="File").click()
+        page.get_by_role("option", name=world).click()
+        press(page, "Load")
+        wait_until(lambda has=has_pillar: ("unit_cylinder" in objects()) == has, f"{world} is there")
+    show(page, "Drive")
 
 
 def test_a_slider_that_is_moved_slows_the_robot(page, robot, network):
@@ -210,6 +261,20 @@ def test_a_key_drives_while_it_is_held(page, robot):
     sent = robot.commands
     page.keyboard.type("q")
     assert robot.commands == sent
+
+
+def test_the_page_that_took_hold_first_drives_until_it_lets_go(page, robot, browser, launched):
+    second = opened(browser, launched)
+    page.keyboard.down("w")
+    wait_until(lambda: robot.speed > 0.4, "the robot drives")
+    second.keyboard.down("s")
+    begin = robot.time
+    wait_until(lambda: robot.time > begin + 1.0, "a second passes")
+    assert robot.speed > 0.4
+    page.keyboard.up("w")
+    wait_until(lambda: robot.speed < -0.3, "the second page drives")
+    second.close()  # with the key held
+    wait_until_it_stands(page, robot)
 
 
 def test_the_pad_drives_while_it_is_dragged(page, robot):
@@ -380,6 +445,37 @@ def test_a_recording_is_saved_and_replayed_from_disk_and_by_the_page(page, brows
     opening.value.wait_for_selector("input[value='1x']")
     opening.value.close()
     show(page, "Drive")
+
+
+def test_a_replay_of_garbage_leaves_the_page_alone(page, tmp_path):
+    show(page, "View")
+    (tmp_path / "garbage.viser").write_bytes(b"no recording")
+    with page.context.expect_page() as opening:
+        page.set_input_files("[data-husky-replay]", tmp_path / "garbage.viser")
+    opening.value.close()
+    page.wait_for_selector(".husky-state:has-text(' s')")
+    show(page, "Drive")
+
+
+def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(browser, tmp_path):
+    alone = Ros(tmp_path)
+    port = free_port()
+    web = ("roslaunch", "husky_highlevel_controller", "web.launch", f"web_port:={port}")
+    node = alone.start(*web)
+    wait_until(lambda: ADDRESS.search(node.output), "the page's address is printed")
+    page = opened(browser, f"http://127.0.0.1:{port}")
+    page.wait_for_selector("text=no news from the robot")
+    alone.roslaunch("simulator.launch", "web:=false")
+    page.wait_for_selector(".husky-state[data-time]")
+    wait_until(lambda: yellow_rows(page).size > 0, "the robot is drawn")
+    node.popen.terminate()
+    page.wait_for_selector(".husky-banner:has-text('Connection lost')")
+    node.wait()
+    alone.start(*web)
+    page.wait_for_selector(".husky-banner:empty", state="attached")
+    page.wait_for_selector(".husky-state[data-time]")
+    page.close()
+    alone.end()
 
 
 def test_another_address_asks_for_the_token(network, launched, browser):

@@ -1,4 +1,4 @@
-"""The TF tree as last heard, with a short memory of the frames that move.
+"""TF tree: the parent and the recent poses of each frame.
 
 In: poses of children in their parents, with stamps. Out: the pose of any frame in any other.
 """
@@ -17,7 +17,7 @@ MAX_DEPTH = 100  # a chain that is longer runs in a circle
 
 
 class Frames:
-    """Tree of frames, and their poses."""
+    """TF tree."""
 
     def __init__(self) -> None:
         self._parents: Dict[str, str] = {}
@@ -36,9 +36,9 @@ class Frames:
         self._parents[child] = parent
         poses.append((stamp, pose_child_in_parent))
 
-    def parent(self, child: str) -> Optional[str]:
-        """The frame that this one hangs on; None for a root and for an unknown frame."""
-        return self._parents.get(child)
+    def stamp(self, child: str) -> Optional[float]:
+        """Stamp [s] of a frame's newest pose in its parent; None for a root and for an unknown frame."""
+        return self._poses[child][-1][0] if child in self._poses else None
 
     def pose(self, child: str, root: str, stamp: Optional[float] = None) -> Optional[Pose]:
         """pose_child_in_root at the known moment nearest to `stamp` [s]; the latest without one.

@@ -92,7 +92,7 @@ class WebNode:
         self._build(config)
         self._scan_rate, self._clock_rate = Rate(), Rate()
         self._left_out = LeftOut()
-        self._is_paused = False
+        self._is_paused = self._is_master_gone = False
         self._heard_at = -inf  # [s] of the monotonic clock, the last odometry
         self._time: Optional[float] = None
         self._error: Optional[Tuple[float, float]] = None
@@ -178,7 +178,9 @@ class WebNode:
             self._topics.open()
         try:
             published = [(topic, kind) for topic, kind in rospy.get_published_topics()]
+            self._is_master_gone = self._is_master_gone and not self._is_registered()
         except OSError as error:
+            self._is_master_gone = True
             rospy.logwarn_throttle(60.0, f"the ROS master does not answer: {error}")
             return
         self._topics.follow(published)
@@ -196,6 +198,12 @@ class WebNode:
             self._description = description
             self._scene.draw_robot(description)
             self._mouse.bind_robot()
+
+    @staticmethod
+    def _is_registered() -> bool:
+        """Whether the ROS master knows this node; one that was started anew does not."""
+        code, _, _ = rospy.get_master().lookupNode(rospy.get_name())
+        return bool(code == 1)
 
     # ------------------------------------------------------------------ each tick
 
@@ -247,6 +255,7 @@ class WebNode:
         self._state_bar.update(
             RobotStatus(
                 self._teleop.is_locked,
+                self._is_master_gone,
                 self._is_paused,
                 time.monotonic() - self._heard_at > NO_NEWS_TIME,
                 level,

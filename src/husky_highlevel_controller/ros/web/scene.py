@@ -45,6 +45,7 @@ LINE_HEIGHT = 0.025  # [m] of trail and plan above the ground
 TRAIL_JUMP = 1.0  # [m] from here on the robot was put elsewhere, and the trail begins anew
 GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m], of the robot that is dragged
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
+MAX_SCAN_AGE = 0.3  # [s] behind the newest pose; where scans are older or none, the view does not wait
 LOOKS_PERIOD = 0.2  # [s] between two changes of what a marker looks like
 BASE, FOOTPRINT = "base_link", "base_footprint"
 # namespaces of the controller's markers: its path is the trail, its state stands in the state bar
@@ -81,6 +82,7 @@ class Scene:
             "depth": False,
         }
         self.scan_stamp = 0.0  # [s]
+        self.moment: Optional[float] = None  # [s] that is drawn: the newest scan's; None: each frame's newest
         self._robot: Dict[str, Any] = {}
         self._shadow: Any = None
         self.robot_shapes: List[Any] = []  # nodes that the mouse can take hold of
@@ -134,8 +136,8 @@ class Scene:
 
     @property
     def base(self) -> Optional[Pose]:
-        """base_link in the fixed frame, or None."""
-        return self.frames.pose(BASE, self.fixed_frame)
+        """base_link in the fixed frame at the moment that is drawn, or None."""
+        return self.frames.pose(BASE, self.fixed_frame, self.moment)
 
     @property
     def ground(self) -> float:
@@ -154,11 +156,14 @@ class Scene:
                 stamp, pose = msg.header.stamp.to_sec(), conversions.pose_from_transform(msg)
                 parent, child = msg.header.frame_id.lstrip("/"), msg.child_frame_id.lstrip("/")
                 self.frames.update(parent, child, stamp, pose)
-        for frame, node in self._robot.items():
-            parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
-            self._show(node, self.frames.pose(frame, parent))
         with self._left_out.item(topics.name("scan")):
             self._update_scan(topics.take("scan"))
+        newest = self.frames.stamp(BASE)
+        has_scan = newest is not None and abs(newest - self.scan_stamp) < MAX_SCAN_AGE
+        self.moment = self.scan_stamp if has_scan else None
+        for frame, node in self._robot.items():
+            parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
+            self._show(node, self.frames.pose(frame, parent, self.moment))
         with self._left_out.item(topics.name("cloud")):
             self._update_cloud(topics.take("cloud"))
         self._update_trail()

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from functools import lru_cache
 from math import pi
-from typing import Any, List, NamedTuple, Sequence, Tuple
+from typing import NamedTuple, Sequence
 
 import numpy as np
+import trimesh
+from trimesh import creation
 
 SIDES = 24  # of a cylinder, a cone, and of a sphere's equator
 
@@ -42,18 +44,9 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
 @lru_cache(maxsize=None)
 def cube() -> Mesh:
     """A cube of edge length 1 about the origin; corners are not shared, so that edges look sharp."""
-    corners: List[List[float]] = []
-    faces: List[Tuple[int, int, int]] = []
-    for axis in range(3):
-        for sign in (-0.5, 0.5):
-            start = len(corners)
-            for u, v in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)):
-                corner = [0.0, 0.0, 0.0]
-                corner[axis], corner[(axis + 1) % 3], corner[(axis + 2) % 3] = sign, u, v
-                corners.append(corner)
-            a, b, c, d = range(start, start + 4)
-            faces += [(a, b, c), (a, c, d)] if sign > 0.0 else [(a, c, b), (a, d, c)]
-    return _mesh(corners, faces)
+    box = creation.box()
+    box.unmerge_vertices()
+    return _mesh(box)
 
 
 @lru_cache(maxsize=None)
@@ -72,16 +65,8 @@ def sphere() -> Mesh:
 def arrow(shaft_length: float, shaft_diameter: float, head_length: float, head_diameter: float) -> Mesh:
     """An arrow from the origin along x."""
     shaft, head, length = shaft_diameter / 2.0, head_diameter / 2.0, shaft_length + head_length
-    profile = [
-        (0.0, 0.0),
-        (shaft, 0.0),
-        (shaft, 0.0),
-        (shaft, shaft_length),
-        (head, shaft_length),
-        (head, shaft_length),
-        (0.0, length),
-    ]
-    along_z = _turned(profile)
+    rim, step, tip = (shaft, 0.0), (head, shaft_length), (0.0, length)
+    along_z = _turned([(0.0, 0.0), rim, rim, (shaft, shaft_length), step, step, tip])
     return Mesh(np.ascontiguousarray(along_z.vertices[:, [2, 0, 1]]), along_z.faces)
 
 
@@ -95,22 +80,12 @@ def triangles(points: np.ndarray) -> Mesh:
 
 
 def _turned(profile: Sequence[Sequence[float]]) -> Mesh:
-    """The solid of revolution about z of a profile (radius, z), from bottom to top."""
-    angles = np.linspace(0.0, 2.0 * pi, SIDES, endpoint=False)
-    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    vertices = np.concatenate([np.column_stack([radius * ring, np.full(SIDES, z)]) for radius, z in profile])
-    faces = []
-    for level in range(len(profile) - 1):
-        if profile[level] == profile[level + 1]:  # a sharp edge: the next ring has its own normals
-            continue
-        for side in range(SIDES):
-            a, b = level * SIDES + side, level * SIDES + (side + 1) % SIDES
-            faces += [(a, b, b + SIDES), (a, b + SIDES, a + SIDES)]
-    return _mesh(vertices, faces)
+    """Solid of revolution about z of a profile (radius, z) from bottom to top; a doubled point is an edge."""
+    return _mesh(creation.revolve(np.array(profile, float), sections=SIDES, process=False))
 
 
-def _mesh(vertices: Any, faces: Any) -> Mesh:
-    mesh = Mesh(np.array(vertices, np.float32), np.array(faces, np.uint32))
+def _mesh(solid: trimesh.Trimesh) -> Mesh:
+    mesh = Mesh(solid.vertices.astype(np.float32), solid.faces.astype(np.uint32))
     for array in mesh:
         array.setflags(write=False)
     return mesh

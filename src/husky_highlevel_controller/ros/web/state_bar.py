@@ -11,6 +11,7 @@ from husky_highlevel_controller.ros.web.plots import fixed, set_html
 
 LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 ARRIVED = "arrived"  # the controller's word
+MASTER_GONE = "the ROS master has ended: end this page's launch and start it again"
 LOCKED = "emergency stop: no command is obeyed"
 PHRASES = {
     "stopped": "standing still until Start is pressed",
@@ -26,6 +27,7 @@ class RobotStatus(NamedTuple):
     """Numbers and words of the state bar."""
 
     is_locked: bool = False  # by the emergency stop
+    is_master_gone: bool = False  # or started anew
     is_paused: bool = False  # the simulated world
     is_silent: bool = False  # no odometry has come for NO_NEWS_TIME
     level: int = 0  # of the controller's diagnostics
@@ -74,6 +76,8 @@ def state_html(status: RobotStatus) -> str:
     """State bar as one line of HTML; texts of nodes are escaped."""
     if status.is_locked:
         level, sentence = "error", LOCKED
+    elif status.is_master_gone:
+        level, sentence = "error", MASTER_GONE
     elif status.is_paused:
         level, sentence = "warn", "PAUSED"
     elif status.is_silent:

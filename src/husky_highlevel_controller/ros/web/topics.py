@@ -17,7 +17,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdate, Marker, MarkerArray
 
-DRAWN_PAUSE, NUMBERS_PAUSE = 0.05, 0.2  # [s] between two readings of what is drawn, and of numbers
+PAUSE = 0.05  # [s] between two readings of a topic
 BURST_SHARE = 0.2  # of a pause: a message so soon after it had come in meanwhile
 QUEUE = 2000  # messages of one topic kept between two looks; a page that stays behind loses the oldest
 DRAWN = {kind._type: kind for kind in (Marker, MarkerArray, Path)}
@@ -46,11 +46,11 @@ class Paced:
 class Newest:
     """The newest message of a topic, unpacked only when it is asked for."""
 
-    def __init__(self, topic: str, kind: Any, pause: float) -> None:
+    def __init__(self, topic: str, kind: Any) -> None:
         self.count = 0
         self._kind, self._raw = kind, None
         self._subscriber = rospy.Subscriber(
-            topic, rospy.AnyMsg, Paced(self._on_message, pause), buff_size=2**20
+            topic, rospy.AnyMsg, Paced(self._on_message, PAUSE), buff_size=2**20
         )
 
     def take(self) -> Optional[Any]:
@@ -122,8 +122,7 @@ class Topics:
     def listen(self, use: str, kind: Any, wanted: bool) -> None:
         """Subscribe or not to what is shown on demand."""
         if wanted and use not in self.newest:
-            pause = DRAWN_PAUSE if use in ("scan", "cloud") else NUMBERS_PAUSE
-            self.newest[use] = Newest(self._names[use], kind, pause)
+            self.newest[use] = Newest(self._names[use], kind)
         elif not wanted and use in self.newest:
             self.newest.pop(use).close()
 
@@ -155,7 +154,7 @@ class Topics:
             queue.clear()
 
     def _subscribe(self, topic: str, kind: Any, queue: str) -> None:
-        push = Paced(partial(self._push, queue, topic), DRAWN_PAUSE)
+        push = Paced(partial(self._push, queue, topic), PAUSE)
         self._subscribers[topic] = rospy.Subscriber(topic, kind, push, queue_size=QUEUE, tcp_nodelay=True)
 
     def _push(self, queue: str, topic: str, msg: Any) -> None:

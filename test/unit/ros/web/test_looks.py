@@ -147,6 +147,7 @@ def test_frames_are_joined_over_a_common_root_at_a_moment():
     assert frames.pose("laser", "odom").position == pytest.approx((2.0, 0.5, 0.0))
     assert frames.pose("laser", "map").position == pytest.approx((2.0, -2.5, 0.0))
     assert frames.pose("elsewhere", "odom") is None
+    assert (frames.stamp("base"), frames.stamp("odom")) == (2.0, None)
 
 
 def test_frames_survive_a_circle_and_a_clock_that_runs_backwards():

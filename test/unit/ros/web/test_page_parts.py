@@ -13,7 +13,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 
 from husky_highlevel_controller.datatypes import IDENTITY, STOP, HuskyError, Twist2D
 from husky_highlevel_controller.ros.clouds import points_from_msg
-from husky_highlevel_controller.ros.web import actions, drawing
+from husky_highlevel_controller.ros.web import actions, drawing, state_bar
 from husky_highlevel_controller.ros.web.gate import _parse, refusal, replay_page
 from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, LogBuffer, to_html
 from husky_highlevel_controller.ros.web.mouse import Drag, Mouse, point_on_level
@@ -329,6 +329,7 @@ def test_a_cloud_whose_points_are_too_short_has_none(step):
         (RobotStatus(is_paused=True, activity="driving"), "warn", "PAUSED"),
         (RobotStatus(activity="<driving>", distance=1.0), "ok", "&lt;driving&gt;"),
         (RobotStatus(is_silent=True), "error", "no news from the robot"),
+        (RobotStatus(is_master_gone=True, is_silent=True), "error", state_bar.MASTER_GONE),
     ],
 )
 def test_the_state_bar_says_first_what_keeps_the_robot_from_driving(status, level, words):
