@@ -39,7 +39,7 @@
       canvas.setAttribute("role", "img");
       canvas.setAttribute("aria-label", "3D view of the robot");
     });
-    document.querySelectorAll("label").forEach((label) => {
+    document.querySelectorAll(".mantine-Text-root > label").forEach((label) => {
       const row = label.parentElement.parentElement.parentElement;
       row.querySelectorAll("[role=slider]:not([aria-label]), input:not([aria-label])").forEach((field) => {
         field.setAttribute("aria-label", label.textContent);

@@ -42,7 +42,7 @@ LOG = logging.getLogger("rosout")  # rospy's own; its level is checked before a 
 REPORT_PERIOD = 5.0  # [s] between two complaints about the same
 RATE_SCANS = 50  # whose stamps give the rate of the scans
 NEXT_STEP = (
-    "to drive again: put the robot elsewhere with RViz's 2D Pose Estimate, or drag the pillar away; "
+    "to drive again: press Drive again in the page, or put the robot elsewhere with RViz's 2D Pose Estimate; "
     "Ctrl-C ends the launch"
 )
 POLL_PERIOD = 0.1  # [s] of wall time between two checks whether a transform is overdue or /diagnostics is due

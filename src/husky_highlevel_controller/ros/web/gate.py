@@ -56,14 +56,14 @@ def refusal(headers: Mapping[str, str], path: str, is_loopback: bool, token: Opt
 
 
 def _shows(token: str, headers: Mapping[str, str], path: str) -> bool:
-    shown = [*parse_qs(urlsplit(path).query).get("token", [])]
+    tokens = [*parse_qs(urlsplit(path).query).get("token", [])]
     try:
         cookie = SimpleCookie(headers.get("Cookie", "")).get(COOKIE)
     except CookieError:
         cookie = None
     if cookie is not None:
-        shown.append(cookie.value)
-    return any(hmac.compare_digest(item.encode(), token.encode()) for item in shown)
+        tokens.append(cookie.value)
+    return any(hmac.compare_digest(item.encode(), token.encode()) for item in tokens)
 
 
 def _viser_page() -> str:

@@ -139,7 +139,7 @@ class WebNode:
         period = 1.0 / self._config.rate
         readings_due = curves_due = network_due = 0.0
         while not rospy.is_shutdown():
-            self._greet()
+            self._admit_clients()
             if not self._pages:
                 self._idle_until_client_connects()
                 readings_due = curves_due = network_due = 0.0
@@ -147,7 +147,7 @@ class WebNode:
             now = time.monotonic()
             if now >= network_due:
                 with self._left_out.item("a change of the network"):
-                    self._look_at_network()
+                    self._follow_network()
                 network_due = now + NETWORK_PERIOD
             with self._server.atomic():
                 with self._left_out.item("a part of the view"):
@@ -173,7 +173,7 @@ class WebNode:
         self._came.wait(IDLE_PERIOD)
         self._came.clear()
 
-    def _look_at_network(self) -> None:
+    def _follow_network(self) -> None:
         if not self._topics.is_open:
             self._topics.open()
         try:
@@ -269,7 +269,7 @@ class WebNode:
 
     # ------------------------------------------------------------------ pages come and go
 
-    def _greet(self) -> None:
+    def _admit_clients(self) -> None:
         with self._clients_changed:
             arrivals, self._arrivals = self._arrivals, []
             leavers, self._leavers = self._leavers, []

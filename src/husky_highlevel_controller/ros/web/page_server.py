@@ -82,11 +82,11 @@ def serve(
     with gate.guards(), contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of its own
         server = PageServer(host=host, port=port, label="Husky", verbose=False)
     everywhere = host in ("0.0.0.0", "::")
-    shown = "127.0.0.1" if everywhere else f"[{host}]" if ":" in host else host
-    rest = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
+    visible_host = "127.0.0.1" if everywhere else f"[{host}]" if ":" in host else host
+    suffix = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
     # no other machine knows a container's host name; its published port is this machine's
-    elsewhere = f" (from another machine: http://{socket.gethostname()}{rest})" if everywhere else ""
-    return Served(server, f"http://{shown}{rest}{elsewhere}")
+    elsewhere = f" (from another machine: http://{socket.gethostname()}{suffix})" if everywhere else ""
+    return Served(server, f"http://{visible_host}{suffix}{elsewhere}")
 
 
 def _is_loopback(host: str) -> bool:

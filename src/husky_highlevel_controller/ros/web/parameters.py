@@ -72,11 +72,12 @@ class Parameter(NamedTuple):
 
 def parameters(description: Mapping[str, Any]) -> List[Parameter]:
     """Parameters of all groups of a description."""
-    found = [_parameter(entry) for entry in description.get("parameters", ())]
+    result = [_parameter(entry) for entry in description.get("parameters", ())]
     groups = description.get("groups", {})
     for group in groups.values() if isinstance(groups, Mapping) else groups:
-        found += [item for item in parameters(group) if item.name not in {other.name for other in found}]
-    return found
+        known = {parameter.name for parameter in result}
+        result += [parameter for parameter in parameters(group) if parameter.name not in known]
+    return result
 
 
 def to_yaml(values: Mapping[str, Mapping[str, Any]]) -> str:

@@ -11,7 +11,7 @@ from husky_highlevel_controller.ros.web.plots import fixed, set_html
 
 LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 ARRIVED = "arrived"  # the controller's word
-MASTER_GONE = "the ROS master has ended: end this page's launch and start it again"
+MASTER_GONE = "the ROS master has ended: end the launch of this page and start it again"
 LOCKED = "emergency stop: no command is obeyed"
 PHRASES = {
     "stopped": "standing still until Start is pressed",

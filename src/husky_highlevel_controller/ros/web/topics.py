@@ -137,10 +137,10 @@ class Topics:
 
     def take_all(self, kind: str) -> List[Received]:
         """Messages since the last call, oldest first."""
-        queue, taken = self._queues[kind], []
+        queue, messages = self._queues[kind], []
         while queue:
-            taken.append(queue.popleft())
-        return taken
+            messages.append(queue.popleft())
+        return messages
 
     def close(self) -> None:
         """Drop every subscription."""
