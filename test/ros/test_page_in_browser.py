@@ -30,7 +30,7 @@ SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--n
 WITHOUT_GPU = "--disable-gpu-compositing"  # SwiftShader draws the scene, not the page around it
 SIZE = {"width": 900, "height": 560}
 COARSENESS = 0.25  # drawn pixels for each of the page's, along x and y: 16 times as fast by software
-ADDRESS = re.compile(r"\]: (http://127\.0\.0\.1:\d+)\n")
+ADDRESS = re.compile(r": (http://127\.0\.0\.1:\d+)\n")
 # four pictures a second at most: an open page would take a whole core all the time
 FOUR_HZ = (
     "const draw = requestAnimationFrame; window.requestAnimationFrame = f => setTimeout(() => draw(f), 250)"

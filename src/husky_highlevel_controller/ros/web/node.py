@@ -102,7 +102,7 @@ class WebNode:
         rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
         self._server.on_client_connect(self._on_connect)
         self._server.on_client_disconnect(self._on_disconnect)
-        rospy.loginfo(address)
+        rospy.loginfo(f"the page; open it in a browser: {address}")
 
     def _build(self, config: WebConfig) -> None:
         server = self._server
