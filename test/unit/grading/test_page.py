@@ -1,12 +1,16 @@
 """The teacher's page and a student's feedback: sorted, self-contained, harmless."""
 
 import re
+import shutil
 
+import numpy as np
 import pytest
 
 from husky_highlevel_controller.grading.records import Item, Result
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page, histogram
+from husky_highlevel_controller.replay import Replay, to_html
 
+CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium")
 PNG = b"\x89PNG\r\n\x1a\n"
 SETTINGS = {"exercise": 3, "seed": 0}
 
@@ -74,3 +78,36 @@ def test_feedback_is_about_one_student():
 @pytest.mark.parametrize("results", [[], [CLASS[2]]])
 def test_a_class_without_points_has_a_page_too(results):
     assert "median" not in class_page(results, {}, {})
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_a_phone_shows_feedback_without_scrolling_aside_and_evidence_leads_to_its_moment(tmp_path):
+    sync_api = pytest.importorskip("playwright.sync_api")
+    times = np.arange(0.0, 30.0, 0.02)
+    replay = to_html(
+        Replay("drive 1", "it ended", times, np.stack([times, times, times * 0.0], 1), np.ones((1, 2)))
+    )
+    (tmp_path / "feedback.html").write_text(feedback_page(CLASS[1], [PNG], [replay]))
+    files = {name: [("replay of drive 1", "replay.html")] for name in ("anna", "Zoe")}
+    (tmp_path / "index.html").write_text(class_page(CLASS, {}, files))
+    (tmp_path / "replay.html").write_text(replay)
+    with sync_api.sync_playwright() as playwright:
+        flags = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=flags)
+        page = browser.new_page(viewport={"width": 390, "height": 844}, device_scale_factor=0.5)
+        complaints = []
+        page.on("pageerror", lambda error: complaints.append(error))
+        for name in ("index.html", "feedback.html"):
+            page.goto((tmp_path / name).as_uri())
+            assert page.evaluate("document.documentElement.scrollWidth") == 390, name
+        shown = page.frame_locator("iframe").locator("output")
+        shown.get_by_text("9.20 s").wait_for()  # drives: the first item that lost points
+        page.frame_locator("iframe").get_by_label("time").fill("20")
+        shown.get_by_text("20.00 s").wait_for()
+        page.get_by_title("the replay at this moment").click()
+        shown.get_by_text("9.20 s").wait_for()
+        page.goto((tmp_path / "index.html").as_uri())
+        page.get_by_title("the replay at this moment").first.click()
+        page.locator("output").get_by_text("9.20 s").wait_for()
+        browser.close()
+    assert not complaints

@@ -7,17 +7,28 @@ from contextlib import contextmanager
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
+import numpy as np
 import pytest
 import yaml
 
 from husky_highlevel_controller.config import ConfigError
-from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Scan
+from husky_highlevel_controller.grading.drive.recording import MarkerSample, Recording, scan_hits
+from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.records import Item, Job, MarkingConfig, Result, to_json
 from husky_highlevel_controller.grading.reports.files import write_result
 from husky_highlevel_controller.grading.review import Review, make_server
 from husky_highlevel_controller.grading.settings import read_overrides
 
 CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium")
+TIMES = np.arange(0.0, 10.0, 0.02)
+POSES = np.stack([TIMES, 0.0 * TIMES, 0.0 * TIMES], 1)
+SCAN = Scan(4.0, "front_laser", -0.1, 0.1, 0.1, 30.0, np.array([15.0, np.inf, 15.2]))
+DRIVE = Recording(
+    Pose2D(), (20.0, 0.0), 60.0, TIMES, POSES, POSES[:, :2], TIMES,
+    hits=scan_hits([SCAN], TIMES, POSES, "husky"),
+    markers=(MarkerSample("/marker", "", 0, 3.0, 0.0, "odom", (19.0, 1.0, 0.5)),),
+)  # fmt: skip
 RVIZ, MARKER = "RViz shows TF, robot model, laser scan", "marker in RViz"
 
 
@@ -35,6 +46,8 @@ def review(tmp_path):
         (out / "job.json").write_text(
             to_json(Job(name, str(out), MarkingConfig(), hand_in=str(folder / name)))
         )
+        (out / "drive_1").mkdir()
+        (out / "drive_1" / "recording.json").write_text(recording_to_json(DRIVE))
         left = [Item(item, None, 20.0, "for a person: no RViz configuration") for item in items]
         write_result(
             Result(name, "a.launch", {}, (Item("reaches the pillar", 30.0, 30.0, "stands"), *left)), out
@@ -74,6 +87,8 @@ def test_keys_give_the_points_and_go_on(review):
         page.goto(address)
         page.get_by_role("heading", name=f"ann: {RVIZ}").wait_for()
         assert "<script>alert(1)" in page.inner_text("pre"), "as text"
+        picture = page.get_by_alt_text("robot, scan and marker at a moment of the drive")
+        assert picture.evaluate("image => image.decode().then(() => image.naturalWidth)") > 600
         page.keyboard.press("w")
         page.keyboard.type("two of 3 displays")
         page.keyboard.press("Enter")
@@ -142,3 +157,13 @@ def test_a_broken_marking_file_is_named_and_kept(review):
 def test_a_folder_without_results_is_named(tmp_path):
     with pytest.raises(HuskyError, match="no results of one class"):
         Review(tmp_path)
+
+
+def test_beams_of_a_lidar_that_hangs_upside_down_end_where_the_world_is():
+    scan = Scan(5.0, "front_laser", -1.0, 1.0, 0.1, 30.0, np.array([2.0, np.nan, 3.0]))
+    (t, x, y), (_, u, v) = scan_hits([scan], TIMES, POSES, "husky")
+    along, across = 2.0 * np.cos(1.0), 2.0 * np.sin(1.0)
+    assert (t, x, y) == pytest.approx((5.0, 5.337 + along, across), abs=2e-3), (
+        "a negative angle is on the left"
+    )
+    assert (u, v) == pytest.approx((5.337 + 1.5 * along, -1.5 * across), abs=2e-3)

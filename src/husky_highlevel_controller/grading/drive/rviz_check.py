@@ -231,11 +231,16 @@ class Screen:
         return pixels[top : top + TILE[1], left : left + TILE[0]].astype(int)
 
 
-def foreground(pixels: np.ndarray, background: Sequence[int]) -> int:
-    """Number of pixels of the view that are not background; 0 while RViz has not drawn it."""
+def without_margins(pixels: np.ndarray) -> np.ndarray:
+    """RViz's window without menu, tools and status line."""
     top, bottom, left, right = MARGINS
     height, width = pixels.shape[:2]
-    view = pixels[int(top * height) : int(bottom * height), int(left * width) : int(right * width)]
+    return pixels[int(top * height) : int(bottom * height), int(left * width) : int(right * width)]
+
+
+def foreground(pixels: np.ndarray, background: Sequence[int]) -> int:
+    """Number of pixels of the view that are not background; 0 while RViz has not drawn it."""
+    view = without_margins(pixels)
     away = np.abs(view - np.asarray(background)).max(axis=2)
     drawn = (away <= 2).mean() >= DRAWN
     return int((away > DIFFERENT).sum()) if drawn else 0
@@ -273,7 +278,7 @@ def look(
     if not _manager(setup.config):
         return RvizView(setup.source, problem="the file is not RViz's"), None
     view, pixels = _look_at(setup, submission, config, folder)
-    return view, None if is_black(pixels) else pixels
+    return view, None if is_black(pixels) else without_margins(pixels)
 
 
 def _look_at(

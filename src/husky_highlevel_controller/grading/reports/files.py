@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import ADD, Recording
-from husky_highlevel_controller.grading.isolation.files import write_whole
+from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text, write_whole
 from husky_highlevel_controller.grading.records import Result, load, to_json
 from husky_highlevel_controller.grading.reports.exports import to_step_summary, write_exports
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page
@@ -20,6 +21,7 @@ from husky_highlevel_controller.robot import load_robot
 PICTURES = ("drive.png", "rviz.png")
 LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
 HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
+MAX_LOG = 5000  # letters of a log in the feedback
 REPLAY = "replay.html"  # in the folder of a drive
 SUMS = ("points", "max_points", "full")  # keys of result.json for other programs
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"  # variable with the file that GitHub Actions shows
@@ -33,7 +35,7 @@ def write_result(result: Result, out: Path) -> None:
     """
     write_whole(out / "table.txt", table(result) + "\n")
     write_whole(out / "junit.xml", to_junit([result]))
-    write_whole(out / "feedback.html", feedback_page(result, _pictures(out), _replays(out)))
+    write_whole(out / "feedback.html", feedback_page(result, _pictures(out), _replays(out), _logs(out)))
     write_exports(result, out)
     sums = {name: getattr(result, name) for name in SUMS}
     write_whole(out / "result.json", to_json(result, **sums))
@@ -100,6 +102,18 @@ def _pictures(out: Path) -> List[bytes]:
 
 def _replays(out: Path) -> List[str]:
     return [path.read_text(encoding="utf-8") for path in sorted(out.glob(f"drive_*/{REPLAY}"))]
+
+
+def _logs(out: Path) -> Dict[str, str]:
+    """The ends of what its build and its nodes printed, by words."""
+    logs = {"Output of the build": out / "build.log"}
+    for folder in sorted(out.glob("drive_*")):
+        logs[f"Output of your nodes in drive {folder.name[6:]}"] = folder / "submission.log"
+    texts = {}
+    for words, path in logs.items():
+        with suppress(UnreadableFileError):
+            texts[words] = read_text(path)[-MAX_LOG:].strip()
+    return {words: text for words, text in texts.items() if text}
 
 
 def _files(name: Path, out: Path) -> List[Tuple[str, str]]:

@@ -83,18 +83,24 @@ def class_page(
     )
 
 
-def feedback_page(result: Result, pictures: Sequence[bytes], replays: Sequence[str] = ()) -> str:
+def feedback_page(
+    result: Result,
+    pictures: Sequence[bytes],
+    replays: Sequence[str] = (),
+    logs: Optional[Mapping[str, str]] = None,
+) -> str:
     """Page for one student, which needs no other file and names no other student.
 
     Args:
         result: the student's.
         pictures: PNGs.
         replays: HTML pages that play the drives.
+        logs: texts by their words, such as the output of its nodes.
     """
     cause = result.cause
     moments = [moment_of(cause) if cause and cause.drive == n else 0.0 for n in range(1, len(replays) + 1)]
     row = Row(result, (), tuple(pictures), replays=tuple(zip(replays, moments)))
-    return render("feedback.html", row=row, grade=_grade, moment_of=moment_of)
+    return render("feedback.html", row=row, logs=logs or {}, grade=_grade, moment_of=moment_of)
 
 
 def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
