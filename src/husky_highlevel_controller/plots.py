@@ -53,7 +53,7 @@ def from_above(plot: Any, pillar: Tuple[float, float], radius: float) -> None:
 
 
 def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint) -> None:
-    """Draw a robot's outline, with a notch where its front is.
+    """Draw a robot's outline, with an arrow on it that points ahead.
 
     Args:
         plot: axes of matplotlib.
@@ -61,11 +61,11 @@ def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint
         footprint: of the robot.
     """
     x, y, yaw = pose
-    length, width = footprint.half_length, footprint.half_width
-    corners = np.array(
-        [(length, width), (-length, width), (-length, -width), (length, -width), (0.4 * length, 0.0)]
-    )
     turn = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
-    plot.add_patch(
-        Polygon(corners @ turn + (x, y), facecolor=ROBOT, edgecolor="black", linewidth=0.8, zorder=4)
+    outline, arrow = (
+        ((1, 1), (-1, 1), (-1, -1), (1, -1)),
+        ((0.8, 0.0), (-0.4, 0.7), (-0.1, 0.0), (-0.4, -0.7)),
     )
+    for corners, color in ((outline, ROBOT), (arrow, "black")):
+        points = np.array(corners) * (footprint.half_length, footprint.half_width) @ turn + (x, y)
+        plot.add_patch(Polygon(points, facecolor=color, edgecolor="black", linewidth=0.8, zorder=4))

@@ -49,8 +49,12 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
     if len(recording.poses):
         for row in (0, -1):
             draw_robot(axis, tuple(recording.poses[row]), load_robot(recording.robot).footprint)
-        axis.annotate("start", (x[0], y[0]), (0, 12), textcoords="offset points", ha="center", fontsize=9)
-    axis.annotate("pillar", recording.pillar, (0, 10), textcoords="offset points", ha="center", fontsize=9)
+        axis.annotate(
+            "start", (x[0], y[0]), (0, 12), textcoords="offset points", ha="center", fontsize=9, zorder=8
+        )
+    axis.annotate(
+        "pillar", recording.pillar, (0, 10), textcoords="offset points", ha="center", fontsize=9, zorder=8
+    )
     markers = _near(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
     if markers:
         places = np.array([marker.position[:2] for marker in markers])
@@ -106,7 +110,9 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     for marker in markers:
         axis.plot(*marker.position[:2], "X", color=MARKER, markersize=12, markeredgecolor="white", zorder=7,
                   label=f"marker on {plain(marker.topic)}")  # fmt: skip
-    axis.annotate("pillar", recording.pillar, (0, 10), textcoords="offset points", ha="center", fontsize=9)
+    axis.annotate(
+        "pillar", recording.pillar, (0, 10), textcoords="offset points", ha="center", fontsize=9, zorder=8
+    )
     axis.legend(fontsize=9)
     absent = "" if markers else "; no marker so far"
     axis.set_title(f"{recording.times[row]:.2f} s{absent}", fontsize=11)
