@@ -719,6 +719,10 @@ def test_another_rubric_or_points_by_hand_judge_again_without_a_drive(tmp_path):
 def test_a_class_is_marked_whatever_its_folders_and_files_are_called(tmp_path, capsys):
     for name in (b"M\xfcller", b"index.html", b"results.csv", b"bell\x1b[31m\x07"):
         (tmp_path / "class" / os.fsdecode(name)).mkdir(parents=True)
+    long = tmp_path / "long"
+    for name in (b"\xff" * 100, b"\xff" * 101):
+        (long / os.fsdecode(name)).mkdir(parents=True)
+    assert len({each.name for each in mark_all(MarkingConfig(), Batch(long, tmp_path / "long_out"))}) == 2
     inner = os.fsencode(put(tmp_path / "class" / "ann" / "x").parent) + b"/caf\xe9"
     os.mkdir(inner)
     (Path(os.fsdecode(inner)) / "package.xml").write_text("<package")

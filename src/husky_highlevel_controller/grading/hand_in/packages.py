@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ from husky_highlevel_controller.grading.hand_in.archives import Allowance, Archi
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_regular, walk
 
 MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # inside of one hand-in
+MAX_NAME, KEPT_NAME = 200, 40  # [bytes] of a name that becomes a folder, letters kept of a longer one
 MAX_MANIFEST = 1_000_000  # [bytes]
 BUILT = frozenset({"build", "devel", "install", "logs", ".git", "__pycache__", "__MACOSX", ".catkin_tools"})
 # packages that courses hand out or that Debian and the robot bring: a copy of one is not the student's work
@@ -90,9 +92,12 @@ def find_hand_ins(folder: Path) -> List[HandIn]:
 
 
 def _printable_name(name: str) -> str:
-    """A file's name as text: bytes that are no UTF-8, and control letters, as backslash escapes."""
+    """Name of a file as printable text: other bytes and letters as backslash escapes, cut if long."""
     text = os.fsencode(name).decode("utf-8", "backslashreplace")
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    if len(text.encode()) <= MAX_NAME:
+        return text
+    return f"{text[:KEPT_NAME]}~{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
 def open_hand_in(hand_in: HandIn, scratch: Path) -> Contents:
