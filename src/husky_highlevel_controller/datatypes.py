@@ -173,8 +173,7 @@ class Scan:
 
         A miss is +inf by REP 117, 0.0 from the LMS1xx driver, NaN or `range_max` from others.
         """
-        misses = ~(self.ranges < self.range_max) | (self.ranges == 0.0)
-        returns = np.where(misses, np.inf, self.ranges)
+        returns = np.where((self.ranges < self.range_max) & (self.ranges != 0.0), self.ranges, np.inf)
         returns.setflags(write=False)
         return returns
 

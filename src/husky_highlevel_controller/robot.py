@@ -7,7 +7,7 @@ The first section of the file, `robot`, is the record `Robot`; the other entries
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Dict, Tuple
 
 import yaml
@@ -112,7 +112,7 @@ class Robot:
     imu_mount: ImuMount = field(metadata={"help": "the IMU"})
     topics: Topics = field(metadata={"help": "the topics"})
 
-    @property
+    @cached_property
     def footprint(self) -> Footprint:
         """Outline from above: the hull, and the wheels of either side."""
         separation, width = self.drive.wheel_separation, self.wheels.width

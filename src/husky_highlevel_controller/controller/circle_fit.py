@@ -7,8 +7,8 @@ Sums over many beams are matrix products; what is solved for with them are a few
 
 from __future__ import annotations
 
-from math import cos, hypot, sin, sqrt
-from typing import Callable, List, NamedTuple, Sequence, Tuple, TypeVar
+from math import sqrt
+from typing import List, NamedTuple, Sequence, Tuple, TypeVar
 
 import numpy as np
 
@@ -16,18 +16,13 @@ from husky_highlevel_controller.datatypes import Vector3
 
 _RADIUS_WEIGHT = 0.6  # the expected radius counts as much as this many beams
 _PLACE_WEIGHT = 1e-3  # and so little that the centre is on the line of sight
-_LEAST_WEIGHT = 1e-6  # keeps the equations solvable
+_MIN_WEIGHT = 1e-6  # keeps the equations solvable
 _FREE_WEIGHT = 1e-4  # the same where nothing is expected of the radius
 MIN_COSINE = 0.3  # of incidence; grazing beams weigh no more than this one
-_FEW = 24  # up to so many beams are summed one by one: saves a third of find_pillars, 5 % of a rollout
-_MAX_WEIGHINGS = 3
-_WEIGHED = 0.1  # share of the radius; weights are good for a centre that moves no farther
 MAX_STEPS = 6
-_SETTLED, _REFINED = 1e-5, 1e-4  # [m], a smaller step of the fit is the last
-_SMOOTH, _SMOOTH_SHARE = 0.0015, 0.0075  # [m], of the radius: the algebraic fit is off by 0.2 mm
+_SETTLED = 3e-4  # [m], a smaller step of the fit is the last: the next would be a thousandth of it
 
 Products = List[List[float]]  # (4, 4) sums over beams: of derivatives of the error by x, y, r, and the error
-Moments = Callable[[float, float, float], Products]  # of a circle's x, y, r: sums of products of the basis
 Number = TypeVar("Number", float, np.ndarray)  # one value, or those of many segments
 Row3 = Tuple[Number, Number, Number]
 Matrix3 = Tuple[Row3[Number], Row3[Number], Row3[Number]]
@@ -36,19 +31,25 @@ Matrix3 = Tuple[Row3[Number], Row3[Number], Row3[Number]]
 class Segment(NamedTuple):
     """Neighbouring beams that may lie on one body (M of them)."""
 
-    beams: List[int]  # which ones of the scan, ascending
-    ranges: List[float]  # [m]
+    beams: np.ndarray  # (M,) which ones of the scan, ascending
+    ranges: np.ndarray  # (M,) [m]
     near: float  # [m], the shortest
     step: float  # [rad], from one beam of the scan to the next
 
     @property
     def middle(self) -> float:
         """Half-way between the first and the last beam: the x axis of whatever is fitted."""
-        return 0.5 * (self.beams[0] + self.beams[-1])
+        return 0.5 * float(self.beams[0] + self.beams[-1])
+
+    @property
+    def directions(self) -> np.ndarray:
+        """Unit vectors of the beams, (2, M)."""
+        angles = self.step * (self.beams - self.middle)
+        return np.array((np.cos(angles), np.sin(angles)))
 
 
 class Segments(NamedTuple):
-    """Many segments of one scan (S of them) in arrays, without a list for each."""
+    """All segments of one scan (S of them) in the same arrays."""
 
     beams: np.ndarray  # (B,) of all segments, one after the other, ascending in each
     ranges: np.ndarray  # (B,) [m]
@@ -59,21 +60,20 @@ class Segments(NamedTuple):
     @property
     def starts(self) -> np.ndarray:
         """Index at which each segment begins in `beams` and `ranges`, (S,)."""
-        starts: np.ndarray = np.cumsum(self.counts) - self.counts
+        starts: np.ndarray = self.counts.cumsum() - self.counts
         return starts
 
     def those(self, chosen: np.ndarray) -> Segments:
         """Segments for which `chosen`, (S,) bool, is true."""
-        of = np.repeat(chosen, self.counts)
+        of = chosen.repeat(self.counts)
         return Segments(self.beams[of], self.ranges[of], self.counts[chosen], self.near[chosen], self.step)
 
     def one_by_one(self) -> List[Segment]:
         """Each by itself."""
-        beams, ranges = self.beams.tolist(), self.ranges.tolist()
-        bounds = zip(self.starts.tolist(), self.counts.tolist(), self.near.tolist())
+        spans = zip(self.starts.tolist(), self.counts.tolist(), self.near.tolist())
         return [
-            Segment(beams[start : start + count], ranges[start : start + count], near, self.step)
-            for start, count, near in bounds
+            Segment(self.beams[start : start + count], self.ranges[start : start + count], near, self.step)
+            for start, count, near in spans
         ]
 
 
@@ -89,7 +89,7 @@ class Circle(NamedTuple):
     sum_squared_error: float  # [m^2], sum of squares in the direction of the beams
 
 
-def fit_circle(segment: Segment, radius: float, noise: float, hopeless: float) -> Circle:
+def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
     """Most probable circle, given the expected radius.
 
     Range noise acts along the beam, so a distance from the circle counts as much as the range would have to
@@ -100,137 +100,27 @@ def fit_circle(segment: Segment, radius: float, noise: float, hopeless: float) -
         segment: of the beams.
         radius: what is expected [m].
         noise: differences in range not worth explaining [m].
-        hopeless: a segment whose algebraic fit has this residual or more gets no geometric fit [m].
     """
-    origin = segment.near + radius
-    smooth = min(_SMOOTH, _SMOOTH_SHARE * radius)
-    circle, products, residual = _algebraic_fit(segment, origin, radius, smooth)
-    if smooth < residual < hopeless:
-        circle, products, residual = _geometric_fit(segment, origin, radius)
-    shift, slack = _free_radius(products, len(segment.ranges), noise)
-    x, y, r = circle
-    return Circle(origin + x, y, r, r + shift, slack, residual, sum_squared_error=max(products[3][3], 0.0))
-
-
-def _algebraic_fit(
-    segment: Segment, origin: float, radius: float, smooth: float
-) -> Tuple[Vector3, Products, float]:
-    """The circle (x, y, radius) of a segment, by sums made once, and its residual [m], good up to `smooth`.
-
-    The distance of a point p from it is taken as (|p - c|^2 - r^2) / 2r, which is linear in the basis
-    (p_x, p_y, 1, |p|^2). It is off by the square of the distance over 2r: by nothing that matters where the
-    points are smooth. x and p_x count from `origin` [m] ahead, so that no digits are lost far away.
-    """
-    moments = (few_moments if len(segment.ranges) <= _FEW else many_moments)(segment, origin)
-    x, y, r = 0.0, 0.0, radius
-    for _ in range(_MAX_WEIGHINGS):
-        before_x, before_y = x, y
-        sums = moments(x, y, r)
-        for _ in range(MAX_STEPS):
-            products = _products(sums, x, y, r)
-            (x, y, r), step = _improved((x, y, r), products, radius)
-            if step < _SETTLED:
-                break
-        residual = sqrt(max(products[3][3], 0.0) / products[2][2])
-        if residual > smooth or hypot(x - before_x, y - before_y) < _WEIGHED * radius:
-            break
-    return (x, y, r), products, residual
-
-
-def few_moments(segment: Segment, origin: float) -> Moments:
-    """Moments as of `many_moments`, beam by beam: sooner done for few beams."""
-    points, middle, step = [], segment.middle, segment.step
-    for beam, depth in zip(segment.beams, segment.ranges):
-        angle = (beam - middle) * step
-        c, s = cos(angle), sin(angle)
-        x, y = depth * c - origin, depth * s
-        points.append((x, y, x * x + y * y, c, s))
-
-    def moments(x: float, y: float, r: float) -> Products:
-        pp = pq = p = ps = qq = q = qs = n = s = ss = 0.0
-        for px, py, square, cosine, sine in points:
-            incidence = ((origin + x) * sine - y * cosine) / r  # the sine of it
-            weight = 1.0 / max(1.0 - incidence * incidence, MIN_COSINE**2)
-            wx, wy, ws = weight * px, weight * py, weight * square
-            n, p, q, s = n + weight, p + wx, q + wy, s + ws
-            pp, pq, ps = pp + wx * px, pq + wx * py, ps + wx * square
-            qq, qs, ss = qq + wy * py, qs + wy * square, ss + ws * square
-        return [[pp, pq, p, ps], [pq, qq, q, qs], [p, q, n, s], [ps, qs, s, ss]]
-
-    return moments
-
-
-def many_moments(segment: Segment, origin: float) -> Moments:
-    """A function of a circle (x, y, radius): sums of the basis times itself, each beam with its weight there.
-
-    A beam passes from the centre as far as the sine of incidence, as a share of the radius, says.
-
-    Args:
-        segment: of the beams.
-        origin: from where x counts [m].
-    """
-    directions = _directions(segment)
-    basis = np.empty((4, len(segment.ranges)))
-    points = np.multiply(segment.ranges, directions, out=basis[:2])
-    points[0] -= origin
-    basis[2] = 1.0
-    np.add(points[0] * points[0], points[1] * points[1], out=basis[3])
-
-    def moments(x: float, y: float, r: float) -> Products:
-        incidence = ((origin + x) * directions[1] - y * directions[0]) / r
-        weighted = basis / np.maximum(1.0 - incidence * incidence, MIN_COSINE**2)
-        sums: Products = (weighted @ basis.T).tolist()
-        return sums
-
-    return moments
-
-
-def _directions(segment: Segment) -> np.ndarray:
-    """Unit vectors of the beams, (2, M)."""
-    angles = segment.step * (np.array(segment.beams) - segment.middle)
-    return np.stack([np.cos(angles), np.sin(angles)])
-
-
-def _products(moments: Products, x: float, y: float, r: float) -> Products:
-    """The products at a circle, from the weighted moments of the basis; linear forms in it, multiplied out.
-
-    Those of a point's distance are (p_x - x) / -r, (p_y - y) / -r and -1 by the circle's numbers, and itself
-    (|p|^2 / 2 - x p_x - y p_y) / r + k.
-    """
-    (pp, pq, p, ps), (_, qq, q, qs), (_, _, n, s), (_, _, _, ss) = moments
-    k = (x * x + y * y - r * r) / (2.0 * r)
-    pe = (0.5 * ps - x * pp - y * pq) / r + k * p
-    qe = (0.5 * qs - x * pq - y * qq) / r + k * q
-    e = (0.5 * s - x * p - y * q) / r + k * n
-    se = (0.5 * ss - x * ps - y * qs) / r + k * s
-    xx = (pp - x * (2.0 * p - x * n)) / (r * r)
-    xy = (pq - x * q - y * (p - x * n)) / (r * r)
-    yy = (qq - y * (2.0 * q - y * n)) / (r * r)
-    xr, yr, xe, ye = (p - x * n) / r, (q - y * n) / r, (x * e - pe) / r, (y * e - qe) / r
-    ee = (0.5 * se - x * pe - y * qe) / r + k * e
-    return [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, n, -e], [xe, ye, -e, ee]]
-
-
-def _geometric_fit(segment: Segment, origin: float, radius: float) -> Tuple[Vector3, Products, float]:
-    """The circle (x, y, radius) of any segment, by true distances, and its residual [m]; x from `origin`."""
-    directions = _directions(segment)
+    origin, directions = segment.near + radius, segment.directions  # no digits are lost far away
     points = segment.ranges * directions
-    circle, columns = (0.0, 0.0, radius), np.empty((4, len(segment.ranges)))
+    points[0] -= origin
+    columns = np.empty((4, len(segment.ranges)))
     columns[2] = -1.0
-    for steps_left in range(MAX_STEPS, -1, -1):
-        x, y, r = circle
-        inwards = np.subtract(((origin + x,), (y,)), points, out=columns[:2])
-        rho = np.maximum(np.hypot(inwards[0], inwards[1]), 1e-9)
-        inwards /= rho
-        error = np.subtract(rho, r, out=columns[3])
-        cosine = np.einsum("ij,ij->j", inwards, directions)
-        weighted = columns / np.maximum(cosine, MIN_COSINE)
+    inwards, error = columns[:2], columns[3]
+    x, y, r = 0.0, 0.0, radius
+    for _ in range(MAX_STEPS):
+        rho = np.hypot(np.subtract(x, points[0], out=inwards[0]), np.subtract(y, points[1], out=inwards[1]))
+        inwards /= np.maximum(rho, 1e-9, out=rho)
+        np.subtract(rho, r, out=error)
+        cosine = np.add.reduce(inwards * directions)
+        weighted = columns / np.maximum(cosine, MIN_COSINE, out=cosine)
         products = (weighted @ weighted.T).tolist()
-        better, step = _improved(circle, products, radius)
-        if step < _REFINED or steps_left == 0:
+        before, ((x, y, r), step) = r, _improved((x, y, r), products, radius)
+        if step < _SETTLED:
             break
-        circle = better
-    return circle, products, sqrt(float(error @ error) / len(error))
+    shift, slack = _free_radius(products, len(error), noise)
+    residual = sqrt(float(error @ error) / len(error))
+    return Circle(origin + x, y, r, before + shift, slack, residual, sum_squared_error=products[3][3])
 
 
 def _improved(circle: Vector3, products: Products, radius: float) -> Tuple[Vector3, float]:
@@ -247,15 +137,15 @@ def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius:
     x, y, r = circle
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
     return _apply(
-        _inverse(xx + _LEAST_WEIGHT, xy, xr, yy + _PLACE_WEIGHT, yr, rr + _RADIUS_WEIGHT),
-        (xe + _LEAST_WEIGHT * x, ye + _PLACE_WEIGHT * y, re + _RADIUS_WEIGHT * (r - radius)),
+        _inverse(xx + _MIN_WEIGHT, xy, xr, yy + _PLACE_WEIGHT, yr, rr + _RADIUS_WEIGHT),
+        (xe + _MIN_WEIGHT * x, ye + _PLACE_WEIGHT * y, re + _RADIUS_WEIGHT * (r - radius)),
     )
 
 
 def _free_radius(products: Products, count: int, noise: float) -> Tuple[float, float]:
     """Change of the radius that the beams alone would make, and its standard error [m]."""
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), (_, _, _, ee) = products
-    covariance = _inverse(xx + _LEAST_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
+    covariance = _inverse(xx + _MIN_WEIGHT, xy, xr, yy + _FREE_WEIGHT, yr, rr + _FREE_WEIGHT)
     dx, dy, dr = _apply(covariance, (xe, ye, re))
     spare = max(count - 3, 1e-3)
     variance = max(ee - (dx * xe + dy * ye + dr * re), 0.0) / spare
@@ -302,8 +192,8 @@ def corner_sum_squared_error(segment: Segment) -> float:
 
 def _terms(segment: Segment) -> np.ndarray:
     """r^2 cos, r^2 sin and r, (3, M)."""
-    ranges = np.array(segment.ranges)
-    return np.vstack([_directions(segment) * (ranges * ranges), ranges])
+    ranges = segment.ranges
+    return np.vstack([segment.directions * (ranges * ranges), ranges])
 
 
 def line_squared_error(sums: np.ndarray) -> np.ndarray:

@@ -98,8 +98,8 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
         if steps_left == 0:
             break
         wx, wy, we = weight * dx, weight * dy, weight * error
-        for row, (one, other) in enumerate(((wx, dx), (wx, dy), (wx, error), (wy, dy), (wy, error))):
-            np.multiply(one, other, out=terms[row])
+        for row, factors in enumerate(((wx, dx), (wx, dy), (wx, error), (wy, dy), (wy, error))):
+            np.multiply(*factors, out=terms[row])
         terms[5], terms[6], terms[8] = wx, wy, we
         xx, xy, xe, yy, ye, xr, yr, rr, re = np.add.reduceat(terms, starts, axis=1)
         xr, yr, re = -xr, -yr, -re

@@ -10,7 +10,7 @@ lets them pass.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import asin, atan2, ceil, cos, floor, hypot, inf, isfinite, log, nan, sin, sqrt
+from math import asin, atan2, ceil, cos, floor, hypot, inf, isfinite, log, sin
 from typing import Callable, List, Optional, Tuple
 
 import numpy as np
@@ -56,11 +56,8 @@ class PillarConfig:
 _LINE_ODDS = 4.0
 _CORNER_ODDS = 1.0  # for each beam
 _HIDDEN_ODDS = 2.0  # by which a circle must beat a line where part of the silhouette is hidden
-_HOPELESS = 3.0  # times the largest residual: an algebraic fit as bad as this is not refined
-_FEW_SEGMENTS = 8  # up to so many are fitted without a screen: find_pillars takes a tenth of the time
+_UNSCREENED = 8  # up to so many segments are fitted without a screen, which takes as long as some fits
 MAX_FITS = 24  # exact fits for one scan; they bound the time that clutter takes
-_MANY_EXPECTED = 100  # more beams than this on a silhouette are compared by arrays
-_FEW_SUSPECTS = 40  # up to so many neighbours that differ are compared one by one: saves a third of the time
 _MAX_SKIPPED = 2  # beams without a return that a pillar may have between two with one
 
 
@@ -75,27 +72,17 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
         Pillars in the laser's frame; empty when there is none. Those of few beams (far away) may turn out
         to be something else from nearer by.
     """
-    if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min)):
-        return []  # beams without a direction
-    pillars = []
-    for segment in _candidates(scan, config):
-        pillar = _judge(scan, config, segment)
-        if pillar is not None:
-            pillars.append(pillar)
-    if len(pillars) < 2:
-        return pillars
-    return sorted(_distinct(pillars), key=lambda pillar: pillar.distance)
+    if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min) and scan.valid.any()):
+        return []  # beams without a direction, or without a return
+    pillars = [_judge(scan, config, segment) for segment in _candidates(scan, config).one_by_one()]
+    return sorted(_distinct([pillar for pillar in pillars if pillar]), key=lambda pillar: pillar.distance)
 
 
-def _candidates(scan: Scan, config: PillarConfig) -> List[Segment]:
+def _candidates(scan: Scan, config: PillarConfig) -> Segments:
     """The segments worth an exact fit; of clutter the nearest ones, at most `MAX_FITS`."""
-    valid, measured, breaks = _split(scan, config)
-    if len(breaks) < _FEW_SEGMENTS:
-        runs = _runs(valid, measured, breaks, config.min_beams)
-        found = [_plausible(scan, config, beams, ranges) for beams, ranges in runs]
-        return [segment for segment in found if segment is not None]
-    segments = _plausible_of_many(scan, config, valid, measured, breaks)
-    if len(segments.counts) > _FEW_SEGMENTS:
+    segments = cluster(scan, config)
+    segments = segments.those(_plausible(segments, config))
+    if len(segments.counts) > _UNSCREENED:
         limits = Limits(
             config.pillar_radius,
             config.radius_tolerance,
@@ -109,123 +96,70 @@ def _candidates(scan: Scan, config: PillarConfig) -> List[Segment]:
         nearest = np.zeros(len(segments.counts), dtype=bool)
         nearest[np.argsort(segments.near, kind="stable")[:MAX_FITS]] = True
         segments = segments.those(nearest)
-    return segments.one_by_one()
+    return segments
 
 
-def cluster(scan: Scan, config: PillarConfig) -> List[Tuple[List[int], List[float]]]:
-    """Split the valid beams into segments of enough beams, that may each lie on one body.
+def cluster(scan: Scan, config: PillarConfig) -> Segments:
+    """Split the valid beams into segments that may each lie on one body; single beams amid one are left out.
 
     Args:
-        scan: one sweep.
+        scan: one sweep with a valid beam.
         config: the pillar's size says how far apart neighbours may be.
-
-    Returns:
-        Of each segment the beams, and their ranges [m].
     """
-    return _runs(*_split(scan, config), config.min_beams)
+    (beams,) = scan.valid.nonzero()
+    ranges = scan.returns[beams]
+    starts, single = _starts(config, abs(scan.angle_increment), beams, ranges)
+    if len(single):
+        beams, ranges = np.delete(beams, single), np.delete(ranges, single)
+        starts, _ = _starts(config, abs(scan.angle_increment), beams, ranges)
+    counts = np.concatenate((starts[1:], (len(beams),))) - starts
+    return Segments(beams, ranges, counts, np.minimum.reduceat(ranges, starts), scan.angle_increment)
 
 
-def _runs(
-    valid: np.ndarray, measured: np.ndarray, breaks: List[int], min_beams: int
-) -> List[Tuple[List[int], List[float]]]:
-    """Beams and ranges of each segment of enough beams."""
-    beams, ranges = valid.tolist(), measured.tolist()
-    bounds = zip([0, *breaks], [*breaks, len(beams)])
-    return [(beams[start:stop], ranges[start:stop]) for start, stop in bounds if stop - start >= min_beams]
-
-
-def _split(scan: Scan, config: PillarConfig) -> Tuple[np.ndarray, np.ndarray, List[int]]:
-    """The valid beams without speckle, their ranges [m], and where among them another body begins."""
-    (valid,) = scan.valid.nonzero()
-    measured, step = scan.returns[valid], abs(scan.angle_increment)
-    breaks, speckle = _breaks(config, step, valid, measured)
-    if speckle:
-        valid, measured = np.delete(valid, speckle), np.delete(measured, speckle)
-        breaks, _ = _breaks(config, step, valid, measured)
-    return valid, measured, breaks
-
-
-def _breaks(
-    config: PillarConfig, step: float, valid: np.ndarray, ranges: np.ndarray
-) -> Tuple[List[int], List[int]]:
-    """Starts of bodies in `valid`; and single beams that others pass by on both sides."""
-    largest, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
-    doubtful = (np.abs(ranges[1:] - ranges[:-1]) > rough) | (valid[1:] - valid[:-1] > 1)
-    suspects = doubtful.nonzero()[0].tolist()
-    if len(suspects) > _FEW_SUSPECTS:
-        return _breaks_of_many(config, step, valid, ranges, np.array(suspects))
-    beams, depths = valid.tolist(), ranges.tolist()
-
-    def apart(left: int, right: int) -> bool:
-        between = beams[right] - beams[left]
-        spacing = between * step * max(min(depths[left], depths[right]), 0.0)
-        # depth of a circle between its edge and a beam one spacing further in: no two neighbours differ more
-        depth = sqrt((2.0 * largest - spacing) * spacing) if spacing < largest else largest
-        return abs(depths[right] - depths[left]) > depth + rough or between > _MAX_SKIPPED + 1
-
-    breaks = [left + 1 for left in suspects if apart(left, left + 1)]
-    alone = [start for start, stop in zip(breaks, breaks[1:]) if stop == start + 1]
-    return breaks, [at for at in alone if not apart(at - 1, at + 1)]
-
-
-def _breaks_of_many(
-    config: PillarConfig, step: float, valid: np.ndarray, ranges: np.ndarray, suspects: np.ndarray
-) -> Tuple[List[int], List[int]]:
-    """Starts as of `_breaks`, by arrays: sooner done where many neighbours differ."""
-    largest, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
+def _starts(
+    config: PillarConfig, step: float, beams: np.ndarray, ranges: np.ndarray
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Indices at which bodies begin; and those of single beams that others pass by on both sides."""
+    radius, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
 
     def apart(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-        between = valid[right] - valid[left]
+        between = beams[right] - beams[left]
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
-        spacing = np.minimum(spacing, largest)  # at which the depth is the largest radius
-        depth = np.sqrt((2.0 * largest - spacing) * spacing)
-        jump: np.ndarray = np.abs(ranges[right] - ranges[left]) > depth + rough
-        return jump | (between > _MAX_SKIPPED + 1)
+        spacing = np.minimum(spacing, radius)  # at which the depth is the radius
+        # depth of a circle between its edge and a beam one spacing further in: no two neighbours differ more
+        depth = np.sqrt((2.0 * radius - spacing) * spacing) + rough
+        different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
+        return different
 
-    breaks = suspects[apart(suspects, suspects + 1)] + 1
-    alone = breaks[:-1][breaks[1:] == breaks[:-1] + 1]
-    return breaks.tolist(), alone[~apart(alone - 1, alone + 1)].tolist()
-
-
-def _plausible(scan: Scan, config: PillarConfig, beams: List[int], ranges: List[float]) -> Optional[Segment]:
-    """The segment of these beams, if it is no wider and no deeper than a pillar there would be."""
-    near, span, step = min(ranges), beams[-1] - beams[0], abs(scan.angle_increment)
-    largest = config.pillar_radius + config.radius_tolerance
-    if (
-        near <= 0.0  # some drivers' way to say that there is no return
-        or span * step > 2.0 * asin(largest / (near + largest)) + step
-        or max(ranges) - near > largest + 4.0 * config.max_residual
-        or near * step > 2.0 * largest  # beams so far apart show no shape
-    ):
-        return None
-    return Segment(beams, ranges, near, scan.angle_increment)
+    (left,) = ((np.abs(ranges[1:] - ranges[:-1]) > rough) | (beams[1:] - beams[:-1] > 1)).nonzero()
+    if not len(left):
+        return np.array((0,)), left
+    breaks = left[apart(left, left + 1)] + 1
+    single = breaks[:-1][breaks[1:] == breaks[:-1] + 1]
+    return np.concatenate(((0,), breaks)), single[~apart(single - 1, single + 1)]
 
 
-def _plausible_of_many(
-    scan: Scan, config: PillarConfig, valid: np.ndarray, ranges: np.ndarray, breaks: List[int]
-) -> Segments:
-    """Segments as of `_plausible`, by arrays: sooner done where there are many."""
-    starts = np.array([0, *breaks])
-    stops = np.array([*breaks, len(valid)])
-    counts, step = stops - starts, abs(scan.angle_increment)
-    near, far = np.minimum.reduceat(ranges, starts), np.maximum.reduceat(ranges, starts)
-    span, largest = valid[stops - 1] - valid[starts], config.pillar_radius + config.radius_tolerance
+def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
+    """Whether segments have enough beams, and are no wider and no deeper than a pillar there, (S,) bool."""
+    beams, ranges, counts, near, step = segments
+    starts, step = segments.starts, abs(step)
+    far = np.maximum.reduceat(ranges, starts)
+    span, radius = beams[starts + counts - 1] - beams[starts], config.pillar_radius + config.radius_tolerance
     ahead = np.maximum(near, 0.0)
-    widest = 2.0 * np.arcsin(largest / (ahead + largest)) + step
-    plausible = (
+    plausible: np.ndarray = (
         (counts >= config.min_beams)
-        & (near > 0.0)
-        & (span * step <= widest)
-        & (far - ahead <= largest + 4.0 * config.max_residual)
-        & (near * step <= 2.0 * largest)
+        & (near > 0.0)  # some drivers' way to say that there is no return
+        & (span * step <= 2.0 * np.arcsin(radius / (ahead + radius)) + step)
+        & (far - ahead <= radius + 4.0 * config.max_residual)
+        & (near * step <= 2.0 * radius)  # beams farther apart show no shape
     )
-    return Segments(valid, ranges, counts, near, scan.angle_increment).those(plausible)
+    return plausible
 
 
 def _judge(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[Pillar]:
     """The pillar that a segment is, if it is one."""
     radius, tolerance = config.pillar_radius, config.radius_tolerance
-    circle = fit_circle(segment, radius, config.range_noise, _HOPELESS * config.max_residual)
+    circle = fit_circle(segment, radius, config.range_noise)
     if not (
         circle.x > segment.near  # or it is a niche, which is as round
         and circle.residual <= config.max_residual
@@ -269,33 +203,26 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     half = asin(min(inner / max(distance, 1e-9), 1.0))
     centre = segment.middle + atan2(circle.y, circle.x) / segment.step
     reach, slack = half / step + 1.0, 4.0 * config.max_residual
-    expected_to = range(max(ceil(centre - reach), -1), min(floor(centre + reach), len(scan.ranges)) + 1)
-    # none of its own is farther off than the root of the sum of squares
-    known = beams if circle.sum_squared_error < slack**2 else []
-    if len(expected_to) > _MANY_EXPECTED:
-        others = np.setdiff1d(np.arange(expected_to.start, expected_to.stop), known)
-        psis = (others - centre) * step
-        offset = np.minimum(np.abs(distance * np.sin(psis)), circle.radius)
-        depth = distance * np.cos(psis) - np.sqrt(circle.radius**2 - offset**2)
-        outside = (others < 0) | (others >= len(scan.ranges))
-        readings = np.where(outside, nan, scan.returns[np.where(outside, 0, others)])
-        passed = (np.abs(psis) <= half) & (readings > depth + slack)
-        return int(passed.sum()), int((~(readings >= depth - slack)).sum())
-    missing = hidden = 0
-    for beam in set(expected_to).difference(known):
-        psi = (beam - centre) * step
-        across = min(abs(distance * sin(psi)), circle.radius)
-        expected = distance * cos(psi) - sqrt(circle.radius**2 - across**2)
-        reading = float(scan.returns[beam]) if 0 <= beam < len(scan.ranges) else nan
-        missing += abs(psi) <= half and reading > expected + slack
-        hidden += not reading >= expected - slack
+    first, last = ceil(centre - reach), floor(centre + reach)
+    known = np.zeros(len(scan.ranges), dtype=bool)
+    if circle.sum_squared_error < slack**2:  # none of its own is farther off than the root of the sum
+        known[beams] = True
+    others = (~known[max(first, 0) : max(last + 1, 0)]).nonzero()[0] + max(first, 0)
+    missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))  # beyond the scan's ends
+    if len(others):
+        psi = (others - centre) * step
+        across, square = distance * np.sin(psi), circle.radius * circle.radius
+        depth = np.sqrt(square - np.minimum(across * across, square))
+        excess = scan.returns[others] - distance * np.cos(psi) + depth
+        missing = int(((np.abs(psi) <= half) & (excess > slack)).sum())
+        hidden += int((~(excess >= -slack)).sum())
     return missing, hidden
 
 
 def _distinct(pillars: List[Pillar]) -> List[Pillar]:
     """Without those that stand inside another of more beams (one pillar seen in two pieces)."""
     kept: List[Pillar] = []
-    for one in sorted(pillars, key=lambda pillar: -pillar.beams):
-        if all(hypot(one.x - other.x, one.y - other.y) > other.radius for other in kept):
-            kept.append(one)
+    for pillar in sorted(pillars, key=lambda pillar: -pillar.beams):
+        if all(hypot(pillar.x - other.x, pillar.y - other.y) > other.radius for other in kept):
+            kept.append(pillar)
     return kept

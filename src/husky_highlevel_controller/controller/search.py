@@ -84,12 +84,12 @@ def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outli
     Returns:
         End points of beams without those on the robot itself and those that have no neighbour (speckle).
     """
-    (near,) = (scan.returns < _REACH).nonzero()
-    near = near[scan.returns[near] >= scan.range_min] if len(near) else near
+    (near,) = ((scan.returns < _REACH) & scan.valid).nonzero()
     if not len(near):
         return np.empty((0, 2))
-    company = (np.diff(near) <= 2) & (np.abs(np.diff(scan.returns[near])) < _SAME_BODY)
-    near = near[np.append(company, False) | np.append(False, company)]
+    ranges, company = scan.returns[near], np.zeros(len(near) + 1, dtype=bool)
+    company[1:-1] = (near[1:] - near[:-1] <= 2) & (np.abs(ranges[1:] - ranges[:-1]) < _SAME_BODY)
+    near = near[company[1:] | company[:-1]]
     angles = scan.angle_min + near * scan.angle_increment
     points_in_laser = scan.returns[near] * np.stack([np.cos(angles), np.sin(angles)])
     turn = matrix_from_quat(laser_in_base.quat_xyzw)[:2, :2]

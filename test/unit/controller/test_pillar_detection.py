@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scenes import look
 
 from husky_highlevel_controller.controller import pillar_detection
-from husky_highlevel_controller.controller.circle_fit import Segment, few_moments, fit_circle, many_moments
+from husky_highlevel_controller.controller.circle_fit import fit_circle
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, cluster, find_pillars
 from husky_highlevel_controller.datatypes import Scan
 from husky_highlevel_controller.evaluation.scenarios import (
@@ -384,31 +384,17 @@ def test_boxes_walls_corners_posts_and_speckle_are_no_pillars():
 
 def test_runs_end_where_the_range_jumps_by_more_than_a_pillar_could():
     scan = look([at(3.0, 0.0)], ((-9.0, -9.0, -9.0, 9.0), (4.0, -9.0, 4.0, 9.0)))
-    runs = cluster(scan, CONFIG)
-    assert [beam for beams, _ in runs for beam in beams] == scan.valid.nonzero()[0].tolist()
-    assert all(scan.ranges[beams].tolist() == ranges for beams, ranges in runs)
-    assert [max(ranges) < 3.0 for _, ranges in runs] == [False, True, False]
+    segments = cluster(scan, CONFIG)
+    assert segments.beams.tolist() == scan.valid.nonzero()[0].tolist()
+    assert segments.ranges.tolist() == scan.ranges[segments.beams].tolist()
+    assert [max(segment.ranges) < 3.0 for segment in segments.one_by_one()] == [False, True, False]
 
 
 def test_one_missing_beam_does_not_split_a_run():
     scan = look([at(3.0, 0.0)])
     ranges = scan.ranges.copy()
     ranges[360] = nan
-    assert len(cluster(scan_of(ranges), CONFIG)) == 1
-
-
-@given(
-    beams=st.sets(st.integers(0, 40), min_size=2, max_size=24).map(sorted),
-    near=st.floats(0.1, 30.0),
-    step=st.floats(1e-4, 0.02) | st.floats(-0.02, -1e-4),
-    circle=st.tuples(st.floats(-0.1, 0.1), st.floats(-0.2, 0.2), st.floats(0.02, 1.0)),
-    seed=st.integers(0, 99),
-)
-def test_few_beams_are_summed_as_many_are(beams, near, step, circle, seed):
-    ranges = near + np.random.default_rng(seed).uniform(0.0, 0.3, len(beams))
-    segment = Segment(beams, ranges.tolist(), float(ranges.min()), step)
-    few, many = (sums(segment, near + 0.2)(*circle) for sums in (few_moments, many_moments))
-    assert np.allclose(few, many, rtol=1e-9, atol=1e-12)
+    assert len(cluster(scan_of(ranges), CONFIG).counts) == 1
 
 
 def test_every_setting_declares_a_range_that_holds_its_default():

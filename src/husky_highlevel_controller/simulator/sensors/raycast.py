@@ -29,7 +29,9 @@ from husky_highlevel_controller.simulator.sensors.ray_shapes import (
     enter_flank,
 )
 
-FEW = 10  # up to so many solid shapes are met one by one: saves a sixth of the time of the course's rollout
+# Up to so many solid shapes are met one by one. All at once, the scan of the course takes three times as
+# long; one by one, a scan of 1000 objects takes ten times as long.
+FEW = 10
 
 Indices = np.ndarray
 
