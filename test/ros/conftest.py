@@ -11,6 +11,8 @@ from xml.etree import ElementTree
 import pytest
 from network import Ros
 
+from husky_highlevel_controller.robot import ROBOTS
+
 WALL_LIMIT = 240  # [s], for a rostest that hangs in spite of its own time limits
 HERE = os.path.dirname(__file__)
 ROSTEST_SCRIPTS = [name[:-5] for name in os.listdir(HERE) if name.endswith(".test")]
@@ -33,10 +35,20 @@ def pytest_collect_file(parent, file_path):
 
 class RosTestFile(pytest.File):
     def collect(self):
-        yield RosTestItem.from_parent(self, name=self.path.stem)
+        """Once, or for each robot where the file has an argument `robot`."""
+        robots = ROBOTS if '<arg name="robot" default=' in self.path.read_text() else ()
+        yield RosTestItem.from_parent(self, name=self.path.stem, arguments=())
+        for robot in robots[1:]:
+            yield RosTestItem.from_parent(
+                self, name=f"{self.path.stem}[{robot}]", arguments=(f"robot:={robot}",)
+            )
 
 
 class RosTestItem(pytest.Item):
+    def __init__(self, *, arguments, **kwargs):
+        super().__init__(**kwargs)
+        self.arguments = arguments
+
     def runtest(self):
         with tempfile.TemporaryDirectory() as folder:
             self.run_rostest(Path(folder))
@@ -44,7 +56,7 @@ class RosTestItem(pytest.Item):
     def run_rostest(self, folder):
         # not with --text, which makes rostest exit with 0 whatever happens
         process = subprocess.Popen(
-            ["rostest", str(self.path)],
+            ["rostest", str(self.path), *self.arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -70,7 +82,7 @@ class RosTestItem(pytest.Item):
         return super().repr_failure(excinfo, style)
 
     def reportinfo(self):
-        return self.path, 0, self.path.name
+        return self.path, 0, self.name
 
 
 def why_it_failed(folder, output):

@@ -6,7 +6,10 @@ from harness import twist
 from nav_msgs.msg import Odometry
 from std_srvs.srv import SetBool, SetBoolResponse
 
-NOSE, POST, RADIUS = 0.4937, 2.0, 0.2  # [m], half the Husky's length; where the post is, how thick
+from husky_highlevel_controller.robot import load_robot
+
+ROBOT = load_robot(rospy.get_param("robot_name", "husky"))  # of post.launch
+POST, RADIUS = 2.0, 0.2  # [m], where the post is, how thick
 
 
 class Driver:
@@ -48,4 +51,4 @@ def speed(msg):
 
 def gap(msg):
     """Between the robot's nose and the post, for a robot that looks straight at it [m]."""
-    return POST - RADIUS - NOSE - msg.pose.pose.position.x
+    return POST - RADIUS - ROBOT.hull.length / 2.0 - msg.pose.pose.position.x

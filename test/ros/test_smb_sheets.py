@@ -30,12 +30,13 @@ CONTROLLER = """#!/usr/bin/env python3
 import math
 import rospy
 from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, LaserScan, PointCloud2
 from std_srvs.srv import SetBool, SetBoolResponse
 
 rospy.init_node("smb_highlevel_controller")
 velocity = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
-running = True
+running, speed, last = True, 0.0, []
 
 def on_scan(scan):
     nearest = min(scan.ranges)
@@ -54,8 +55,14 @@ def command(linear, angular):
     twist.linear.x, twist.angular.z = linear, angular
     return twist
 
-def on_imu(imu):
-    rospy.loginfo_once("felt in %s", imu.header.frame_id)
+def on_imu(imu):  # the pillar weighs 1 kg: it takes some 0.01 m/s off the robot, in one sample or two
+    last[:] = [*last[-7:], imu.linear_acceleration.x / 400.0]
+    if running and speed > 0.5 and sum(last) < -0.005:
+        rospy.loginfo_once("hit, felt in %s", imu.header.frame_id)
+
+def on_odometry(odometry):
+    global speed
+    speed = odometry.twist.twist.linear.x
 
 def on_call(request):
     global running
@@ -63,6 +70,7 @@ def on_call(request):
     return SetBoolResponse(True, "runs" if running else "stands")
 
 rospy.Subscriber("/imu0", Imu, on_imu)
+rospy.Subscriber("/odometry/filtered", Odometry, on_odometry)
 def on_cloud(cloud):
     rospy.loginfo_once("%d points", cloud.width * cloud.height)
 
@@ -136,9 +144,10 @@ def test_exercises_2_3_and_5_their_node_sees_the_pillar_drives_into_it_and_stops
     while abs(float(echo(ros, "/odometry/filtered", "twist/twist/linear/x"))) > 0.01:
         assert time.monotonic() < end, "it does not stop"
     assert "runs" in call(ros, "true")
-    launched.says("felt in imu_link")
+    assert "felt" not in launched.output, "driving and stopping is no hit"
     place = "/ground_truth/odom", "pose/pose/position"
     wait_until(lambda: float(echo(ros, place[0], f"{place[1]}/x")) > 19.3, "it is at the pillar")
+    launched.says("hit, felt in imu_link")
     # it pushes the pillar on until it is looked at, which on a busy machine takes seconds
     assert float(echo(ros, place[0], f"{place[1]}/y")) == pytest.approx(5.0, abs=2.0)
     assert "ERROR" not in launched.output, launched.output

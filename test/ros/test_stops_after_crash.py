@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """With crash_stop a robot stops after it has hit something, and not for hard driving."""
 
-from driver import Driver, gap, speed
+from driver import ROBOT, Driver, gap, speed
 from harness import RosTest, run
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
@@ -15,7 +15,7 @@ class StopsAfterCrash(RosTest):
         def said(words):
             return [line for line in list(log) if words in line.msg]
 
-        self.wait_for_node("crash_stop", "imu/data", "odometry/filtered")
+        self.wait_for_node("crash_stop", ROBOT.topics.imu, ROBOT.topics.odometry)
         self.wait_until(
             lambda: said("no service /driver/start_stop"), "it repeats that a service is missing", 30.0
         )

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """With proximity_stop a robot stops before it touches, once for each start, and may always back off."""
 
-from driver import Driver, gap, speed
+from driver import ROBOT, Driver, gap, speed
 from harness import RosTest, run
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
@@ -13,7 +13,7 @@ class StopsWhenTooClose(RosTest):
         log = self.remember("rosout", Log)
         driver = Driver()
         driver.offer_service()
-        self.wait_for_node("proximity_stop", "front/scan", "odometry/filtered", "/tf")
+        self.wait_for_node("proximity_stop", ROBOT.topics.scan, ROBOT.topics.odometry, "/tf")
 
         def standing():
             return abs(speed(truth[-1])) < 1e-3

@@ -16,7 +16,7 @@ import numpy as np
 from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan, Twist2D
 from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import advance, matrix_from_quat
-from husky_highlevel_controller.robot import Robot
+from husky_highlevel_controller.robot import DriveConfig, Robot
 
 MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05  # [m/s], [rad/s]: slower is standing, for odometry has noise
 FASTEST = 100.0  # [m/s] and [rad/s]: a measured velocity beyond it is none
@@ -36,7 +36,8 @@ class ProximityConfig:
         default=0.2, metadata={"min": 0.0, "max": 2.0, "help": "from a scan to the first braking [s]"}
     )
     braking: float = field(
-        default=3.0, metadata={"min": 0.1, "max": 10.0, "help": "deceleration to count on [m/s^2]"}
+        default=3.0,
+        metadata={"min": 0.1, "max": 10.0, "help": "deceleration to count on, at most the drive's [m/s^2]"},
     )
 
 
@@ -61,7 +62,7 @@ def too_close(
         pose_laser_in_base: which may be upside-down.
         twist_in_base: how the robot moves, as measured.
         config: margin and brakes.
-        robot: whose outline it is, and whose turning brakes at the limit of its drive.
+        robot: its outline, and the limits of its drive, at which it brakes.
 
     Returns:
         The clearance there is now between the robot's outline and the nearest return that counts [m];
@@ -72,7 +73,7 @@ def too_close(
     if not (abs(twist_in_base.linear) <= FASTEST and abs(twist_in_base.angular) <= FASTEST):
         return 0.0  # nothing is known of the way to standstill
     outline = robot.footprint
-    way = _way_to_standstill(twist_in_base, config, robot.drive.max_angular_acceleration)
+    way = _way_to_standstill(twist_in_base, config, robot.drive)
     points_in_base = _points(scan, pose_laser_in_base)
     now = _clearance(points_in_base, Pose2D(), outline)
     within = now < config.margin + _longest_move(way, outline)
@@ -84,14 +85,16 @@ def too_close(
     return float(threats.min()) if len(threats) else None
 
 
-def _way_to_standstill(twist: Twist2D, config: ProximityConfig, angular_braking: float) -> List[Pose2D]:
+def _way_to_standstill(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -> List[Pose2D]:
     """Poses in base_link, first with the twist kept up, then with both its parts braked."""
-    braking_time = max(abs(twist.linear) / config.braking, abs(twist.angular) / angular_braking)
+    braking = min(config.braking, drive.max_linear_acceleration)
+    angular_braking = drive.max_angular_acceleration
+    braking_time = max(abs(twist.linear) / braking, abs(twist.angular) / angular_braking)
     duration = (config.reaction_time + braking_time) / PATH_STEPS
     way, pose = [], Pose2D()
     for step in range(PATH_STEPS):
         braked = max((step + 0.5) * duration - config.reaction_time, 0.0)
-        linear = max(abs(twist.linear) - config.braking * braked, 0.0)
+        linear = max(abs(twist.linear) - braking * braked, 0.0)
         angular = max(abs(twist.angular) - angular_braking * braked, 0.0)
         slower = Twist2D(copysign(linear, twist.linear), copysign(angular, twist.angular))
         pose = advance(pose, slower, duration)

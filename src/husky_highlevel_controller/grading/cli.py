@@ -76,7 +76,10 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     add_cluster_option(parser)
     add("--rubric", type=Path, metavar="FILE", help="YAML: tolerances, weights, items that a person judges")
     add("--only", action="append", default=[], metavar="NAME", help="with --all: mark this one again")
+    add("--husky", help=argparse.SUPPRESS)  # its name before `--robot`
     options = parser.parse_args(arguments)
+    if options.husky:
+        parser.error(f"--husky {options.husky}: it is --robot now: {', '.join((AUTO, *ROBOT_VERSIONS))}")
     if options.cluster and not options.all:
         parser.error(f"--cluster {options.cluster}: only with --all")
     for kind in ("launch", "node"):

@@ -181,6 +181,16 @@ def test_a_miss_of_any_driver_is_no_obstacle_and_hides_none(miss, range_min):
     assert too_close(nothing, UPRIGHT, Twist2D(1.0, 1.0), CONFIG, HUSKY) is None
 
 
+def test_a_robot_with_weaker_brakes_is_stopped_earlier():
+    smb = load_robot("smb")  # 2.0 m/s^2
+    upright = Pose((smb.lidar_mount.x, 0.0, smb.lidar_mount.z))
+    way = 1.1 * CONFIG.reaction_time + 1.1**2 / (2.0 * 2.0) + CONFIG.margin
+    for clearance, reason in ((way - 0.02, True), (way + 0.02, False)):
+        wall = Box((0.2, 10.0, 2.0)), Pose((smb.footprint.half_length + clearance + 0.1, 0.0, 0.5))
+        scan = look(wall, laser=upright, lidar=replace(simulator_config("smb").lidar, noise=0.0))
+        assert (too_close(scan, upright, Twist2D(1.1, 0.0), CONFIG, smb) is not None) == reason
+
+
 @pytest.mark.parametrize("speed", [inf, -inf, np.nan])
 def test_a_velocity_that_is_no_number_is_a_reason_to_stop(speed):
     assert is_moving(Twist2D(speed, 0.0))

@@ -212,6 +212,20 @@ def test_stopping_short_is_not_arriving(gap, points):
     assert points or f"stops short: nearest {gap:.2f} m from the pillar" in item.evidence
 
 
+@pytest.mark.parametrize(
+    ("legs", "points"),
+    [([(6.0, 0.1)], None), ([(3.5, 0.0585)], 0.0), ([(5.5, 0.1), (5.0, 0.0)], 0.0), ([(6.0, 0.15)], 0.0)],
+    ids=["on its way", "too slow", "stands at the end", "ended before"],
+)
+def test_who_is_on_its_way_at_the_deadline_is_for_a_person(legs, points):
+    item = judge_arrival(drive(*legs))
+    assert item.points == points
+    assert ("on its way, at the deadline of 60 s" in item.evidence) == (points is None)
+    assert over_trials([drive((TO_PILLAR, 0.5)), drive(*legs)], judge_arrival, 0.3).points == (
+        None if points is None else 14.0
+    )
+
+
 # ---------------------------------------------------------------------------- the marker
 
 

@@ -68,6 +68,12 @@ def test_a_command_line_that_makes_no_sense_is_refused(arguments, capsys):
     assert "error:" in capsys.readouterr().err
 
 
+def test_the_former_name_of_an_option_names_the_new_one(capsys):
+    with pytest.raises(SystemExit):
+        parse(["--launch", "p", "f", "--husky", "melodic"])
+    assert "--husky melodic: it is --robot now: auto, husky, husky_melodic, smb" in capsys.readouterr().err
+
+
 # ---------------------------------------------------------------------------- RViz's configuration
 
 SCAN, GRID, MODEL = {"Class": "rviz/LaserScan"}, {"Class": "rviz/Grid"}, {"Class": "rviz/RobotModel"}

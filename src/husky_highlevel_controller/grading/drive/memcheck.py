@@ -84,8 +84,10 @@ def uninitialised(
             lambda: is_up(network.uri, planned.nodes),
         ):
             _let_it_compute(process)
-    logs = [path for path in place.iterdir() if path.name.startswith(LOG)]
-    return sentence(reads_in("\n".join(map(_text, sorted(logs))), root / "src"), root / "src")
+        # before it is ended: a `getParam` that the end interrupts leaves its variable as it was
+        logs = sorted(path for path in place.iterdir() if path.name.startswith(LOG))
+        log = "\n".join(map(_text, logs))
+    return sentence(reads_in(log, root / "src"), root / "src")
 
 
 def _let_it_compute(process: Process) -> None:

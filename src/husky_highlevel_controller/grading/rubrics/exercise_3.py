@@ -17,6 +17,8 @@ from husky_highlevel_controller.grading.rubrics.markers import judge_namespaces
 HALF_WAY = 0.5  # of the way to the pillar: who has come that far drives towards it
 FIRST_STEPS = 0.1  # of the way: who has come that far has begun to
 STOPPED = 1.0  # [s], so long it must stand in the end to have stopped
+PERIOD, LATELY = 0.1, 10.0  # [s], between two scans at most, and over which it is judged to come nearer
+NEARLY = 0.1  # [m], farther than the nearest point of the drive is still the nearest
 SILENT = 5.0  # [s], simulated: so long without a command, it has ceased to send any
 ITEMS = (
     "drives towards the pillar",
@@ -70,6 +72,9 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     nearest = int(np.argmin(gaps))
     if gaps[nearest] > rules.reached:
         at = float(times[nearest])
+        if _runs_out_of_time(recording):
+            words = f"for a person: {gaps[-1]:.2f} m to go, and on its way, at the deadline of {at:.0f} s"
+            return replace(item, points=None, evidence=words, at=at, hint=SLOW)
         words = f"nearest {gaps[nearest]:.2f} m from the pillar, wanted {rules.reached:g} m, at {at:.2f} s"
         if not recording.driving[nearest + 1 :].any() and recording.driving.any():
             words = f"stops short: {words}"
@@ -121,6 +126,15 @@ def first_touch(recording: Recording) -> float:
     return float(recording.times[touches[0]]) if len(touches) else np.inf
 
 
+def _runs_out_of_time(recording: Recording) -> bool:
+    """Whether the deadline ends a drive that comes nearer, so fast that as much time again would do."""
+    gaps, times = recording.hull_gaps, recording.times
+    if times[-1] < recording.deadline - PERIOD or gaps[-1] > gaps.min() + NEARLY:
+        return False
+    before = int(np.searchsorted(times, times[-1] - LATELY))
+    return bool((gaps[before] - gaps[-1]) / (times[-1] - times[before]) * recording.deadline > gaps[-1])
+
+
 def _stands_since(recording: Recording) -> Optional[float]:
     """Since when it stands for good [s]; None if it does not."""
     moving = np.flatnonzero(recording.driving)
@@ -146,6 +160,7 @@ def cause_of_stop(recording: Recording) -> str:
 # what a student looks at, by where points are lost
 LOGS = "read the output of your node, and start it by your launch file with ./dev launch"
 STOPS = "compare the velocities that you send at this moment with the distance that you compute"
+SLOW = "drive faster; a teacher gives a drive more time by --deadline"
 TURNS = "check the sign of angular.z: positive turns left, and the angle is in the lidar's own frame"
 SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pillar"
 MARKER = "check header.frame_id and header.stamp, and the pillar's position in that frame"

@@ -14,7 +14,7 @@ from husky_highlevel_controller.grading.records import Item
 def over_trials(
     recordings: Sequence[Recording], judge: Callable[[Recording], Item], other_worlds: float
 ) -> Item:
-    """Points of all drives together, with the evidence of the worst.
+    """Points of all drives together, with the evidence of the worst; a person's where one drive is.
 
     Args:
         recordings: the first is of the course's world.
@@ -22,9 +22,9 @@ def over_trials(
         other_worlds: what the further drives weigh together, 0 to 1.
     """
     items = [judge(recording) for recording in recordings]
-    number = min(range(len(items)), key=lambda n: items[n].points or 0.0)
+    number = min(range(len(items)), key=lambda n: -1.0 if items[n].points is None else items[n].points)
     worst = items[number]
-    if len(items) == 1:
+    if len(items) == 1 or worst.points is None:
         return worst
     first, *further = [item.points or 0.0 for item in items]
     mean = float(np.mean(further))
