@@ -22,11 +22,12 @@ def over_trials(
         other_worlds: what the further drives weigh together, 0 to 1.
     """
     items = [judge(recording) for recording in recordings]
-    number = min(range(len(items)), key=lambda n: -1.0 if items[n].points is None else items[n].points)
+    scores = [-1.0 if item.points is None else item.points for item in items]
+    number = scores.index(min(scores))
     worst = items[number]
     if len(items) == 1 or worst.points is None:
         return worst
-    first, *further = [item.points or 0.0 for item in items]
+    first, *further = scores
     mean = float(np.mean(further))
     points = round((1.0 - other_worlds) * first + other_worlds * mean, 1)
     words = f"{worst.evidence}; likewise in {len(further)} other worlds"
