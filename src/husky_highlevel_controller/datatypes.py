@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import atan2, hypot
-from typing import NamedTuple, Optional, Tuple, Union
+from typing import NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -278,6 +278,32 @@ class Snapshot(NamedTuple):
     gps: Optional[GpsFix] = None
     mag: Optional[MagSample] = None
     power: Optional[PowerState] = None
+
+    @property
+    def true_state(self) -> TrueState:
+        """True motion at this step."""
+        pose, (speed, _, _), (_, _, yaw_rate) = self.robot
+        return TrueState(self.stamp, pose, speed, yaw_rate)
+
+
+class TrueState(NamedTuple):
+    """True motion of the robot at one moment, by which a drive is judged."""
+
+    stamp: float  # [s], simulated
+    pose_in_world: Pose  # of base_link
+    speed: float  # [m/s], forward
+    yaw_rate: float  # [rad/s]
+
+    def to_numbers(self) -> Tuple[float, ...]:
+        """Stamp, x, y, z, quaternion xyzw, speed, yaw rate."""
+        position, quat = self.pose_in_world
+        return (self.stamp, *position, *quat, self.speed, self.yaw_rate)
+
+    @classmethod
+    def from_numbers(cls, numbers: Sequence[float]) -> TrueState:
+        """The state of `to_numbers`; ValueError if there are more or fewer."""
+        stamp, x, y, z, qx, qy, qz, qw, speed, yaw_rate = (float(number) for number in numbers)
+        return cls(stamp, Pose((x, y, z), (qx, qy, qz, qw)), speed, yaw_rate)
 
 
 class Pillar(NamedTuple):

@@ -6,14 +6,42 @@ Quaternions are xyzw; roll-pitch-yaw is the URDF/SDF convention (fixed axes x, y
 
 from __future__ import annotations
 
-from math import atan2, cos, pi, sin
-from typing import Sequence, Tuple
+from math import atan2, cos, pi, sin, sqrt
+from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.datatypes import Pose, Pose2D, Quaternion, Twist2D, Vector3
 
 Axes = Tuple[Vector3, Vector3, Vector3]  # unit vectors along a body's x, y and z, in the world
+
+
+def dot(a: Vector3, b: Vector3) -> float:
+    """Scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector3, b: Vector3) -> Vector3:
+    """Vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def minus(a: Vector3, b: Vector3, factor: float = 1.0) -> Vector3:
+    """A - factor * b."""
+    return a[0] - factor * b[0], a[1] - factor * b[1], a[2] - factor * b[2]
+
+
+def unit(vector: Vector3) -> Optional[Vector3]:
+    """The vector at length 1; None where it is shorter than 1e-6."""
+    length = sqrt(dot(vector, vector))
+    return (vector[0] / length, vector[1] / length, vector[2] / length) if length > 1e-6 else None
+
+
+def along_axes(axes: Sequence[Vector3], vector: Vector3) -> Vector3:
+    """Components of a vector along three unit vectors: the vector in their frame."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes
+    x, y, z = vector
+    return (ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z)
 
 
 def wrap_angle(angle: float) -> float:
@@ -51,6 +79,16 @@ def quat_inverse(quat: Quaternion) -> Quaternion:
     """Inverse of a unit quaternion."""
     x, y, z, w = quat
     return (-x, -y, -z, w)
+
+
+def quat_between(start: Vector3, end: Vector3) -> Quaternion:
+    """The shortest rotation from one unit vector to another."""
+    along = dot(start, end)
+    if along < -1.0 + 1e-9:  # half a turn, about anything across
+        axis = unit(cross(start, (1.0, 0.0, 0.0))) or (0.0, 0.0, 1.0)
+        return (*axis, 0.0)
+    (x, y, z), length = cross(start, end), sqrt(2.0 + 2.0 * along)
+    return (x / length, y / length, z / length, length / 2.0)
 
 
 def rotate(quat: Quaternion, vector: Sequence[float]) -> Vector3:

@@ -17,6 +17,7 @@ from husky_highlevel_controller.geometry import (
     matrix_from_quat,
     pose_from_2d,
     pose_to_2d,
+    quat_between,
     quat_from_rpy,
     quat_inverse,
     quat_multiply,
@@ -192,3 +193,13 @@ def test_turning_in_place_stays_in_place_and_keeps_the_heading_wrapped():
     turned = advance(Pose2D(1.0, -1.0, 3.0), Twist2D(0.0, 1.0), 1.0)
     assert_same_pose_2d(turned, Pose2D(1.0, -1.0, 4.0))
     assert -pi < turned.yaw <= pi
+
+
+@pytest.mark.parametrize("start", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.0, -0.8)])
+@pytest.mark.parametrize(
+    "end", [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (-0.6, 0.0, 0.8), (0.0, 0.6, 0.8)]
+)
+def test_the_rotation_between_two_directions_turns_one_to_the_other(start, end):
+    quat = quat_between(start, end)
+    assert rotate(quat, start) == pytest.approx(end, abs=1e-9)
+    assert np.linalg.norm(quat) == pytest.approx(1.0)

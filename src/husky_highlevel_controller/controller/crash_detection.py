@@ -23,7 +23,11 @@ from math import hypot, inf, isfinite, sqrt
 from typing import Deque, List, NamedTuple, Optional, Tuple
 
 from husky_highlevel_controller.datatypes import ImuSample, Quaternion, Twist2D, Vector3
+from husky_highlevel_controller.geometry import cross as _cross
+from husky_highlevel_controller.geometry import dot as _dot
+from husky_highlevel_controller.geometry import minus as _minus
 from husky_highlevel_controller.geometry import quat_inverse, rotate
+from husky_highlevel_controller.geometry import unit as _unit
 
 GRAVITY = 9.8  # [m/s^2]
 LEVELLING_TIME = 1.0  # [s], time constant with which the accelerometer corrects the gyro's gravity
@@ -244,21 +248,3 @@ def _damped(force: float, vertical: float) -> float:
 
 def _clamped(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
-
-
-def _dot(a: Vector3, b: Vector3) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Vector3, b: Vector3) -> Vector3:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-def _minus(a: Vector3, b: Vector3, factor: float) -> Vector3:
-    """A - factor * b."""
-    return a[0] - factor * b[0], a[1] - factor * b[1], a[2] - factor * b[2]
-
-
-def _unit(vector: Vector3) -> Optional[Vector3]:
-    length = sqrt(_dot(vector, vector))
-    return (vector[0] / length, vector[1] / length, vector[2] / length) if length > 1e-6 else None

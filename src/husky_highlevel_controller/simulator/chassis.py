@@ -9,7 +9,7 @@ from math import hypot
 from typing import List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import Pose, RobotState, Vector3, WheelState
-from husky_highlevel_controller.geometry import Axes, axes_from_quat, compose
+from husky_highlevel_controller.geometry import along_axes, axes_from_quat, compose
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.models.robot_model import FLANK_DEPTH, RobotModel
 from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
@@ -77,7 +77,7 @@ class Chassis:
         """Read the robot's pose and velocity; kept as `state`."""
         pose, velocity, spin = self._bullet.robot_motion()
         self._axes = axes_from_quat(pose.quat_xyzw)
-        (vx, vy, vz), (wx, wy, wz) = (_onto(self._axes, v) for v in (velocity, spin))
+        (vx, vy, vz), (wx, wy, wz) = (along_axes(self._axes, v) for v in (velocity, spin))
         x, y, z = self._robot.com
         # v(base_link) = v(com) - w x com
         at_base = (vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x))
@@ -133,7 +133,7 @@ class Chassis:
 
     def _downhill(self) -> Tuple[float, float]:
         """Gravity along the ground, on base_link's x and y [m/s^2]: on its springs the robot leans a bit."""
-        gx, gy, gz = _onto(self._axes, self._gravity)
+        gx, gy, gz = along_axes(self._axes, self._gravity)
         nx, ny, nz = self._ground
         square = nx * nx + ny * ny + nz * nz
         into = (gx * nx + gy * ny + gz * nz) / square if square > 0.0 else 0.0
@@ -158,7 +158,7 @@ class Chassis:
         contacts = set()
         self._drags = []
         for body, (x, y, z), normal_in_world, force in self._bullet.contact_points():
-            point, normal = _onto(axes, (x - px, y - py, z - pz)), _onto(axes, normal_in_world)
+            point, normal = along_axes(axes, (x - px, y - py, z - pz)), along_axes(axes, normal_in_world)
             wheel, support = self._wheel_at(point), normal[2]
             if wheel is None or support < SUPPORT_SLOPE:
                 contacts.add(body)
@@ -190,10 +190,3 @@ class Chassis:
                 if -CONTACT_DEPTH <= depth <= FLANK_DEPTH + CONTACT_DEPTH:
                     return index
         return None
-
-
-def _onto(axes: Axes, vector: Vector3) -> Vector3:
-    """A vector of the world, in the frame of these axes."""
-    x, y, z = vector
-    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes
-    return (ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z)

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from husky_highlevel_controller.datatypes import HuskyError, Pose, Pose2D
+from husky_highlevel_controller.datatypes import HuskyError, Pose, Pose2D, TrueState
 from husky_highlevel_controller.grading.drive.drive_end import NODES_ENDED, DriveEnd
 from husky_highlevel_controller.grading.drive.recording import Recording
-from husky_highlevel_controller.grading.drive.truth_feed import TruthRow
 from husky_highlevel_controller.grading.record import (
     SCHEMA,
     Record,
@@ -33,7 +32,7 @@ def drive(seconds, pillar=(10.0, 0.0), ended="it stands at the pillar"):
     speeds = np.column_stack([np.where(times < 8.0, 1.15, 0.0), np.zeros_like(x)])
     end = DriveEnd(pillar, "husky")
     for stamp, pose, (speed, yaw_rate) in zip(times, poses, speeds):
-        end.update(TruthRow(stamp, Pose((pose[0], 0.0, 0.13)), speed, yaw_rate))
+        end.update(TrueState(stamp, Pose((pose[0], 0.0, 0.13)), speed, yaw_rate))
     return Recording(
         Pose2D(), pillar, 60.0, times, poses, speeds, times, ended=ended, decided_at=end.decided_at(ended)
     )

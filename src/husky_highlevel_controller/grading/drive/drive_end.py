@@ -8,8 +8,9 @@ from typing import Tuple
 import numpy as np
 
 from husky_highlevel_controller.course import REACHED, STANDS, TOUCH
+from husky_highlevel_controller.datatypes import TrueState
+from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.grading.drive.recording import hull_gaps
-from husky_highlevel_controller.grading.drive.truth_feed import TruthRow
 
 AT_PILLAR = 3.0  # [s], simulated: so long at the pillar, it is over
 ABANDONED = 3.0  # [s], simulated: so long still with no node left to drive it, it is over
@@ -34,15 +35,14 @@ class DriveEnd:
         """Time of the state [s], simulated, at which a drive that ended for this reason was decided."""
         return self._moved_at + ABANDONED if reason == NODES_ENDED else self._decided_at
 
-    def update(self, row: TruthRow) -> None:
+    def update(self, state: TrueState) -> None:
         """Follow the next state."""
-        self._now = now = row.stamp
-        if abs(row.speed) > STANDS:
+        self._now = now = state.stamp
+        if abs(state.speed) > STANDS:
             self._drove_at = now
-        if abs(row.speed) > STANDS or abs(row.yaw_rate) > STANDS:
+        if abs(state.speed) > STANDS or abs(state.yaw_rate) > STANDS:
             self._moved_at, self._first_moved = now, min(self._first_moved, now)
-        x, y, _ = row.pose_in_world.position
-        gap = float(hull_gaps(np.array([[x, y, row.yaw]]), self._pillar, self._robot)[0])
+        gap = float(hull_gaps(np.array([pose_to_2d(state.pose_in_world)]), self._pillar, self._robot)[0])
         self._reached_at = min(self._reached_at, now) if gap <= REACHED else inf
         if gap <= TOUCH:
             self._touched_at = min(self._touched_at, now)

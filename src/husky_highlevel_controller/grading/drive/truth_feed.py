@@ -7,40 +7,19 @@ import json
 import socket
 import threading
 from pathlib import Path
-from typing import Any, Callable, NamedTuple
+from typing import Callable
 
-from husky_highlevel_controller.datatypes import Pose
-from husky_highlevel_controller.geometry import yaw_from_quat
+from husky_highlevel_controller.datatypes import TrueState
 
 BUFFER = 1 << 16  # [bytes]
 READ = b"."  # answers each state: the simulator waits for it, so that markers that come get the right time
-
-
-class TruthRow(NamedTuple):
-    """The robot's true state at one moment."""
-
-    stamp: float  # [s], simulated
-    pose_in_world: Pose  # of base_link
-    speed: float  # [m/s], forward
-    yaw_rate: float  # [rad/s]
-
-    @property
-    def yaw(self) -> float:
-        """[rad]."""
-        return yaw_from_quat(self.pose_in_world.quat_xyzw)
-
-
-def row_from_line(values: Any) -> TruthRow:
-    """Row of the simulator's line: stamp, x, y, z, quaternion xyzw, speed, yaw rate."""
-    stamp, x, y, z, qx, qy, qz, qw, speed, yaw_rate = (float(value) for value in values)
-    return TruthRow(stamp, Pose((x, y, z), (qx, qy, qz, qw)), speed, yaw_rate)
 
 
 class TruthFeed:
     """Takes the first connection, and no other: a submission starts later and finds no listener."""
 
     def __init__(
-        self, path: Path, on_truth: Callable[[TruthRow], None], on_event: Callable[[str, str], None]
+        self, path: Path, on_truth: Callable[[TrueState], None], on_event: Callable[[str, str], None]
     ) -> None:
         """Listen, and read in a thread of its own.
 
@@ -64,7 +43,7 @@ class TruthFeed:
             for line in lines:
                 for key, value in json.loads(line).items():
                     if key == "truth":
-                        self._on_truth(row_from_line(value))
+                        self._on_truth(TrueState.from_numbers(value))
                         with contextlib.suppress(OSError):
                             connection.sendall(READ)
                     else:

@@ -15,7 +15,8 @@ import rosgraph
 import rospy
 from sensor_msgs.msg import LaserScan
 
-from husky_highlevel_controller.datatypes import Scan
+from husky_highlevel_controller.datatypes import Scan, TrueState
+from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.grading.drive.call_plan import FORWARD
 from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
 from husky_highlevel_controller.grading.drive.recording import (
@@ -32,7 +33,7 @@ from husky_highlevel_controller.grading.drive.ros_graph import (
     silent_topics,
     unread_topics,
 )
-from husky_highlevel_controller.grading.drive.truth_feed import TruthFeed, TruthRow
+from husky_highlevel_controller.grading.drive.truth_feed import TruthFeed
 from husky_highlevel_controller.grading.records import load
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros import conversions
@@ -55,7 +56,7 @@ class Recorder:
         path = Path(rospy.myargv()[1])
         self._task: Assignment = load(Assignment, path)
         self._lock = threading.Lock()
-        self._truth: List[TruthRow] = []
+        self._truth: List[TrueState] = []
         self._end = DriveEnd(self._task.pillar, self._task.robot)
         self._commands: List[float] = []
         self._command_count = self._zero_count = 0
@@ -100,12 +101,12 @@ class Recorder:
     def _speed(self) -> float:
         return self._truth[-1].speed if self._truth else 0.0
 
-    def _on_truth(self, row: TruthRow) -> None:
+    def _on_truth(self, state: TrueState) -> None:
         if self._written or self._now >= self._task.deadline:
             return
         with self._lock:
-            self._truth.append(row)
-        self._end.update(row)
+            self._truth.append(state)
+        self._end.update(state)
 
     def _on_event(self, kind: str, words: str) -> None:
         if kind == "changed":
@@ -190,7 +191,7 @@ class Recorder:
             self._written = True
         truth = list(self._truth)
         table = np.array(
-            [(row.stamp, *row.pose_in_world.position[:2], row.yaw, row.speed, row.yaw_rate) for row in truth]
+            [(row.stamp, *pose_to_2d(row.pose_in_world), row.speed, row.yaw_rate) for row in truth]
         ).reshape(-1, 6)
         times, poses = table[:, 0], table[:, 1:4]
         topic_parameters, queue_parameters = self._driver.parameters()

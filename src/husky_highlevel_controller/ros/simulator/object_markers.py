@@ -5,7 +5,6 @@ In: a `Body`, and where it is. Out: messages.
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import Sequence
 
 from geometry_msgs.msg import Point
@@ -21,11 +20,10 @@ from husky_highlevel_controller.datatypes import (
     Geometry,
     Plane,
     Pose,
-    Quaternion,
     Rgba,
     Vector3,
 )
-from husky_highlevel_controller.geometry import compose, quat_inverse, rotate
+from husky_highlevel_controller.geometry import compose, quat_between, quat_inverse, rotate
 from husky_highlevel_controller.ros import conversions
 
 DELETE = 1  # id of the menu's only entry
@@ -53,7 +51,7 @@ def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarke
     )
     if body.mass > 0.0:
         control.interaction_mode = InteractiveMarkerControl.MOVE_PLANE  # across the control's x axis
-        control.orientation = QuaternionMsg(*_shortest_turn(X, upwards(pose_in_frame)))
+        control.orientation = QuaternionMsg(*quat_between(X, upwards(pose_in_frame)))
         marker.menu_entries = [MenuEntry(id=DELETE, title="Delete", command_type=MenuEntry.FEEDBACK)]
     marker.controls = [control]
     return marker
@@ -67,7 +65,7 @@ def upwards(pose: Pose) -> Vector3:
 def _geometry_to_msg(geometry: Geometry) -> Marker:
     shape, pose = geometry.shape, geometry.pose_in_body
     if isinstance(shape, Plane):
-        turned = Pose(quat_xyzw=_shortest_turn(Z, shape.normal))
+        turned = Pose(quat_xyzw=quat_between(Z, shape.normal))
         return _sheet(compose(pose, turned), shape.size, QUIET)
     if isinstance(shape, Box) and shape.size[2] < PAINT:
         top = Pose((0.0, 0.0, shape.size[2] / 2.0))
@@ -94,19 +92,4 @@ def _sheet(pose: Pose, size: Sequence[float], rgba: Rgba) -> Marker:
         color=ColorRGBA(*rgba),
         points=corners,
         colors=[ColorRGBA(*rgba)] * len(corners),
-    )
-
-
-def _shortest_turn(start: Vector3, end: Vector3) -> Quaternion:
-    """The rotation from one unit vector to another."""
-    (ax, ay, az), (bx, by, bz) = start, end
-    along = ax * bx + ay * by + az * bz
-    if along < -1.0 + 1e-9:  # half a turn, about anything across
-        return (0.0, 1.0, 0.0, 0.0)
-    length = sqrt(2.0 + 2.0 * along)
-    return (
-        (ay * bz - az * by) / length,
-        (az * bx - ax * bz) / length,
-        (ax * by - ay * bx) / length,
-        length / 2.0,
     )

@@ -20,7 +20,7 @@ SEND_TIMEOUT = 5.0  # [s] of wall time; a reader that is slower is given up
 
 
 class TruthLog:
-    """Log of true states, JSON by line: "truth" (stamp, pose, speed, yaw rate), "changed", "unanswered"."""
+    """Log of true states, JSON by line: "truth" (`TrueState.to_numbers`), "changed", "unanswered"."""
 
     def __init__(self) -> None:
         path = os.environ.get(VARIABLE)
@@ -33,10 +33,7 @@ class TruthLog:
     def write(self, snapshot: Snapshot) -> None:
         """The true pose [m, xyzw] and velocity [m/s, rad/s] at a stamp [s]."""
         if self._socket is not None:
-            robot = snapshot.robot
-            pose = robot.pose_in_world
-            speed, yaw_rate = robot.velocity_in_base[0], robot.angular_velocity_in_base[2]
-            self.write_line("truth", [snapshot.stamp, *pose.position, *pose.quat_xyzw, speed, yaw_rate])
+            self.write_line("truth", snapshot.true_state.to_numbers())
             self._wait_for_reader()
 
     def _wait_for_reader(self) -> None:

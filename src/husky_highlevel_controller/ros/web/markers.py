@@ -14,7 +14,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
 from husky_highlevel_controller.datatypes import Pose, Rgba
-from husky_highlevel_controller.geometry import matrix_from_quat
+from husky_highlevel_controller.geometry import matrix_from_quat, quat_between
 from husky_highlevel_controller.ros.conversions import pose_from_msg
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.shapes import Mesh
@@ -194,17 +194,8 @@ def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
         return []
     head = size[2] if size[2] > 0.0 else ARROW_HEAD * length
     mesh = shapes.arrow(max(length - head, 0.0), size[0], min(head, length), size[1])
-    turned = mesh.vertices @ _rotation_from_x((end - start) / length).T + start
+    turned = mesh.vertices @ matrix_from_quat(quat_between((1.0, 0.0, 0.0), (end - start) / length)).T + start
     return [Solid(Mesh(turned.astype(np.float32), mesh.faces), _rgba(marker.color))]
-
-
-def _rotation_from_x(direction: np.ndarray) -> np.ndarray:
-    """A rotation matrix (3, 3) that turns the x axis to a unit vector."""
-    x, y, z = direction
-    if x < -1.0 + 1e-9:
-        return matrix_from_quat((0.0, 0.0, 1.0, 0.0))
-    length = (2.0 + 2.0 * x) ** 0.5
-    return matrix_from_quat((0.0, -z / length, y / length, length / 2.0))
 
 
 def _lines(kind: int, points: np.ndarray, colors: np.ndarray, width: float) -> List[Piece]:

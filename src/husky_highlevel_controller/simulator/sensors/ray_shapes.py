@@ -15,6 +15,8 @@ from typing import Any, Callable, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
+from husky_highlevel_controller.geometry import dot
+
 BOX, CYLINDER, SPHERE = 0, 1, 2
 
 Number = Any  # a float of one shape, or an array with a number for each
@@ -109,8 +111,3 @@ def _entries(enter: np.ndarray, leave: np.ndarray) -> np.ndarray:
     """First distance from 0 on at which rays inside from `enter` to `leave` are inside; +inf for none."""
     enter = np.maximum(enter, 0.0)
     return np.where(enter <= leave, enter, inf)
-
-
-def dot(a: Number3, b: Number3) -> Number:
-    """Scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

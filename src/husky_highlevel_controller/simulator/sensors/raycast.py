@@ -19,13 +19,12 @@ from typing import List, NamedTuple, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.datatypes import Beams, Box, Cylinder, Plane, Pose, Shape, Sphere, Vector3
-from husky_highlevel_controller.geometry import Axes, axes_from_quat, rotate
+from husky_highlevel_controller.geometry import Axes, along_axes, axes_from_quat, dot, minus, rotate
 from husky_highlevel_controller.simulator.sensors.ray_shapes import (
     BOX,
     CYLINDER,
     FORMULAS,
     SPHERE,
-    dot,
     enter_flank,
 )
 
@@ -128,7 +127,7 @@ def cast_rays(scene: Scene, pose_laser_in_world: Pose, beams: Beams, max_range: 
     distances.fill(inf)
     farthest = 0.0
     for point, normal in scene.planes:
-        height, (x, y, _) = dot(_minus(point, origin), normal), _within(laser, normal)
+        height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
         if (
             abs(height) <= hypot(x, y) * max_range
         ):  # or no beam gets there, as none of a level laser to the floor
@@ -147,17 +146,6 @@ def cast_rays(scene: Scene, pose_laser_in_world: Pose, beams: Beams, max_range: 
     return distances
 
 
-def _minus(a: Vector3, b: Vector3) -> Vector3:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _within(axes: Axes, vector: Vector3) -> Vector3:
-    """The vector in the frame of these axes."""
-    (a, b, c), (d, e, f), (g, h, i) = axes
-    x, y, z = vector
-    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
-
-
 # ---------------------------------------------------------------------------- few shapes
 
 
@@ -165,14 +153,14 @@ def _meet_one(
     solid: Solid, origin: Vector3, laser: Axes, beams: Beams, max_range: float, distances: np.ndarray
 ) -> float:
     """Shorten the distances (N,) of the beams that meet a shape; none is farther than the result [m]."""
-    center = _within(laser, _minus(solid.position, origin))
+    center = along_axes(laser, minus(solid.position, origin))
     x, y, z = center
     flat, square = hypot(x, y), solid.bound * solid.bound - z * z  # the ball is cut by the scan plane
     if square < 0.0 or flat - solid.bound > max_range:
         return 0.0
     farthest, radius = flat + solid.bound, sqrt(square)
     needed, prepare, enter = FORMULAS[solid.kind]
-    axes = [_within(laser, axis) for axis in solid.axes[needed]]
+    axes = [along_axes(laser, axis) for axis in solid.axes[needed]]
     if solid.kind == CYLINDER and flat > radius:
         u, v, _ = axes[0]
         if abs(dot(center, axes[0])) + hypot(u, v) * farthest <= solid.size[2]:
