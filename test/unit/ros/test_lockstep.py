@@ -12,9 +12,7 @@ from husky_highlevel_controller.ros.simulator.lockstep import Lockstep
 
 
 def make(wanted, asleep=True):
-    steps = Lockstep(wanted, scans=None)
-    steps._listeners = Controller(asleep)
-    return steps
+    return Lockstep(wanted, Controller(asleep))
 
 
 def nothing():
@@ -23,9 +21,9 @@ def nothing():
 
 @pytest.fixture
 def warnings(monkeypatch):
-    said = []
-    monkeypatch.setattr(rospy, "logwarn", said.append)
-    return said
+    warnings = []
+    monkeypatch.setattr(rospy, "logwarn", warnings.append)
+    return warnings
 
 
 @pytest.fixture
@@ -236,10 +234,12 @@ def test_ten_scans_answered_in_a_row_end_the_sleep(clock):
 
 
 def test_a_sleeping_controller_that_stays_busy_ends_lockstep(clock, warnings):
-    steps = begun(asleep=True)
+    listeners = Controller(asleep=True)
+    steps = Lockstep(True, listeners)
+    steps.command_arrived("cmd_vel")
     steps.begin_scan()
     steps.wait_for_answer(clock.look, pytest.fail, nothing)
-    steps._listeners.is_asleep = False
+    listeners.is_asleep = False
     before = clock.now
     steps.tick(clock.look, nothing)
     assert clock.now - before == pytest.approx(5.0, abs=0.2)
@@ -298,3 +298,29 @@ def test_what_never_sleeps_is_watched_for_a_second_only(clock, warnings):
     steps.tick(pytest.fail, pytest.fail)
     assert clock.now == pytest.approx(1.0, abs=0.1)
     assert warnings == []
+
+
+def test_a_controller_that_slept_and_commanded_at_a_tick_is_watched_when_it_is_awake(clock):
+    steps = begun(asleep=True)
+    steps.begin_scan()
+    steps.wait_for_answer(clock.look, pytest.fail, nothing)
+    for _ in range(12):
+        steps.begin_scan()
+        steps.command_arrived("cmd_vel")
+        steps.tick(nothing, nothing)
+        steps.wait_for_answer(nothing, pytest.fail, pytest.fail)
+    answer(steps)
+    assert not steps.drops("cmd_vel")
+
+
+def test_a_controller_that_answered_before_it_slept_is_not_watched_when_it_is_awake(clock):
+    steps = begun(asleep=True)
+    for _ in range(10):
+        answer(steps)
+    steps.begin_scan()
+    steps.wait_for_answer(clock.look, pytest.fail, nothing)
+    for _ in range(10):
+        answer(steps)
+    again = []
+    steps.tick(nothing, lambda: again.append(1))
+    assert again == []

@@ -1,10 +1,14 @@
-"""Lockstep: holds the simulated clock until a command has answered the last scan."""
+"""Lockstep: holds the simulated clock until a command has answered the last scan.
+
+In: that a scan is sent, that the clock went on, that a command arrived. Out: waits; see `Mode` for how long.
+"""
 
 from __future__ import annotations
 
 import threading
 import time
-from typing import Callable, Set
+from enum import Enum
+from typing import Callable, Optional, Set
 
 import rospy
 
@@ -23,27 +27,58 @@ PARTNERS_POLL_PERIOD = 0.02  # more often, /clock would take CPU time from those
 AWAKE = 10  # scans answered in a row: the controller does not sleep, or not any more
 
 
+class Mode(Enum):
+    """Mode of lockstep. Listeners are the processes that receive the scans; idle: none of their threads runs.
+
+    ==============  ==================  ==========================  ==========================================
+    mode            waits after a scan  waits at a tick of /clock   next mode
+    ==============  ==================  ==========================  ==========================================
+    WATCHED         for a command,      until listeners are idle;   ALWAYS_WATCHED: a command came at a tick
+    (the first)     then as at a tick   the tick comes twice        ANSWERING: AWAKE scans answered in a row,
+                                                                    or not idle within WATCH_TIMEOUT
+    ALWAYS_WATCHED  the same            the same                    ANSWERING: not idle within WATCH_TIMEOUT
+    ANSWERING       for a command       not at all                  ALWAYS_WATCHED: a nudge of the clock was
+                                                                    needed for the command (from all of these)
+    SLEEPING        until listeners     until listeners are idle;   after AWAKE scans answered in a row: the
+                    are idle            the tick comes twice        mode before, ANSWERING for WATCHED
+    FREE            not at all          not at all                  none
+    ==============  ==================  ==========================  ==========================================
+
+    The first three become SLEEPING when listeners are idle and no command has come for SLEEP_TIMEOUT, twice:
+    in between the clock is nudged. All become FREE, with a warning, when a wait takes ANSWER_TIMEOUT.
+    """
+
+    WATCHED = 1
+    ALWAYS_WATCHED = 2
+    ANSWERING = 3
+    SLEEPING = 4
+    FREE = 5
+
+
+_WATCHED = (Mode.WATCHED, Mode.ALWAYS_WATCHED)
+
+
 class Lockstep:
     """Clock that waits after each scan for one command: a ROS run is repeatable on the busiest machine.
 
-    A controller that sleeps by simulated time answers no scan meanwhile. The clock then goes on scan by scan,
-    each time as soon as every process that receives scans is asleep again: that run, too, repeats itself.
-    Likewise a controller is watched whose sleep begins before or after a tick of the clock as the machine
-    pleases: each is at first, one that commands at a tick or sleeps between two of them to the end.
-    Where one computes for too long, a warning is logged once, and the simulation runs free from then on.
+    A controller that sleeps by simulated time answers no scan meanwhile: SLEEPING. One whose sleep begins
+    before or after a tick of the clock as the machine pleases is WATCHED.
     """
 
     def __init__(
-        self, wanted: bool, scans: rospy.Publisher, on_unanswered: Callable[[str], None] = lambda _: None
+        self, wanted: bool, listeners: Listeners, on_unanswered: Callable[[str], None] = lambda _: None
     ) -> None:
-        """Wait for answers to `scans`; `on_unanswered` is called with a sentence when one stays out."""
-        self._on, self._begun = wanted, False
+        """Wait for answers of `listeners`; `on_unanswered` is called with a sentence when one stays out."""
+        self._mode = Mode.WATCHED if wanted else Mode.FREE
+        self._wakes_to = self._mode  # of SLEEPING: the mode before
+        self._listeners, self._on_unanswered = listeners, on_unanswered
         self._answered = threading.Event()
-        self._listeners, self._on_unanswered = Listeners(scans), on_unanswered
-        self._sleeps, self._in_a_row = False, 0
-        self._watched, self._to_the_end = wanted, False
-        self._scanned = self._due = False  # a scan was sent; one is about to be sent or answered
-        self._answered_on: Set[str] = set()  # topics with a command since the last scan
+        self._answered_on: Optional[Set[str]] = (
+            None  # topics with a command since the last scan; None: no scan yet
+        )
+        self._begun = False  # a command has arrived
+        self._due = False  # a scan is about to be sent or answered
+        self._in_a_row = 0  # scans answered
 
     def drops(self, topic: str) -> bool:
         """Whether a command that arrives on this topic is one too many: the last scan has one. Any thread.
@@ -51,12 +86,12 @@ class Lockstep:
         Such a command arrives before or after the next physics step as the machine pleases, so a run that
         obeyed it would not be repeatable.
         """
-        slow = self._sleeps or self._watched
-        return self._on and self._scanned and not slow and topic in self._answered_on
+        return self._mode is Mode.ANSWERING and topic in (self._answered_on or ())
 
     def command_arrived(self, topic: str) -> None:
         """Take a command on any velocity topic for the answer to the last scan. Any thread."""
-        self._answered_on.add(topic)
+        if self._answered_on is not None:
+            self._answered_on.add(topic)
         self._begun = True
         self._answered.set()
 
@@ -67,7 +102,7 @@ class Lockstep:
             meanwhile()
             return partners.joined()
 
-        if self._on:
+        if self._mode is not Mode.FREE:
             rospy.loginfo(
                 f"lockstep: time waits for a subscriber of {partners.scan_topic} and a sender of "
                 f"{partners.command_topics}"
@@ -77,8 +112,7 @@ class Lockstep:
 
     def begin_scan(self) -> None:
         """Call before a scan is published: commands until now do not answer it."""
-        self._scanned = self._due = True
-        self._answered_on.clear()
+        self._due, self._answered_on = True, set()
         self._answered.clear()
 
     def wait_for_answer(
@@ -90,15 +124,18 @@ class Lockstep:
         scan is sent again. One that sleeps until after the last tick of the clock, but not to the next, is
         woken by `nudge`, which moves the clock and nothing else.
         """
-        if not self._on:
+        if self._mode is Mode.FREE:
             return
-        if not self._sleeps:
+        if self._mode is not Mode.SLEEPING:
             self._wait_for_command(meanwhile, resend, nudge)
         self._settle(meanwhile)
         self._due = False
         self._in_a_row = self._in_a_row + 1 if self._answered.is_set() else 0
-        self._sleeps = self._sleeps and self._in_a_row < AWAKE
-        self._watched = self._watched and (self._to_the_end or self._in_a_row < AWAKE)
+        if self._in_a_row >= AWAKE:
+            if self._mode is Mode.SLEEPING:
+                self._mode = self._wakes_to
+            if self._mode is Mode.WATCHED:
+                self._mode = Mode.ANSWERING
 
     def tick(self, meanwhile: Callable[[], None], again: Callable[[], None]) -> None:
         """Call when the clock went on: waits for a controller that sleeps, or may, to do what is due now.
@@ -107,64 +144,71 @@ class Lockstep:
         comes once more, by `again`.
         """
         self._settle(meanwhile)
-        if self._on and (self._sleeps or self._watched):
+        if self._mode in (*_WATCHED, Mode.SLEEPING):
             again()
             self._settle(meanwhile)
-        if self._due and self._watched and self._answered.is_set():
-            self._to_the_end = True  # a command before the scan was sent: it commands at ticks
+        if self._due and self._answered.is_set():  # a command before the scan was sent: it commands at ticks
+            if self._mode is Mode.WATCHED:
+                self._mode = Mode.ALWAYS_WATCHED
+            if self._mode is Mode.SLEEPING and self._wakes_to is Mode.WATCHED:
+                self._wakes_to = Mode.ALWAYS_WATCHED
 
     def _wait_for_command(
         self, meanwhile: Callable[[], None], resend: Callable[[], None], nudge: Callable[[], None]
     ) -> None:
-        since, may_resend, may_nudge = time.monotonic(), not self._begun, self._begun
+        since, resent, nudged = time.monotonic(), self._begun, not self._begun  # neither more than once
 
         def answered() -> bool:
-            nonlocal since, may_resend, may_nudge
+            nonlocal since, resent, nudged
             meanwhile()
             waited = time.monotonic() - since
-            if may_resend and not self._begun and waited > RESEND_TIMEOUT:
-                since, may_resend = time.monotonic(), False
+            if not resent and not self._begun and waited > RESEND_TIMEOUT:
+                since, resent = time.monotonic(), True
                 resend()
-            elif not may_resend and waited > SLEEP_TIMEOUT and self._listeners.asleep():
-                self._sleeps = not may_nudge
-                since, may_nudge = time.monotonic(), False
-                if not self._sleeps:
-                    nudge()
-            return self._sleeps or self._answered.wait(POLL_PERIOD)
+            elif resent and waited > SLEEP_TIMEOUT and self._listeners.asleep():
+                if nudged:
+                    self._wakes_to, self._mode = self._mode, Mode.SLEEPING
+                    return True
+                since, nudged = time.monotonic(), True
+                nudge()
+            return self._answered.wait(POLL_PERIOD)
 
         if self._answered.is_set():
             return
-        could_nudge = may_nudge
+        could_nudge = not nudged
         self._wait(answered, ANSWER_TIMEOUT, "no command answers the scan")
-        if self._sleeps:
+        if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller sleeps; the clock goes on scan by scan meanwhile")
             self._on_unanswered(
                 "it does not answer every scan with a command; the clock goes on while it waits"
             )
-        elif could_nudge and not may_nudge:
-            self._watched = self._to_the_end = True
+        elif could_nudge and nudged and self._mode is not Mode.FREE:
+            self._mode = Mode.ALWAYS_WATCHED
 
     def _settle(self, meanwhile: Callable[[], None]) -> None:
+        """Wait until the listeners are idle, where the mode wants it."""
+
         def settled() -> bool:
             meanwhile()
             return self._listeners.asleep()
 
-        if self._on and self._sleeps:
+        if self._mode is Mode.SLEEPING:
             self._wait(settled, ANSWER_TIMEOUT, "a controller that sleeps between scans is still busy")
-        elif self._on and self._watched:
+        elif self._mode in _WATCHED:
             end = time.monotonic() + WATCH_TIMEOUT
-            while self._watched and not settled():
-                self._watched = time.monotonic() < end and not rospy.is_shutdown()
+            while self._mode in _WATCHED and not settled():
+                if time.monotonic() >= end or rospy.is_shutdown():
+                    self._mode = Mode.ANSWERING
                 time.sleep(0.001)
 
     def _wait(self, done: Callable[[], bool], timeout: float, missing: str, period: float = 0.001) -> None:
         end = time.monotonic() + timeout
-        while self._on and not rospy.is_shutdown() and not done():
+        while self._mode is not Mode.FREE and not rospy.is_shutdown() and not done():
             if time.monotonic() > end:
                 rospy.logwarn(
                     f"lockstep: after {timeout:g} s of wall time {missing}; running free from now on"
                 )
-                self._on = False
+                self._mode = Mode.FREE
                 self._on_unanswered(
                     "it does not answer every scan with a command, so simulated time ran on without it"
                 )

@@ -25,6 +25,7 @@ from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.commands import Commands
 from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCamera
 from husky_highlevel_controller.ros.simulator.lead_limit import LeadLimit
+from husky_highlevel_controller.ros.simulator.listeners import Listeners
 from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERIOD, Lockstep
 from husky_highlevel_controller.ros.simulator.one_simulator import refusal, running_simulator, watch_clock
 from husky_highlevel_controller.ros.simulator.partners import Partners, launched_beside
@@ -90,7 +91,7 @@ class SimulatorNode:
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
             start.lockstep,
-            self._publishers.scan,
+            Listeners(self._publishers.scan),
             partial(self._publishers.truth_log.write_line, "unanswered"),
         )
         self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
