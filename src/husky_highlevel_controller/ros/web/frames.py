@@ -5,7 +5,6 @@ In: poses of children in their parents, with stamps. Out: the pose of any frame 
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections import deque
 from typing import Deque, Dict, List, Optional, Tuple
 
@@ -69,11 +68,10 @@ class Frames:
 
 
 def _nearest(poses: Deque[Tuple[float, Pose]], stamp: Optional[float]) -> Pose:
-    if stamp is None or stamp >= poses[-1][0] or len(poses) == 1:
-        return poses[-1][1]
-    stamps = [moment for moment, _ in poses]
-    after = bisect_left(stamps, stamp)
-    if after == 0:
-        return poses[0][1]
-    is_earlier_nearer = stamp - stamps[after - 1] <= stamps[after] - stamp
-    return poses[after - 1 if is_earlier_nearer else after][1]
+    nearest = poses[-1]
+    if stamp is not None:
+        for item in reversed(poses):  # what is drawn is among the newest
+            if abs(item[0] - stamp) > abs(nearest[0] - stamp):
+                break
+            nearest = item
+    return nearest[1]

@@ -14,6 +14,7 @@ import viser
 from geometry_msgs.msg import PointStamped, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
+from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool
 
 from husky_highlevel_controller.config import read_config
@@ -191,7 +192,7 @@ class WebNode:
         self._topics.listen("command", TwistStamped, self._topics.name("command") in offered)
         self._topics.listen("error", Vector3Stamped, self._topics.name("error") in offered)
         self._topics.listen("pillar", PointStamped, self._topics.name("pillar") in offered)
-        self._topics.show_cloud(self._scene.layers["depth"])
+        self._topics.listen("cloud", PointCloud2, self._scene.layers["depth"])
         self._tuning.follow(published)
         description = str(rospy.get_param(rospy.search_param("robot_description") or "robot_description", ""))
         if description and description != self._description:

@@ -15,7 +15,7 @@ import viser
 
 CAPACITY = 1000  # samples
 WINDOW = 30.0  # [s] that a chart shows
-RESOLUTION = 0.25  # [s] between two points of a curve: more are not seen, and are sent again and again
+RESOLUTION = 0.4  # [s] between two points of a curve: more are not seen, and are sent again and again
 # of a chart, in px where the panel has its usual width: whole, and what labels take at its sides
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 360.0, 104.0, 36.0, 6.0, 18.0, 6.0
 TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))

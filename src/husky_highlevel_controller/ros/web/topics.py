@@ -13,11 +13,11 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
 from rospy.numpy_msg import numpy_msg
-from sensor_msgs.msg import LaserScan, PointCloud2
+from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdate, Marker, MarkerArray
 
-PAUSE = 0.05  # [s] between two readings of a topic
+PAUSE, NUMBERS_PAUSE = 0.05, 0.1  # [s] between two readings of what is drawn, and of numbers
 BURST_SHARE = 0.2  # of a pause: a message so soon after it had come in meanwhile
 QUEUE = 2000  # messages of one topic kept between two looks; a page that stays behind loses the oldest
 DRAWN = {kind._type: kind for kind in (Marker, MarkerArray, Path)}
@@ -46,11 +46,11 @@ class Paced:
 class Newest:
     """The newest message of a topic, unpacked only when it is asked for."""
 
-    def __init__(self, topic: str, kind: Any) -> None:
+    def __init__(self, topic: str, kind: Any, pause: float) -> None:
         self.count = 0
         self._kind, self._raw = kind, None
         self._subscriber = rospy.Subscriber(
-            topic, rospy.AnyMsg, Paced(self._on_message, PAUSE), buff_size=2**20
+            topic, rospy.AnyMsg, Paced(self._on_message, pause), buff_size=2**20
         )
 
     def take(self) -> Optional[Any]:
@@ -122,13 +122,10 @@ class Topics:
     def listen(self, use: str, kind: Any, wanted: bool) -> None:
         """Subscribe or not to what is shown on demand."""
         if wanted and use not in self.newest:
-            self.newest[use] = Newest(self._names[use], kind)
+            pause = PAUSE if use in ("scan", "cloud") else NUMBERS_PAUSE
+            self.newest[use] = Newest(self._names[use], kind, pause)
         elif not wanted and use in self.newest:
             self.newest.pop(use).close()
-
-    def show_cloud(self, wanted: bool) -> None:
-        """Listen to the depth camera or not."""
-        self.listen("cloud", PointCloud2, wanted)
 
     def take(self, use: str) -> Optional[Any]:
         """The newest message of one use, or None."""

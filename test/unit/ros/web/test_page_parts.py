@@ -19,11 +19,10 @@ from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filt
 from husky_highlevel_controller.ros.web.mouse import Drag, Mouse, point_on_level
 from husky_highlevel_controller.ros.web.page_server import LoopEvent, MessageBuffer
 from husky_highlevel_controller.ros.web.pages import MOVE
-from husky_highlevel_controller.ros.web.parameters import from_yaml, parameters, to_yaml
 from husky_highlevel_controller.ros.web.plots import CHARTS, Curve, Mark, Rate, chart_html, fixed, nice_ticks
 from husky_highlevel_controller.ros.web.state_bar import RobotStatus, state_html
 from husky_highlevel_controller.ros.web.teleop import EXPIRY, HoldToDrive, clamp_axis
-from husky_highlevel_controller.ros.web.tuning import shown_value
+from husky_highlevel_controller.ros.web.tuning import from_yaml, parameters, shown_value, to_yaml
 
 AHEAD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.8)
 
