@@ -165,7 +165,7 @@ class WorldServicesAnswer(RosTest):
             self.refuses(self.load_world(name), words)
         self.assertIn("crate", self.names())
         self.says(self.load_world("empty.world"), "'")
-        self.assertEqual(self.names(), ["ground_plane"])
+        self.assertEqual(self.names(), {"ground_plane"})
         self.says(self.load_world("singlePillar.world"), "'")
         self.assertIn("unit_cylinder", self.names())
 
