@@ -45,7 +45,6 @@ from husky_highlevel_controller.grading.records import (
     to_json,
 )
 from husky_highlevel_controller.grading.reports.files import write_replay, write_result
-from husky_highlevel_controller.grading.reports.plots import draw_drives, draw_pixels
 from husky_highlevel_controller.grading.rubrics.items import left_to_chance
 from husky_highlevel_controller.grading.settings import with_override
 
@@ -86,8 +85,8 @@ def mark(job: Job, shows_progress: bool = False) -> Result:
         for pattern in OLD:
             for path in out.glob(pattern):
                 remove_tree(path)
-        _gather(job, out, shows_progress)
-        result, kept = judge(job), True
+        result = with_override(_gather(job, out, shows_progress), job.override)
+        kept = True
     except StoppedError:
         raise
     except NotMarkableError as error:
@@ -113,6 +112,11 @@ def judge(job: Job) -> Result:
     Raises:
         HuskyError: there are none, or the points by hand do not fit the rubric.
     """
+    return with_override(_by_recordings(job), job.override)
+
+
+def _by_recordings(job: Job) -> Result:
+    """The result without points by hand or a penalty."""
     out = Path(job.out)
     evidence: Evidence = load(Evidence, out / EVIDENCE)
     paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: int(path.parent.name[len("drive_") :]))
@@ -123,8 +127,7 @@ def judge(job: Job) -> Result:
         items = left_to_chance(items, evidence.uninitialised)
     notes = [*evidence.notes, *(note for recording in recordings for note in recording.notes)]
     settings = {**settings_of(job.config), "sandbox": evidence.sandbox, "network": evidence.network}
-    result = Result(job.name, evidence.what, settings, tuple(items), tuple(dict.fromkeys(notes)))
-    return with_override(result, job.override)
+    return Result(job.name, evidence.what, settings, tuple(items), tuple(dict.fromkeys(notes)))
 
 
 def settings_of(config: MarkingConfig) -> Any:
@@ -133,8 +136,8 @@ def settings_of(config: MarkingConfig) -> Any:
     return {**settings, "rubric": None if config.rules == DEFAULT_RULES else str(config.rules)}
 
 
-def _gather(job: Job, out: Path, shows_progress: bool) -> None:
-    """Build, drive and look at RViz; recordings, evidence, record and pictures."""
+def _gather(job: Job, out: Path, shows_progress: bool) -> Result:
+    """Build, drive and look at RViz; recordings, evidence, record, pictures, and what they are worth."""
     submission, notes = _submission(job, out)
     planned = plan(submission, out / "plan")
     config = replace(job.config, robot=job.override.robot or job.config.robot)
@@ -153,11 +156,15 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> None:
         (*notes, *planned.notes), config.scans, chance,
     )  # fmt: skip
     write_whole(out / EVIDENCE, to_json(evidence))
-    items = judge(replace(job, override=replace(job.override, points={}, late=None))).items
-    write_record(out, job, submission, planned, config, recordings, items)
-    (out / "drive.png").write_bytes(draw_drives(recordings, job.name))
+    result = _by_recordings(job)
+    write_record(out, job, submission, planned, config, recordings, result.items)
+    # matplotlib takes a second to load: not before this program has entered its network, nor to judge again
+    from husky_highlevel_controller.grading.reports import plots
+
+    (out / "drive.png").write_bytes(plots.draw_drives(recordings, job.name))
     if pixels is not None:
-        (out / "rviz.png").write_bytes(draw_pixels(pixels))
+        (out / "rviz.png").write_bytes(plots.draw_pixels(pixels))
+    return result
 
 
 def _submission(job: Job, out: Path) -> Tuple[Submission, List[str]]:

@@ -12,7 +12,7 @@ from husky_highlevel_controller.datatypes import Pose, TrueState
 from husky_highlevel_controller.grading.drive.call_plan import CallPlan, exercise_2_over, exercise_2_speed
 from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
 from husky_highlevel_controller.grading.drive.plan import Event, Plan, RvizNode, notes_on, package_path
-from husky_highlevel_controller.grading.drive.run import SIMULATOR, SIMULATOR_NODES
+from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH, SIMULATOR_NODES
 from husky_highlevel_controller.grading.drive.rviz_check import find_setup
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
@@ -119,7 +119,7 @@ def test_each_state_is_answered_once_it_is_read(tmp_path):
 
 
 def test_the_names_kept_for_the_simulator_are_those_of_its_launch_file():
-    command = ["roslaunch", "--nodes", str(SIMULATOR), "rviz:=false"]
+    command = ["roslaunch", "--nodes", str(SIMULATOR_LAUNCH), "rviz:=false"]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
     assert tuple(word for word in printed if word.startswith("/")) == SIMULATOR_NODES
 

@@ -150,6 +150,27 @@ def test_all_end_when_marking_is_killed(kind, tmp_path):
     assert wait(lambda: not named(name), 10.0)
 
 
+KILLED = """
+import os, sys
+from pathlib import Path
+from husky_highlevel_controller.grading.isolation.forked import MASTER, ForkedProcess
+
+folder = Path(sys.argv[1])
+process = ForkedProcess([MASTER, "--core", "-p", "0"], folder / "log", dict(os.environ), folder)
+print(process.popen.pid, flush=True)
+os.kill(os.getpid(), 9)
+"""
+
+
+def test_forked_programs_end_when_marking_is_killed_and_run_no_script_of_it_again(tmp_path):
+    script = tmp_path / "script"
+    script.write_text(KILLED)
+    command = [sys.executable, script, tmp_path]
+    printed = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False).stdout
+    assert len(printed.split()) == 1
+    assert wait(lambda: not psutil.pid_exists(int(printed)), 30.0)
+
+
 # ---------------------------------------------------------------------------- what it may see and write
 
 

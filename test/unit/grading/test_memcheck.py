@@ -4,7 +4,12 @@ import os
 
 import pytest
 
-from husky_highlevel_controller.grading.drive.memcheck import _is_program, reads_in, sentence
+from husky_highlevel_controller.grading.drive.memcheck import (
+    _is_program,
+    may_be_unwritten,
+    reads_in,
+    sentence,
+)
 
 SOURCE = """class Controller {
   bool start_;
@@ -67,3 +72,30 @@ def test_a_fifo_in_place_of_a_program_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "fifo")
     (tmp_path / "program").write_bytes(b"\x7fELF...")
     assert [_is_program(tmp_path / name) for name in ("fifo", "program", "none")] == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "bool start_;", "int a = 1, b;", "class A {\n public:\n  float kp;\n};", "float* nearest;",
+        "float r[3];", "int* p = new int;", "enum State { A };", "tf::Vector3 v;",
+        "std::array<float, 3> r;", "uint8_t k;",
+    ],
+)  # fmt: skip
+def test_a_variable_without_a_value_is_looked_for_by_valgrind(text):
+    assert may_be_unwritten(text)
+
+
+def test_where_every_variable_has_a_value_valgrind_is_not_run():
+    assert not may_be_unwritten(
+        """
+        #define MANY 3
+        ros::Publisher velocity;  // bool start_;
+        double norm(double x, double y) const { return x * y; }
+        int main(int argc, char** argv) {
+          int nearest = -1;
+          const double angle = f(argc, argv) * 2.0;
+          for (int i = 0; i < 3; ++i) a(i);
+        }
+        """
+    )

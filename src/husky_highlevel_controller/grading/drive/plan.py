@@ -20,7 +20,7 @@ from husky_highlevel_controller.grading.records import Launchable
 from husky_highlevel_controller.paths import share_folder
 
 LOAD_DEADLINE = 120.0  # [s] of wall time for a launch file to be read
-SIMULATOR = share_folder() / "launch" / "simulator.launch"
+SIMULATOR_LAUNCH = share_folder() / "launch" / "simulator.launch"
 SIMULATOR_NODES = ("/husky_simulator",)  # of that launch file; another node of this name would end ours
 _STARTER = str(Path(__file__).parents[2] / "ros" / "grading" / "submission.py")
 

@@ -11,7 +11,7 @@ from husky_highlevel_controller.grading.drive.progress import settles
 from husky_highlevel_controller.grading.drive.ros_graph import (
     is_up,
     scan_topics,
-    set_parameter,
+    set_parameters,
     topics_subscribed,
 )
 from husky_highlevel_controller.grading.isolation.files import (
@@ -49,7 +49,7 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
     with Network(folder) as network:
         events = network.folder_of("submission") / "events.jsonl"
         create(events).close()
-        set_parameter(network.uri, "/run_id", "robot")  # roslaunch waits for it
+        set_parameters(network.uri, {"/run_id": "marking"})  # roslaunch waits for it
         process = network.start("submission", starter(events, "run", submission), submission.workspace)
 
         def subscribed() -> str:

@@ -41,9 +41,10 @@ def is_up(uri: str, ours: Sequence[str]) -> bool:
     return bool(state) and listens(dict(state[1]), set(ours))
 
 
-def set_parameter(uri: str, name: str, value: Any) -> None:
-    """Set a parameter."""
-    _ask(uri, "setParam", name, value)
+def set_parameters(uri: str, values: Mapping[str, Any]) -> None:
+    """Set parameters."""
+    for name, value in values.items():
+        _ask(uri, "setParam", name, value)
 
 
 def scan_topics(uri: str) -> Tuple[str, ...]:

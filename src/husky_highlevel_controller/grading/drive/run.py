@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import re
 import signal
-import sys
 import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Callable, Sequence
+from typing import Any, Callable, Dict, List, Sequence, Tuple
 
-from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.drive.plan import (
-    SIMULATOR,
+    SIMULATOR_LAUNCH,
     SIMULATOR_NODES,
     Submission,
     notes_on,
@@ -31,9 +30,16 @@ from husky_highlevel_controller.grading.drive.recording import (
     load,
     to_json,
 )
-from husky_highlevel_controller.grading.drive.ros_graph import has_parameter, has_service, is_up, number
+from husky_highlevel_controller.grading.drive.ros_graph import (
+    has_parameter,
+    has_service,
+    is_up,
+    number,
+    set_parameters,
+)
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
 from husky_highlevel_controller.grading.isolation.files import create, write_whole
+from husky_highlevel_controller.grading.isolation.forked import RECORDER, SIMULATOR, SIMULATOR_SETUP
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
 from husky_highlevel_controller.grading.records import MarkingConfig
@@ -44,31 +50,37 @@ PROGRESS_PERIOD = 0.2  # [s] of wall time between two looks at a drive; each cos
 START_PERIOD = 0.05  # [s] of wall time between two looks at a program of ours that starts
 FLOOD = 300.0  # commands a simulated second; 50 answer the scans
 KEPT_OUTPUT = 20000  # letters of what a submission printed
-RECORDER = "marking_recorder"  # its node's name
+RECORDER_NODE = "marking_recorder"  # its node's name
 RECORDING = "recording.json"  # file in the folder of a drive
+_SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}  # by launch arguments
 SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that it offers
 
 
 def simulate(
     network: Network,
     world: str,
-    start: Pose2D,
-    seed: int,
+    trial: Trial,
     config: MarkingConfig,
-    *arguments: str,
+    pace: float,
     truth_socket: str = "",
 ) -> Process:
-    """Start our simulator with a world, and wait until it is up; it writes true poses to the socket."""
+    """Start our simulator with a world, and wait until it is up.
+
+    With a socket it writes true poses there, and runs in lockstep; `pace` is its real-time factor.
+
+    Raises:
+        MarkingError: it does not start.
+    """
     file = network.folder / "drive.world"
     file.write_text(world)
-    place = [f"x:={start.x}", f"y:={start.y}", f"yaw:={start.yaw}", f"seed:={seed}"]
-    simulator = network.start(
-        "simulator",
-        ["roslaunch", str(SIMULATOR), f"world_name:={file}", "rviz:=false",
-         "laser_enabled:=true", "laser_tower:=true", *place, *config.simulator_arguments,
-         *arguments],
-        HUSKY_TRUTH_SOCKET=truth_socket,
-    )  # fmt: skip
+    parameters, arguments = _simulator_setup(network, config.simulator_arguments)
+    values = {
+        "world_name": str(file), "x": trial.start.x, "y": trial.start.y, "yaw": trial.start.yaw,
+        "seed": trial.seed, "real_time_factor": pace, "lockstep": bool(truth_socket),
+    }  # fmt: skip
+    own = {f"{SIMULATOR_NODES[0]}/{name}": value for name, value in values.items()}
+    set_parameters(network.uri, {"/run_id": "marking", **parameters, **own})
+    simulator = network.start("simulator", [SIMULATOR, *arguments], HUSKY_TRUTH_SOCKET=truth_socket)
     up = wait(
         lambda: has_service(network.uri, SIMULATOR_IS_UP) or not simulator.running,
         START_DEADLINE,
@@ -77,6 +89,27 @@ def simulate(
     if not up or not simulator.running:
         raise MarkingError(f"the simulator does not start: {simulator.output.strip()[-500:]}")
     return simulator
+
+
+def _simulator_setup(network: Network, arguments: Tuple[str, ...]) -> Tuple[Dict[str, Any], List[str]]:
+    """The simulator's parameters by its launch file, read once, and its arguments.
+
+    Raises:
+        MarkingError: the launch file cannot be read.
+    """
+    if arguments not in _SETUPS:
+        fixed = ["rviz:=false", "laser_enabled:=true", "laser_tower:=true"]
+        process = network.start(
+            "simulator_setup", [SIMULATOR_SETUP, str(SIMULATOR_LAUNCH), *fixed, *arguments]
+        )
+        wait(lambda: not process.running, START_DEADLINE, START_PERIOD)
+        process.kill()
+        try:
+            setup = json.loads(process.output.splitlines()[-1])
+        except (ValueError, IndexError):
+            raise MarkingError(f"the simulator does not start: {process.output.strip()[-500:]}") from None
+        _SETUPS[arguments] = setup["parameters"], setup["arguments"]
+    return _SETUPS[arguments]
 
 
 def drive(
@@ -101,22 +134,20 @@ def drive(
         assignment.write_text(record_to_json(task))
         recorder = network.start(
             "recorder",
-            [sys.executable, "-m", "husky_highlevel_controller.ros.grading.recorder", str(assignment)],
+            [RECORDER, str(assignment)],
         )
         if not _sets(network, recorder, "recording"):
             raise MarkingError(f"the recorder does not start: {recorder.output.strip()[-500:]}")
         simulator = simulate(
-            network,
-            trial_world(trial, config.robot_name), trial.start, trial.seed, config,
-            "lockstep:=true", f"real_time_factor:={config.pace}", truth_socket=task.truth_socket,
-        )  # fmt: skip
+            network, trial_world(trial, config.robot_name), trial, config, config.pace, task.truth_socket
+        )
         events = network.folder_of("submission") / "events.jsonl"
         create(events).close()
         submitted = network.start("submission", starter(events, "run", submission), submission.workspace)
-        ours = (f"/{RECORDER}", *SIMULATOR_NODES)
+        ours = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
         joined = settles(
             submitted,
-            lambda: not recorder.running or has_parameter(network.uri, f"/{RECORDER}/joined"),
+            lambda: not recorder.running or has_parameter(network.uri, f"/{RECORDER_NODE}/joined"),
             lambda: is_up(network.uri, ours),
         )
         if recorder.running and not joined:
@@ -126,7 +157,7 @@ def drive(
 
         def is_over() -> bool:
             nonlocal reached, since
-            now = number(network.uri, f"/{RECORDER}/now")
+            now = number(network.uri, f"/{RECORDER_NODE}/now")
             on_time(now)
             if now > reached:
                 reached, since = now, time.monotonic()
@@ -156,7 +187,7 @@ def drive(
 
 def _sets(network: Network, recorder: Process, state: str) -> bool:
     """Whether the recorder sets this private parameter."""
-    name = f"/{RECORDER}/{state}"
+    name = f"/{RECORDER_NODE}/{state}"
     wait(lambda: not recorder.running or has_parameter(network.uri, name), START_DEADLINE, START_PERIOD)
     return recorder.running and has_parameter(network.uri, name)
 

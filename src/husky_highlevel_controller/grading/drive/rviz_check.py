@@ -18,11 +18,10 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 import numpy as np
 import yaml
 
-from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.drive.plan import Plan, Submission
 from husky_highlevel_controller.grading.drive.ros_graph import subscriptions
 from husky_highlevel_controller.grading.drive.run import simulate
-from husky_highlevel_controller.grading.drive.trials import rviz_world
+from husky_highlevel_controller.grading.drive.trials import draw_trials, rviz_world
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     is_below,
@@ -288,7 +287,7 @@ def _look_at(
     fixed_frame = str(_options(setup.config).get("Fixed Frame", "map"))
     with Network(folder) as network:
         screen = Screen(network)
-        simulate(network, rviz_world(), Pose2D(), 0, config, "real_time_factor:=1")
+        simulate(network, rviz_world(), draw_trials(1, 0)[0], config, 1.0)
         empty = background(setup.config)
         windows = {"all": (placed(setup.config, 0, 0), (0, 0))}
         tiles = {"tf": (1, 0), "robot": (0, 1), "scan": (1, 1)}

@@ -25,6 +25,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     walk,
     write_whole,
 )
+from husky_highlevel_controller.grading.isolation.forked import import_early
 from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 
@@ -32,9 +33,12 @@ BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
 APT_DEADLINE = 20.0  # [s] of wall time
 RETRIES = 3  # of a build that fails
 MAX_MISSING = 10  # packages that CMake misses one after the other
-OLD_BOOST = "-DBOOST_BIND_GLOBAL_PLACEHOLDERS -include boost/bind.hpp"
-PLAIN_TYPES = " ".join(
-    f"-include std_msgs/builtin_{kind}.h"
+PRELUDE = (
+    "marking_prelude.h"  # header before each C++ source; a repair changes it, so CMake need not run again
+)
+OLD_BOOST = "#define BOOST_BIND_GLOBAL_PLACEHOLDERS\n#include <boost/bind.hpp>\n"
+PLAIN_TYPES = "".join(
+    f"#include <std_msgs/builtin_{kind}.h>\n"
     for kind in (
         "bool", "float", "double", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
     )
@@ -42,10 +46,10 @@ PLAIN_TYPES = " ".join(
 
 
 class Repair(NamedTuple):
-    """Compiler flags for code that compiles on the course's Ubuntu and not here."""
+    """Lines before code that compiles on the course's Ubuntu and not here."""
 
     pattern: Pattern[str]  # of the compiler's error
-    flags: str
+    prelude: str
     note: str
 
 
@@ -233,6 +237,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     Raises:
         NotMarkableError: its build leads out of the workspace.
     """
+    import_early()  # while the compiler waits for the disk
     notes: List[str] = []
     missing = missing_packages(folders, set(needed), underlay.env)
     output, code = "", None
@@ -251,7 +256,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
             break
         # headers may have been generated too late, and hide the errors that a repair is for
         repairs += [repair for repair in REPAIRS if repair not in repairs and repair.pattern.search(output)]
-        output, code = _catkin_make(folders, needed, underlay, " ".join(repair.flags for repair in repairs))
+        output, code = _catkin_make(folders, needed, underlay, "".join(repair.prelude for repair in repairs))
         if all(repair in repairs or not repair.pattern.search(output) for repair in REPAIRS):
             break
     notes += [repair.note for repair in repairs]
@@ -276,17 +281,21 @@ def _write_stand_ins(folders: Folders, names: Set[str]) -> None:
 
 
 def _catkin_make(
-    folders: Folders, needed: FrozenSet[str], underlay: Workspace, flags: str
+    folders: Folders, needed: FrozenSet[str], underlay: Workspace, prelude: str
 ) -> Tuple[str, Optional[int]]:
     """Output and exit code of one build; None: it did not end in time."""
-    env = {**underlay.env, "HOME": str(folders.root)}
+    folders.stand_ins.mkdir(parents=True, exist_ok=True)
+    write_whole(folders.stand_ins / PRELUDE, prelude)
+    env = {**underlay.env, "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}
     env["CMAKE_PREFIX_PATH"] = os.pathsep.join(
         filter(None, [env.get("CMAKE_PREFIX_PATH", ""), str(folders.stand_ins)])
     )
     command = [
         "catkin_make", "-C", str(folders.root), f"-DPYTHON_EXECUTABLE={sys.executable}",
         "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
-        f"-DCMAKE_CXX_FLAGS=-g1 {flags}", "--make-args", "-k",
+        f"-DCMAKE_CXX_FLAGS=-g1 -include {PRELUDE}",
+        "-DCMAKE_C_COMPILER_WORKS=1", "-DCMAKE_CXX_COMPILER_WORKS=1",
+        "--make-args", "-k", f"-j{os.cpu_count()}",  # without -l: make would wait until others' load falls
     ]  # fmt: skip
     process = Process(command, folders.log, env, folders.root, underlay)
     try:

@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import BinaryIO, Callable, Dict, List, Optional, Sequence
+from typing import Any, BinaryIO, Callable, Dict, List, Optional, Sequence
 
 import psutil
 
@@ -59,7 +59,15 @@ class Process:
         self._watch: Optional[SizeWatch] = None
         if workspace is not None:
             command = sandboxed(workspace, command, folder, env)
-        self.popen = subprocess.Popen(
+        self.popen = self._popen(command, env, folder)
+        if workspace is not None:
+            self._watch = SizeWatch(self.popen.pid, folder, self.popen.terminate)
+        self._head, self._tail = bytearray(), bytearray()
+        self._pump = threading.Thread(target=self._read, daemon=True)
+        self._pump.start()
+
+    def _popen(self, command: Sequence[str], env: Dict[str, str], folder: Path) -> Any:
+        return subprocess.Popen(
             [sys.executable, "-I", _REAPER, str(os.getpid()), *command],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -68,11 +76,6 @@ class Process:
             cwd=folder,
             start_new_session=True,
         )
-        if workspace is not None:
-            self._watch = SizeWatch(self.popen.pid, folder, self.popen.terminate)
-        self._head, self._tail = bytearray(), bytearray()
-        self._pump = threading.Thread(target=self._read, daemon=True)
-        self._pump.start()
 
     def _read(self) -> None:
         assert self.popen.stdout is not None

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.isolation.forked import MASTER, MODULES, ForkedProcess
 from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 
@@ -26,7 +27,7 @@ class MarkingError(HuskyError):
 class Network:
     """A ROS master of its own, in a folder of its own; closing it ends every program in it."""
 
-    master: Tuple[str, ...] = ("rosmaster", "--core")  # the program, without its port
+    master: Tuple[str, ...] = (MASTER, "--core")  # the program, without its port
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -78,7 +79,7 @@ class Network:
 
         Args:
             name: of its log, and of its folder if it is untrusted.
-            command: program and arguments.
+            command: program and arguments; or one of the MODULES, and arguments.
             workspace: of an untrusted program, which runs in the sandbox; None for one of ours.
             **more: further variables of its environment.
         """
@@ -92,7 +93,8 @@ class Network:
                 HOME=str(folder / "home"), ROS_HOME=str(folder / "ros_home"), ROS_LOG_DIR=str(folder / "log")
             )
             workspace = replace(workspace, hidden=(*workspace.hidden, self.folder))
-        process = Process(command, self.folder / f"{name}.log", env, folder, workspace)
+        kind = ForkedProcess if command[0] in MODULES else Process
+        process = kind(command, self.folder / f"{name}.log", env, folder, workspace)
         self.processes.append(process)
         return process
 
