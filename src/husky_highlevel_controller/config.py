@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 import typing
 from collections import abc
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from functools import lru_cache
 from typing import Any, Dict, List, Mapping, Set, Type, TypeVar
 
@@ -48,6 +48,29 @@ def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[
     if unknown:
         raise ConfigError(f"{source}{unknown[0]} is not a parameter; there are: {', '.join(sorted(known))}")
     return made
+
+
+def replace_parameters(record: Record, values: Mapping[str, Any], source: str = "") -> Record:
+    """A record with some of its parameters changed, by paths of fields such as "lidar/noise".
+
+    Raises:
+        ConfigError: a value is not allowed.
+    """
+    by_field: Dict[str, Dict[str, Any]] = {}
+    for path, value in values.items():
+        name, _, below = path.partition("/")
+        by_field.setdefault(name, {})[below] = value
+    hints, changed = _hints(typing.cast(Any, type(record))), {}
+    for item in fields(record):  # type: ignore[arg-type]
+        name, new = source + item.name, by_field.get(item.name, {})
+        if "" in new:
+            changed[item.name] = _value(hints[item.name], new[""], name, item.metadata, True)
+        elif new:
+            changed[item.name] = replace_parameters(getattr(record, item.name), new, name + "/")
+    try:
+        return typing.cast(Record, replace(record, **changed))  # type: ignore[type-var]
+    except ValueError as error:  # two values that do not go together
+        raise ConfigError(f"{source}{error}") from None
 
 
 def from_plain(kind: Type[Record], value: Any, source: str) -> Record:

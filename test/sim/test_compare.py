@@ -76,7 +76,7 @@ def test_an_outcome_is_judged_by_the_poses():
     assert there.arrived_at == pytest.approx(4.1)
     assert there.nearest == pytest.approx(5.0 - 0.2 - 4.0 - 0.4937, abs=1e-3)
     assert not outcome("s", seconds, poses, (5.6, 0.0), load_robot()).success, "too far away"
-    assert outcome("s", seconds, poses, (4.68, 0.0), load_robot()).words.endswith("touched the pillar")
+    assert outcome("s", seconds, poses, (4.68, 0.0), load_robot()).summary.endswith("touched the pillar")
     poses[:, 0] = seconds
     assert outcome("s", seconds, poses, (10.5, 0.0), load_robot()).arrived_at == inf, "it still drives"
 

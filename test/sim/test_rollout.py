@@ -19,6 +19,7 @@ from husky_highlevel_controller.evaluation.evaluate import COURSE_GAINS, TOUCHIN
 from husky_highlevel_controller.evaluation.metrics import center_error, crossings, false_pillars, run
 from husky_highlevel_controller.evaluation.rollout import rollout
 from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
+from husky_highlevel_controller.evaluation.setup import Setup
 from husky_highlevel_controller.simulator.models.description import robot_description
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
 
@@ -37,14 +38,14 @@ def from_lidar(trace, row=-1):
 
 
 def test_from_the_course_s_start_it_arrives_nearly_as_fast_as_it_could():
-    result = run(DEFAULT, COURSE)
+    result = run(Setup(), COURSE)
     assert result.good
     assert result.ratio <= 1.15
     assert result.crossings <= 2
 
 
 def test_the_course_s_gains_work_too():
-    result = run(COURSE_GAINS, NEAR)
+    result = run(Setup(COURSE_GAINS), NEAR)
     assert result.good
     assert result.crossings <= 2
 
@@ -60,7 +61,7 @@ def test_stop_distance_zero_hits_the_pillar_gently_and_stops(gains):
     speed = np.hypot(*(trace.poses[at_touch, :2] - trace.poses[at_touch - 1, :2])) / 0.02
     assert speed < 0.11
     assert np.hypot(*(trace.pillars[-1] - trace.pillars[0])) < 0.02, "touched, not run over"
-    assert run(control, NEAR).gap < 0.005
+    assert run(Setup(control), NEAR).gap < 0.005
 
 
 def test_with_the_lidar_upright_it_arrives_as_well():
@@ -73,7 +74,7 @@ def test_with_the_lidar_upright_it_arrives_as_well():
 
 @pytest.mark.parametrize("scenario", random_starts(8, seed=3), ids=lambda scenario: scenario.name)
 def test_from_a_random_start_it_arrives_without_a_touch(scenario):
-    result = run(DEFAULT, scenario)
+    result = run(Setup(), scenario)
     assert result.good, result
     assert result.crossings <= 2
 

@@ -43,7 +43,7 @@ def test_there_is_a_row_for_each_drive_with_what_it_came_to(folder):
     ]  # fmt: skip
     assert len(rows) == 8
     setup = Setup().with_values({"p_gain_vel": 4.0, "stop_distance": 1.0})
-    alone = run(setup.control, random_starts(2, 0)[1])
+    alone = run(setup, random_starts(2, 0)[1])
     assert rows[-1] == {
         "p_gain_vel": "4.0",
         "stop_distance": "1.0",

@@ -108,7 +108,7 @@ class Comparison:
             lines.append(f"  {title:<34}{a:>10}{b:>10}   {difference}".rstrip())
         lines.append(f"  (times and distances of the {len(self.pairs)} scenes in which both succeed)")
         lines += [
-            f"  only {letter} fails in {a.scene}: A {a.words}, B {b.words}"
+            f"  only {letter} fails in {a.scene}: A {a.summary}, B {b.summary}"
             for letter, a, b in self.failures()
         ]
         return "\n".join([*lines, "", self.verdict(margin)])
@@ -142,7 +142,7 @@ def write(result: Comparison, margin: float, words: str, out: Path) -> None:
         times = [(a.arrived_at, b.arrived_at) for a, b in result.pairs]
         pictures["time to arrival"] = draw_pairs(times, "time to arrival [s], a dot for each scene")
     for letter, a, b in result.failures():
-        ways = {f"A: {a.words}": a.poses, f"B: {b.words}": b.poses}
+        ways = {f"A: {a.summary}": a.poses, f"B: {b.summary}": b.poses}
         name = f"only {letter.lower()} fails {a.scene}"
         pictures[name] = draw_ways(ways, a.pillar, f"{a.scene}: only {letter} fails")
         (out / f"{name.replace(' ', '_')}.png").write_bytes(pictures[name])

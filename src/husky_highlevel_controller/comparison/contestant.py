@@ -68,7 +68,7 @@ class Outcome:
         return self.arrived_at < inf and self.nearest > TOUCH
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """End of the drive in words."""
         touched = ", touched the pillar" if self.nearest <= TOUCH else ""
         touched += f" ({'; '.join(self.notes)})" if self.notes else ""
@@ -94,11 +94,11 @@ def contestant(words: str, base: Setup) -> Contestant:
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION and PACKAGE/FILE.launch"
         raise HuskyError(f"'{words}' is none of {kinds}")
     if place.split(".")[0] == PACKAGE:
-        made = Contestant(words, base, function, module=place)
+        contestant = Contestant(words, base, function, module=place)
     else:
-        made = Contestant(words, base, function, source=_source(place))
-    controller_of(made)  # now, and not in the middle of many drives
-    return made
+        contestant = Contestant(words, base, function, source=_source(place))
+    controller_of(contestant)  # now, and not in the middle of many drives
+    return contestant
 
 
 def _source(place: str) -> str:
@@ -112,21 +112,22 @@ def _source(place: str) -> str:
         raise HuskyError(f"{place}: no such Python file or module: {error}") from None
 
 
-def controller_of(one: Contestant) -> Controller:
+def controller_of(contestant: Contestant) -> Controller:
     """The function that decides.
 
     Raises:
         HuskyError: its file cannot be run, or has no such function.
     """
-    if not one.function:
+    if not contestant.function:
         return decide
     try:
-        module: Any = importlib.import_module(one.module) if one.module else _module(one.source)
-        found: Controller = getattr(module, one.function)
+        name = contestant.module
+        module: Any = importlib.import_module(name) if name else _module(contestant.source)
+        found: Controller = getattr(module, contestant.function)
     except Exception as error:  # anything may be in a file
-        raise HuskyError(f"{one.name}: {type(error).__name__}: {error}") from None
+        raise HuskyError(f"{contestant.name}: {type(error).__name__}: {error}") from None
     if not callable(found):
-        raise HuskyError(f"{one.name}: {one.function} is not a function")
+        raise HuskyError(f"{contestant.name}: {contestant.function} is not a function")
     return found
 
 
@@ -144,30 +145,31 @@ def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
     Raises:
         HuskyError: the function fails, or ROS does not work here.
     """
-    one, scenario = item
-    if one.launch is not None:
-        return _launched(one, one.launch, scenario)
-    setup = one.setup
+    contestant, scenario = item
+    if contestant.launch is not None:
+        return _launched(contestant, contestant.launch, scenario)
+    setup = contestant.setup
     try:
-        trace = metrics.drive(setup.control, scenario, setup.simulator, setup.detector, controller_of(one))
+        trace = metrics.drive(setup, scenario, controller_of(contestant))
     except HuskyError:
         raise
     except Exception as error:
-        raise HuskyError(f"{one.name} fails in {scenario.name}: {type(error).__name__}: {error}") from error
+        failure = f"{type(error).__name__}: {error}"
+        raise HuskyError(f"{contestant.name} fails in {scenario.name}: {failure}") from error
     x, y = trace.pillars[0]
     return outcome(scenario.name, trace.times, trace.poses, (float(x), float(y)), setup.simulator.robot)
 
 
-def _launched(one: Contestant, launch: Launchable, scenario: Scenario) -> Outcome:
+def _launched(contestant: Contestant, launch: Launchable, scenario: Scenario) -> Outcome:
     problem = _launch_problem(launch)
     if problem:
-        raise HuskyError(f"{one.name}: {problem}")
+        raise HuskyError(f"{contestant.name}: {problem}")
     trial = Trial(1, scenario.start, PILLAR_POSITION, scenario.seed)
     config = MarkingConfig(robot="husky", deadline=LAUNCH_DEADLINE, pace=LAUNCH_PACE)
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
         recording = drive(Submission(launch), trial, config, Path(folder))
     if not len(recording.times):
-        raise HuskyError(f"{one.name} in {scenario.name}: {'; '.join(recording.notes) or 'no drive'}")
+        raise HuskyError(f"{contestant.name} in {scenario.name}: {'; '.join(recording.notes) or 'no drive'}")
     judged = outcome(scenario.name, recording.times, recording.poses, trial.pillar, load_robot())
     return replace(judged, notes=recording.notes)
 

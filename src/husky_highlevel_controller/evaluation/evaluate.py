@@ -9,9 +9,10 @@ import argparse
 import sys
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from math import inf, nan
 from pathlib import Path
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
 from urllib.parse import quote
 
 import numpy as np
@@ -21,14 +22,14 @@ from husky_highlevel_controller.evaluation.metrics import (
     DriveResult,
     center_error,
     false_pillars,
-    run,
+    run_scene,
     run_with_page,
 )
 from husky_highlevel_controller.evaluation.report import Cell, Table, write_page
-from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
+from husky_highlevel_controller.evaluation.scenarios import Scenario, course_scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     COURSE_GAINS,
-    ROBOT_GAINS,
+    Setup,
     add_profile_options,
     setup_of,
 )
@@ -151,11 +152,9 @@ def evaluate_robot(
     distance, and that of robot.launch does not. Single scans are not among these figures.
     """
     setup = setup_of("robot", ground)
-    options: Dict[str, Any] = {"simulator": setup.simulator, "detector": setup.detector}
-    course = partial(run, scenario=course_scenario(seed), **options)
-    standard, slow = drives(course, [ControlConfig(), ROBOT_GAINS], workers, "course runs", replays)
-    start = partial(run, ROBOT_GAINS, **options)
-    runs = drives(start, random_starts(starts, seed), workers, "random starts", replays)
+    setups = [replace(setup, control=ControlConfig()), setup]
+    standard, slow = drives(setups, [course_scenario(seed)], workers, "course runs", replays)
+    runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
     late = [
         Figure(
             "arrived, without a touch",
@@ -202,17 +201,10 @@ def evaluate(
         partial(center_error, seed=seed, clutter=True, lidar=lidar), numbers, "pillars in company", chunk
     )
     false = workers.map(partial(false_pillars, seed=seed, lidar=lidar), numbers, "scenes without", chunk)
-    course = partial(run, scenario=course_scenario(seed), simulator=simulator)
     gentle = replace(control, p_gain_vel=COURSE_GAINS.p_gain_vel, p_gain_ang=COURSE_GAINS.p_gain_ang)
-    controls = [control, gentle, TOUCHING]
-    standard, gains, touch = drives(course, controls, workers, "course runs", replays)
-    runs = drives(
-        partial(run, control, simulator=simulator),
-        random_starts(starts, seed),
-        workers,
-        "random starts",
-        replays,
-    )
+    setups = [replace(setup, control=gains) for gains in (control, gentle, TOUCHING)]
+    standard, gains, touch = drives(setups, [course_scenario(seed)], workers, "course runs", replays)
+    runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
     false_share = 100.0 * float(np.mean([count > 0 for count in false]))
     sections = [
         (
@@ -234,12 +226,17 @@ def evaluate(
 
 
 def drives(
-    task: partial, items: Sequence[Any], workers: Workers, title: str, replays: Optional[Path]
+    setups: Sequence[Setup],
+    scenes: Sequence[Scenario],
+    workers: Workers,
+    title: str,
+    replays: Optional[Path],
 ) -> List[DriveResult]:
-    """The results of `run` with some of its arguments; a page that plays each goes into `replays`."""
+    """The result of every setup in every scene; a page that plays each drive goes into `replays`."""
+    items = list(product(setups, scenes))
     if replays is None:
-        return workers.map(task, items, title)
-    pages = workers.map(partial(run_with_page, *task.args, **task.keywords), items, title)
+        return workers.map(run_scene, items, title)
+    pages = workers.map(run_with_page, items, title)
     for result, page in pages:
         (replays / result.replay).write_text(page)
     return [result for result, _ in pages]

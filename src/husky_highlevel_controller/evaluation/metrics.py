@@ -18,9 +18,9 @@ from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.evaluation.report import replay_page
 from husky_highlevel_controller.evaluation.rollout import Controller, Trace, model_of, rollout
 from husky_highlevel_controller.evaluation.scenarios import SICK, Scenario, bare_scene, pillar_scene
+from husky_highlevel_controller.evaluation.setup import Setup
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
-from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
 SAME_PILLAR = 0.2  # [m], a pillar found this near to the true one is that one
 MANY_BEAMS = 8  # from here on one scan distinguishes an object from a pillar
@@ -76,7 +76,7 @@ class DriveResult:
         return self.arrived_at / self.bound
 
     @property
-    def words(self) -> str:
+    def summary(self) -> str:
         """End of the run in a sentence."""
         end = f"arrived after {self.arrived_at:.2f} s" if self.arrived_at < inf else "did not arrive"
         touched = f", touched {', '.join(self.touched)}" if self.touched else ""
@@ -88,60 +88,47 @@ class DriveResult:
         return self.arrived_at < inf and not self.touched and abs(self.final_error) <= 0.02
 
 
-def run(
-    control: ControlConfig,
-    scenario: Scenario,
-    simulator: Optional[SimulatorConfig] = None,
-    detector: Optional[PillarConfig] = None,
-    controller: Controller = decide,
-) -> DriveResult:
+def run(setup: Setup, scenario: Scenario, controller: Controller = decide) -> DriveResult:
     """Drive a scenario and judge it.
 
     Args:
-        control: gains and limits.
+        setup: gains and limits, what counts as a pillar, how the simulation runs.
         scenario: where, from where, with which noise.
-        simulator: how the simulation runs.
-        detector: what counts as a pillar.
         controller: what answers a scan, called like `behaviour.decide`.
     """
-    return judge(drive(control, scenario, simulator, detector, controller), scenario, control, simulator)
+    return judge(drive(setup, scenario, controller), scenario, setup)
 
 
-def run_with_page(
-    control: ControlConfig,
-    scenario: Scenario,
-    simulator: Optional[SimulatorConfig] = None,
-    detector: Optional[PillarConfig] = None,
-) -> Tuple[DriveResult, str]:
-    """Run as `run`, with the text of a page that plays the drive."""
-    trace = drive(control, scenario, simulator, detector)
-    result = judge(trace, scenario, control, simulator)
-    robot = (simulator or simulator_config()).robot
-    name, page = replay_page(result.name, result.words, control, trace, robot)
+def run_scene(item: Tuple[Setup, Scenario]) -> DriveResult:
+    """`run`, as a task for `Workers.map`."""
+    return run(*item)
+
+
+def run_with_page(item: Tuple[Setup, Scenario]) -> Tuple[DriveResult, str]:
+    """`run_scene`, with the text of a page that plays the drive."""
+    setup, scenario = item
+    trace = drive(setup, scenario)
+    result = judge(trace, scenario, setup)
+    name, page = replay_page(result.name, result.summary, setup.control, trace, setup.simulator.robot)
     return replace(result, replay=name), page
 
 
-def drive(
-    control: ControlConfig,
-    scenario: Scenario,
-    simulator: Optional[SimulatorConfig] = None,
-    detector: Optional[PillarConfig] = None,
-    controller: Controller = decide,
-) -> Trace:
+def drive(setup: Setup, scenario: Scenario, controller: Controller = decide) -> Trace:
     """The rollout that `run` judges."""
-    settle = 3.0 if control.stop_distance == 0.0 else 1.0
-    # a real Husky may have to search first
-    seconds = SEARCH_SECONDS if simulator and simulator.real else DRIVE_SECONDS
     return rollout(
-        scenario, control, detector, simulator, settle=settle, seconds=seconds, controller=controller
+        scenario,
+        setup.control,
+        setup.detector,
+        setup.simulator,
+        settle=3.0 if setup.control.stop_distance == 0.0 else 1.0,
+        seconds=SEARCH_SECONDS if setup.simulator.real else DRIVE_SECONDS,  # a real Husky may search first
+        controller=controller,
     )
 
 
-def judge(
-    trace: Trace, scenario: Scenario, control: ControlConfig, simulator: Optional[SimulatorConfig] = None
-) -> DriveResult:
+def judge(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
     """Figures of a rollout."""
-    robot = (simulator or simulator_config()).robot
+    control, robot = setup.control, setup.simulator.robot
     lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]
     distances = _lidar_to_pillar(trace, lidar_x)
     first_x, first_y = trace.pillars[0]

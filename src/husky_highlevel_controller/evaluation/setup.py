@@ -17,7 +17,7 @@ from typing import Any, Dict, Iterator, List, Mapping, Tuple
 import numpy as np
 import yaml
 
-from husky_highlevel_controller.config import ConfigError, read_config
+from husky_highlevel_controller.config import ConfigError, replace_parameters
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.robot import ROBOTS
@@ -52,17 +52,15 @@ class Setup:
             ConfigError: a name is none, or a value is not allowed.
         """
         known = parameters(self)
-        groups = tuple({} for _ in range(3))  # type: Tuple[Dict[str, Any], ...]
         for name in values:
             if name not in known:
                 raise ConfigError(f"{source}{name} is not a parameter; there are: {', '.join(sorted(known))}")
-        for group, record in zip(groups, (self.control, self.detector, self.simulator)):
-            _update(group, _values(record), "", values)
-        (control,) = read_config(groups[0], source, ControlConfig)
-        (detector,) = read_config(groups[1], source, PillarConfig)
-        (simulator,) = read_config(groups[2], source, SimulatorConfig)
-        kept = {item.name: getattr(self.simulator, item.name) for item in fields(simulator) if not item.metadata}
-        return Setup(control, detector, replace(simulator, **kept))
+        changed = {}
+        for item in fields(self):
+            record = getattr(self, item.name)
+            own = {name: values[name] for name, _ in _parameters(record) if name in values}
+            changed[item.name] = replace_parameters(record, own, source)
+        return Setup(**changed)
 
 
 @dataclass(frozen=True)
@@ -103,32 +101,42 @@ def add_profile_options(parser: argparse.ArgumentParser) -> None:
 def parameters(setup: Setup) -> Dict[str, Any]:
     """Every parameter and its value, by name."""
     records = (setup.control, setup.detector, setup.simulator)
-    return {name: value for record in records for name, value in _flat(_values(record), "")}
+    return dict(pair for record in records for pair in _parameters(record))
+
+
+def _parameters(record: Any, prefix: str = "") -> Iterator[Tuple[str, Any]]:
+    """Name and value of each parameter of a record, and of the records in it."""
+    for item in fields(record):
+        value = getattr(record, item.name)
+        if is_dataclass(value) and item.metadata:
+            yield from _parameters(value, f"{prefix}{item.name}/")
+        elif item.metadata:
+            yield prefix + item.name, value
 
 
 def unit_of(name: str) -> str:
     """Unit of a parameter in brackets, as its help text ends with; empty: it has none."""
-    found = re.search(r"\[[^]]+\]$", about(name)["help"])
-    return found.group() if found else ""
+    unit = re.search(r"\[[^]]+\]$", metadata_of(name)["help"])
+    return unit.group() if unit else ""
 
 
-def about(name: str) -> Mapping[str, Any]:
+def metadata_of(name: str) -> Mapping[str, Any]:
     """The metadata of a parameter: min, max, help."""
     records: List[Any] = [ControlConfig(), PillarConfig(), simulator_config()]
     *places, last = name.split("/")
     for place in places:
         records = [getattr(record, place) for record in records if hasattr(record, place)]
-    (found,) = (item for record in records for item in fields(record) if item.name == last and item.metadata)
-    return found.metadata
+    (item,) = (item for record in records for item in fields(record) if item.name == last and item.metadata)
+    return item.metadata
 
 
-def described(name: str) -> str:
+def help_line(name: str) -> str:
     """Range, default and help of a number."""
-    told = about(name)
-    return f"{told['min']:g}..{told['max']:g}, default {parameters(Setup())[name]:g}: {told['help']}"
+    metadata, default = metadata_of(name), parameters(Setup())[name]
+    return f"{metadata['min']:g}..{metadata['max']:g}, default {default:g}: {metadata['help']}"
 
 
-def numbers() -> List[str]:
+def numeric_parameters() -> List[str]:
     """Names of all parameters that are numbers."""
     return [name for name, value in parameters(Setup()).items() if type(value) in (int, float)]
 
@@ -147,9 +155,9 @@ def parse_axis(text: str) -> Axis:
         raise ConfigError(f"{name} is not a parameter; there are: {', '.join(sorted(defaults))}")
     kind = type(defaults[name])
     if kind not in (int, float):
-        raise ConfigError(f"{name} is not a number ({about(name)['help']})")
+        raise ConfigError(f"{name} is not a number ({metadata_of(name)['help']})")
     if not equals:
-        raise ConfigError(f"{name} has no values, such as {name}=FIRST:LAST:COUNT; {described(name)}")
+        raise ConfigError(f"{name} has no values, such as {name}=FIRST:LAST:COUNT; {help_line(name)}")
     is_geometric = words.endswith(":log")
     try:
         values = _numbers(words[:-4] if is_geometric else words, is_geometric)
@@ -194,28 +202,5 @@ def load_setup(path: Path, base: Setup) -> Setup:
 
 def to_yaml(values: Mapping[str, float], title: str) -> str:
     """A YAML file of the controller's parameters, each with its help."""
-    lines = [f"{name}: {value!r}  # {about(name)['help']}" for name, value in values.items()]
+    lines = [f"{name}: {value!r}  # {metadata_of(name)['help']}" for name, value in values.items()]
     return "\n".join([f"# {title}", *lines]) + "\n"
-
-
-def _values(record: Any) -> Dict[str, Any]:
-    """The parameters of a record; those of a record in it as a nested dictionary."""
-    found = {item.name: getattr(record, item.name) for item in fields(record) if item.metadata}
-    return {name: _values(value) if is_dataclass(value) else value for name, value in found.items()}
-
-
-def _flat(values: Mapping[str, Any], prefix: str) -> Iterator[Tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{name}/")
-        else:
-            yield prefix + name, value
-
-
-def _update(target: Dict[str, Any], old: Mapping[str, Any], prefix: str, new: Mapping[str, Any]) -> None:
-    for name, value in old.items():
-        if isinstance(value, dict):
-            target[name] = {}
-            _update(target[name], value, f"{prefix}{name}/", new)
-        else:
-            target[name] = new.get(prefix + name, value)

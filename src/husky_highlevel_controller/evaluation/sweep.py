@@ -15,7 +15,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.config import ConfigError
-from husky_highlevel_controller.evaluation.metrics import DriveResult, run
+from husky_highlevel_controller.evaluation.metrics import DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import Panel, draw_sweep
 from husky_highlevel_controller.evaluation.report import Table, write_page, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
@@ -25,8 +25,8 @@ from husky_highlevel_controller.evaluation.setup import (
     Axis,
     Setup,
     add_profile_options,
-    described,
-    numbers,
+    help_line,
+    numeric_parameters,
     parameters,
     parse_axis,
     setup_of,
@@ -86,18 +86,12 @@ def row(drive: DriveResult) -> Dict[str, Any]:
     }  # fmt: skip
 
 
-def drive_with(item: Tuple[Setup, Scenario]) -> DriveResult:
-    """Drive a scene with a setup; a task for `Workers.map`."""
-    setup, scenario = item
-    return run(setup.control, scenario, setup.simulator, setup.detector)
-
-
 def sweep(axes: Sequence[Axis], scenes: Sequence[Scenario], setup: Setup, workers: Workers) -> Sweep:
     """Drive every scene at every point of the grid."""
     names = [axis.name for axis in axes]
     points = itertools.product(*(axis.values for axis in axes))
     setups = [setup.with_values(dict(zip(names, point))) for point in points]
-    drives = workers.map(drive_with, list(itertools.product(setups, scenes)), "drives")
+    drives = workers.map(run_scene, list(itertools.product(setups, scenes)), "drives")
     return Sweep(tuple(axes), tuple(scene.name for scene in scenes), tuple(drives))
 
 
@@ -146,7 +140,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser = argparse.ArgumentParser(
         prog="sweep", description="Drive the same random scenes for every value of one or more parameters.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog="parameters:\n" + "\n".join(f"  {name} {described(name)}" for name in numbers()),
+        epilog="parameters:\n" + "\n".join(f"  {name} {help_line(name)}" for name in numeric_parameters()),
     )  # fmt: skip
     parser.add_argument(
         "axes", nargs="+", metavar="NAME=FIRST:LAST:COUNT[:log]",

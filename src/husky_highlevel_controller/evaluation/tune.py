@@ -20,21 +20,20 @@ import numpy as np
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.metrics import DriveResult
+from husky_highlevel_controller.evaluation.metrics import DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import draw_trials
 from husky_highlevel_controller.evaluation.report import Table, write_page, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     Setup,
-    about,
     add_profile_options,
+    metadata_of,
     parameters,
     setup_of,
     to_yaml,
     unit_of,
 )
 from husky_highlevel_controller.evaluation.statistics import bootstrap
-from husky_highlevel_controller.evaluation.sweep import drive_with
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
@@ -99,7 +98,7 @@ def parse_range(text: str, base: Setup) -> Range:
         raise ConfigError(
             f"{name} is not a number of the controller's; there are: {', '.join(sorted(known))}"
         )
-    limits = [str(about(name)["min"]), str(about(name)["max"])]
+    limits = [str(metadata_of(name)["min"]), str(metadata_of(name)["max"])]
     try:
         low, high = map(float, words.split(":") if equals else limits)
     except ValueError:
@@ -141,7 +140,7 @@ def tune(
     trials: int,
     seed: int,
     workers: Workers,
-    drive: Drive = drive_with,
+    drive: Drive = run_scene,
 ) -> Tuned:
     """Try setups, the first of them `base`, and keep the one of the smallest cost.
 
@@ -260,7 +259,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             for name, value in tuned.values.items():
                 print(f"  {name} {value:g} {unit_of(name)}, by default {parameters(base)[name]:g}")
             found, fresh = base.with_values(tuned.values), random_starts(options.fresh, seed + 1)
-            figures = check(base, found, fresh, objective, workers, drive_with)
+            figures = check(base, found, fresh, objective, workers, run_scene)
             print(verdict(figures, options.fresh))
             command = f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}"
             values = [

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.metrics import run
 from husky_highlevel_controller.evaluation.scenarios import random_starts
+from husky_highlevel_controller.evaluation.setup import Setup
 from husky_highlevel_controller.grading.batch import Batch, mark_all
 from husky_highlevel_controller.grading.records import MarkingConfig
 from husky_highlevel_controller.paths import share_folder
@@ -49,7 +49,7 @@ def hash_of(task, items, **options):
 
 
 def test_the_hash_is_that_of_this_machine_also_when_a_worker_is_killed(cluster, tmp_path):
-    drives, task = random_starts(4, 1), partial(run, ControlConfig())
+    drives, task = random_starts(4, 1), partial(run, Setup())
     expected, expected_drives = hash_of(noise, range(60), jobs=1), hash_of(task, drives, jobs=2)
     for number in range(3):
         cluster.work(f"worker {number}")
