@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import resource
 import signal
 import threading
 import time
@@ -45,6 +46,7 @@ LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
 # to the robot's mux, or past it
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
 SILENT = 2.0  # [s], simulated: a submission that listens, but advertises no command by then, sends none
+MEMORY = 2_000_000_000  # [bytes] of the recorder; its threads' stacks are some hundred million
 MAX_VIOLATIONS = 5  # that are named
 HITS_PERIOD = 1.0  # [s], simulated, between two scans whose points are kept for a picture
 
@@ -233,7 +235,8 @@ class Recorder:
 
 
 def main() -> None:
-    """Run the node."""
+    """Run the node, within a limit: a message of a gigabyte costs its connection."""
+    resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
     run_node("marking_recorder", Recorder, listen_to_clock=False)
 
 
