@@ -33,12 +33,7 @@ from husky_highlevel_controller.grading.isolation.files import (
 from husky_highlevel_controller.grading.isolation.process import Process, StoppedError, end_all, wait
 from husky_highlevel_controller.grading.mark import FINGERPRINT, judge, settings_of
 from husky_highlevel_controller.grading.records import Job, MarkingConfig, Override, Result, to_json
-from husky_highlevel_controller.grading.reports.files import (
-    HAND_INS,
-    load_result,
-    write_class,
-    write_result,
-)
+from husky_highlevel_controller.grading.reports.files import HAND_INS, load_result, write_class, write_result
 from husky_highlevel_controller.grading.settings import read_overrides
 from husky_highlevel_controller.tasks.workers import Workers
 

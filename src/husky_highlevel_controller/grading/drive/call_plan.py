@@ -11,10 +11,7 @@ EX2_SPEED, EX2_FROM, EX2_SECONDS = 0.5, 2.0, 10.0  # [m/s], [s], [s]
 CALM = 4.0  # [s], simulated, from one call's answer to the next call
 CALLS = (False, True, False, True)  # stop and start, twice; the other way round where True stops
 DRIVES = 0.1  # [m/s]
-FIRST_CALL, LATEST_FIRST_CALL = (
-    1.0,
-    8.0,
-)  # [s]: after it drives; where it waits for a call to drive at all
+FIRST_CALL, LATEST_FIRST_CALL = (1.0, 8.0)  # [s]: after it drives; where it waits for a call to drive at all
 NO_SERVICE = 25.0  # [s], simulated, without a service
 
 

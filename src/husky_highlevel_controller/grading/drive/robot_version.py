@@ -14,12 +14,7 @@ from husky_highlevel_controller.grading.drive.ros_graph import (
     set_parameters,
     topics_subscribed,
 )
-from husky_highlevel_controller.grading.isolation.files import (
-    UnreadableFileError,
-    create,
-    read_text,
-    walk,
-)
+from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, create, read_text, walk
 from husky_highlevel_controller.grading.isolation.ros_network import Network
 from husky_highlevel_controller.grading.records import ROBOT_VERSIONS
 

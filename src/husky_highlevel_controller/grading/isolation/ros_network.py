@@ -69,11 +69,7 @@ class Network:
         return folder
 
     def start(
-        self,
-        name: str,
-        command: Sequence[str],
-        workspace: Optional[Workspace] = None,
-        **more: str,
+        self, name: str, command: Sequence[str], workspace: Optional[Workspace] = None, **more: str
     ) -> Process:
         """Start a program.
 
