@@ -1,116 +1,65 @@
 """Collision detection on a real Husky's recordings: false stops, and the share of added losses that is felt.
 
-./dev run python tools/real_crashes.py FOLDER [--half fit|report] [--rate 50|100|400] [--curve]
+./dev run python tools/real_crashes.py FOLDER [--rate 50|100|400] [--picture docs/crash_curve.png]
 
-FOLDER is data/borealtc of norlab-ulaval/BorealTC (CC0 1.0): GROUND/imu_NN.csv at 100 Hz, pro_NN.csv at 6.5.
-No run holds a collision. A loss of 0.4 m/s within 80 ms is added at 18 places of each run, while the wheels
-go on turning as recorded; it is felt if a stop comes within 0.3 s. Stops less than a second apart are one.
+FOLDER is that of borealtc.py. No run holds a collision. A loss of 0.4 m/s within 80 ms is added at 18
+places of each run, while the wheels go on turning as recorded; it is felt if a stop comes within 0.3 s.
+Stops less than a second apart are one.
 
-Runs with an even number and the eleven that earlier versions were fitted to are the half for fitting.
-The wheels' messages have no stamps of their own and some are missing: their clock is laid where yaw rate and
-acceleration agree best with the IMU's, anew each 4 s.
+Cross-validation decides `max_loss_rough` and `vibration_factor`: of the pairs that feel ENOUGH on the hard
+ground of the runs for fitting the one of fewest false stops there, then on their soft ground. A row counts
+only runs that its pair was not fitted to: by run, each fifth of the runs with the pair of the other four;
+by ground, each ground with the pair of the other grounds. The last rows are those of config/crash_stop.yaml
+on all runs.
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
-from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 import yaml
+from borealtc import HARD, SOFT, Run, read_runs
 
-from husky_highlevel_controller.controller.crash_detection import CrashConfig, CrashDetector
+from husky_highlevel_controller.controller.crash_detection import Change, CrashConfig, CrashDetector
 from husky_highlevel_controller.datatypes import ImuSample, Twist2D
 
-HARD, SOFT = ("FLOORING", "ICE", "ASPHALT"), ("SANDY_LOAM", "SNOW")
-FITTED_BEFORE = ["ASPHALT_00", "ASPHALT_04", "FLOORING_01", "FLOORING_02", "FLOORING_08", "ICE_04", "ICE_07"]
-FITTED_BEFORE += ["SANDY_LOAM_00", "SANDY_LOAM_09", "SNOW_00", "SNOW_04"]
-SPEED_SCALE = 1.27  # of the recorded wheel speeds, in units of 0.13/0.1651 of the driver's
-WHEELS_PERIOD = 1.0 / 6.5  # [s]
-TRACK = 1.05  # [m], effective, between the sides; only to lay the clocks
 LOSS, LOSS_TIME, FELT_WITHIN = 0.4, 0.08, 0.3  # [m/s], [s], [s]
-PLACES = 18  # of added losses in a run
+PLACES, FOLDS, ENOUGH = 18, 5, 0.96  # added losses in a run; folds by run; share felt
+ROUGH_LOSSES, FACTORS = np.arange(0.14, 0.45, 0.02).round(2).tolist(), (0.0, 0.5, 1.0, 1.5, 2.0)
 LEVEL = (0.0, 0.0, 0.0, 1.0)
+Changes = List[Tuple[float, Change]]  # with stamps [s]
 
 
-class Run(NamedTuple):
-    """Recording of IMU and wheels."""
+class Evidence(NamedTuple):
+    """Changes of a run that may be crashes, and those after each added loss."""
 
-    name: str
-    imu: np.ndarray  # (N, 7): stamp [s], angular velocity [rad/s], specific force [m/s^2], in base_link
-    wheels: np.ndarray  # (M, 3): stamp by the IMU's clock [s], speed of the left and right side [m/s]
+    run: Run
+    free: Changes
+    losses: List[Changes]
+
+
+class Outcome(NamedTuple):
+    """Results of some runs."""
+
+    hours: float
+    false_stops: int
+    losses: int
+    felt: int
 
     @property
-    def ground(self) -> str:
-        """Name of the ground."""
-        return self.name.rpartition("_")[0]
+    def an_hour(self) -> float:
+        """False stops an hour."""
+        return self.false_stops / self.hours
 
     @property
-    def hours(self) -> float:
-        """Duration [h]."""
-        return float(self.imu[-1, 0] - self.imu[0, 0]) / 3600.0
-
-
-def is_for_fitting(name: str) -> bool:
-    """Whether a run, GROUND_NN, belongs to the half for fitting."""
-    return name in FITTED_BEFORE or int(name[-2:]) % 2 == 0
-
-
-def read_runs(folder: Path, half: Optional[str] = None) -> List[Run]:
-    """The runs of the data set, or of one half; those without IMU file are left out."""
-    runs = []
-    for path in sorted(folder.glob("*/imu_*.csv")):
-        name = f"{path.parent.name}_{path.stem[-2:]}"
-        wheels_path = path.with_name(path.name.replace("imu", "pro"))
-        if name.startswith("MIXED") or half not in (None, "fit" if is_for_fitting(name) else "report"):
-            continue
-        imu, wheels = (np.loadtxt(file, delimiter=",", skiprows=1) for file in (path, wheels_path))
-        speeds = SPEED_SCALE * wheels[:, 3:5]
-        runs.append(Run(name, imu, np.column_stack([wheel_stamps(imu, speeds), speeds])))
-    if not runs:
-        raise SystemExit(f"{folder}: no GROUND/imu_NN.csv in it; is it BorealTC's data/borealtc?")
-    return runs
-
-
-def _mean(values: np.ndarray, count: int) -> np.ndarray:
-    mean: np.ndarray = np.convolve(values, np.ones(count) / count, "same")
-    return mean
-
-
-def wheel_stamps(imu: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-    """Stamps of the wheels' messages by the IMU's clock [s], (M,).
-
-    Args:
-        imu: (N, 7) at 100 Hz, as in `Run`.
-        speeds: (M, 2) [m/s].
-    """
-    stamps, piece, offsets = WHEELS_PERIOD * np.arange(len(speeds)), 400, np.arange(-2.0, 2.001, 0.04)
-
-    def acceleration(values: np.ndarray) -> np.ndarray:
-        smooth = _mean(values, 31)
-        return smooth - _mean(smooth, piece)  # without tilt
-
-    yaw_rate, ahead = _mean(imu[:, 3], 15), acceleration(imu[:, 4])
-    pieces = np.arange(0, len(imu), piece)
-    costs = np.empty((len(pieces), len(offsets)))
-    for column, offset in enumerate(offsets):
-        left, right = (np.interp(imu[:, 0], stamps + offset, side) for side in speeds.T)
-        gained = acceleration(np.gradient(_mean(0.5 * (left + right), 15), 0.01))
-        errors = np.minimum(((right - left) / TRACK - yaw_rate) ** 2 / 0.08**2, 9.0)
-        errors += np.minimum((gained - ahead) ** 2 / 0.3**2, 9.0)
-        costs[:, column] = np.add.reduceat(errors, pieces) / 25.0 + abs(offset)
-    jumps = 40.0 * np.abs(offsets[:, None] - offsets)
-    total, best = costs[0] + 3.0 * np.abs(offsets), []
-    for cost in costs[1:]:
-        best.append((total[:, None] + jumps).argmin(axis=0))
-        total = (total[:, None] + jumps).min(axis=0) + cost
-    path = [int(total.argmin())]
-    for choice in reversed(best):
-        path.append(int(choice[path[-1]]))
-    laid: np.ndarray = stamps + np.interp(stamps, (pieces + piece / 2) / 100.0, offsets[path[::-1]])
-    return laid
+    def share(self) -> float:
+        """Share of the added losses that is felt."""
+        return self.felt / max(self.losses, 1)
 
 
 def at_rate(imu: np.ndarray, rate: int) -> np.ndarray:
@@ -124,9 +73,9 @@ def at_rate(imu: np.ndarray, rate: int) -> np.ndarray:
     return np.column_stack([stamps, *(np.interp(stamps, imu[:, 0], column) for column in imu[:, 1:].T)])
 
 
-def stops(imu: np.ndarray, wheels: np.ndarray, config: CrashConfig) -> List[float]:
-    """Stamps of the samples at which a collision is felt [s]."""
-    detector, felt, k = CrashDetector(config), [], 0
+def changes(imu: np.ndarray, wheels: np.ndarray, config: CrashConfig) -> Changes:
+    """Changes of velocity that are a crash by this configuration."""
+    detector, found, k = CrashDetector(config), [], 0
     stamps, speeds = wheels[:, 0].tolist(), wheels[:, 1:].mean(axis=1).tolist()
     while k < len(stamps) and stamps[k] < imu[0, 0] - 1.0:
         k += 1
@@ -134,14 +83,10 @@ def stops(imu: np.ndarray, wheels: np.ndarray, config: CrashConfig) -> List[floa
         while k < len(stamps) and stamps[k] <= stamp:
             detector.add_odometry(stamps[k], Twist2D(speeds[k], 0.0))
             k += 1
-        if detector.add_sample(ImuSample(stamp, LEVEL, (wx, wy, wz), (ax, ay, az))) is not None:
-            felt.append(stamp)
-    return felt
-
-
-def events(felt: Sequence[float]) -> int:
-    """Stops, those less than a second after the last one not counted."""
-    return sum(1 for i, stamp in enumerate(felt) if i == 0 or stamp - felt[i - 1] > 1.0)
+        felt = detector.add_sample(ImuSample(stamp, LEVEL, (wx, wy, wz), (ax, ay, az)))
+        if felt is not None and detector.change is not None:
+            found.append((stamp, detector.change))
+    return found
 
 
 def pieces_with_a_loss(run: Run, rate: int) -> Iterator[Tuple[float, np.ndarray]]:
@@ -159,60 +104,121 @@ def pieces_with_a_loss(run: Run, rate: int) -> Iterator[Tuple[float, np.ndarray]
         yield begin, piece
 
 
-class Outcome(NamedTuple):
-    """Results of some runs."""
-
-    hours: float
-    false_stops: int
-    losses: int
-    felt: int
-
-
-def outcome(runs: Sequence[Run], config: CrashConfig, rate: int) -> Outcome:
-    """False stops and felt losses of some runs."""
-    false = [events(stops(at_rate(run.imu, rate), run.wheels, config)) for run in runs]
-    hits = [
-        any(stamp >= begin for stamp in stops(piece, run.wheels, config))
-        for run in runs
+def evidence(run: Run, rate: int, config: CrashConfig) -> Evidence:
+    """Changes of a run at a rate [Hz], by the configuration that stops most often."""
+    losses = [
+        [(stamp, change) for stamp, change in changes(piece, run.wheels, config) if stamp >= begin]
         for begin, piece in pieces_with_a_loss(run, rate)
     ]
-    return Outcome(sum(run.hours for run in runs), sum(false), len(hits), sum(hits))
+    return Evidence(run, changes(at_rate(run.imu, rate), run.wheels, config), losses)
 
 
-def show(name: str, result: Outcome) -> None:
-    """Print one line."""
-    hours, false, losses, felt = result
-    share = f"{felt / losses:.1%}" if losses else "-"
-    print(
-        f"{name:12} {60 * hours:6.1f} min {false:4} false stops ({false / hours:5.1f} /h), felt {share}",
-        flush=True,
-    )
+def outcome(runs: Sequence[Evidence], config: CrashConfig) -> Outcome:
+    """False stops and felt losses of some runs."""
+    false = 0
+    for run in runs:
+        last = -1e9
+        for stamp, change in run.free:
+            if change.excess(config) > config.max_loss:
+                false += stamp - last > 1.0
+                last = stamp
+    losses = [loss for run in runs for loss in run.losses]
+    felt = sum(any(change.excess(config) > config.max_loss for _, change in loss) for loss in losses)
+    return Outcome(sum(run.run.hours for run in runs), false, len(losses), felt)
+
+
+def fitted(runs: Sequence[Evidence], config: CrashConfig) -> CrashConfig:
+    """The configuration of fewest false stops, on hard ground first, of those that feel enough there."""
+    hard, soft = ([run for run in runs if run.run.ground in grounds] for grounds in (HARD, SOFT))
+    best, fewest = config, (len(runs) * 10**6, 0)
+    for rough, factor in product(ROUGH_LOSSES, FACTORS):
+        tried = replace(config, max_loss_rough=rough, vibration_factor=factor)
+        on_hard = outcome(hard, tried)
+        if on_hard.share >= ENOUGH:
+            false_stops = on_hard.false_stops, outcome(soft, tried).false_stops
+            if false_stops < fewest:
+                best, fewest = tried, false_stops
+    return best
+
+
+def held_out(
+    runs: Sequence[Evidence], config: CrashConfig, fold: Callable[[Evidence], object]
+) -> Dict[str, List[Outcome]]:
+    """Outcomes of each ground, every run with what was fitted to the runs of the other folds."""
+    results: Dict[str, List[Outcome]] = {}
+    for out in sorted({fold(run) for run in runs}, key=str):
+        chosen = fitted([run for run in runs if fold(run) != out], config)
+        print(f"  without {out}: max_loss_rough {chosen.max_loss_rough}, factor {chosen.vibration_factor}")
+        for run in runs:
+            if fold(run) == out:
+                results.setdefault(run.run.ground, []).append(outcome([run], chosen))
+    return results
+
+
+def show(title: str, results: Dict[str, List[Outcome]]) -> None:
+    """Print a line for each ground, and for hard and soft ground."""
+    print(title)
+    for name, grounds in [
+        *((ground, (ground,)) for ground in (*HARD, *SOFT)),
+        ("hard", HARD),
+        ("soft", SOFT),
+    ]:
+        parts = [part for ground in grounds for part in results.get(ground, [])]
+        if parts:
+            total = Outcome(*map(sum, zip(*parts)))
+            print(
+                f"  {name:12} {60 * total.hours:6.1f} min {total.false_stops:4} false stops "
+                f"({total.an_hour:5.1f} /h), felt {total.share:.1%}",
+                flush=True,
+            )
+
+
+def draw(path: Path, runs: Sequence[Evidence], config: CrashConfig) -> None:
+    """Draw false stops an hour against the share felt, over `max_loss_rough`."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axis = plt.subplots(figsize=(6, 3.6), dpi=90)
+    for name, grounds, color in (("hard ground", HARD, "tab:blue"), ("soft ground", SOFT, "tab:red")):
+        chosen = [run for run in runs if run.run.ground in grounds]
+        tried = [outcome(chosen, replace(config, max_loss_rough=rough)) for rough in ROUGH_LOSSES]
+        axis.plot(
+            [100 * one.share for one in tried], [one.an_hour for one in tried], ".-", color=color, label=name
+        )
+        now = outcome(chosen, config)
+        axis.plot(100 * now.share, now.an_hour, "o", color=color, fillstyle="none", markersize=10)
+    axis.axhline(6.0, color="0.6", linestyle=":")
+    axis.axvline(95.0, color="0.6", linestyle=":")
+    axis.set(xlabel="losses of 0.4 m/s in 80 ms felt within 0.3 s [%]", ylabel="false stops an hour")
+    axis.set_yscale("symlog", linthresh=10.0)
+    axis.set_ylim(bottom=0.0)
+    axis.legend()
+    figure.tight_layout()
+    figure.savefig(path)
 
 
 def main() -> None:
-    """Print a line for each ground, and for hard and soft ground."""
+    """Print the tables, and draw the curve."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--half", choices=("fit", "report"))
     parser.add_argument("--rate", type=int, default=100, choices=(50, 100, 400), help="of the IMU [Hz]")
-    parser.add_argument("--curve", action="store_true", help="for several vibration factors")
+    parser.add_argument("--picture", type=Path, help="file for the curve")
     options = parser.parse_args()
     values = yaml.safe_load((Path(__file__).parents[1] / "config" / "crash_stop.yaml").read_text())
     config = CrashConfig(**{name: values[name] for name in CrashConfig.__dataclass_fields__})
-    runs = read_runs(options.folder, options.half)
-    factors = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0) if options.curve else (config.vibration_factor,)
-    for factor in factors:
-        print(f"vibration_factor {factor:g}, {options.rate} Hz")
-        tuned, results = replace(config, vibration_factor=factor), {}  # type: CrashConfig, Dict[str, Outcome]
-        for ground in (*HARD, *SOFT):
-            chosen = [run for run in runs if run.ground == ground]
-            if chosen:
-                results[ground] = outcome(chosen, tuned, options.rate)
-                show(ground, results[ground])
-        for name, grounds in (("hard", HARD), ("soft", SOFT)):
-            parts = [results[ground] for ground in grounds if ground in results]
-            if parts:
-                show(name, Outcome(*map(sum, zip(*parts))))
+    most_often = replace(config, max_loss_rough=min(ROUGH_LOSSES), vibration_factor=min(FACTORS))
+    runs = [evidence(run, options.rate, most_often) for run in read_runs(options.folder)]
+    number = {run.run.name: i for i, run in enumerate(runs)}
+    show("by run", held_out(runs, config, lambda run: number[run.run.name] % FOLDS))
+    show("by ground", held_out(runs, config, lambda run: run.run.ground))
+    print(f"fitted to all runs: {fitted(runs, config)}")
+    grounds = (*HARD, *SOFT)
+    shipped = {g: [outcome([run for run in runs if run.run.ground == g], config)] for g in grounds}
+    show("config/crash_stop.yaml on all runs", shipped)
+    if options.picture:
+        draw(options.picture, runs, config)
 
 
 if __name__ == "__main__":

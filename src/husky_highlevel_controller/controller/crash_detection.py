@@ -2,14 +2,15 @@
 
 In: IMU samples and wheel speeds. Out: the speed lost in a collision.
 
-The change of velocity over a window counts, not the peak of a sample: on a real A200 single samples of
-8 m/s^2 (flooring) to 90 m/s^2 (snow) are vibration, and hardly change the velocity. What counts is
+The change of velocity counts, not the peak of a sample: on a real A200 single samples of 8 m/s^2 (flooring)
+to 90 m/s^2 (snow) are vibration, which swings back within 0.1 to 0.2 s; what a collision takes stays lost. So
 
-    loss = speed lost in the direction of travel - speed that the wheels lost meanwhile
+    change = mean velocity over the last AFTER - mean velocity over BEFORE, `window` earlier
+    loss = change against the direction of travel - the same change of the wheels
 
-against `max_loss` on smooth ground, `max_loss_rough` where the robot shakes, and there `vibration_factor`
-times the shaking of the other two axes on top. Sideways it is the velocity gained beyond speed times yaw
-rate, with twice as much for rough ground.
+counts against `max_loss` on smooth ground, `max_loss_rough` where the robot shakes, and there
+`vibration_factor` times the shaking of the other two axes on top. Sideways it is the velocity gained within a
+window beyond speed times yaw rate, and kept, with twice as much for rough ground.
 
 The direction of gravity is tracked from gyro and accelerometer, so neither the orientation in the messages
 nor a level mount is needed.
@@ -19,25 +20,24 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import islice
 from math import hypot, inf, isfinite, sqrt
-from typing import Deque, List, NamedTuple, Optional, Tuple
+from typing import Deque, NamedTuple, Optional, Tuple
 
 from husky_highlevel_controller.datatypes import ImuSample, Quaternion, Twist2D, Vector3
-from husky_highlevel_controller.geometry import cross as _cross
-from husky_highlevel_controller.geometry import dot as _dot
-from husky_highlevel_controller.geometry import minus as _minus
-from husky_highlevel_controller.geometry import quat_inverse, rotate
-from husky_highlevel_controller.geometry import unit as _unit
+from husky_highlevel_controller.geometry import cross, dot, minus, quat_inverse, rotate, unit
 
 GRAVITY = 9.8  # [m/s^2]
-LEVELLING_TIME = 1.0  # [s], time constant with which the accelerometer corrects the gyro's gravity
+LEVELLING_TIME = 2.0  # [s], time constant with which the accelerometer corrects the gyro's gravity
+LEVELLING_FORCE = 20.0  # [m/s^2], most that it believes of a force: the rest is a shock
+LATENESS = 0.05  # [s], age of the window's end: odometry comes late
+AFTER, BEFORE = 0.15, 0.4  # [s], of the mean velocities
 MEMORY = 1.0  # [s], over which the ground's vibration is averaged
-LEARNING_TIME = 0.4  # [s] of samples before the ground is known well enough to judge
+LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1  # [s] of samples before smooth and rough ground are judged
 LONGEST_PERIOD = 0.2  # [s], a longer gap between samples is a new beginning
 SHOCK = 6.0  # [m/s^2], samples above count only as far as they exceed what the vertical axis shows
 ROUGH = 0.013  # [m/s], vibration of a window that is rough ground; an A200 standing: 0.005, on flooring: 0.03
 SIDEWAYS = 2.0  # times as rough as ahead, for the body rolls on its tyres
-WHEEL_SHARE = 0.8  # of the change that the wheels report within a window
 STANDING = 0.02  # [m/s], slower wheels have no direction of travel
 
 
@@ -54,7 +54,7 @@ class CrashConfig:
         metadata={"min": 0.02, "max": 0.5, "help": "time within which the speed is lost [s]"},
     )
     max_loss_rough: float = field(
-        default=0.25,
+        default=0.24,
         metadata={"min": 0.01, "max": 5.0, "help": "the same on ground that shakes the robot [m/s]"},
     )
     vibration_factor: float = field(
@@ -65,6 +65,27 @@ class CrashConfig:
         default=0.1,
         metadata={"min": 0.0, "max": 0.5, "help": "by which odometry may be late or early [s]"},
     )
+
+
+class Change(NamedTuple):
+    """Change of velocity, and how much the ground shakes."""
+
+    loss: float  # [m/s], against the direction of travel, beyond that of the wheels
+    sideways: float  # [m/s], gained within a window and kept
+    vibration: float  # [m/s], of a window
+    vibration_before: float  # [m/s], before the change
+
+    def excess(self, config: CrashConfig) -> float:
+        """Change beyond what the ground may cause [m/s], a crash above `max_loss`."""
+        # sideways by what the ground did before: a push from the side must not pass for rough ground itself
+        return max(
+            self.loss - self._allowance(self.vibration, config),
+            self.sideways - SIDEWAYS * self._allowance(self.vibration_before, config),
+        )
+
+    def _allowance(self, vibration: float, config: CrashConfig) -> float:
+        rough = min(vibration / ROUGH, 1.0) * max(config.max_loss_rough - config.max_loss, 0.0)
+        return rough + config.vibration_factor * vibration
 
 
 class _Push(NamedTuple):
@@ -92,7 +113,8 @@ class CrashDetector:
         self._period, self._same_stamp = 0.0, 1  # [s] before, and number of samples of the last stamp
         self._pushes: Deque[_Push] = deque()
         self._ground: Deque[Tuple[float, float]] = deque()  # stamp [s]; squared sideways and vertical change
-        self._allowances: Deque[Tuple[float, float]] = deque()  # stamp [s], allowance [m/s]
+        self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s], vibration of a window [m/s]
+        self.change: Optional[Change] = None  # that the last sample completed
         self._wheels.clear()
 
     def add_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
@@ -110,7 +132,7 @@ class CrashDetector:
     def add_sample(
         self, sample: ImuSample, imu_in_base: Quaternion = (0.0, 0.0, 0.0, 1.0)
     ) -> Optional[float]:
-        """Take one IMU sample, and judge the window that ended `odometry_delay` before it.
+        """Take one IMU sample, and judge the change of velocity until LATENESS before it.
 
         Args:
             sample: at any rate of 20 Hz or more.
@@ -119,12 +141,13 @@ class CrashDetector:
         Returns:
             The unexplained change of velocity of a crash [m/s]; None if there is none.
         """
+        self.change = None
         if not all(map(isfinite, (*sample.specific_force, *sample.angular_velocity))):
             return None
         duration = sample.stamp - self._stamp
         if self._up is None or abs(duration) > LONGEST_PERIOD:
             self.reset()
-            self._stamp, self._up = sample.stamp, _unit(sample.specific_force)
+            self._stamp, self._up = sample.stamp, unit(sample.specific_force)
             return None
         if duration <= 0.0:  # stamped by a clock slower than the IMU, or late
             if duration == 0.0 and self._pushes:
@@ -132,7 +155,7 @@ class CrashDetector:
             return None
         self._stamp, self._period, self._same_stamp = sample.stamp, duration, 1
         self._levelling = min(self._levelling + duration, LEVELLING_TIME)
-        self._up = _levelled(self._up, sample, duration, duration / self._levelling)
+        self._level(sample, duration, imu_in_base)
         self._pushes.append(self._push(sample, duration, imu_in_base))
         return self._judge()
 
@@ -145,76 +168,101 @@ class CrashDetector:
             _Push(last.stamp, *(old + share * (new - old) for old, new in zip(last[1:], push[1:])))
         )
 
+    def _level(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> None:
+        """Turn the vertical by the gyro, and draw it to the force without that of the wheels' motion."""
+        assert self._up is not None
+        self._up = unit(minus(self._up, cross(sample.angular_velocity, self._up), duration)) or self._up
+        ahead, left = self._axes(imu_in_base)
+        force = minus(sample.specific_force, ahead, self._acceleration(sample.stamp))
+        off = minus(minus(force, left, self._curve(sample)), self._up, GRAVITY)
+        believed = min(LEVELLING_FORCE / max(sqrt(dot(off, off)), 1e-6), 1.0)
+        self._up = unit(minus(self._up, off, -believed * duration / (self._levelling * GRAVITY))) or self._up
+
+    def _axes(self, imu_in_base: Quaternion) -> Tuple[Vector3, Vector3]:
+        """Unit vectors ahead and left along the ground, in the IMU's frame."""
+        assert self._up is not None
+        ahead = rotate(quat_inverse(imu_in_base), (1.0, 0.0, 0.0))
+        ahead = unit(minus(ahead, self._up, dot(ahead, self._up))) or (1.0, 0.0, 0.0)
+        return ahead, cross(self._up, ahead)
+
+    def _acceleration(self, stamp: float) -> float:
+        """Acceleration of the wheels by the last two messages [m/s^2]; 0 if they are old."""
+        if len(self._wheels) < 2 or stamp - self._wheels[-1][0] > LONGEST_PERIOD:
+            return 0.0
+        (before, old), (after, new) = self._wheels[-2], self._wheels[-1]
+        return (new - old) / (after - before)
+
+    def _curve(self, sample: ImuSample) -> float:
+        """Acceleration to the left in a curve at the wheels' speed [m/s^2]."""
+        assert self._up is not None
+        return (self._speed_at(sample.stamp) or 0.0) * dot(sample.angular_velocity, self._up)
+
     def _push(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> _Push:
         assert self._up is not None
-        up, force = self._up, sample.specific_force
-        ahead = rotate(quat_inverse(imu_in_base), (1.0, 0.0, 0.0))
-        ahead = _unit(_minus(ahead, up, _dot(ahead, up))) or (1.0, 0.0, 0.0)
-        left = _cross(up, ahead)
-        vertical = _dot(force, up) - GRAVITY
-        speed = self._speed_at(sample.stamp)
-        curve = speed * _dot(sample.angular_velocity, up) if speed is not None else 0.0
-        along, across = _damped(_dot(force, ahead), vertical), _dot(force, left)
+        ahead, left = self._axes(imu_in_base)
+        force = sample.specific_force
+        vertical = dot(force, self._up) - GRAVITY
         return _Push(
             sample.stamp,
-            along * duration,
-            (_clamped(across, SIDEWAYS * SHOCK) - curve) * duration,
+            _damped(dot(force, ahead), vertical) * duration,
+            (_clamped(dot(force, left), SIDEWAYS * SHOCK) - self._curve(sample)) * duration,
             _clamped(vertical, SHOCK) * duration,
         )
 
     def _judge(self) -> Optional[float]:
-        """Judge the window that ended `odometry_delay` ago."""
-        config, now = self._config, self._stamp
-        end = now - config.odometry_delay
-        start = end - config.window
-        while self._pushes and self._pushes[0].stamp <= start + 1e-6:
+        """Judge the change of velocity that ended LATENESS ago."""
+        window, end = self._config.window, self._stamp - LATENESS
+        longest = AFTER + window + BEFORE
+        while self._pushes and self._pushes[0].stamp <= end - longest:
             self._pushes.popleft()
-        window = [push for push in self._pushes if push.stamp <= end + 1e-6]
-        if not window:
-            return None
-        ahead, left, up = (sum(push[axis] for push in window) for axis in (1, 2, 3))
-        allowance = self._allowance(end, left * left + up * up)
-        self._allowances.append((end, allowance))
-        while self._allowances[0][0] < start - config.window:
-            self._allowances.popleft()
-        # sideways by what the ground did before: a push from the side must not pass for rough ground itself
-        sideways = abs(left) - SIDEWAYS * self._allowances[0][1]
-        excess = max(sideways, *(loss - allowance for loss in self._losses(ahead, start)))
-        if excess <= config.max_loss or end - self._ground[0][0] < LEARNING_TIME:
-            return None
-        return hypot(ahead, left)
-
-    def _allowance(self, stamp: float, ground: float) -> float:
-        """Loss of speed [m/s] that the ground may cause, by its sideways and vertical shaking."""
-        config = self._config
-        self._ground.append((stamp, ground))
-        while stamp - self._ground[0][0] > MEMORY:
+        ahead = left = up = struck = lasting = 0.0
+        for stamp, push_ahead, push_left, push_up in self._pushes:
+            age = end - stamp
+            if age < -1e-6:
+                break
+            weight = self._weight(age)
+            ahead += weight * push_ahead
+            lasting += weight * push_left
+            if age < window - 1e-6:
+                left += push_left
+                up += push_up
+            elif AFTER - 1e-6 < age < AFTER + window - 1e-6:
+                struck += push_left
+        self._ground.append((end, left * left + up * up))
+        while end - self._ground[0][0] > MEMORY:
             self._ground.popleft()
         vibration = sqrt(sum(square for _, square in self._ground) / len(self._ground))
-        rough = min(vibration / ROUGH, 1.0) * max(config.max_loss_rough - config.max_loss, 0.0)
-        return rough + config.vibration_factor * vibration
+        self._vibrations.append((end, vibration))
+        while self._vibrations[0][0] < end - AFTER - window:
+            self._vibrations.popleft()
+        learning = LEARNING_TIME + min(vibration / ROUGH, 1.0) * (LEARNING_ROUGH - LEARNING_TIME)
+        if self._levelling < learning:
+            return None
+        sideways = max(min(struck, lasting), min(-struck, -lasting))
+        self.change = Change(self._loss(ahead, end), sideways, vibration, self._vibrations[0][1])
+        return hypot(ahead, lasting) if self.change.excess(self._config) > self._config.max_loss else None
 
-    def _losses(self, ahead: float, start: float) -> List[float]:
-        """Speed lost beyond what the wheels say [m/s], for each direction in which the robot may travel."""
-        speed = self._speed_at(start)
-        drop, rise = self._wheel_changes(start)
-        losses = []
-        if speed is None or speed > -STANDING:
-            losses.append(-ahead - drop)
-        if speed is None or speed < STANDING:
-            losses.append(ahead - rise)
-        return losses
+    def _weight(self, age: float) -> float:
+        """Share in `change` of a change of velocity so long ago [s]."""
+        gone = AFTER + self._config.window + BEFORE - age
+        return max(min(age / AFTER, gone / BEFORE, 1.0), 0.0)
 
-    def _wheel_changes(self, start: float) -> Tuple[float, float]:
-        """Largest loss and gain of the wheels' speed within a window a bit early or late [m/s]."""
-        config = self._config
+    def _loss(self, ahead: float, end: float) -> float:
+        """Speed lost beyond that of the wheels [m/s]; the larger where the direction of travel is unknown."""
+        speed = self._speed_at(end - AFTER - self._config.window)
         changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
-            begin = start + shift * config.odometry_delay
-            before, after = self._speed_at(begin), self._speed_at(begin + config.window)
-            if before is not None and after is not None:
-                changes.append(after - before)
-        return -WHEEL_SHARE * min(changes), WHEEL_SHARE * max(changes)
+            at, change = end + shift * self._config.odometry_delay, 0.0
+            for (stamp, before), (next_stamp, after) in zip(self._wheels, islice(self._wheels, 1, None)):
+                if after != before:
+                    change += (after - before) * self._weight(at - 0.5 * (stamp + next_stamp))
+            changes.append(change)
+        losses = []
+        if speed is None or speed > -STANDING:
+            losses.append(min(changes) - ahead)
+        if speed is None or speed < STANDING:
+            losses.append(ahead - max(changes))
+        return max(losses)
 
     def _speed_at(self, stamp: float) -> Optional[float]:
         """The wheels' speed at a time, by linear interpolation [m/s]; None if unknown."""
@@ -226,15 +274,6 @@ class CrashDetector:
                 return speed + (later[1] - speed) * (stamp - at) / (later[0] - at)
             later = at, speed
         return later[1] if later is not None else None
-
-
-def _levelled(up: Vector3, sample: ImuSample, duration: float, share: float) -> Vector3:
-    """The vertical in the IMU's frame one sample later: turned by the gyro, drawn to the force."""
-    turned = _minus(up, _cross(sample.angular_velocity, up), duration)
-    x, y, z = (1.0 - share) * turned[0], (1.0 - share) * turned[1], (1.0 - share) * turned[2]
-    fx, fy, fz = sample.specific_force
-    scale = share / GRAVITY
-    return _unit((x + scale * fx, y + scale * fy, z + scale * fz)) or up
 
 
 def _damped(force: float, vertical: float) -> float:
