@@ -82,7 +82,7 @@ class ImuMount:
 
 
 @dataclass(frozen=True)
-class Topics:
+class RobotTopics:
     """Names of the topics, in the robot's namespace."""
 
     scan: str = field(metadata={"help": "sensor_msgs/LaserScan"})
@@ -110,7 +110,7 @@ class Robot:
     drive: DriveConfig = field(metadata={"help": "the drive"})
     lidar_mount: LidarMount = field(metadata={"help": "the lidar"})
     imu_mount: ImuMount = field(metadata={"help": "the IMU"})
-    topics: Topics = field(metadata={"help": "the topics"})
+    topics: RobotTopics = field(metadata={"help": "the topics"})
 
     @cached_property
     def footprint(self) -> Footprint:

@@ -171,6 +171,15 @@ def test_no_type_is_built_by_what_python_3_8_cannot_subscript():
     assert not offenders(lines)
 
 
+def test_no_two_public_classes_have_one_name():
+    classes = {}
+    for name in SOURCES:
+        for node in syntax(SOURCES[name]).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                classes.setdefault(node.name, []).append(name)
+    assert not {name: places for name, places in classes.items() if len(places) > 1}
+
+
 # first words of a docstring without the noun that a reader would search for
 CLAUSE = re.compile(
     r"(What|Who|Whoever|Whom|Whose|That|Those|These|Which|Where|When|Why|How|Of|To|As|It|They|One|Nothing)\b"

@@ -10,7 +10,7 @@ from typing import Dict, List, Mapping, Sequence, Tuple
 from husky_highlevel_controller.datatypes import Body, Geometry, Plane, Pose
 from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.simulator.bullet.world import BulletWorld, PlacementError
-from husky_highlevel_controller.simulator.sensors.raycast import Scene, make_scene
+from husky_highlevel_controller.simulator.sensors.raycast import RayScene, make_scene
 
 
 class WorldObjects:
@@ -113,7 +113,7 @@ class WorldObjects:
     def _unknown(self, name: str) -> PlacementError:
         return PlacementError(f"no body named '{name}'; there are: {', '.join(sorted(self._bodies))}")
 
-    def scene(self) -> Scene:
+    def scene(self) -> RayScene:
         """Scene that the lidar sees: all collision geometries, without the robot's."""
         if self._stale:
             self._build_scene()

@@ -56,7 +56,7 @@ VIEWS = {
 
 
 @dataclass(frozen=True)
-class Setup:
+class RvizSetup:
     """Configuration with which a submission would start RViz."""
 
     source: str  # in words
@@ -64,7 +64,7 @@ class Setup:
     remaps: Tuple[str, ...] = ()
 
 
-def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> Optional[Setup]:
+def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> Optional[RvizSetup]:
     """The configuration of the first rviz node; else the package's .rviz file with most of the displays.
 
     A file that only another launch file than `launch_file` names is that one's.
@@ -77,7 +77,7 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
         remaps = tuple(f"{old}:={new}" for old, new in node.remap)
         path = _display_config(node.args)
         if path is not None and is_regular(path) and (root is None or is_below(path, root)):
-            return Setup(f"its rviz node, {path.name}", _read(path), remaps)
+            return RvizSetup(f"its rviz node, {path.name}", _read(path), remaps)
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
     if folder and launch_file and len(planned.rviz):
@@ -86,7 +86,7 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
     if not files:
         return None
     best = max(files, key=lambda path: len(set(CLASSES.values()) & _enabled_classes(_read(path))))
-    return Setup(best.name, _read(best), remaps)
+    return RvizSetup(best.name, _read(best), remaps)
 
 
 def _named_by_others(folder: Path, launch_file: str) -> Set[str]:
@@ -281,7 +281,7 @@ def look(
 
 
 def _look_at(
-    setup: Setup, submission: Submission, config: MarkingConfig, folder: Path
+    setup: RvizSetup, submission: Submission, config: MarkingConfig, folder: Path
 ) -> Tuple[RvizView, np.ndarray]:
     """View and picture of RViz. A window that crashes is started again."""
     fixed_frame = str(_options(setup.config).get("Fixed Frame", "map"))
@@ -351,7 +351,12 @@ def _is_crash(code: Optional[int]) -> bool:
 
 
 def _start(
-    network: Network, submission: Submission, setup: Setup, screen: Screen, name: str, config: Dict[str, Any]
+    network: Network,
+    submission: Submission,
+    setup: RvizSetup,
+    screen: Screen,
+    name: str,
+    config: Dict[str, Any],
 ) -> Process:
     path = network.folder_of(f"rviz_{name}") / "view.rviz"
     path.write_text(yaml.safe_dump(config))

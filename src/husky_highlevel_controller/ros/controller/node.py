@@ -34,7 +34,7 @@ from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, Health
 from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Display
-from husky_highlevel_controller.ros.controller.reconfigure import Tuning
+from husky_highlevel_controller.ros.controller.reconfigure import ReconfigureServer
 from husky_highlevel_controller.ros.controller.scan_placement import Listener, ScanPlacement
 from husky_highlevel_controller.ros.node import named_robot, publish, run_node
 
@@ -99,7 +99,7 @@ class ControllerNode:
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._announcement = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
         self._display = Display()
-        self._tuning = Tuning(tunable, control, detector_config)
+        self._tuning = ReconfigureServer(tunable, control, detector_config)
         self._diagnostics = Diagnostics(self._examine)
         transforms = tf2_ros.Buffer()
         self._placement = ScanPlacement(transforms, self._answer, robot.footprint)

@@ -10,7 +10,7 @@ import rospy
 from dynamic_reconfigure.server import Server
 
 
-class Tuning:
+class ReconfigureServer:
     """The records in force; a reader gets a consistent set of them."""
 
     def __init__(self, kind: Any, *records: Any) -> None:

@@ -51,7 +51,7 @@ MAX_VIOLATIONS = 5  # that are named
 HITS_PERIOD = 1.0  # [s], simulated, between two scans whose points are kept for a picture
 
 
-class Recorder:
+class DriveRecorder:
     """Callbacks append, `run` waits for the end and writes."""
 
     def __init__(self) -> None:
@@ -237,7 +237,7 @@ class Recorder:
 def main() -> None:
     """Run the node, within a limit: a message of a gigabyte costs its connection."""
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-    run_node("marking_recorder", Recorder, listen_to_clock=False)
+    run_node("marking_recorder", DriveRecorder, listen_to_clock=False)
 
 
 if __name__ == "__main__":

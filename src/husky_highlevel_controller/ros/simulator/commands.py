@@ -11,7 +11,7 @@ from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool
 
 from husky_highlevel_controller.datatypes import Twist2D
-from husky_highlevel_controller.robot import Topics
+from husky_highlevel_controller.robot import RobotTopics
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.simulator.lead_limit import LeadLimit
@@ -25,7 +25,7 @@ QUEUE = 1000  # commands kept between two physics steps; older ones are overrule
 class Commands:
     """Collects commands in callbacks; the simulation's thread takes them."""
 
-    def __init__(self, topics: Topics, lockstep: Lockstep, lead_limit: LeadLimit) -> None:
+    def __init__(self, topics: RobotTopics, lockstep: Lockstep, lead_limit: LeadLimit) -> None:
         self._direct_topic = topics.wheel_command  # the mux's output, and a way past it
         self._lockstep, self._lead_limit = lockstep, lead_limit
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)

@@ -35,8 +35,8 @@ FEW = 10
 Indices = np.ndarray
 
 
-class Solid(NamedTuple):
-    """Solid shape of a scene, in plain numbers."""
+class RaySolid(NamedTuple):
+    """RaySolid shape of a scene, in plain numbers."""
 
     kind: int  # BOX, CYLINDER or SPHERE
     size: Vector3  # [m], half the edges of the box around it, along its own axes
@@ -46,14 +46,14 @@ class Solid(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class RayScene:
     """Shapes that rays can hit; their sizes are fixed, their poses may change.
 
     The solids are there twice, as they may be met: a few one by one, many at once as arrays. Only those poses
     are kept up to date by which this scene's are met.
     """
 
-    solids: List[Solid]  # (M,)
+    solids: List[RaySolid]  # (M,)
     planes: Tuple[Tuple[Vector3, Vector3], ...]  # (point, unit normal) of each plane, in the world
     # the same solids as arrays
     kinds: np.ndarray  # (M,)
@@ -76,9 +76,9 @@ class Scene:
             self.solids[index] = self.solids[index]._replace(position=position, axes=axes)
 
 
-def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> Scene:
+def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
     """Build a scene of shapes and their poses in the world; solid shapes keep their order."""
-    solids: List[Solid] = []
+    solids: List[RaySolid] = []
     planes: List[Tuple[Vector3, Vector3]] = []
     for shape, pose in shapes:
         if isinstance(shape, Plane):
@@ -86,8 +86,8 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> Scene:
             continue
         kind, size = _kind_and_size(shape)
         bound = size[0] if kind == SPHERE else hypot(*size[1:]) if kind == CYLINDER else hypot(*size)
-        solids.append(Solid(kind, size, bound, pose.position, axes_from_quat(pose.quat_xyzw)))
-    return Scene(
+        solids.append(RaySolid(kind, size, bound, pose.position, axes_from_quat(pose.quat_xyzw)))
+    return RayScene(
         solids,
         tuple(planes),
         kinds=np.array([solid.kind for solid in solids], dtype=int),
@@ -111,7 +111,7 @@ def _kind_and_size(shape: Shape) -> Tuple[int, Tuple[float, float, float]]:
 
 # parallel to a face: inf, or more than a float holds; beside a round shape: nan
 @np.errstate(divide="ignore", over="ignore", invalid="ignore")
-def cast_rays(scene: Scene, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
+def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
     """Distance to the first body each beam meets, (N,) [m]; +inf for nothing within `max_range`.
 
     A laser inside a solid shape reads 0; a plane is seen from either side.
@@ -150,7 +150,7 @@ def cast_rays(scene: Scene, pose_laser_in_world: Pose, beams: Beams, max_range: 
 
 
 def _meet_one(
-    solid: Solid, origin: Vector3, laser: Axes, beams: Beams, max_range: float, distances: np.ndarray
+    solid: RaySolid, origin: Vector3, laser: Axes, beams: Beams, max_range: float, distances: np.ndarray
 ) -> float:
     """Shorten the distances (N,) of the beams that meet a shape; none is farther than the result [m]."""
     center = along_axes(laser, minus(solid.position, origin))
@@ -190,7 +190,12 @@ def _spans(beams: Beams, middle: float, spread: float) -> List[Tuple[int, int]]:
 
 
 def _meet_many(
-    scene: Scene, origin: np.ndarray, laser: np.ndarray, beams: Beams, max_range: float, distances: np.ndarray
+    scene: RayScene,
+    origin: np.ndarray,
+    laser: np.ndarray,
+    beams: Beams,
+    max_range: float,
+    distances: np.ndarray,
 ) -> None:
     """Shorten the distances (N,) of the beams that meet any of the shapes."""
     centers = (scene.positions - origin) @ laser.T  # in the laser's frame
