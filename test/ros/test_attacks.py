@@ -71,7 +71,9 @@ def make_bomb(path):
     """An archive of kilobytes whose first header is 1.2 GB long."""
     header = tarfile.TarInfo("././@LongLink")
     header.type, header.size = tarfile.GNUTYPE_LONGNAME, 1_200_000_000
-    with subprocess.Popen(["xz", "-1"], stdin=subprocess.PIPE, stdout=path.open("wb")) as packer:
+    with path.open("wb") as file, subprocess.Popen(
+        ["xz", "-1"], stdin=subprocess.PIPE, stdout=file
+    ) as packer:
         packer.stdin.write(header.tobuf(tarfile.GNU_FORMAT))
         for _ in range(1200):
             packer.stdin.write(bytes(1_000_000))
