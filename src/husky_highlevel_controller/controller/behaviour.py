@@ -41,10 +41,13 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, transform_point
 from husky_highlevel_controller.robot import load_robot
 
-JUMP, TOP_SPEED = 0.3, 2.0  # [m], [m/s]: a robot that is farther from its last place was put there
+TELEPORT_DISTANCE, TOP_SPEED = (
+    0.3,
+    2.0,
+)  # [m], [m/s]: a robot that is farther from its last place was put there
 RESUME_ERROR = 0.10  # [m], further than this from where it should stand an arrived robot drives again
-CLOSE = 0.003  # [m], a gap that noise may make of a touch; from here on it creeps for PRESSING
-PRESSING = 0.2  # [s], at control.TOUCH_LEAST_SPEED: 8 mm, so that it does touch, and hardly pushes
+TOUCH_GAP = 0.003  # [m], a gap that noise may make of a touch; from here on it creeps for TOUCH_CREEP_TIME
+TOUCH_CREEP_TIME = 0.2  # [s], at control.TOUCH_LEAST_SPEED: 8 mm, so that it does touch, and hardly pushes
 
 
 class State(Enum):
@@ -176,7 +179,7 @@ def _moved(controller_state: ControllerState, observation: Observation) -> bool:
     before, now = controller_state.base_in_odom, observation.base_in_odom
     if before is None or now is None:
         return False
-    return hypot(now.x - before.x, now.y - before.y) > JUMP + TOP_SPEED * (
+    return hypot(now.x - before.x, now.y - before.y) > TELEPORT_DISTANCE + TOP_SPEED * (
         observation.scan.stamp - controller_state.updated_at
     )
 
@@ -219,7 +222,7 @@ def _close_at(
     """Since when the robot has been close to a pillar that it is going to touch [s]; None if it is not."""
     if target is None or not to_be_touched(target, control):
         return None
-    near = RESUME_ERROR if controller_state.close_at is not None else CLOSE
+    near = RESUME_ERROR if controller_state.close_at is not None else TOUCH_GAP
     if target.gap > near:
         return None
     return stamp if controller_state.close_at is None else controller_state.close_at
@@ -280,10 +283,10 @@ def _drive(
     """Drive to the pillar, round what is in the way, and stop there."""
     remaining, arrived = remaining_distance(target, control), controller_state.state is State.ARRIVED
     if to_be_touched(target, control):
-        near_enough, where = CLOSE, "touching the pillar"
+        near_enough, where = TOUCH_GAP, "touching the pillar"
         there = (
             controller_state.close_at is not None
-            and controller_state.updated_at - controller_state.close_at > PRESSING
+            and controller_state.updated_at - controller_state.close_at > TOUCH_CREEP_TIME
         )
     else:
         near_enough, where = control.arrival_tolerance, "at the stop distance"

@@ -42,7 +42,7 @@ def publish(publisher: rospy.Publisher, message: Any) -> None:
             raise
 
 
-class Newcomers(rospy.SubscribeListener):
+class NewSubscribers(rospy.SubscribeListener):
     """Flag of a publisher that is set when a node subscribes."""
 
     def __init__(self) -> None:

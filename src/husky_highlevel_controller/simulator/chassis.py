@@ -43,7 +43,7 @@ class Chassis:
         self._gravity = gravity
         self._angles = [0.0] * len(self._robot.wheels)  # [rad], not wrapped
         self._bullet.add_robot(self._robot, pose_base_in_world)
-        self._land()
+        self._reset_contacts()
 
     def move(self, pose_base_in_world: Pose) -> None:
         """Put the robot somewhere else, at rest.
@@ -52,14 +52,14 @@ class Chassis:
             PlacementError: something stands there; the robot moves on as before.
         """
         self._bullet.move_robot(pose_base_in_world)
-        self._land()
+        self._reset_contacts()
 
     def on_ground(self, pose_on_ground: Pose) -> Pose:
         """Pose of base_link when the wheels stand on the xy plane of a pose."""
         wheel = self._robot.wheels[0]
         return compose(pose_on_ground, Pose((0.0, 0.0, wheel.radius - wheel.position[2])))
 
-    def _land(self) -> None:
+    def _reset_contacts(self) -> None:
         wheels = self._robot.wheels
         self._loads = [0.0] * len(wheels)
         self._footprints = [(w.position[0], w.position[1], w.position[2] - w.radius) for w in wheels]
@@ -153,7 +153,7 @@ class Chassis:
     def update_contacts(self) -> Tuple[str, ...]:
         """Update each wheel's load and footprint; names of what the robot touches but does not stand on."""
         axes, (px, py, pz) = self._contact_axes, self._contact_position
-        underfoot = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]  # load [N], and load times point [N m]
+        wheel_loads = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]  # load [N], and load times point [N m]
         ground_x = ground_y = ground_z = 0.0
         contacts = set()
         self._drags = []
@@ -167,13 +167,13 @@ class Chassis:
             ground_x += force * normal[0]
             ground_y += force * normal[1]
             ground_z += force * support
-            load, sums = force * support, underfoot[wheel]
+            load, sums = force * support, wheel_loads[wheel]
             sums[0] += load
             sums[1] += load * point[0]
             sums[2] += load * point[1]
             sums[3] += load * point[2]
         self._ground = (ground_x, ground_y, ground_z)
-        for wheel, (load, x, y, z) in enumerate(underfoot):
+        for wheel, (load, x, y, z) in enumerate(wheel_loads):
             if load <= 0.0:
                 self._loads[wheel] = 0.0  # in the air: no grip, at once
                 continue

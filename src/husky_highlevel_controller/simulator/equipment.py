@@ -19,7 +19,7 @@ from husky_highlevel_controller.simulator.sensors.lidar import CastRays, Lidar
 from husky_highlevel_controller.simulator.sensors.lms1xx import Lms1xx
 from husky_highlevel_controller.simulator.sensors.magnetometer import Magnetometer
 from husky_highlevel_controller.simulator.sensors.point_lidar import PointLidar
-from husky_highlevel_controller.simulator.sensors.vibration import ShakenImu
+from husky_highlevel_controller.simulator.sensors.vibration import VibratingImu
 from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per
 
 # of the seed: each sensor draws from its own stream, so that none shifts another's; None is the seed itself
@@ -40,7 +40,7 @@ class Equipment(NamedTuple):
 
     drive: Drive
     base: Union[IdealBase, HuskyBase]
-    imu: Union[Imu, ShakenImu]
+    imu: Union[Imu, VibratingImu]
     sensors: List[Sensor]
     wheel_steps: int  # physics steps between two readings of the encoders
     encode: Callable[[WheelState], WheelState]  # the wheels as the encoders report them
@@ -72,7 +72,7 @@ def equip(
     drive = Drive(drive_config)
     still = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
     track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
-    imu = ShakenImu(still, real.ground.vibration, track) if real else still
+    imu = VibratingImu(still, real.ground.vibration, track) if real else still
     sensors = [Sensor(imu_steps, imu, "imu", IMU_STREAM)]
     frame, points = model.laser_frame, None
     if frame in model.fixed_poses:

@@ -37,7 +37,7 @@ from husky_highlevel_controller.datatypes import Vector3
 Vector2 = Tuple[float, float]
 
 LOAD_SENSITIVITY = -1.0 / 3.0
-MOST_ROUNDS, SETTLED = 3, 0.1  # of solving; done when a round changes the speeds by this share of vs
+MAX_ITERATIONS, SETTLED = 3, 0.1  # of solving; done when a round changes the speeds by this share of vs
 STANDARD_GRAVITY = 9.81  # [m/s^2]
 
 
@@ -89,7 +89,7 @@ def ground_forces(
     push_y = mass * vy + dt * (external[1] - mass * yaw_rate * vx)
     spin = yaw_inertia * yaw_rate
     ks: List[float] = []
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ITERATIONS):
         # [[a, 0, b], [0, e, c], [b, c, d]] u+ = (px, py, pw)
         a, b, c, d, e = mass, 0.0, 0.0, yaw_inertia, mass
         px, py, pw = push_x, push_y, spin

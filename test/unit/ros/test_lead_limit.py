@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from husky_highlevel_controller.ros.simulator import lead_limit
-from husky_highlevel_controller.ros.simulator.lead_limit import FOLLOWS, MAX_LEAD, LeadLimit
+from husky_highlevel_controller.ros.simulator.lead_limit import FOLLOWING_SCANS, MAX_LEAD, LeadLimit
 
 
 class Arrived(threading.Event):
@@ -46,7 +46,7 @@ def test_one_that_does_not_is_waited_for_once(limit, answers_each):
 
 def test_one_that_answers_again_is_waited_for_again(limit):
     assert drive(limit, 100, 1000) == 1
-    assert drive(limit, FOLLOWS + 1, 1) == 0
+    assert drive(limit, FOLLOWING_SCANS + 1, 1) == 0
     assert drive(limit, 100, 1000) == 1
 
 
@@ -57,7 +57,7 @@ def test_nobody_is_waited_for_at_another_pace(monkeypatch):
 
 
 def test_time_goes_on_with_the_answer(monkeypatch):
-    monkeypatch.setattr(lead_limit, "GRACE", 60.0)
+    monkeypatch.setattr(lead_limit, "CONTROLLER_TIMEOUT", 60.0)
     limit = LeadLimit(True)
     for _ in range(MAX_LEAD - 1):
         limit.before_scan()

@@ -6,13 +6,13 @@ import pytest
 from husky_highlevel_controller.datatypes import Pose, RobotState
 from husky_highlevel_controller.simulator.profile import HARD, SOFT
 from husky_highlevel_controller.simulator.sensors.imu import Imu, ImuConfig
-from husky_highlevel_controller.simulator.sensors.vibration import ShakenImu
+from husky_highlevel_controller.simulator.sensors.vibration import VibratingImu
 
 TRACK = 1.07
 
 
 def samples(ground, linear=0.0, angular=0.0, count=4000):
-    imu = ShakenImu(Imu(ImuConfig(0.0, 0.0), 0.02, (0.0, 0.0, -9.8)), ground.vibration, TRACK)
+    imu = VibratingImu(Imu(ImuConfig(0.0, 0.0), 0.02, (0.0, 0.0, -9.8)), ground.vibration, TRACK)
     imu.reset(np.random.default_rng(0))
     state = RobotState(Pose(), (linear, 0.0, 0.0), (0.0, 0.0, angular))
     taken = [imu.sample(state, 0.02 * i) for i in range(count + 1)][1:]

@@ -9,7 +9,7 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from husky_highlevel_controller.controller.behaviour import State
-from husky_highlevel_controller.ros.node import Newcomers, publish
+from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 PERIOD = 1.0  # [s] of ROS time
 OLD, TOO_OLD = 0.5, 2.0  # [s], age of a scan or of odom's transform that is worth a warning, an error
@@ -52,15 +52,17 @@ class Diagnostics:
 
     def __init__(self, examine: Callable[[], Health]) -> None:
         self._examine = examine
-        self._newcomers = Newcomers()
-        self._publisher = rospy.Publisher("/diagnostics", DiagnosticArray, self._newcomers, queue_size=10)
+        self._new_subscribers = NewSubscribers()
+        self._publisher = rospy.Publisher(
+            "/diagnostics", DiagnosticArray, self._new_subscribers, queue_size=10
+        )
         self._published_at = 0.0
 
     def update(self) -> None:
         """Publish if a period is over or a node has subscribed; to be called several times a period."""
         now = rospy.get_time()
         is_early = 0.0 <= now - self._published_at < PERIOD  # less: the simulator was started again
-        if not self._newcomers.take() and is_early:
+        if not self._new_subscribers.take() and is_early:
             return
         self._published_at = now
         if self._publisher.get_num_connections():

@@ -23,7 +23,7 @@ from husky_highlevel_controller.ros.markers import (
     pillar_to_marker,
     text_to_marker,
 )
-from husky_highlevel_controller.ros.node import Newcomers, publish
+from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 ODOM, BASE = "odom", "base_link"
 # namespaces of the markers, and their colours; the first two are sent one by one, the others as an array
@@ -43,17 +43,17 @@ PATH_POINTS = 1000  # at most; the oldest go first
 TEXT_ABOVE = 1.2  # [m], of base_link
 TEXT_HEIGHT = 0.5  # [m], of its letters: readable from across the course's 20 m
 COLLAR = 1.5  # times the pillar's radius
-LEAST_SPREAD = 0.05  # [m], of the estimate's rim beyond the pillar, or it would not be visible
+MIN_SPREAD = 0.05  # [m], of the estimate's rim beyond the pillar, or it would not be visible
 
 
 class Display:
     """Publishes markers and errors once for each scan, each only if its topic has a subscriber."""
 
     def __init__(self) -> None:
-        self._newcomers = Newcomers()
-        self._marker = rospy.Publisher("~visualization_marker", Marker, self._newcomers, queue_size=10)
+        self._new_subscribers = NewSubscribers()
+        self._marker = rospy.Publisher("~visualization_marker", Marker, self._new_subscribers, queue_size=10)
         self._array = rospy.Publisher(
-            "~visualization_marker_array", MarkerArray, self._newcomers, queue_size=10
+            "~visualization_marker_array", MarkerArray, self._new_subscribers, queue_size=10
         )
         self._pillar = rospy.Publisher("~pillar", PointStamped, queue_size=10)
         self._error = rospy.Publisher("~error", Vector3Stamped, queue_size=10)
@@ -78,7 +78,7 @@ class Display:
 
     def update(self) -> None:
         """Show the last scan again to a new subscriber: a paused world has no other. Call it often."""
-        if self._newcomers.take():
+        if self._new_subscribers.take():
             with self._turn:
                 if self._last is not None:
                     self._array_at = -inf
@@ -155,7 +155,7 @@ def _state_markers(observation: Observation, output: ControlOutput, stop_distanc
     markers = []
     if output.estimate is not None:
         estimate = output.estimate
-        spread = estimate.radius + max(2.0 * estimate.deviation, LEAST_SPREAD)
+        spread = estimate.radius + max(2.0 * estimate.deviation, MIN_SPREAD)
         center = Point(estimate.x, estimate.y, 0.0)
         markers.append(disc_to_marker(center, spread, stamp, ODOM, ESTIMATE, COLORS[ESTIMATE]))
         if output.target_in_base is not None and observation.laser_in_base is not None:

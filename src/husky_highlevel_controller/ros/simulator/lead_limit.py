@@ -8,8 +8,8 @@ from __future__ import annotations
 import threading
 
 MAX_LEAD = 2  # scans sent since the last command
-GRACE = 0.1  # [s] of wall time: who takes longer does not answer every scan, or is gone
-FOLLOWS = 10  # scans in a row with a command in between: it answers every scan again
+CONTROLLER_TIMEOUT = 0.1  # [s] of wall time: a slower controller is not waited for
+FOLLOWING_SCANS = 10  # scans in a row with a command in between: it answers every scan again
 
 
 class LeadLimit:
@@ -35,7 +35,7 @@ class LeadLimit:
         answered = self._arrived.is_set()
         self._lead, self._in_a_row = (0, self._in_a_row + 1) if answered else (self._lead + 1, 0)
         if self._follows and self._lead >= MAX_LEAD:
-            self._follows = self._arrived.wait(GRACE)
+            self._follows = self._arrived.wait(CONTROLLER_TIMEOUT)
             self._lead = 0
-        self._follows = self._follows or self._in_a_row >= FOLLOWS
+        self._follows = self._follows or self._in_a_row >= FOLLOWING_SCANS
         self._arrived.clear()

@@ -123,7 +123,7 @@ class BulletWorld:
         if pybullet.getDynamicsInfo(body_id, BASE_INDEX, physicsClientId=self._client)[0] > 0.0:
             self._lift_out_of_the_ground(body_id)
 
-    def show_body(self, name: str, pose_in_world: Pose) -> None:
+    def set_pose_unchecked(self, name: str, pose_in_world: Pose) -> None:
         """Move a body without checking for room, for a world that is only rendered."""
         self._put(self._ids[name][-1], pose_in_world)
 

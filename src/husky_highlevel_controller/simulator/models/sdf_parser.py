@@ -100,8 +100,10 @@ class Node:
         """Note every child that is neither read nor harmless to leave out."""
         known = KNOWN[self.tag].split()
         for child in self.children():
-            calm = child.tag == "wind" and not len(child.element)  # Gazebo saves it into every world
-            if child.tag not in known and not calm:
+            is_default_wind = child.tag == "wind" and not len(
+                child.element
+            )  # Gazebo saves it into every world
+            if child.tag not in known and not is_default_wind:
                 child.note(f"<{child.tag}> is not supported and is left out")
 
     def children(self, tag: Optional[str] = None) -> Iterator[Node]:

@@ -63,7 +63,7 @@ class Renderer:
         self._process.wait()
 
 
-def _render_forever(pipe: Connection) -> None:
+def _serve_requests(pipe: Connection) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends when the simulator closes the pipe or dies
     config: CameraConfig = pipe.recv()
     bullet = BulletWorld(1.0)
@@ -85,7 +85,7 @@ def _render_forever(pipe: Connection) -> None:
             shown = bodies
         for name, pose in request.poses.items():
             if name in shown:
-                bullet.show_body(name, pose)
+                bullet.set_pose_unchecked(name, pose)
         buffer = bullet.depth_buffer(
             request.pose_camera_in_world,
             config.width,
@@ -103,4 +103,4 @@ def _drawn(body: Body) -> Body:
 
 
 if __name__ == "__main__":
-    _render_forever(Connection(int(sys.argv[1])))
+    _serve_requests(Connection(int(sys.argv[1])))

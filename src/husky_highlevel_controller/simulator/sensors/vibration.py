@@ -54,7 +54,7 @@ class VibrationConfig:
     )
 
 
-class ShakenImu:
+class VibratingImu:
     """An IMU on a robot that its ground shakes."""
 
     def __init__(self, imu: Imu, config: VibrationConfig, track: float) -> None:
