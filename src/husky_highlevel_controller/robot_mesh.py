@@ -1,4 +1,4 @@
-"""Triangles of a robot, few enough for a page: the Husky's meshes of PyBullet, else boxes and cylinders."""
+"""Triangles of a robot, few enough for a page: the Husky's meshes of PyBullet, and boxes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ BODY = (
 )
 CELL = 0.012  # [m], vertices of a mesh in the same cell become one
 STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-SIDES = 20  # of a cylinder
 
 
 class Part(NamedTuple):
@@ -32,27 +31,29 @@ class Part(NamedTuple):
 
 
 def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
-    """Body and wheel of a robot."""
-    radius, width, mount = robot.drive.wheel_radius, robot.wheels.width, robot.lidar_mount
-    folder = mesh_folder() if robot.name == "husky" else None
-    hub = Part(STEEL, _box((0.1, width + 0.01, 0.05), (0.0, 0.0, 0.0)))
-    lidar = [
-        Part(BLACK, _box((0.01, 0.1, 0.12), (mount.x - 0.06, 0.0, mount.z))),
-        Part(GREY, _box((0.105, 0.1, 0.08), (mount.x, 0.0, mount.z + 0.045))),
-        Part(BLACK, _cylinder(0.044, 0.05)[..., [0, 2, 1]] + (mount.x, 0.0, mount.z)),
-    ]
-    if folder is None:
-        length, breadth = robot.hull.length, robot.hull.width
-        body = [Part(YELLOW, _box((length, breadth - 2.0 * width, 0.2), (0.0, 0.0, 0.1)))]
-        return [*body, *lidar], [Part(TYRE, _cylinder(radius, width)), hub]
+    """Body and wheel of a robot; only boxes where PyBullet is not installed."""
+    radius, width, mount, hull = robot.drive.wheel_radius, robot.wheels.width, robot.lidar_mount, robot.hull
     body = [
+        Part(BLACK, _box((0.01, 0.1, 0.12), (mount.x - 0.06, 0.0, mount.z))),
+        Part(BLACK, _box((0.08, 0.08, 0.05), (mount.x, 0.0, mount.z))),
+        Part(GREY, _box((0.105, 0.1, 0.08), (mount.x, 0.0, mount.z + 0.045))),
+    ]
+    wheel = [Part(STEEL, _box((0.1, width + 0.01, 0.05), (0.0, 0.0, 0.0)))]
+    folder = mesh_folder()
+    if folder is not None:
+        tyre = _mesh(folder / "wheel.stl")
+        reach = np.abs(tyre).max(axis=(0, 1))
+        wheel.append(Part(TYRE, tyre * (radius / reach[2], width / 2.0 / reach[1], radius / reach[2])))
+    if folder is None or robot.name != "husky":
+        return [
+            *body,
+            Part(YELLOW, _box((hull.length, hull.width - 2.0 * width, 0.2), (0.0, 0.0, 0.1))),
+        ], wheel
+    body += [
         Part(color, _mesh(folder / file) * ((-1, -1, 1) if back else (1, 1, 1)) + (x, 0.0, z))
         for file, color, x, z, back in BODY
     ]
-    plate = Part(PLATE, _box((0.73, 0.59, 0.0063), (0.0812, 0.0, 0.248)))
-    tyre = _mesh(folder / "wheel.stl")
-    tyre = tyre * (radius / np.abs(tyre[..., 2]).max(), 1.0, radius / np.abs(tyre[..., 2]).max())
-    return [*body, plate, *lidar], [Part(TYRE, tyre), hub]
+    return [*body, Part(PLATE, _box((0.73, 0.59, 0.0063), (0.0812, 0.0, 0.248)))], wheel
 
 
 def _mesh(path: Path) -> np.ndarray:
@@ -71,16 +72,3 @@ def _box(size: Sequence[float], centre: Sequence[float]) -> np.ndarray:
     index = [triangle for a, b, c, d in faces for triangle in ((a, b, c), (a, c, d))]
     triangles: np.ndarray = (corners * size + centre)[index]
     return triangles
-
-
-def _cylinder(radius: float, length: float) -> np.ndarray:
-    """Triangles of a cylinder about y, (4 SIDES, 3, 3) [m]."""
-    angles = 2.0 * np.pi * np.arange(SIDES + 1) / SIDES
-    x, z, y = radius * np.cos(angles), radius * np.sin(angles), length / 2.0
-    triangles = []
-    for n in range(SIDES):
-        a, b = (x[n], z[n]), (x[n + 1], z[n + 1])
-        left, right = [(p, -y, q) for p, q in (a, b)], [(p, y, q) for p, q in (a, b)]
-        triangles += [(left[0], left[1], right[1]), (left[0], right[1], right[0])]
-        triangles += [((0.0, -y, 0.0), left[0], left[1]), ((0.0, y, 0.0), right[0], right[1])]
-    return np.array(triangles)

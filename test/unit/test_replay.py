@@ -84,4 +84,4 @@ def test_the_wheels_stand_on_the_ground_and_the_body_between_them(name):
     body, wheel = (np.concatenate([part.triangles for part in parts]) for parts in robot_mesh(robot))
     assert np.abs(wheel[..., 2]).max() == pytest.approx(robot.drive.wheel_radius, abs=0.006)
     assert np.abs(body[..., 0]).max() <= robot.footprint.half_length + 0.02
-    assert 300 < len(wheel) + len(body) < 6000 if name == "husky" else len(wheel)
+    assert 300 < len(wheel) + len(body) < 6000

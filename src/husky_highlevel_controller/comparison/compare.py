@@ -17,7 +17,7 @@ import numpy as np
 from husky_highlevel_controller.comparison.contestant import Contestant, Outcome, contestant, drive_scene
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.plots import draw_pairs, draw_ways
-from husky_highlevel_controller.evaluation.report import Cell, Table, write_page, write_table
+from husky_highlevel_controller.evaluation.report import Cell, Table, text_table, write_page, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import add_profile_options, setup_of
 from husky_highlevel_controller.evaluation.statistics import Interval, bootstrap
@@ -104,8 +104,7 @@ class Comparison:
     def words(self, margin: float) -> str:
         """The whole of it, to be read in a terminal."""
         lines = [f"{len(self.a)} scenes; A: {self.names[0]}; B: {self.names[1]}", ""]
-        for title, a, b, difference in (("", "A", "B", DIFFERENCE), *self.figures()):
-            lines.append(f"  {title:<34}{a:>10}{b:>10}   {difference}".rstrip())
+        lines.append(text_table([("", "A", "B", DIFFERENCE), *self.figures()]))
         lines.append(f"  (times and distances of the {len(self.pairs)} scenes in which both succeed)")
         lines += [
             f"  only {letter} fails in {a.scene}: A {a.summary}, B {b.summary}"

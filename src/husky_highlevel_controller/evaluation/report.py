@@ -60,6 +60,11 @@ def write_page(
     path.write_text(render("report.html", title=title, lead=lead, tables=tables, **parts), encoding="utf-8")
 
 
+def text_table(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of a quantity, two values and words, for a terminal."""
+    return "\n".join(f"  {title:<34}{a:>10}{b:>10}   {words}".rstrip() for title, a, b, words in rows)
+
+
 def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> List[Path]:
     """Write PATH.csv, and PATH.parquet where pyarrow is installed; the files written."""
     with path.with_suffix(".csv").open("w", newline="") as file:

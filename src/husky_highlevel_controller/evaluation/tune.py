@@ -22,7 +22,7 @@ from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.metrics import DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import draw_trials
-from husky_highlevel_controller.evaluation.report import Table, write_page, write_table
+from husky_highlevel_controller.evaluation.report import Table, text_table, write_page, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     Setup,
@@ -213,12 +213,6 @@ def check(
     return figures
 
 
-def verdict(figures: Figures, count: int) -> str:
-    """The figures of `check` on a number of scenes, for a terminal."""
-    rows = [(f"on {count} fresh starts", *HEADER), *figures]
-    return "\n".join(f"  {title:<34}{a:>10}{b:>10}   {words}".rstrip() for title, a, b, words in rows)
-
-
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     parser = argparse.ArgumentParser(
@@ -260,7 +254,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
                 print(f"  {name} {value:g} {unit_of(name)}, by default {parameters(base)[name]:g}")
             found, fresh = base.with_values(tuned.values), random_starts(options.fresh, seed + 1)
             figures = check(base, found, fresh, objective, workers, run_scene)
-            print(verdict(figures, options.fresh))
+            print(text_table([(f"on {options.fresh} fresh starts", *HEADER), *figures]))
             command = f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}"
             values = [
                 (f"{name} {unit_of(name)}", parameters(base)[name], value)
