@@ -16,16 +16,16 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Tuple
 
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PACE = 0.08  # simulated seconds a second
-STILL_SIZE, SIZE = {"width": 1600, "height": 900}, {"width": 960, "height": 600}
-STILL_TIME = 13.0  # [s], simulated, of the drive
-PERIOD, FRAME_RATE = 0.1, 15  # [s], simulated, between two frames; frames a second
+PACE = 0.04  # simulated seconds a second
+STILL_SIZE, SIZE = {"width": 1600, "height": 900}, {"width": 800, "height": 500}
+STILL_TIME = 6.0  # [s], simulated, of the drive
+PERIOD, SPEED = 0.1, 1.5  # [s], simulated, between two frames; simulated seconds a second of the animation
 WIDTH, QUALITY = 800, 45  # of the animation, pixels and of 100
 STANDS = 1.0  # [s], simulated, that are shown after the arrival
 TIMEOUT = 300.0  # [s]
@@ -33,8 +33,8 @@ SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--n
 TIME = "Number(document.querySelector('[data-time]').dataset.time)"
 HIDE = """() => { const style = document.createElement("style");
 style.textContent = ".mantine-Notifications-root { display: none }"; document.head.append(style);
-setInterval(() => document.querySelectorAll("dt").forEach(term => {
-  if (term.textContent === "real-time factor") term.hidden = term.nextSibling.hidden = true; }), 20); }"""
+setInterval(() => [...document.querySelectorAll("dt")].filter(term => term.textContent === "real-time factor")
+  .forEach(term => [term, term.nextSibling].forEach(each => each.style.display = "none")), 20); }"""
 
 
 def main() -> None:
@@ -53,11 +53,11 @@ def main() -> None:
             page = browser.new_page(viewport=STILL_SIZE)
             page.set_default_timeout(1000.0 * TIMEOUT)
             page.goto(address(Path(output.name)))
-            page.wait_for_function(TIME)
+            page.wait_for_selector("[data-time]")
             page.evaluate(HIDE)
-            (DOCS / "page.png").write_bytes(frames(page, env, STILL_TIME, STILL_TIME)[-1])
+            (DOCS / "page.png").write_bytes(frames(page, env, STILL_TIME)[0][1])
             page.set_viewport_size(SIZE)
-            save(frames(page, env, PERIOD, None))
+            save(frames(page, env))
         finally:
             launch.terminate()
             launch.wait()
@@ -67,39 +67,47 @@ def address(log: Path) -> str:
     """Address of the page, which its node prints."""
     end = time.monotonic() + TIMEOUT
     while time.monotonic() < end:
-        found = re.search(r"http://\S+:\d+", log.read_text())
+        found = re.search(r"browser: (http://\S+)", log.read_text())
         if found:
-            return found.group()
+            return found.group(1)
         time.sleep(0.2)
     raise SystemExit(f"no address after {TIMEOUT} s:\n{log.read_text()}")
 
 
-def frames(page: Page, env: Dict[str, str], period: float, last: Optional[float]) -> List[bytes]:
-    """PNGs of a drive from the start, one in each period [s], up to a time [s] or the arrival."""
-    subprocess.run(
-        ["rosservice", "call", "/husky_simulator/reset"], check=True, env=env, stdout=subprocess.DEVNULL
-    )
-    begin, pictures, end = page.evaluate(TIME), [], last
-    while end is None or len(pictures) * period < end:
-        page.wait_for_function(f"{TIME} >= {begin + (len(pictures) + (last is not None)) * period}")
-        pictures.append(page.screenshot())
-        print(f"\rframe {len(pictures)}", end="", file=sys.stderr, flush=True)
+def frames(page: Page, env: Dict[str, str], last: Optional[float] = None) -> List[Tuple[float, bytes]]:
+    """Times [s] and PNGs of a drive from the start, each PERIOD later than the one before, or once drawn.
+
+    With `last`, only the one at this time [s].
+    """
+    reset = ["rosservice", "call", "/husky_simulator/reset"]
+    subprocess.run(reset, check=True, env=env, stdout=subprocess.DEVNULL)
+    begin = page.evaluate(TIME)
+    pictures: List[Tuple[float, bytes]] = []
+    due, end = begin + (last or 0.0), None
+    while end is None or due < end:
+        page.wait_for_function(f"{TIME} >= {due}")
+        pictures.append((page.evaluate(TIME), page.screenshot()))
+        due = max(due + PERIOD, pictures[-1][0])
+        print(f"\r{pictures[-1][0] - begin:.1f} s", end="", file=sys.stderr, flush=True)
+        if last is not None:
+            break
         if end is None and "arrived" in page.inner_text(".husky-state"):
-            end = len(pictures) * period + STANDS
+            end = due + STANDS
     return pictures
 
 
-def save(pictures: List[bytes]) -> None:
-    """Write PNGs as an animation."""
+def save(pictures: List[Tuple[float, bytes]]) -> None:
+    """Write PNGs as an animation, each shown as long as its share of the drive."""
     size = (WIDTH, WIDTH * SIZE["height"] // SIZE["width"])
-    small = [Image.open(io.BytesIO(each)).convert("RGB").resize(size, Image.LANCZOS) for each in pictures]
+    small = [Image.open(io.BytesIO(png)).convert("RGB").resize(size, Image.LANCZOS) for _, png in pictures]
+    times = [at for at, _ in pictures]
+    shown = [round(1000.0 * (after - at) / SPEED) for at, after in zip(times, times[1:])] + [1000]
     path = DOCS / "drive.webp"
     small[0].save(
-        path, save_all=True, append_images=small[1:], duration=round(1000 / FRAME_RATE), loop=0,
-        quality=QUALITY, method=6,
-    )  # fmt: skip
-    seconds, megabytes = len(small) / FRAME_RATE, path.stat().st_size / 1e6
-    print(f"\n{path}: {len(small)} frames, {seconds:.1f} s, {megabytes:.2f} MB", file=sys.stderr)
+        path, save_all=True, append_images=small[1:], duration=shown, loop=0, quality=QUALITY, method=6
+    )
+    rate, megabytes = 1000.0 * len(small) / sum(shown), path.stat().st_size / 1e6
+    print(f"\n{path}: {sum(shown) / 1000.0:.1f} s, {rate:.1f} frames/s, {megabytes:.2f} MB", file=sys.stderr)
 
 
 if __name__ == "__main__":
