@@ -19,22 +19,28 @@ from pathlib import Path
 from typing import Dict, List, Optional, Tuple
 
 from PIL import Image
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PACE = 0.04  # simulated seconds a second
-STILL_SIZE, SIZE = {"width": 1600, "height": 900}, {"width": 800, "height": 500}
+STILL_SIZE, SIZE = {"width": 1600, "height": 900}, {"width": 1280, "height": 720}
 STILL_TIME = 6.0  # [s], simulated, of the drive
-PERIOD, SPEED = 0.1, 1.5  # [s], simulated, between two frames; simulated seconds a second of the animation
+PERIOD, SPEED = 0.1, 1.6  # [s], simulated, between two frames; simulated seconds a second of the animation
 WIDTH, QUALITY = 800, 45  # of the animation, pixels and of 100
-STANDS = 1.0  # [s], simulated, that are shown after the arrival
+STANDS = 0.5  # [s], simulated, that are shown after the arrival
 TIMEOUT = 300.0  # [s]
 SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
 TIME = "Number(document.querySelector('[data-time]').dataset.time)"
-HIDE = """() => { const style = document.createElement("style");
-style.textContent = ".mantine-Notifications-root { display: none }"; document.head.append(style);
-setInterval(() => [...document.querySelectorAll("dt")].filter(term => term.textContent === "real-time factor")
-  .forEach(term => [term, term.nextSibling].forEach(each => each.style.display = "none")), 20); }"""
+# an observer acts before anything is drawn
+HIDE = """() => {
+const hide = () => [...document.querySelectorAll("dt")].filter(term => term.textContent === "real-time factor")
+  .forEach(term => { term.style.display = term.nextSibling.style.display = "none"; });
+new MutationObserver(hide).observe(document.body, { childList: true, subtree: true, characterData: true });
+hide();
+const style = document.createElement("style");
+style.textContent = ".mantine-Notifications-root { display: none }";
+document.head.append(style);
+}"""
 
 
 def main() -> None:
@@ -50,13 +56,11 @@ def main() -> None:
         try:
             shell = shutil.which("chromium-headless-shell") or shutil.which("chromium")
             browser = playwright.chromium.launch(executable_path=shell, args=list(SOFTWARE_WEBGL))
-            page = browser.new_page(viewport=STILL_SIZE)
-            page.set_default_timeout(1000.0 * TIMEOUT)
-            page.goto(address(Path(output.name)))
-            page.wait_for_selector("[data-time]")
-            page.evaluate(HIDE)
+            url = address(Path(output.name))
+            page = open_page(browser, url, STILL_SIZE, 1.0)
             (DOCS / "page.png").write_bytes(frames(page, env, STILL_TIME)[0][1])
-            page.set_viewport_size(SIZE)
+            page.close()
+            page = open_page(browser, url, SIZE, WIDTH / SIZE["width"])
             save(frames(page, env))
         finally:
             launch.terminate()
@@ -72,6 +76,16 @@ def address(log: Path) -> str:
             return found.group(1)
         time.sleep(0.2)
     raise SystemExit(f"no address after {TIMEOUT} s:\n{log.read_text()}")
+
+
+def open_page(browser: Browser, url: str, size: ViewportSize, scale: float) -> Page:
+    """The page, once it knows the time, drawn at a scale."""
+    page = browser.new_page(viewport=size, device_scale_factor=scale)
+    page.set_default_timeout(1000.0 * TIMEOUT)
+    page.goto(url)
+    page.wait_for_selector("[data-time]")
+    page.evaluate(HIDE)
+    return page
 
 
 def frames(page: Page, env: Dict[str, str], last: Optional[float] = None) -> List[Tuple[float, bytes]]:
@@ -98,8 +112,7 @@ def frames(page: Page, env: Dict[str, str], last: Optional[float] = None) -> Lis
 
 def save(pictures: List[Tuple[float, bytes]]) -> None:
     """Write PNGs as an animation, each shown as long as its share of the drive."""
-    size = (WIDTH, WIDTH * SIZE["height"] // SIZE["width"])
-    small = [Image.open(io.BytesIO(png)).convert("RGB").resize(size, Image.LANCZOS) for _, png in pictures]
+    small = [Image.open(io.BytesIO(png)).convert("RGB") for _, png in pictures]
     times = [at for at, _ in pictures]
     shown = [round(1000.0 * (after - at) / SPEED) for at, after in zip(times, times[1:])] + [1000]
     path = DOCS / "drive.webp"
