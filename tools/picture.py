@@ -33,7 +33,8 @@ SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--n
 TIME = "Number(document.querySelector('[data-time]').dataset.time)"
 # an observer acts before anything is drawn
 HIDE = """() => {
-const hide = () => [...document.querySelectorAll("dt")].filter(term => term.textContent === "real-time factor")
+const hide = () => [...document.querySelectorAll("dt")]
+  .filter(term => term.textContent === "real-time factor")
   .forEach(term => { term.style.display = term.nextSibling.style.display = "none"; });
 new MutationObserver(hide).observe(document.body, { childList: true, subtree: true, characterData: true });
 hide();
