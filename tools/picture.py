@@ -29,7 +29,9 @@ PERIOD, SPEED = 0.1, 1.6  # [s], simulated, between two frames; simulated second
 WIDTH, QUALITY = 800, 45  # of the animation, pixels and of 100
 STANDS = 0.5  # [s], simulated, that are shown after the arrival
 TIMEOUT = 300.0  # [s]
-SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
+SOFTWARE_WEBGL = (
+    "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing", "--no-sandbox"
+)  # fmt: skip
 TIME = "Number(document.querySelector('[data-time]').dataset.time)"
 # an observer acts before anything is drawn
 HIDE = """() => {
