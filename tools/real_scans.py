@@ -10,8 +10,9 @@ tolerance of the radius is wider, for there are few columns of exactly 0.4 m.
 A place is judged by the scans taken 0.7 m and more away from where it was sighted, within 12 m, that look
 there. It stands if at least half of them have a return there, and is a ghost if fewer than a fifth have;
 with fewer than three such scans it is not judged. A rosbag's places are judged by all its scans. A
-controller begins at every scan; its first confirmed estimate counts. A round body stands and has returns on
-its circle most of the way round; the last row offers each such body, seen from two places, alone.
+controller begins at every scan; its first confirmed estimate, on which it drives on, counts. A round body
+stands and has returns on its circle most of the way round; the last row offers each such body, seen from
+two places, alone.
 """
 
 from __future__ import annotations
