@@ -41,7 +41,7 @@
     });
     document.querySelectorAll(".mantine-Text-root > label").forEach((label) => {
       const row = label.parentElement.parentElement.parentElement;
-      row.querySelectorAll("[role=slider]:not([aria-label]), input:not([aria-label])").forEach((field) => {
+      row.querySelectorAll("[role=slider]:not([aria-label]), input:not([aria-label], [type=hidden])").forEach((field) => {
         field.setAttribute("aria-label", label.textContent);
       });
       if (row.querySelector("button") !== null && !row.hasAttribute("role")) {
