@@ -263,14 +263,6 @@ def test_a_key_drives_while_it_is_held(page, robot):
     assert robot.commands == sent
 
 
-def test_a_second_page_drives_and_closed_with_the_key_held_stops_the_robot(page, robot, browser, launched):
-    second = opened(browser, launched)
-    second.keyboard.down("s")
-    wait_until(lambda: robot.speed < -0.3, "the second page drives")
-    second.close()
-    wait_until_it_stands(page, robot)
-
-
 def test_the_pad_drives_while_it_is_dragged(page, robot):
     box = page.locator(".husky-pad").bounding_box()
     x, y = box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0
