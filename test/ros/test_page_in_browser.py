@@ -445,6 +445,8 @@ def test_a_replay_of_garbage_leaves_the_page_alone(page, tmp_path):
 
 def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(browser, tmp_path):
     alone = Ros(tmp_path)
+    alone.start("roscore", "-p", str(alone.port))  # of its own: it outlives the page's launch
+    wait_until(lambda: alone.subscriptions("/rosout"), "there is a master")
     port = free_port()
     web = ("roslaunch", "husky_highlevel_controller", "web.launch", f"web_port:={port}")
     node = alone.start(*web)
