@@ -14,7 +14,7 @@ os_release() { sed -n "s/^$1=//p" /etc/os-release 2>/dev/null | tr -d "\"'"; }
 os_name() { local name; name=$(os_release PRETTY_NAME); printf '%s' "${name:-this system}"; }
 os_codename() { local name; name=$(os_release UBUNTU_CODENAME); printf '%s' "${name:-$(os_release VERSION_CODENAME)}"; }
 
-# Print the names of GROUP's packages (launch, test, lint or grade), one a line.
+# Print the names of GROUP's packages (launch, rviz, page, test, lint or grade), one a line.
 packages_of() {
   local -n plain=$1_packages ros=$1_ros_packages
   printf '%s\n' "${plain[@]}"
@@ -101,45 +101,74 @@ fingerprint() { { printf '%s\n' "$here"; cat "$@"; } | cksum; }
 done_before() { local name=$1; shift; [ "$(cat "$state/$name.done" 2>/dev/null)" = "$(fingerprint "$@")" ]; }
 mark_done() { local name=$1; shift; fingerprint "$@" >"$state/$name.done"; }
 
+# Print the lines of requirements files without comments, and without those for other Pythons, which pip names one by one.
+requirements_here() {
+  "$venv/bin/python" - "$@" <<'PYTHON'
+import operator, re, sys
+
+compare = {"<": operator.lt, "==": operator.eq, ">=": operator.ge}
+for file in sys.argv[1:]:
+    for line in open(file, encoding="utf-8"):
+        line = re.sub(r"(^|\s)#.*", "", line).strip()
+        marker = re.search(r';\s*python_version (<|==|>=) "3\.(\d+)"$', line)
+        if line and not line.startswith("-r") and (not marker or compare[marker[1]](sys.version_info[1], int(marker[2]))):
+            print(line)
+PYTHON
+}
+
 # Install the files of requirements $2... into the virtual environment; $1 says what they are.
 pip_install() {
-  local what=$1 file arguments=() log=$state/pip.log
+  local what=$1 log=$state/pip.log
   shift
-  for file in "$@"; do arguments+=(-r "$file"); done
   say "installing $what from PyPI into .dev/venv"
   rm -f "$log"
+  requirements_here "$@" >"$state/requirements.txt"
   # a bar for each package in a terminal, else two lines
   # it says nothing while it unpacks, which takes minutes on a slow disk
   (while sleep 20 && kill -0 $$ 2>/dev/null; do say "pip is at work"; done) &
   local beat=$!
-  "$venv/bin/pip" install --disable-pip-version-check --log "$log" "${arguments[@]}" >&2 || { kill "$beat"; die_of_log pip "$log"; }
+  "$venv/bin/pip" install --disable-pip-version-check --log "$log" -r "$state/requirements.txt" >&2 \
+    || { kill "$beat"; die_of_log pip "$log"; }
   kill "$beat"
 }
 
-venv_requirements=(requirements/run.txt requirements/python3.12.txt)
+venv_requirements=(requirements/launch.txt requirements/python3.12.txt)
 
 make_venv() {
   local site
-  if ! done_before venv "${venv_requirements[@]}" || [ ! -x "$venv/bin/python" ]; then
-    rm -f "$state/venv-test.done"
-    # Debian's own python3, because rospy is built for it
+  done_before venv-launch "${venv_requirements[@]}" && [ -x "$venv/bin/python" ] && return
+  # Debian's own python3, because rospy is built for it; what is there already is not fetched again
+  if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
+    [ ! -L "$venv" ] || die ".dev/venv is a link to an environment that is not whole: remove the link"
     /usr/bin/python3 -m venv --clear "$venv"
-    if "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info < (3, 12))'; then
-      pip_install "PyBullet for this Python (0.1 GB)" requirements/python3.12.txt
-    fi
-    pip_install "NumPy, PyBullet and what marking draws with (some 0.2 GB)" requirements/run.txt
-    # rospy comes from Debian. A path rather than --system-site-packages: Debian's own .pth files and /usr/local
-    # stay out, which put another matplotlib and another NumPy in front of those that belong together.
-    site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
-    echo /usr/lib/python3/dist-packages >"$site/debian.pth"
-    # matplotlib brings a namespace package; Debian's, which has an __init__.py, would be taken in its place
-    touch "$site/mpl_toolkits/__init__.py"
-    mark_done venv "${venv_requirements[@]}"
   fi
+  rm -f "$state"/venv-*.done
+  if "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info < (3, 12))'; then
+    pip_install "PyBullet for this Python (0.1 GB)" requirements/python3.12.txt
+    pip_install "NumPy (20 MB)" requirements/launch.txt
+  else
+    pip_install "NumPy and PyBullet (0.12 GB)" requirements/launch.txt
+  fi
+  # rospy comes from Debian. A path rather than --system-site-packages: Debian's own .pth files and /usr/local
+  # stay out, which put another matplotlib and another NumPy in front of those that belong together.
+  site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+  echo /usr/lib/python3/dist-packages >"$site/debian.pth"
+  # matplotlib brings a namespace package; Debian's, which has an __init__.py, would be taken in its place
+  mkdir -p "$site/mpl_toolkits"
+  touch "$site/mpl_toolkits/__init__.py"
+  mark_done venv-launch "${venv_requirements[@]}"
 }
 
-make_test_venv() {
-  local files=(requirements/test.txt requirements/cluster.txt)
+# Add what the commands GROUP... need to the virtual environment: none of it is needed to launch.
+complete_venv() {
+  local files=(requirements/run.txt)
+  case " $* " in *" page "* | *" grade "* | *" test "* | *" lint "*) ;; *) return 0 ;; esac
+  if ! done_before venv-run "${files[@]}"; then
+    pip_install "what the page, marking and pictures need (75 MB)" "${files[@]}"
+    mark_done venv-run "${files[@]}"
+  fi
+  files=(requirements/test.txt requirements/cluster.txt)
+  case " $* " in *" test "* | *" lint "*) ;; *) return 0 ;; esac
   if ! done_before venv-test "${files[@]}"; then
     pip_install "what tests and checks" "${files[@]}"
     mark_done venv-test "${files[@]}"
@@ -185,7 +214,7 @@ set_up() {
   export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}
   install_debian_packages launch "$@"
   make_venv
-  case " $* " in *" test "* | *" lint "*) make_test_venv ;; esac
+  complete_venv "$@"
   export PATH=$venv/bin:/usr/bin:$PATH
   # shellcheck disable=SC1091
   if [ -n "$opt_ros" ]; then source "$opt_ros/setup.bash"; fi

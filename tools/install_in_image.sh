@@ -13,6 +13,7 @@ case ${1:-} in
     apt-get clean
     rm -rf /var/lib/apt/lists/*
     make_venv
+    complete_venv grade
     ;;
   build) ./dev setup ;;
   *) die "usage: $0 packages | build" ;;

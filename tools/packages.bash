@@ -3,11 +3,9 @@
 
 # the package.xml of a ROS package often sits in its -dev package, and roslaunch needs it
 launch_packages=(ca-certificates cmake gcc libc6-dev make python3 python3-venv)  # catkin's cmake wants a C compiler
-# RViz on Qt 6 draws none of its icons without it, and complains of each
-if grep -qx 'VERSION_CODENAME=trixie' /etc/os-release; then launch_packages+=(qt6-svg-plugins); fi
 # robot_state_publisher is for other people's launch files: our simulator sends its frames itself
 launch_ros_packages=(
-  catkin rosbash rosout ros-robot-state-publisher rviz
+  catkin rosbash rosout ros-robot-state-publisher
   python3-rosbag python3-roslaunch python3-rosmaster python3-rosmsg python3-rosnode python3-rosparam
   python3-rospy python3-rosservice python3-rostopic python3-roswtf python3-tf2-ros python3-yaml tf2-tools
   libdynamic-reconfigure-config-init-mutex-dev
@@ -20,9 +18,18 @@ launch_ros_packages=(
   ros-diagnostic-msgs ros-geometry-msgs ros-nav-msgs ros-rosgraph-msgs ros-sensor-msgs ros-std-msgs ros-std-srvs
   ros-visualization-msgs
 )
+# where there is a display, and for marking
+rviz_packages=()
+# RViz on Qt 6 draws none of its icons without it, and complains of each
+if grep -qx 'VERSION_CODENAME=trixie' /etc/os-release; then rviz_packages+=(qt6-svg-plugins); fi
+rviz_ros_packages=(rviz)
+# the page in the browser needs PyPI's packages only
+page_packages=()
+page_ros_packages=()
 # `run ... grade` and `run catkin_make`: builds hand-ins, looks at them in RViz, keeps them in namespaces
-grade_packages=(bubblewrap g++ procps util-linux valgrind libc6-dbg xvfb)
+grade_packages=("${rviz_packages[@]}" bubblewrap g++ procps util-linux valgrind libc6-dbg xvfb)
 grade_ros_packages=(
+  "${rviz_ros_packages[@]}"
   libroscpp-dev
   # what hand-ins of the courses use
   libactionlib-dev libangles-dev liblaser-geometry-dev libmessage-filters-dev libmove-base-msgs-dev libroslib-dev

@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -34,10 +35,46 @@ def test_a_folder_with_a_space_in_its_name_is_refused_at_once(tmp_path):
 def test_launching_asks_for_no_packages_of_tests_or_marking():
     output, _ = bash("packages_of launch")
     launch = set(output.split())
-    for group in ("test", "lint", "grade"):
+    for group in ("rviz", "page", "test", "lint", "grade"):
         others, _ = bash(f"packages_of {group}")
         assert set(others.split()).isdisjoint(launch), group
-    assert {"rviz", "python3-rospy"} <= launch
+        assert ("rviz" in others.split()) == (group in ("rviz", "test", "grade"))
+    assert "python3-rospy" in launch
+
+
+def function_of_dev(name):
+    """The text of one of ./dev's own functions."""
+    return next(part for part in (ROOT / "dev").read_text().split("\n\n") if f"{name}() {{" in part)
+
+
+@pytest.mark.parametrize(
+    ("call", "display", "groups"),
+    [
+        ("groups_of_launch controller.launch real_time_factor:=0", "", ""),
+        ("groups_of_launch controller.launch", ":0", "rviz"),
+        ("groups_of_launch controller.launch gui:=false web:=true", "", "page"),
+        ("groups_of_launch web.launch", "", "page"),
+        ("groups_of_launch ../my/launch/my.launch", "", "page"),
+        ("groups_of_command rostopic list", "", ""),
+        ("groups_of_command rosrun husky_highlevel_controller evaluate --scenes 3", "", "page"),
+        ("groups_of_command rosrun husky_highlevel_controller grade --all there", ":0", "rviz grade page"),
+        ("groups_of_command python examples/rollout", "", "page"),
+        ("groups_of_command pytest -q", "", "test page"),
+    ],
+)
+def test_a_command_pulls_in_the_groups_that_it_may_need(call, display, groups):
+    output, _ = bash(f"{function_of_dev(call.split()[0])}\n{call}", DISPLAY=display)
+    assert output.split() == groups.split()
+
+
+def test_pip_gets_the_lines_for_this_python_only(tmp_path):
+    file = tmp_path / "r.txt"
+    file.write_text(
+        '-r launch.txt\n# why\nold==1; python_version < "3.8"   # no more\nnew==2; python_version >= "3.8"\n'
+    )
+    output, _ = bash(f"venv={sys.prefix}; requirements_here {file} requirements/python3.12.txt")
+    assert output.split("\n")[:2] == ['new==2; python_version >= "3.8"', "pybullet_arm64==3.2.8 \\"]
+    assert output.count("--hash=sha256:") == 2
 
 
 def test_with_ros_in_opt_nothing_of_ros_is_asked_of_apt():
@@ -100,9 +137,7 @@ def test_a_folder_of_logs_that_cannot_be_written_is_named_with_the_remedy():
     ],
 )
 def test_roscore_listens_where_ros_master_uri_says(uri, arguments, port):
-    function = next(
-        part for part in (ROOT / "dev").read_text().split("\n\n") if "find_roscore_port() {" in part
-    )
+    function = function_of_dev("find_roscore_port")
     output, _ = bash(
         f'{function}\nfind_roscore_port {arguments}; echo "${{roscore_port[*]}}"', ROS_MASTER_URI=uri
     )
