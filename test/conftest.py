@@ -42,8 +42,9 @@ class Heartbeat:
 
 @pytest.hookimpl(trylast=True)
 def pytest_configure(config):
-    # a terminal that is closed ends the tests as Ctrl-C does: fixtures end the processes that they started
-    signal.signal(signal.SIGHUP, signal.default_int_handler)
+    # a closed terminal or a time limit ends the tests as Ctrl-C does: fixtures end the processes they started
+    for ending in (signal.SIGHUP, signal.SIGTERM):
+        signal.signal(ending, signal.default_int_handler)
     reporter = config.pluginmanager.getplugin("terminalreporter")
     if reporter and not hasattr(config, "workerinput"):
         # past pytest's capture, which takes whatever is printed while a test runs for the test's own
