@@ -83,7 +83,7 @@ def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
 def judge_exercise_2(
     recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
-    """All of exercise 2: 40, 30 by hand, 15 and 15."""
+    """Items of exercise 2: 40, 30 by hand, 15 and 15."""
     items = [
         judge_output(recordings[0]),
         Item(ITEMS[1], None, 30.0, "for a person: is it built like the template?"),

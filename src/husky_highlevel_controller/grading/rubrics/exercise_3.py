@@ -279,7 +279,7 @@ def judge_shown(view: RvizView, recordings: Sequence[Recording], rules: Rules = 
 def judge_exercise_3(
     recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
-    """All of exercise 3: 20, 30, 20, and 20 and 10 for the marker."""
+    """Items of exercise 3: 20, 30, 20, and 20 and 10 for the marker."""
     items = [
         over_trials(recordings, judge_approach, rules.other_worlds),
         over_trials(recordings, partial(judge_arrival, rules=rules), rules.other_worlds),

@@ -128,7 +128,7 @@ def _judged(item: Item, words: str, good: int, effects: Sequence[Effect], wrong:
 def judge_exercise_5(
     recordings: Sequence[Recording], _view: RvizView, _scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
-    """All of exercise 5: 50 and 50, and two bonuses by hand."""
+    """Items of exercise 5: 50 and 50, and two bonuses by hand."""
     by_hand = "for a person: a node of its own"
     items = judge_calls(recordings[0])
     drives = (np.abs(recordings[0].speeds[:, 0]) > FAST).any()
