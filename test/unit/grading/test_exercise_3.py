@@ -214,7 +214,7 @@ def test_stopping_short_is_not_arriving(gap, points):
 
 @pytest.mark.parametrize(
     ("legs", "points"),
-    [([(6.0, 0.1)], None), ([(3.5, 0.0585)], 0.0), ([(5.5, 0.1), (5.0, 0.0)], 0.0), ([(6.0, 0.15)], 0.0)],
+    [([(6.0, 0.1)], None), ([(3.5, 0.0585)], 0.0), ([(5.8, 0.1), (2.0, 0.0)], 0.0), ([(6.0, 0.15)], 0.0)],
     ids=["on its way", "too slow", "stands at the end", "ended before"],
 )
 def test_who_is_on_its_way_at_the_deadline_is_for_a_person(legs, points):

@@ -17,7 +17,7 @@ from husky_highlevel_controller.grading.rubrics.markers import judge_namespaces
 HALF_WAY = 0.5  # of the way to the pillar: who has come that far drives towards it
 FIRST_STEPS = 0.1  # of the way: who has come that far has begun to
 STOPPED = 1.0  # [s], so long it must stand in the end to have stopped
-PERIOD, LATELY = 0.1, 10.0  # [s], between two scans at most, and over which it is judged to come nearer
+PERIOD, LATELY = 0.1, 1.0  # [s], between two scans at most, and over which it is judged to come nearer
 NEARLY = 0.1  # [m], farther than the nearest point of the drive is still the nearest
 SILENT = 5.0  # [s], simulated: so long without a command, it has ceased to send any
 ITEMS = (
