@@ -69,7 +69,9 @@ DESERVED = {
     ),
     # traps: what students do that a person would not mark down, and the first cause in the chain
     "sleeps_by_simulated_time": ((20, 30, None, 20, None), ["front_laser, stamp 0: right "]),
-    "marks_in_base_link": ((20, 30, None, pytest.approx(11.2, abs=0.3), None), ["0.54 m from the pillar's axis", "x off by "]),
+    "marks_in_base_link": (
+        (20, 30, None, pytest.approx(11.2, abs=0.3), None), ["0.54 m from the pillar's axis", "x off by "],
+    ),
     "commands_zero": ((0, 0, None, 0, 0), ["commands were zero"]),
     "listens_elsewhere": ((0, 0, None, 0, 0), ["it listens to /scan, where nothing is sent"]),
     # attacks

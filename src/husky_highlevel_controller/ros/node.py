@@ -93,7 +93,10 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
         faulthandler.enable()
     send_promptly()
     level = rospy.DEBUG if debug else rospy.INFO
-    rospy.init_node(name, log_level=level, disable_rostime=not listen_to_clock, disable_signals=True)
+    # argv: else rospy takes the remappings that stood there when it was imported, before a program was forked
+    rospy.init_node(
+        name, argv=sys.argv, log_level=level, disable_rostime=not listen_to_clock, disable_signals=True
+    )
     _end_on_signals()
     try:
         make().run()
