@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Dict, List, Sequence, Tuple
@@ -11,7 +12,7 @@ import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import ADD, Recording
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text, write_whole
-from husky_highlevel_controller.grading.records import Result, load, to_json
+from husky_highlevel_controller.grading.records import Result, load, printable, to_json
 from husky_highlevel_controller.grading.reports.exports import to_step_summary, write_exports
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page
 from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_junit
@@ -22,6 +23,7 @@ PICTURES = ("drive.png", "rviz.png")
 LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
 HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
 MAX_LOG = 5000  # letters of a log in the feedback
+COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of rospy's warnings and errors
 REPLAY = "replay.html"  # in the folder of a drive
 SUMS = ("points", "max_points", "full")  # keys of result.json for other programs
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"  # variable with the file that GitHub Actions shows
@@ -112,7 +114,8 @@ def _logs(out: Path) -> Dict[str, str]:
     texts = {}
     for words, path in logs.items():
         with suppress(UnreadableFileError):
-            texts[words] = read_text(path)[-MAX_LOG:].strip()
+            text = COLOURS.sub("", read_text(path)[-MAX_LOG:].strip())
+            texts[words] = "\n".join(map(printable, text.splitlines()))
     return {words: text for words, text in texts.items() if text}
 
 
