@@ -517,7 +517,7 @@ def test_a_build_that_fails_is_one_line(output, words, tmp_path):
         ([(NO_TRAITS, 2), ("", 0)], ["", PLAIN_TYPES]),
         (
             [(NO_TRAITS, 2), ("error: _1 was not declared", 2), ("", 0)],
-            ["", PLAIN_TYPES, f"{PLAIN_TYPES} {OLD_BOOST}"],
+            ["", PLAIN_TYPES, f"{PLAIN_TYPES}{OLD_BOOST}"],
         ),
         ([("error: 5", 2), ("error: 5", 2)], ["", ""]),
         ([("", 0)], [""]),
