@@ -51,15 +51,16 @@ def to_html(replay: Replay) -> str:
         "pillars": _rounded(pillars[:1] if (pillars == pillars[:1]).all() else pillars),
         "marks": _rounded(marks[:: -(-len(marks) // MAX_MARKS) or 1]),
         "pillar": replay.pillar_radius,
-        "robot": _robot(replay.robot),
+        "robot": _robot(replay.robot.name),
     }
     text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")  # a title is anybody's
     return render("replay.html", data=Markup(text))
 
 
 @lru_cache(maxsize=4)
-def _robot(robot: Robot) -> Dict[str, Any]:
+def _robot(name: str) -> Dict[str, Any]:
     """Triangles in millimetres, and where the wheels are."""
+    robot = load_robot(name)
     body, wheel = robot_mesh(robot)
     wheels, drive, outline = robot.wheels, robot.drive, robot.footprint
     return {
