@@ -55,10 +55,8 @@ class MarkerWatch:
     """Callbacks only append; `samples` places everything at the end, when all transforms are known."""
 
     def __init__(self, now: Callable[[], float], packages: Sequence[str] = ()) -> None:
-        self._now, self._packages = (
-            now,
-            packages,
-        )  # folders of packages that the ROS environment does not name
+        self._now = now
+        self._packages = packages  # folders of packages that the ROS environment does not name
         self._messages: List[_Message] = []
         self._points_left = MAX_ALL_POINTS
         self._moments: Dict[Tuple[str, str], _Moment] = {}

@@ -73,9 +73,8 @@ class Lockstep:
         self._wakes_to = self._mode  # of SLEEPING: the mode before
         self._listeners, self._on_unanswered = listeners, on_unanswered
         self._answered = threading.Event()
-        self._answered_on: Optional[Set[str]] = (
-            None  # topics with a command since the last scan; None: no scan yet
-        )
+        # topics with a command since the last scan; None: no scan yet
+        self._answered_on: Optional[Set[str]] = None
         self._begun = False  # a command has arrived
         self._due = False  # a scan is about to be sent or answered
         self._in_a_row = 0  # scans answered

@@ -100,9 +100,8 @@ class Node:
         """Note every child that is neither read nor harmless to leave out."""
         known = KNOWN[self.tag].split()
         for child in self.children():
-            is_default_wind = child.tag == "wind" and not len(
-                child.element
-            )  # Gazebo saves it into every world
+            # Gazebo saves it into every world
+            is_default_wind = child.tag == "wind" and not len(child.element)
             if child.tag not in known and not is_default_wind:
                 child.note(f"<{child.tag}> is not supported and is left out")
 

@@ -36,7 +36,7 @@ Indices = np.ndarray
 
 
 class RaySolid(NamedTuple):
-    """RaySolid shape of a scene, in plain numbers."""
+    """Solid shape of a scene, in plain numbers."""
 
     kind: int  # BOX, CYLINDER or SPHERE
     size: Vector3  # [m], half the edges of the box around it, along its own axes
