@@ -133,7 +133,8 @@ def decide(
         controller_state = ControllerState()
     moved = _moved(controller_state, observation)
     if moved:
-        controller_state = controller_state._replace(started_at=None, at_pillar=False)
+        track = controller_state.track._replace(rejected=(), walked_to=None)  # it may be another world
+        controller_state = controller_state._replace(track=track, started_at=None, at_pillar=False)
     track, pillar, pillar_in_odom, visibility = _look(
         controller_state, observation, find_pillars(observation.scan, detector_config)
     )

@@ -269,6 +269,15 @@ def test_a_pillar_put_back_where_it_was_is_believed_again():
     assert toy.drive(3.0)[-1].output.state is State.ARRIVED
 
 
+def test_another_world_and_the_first_again_from_the_start_forgets_places_that_looked_empty():
+    toy = Toy([PILLAR])
+    toy.drive(14.0)
+    pillars, toy.circles = toy.circles, []  # as in a world without a pillar
+    assert states(toy.drive(1.0))[-1] is State.SEARCHING
+    toy.circles, toy.pose = pillars, Pose2D()  # too far off for as many beams as it had when it was given up
+    assert states(toy.drive(1.0)) == [State.DRIVING]
+
+
 def test_at_the_stop_point_without_seeing_the_pillar_it_turns_to_where_it_was():
     toy = Toy([(1.187, 0.0, 0.2)], pose=Pose2D(yaw=0.1))
     toy.step()
