@@ -10,7 +10,7 @@ from husky_highlevel_controller.datatypes import Cylinder, Pose2D, World
 from husky_highlevel_controller.evaluation.metrics import run
 from husky_highlevel_controller.evaluation.rollout import model_of
 from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import SMB_GAINS, Setup
+from husky_highlevel_controller.evaluation.setup import setup_of
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
@@ -72,7 +72,7 @@ def test_its_imu_feels_that_it_is_ahead_of_the_middle(simulate):
 
 def test_the_controller_drives_it_to_the_pillar():
     for scenario in (course_scenario(0), *random_starts(2, 0)):
-        result = run(Setup(SMB_GAINS, simulator=SMB), scenario)
+        result = run(setup_of(robot="smb"), scenario)
         assert result.good, result.summary
 
 

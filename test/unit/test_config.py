@@ -16,7 +16,7 @@ from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS, SMB_GAINS
+from husky_highlevel_controller.evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS, setup_of
 from husky_highlevel_controller.grading.rubrics.exercise_3 import ITEMS
 from husky_highlevel_controller.grading.settings import load_rules
 from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
@@ -191,7 +191,7 @@ def test_evaluate_drives_a_real_husky_with_the_gains_of_its_launch_file():
 
 def test_evaluate_stops_the_smb_where_its_launch_file_does():
     values = yaml.safe_load((CONFIG_FOLDER / "smb.yaml").read_text())
-    assert values == {"stop_distance": SMB_GAINS.stop_distance}
+    assert setup_of(robot="smb").control.stop_distance == values["stop_distance"] == 0.6
 
 
 def test_the_robot_profiles_file_and_record_are_the_same():

@@ -20,13 +20,13 @@ import yaml
 from husky_highlevel_controller.config import ConfigError, replace_parameters
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
+from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
 
 COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
 ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # config/robot.yaml's, at the default limits
-SMB_GAINS = ControlConfig(stop_distance=0.6)  # config/smb.yaml's
 ROBOT_DETECTOR = PillarConfig(range_noise=0.012)
 # in a YAML file of the controller's node, and nothing to a drive
 NODE_ONLY = ("start_stop_service_name", "start_enabled", "scan_topic_name", "scan_topic_queue_size")
@@ -87,7 +87,9 @@ def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky"
     if profile not in simulator.robot.profiles:
         raise ConfigError(f"profile '{profile}' is not the {simulator.robot.title}'s")
     if profile == "gazebo":
-        return Setup(SMB_GAINS if robot == "smb" else ControlConfig(), simulator=simulator)
+        file = share_folder() / "config" / f"{robot}.yaml"  # what differs from the Husky's controller
+        values = yaml.safe_load(file.read_text()) if file.is_file() else {}
+        return Setup(simulator=simulator).with_values(values, f"{file}: ")
     return Setup(ROBOT_GAINS, ROBOT_DETECTOR, replace(simulator, real=RobotProfile().on(ground)))
 
 
