@@ -50,7 +50,7 @@ class Rules:
             "launch file that starts RViz",
         },
     )
-    marker_per_metre: float = _number(0.01, 1.0, "added to both for each metre between robot and pillar")
+    marker_per_metre: float = _number(0.005, 1.0, "added to both for each metre between robot and pillar")
     weights: Mapping[str, float] = field(  # points by item
         default_factory=dict, metadata={"min": 0.0, "max": 1000.0, "help": "an item's points"}
     )

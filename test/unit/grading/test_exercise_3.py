@@ -270,6 +270,11 @@ def test_points_fall_with_the_distance_and_the_height_without_a_cliff():
         assert judge_place(markers(GOOD, place), rules).points == pytest.approx(points, abs=0.05), place
 
 
+def test_a_marker_in_base_link_without_the_lidar_s_place_gets_half():
+    far = replace(drive((20.0 - NOSE - 0.2, 0.5)), pillar=(20.0, 0.0))  # the sheet's distance
+    assert judge_place(markers(far, (20.0 - 0.54, 0.0, 0.0))).points == pytest.approx(10.0, abs=1.0)
+
+
 def turning(mirrored):
     """A drive that turns 25 degrees to the pillar in 4 s and drives there; markers by base_link."""
     straight = drive((4.0, 0.0), (TO_PILLAR, 0.5))

@@ -57,13 +57,13 @@ REPAIRS = (
     Repair(
         re.compile(r"error:.*\b_[1-9]\b|\b_[1-9]\b.*was not declared", re.MULTILINE),
         OLD_BOOST,
-        "built with boost::bind's _1 as a global name, which it was before Boost 1.73",
+        "_1 of boost::bind is made to compile; newer versions of Boost call it boost::placeholders::_1",
     ),
     Repair(
         re.compile(r"error: request for member .__get(MD5Sum|DataType). in .*non-class type"),
         PLAIN_TYPES,
-        "built with std_msgs' traits of plain types, so that publish(true) and its like compile, as in a "
-        "Release build of Noetic and older",
+        "publish(true) and its like are made to compile; newer versions of ROS want a message, such as "
+        "std_msgs::Bool",
     ),
 )
 _COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^)]*)\)", re.IGNORECASE)
@@ -217,9 +217,7 @@ def missing_note(names: Set[str]) -> str:
     words = []
     for name in sorted(names):
         debian = debian_package(name)
-        words.append(
-            f"{name} ({f'apt install {debian}' if debian else 'not in Debian: --underlay SETUP.bash'})"
-        )
+        words.append(f"{name} ({f'apt install {debian}' if debian else 'not in Debian'})")
     return f"not installed: {', '.join(words)}; what needs them may not build"
 
 

@@ -158,9 +158,9 @@ def cause_of_stop(recording: Recording) -> str:
 
 
 # what a student looks at, by where points are lost
-LOGS = "read the output of your node, and start it by your launch file with ./dev launch"
+LOGS = "read what your node prints, and see whether your launch file starts it"
 STOPS = "compare the velocities that you send at this moment with the distance that you compute"
-SLOW = "drive faster; a teacher gives a drive more time by --deadline"
+SLOW = "drive faster while the pillar is far away"
 TURNS = "check the sign of angular.z: positive turns left, and the angle is in the lidar's own frame"
 SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pillar"
 MARKER = "check header.frame_id and header.stamp, and the pillar's position in that frame"

@@ -178,9 +178,7 @@ class Lockstep:
         self._wait(answered, ANSWER_TIMEOUT, "no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller sleeps; the clock goes on scan by scan meanwhile")
-            self._on_unanswered(
-                "it does not answer every scan with a command; the clock goes on while it waits"
-            )
+            self._on_unanswered("it does not answer every scan with a command: scans go on while it sleeps")
         elif could_nudge and nudged and self._mode is not Mode.FREE:
             self._mode = Mode.ALWAYS_WATCHED
 
@@ -208,7 +206,5 @@ class Lockstep:
                     f"lockstep: after {timeout:g} s of wall time {missing}; running free from now on"
                 )
                 self._mode = Mode.FREE
-                self._on_unanswered(
-                    "it does not answer every scan with a command, so simulated time ran on without it"
-                )
+                self._on_unanswered("it does not answer every scan with a command: scans went on without it")
             time.sleep(period)
