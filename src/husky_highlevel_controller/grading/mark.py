@@ -142,10 +142,8 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> Result:
     planned = plan(submission, out / "plan")
     config = replace(job.config, robot=job.override.robot or job.config.robot)
     if config.robot == AUTO:
-        robot, scans, why = "husky", "", ""
-        if planned.nodes:
-            robot, scans, why = detect_robot(submission, planned, out / "robot")
-        config, notes = replace(config, robot=robot, scans=scans), [*notes, *[why] * bool(why)]
+        robot, scans, why = detect_robot(submission, planned, out / "robot")
+        config, notes = replace(config, robot=robot, scans=scans), [*notes, why]
     (trial, *_) = draw_trials(1, config.seed)
     chance = uninitialised(submission, planned, trial, config, out / "memcheck") if planned.nodes else ""
     recordings = _drives(submission, planned, replace(job, config=config), shows_progress)

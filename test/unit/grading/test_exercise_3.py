@@ -145,6 +145,7 @@ def test_who_spins_gets_nothing_and_is_told_how_often():
         ),
         ({"command_count": 0}, "nothing came on cmd_vel"),
         ({}, "in spite of 250 commands"),
+        ({"zero_count": 250, "notes": ("launch-prefix 'xterm -e' of node n is dropped",)}, "were zero"),
     ],
 )
 def test_who_never_moves_is_told_why(more, words):

@@ -473,6 +473,19 @@ def test_a_copy_has_no_links_and_nothing_built_and_scripts_that_run(tmp_path):
     assert 'email="a@b.org"' in (folders.packages["husky"] / "package.xml").read_text()
 
 
+def test_paths_of_another_computer_are_read_in_the_hand_in(tmp_path):
+    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
+    put(folder / "config" / "a.yaml")
+    home = "/home/ann/catkin_ws/src/husky"
+    launch(folder / "a.launch", f'<arg name="f" default="{home}/config/a.yaml"/><!-- {home}/b.yaml -->')
+    _, packages, _ = chosen(tmp_path / "class", tmp_path)
+    folders, notes = copy_packages(packages, tmp_path / "ws")
+    text = (folders.packages["husky"] / "a.launch").read_text()
+    assert 'default="$(find husky)/config/a.yaml"' in text
+    assert f"{home}/b.yaml" in text, "there is no such file"
+    assert notes == [f"paths of another computer, read in the hand-in: {home}/config/a.yaml"]
+
+
 def test_all_packages_that_are_not_installed_are_found_at_once(tmp_path):
     folder = package(tmp_path / "class" / "ann" / "husky", "husky")
     put(

@@ -38,6 +38,22 @@ def test_a_node_of_the_smb_that_is_left_out_tells_it_too(tmp_path):
     assert (robot, "the SMB" in why) == ("smb", True)
 
 
+@pytest.mark.parametrize(
+    ("text", "robot", "why"),
+    [
+        ("Topic: /scan", "husky_melodic", "view.rviz names /scan"),
+        ("Topic: /front/scan", "husky", "view.rviz names front/scan"),
+        ("Topic: /rslidar_points", "smb", "view.rviz names /rslidar_points"),
+        ("Topic: ''", "husky", "it names no topic of scans"),
+    ],
+)
+def test_where_nothing_starts_the_names_in_its_files_tell_the_robot(text, robot, why, tmp_path):
+    (tmp_path / "view.rviz").write_text(text)
+    told, scans, words = detect_robot(NODE, Plan(package_path=tmp_path), tmp_path)
+    assert (told, scans) == (robot, "")
+    assert words.endswith(f": {why}")
+
+
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_the_world_has_the_pillar_of_the_robot_s_sheets(robot):
     trial = Trial(1, Pose2D(), (10.0, 1.0), 0)

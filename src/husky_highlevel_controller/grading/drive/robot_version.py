@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from pathlib import Path
-from typing import Tuple
+from typing import Match, Optional, Pattern, Tuple
 
 from husky_highlevel_controller.grading.drive.plan import Plan, Submission, starter
 from husky_highlevel_controller.grading.drive.progress import settles
@@ -23,6 +24,8 @@ TITLES = {"husky": "Husky", "husky_melodic": "Husky of ROS Melodic"}
 MAX_TEXT = 200_000  # [bytes] of a file that is read
 # in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
 SMB = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
+# where no node can be asked: its topic of scans
+SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 
 
@@ -40,6 +43,11 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
     named = _names_of_the_smb(planned)
     if named:
         return "smb", "", f"the simulated robot is the SMB: {named}"
+    if not planned.nodes:
+        found = _named(planned, SCANS)
+        version = "husky_melodic" if found and not found[1]["husky"] else DEFAULT
+        words = f"{found[0].name} names {found[1].group()}" if found else "it names no topic of scans"
+        return version, "", f"the simulated robot is the {TITLES[version]}: {words}"
     topics = {version: topic for version, (topic, _) in ROBOT_VERSIONS.items() if version != "smb"}
     with Network(folder) as network:
         events = network.folder_of("submission") / "events.jsonl"
@@ -76,16 +84,18 @@ def _names_of_the_smb(planned: Plan) -> str:
     """Parts of the SMB that a submission includes or names, in words; empty: none."""
     if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
         return "its launch file starts the SMB's nodes"
+    found = _named(planned, SMB)
+    return f"{found[0].name} names {found[1].group()}" if found else ""
+
+
+def _named(planned: Plan, pattern: Pattern[str]) -> Optional[Tuple[Path, Match[str]]]:
+    """The first file of a submission's package in which a pattern is found, and what fits it."""
     folder = planned.package_path
-    try:
-        paths = [path for path in walk(folder) if path.suffix in TEXTS] if folder else []
-    except UnreadableFileError:
-        paths = []  # too many
-    for path in paths:
-        try:
-            match = SMB.search(read_text(path, MAX_TEXT))
-        except UnreadableFileError:
-            continue  # a long one
-        if match:
-            return f"{path.name} names {match.group()}"
-    return ""
+    with suppress(UnreadableFileError):  # too many files
+        for path in walk(folder) if folder else ():
+            if path.suffix in TEXTS:
+                with suppress(UnreadableFileError):  # a long one
+                    match = pattern.search(read_text(path, MAX_TEXT))
+                    if match:
+                        return path, match
+    return None

@@ -10,7 +10,7 @@ import sys
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Dict, FrozenSet, List, NamedTuple, Optional, Pattern, Sequence, Set, Tuple
+from typing import Dict, FrozenSet, List, Match, NamedTuple, Optional, Pattern, Sequence, Set, Tuple
 from xml.sax.saxutils import escape
 
 from catkin_pkg.package import parse_package
@@ -32,6 +32,7 @@ from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
 APT_DEADLINE = 20.0  # [s] of wall time
 RETRIES = 3  # of a build that fails
+MAX_LAUNCH = 1_000_000  # [bytes]
 MAX_MISSING = 10  # packages that CMake misses one after the other
 PRELUDE = (
     "marking_prelude.h"  # header before each C++ source; a repair changes it, so CMake need not run again
@@ -66,6 +67,7 @@ REPAIRS = (
         "std_msgs::Bool",
     ),
 )
+_HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
 _COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^)]*)\)", re.IGNORECASE)
 _NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]+)"')
 _ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
@@ -138,6 +140,9 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
         if started:
             notes.append(f"made executable, which a copy through an archive may undo: {', '.join(started)}")
         notes += _repair_manifest(target, package)
+    moved = [words for folder in copies.values() for words in _repair_paths(folder, copies)]
+    if moved:
+        notes.append(f"paths of another computer, read in the hand-in: {', '.join(dict.fromkeys(moved))}")
     (root / "src" / ".catkin_workspace").touch()
     return Folders(root, copies), notes
 
@@ -145,6 +150,25 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
 def _is_script(path: Path) -> bool:
     with path.open("rb") as file:
         return file.read(2) == b"#!"
+
+
+def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
+    """Put $(find PACKAGE) into a package's launch files for /home/... of files in the packages; the paths."""
+    moved: List[str] = []
+
+    def found(match: Match[str]) -> str:
+        for name, package in packages.items():
+            _, beside, place = match.group().rpartition(f"/{name}/")
+            if beside and ".." not in place and is_regular(package / place):
+                moved.append(match.group())
+                return f"$(find {name})/{place}"
+        return match.group()
+
+    for path in walk(folder):
+        if ".launch" in path.suffixes and path.stat().st_size <= MAX_LAUNCH:
+            text = path.read_bytes().decode("utf-8", "surrogateescape")
+            path.write_bytes(_HOME.sub(found, text).encode("utf-8", "surrogateescape"))
+    return moved
 
 
 def _repair_manifest(folder: Path, package: Package) -> List[str]:

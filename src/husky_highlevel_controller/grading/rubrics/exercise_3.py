@@ -171,9 +171,9 @@ HINTS = (
     ("listens to", "compare your topic's name with `rostopic list`, and look for a missing remap"),
     ("does not subscribe", "subscribe to the scans, in the constructor"),
     ("advertises no", "make a publisher of geometry_msgs/Twist on /cmd_vel, in the constructor"),
-    ("nothing came on", "publish the velocity in the scans' callback"),
+    ("nothing came on", "publish the velocity in the scans' callback, before any service is called"),
     ("sends its commands to", "publish on /cmd_vel, or remap your topic to it"),
-    ("were zero", "a gain of 0, or a parameter that is not loaded"),
+    ("were zero", "a gain of 0, a parameter that is not loaded, or a service that must be called first"),
     ("raises", "the line named is where it happens"),
     ("ends during the drive", "the last line of its output says why"),
     ("then none", "look at what your callback waits for at that moment"),
@@ -186,8 +186,8 @@ def hint_on(cause: str) -> str:
 
 
 def causes(recording: Recording) -> List[str]:
-    """Notes on what went wrong; that it sleeps, is slow or sends too much is no cause."""
-    harmless = ("does not answer", "it floods")
+    """Notes on what went wrong; that it sleeps, sends too much or starts without a terminal is no cause."""
+    harmless = ("does not answer", "it floods", "launch-prefix")
     return [note for note in recording.notes if not any(words in note for words in harmless)]
 
 
