@@ -115,6 +115,13 @@ def test_part_of_the_way_is_half_the_points(covered, points):
     assert judge_approach(drive((covered * way, 0.5), (3.0, 0.0))).points == points
 
 
+@pytest.mark.parametrize(("aside", "points"), [(1.5, 20.0), (4.0, 10.0)])
+def test_who_drives_past_it_far_away_gets_half(aside, points):
+    item = judge_approach(replace(drive((20.0, 0.5)), pillar=(15.0, aside)))
+    assert item.points == points
+    assert ("drives past the pillar, 3." in item.evidence) is (points < 20.0)
+
+
 def test_who_drives_away_gets_nothing_and_is_told_how_far():
     item = judge_approach(drive((-5.0, -0.5)))
     assert item.points == 0.0
@@ -298,7 +305,7 @@ def test_a_mirrored_marker_gets_half_at_most_and_is_named():
     item = judge_place(turning(mirrored=True))
     assert 9.0 <= item.points <= 10.0
     assert "0 % off the robot's axis, 100 % on it; mirrored: y has the wrong sign, for" in item.evidence
-    assert "its y axis points to the other side" in item.hint
+    assert "change no sign" in item.hint
     upright = replace(turning(mirrored=True), robot="smb")
     assert "upside down" not in judge_place(upright).evidence
 
@@ -474,9 +481,11 @@ def test_a_teacher_says_what_a_hand_in_without_rviz_s_configuration_gets(no_rviz
     ],
 )
 def test_a_robot_that_stands_has_a_cause_and_a_hint(change, cause, hint):
-    item = judge_approach(drive((5.0, 0.0), **{"command_count": 0, **change}))
+    stands = drive((5.0, 0.0), **{"command_count": 0, **change})
+    item = judge_approach(stands)
     assert item.evidence.startswith(f"the robot never moves: {cause}")
     assert hint in item.hint
+    assert hint in judge_arrival(stands).hint
 
 
 def test_a_callback_that_hangs_is_named():

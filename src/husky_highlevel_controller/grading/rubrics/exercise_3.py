@@ -15,6 +15,7 @@ from husky_highlevel_controller.grading.rubrics.items import forfeited, over_tri
 from husky_highlevel_controller.grading.rubrics.markers import judge_namespaces
 
 HALF_WAY = 0.5  # of the way to the pillar: who has come that far drives towards it
+PAST, PAST_LEAST = 0.1, 1.0  # of the way, and [m]: who passes farther away does not drive towards it
 FIRST_STEPS = 0.1  # of the way: who has come that far has begun to
 STOPPED = 1.0  # [s], so long it must stand in the end to have stopped
 PERIOD, LATELY = 0.1, 1.0  # [s], between two scans at most, and over which it is judged to come nearer
@@ -46,6 +47,9 @@ def judge_approach(recording: Recording) -> Item:
     if nearer >= HALF_WAY * way:
         half = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * way)])
         words = f"half {distance} are behind it after {half:.2f} s"
+        if gaps[nearest] > max(PAST * way, PAST_LEAST) and gaps[-1] > gaps[nearest] + PAST_LEAST:
+            words += f", but it drives past the pillar, {gaps[nearest]:.2f} m away"
+            return replace(item, points=10.0, evidence=words, at=float(times[nearest]), hint=TURNS)
         return replace(item, points=20.0, evidence=words, at=half)
     at, end, points = float(times[nearest]), float(times[-1]), 0.0
     turns = float(np.abs(np.diff(np.unwrap(recording.poses[:, 2]))).sum()) / (2.0 * np.pi)
@@ -78,6 +82,8 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
         words = f"nearest {gaps[nearest]:.2f} m from the pillar, wanted {rules.reached:g} m, at {at:.2f} s"
         if not recording.driving[nearest + 1 :].any() and recording.driving.any():
             words = f"stops short: {words}"
+        if not recording.moving.any():
+            return replace(item, evidence=words, at=at, hint=hint_on(first_cause(recording)))
         cause = cause_of_stop(recording)
         return replace(item, evidence=words + cause, at=at, hint=hint_on(cause) if cause else STOPS)
     reached = float(times[np.argmax(gaps <= rules.reached)])
@@ -165,7 +171,8 @@ TURNS = "check the sign of angular.z: positive turns left, and the angle is in t
 SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pillar"
 MARKER = "check header.frame_id and header.stamp, and the pillar's position in that frame"
 MIRRORED = (
-    "transform the point by TF, or take header.frame_id of the scan: its y axis points to the other side"
+    "x = r cos(angle) and y = r sin(angle) hold in the scan's header.frame_id: publish the marker in it, or "
+    "transform the point by TF, and change no sign"
 )
 HINTS = (
     ("listens to", "compare your topic's name with `rostopic list`, and look for a missing remap"),

@@ -221,7 +221,7 @@ class DriveRecorder:
             silent_topics=tuple(self._silent),
             unread_topics=tuple(self._unread),
             violations=(*self._violations, *pose_jumps(times, poses)),
-            notes=(self._unanswered,) if self._unanswered else (),
+            notes=(self._unanswered,) if self._unanswered and self._command_count else (),
             ended=ended,
             robot=self._task.robot,
             decided_at=self._end.decided_at(ended),
