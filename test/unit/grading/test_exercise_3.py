@@ -304,7 +304,8 @@ def test_a_mirrored_marker_gets_half_at_most_and_is_named():
     assert judge_place(turning(mirrored=False)).points == 20.0
     item = judge_place(turning(mirrored=True))
     assert 9.0 <= item.points <= 10.0
-    assert "0 % off the robot's axis, 100 % on it; mirrored: y has the wrong sign, for" in item.evidence
+    assert item.evidence.startswith("mirrored: y has the wrong sign, for this laser hangs upside down; ")
+    assert "0 % off the robot's axis, 100 % on it" in item.evidence
     assert "change no sign" in item.hint
     upright = replace(turning(mirrored=True), robot="smb")
     assert "upside down" not in judge_place(upright).evidence

@@ -120,8 +120,8 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     mirrored = _is_mirrored(recording, [marker for marker in added if scores[id(marker)] < 1.0], rules)
     if mirrored:
         score = min(score, 0.5)
-        words += "; mirrored: y has the wrong sign"
-        words += ", for this laser hangs upside down" * load_robot(recording.robot).lidar_mount.upside_down
+        hangs = ", for this laser hangs upside down" * load_robot(recording.robot).lidar_mount.upside_down
+        words = f"mirrored: y has the wrong sign{hangs}; {words}"
     words += f"; at {wrong.at:.2f} s {_fault(recording, wrong)}"
     crowd = len({(marker.topic, marker.namespace, marker.id) for marker in added})
     series = len({(marker.topic, marker.namespace) for marker in added})
