@@ -9,6 +9,8 @@ NODES = sorted(path.name for path in HERE.iterdir() if path.is_file() and not pa
 FOLDERS = sorted(path.name for path in HERE.iterdir() if (path / "package.xml").is_file())
 # the others have no configuration, and no points for it
 WITH_RVIZ = {"complete", "hooks_the_setup", "marks_the_origin"}
+# its launch file includes a world that is not installed, which is no cause
+IN_OFFICE = "commands_zero"
 
 MANIFEST = """<?xml version="1.0"?>
 <package format="2">
@@ -24,8 +26,9 @@ catkin_package()
 catkin_install_python(PROGRAMS scripts/controller DESTINATION ${{CATKIN_PACKAGE_BIN_DESTINATION}})
 """
 LAUNCH = (
-    '<launch>\n  <node name="controller" pkg="{name}" type="controller" output="screen"/>{rviz}\n</launch>\n'
+    '<launch>\n  <node name="controller" pkg="{name}" type="controller" output="screen"/>{more}\n</launch>\n'
 )
+OFFICE = '\n  <include file="$(find office_gazebo)/launch/office.launch"/>'
 RVIZ = '\n  <node name="rviz" pkg="rviz" type="rviz" args="-d $(find {name})/rviz/view.rviz"/>'
 
 
@@ -42,7 +45,8 @@ def make_package(name, folder, student=""):
         (package / "package.xml").write_text(MANIFEST.format(name=name))
         (package / "CMakeLists.txt").write_text(CMAKE.format(name=name))
         rviz = RVIZ.format(name=name) if name in WITH_RVIZ else ""
-        (package / "launch" / "controller.launch").write_text(LAUNCH.format(name=name, rviz=rviz))
+        more = rviz + OFFICE * (name == IN_OFFICE)
+        (package / "launch" / "controller.launch").write_text(LAUNCH.format(name=name, more=more))
         shutil.copy(HERE / name, package / "scripts" / "controller")
         if rviz:
             shutil.copy(HERE / "view.rviz", package / "rviz")

@@ -169,7 +169,10 @@ STOPS = "compare the velocities that you send at this moment with the distance t
 SLOW = "drive faster while the pillar is far away"
 TURNS = "check the sign of angular.z: positive turns left, and the angle is in the lidar's own frame"
 SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pillar"
-MARKER = "check header.frame_id and header.stamp, and the pillar's position in that frame"
+MARKER = (
+    "check header.frame_id and header.stamp, and the pillar's position in that frame: the lidar is not in "
+    "base_link's origin"
+)
 MIRRORED = (
     "x = r cos(angle) and y = r sin(angle) hold in the scan's header.frame_id: publish the marker in it, or "
     "transform the point by TF, and change no sign"

@@ -74,7 +74,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
     def _miss(self, what: str, error: ResourceNotFound) -> str:
         found = re.search(r"\$\(find +([^)]+)\)", str(error))
         package = found.group(1).strip() if found else str(error).split()[0].strip("':,")
-        event = "left_out" if package in SIMULATION else "missing"
+        event = "left_out" if package in SIMULATION or "gazebo" in package else "missing"
         self._reporter.tell(event, package=package, tag=what)
         return package
 
