@@ -167,3 +167,16 @@ def test_an_rviz_file_that_another_launch_file_names_is_that_one_s(tmp_path):
     (tmp_path / "mine.rviz").write_text("{}")
     assert find_setup(bare, None, "husky.launch").source == "mine.rviz"
     assert find_setup(bare, None, "slam.launch").source == "slam.rviz"
+
+
+@pytest.mark.parametrize(("package", "taken"), [("rosbag", False), ("a", False), ("gazebo_ros", True)])
+def test_a_launch_file_without_rviz_takes_the_configuration_of_one_that_only_shows(package, taken, tmp_path):
+    folder = tmp_path / "a"
+    folder.mkdir()
+    (folder / "view.rviz").write_text("{}")
+    show = (
+        f'<launch><node name="n" pkg="{package}"/><node pkg="rviz" args="-d $(find a)/view.rviz"/></launch>'
+    )
+    (folder / "show.launch").write_text(show)
+    setup = find_setup(Plan(("a/b",), package_path=folder), None, "husky.launch")
+    assert (setup is not None) is taken

@@ -40,6 +40,7 @@ CLASSES = {"tf": "rviz/TF", "robot": "rviz/RobotModel", "scan": "rviz/LaserScan"
 ENOUGH = {"tf": 15, "robot": 60, "scan": 6}  # [pixels]; a distant point of the scan is one or two
 DIFFERENT = 30  # of 255, in a colour, from the background
 SIGNALS = 128  # of an exit code: above it stands the signal that ended a program
+_NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
 BLACK = 8  # of 255: a screen without windows
 DRAWN = 0.05  # of the view must be background, or it is not there yet
 MARGINS = (0.12, 0.94, 0.03, 0.97)  # of the window: without menu, tools and status line
@@ -67,7 +68,8 @@ class RvizSetup:
 def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> Optional[RvizSetup]:
     """The configuration of the first rviz node; else the package's .rviz file with most of the displays.
 
-    A file that only another launch file than `launch_file` names is that one's.
+    A file that only another launch file than `launch_file` names is that one's; where `launch_file` starts no
+    RViz, those of launch files without recordings and nodes of the package belong to it.
 
     None where no configuration was handed in: a node without one shows what is in the student's ~/.rviz.
     A hand-in's configuration lies below `root`, whatever its launch file names.
@@ -80,8 +82,8 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
             return RvizSetup(f"its rviz node, {path.name}", _read(path), remaps)
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
-    if folder and launch_file and len(planned.rviz):
-        elsewhere = _named_by_others(folder, Path(launch_file).name)
+    if folder and launch_file:
+        elsewhere = _named_by_others(folder, Path(launch_file).name, not planned.rviz)
         files = [path for path in files if path.name not in elsewhere]
     if not files:
         return None
@@ -89,13 +91,15 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
     return RvizSetup(best.name, _read(best), remaps)
 
 
-def _named_by_others(folder: Path, launch_file: str) -> Set[str]:
-    """Names of .rviz files in launch files of a package other than one of this name."""
+def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Set[str]:
+    """Names of .rviz files in launch files of a package other than one of this name, and than viewers."""
     named: Set[str] = set()
     for path in walk(folder):
         if path.suffix == ".launch" and path.name != launch_file:
             with contextlib.suppress(UnreadableFileError):
-                named |= set(re.findall(r"([\w.-]+\.rviz)\b", read_text(path)))
+                text = read_text(path)
+                if not but_viewers or {"rosbag", folder.name} & set(_NODE.findall(text)):
+                    named |= set(re.findall(r"([\w.-]+\.rviz)\b", text))
     return named
 
 
