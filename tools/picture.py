@@ -22,7 +22,7 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PACE = 0.04  # simulated seconds a second
+PACE = 0.08  # simulated seconds a second
 STILL_SIZE, SIZE = {"width": 1600, "height": 900}, {"width": 1280, "height": 720}
 STILL_TIME = 6.0  # [s], simulated, of the drive
 PERIOD, SPEED = 0.1, 1.6  # [s], simulated, between two frames; simulated seconds a second of the animation
@@ -85,7 +85,7 @@ def open_page(browser: Browser, url: str, size: ViewportSize, scale: float) -> P
     """The page, once it knows the time, drawn at a scale."""
     page = browser.new_page(viewport=size, device_scale_factor=scale)
     page.set_default_timeout(1000.0 * TIMEOUT)
-    page.goto(url)
+    page.goto(f"{url}/?antialias")
     page.wait_for_selector("[data-time]")
     page.evaluate(HIDE)
     return page

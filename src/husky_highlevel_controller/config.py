@@ -40,14 +40,14 @@ def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[
         ConfigError: a parameter is missing, unknown to all records, of the wrong type or out of range.
     """
     known: Set[str] = set()
-    made = []
+    results = []
     for record in records:
         known |= {item.name for item in fields(record) if item.metadata}
-        made.append(_record(record, values, source, parameters_only=True))
+        results.append(_record(record, values, source, parameters_only=True))
     unknown = sorted(set(values) - known)
     if unknown:
         raise ConfigError(f"{source}{unknown[0]} is not a parameter; there are: {', '.join(sorted(known))}")
-    return made
+    return results
 
 
 def replace_parameters(record: Record, values: Mapping[str, Any], source: str = "") -> Record:

@@ -443,29 +443,6 @@ def test_a_replay_of_garbage_leaves_the_page_alone(page, tmp_path):
     show(page, "Drive")
 
 
-def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(browser, tmp_path):
-    alone = Ros(tmp_path)
-    alone.start("roscore", "-p", str(alone.port))  # of its own: it outlives the page's launch
-    wait_until(lambda: alone.subscriptions("/rosout"), "there is a master")
-    port = free_port()
-    web = ("roslaunch", "husky_highlevel_controller", "web.launch", f"web_port:={port}")
-    node = alone.start(*web)
-    wait_until(lambda: ADDRESS.search(node.output), "the page's address is printed")
-    page = opened(browser, f"http://127.0.0.1:{port}")
-    page.wait_for_selector("text=no news from the robot")
-    alone.roslaunch("simulator.launch", "web:=false")
-    page.wait_for_selector(".husky-state[data-time]")
-    wait_until(lambda: yellow_rows(page).size > 0, "the robot is drawn")
-    node.popen.terminate()
-    page.wait_for_selector(".husky-banner:has-text('Connection lost')")
-    node.wait()
-    alone.start(*web)
-    page.wait_for_selector(".husky-banner:empty", state="attached")
-    page.wait_for_selector(".husky-state[data-time]")
-    page.close()
-    alone.end()
-
-
 def test_another_address_asks_for_the_token(network, launched, browser):
     port = free_port()
     other = network.start(
@@ -492,6 +469,30 @@ def test_another_address_asks_for_the_token(network, launched, browser):
 def test_nothing_was_complained_of_and_no_other_host_was_asked(page, launched):
     assert page.complaints == []
     assert [url for url in page.hosts if not url.startswith((launched, "data:", "blob:"))] == []
+    page.close()  # and draws no more beside the tests below
+
+
+def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(browser, tmp_path):
+    alone = Ros(tmp_path)
+    alone.start("roscore", "-p", str(alone.port))  # of its own: it outlives the page's launch
+    wait_until(lambda: alone.subscriptions("/rosout"), "there is a master")
+    port = free_port()
+    web = ("roslaunch", "husky_highlevel_controller", "web.launch", f"web_port:={port}")
+    node = alone.start(*web)
+    wait_until(lambda: ADDRESS.search(node.output), "the page's address is printed")
+    page = opened(browser, f"http://127.0.0.1:{port}")
+    page.wait_for_selector("text=no news from the robot")
+    alone.roslaunch("simulator.launch", "web:=false")
+    page.wait_for_selector(".husky-state[data-time]")
+    wait_until(lambda: yellow_rows(page).size > 0, "the robot is drawn")
+    node.popen.terminate()
+    page.wait_for_selector(".husky-banner:has-text('Connection lost')")
+    node.wait()
+    alone.start(*web)
+    page.wait_for_selector(".husky-banner:empty", state="attached")
+    page.wait_for_selector(".husky-state[data-time]")
+    page.close()
+    alone.end()
 
 
 def test_the_page_of_a_marked_drive_plays_it(browser, tmp_path):

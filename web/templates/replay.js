@@ -158,7 +158,8 @@ const draw = () => {
 const seek = (moment) => { if (Number.isFinite(moment)) { now = Math.min(Math.max(moment, times[0]), end); playing = false; draw(); } };
 const tick = (moment) => {
   if (playing && last !== null) {
-    now = Math.min(now + Number(speed.value) * (moment - last) / 1000, end);
+    const passed = Math.min((moment - last) / 1000, 0.25); // a picture that took longer skips nothing of the drive
+    now = Math.min(now + Number(speed.value) * passed, end);
     if (now >= end) playing = false;
     draw();
   }

@@ -58,7 +58,9 @@ class Comparison:
 
     def mean(self, quantity: str) -> Tuple[float, float]:
         """Mean of a figure of A and of B, over the scenes in which both succeed."""
-        columns = [[getattr(one, quantity) for one in side] for side in zip(*self.pairs)] or [[np.nan]] * 2
+        columns = [[getattr(outcome, quantity) for outcome in side] for side in zip(*self.pairs)] or [
+            [np.nan]
+        ] * 2
         return float(np.mean(columns[0])), float(np.mean(columns[1]))
 
     def worse(self, margin: float) -> str:
@@ -85,7 +87,7 @@ class Comparison:
 
     def figures(self) -> List[Sequence[str]]:
         """Rows of the table: a quantity, A's, B's, and the difference."""
-        shares = [100.0 * sum(one.success for one in side) / len(self.a) for side in (self.a, self.b)]
+        shares = [100.0 * sum(outcome.success for outcome in side) / len(self.a) for side in (self.a, self.b)]
         rows: List[Sequence[str]] = [
             ("stands at the pillar, no touch [%]", *(f"{share:.1f}" for share in shares), "")
         ]
@@ -113,20 +115,20 @@ class Comparison:
         return "\n".join([*lines, "", self.verdict(margin)])
 
 
-def _columns(side: str, one: Outcome) -> Dict[str, Any]:
+def _columns(side: str, outcome: Outcome) -> Dict[str, Any]:
     return {
-        f"{side}_success": one.success,
-        f"{side}_arrived_at": one.arrived_at,
-        f"{side}_nearest": one.nearest,
+        f"{side}_success": outcome.success,
+        f"{side}_arrived_at": outcome.arrived_at,
+        f"{side}_nearest": outcome.nearest,
     }
 
 
 def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: Workers) -> Comparison:
     """Drive every scene with both."""
     sides = []
-    for letter, one in (("A", a), ("B", b)):
-        items = [(one, scene) for scene in scenes]
-        sides.append(tuple(workers.map(drive_scene, items, letter, starts_programs=bool(one.launch))))
+    for letter, side in (("A", a), ("B", b)):
+        items = [(side, scene) for scene in scenes]
+        sides.append(tuple(workers.map(drive_scene, items, letter, starts_programs=bool(side.launch))))
     return Comparison((a.name, b.name), sides[0], sides[1])
 
 

@@ -105,8 +105,8 @@ def _source(place: str) -> str:
     try:
         path = Path(place)
         if path.suffix != ".py":
-            found = importlib.util.find_spec(place)
-            path = Path(found.origin or "") if found else path
+            spec = importlib.util.find_spec(place)
+            path = Path(spec.origin or "") if spec else path
         return path.read_text()
     except (OSError, ValueError, ImportError) as error:
         raise HuskyError(f"{place}: no such Python file or module: {error}") from None
@@ -123,12 +123,12 @@ def controller_of(contestant: Contestant) -> Controller:
     try:
         name = contestant.module
         module: Any = importlib.import_module(name) if name else _module(contestant.source)
-        found: Controller = getattr(module, contestant.function)
+        controller: Controller = getattr(module, contestant.function)
     except Exception as error:  # anything may be in a file
         raise HuskyError(f"{contestant.name}: {type(error).__name__}: {error}") from None
-    if not callable(found):
+    if not callable(controller):
         raise HuskyError(f"{contestant.name}: {contestant.function} is not a function")
-    return found
+    return controller
 
 
 @lru_cache(maxsize=4)

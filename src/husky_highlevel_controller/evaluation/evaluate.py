@@ -83,10 +83,10 @@ def extraction_figures(
     title: str, errors: Sequence[float], least: float = -inf, most: float = inf
 ) -> List[Figure]:
     """Figures of the centre errors [m] in scenes with a pillar; inf is one not found."""
-    found = [error for error in errors if error < inf]
-    p95 = float(np.quantile(found, 0.95)) if found else nan
+    finite = [error for error in errors if error < inf]
+    p95 = float(np.quantile(finite, 0.95)) if finite else nan
     return [
-        Figure(f"{title}: found", 100.0 * len(found) / len(errors), "%", least=least),
+        Figure(f"{title}: found", 100.0 * len(finite) / len(errors), "%", least=least),
         Figure(f"{title}: centre error, 95 % within", 100.0 * p95, "cm", most=most),
     ]
 

@@ -38,8 +38,8 @@ def center_error(
     scene = pillar_scene(number, seed, clutter, lidar)
     assert scene.pillar is not None
     x, y, _ = scene.pillar
-    found = find_pillars(scene.scan, detector or PillarConfig())
-    error = min((hypot(p.x - x, p.y - y) for p in found), default=inf)
+    pillars = find_pillars(scene.scan, detector or PillarConfig())
+    error = min((hypot(p.x - x, p.y - y) for p in pillars), default=inf)
     return error if error < SAME_PILLAR else inf
 
 
@@ -47,8 +47,8 @@ def false_pillars(
     number: int, seed: int, lidar: LidarConfig = SICK, detector: Optional[PillarConfig] = None
 ) -> int:
     """Number of pillars of many beams that are found in a random scene without one."""
-    found = find_pillars(bare_scene(number, seed, lidar).scan, detector or PillarConfig())
-    return sum(pillar.beams >= MANY_BEAMS for pillar in found)
+    pillars = find_pillars(bare_scene(number, seed, lidar).scan, detector or PillarConfig())
+    return sum(pillar.beams >= MANY_BEAMS for pillar in pillars)
 
 
 # ---------------------------------------------------------------------------- whole runs

@@ -38,7 +38,7 @@ class Table:
     @property
     def rows(self) -> List[List[Cell]]:
         """The cells, each a `Cell`."""
-        return [[one if isinstance(one, Cell) else Cell(one) for one in row] for row in self.cells]
+        return [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.cells]
 
 
 def write_page(

@@ -100,13 +100,15 @@ def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
     known = {"defaults": Setup(), "the course's gains": Setup(COURSE_GAINS)}
     if profile == "robot":
         known["robot.launch's gains"] = Setup(ROBOT_GAINS)
-    found = {name: [float(parameters(setup)[axis.name]) for axis in axes] for name, setup in known.items()}
-    unlike = {tuple(values): name for name, values in reversed(found.items())}
+    positions = {
+        name: [float(parameters(setup)[axis.name]) for axis in axes] for name, setup in known.items()
+    }
+    unlike = {tuple(values): name for name, values in reversed(positions.items())}
     inside = {
         name: list(values) for values, name in unlike.items()
         if all(min(axis.values) <= value <= max(axis.values) for axis, value in zip(axes, values))
     }  # fmt: skip
-    return dict(sorted(inside.items(), key=lambda pair: list(found).index(pair[0])))
+    return dict(sorted(inside.items(), key=lambda pair: list(positions).index(pair[0])))
 
 
 def summary(result: Sweep) -> List[Dict[str, Any]]:

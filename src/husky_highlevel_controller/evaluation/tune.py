@@ -153,12 +153,13 @@ def tune(
     study.enqueue_trial({name: min(max(defaults[name], low), high) for name, low, high in ranges})
     rows: List[Dict[str, Any]] = []
     while len(rows) < trials:
-        asked = [study.ask() for _ in range(min(BATCH, trials - len(rows)))]
-        proposed = [_propose(trial, ranges, defaults) for trial in asked]
+        trials_asked = [study.ask() for _ in range(min(BATCH, trials - len(rows)))]
+        proposed = [_propose(trial, ranges, defaults) for trial in trials_asked]
         items = list(product([base.with_values(values) for values in proposed], scenes))
-        costs = [objective.cost(one) for one in workers.map(drive, items, f"setups from {len(rows) + 1}")]
-        means = np.array(costs).reshape(len(asked), len(scenes)).mean(axis=1).tolist()
-        for trial, values, mean in zip(asked, proposed, means):
+        results = workers.map(drive, items, f"setups from {len(rows) + 1}")
+        costs = [objective.cost(result) for result in results]
+        means = np.array(costs).reshape(len(trials_asked), len(scenes)).mean(axis=1).tolist()
+        for trial, values, mean in zip(trials_asked, proposed, means):
             study.tell(trial, mean)
             rows.append({**values, "objective": mean})
     best = min(rows, key=lambda row: row["objective"])
@@ -187,25 +188,25 @@ def _optuna() -> Any:
     return optuna
 
 
-Figures = List[Sequence[str]]  # rows: a quantity, the defaults', the found one's, the difference
+Figures = List[Sequence[str]]  # rows: a quantity, of the defaults, tuned, the difference
 
 
 def check(
     base: Setup,
-    found: Setup,
+    tuned: Setup,
     scenes: Sequence[Scenario],
     objective: Objective,
     workers: Workers,
     drive: Drive,
 ) -> Figures:
     """Both setups on the same fresh scenes, with the paired differences."""
-    both = workers.map(drive, list(product([base, found], scenes)), "fresh starts")
+    both = workers.map(drive, list(product([base, tuned], scenes)), "fresh starts")
     sides = both[: len(scenes)], both[len(scenes) :]
-    shares = (f"{100.0 * float(np.mean([one.good for one in side])):.1f}" for side in sides)
+    shares = (f"{100.0 * float(np.mean([result.good for result in side])):.1f}" for side in sides)
     figures: Figures = [("arrived, within 2 cm, no touch [%]", *shares, "")]
     pairs = [(a, b) for a, b in zip(*sides) if a.arrived_at < inf and b.arrived_at < inf]
-    times = [[one.arrived_at for one in side] for side in zip(*pairs)] or [[], []]
-    costs = [[objective.cost(one) for one in side] for side in sides]
+    times = [[result.arrived_at for result in side] for side in zip(*pairs)] or [[], []]
+    costs = [[objective.cost(result) for result in side] for side in sides]
     for title, (first, second) in (("time to arrival, mean [s]", times), ("objective [s]", costs)):
         interval = bootstrap(np.subtract(second, first).tolist())
         a, b = (f"{float(np.mean(side)) if side else float('nan'):.3f}" for side in (first, second))
@@ -252,8 +253,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             print(f"of {options.trials} setups on {options.scenes} starts: {best:.3f} s with")
             for name, value in tuned.values.items():
                 print(f"  {name} {value:g} {unit_of(name)}, by default {parameters(base)[name]:g}")
-            found, fresh = base.with_values(tuned.values), random_starts(options.fresh, seed + 1)
-            figures = check(base, found, fresh, objective, workers, run_scene)
+            setup, fresh = base.with_values(tuned.values), random_starts(options.fresh, seed + 1)
+            figures = check(base, setup, fresh, objective, workers, run_scene)
             print(text_table([(f"on {options.fresh} fresh starts", *HEADER), *figures]))
             command = f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}"
             values = [

@@ -54,9 +54,9 @@ class NewSubscribers(rospy.SubscribeListener):
 
     def take(self) -> bool:
         """True once after a node has subscribed."""
-        came = self._came.is_set()
+        subscribed = self._came.is_set()
         self._came.clear()
-        return came
+        return subscribed
 
 
 def _end_on_signals() -> None:

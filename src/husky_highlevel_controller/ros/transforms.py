@@ -28,10 +28,10 @@ def lookup_transform(
         beyond MAX_COORDINATE.
     """
     try:
-        found = transforms.lookup_transform_core(parent, child.lstrip("/"), stamp or rospy.Time())
+        stamped = transforms.lookup_transform_core(parent, child.lstrip("/"), stamp or rospy.Time())
     except (tf2_ros.TransformException, ValueError):  # ValueError: an empty name, or one with a NUL
         return None
-    return found if is_pose(found.transform) else None
+    return stamped if is_pose(stamped.transform) else None
 
 
 def is_pose(transform: Transform) -> bool:

@@ -64,9 +64,9 @@ class PromptConnection(QueuedConnection):
                     self._cond_data_available.wait()
             with self._turn:  # what is in the queue by now goes before what comes later
                 with self._lock:
-                    rest, queue = self._rest, self._queue
+                    unsent, queue = self._rest, self._queue
                     self._rest, self._queue = b"", []
-                for data in [rest, *queue] if rest else queue:
+                for data in [unsent, *queue] if unsent else queue:
                     try:
                         self._connection.write_data(data)
                     except Exception as error:  # raised again where the next message is published

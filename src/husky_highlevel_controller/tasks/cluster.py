@@ -118,16 +118,16 @@ class Cluster:
         """
         end = time.monotonic() + WORKER_DEADLINE
         while True:
-            found = self._client.scheduler_info(n_workers=-1)["workers"]
-            self._ask({address: about for address, about in found.items() if address not in self._refused})
-            workers = self._fit & set(found)
+            listed = self._client.scheduler_info(n_workers=-1)["workers"]
+            self._ask({address: about for address, about in listed.items() if address not in self._refused})
+            workers = self._fit & set(listed)
             if starts_programs:
-                workers = frozenset(w for w in workers if ROS in found[w].get("resources", {}))
+                workers = frozenset(w for w in workers if ROS in listed[w].get("resources", {}))
             if workers:
                 return workers
-            if found and set(found) <= set(self._refused):
+            if listed and set(listed) <= set(self._refused):
                 raise HuskyError(f"--cluster {self._address}: every worker is refused, see above")
-            if found and self._fit & set(found):
+            if listed and self._fit & set(listed):
                 raise HuskyError(
                     f"--cluster {self._address}: no worker has the resource: --resources {ROS}=1"
                 )
@@ -135,17 +135,17 @@ class Cluster:
                 raise HuskyError(f"--cluster {self._address}: no worker came in {WORKER_DEADLINE:g} s")
             time.sleep(POLL_PERIOD)
 
-    def _ask(self, found: Dict[str, Dict[str, Any]]) -> None:
+    def _ask(self, listed: Dict[str, Dict[str, Any]]) -> None:
         """Ask new workers what they are, and say which are refused."""
-        new = [address for address in found if address not in self._fit]
+        new = [address for address in listed if address not in self._fit]
         if not new:
             return
         pythons = self._client.get_versions()["workers"]
         for address in new:
             python = pythons.get(address, {}).get("host", {}).get("python", "")
             why = ""
-            if found[address]["nthreads"] != 1:
-                why = f"it has {found[address]['nthreads']} threads; start it with --nthreads 1"
+            if listed[address]["nthreads"] != 1:
+                why = f"it has {listed[address]['nthreads']} threads; start it with --nthreads 1"
             elif not python:
                 continue  # it did not answer: asked again
             elif python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
@@ -155,7 +155,7 @@ class Cluster:
                 if version != code_version():
                     why = f"{version}; here it is {code_version()}"
             if why:
-                name = found[address].get("name", address)
+                name = listed[address].get("name", address)
                 print(f"worker {name} at {address} is refused: {why}", file=sys.stderr)
                 self._refused[address] = why
             else:

@@ -47,12 +47,12 @@ def _pieces(value: Any) -> Iterator[bytes]:
         yield from _pieces(value.item())
     elif isinstance(value, (tuple, list)):
         yield f"{len(value)} values".encode()
-        for one in value:
-            yield from _pieces(one)
+        for part in value:
+            yield from _pieces(part)
     elif isinstance(value, (set, frozenset)):
         yield from _pieces(sorted(map(fingerprint, value)))
     elif isinstance(value, Mapping):
-        yield from _pieces(sorted((fingerprint(key), fingerprint(one)) for key, one in value.items()))
+        yield from _pieces(sorted((fingerprint(key), fingerprint(part)) for key, part in value.items()))
     elif isinstance(value, PurePath):
         yield f"path {value}".encode()
     elif is_dataclass(value) and not isinstance(value, type):

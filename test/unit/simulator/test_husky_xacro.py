@@ -384,10 +384,9 @@ def test_a_wheel_stands_on_the_middle_of_its_tread(load):
         assert hit[3][2] == pytest.approx(0.03282 - radius, abs=1e-5)
 
 
-def test_collision_meshes_are_left_out_and_named():
+def test_collision_meshes_are_left_out():
     mesh = '<collision><geometry><mesh filename="package://some/where.dae"/></geometry></collision>'
     model = robot_model(small_robot(extra=fixed_to_base("plate", mesh)))
-    assert model.meshes_left_out == ("plate",)
     assert "mesh" not in model.physics_urdf
 
 

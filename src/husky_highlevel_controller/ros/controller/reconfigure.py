@@ -51,17 +51,18 @@ class _Server(Server):
 
     def update_configuration(self, changes: Dict[str, Any]) -> Dict[str, Any]:
         taken = dict(changes)
-        for name, asked in changes.items():
+        for name, value in changes.items():
             if self.type.type.get(name) not in ("double", "int"):
                 continue
-            least, most = self.type.min[name], self.type.max[name]
-            if not isfinite(asked):
+            smallest, largest = self.type.min[name], self.type.max[name]
+            if not isfinite(value):
                 taken[name] = self.config[name]
-            elif not least <= asked <= most:
-                taken[name] = min(max(asked, least), most)
+            elif not smallest <= value <= largest:
+                taken[name] = min(max(value, smallest), largest)
             else:
                 continue
             rospy.logwarn(
-                f"{rospy.get_name()}/{name} = {asked} is out of range {least}..{most}: taking {taken[name]}"
+                f"{rospy.get_name()}/{name} = {value} is out of range {smallest}..{largest}: "
+                f"taking {taken[name]}"
             )
         return super().update_configuration(taken)

@@ -135,12 +135,12 @@ class ScanPlacement:
         overdue = self._clock() - pending.arrived_at > timeout
         if not (self._started or overdue or (self.lookup(BASE, frame) and self.lookup(ODOM, BASE))):
             return None
-        waiting, found = self._base_in_odom(pending.stamp, overdue)
+        waiting, transform = self._base_in_odom(pending.stamp, overdue)
         if waiting:
             return None
         base_in_odom: Optional[Pose2D] = None
-        if found is not None:
-            base_in_odom = pose_to_2d(conversions.pose_from_transform(found))
+        if transform is not None:
+            base_in_odom = pose_to_2d(conversions.pose_from_transform(transform))
         return Observation(pending.scan, self._laser_in_base(frame), base_in_odom, self._outline)
 
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
@@ -163,17 +163,17 @@ class ScanPlacement:
         fixed = self._fixed
         if fixed is not None and fixed[0] == frame:
             return fixed[1]
-        found = self.lookup(BASE, frame)
-        self._unplaced_scans = 0 if found else self._unplaced_scans + 1
+        transform = self.lookup(BASE, frame)
+        self._unplaced_scans = 0 if transform else self._unplaced_scans + 1
         if self._unplaced_scans > MAX_UNPLACED_SCANS:
             rospy.logwarn_throttle(
                 REPORT_PERIOD,
                 f"no transform from '{frame}' to '{BASE}', so the robot stands still; "
                 "is robot_state_publisher running?",
             )
-        if found is None:
+        if transform is None:
             return None
-        pose = conversions.pose_from_transform(found)
-        if found.header.stamp.is_zero():  # every transform of the chain is from /tf_static
+        pose = conversions.pose_from_transform(transform)
+        if transform.header.stamp.is_zero():  # every transform of the chain is from /tf_static
             self._fixed = frame, pose
         return pose

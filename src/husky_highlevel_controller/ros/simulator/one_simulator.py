@@ -32,8 +32,8 @@ def publishers_of_clock(master_uri: str) -> List[str]:
 def _answers(master: ServerProxy, name: str) -> bool:
     """Whether a node that the master knows is still there; one that was killed is not."""
     try:
-        found: Any = master.lookupNode("/one_simulator", name)
-        with ServerProxy(found[2]) as node:
+        answer: Any = master.lookupNode("/one_simulator", name)
+        with ServerProxy(answer[2]) as node:
             node.getPid("/one_simulator")
     except (OSError, Error):
         return False

@@ -52,9 +52,9 @@ def launched_beside() -> Set[str]:
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
         try:
             with ServerProxy(uri) as launcher:
-                found: Any = launcher.list_processes()
+                answer: Any = launcher.list_processes()
         except (OSError, Error):
             continue  # it has ended
         # "NODE-COUNT" of each process that lives, and how often it was started
-        names.update(name.rsplit("-", 1)[0] for name, _ in found[2][0])
+        names.update(name.rsplit("-", 1)[0] for name, _ in answer[2][0])
     return names - OWN

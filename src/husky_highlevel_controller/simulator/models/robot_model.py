@@ -83,8 +83,7 @@ class RobotModel:
     com: Vector3  # [m], wheels included, in base_link
     inertia: np.ndarray  # (3, 3) [kg m^2], wheels included, about com, along base_link's axes
     wheels: Tuple[Wheel, ...]  # front left, front right, rear left, rear right
-    meshes_left_out: Tuple[str, ...]  # links whose collision meshes physics does without
-    physics_urdf: str  # for PyBullet: one link, base_link with everything fixed to it and the wheels
+    physics_urdf: str  # for PyBullet: base_link with everything fixed to it, and the wheels; no meshes
 
 
 def robot_model(
@@ -128,7 +127,6 @@ def robot_model(
         raise DescriptionError(
             f"link '{name}' is neither fixed to base_link nor a wheel; nothing else can move"
         )
-    meshes = tuple(name for name in links if links[name].find("collision/geometry/mesh") is not None)
     for element in physics.iter():
         element.tail = "\n"  # Bullet cuts lines after 8 kB
     return RobotModel(
@@ -139,7 +137,6 @@ def robot_model(
         com=com,
         inertia=inertia,
         wheels=wheels,
-        meshes_left_out=meshes,
         physics_urdf=ET.tostring(physics, encoding="unicode"),
     )
 

@@ -57,12 +57,7 @@ def load_world(path: Union[str, Path]) -> World:
     Raises:
         WorldError: the file, or a model it includes, is missing or broken.
     """
-    return _parse(read_bytes(Path(path)), str(path))
-
-
-def parse_world(text: str, source: str) -> World:
-    """Read the text of a world file; messages call it `source`. Raises WorldError like `load_world`."""
-    return _parse(text, source)
+    return parse_world(read_bytes(Path(path)), str(path))
 
 
 def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
@@ -107,7 +102,8 @@ def find_world(name: str, folders: Sequence[Path]) -> Path:
     )
 
 
-def _parse(data: Union[str, bytes], source: str) -> World:
+def parse_world(data: Union[str, bytes], source: str) -> World:
+    """Read the text of a world file; messages call it `source`. Raises WorldError like `load_world`."""
     load = Load()
     try:
         root = open_sdf(data, source, load)
@@ -193,14 +189,14 @@ def _bodies_in(holder: Node, parent: _Parent) -> Iterator[Body]:
 def _read_model(model: Node, parent: _Parent, include: Optional[Node] = None) -> Iterator[Body]:
     """The bodies of a model; name, pose and static of an include come before the model's own."""
     model.note_unknown()
-    said = {child.tag: child for node in (model, include) if node for child in node.children()}
+    children_by_tag = {child.tag: child for node in (model, include) if node for child in node.children()}
     name = include.child("name") if include else None
     full_name = parent.scoped((name.text if name else "") or model.named())
     if include and not name:
         full_name = _free_name(full_name, model)
     _claim(full_name, include or model)
-    pose_in_world = compose(parent.pose_in_world, _pose(said.get("pose"), parent))
-    static = parent.static or ("static" in said and said["static"].flag())
+    pose_in_world = compose(parent.pose_in_world, _pose(children_by_tag.get("pose"), parent))
+    static = parent.static or ("static" in children_by_tag and children_by_tag["static"].flag())
     me = _Parent(model.named(), full_name, pose_in_world, pose_in_world, static)
     links = list(model.children("link"))
     if not (links or model.child("model") or model.child("include")):

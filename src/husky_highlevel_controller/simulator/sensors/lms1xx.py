@@ -167,8 +167,8 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         seen = (share > 0.0) & (share * config.remission >= DARK * (mean / DARK_RANGE) ** 2)
         ranges[hit[seen]], shares[hit[seen]] = mean[seen], np.minimum(share[seen], 1.0)
         depth[echo] = inf  # too weak: what lies behind it
-        rest = ~seen & (share > 0.0)
-        hit, depth, weights = hit[rest], depth[rest], weights[rest]
+        weak = ~seen & (share > 0.0)
+        hit, depth, weights = hit[weak], depth[weak], weights[weak]
     return ranges, shares
 
 
