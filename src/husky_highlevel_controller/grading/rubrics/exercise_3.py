@@ -159,7 +159,7 @@ def cause_of_stop(recording: Recording) -> str:
         return ""
     return (
         f"; {recording.command_count} commands, the last at {recording.commands[-1]:.2f} s, then none: its "
-        "callback waits (for a service, in a loop or a sleep), or no scan reaches it"
+        "callback waits (for a service, in a loop or a sleep), takes a branch without one, or gets no scan"
     )
 
 
@@ -186,7 +186,7 @@ HINTS = (
     ("were zero", "a gain of 0, a parameter that is not loaded, or a service that must be called first"),
     ("raises", "the line named is where it happens"),
     ("ends during the drive", "the last line of its output says why"),
-    ("then none", "look at what your callback waits for at that moment"),
+    ("then none", "the branch that your callback takes at that moment, and what it waits for"),
 )
 
 
