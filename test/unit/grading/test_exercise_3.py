@@ -10,6 +10,7 @@ import yaml
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.grading.drive.drive_end import NODES_ENDED
 from husky_highlevel_controller.grading.drive.recording import (
     ExchangedError,
     MarkerSample,
@@ -487,6 +488,16 @@ def test_a_robot_that_stands_has_a_cause_and_a_hint(change, cause, hint):
     assert item.evidence.startswith(f"the robot never moves: {cause}")
     assert hint in item.hint
     assert hint in judge_arrival(stands).hint
+
+
+@pytest.mark.parametrize(
+    ("ended", "cause"),
+    [("it did not move for 20 s", "nothing came on cmd_vel"), (NODES_ENDED, "node n ends during the drive")],
+)
+def test_a_node_that_ends_without_an_error_is_a_cause_where_no_other_runs(ended, cause):
+    notes = ("node n ends during the drive (exit code 0)",)
+    stands = drive((5.0, 0.0), command_count=0, notes=notes, ended=ended)
+    assert cause in judge_approach(stands).evidence
 
 
 def test_a_callback_that_hangs_is_named():

@@ -197,7 +197,9 @@ def hint_on(cause: str) -> str:
 
 def causes(recording: Recording) -> List[str]:
     """Notes on what went wrong; that it sleeps, sends too much or starts without a terminal is no cause."""
-    harmless = ("does not answer", "it floods", "launch-prefix")
+    harmless = ["does not answer", "it floods", "launch-prefix"]
+    if recording.ended.startswith("it "):  # another of its nodes ran until then
+        harmless.append("(exit code 0)")
     return [note for note in recording.notes if not any(words in note for words in harmless)]
 
 
