@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose, Pose2D, TrueState
-from husky_highlevel_controller.grading.drive.drive_end import NODES_ENDED, DriveEnd
+from husky_highlevel_controller.grading.drive.drive_end import NO_COMMAND, NODES_ENDED, DriveEnd
 from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.record import (
     SCHEMA,
@@ -51,6 +51,11 @@ def test_nor_where_the_nodes_had_ended(seconds):
     far = ((20.0, 0.0), NODES_ENDED)
     assert hash_of_poses(drive(seconds, *far)) == hash_of_poses(drive(11.02, *far))
     assert hash_of_poses(drive(10.0, *far)) != hash_of_poses(drive(11.02, *far))
+
+
+def test_nor_where_they_had_ended_without_a_command():
+    never = ((20.0, 0.0), NO_COMMAND)
+    assert hash_of_poses(drive(0.5, *never)) == hash_of_poses(drive(1.5, *never))
 
 
 def test_a_record_comes_back_from_its_file(tmp_path):

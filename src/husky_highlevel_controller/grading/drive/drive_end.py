@@ -14,8 +14,10 @@ from husky_highlevel_controller.grading.drive.recording import hull_gaps
 
 AT_PILLAR = 3.0  # [s], simulated: so long at the pillar, it is over
 ABANDONED = 3.0  # [s], simulated: so long still with no node left to drive it, it is over
-STILL, NEVER = 15.0, 20.0  # [s], simulated: so long still after a drive, or from the start, it is over
+STILL = 15.0  # [s], simulated: so long still after a drive, it is over
+NEVER = 12.0  # [s], simulated: so long still from the start, it is over; some sleep for 10 s at first
 NODES_ENDED = f"its nodes had ended, and it stood still for {ABANDONED:g} s"
+NO_COMMAND = "its nodes had ended without a command"
 
 
 class DriveEnd:
@@ -33,6 +35,8 @@ class DriveEnd:
 
     def decided_at(self, reason: str) -> float:
         """Time of the state [s], simulated, at which a drive that ended for this reason was decided."""
+        if reason == NO_COMMAND:
+            return 0.0
         return self._moved_at + ABANDONED if reason == NODES_ENDED else self._decided_at
 
     def update(self, state: TrueState) -> None:

@@ -19,7 +19,7 @@ from sensor_msgs.msg import LaserScan
 from husky_highlevel_controller.datatypes import Scan, TrueState
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.grading.drive.call_plan import FORWARD
-from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
+from husky_highlevel_controller.grading.drive.drive_end import NO_COMMAND, DriveEnd
 from husky_highlevel_controller.grading.drive.recording import (
     CUT_OFF,
     Assignment,
@@ -184,6 +184,8 @@ class DriveRecorder:
             return ""
         if self._listens and not self._advertises and self._now >= SILENT:
             return f"it had no publisher of velocity commands for {SILENT:g} s"
+        if self._abandoned.is_set() and not self._command_count:
+            return NO_COMMAND
         return self._end.reason(self._abandoned.is_set())
 
     def _write(self, ended: str) -> None:

@@ -8,11 +8,12 @@ during a callback, in which it may sleep.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
 from pathlib import Path
-from typing import Dict, Set, Tuple
+from typing import Any, Dict, Mapping, Optional, Set, Tuple
 
 import rospy
 
@@ -20,49 +21,140 @@ import rospy
 # with 3 ms two of three drives of such a controller came out otherwise beside a load of 11
 ASLEEP_FOR = 0.008
 LOOK_PERIOD = 0.002  # [s] of wall time
-STAT = 512  # [bytes] of a thread's /proc/.../stat that are read; its state is among the first
+# a thread's files in /proc: its state; for how long and how often it was on a CPU, where the kernel counts
+STAT = "stat"
+SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
+SIZE = 512  # [bytes] of such a file that are read; the state is among the first
+MAX_THREADS = 200  # of a process, whose files are kept open: opening them takes most of the time of a look
 RUNNING = {b"R", b"D"}  # states of a thread: on a CPU or waiting for one, or for a disk
 
 Ports = Tuple[int, int]  # of a connection: the subscriber's, this process's
+Turns = Dict[str, bytes]  # by thread: SCHEDULE
 
 
 class Listeners:
-    """The processes on this machine that subscribe to a publisher's topic."""
+    """The processes on this machine that subscribe to a publisher's topic.
 
-    def __init__(self, publisher: rospy.Publisher) -> None:
-        self._publisher = publisher
-        self._owners: Dict[Ports, int] = {}  # process at the other end of each connection
+    A process in Python does not look at the clock while it waits for it. Where all that receive the topic or
+    the clock are in Python, they are asleep as soon as they have run after a tick, and two looks see all
+    threads asleep, none of which ran in between. Else those that receive the topic are asleep after
+    ASLEEP_FOR without a running thread.
+    """
+
+    def __init__(self, publisher: rospy.Publisher, clock: rospy.Publisher) -> None:
+        self._publisher, self._clock = publisher, clock
+        self._ports: Set[Ports] = set()  # of both topics' connections
+        self._ours = _Threads(os.getpid())
+        self._processes: Dict[int, _Threads] = {}  # that receive the topic or the clock
+        self._receivers: Set[int] = set()  # that receive the topic
+        self._on_clock: Set[int] = set()  # that receive the clock
+        self._complete = self._in_python = False
+        self._settled: Dict[int, Optional[Turns]] = {}  # when they were asleep last
 
     def asleep(self) -> bool:
-        """Whether all of them stay asleep for some milliseconds; takes as long."""
-        end = time.monotonic() + ASLEEP_FOR
-        while True:
-            if not self._idle():
-                return False
-            if time.monotonic() >= end:
-                return True
-            time.sleep(LOOK_PERIOD)
-
-    def _idle(self) -> bool:
-        ports = self._ports()
-        if ports != self._owners.keys():
-            self._owners = _owners(ports)
-        if not ports or len(self._owners) < len(ports):
+        """Whether all of them stay asleep until something is sent; takes up to some milliseconds."""
+        self._find()
+        if not self._complete:
             return False  # elsewhere than on this machine nothing is known
-        if _runs(os.getpid(), but=threading.get_native_id()):
-            return False  # a thread of ours that is about to send
-        return not any(_runs(owner) for owner in set(self._owners.values()))
+        end, before = time.monotonic() + ASLEEP_FOR, None
+        while True:
+            if self._ours.turns() is None:  # a thread of ours that is about to send
+                return False
+            turns = {process: threads.turns() for process, threads in self._processes.items()}
+            if any(turns[process] is None for process in self._receivers):
+                return False
+            at_once = self._in_python and turns == before and self._have_run(turns)
+            if at_once or time.monotonic() >= end:
+                self._settled = turns
+                return True
+            if before is not None or not self._in_python:
+                time.sleep(LOOK_PERIOD)
+            before = turns
 
-    def _ports(self) -> Set[Ports]:
-        """Ports of each connection; rospy has no public way to its sockets."""
-        pairs = set()
-        for queued in list(self._publisher.impl.connections):
-            transport = getattr(queued, "_connection", queued)
-            try:
-                pairs.add((transport.socket.getpeername()[1], transport.socket.getsockname()[1]))
-            except (AttributeError, OSError):  # it has just been closed
+    def _find(self) -> None:
+        """Find the processes, where connections have changed."""
+        wanted, clock = _ports(self._publisher), _ports(self._clock)
+        if wanted | clock == self._ports:
+            return
+        self._ports = wanted | clock
+        owners = _owners(self._ports)
+        self._receivers = {owners[pair] for pair in wanted & owners.keys()}
+        self._on_clock = {owners[pair] for pair in clock & owners.keys()}
+        self._complete = bool(wanted) and wanted <= owners.keys()
+        self._in_python = SCHEDULE != STAT and all(map(_in_python, owners.values()))
+        for threads in self._processes.values():
+            threads.close()
+        self._processes = {process: _Threads(process) for process in owners.values()}
+
+    def _have_run(self, turns: Mapping[int, Optional[Turns]]) -> bool:
+        """Whether the processes that receive the clock have run since they were asleep, and none runs."""
+        ran = all(turns[process] != self._settled.get(process) for process in self._on_clock)
+        return ran and None not in turns.values()
+
+
+class _Threads:
+    """Threads of a process, with their files in /proc kept open."""
+
+    def __init__(self, process: int) -> None:
+        self._folder = f"/proc/{process}/task"
+        self._files: Dict[str, Tuple[int, int]] = {}  # by thread: SCHEDULE, STAT
+
+    def close(self) -> None:
+        """Close all files."""
+        for thread in list(self._files):
+            self._forget(thread)
+
+    def turns(self) -> Optional[Turns]:
+        """The turns of all threads but the caller's; None: one of them runs."""
+        try:
+            threads = os.listdir(self._folder)[:MAX_THREADS]
+        except OSError:  # the process has just ended
+            threads = []
+        for ended in self._files.keys() - threads:
+            self._forget(ended)
+        found = {}
+        own = str(threading.get_native_id())
+        for thread in threads:
+            if thread == own:
                 continue
-        return pairs
+            try:
+                if thread not in self._files:
+                    self._open(thread)
+                schedule, stat = self._files[thread]
+                found[thread] = os.pread(schedule, SIZE, 0)
+                if os.pread(stat, SIZE, 0).rpartition(b") ")[2][:1] in RUNNING:
+                    return None
+            except OSError:  # it has just ended
+                self._forget(thread)
+        return found
+
+    def _open(self, thread: str) -> None:
+        schedule, stat = (
+            os.open(f"{self._folder}/{thread}/{name}", os.O_RDONLY | os.O_CLOEXEC)
+            for name in (SCHEDULE, STAT)
+        )
+        self._files[thread] = schedule, stat
+
+    def _forget(self, thread: str) -> None:
+        for file in self._files.pop(thread, ()):
+            os.close(file)
+
+
+def _ports(publisher: Any) -> Set[Ports]:
+    """Ports of each connection; rospy has no public way to its sockets."""
+    pairs = set()
+    for queued in list(publisher.impl.connections):
+        transport = getattr(queued, "_connection", queued)
+        with contextlib.suppress(AttributeError, OSError):  # it has just been closed
+            pairs.add((transport.socket.getpeername()[1], transport.socket.getsockname()[1]))
+    return pairs
+
+
+def _in_python(process: int) -> bool:
+    try:
+        return os.path.basename(os.readlink(f"/proc/{process}/exe")).startswith("python")
+    except OSError:
+        return False
 
 
 def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
@@ -86,20 +178,3 @@ def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
         except OSError:  # it has just ended, or belongs to another user
             continue
     return owners
-
-
-def _runs(process: int, but: int = 0) -> bool:
-    folder = f"/proc/{process}/task"
-    try:
-        threads = os.listdir(folder)
-    except OSError:  # it has just ended
-        return False
-    for thread in threads:
-        try:
-            with open(f"{folder}/{thread}/stat", "rb", buffering=0) as file:
-                state = file.read(STAT).rpartition(b") ")[2][:1]
-        except OSError:
-            continue
-        if state in RUNNING and int(thread) != but:
-            return True
-    return False

@@ -91,7 +91,7 @@ class SimulatorNode:
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
             start.lockstep,
-            Listeners(self._publishers.scan),
+            Listeners(self._publishers.scan, self._publishers.clock),
             partial(self._publishers.truth_log.write_line, "unanswered"),
         )
         self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
