@@ -22,7 +22,12 @@ from husky_highlevel_controller.grading.drive.plan import Plan, Submission, plan
 from husky_highlevel_controller.grading.drive.recording import Recording, empty_recording
 from husky_highlevel_controller.grading.drive.recording import load as load_recording
 from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
-from husky_highlevel_controller.grading.drive.robot_version import detect_robot
+from husky_highlevel_controller.grading.drive.robot_version import (
+    DEFAULT,
+    detect_robot,
+    names_the_husky_s_scans,
+    subscribes_to,
+)
 from husky_highlevel_controller.grading.drive.run import RECORDING, drive
 from husky_highlevel_controller.grading.drive.rviz_check import look
 from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
@@ -37,6 +42,7 @@ from husky_highlevel_controller.grading.record import write_record
 from husky_highlevel_controller.grading.records import (
     AUTO,
     DEFAULT_RULES,
+    ROBOT_VERSIONS,
     Job,
     MarkingConfig,
     Result,
@@ -141,12 +147,19 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> Result:
     submission, notes = _submission(job, out)
     planned = plan(submission, out / "plan")
     config = replace(job.config, robot=job.override.robot or job.config.robot)
+    recordings: List[Recording] = []
+    if config.robot == AUTO and planned.nodes and names_the_husky_s_scans(planned):
+        husky = replace(config, robot=DEFAULT)
+        recordings = _drives(submission, planned, replace(job, config=husky), shows_progress)
+        if recordings[0].subscribed:  # else it listens elsewhere, whatever its files name
+            config, notes = husky, [*notes, subscribes_to(DEFAULT)]
     if config.robot == AUTO:
         robot, scans, why = detect_robot(submission, planned, out / "robot")
         config, notes = replace(config, robot=robot, scans=scans), [*notes, why]
+    if not recordings or config.scan_topic != ROBOT_VERSIONS[DEFAULT][0]:
+        recordings = _drives(submission, planned, replace(job, config=config), shows_progress)
     (trial, *_) = draw_trials(1, config.seed)
     chance = uninitialised(submission, planned, trial, config, out / "memcheck") if planned.nodes else ""
-    recordings = _drives(submission, planned, replace(job, config=config), shows_progress)
     view, pixels = look(submission, planned, config, out / "rviz")
     network = "loopback only" if private_network.is_private() else "not kept apart"
     evidence = Evidence(
@@ -179,6 +192,8 @@ def _submission(job: Job, out: Path) -> Tuple[Submission, List[str]]:
 def _drives(submission: Submission, planned: Plan, job: Job, shows_progress: bool) -> List[Recording]:
     """Recordings of the drives; further drives only where the first one moved."""
     config, exercise = job.config, EXERCISES[job.config.exercise]
+    for earlier in Path(job.out).glob("drive_*"):
+        remove_tree(earlier)
     recordings: List[Recording] = []
     trials = draw_trials(config.trials if exercise.random_starts else 1, config.seed)
     for trial in trials:

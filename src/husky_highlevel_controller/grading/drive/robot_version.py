@@ -29,6 +29,12 @@ SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 
 
+def names_the_husky_s_scans(planned: Plan) -> bool:
+    """Whether its package names the Husky's topic of scans, and nothing of the SMB."""
+    found = _named(planned, SCANS)
+    return bool(found and found[1]["husky"]) and not _names_of_the_smb(planned)
+
+
 def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[str, str, str]:
     """The robot, the topic of the scans if it is another than the robot's, and a sentence that says why.
 
@@ -62,22 +68,17 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
         settles(process, lambda: bool(subscribed()), lambda: is_up(network.uri, ()))
         version, scans = subscribed(), scan_topics(network.uri)
     if version:
-        title = f"the simulated robot is the {TITLES[version]}"
-        return version, "", f"{title}: it subscribes to {topics[version]}"
+        return version, "", subscribes_to(version)
     if len(scans) == 1:
-        return (
-            DEFAULT,
-            scans[0],
-            f"scans are sent on {scans[0]}, the only topic of scans that it subscribes to",
-        )
-    return (
-        DEFAULT,
-        "",
-        (
-            f"the simulated robot is the {TITLES[DEFAULT]}: it subscribes neither to "
-            f"{' nor to '.join(topics.values())}"
-        ),
-    )
+        why = f"scans are sent on {scans[0]}, the only topic of scans that it subscribes to"
+        return DEFAULT, scans[0], why
+    why = f"it subscribes neither to {' nor to '.join(topics.values())}"
+    return DEFAULT, "", f"the simulated robot is the {TITLES[DEFAULT]}: {why}"
+
+
+def subscribes_to(version: str) -> str:
+    """A sentence that says why the robot is this version of the Husky."""
+    return f"the simulated robot is the {TITLES[version]}: it subscribes to {ROBOT_VERSIONS[version][0]}"
 
 
 def _names_of_the_smb(planned: Plan) -> str:

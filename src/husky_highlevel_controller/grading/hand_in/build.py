@@ -10,7 +10,7 @@ import sys
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Dict, FrozenSet, List, Match, NamedTuple, Optional, Pattern, Sequence, Set, Tuple
+from typing import Dict, FrozenSet, List, Match, Optional, Sequence, Set, Tuple
 from xml.sax.saxutils import escape
 
 from catkin_pkg.package import parse_package
@@ -31,41 +31,22 @@ from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 
 BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
 APT_DEADLINE = 20.0  # [s] of wall time
-RETRIES = 3  # of a build that fails
+RETRIES = 2  # of a build that fails
 MAX_LAUNCH = 1_000_000  # [bytes]
 MAX_MISSING = 10  # packages that CMake misses one after the other
-PRELUDE = (
-    "marking_prelude.h"  # header before each C++ source; a repair changes it, so CMake need not run again
+# header before each C++ source; a repair changes it, so CMake need not run again
+PRELUDE = "marking_prelude.h"
+# publish(true) and its like compile, as in a Release build of Noetic and older
+PLAIN_TYPES = "\n".join(
+    ["#if defined(ROS_PACKAGE_NAME) && __has_include(<std_msgs/builtin_bool.h>)"]
+    + [f"#include <std_msgs/builtin_{kind}.h>" for kind in ("bool", "float", "double")]
+    + [f"#include <std_msgs/builtin_{sign}int{bits}.h>" for sign in ("", "u") for bits in (8, 16, 32, 64)]
+    + ["#endif\n"]
 )
 OLD_BOOST = "#define BOOST_BIND_GLOBAL_PLACEHOLDERS\n#include <boost/bind.hpp>\n"
-PLAIN_TYPES = "".join(
-    f"#include <std_msgs/builtin_{kind}.h>\n"
-    for kind in (
-        "bool", "float", "double", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64",
-    )
-)  # fmt: skip
-
-
-class Repair(NamedTuple):
-    """Lines before code that compiles on the course's Ubuntu and not here."""
-
-    pattern: Pattern[str]  # of the compiler's error
-    prelude: str
-    note: str
-
-
-REPAIRS = (
-    Repair(
-        re.compile(r"error:.*\b_[1-9]\b|\b_[1-9]\b.*was not declared", re.MULTILINE),
-        OLD_BOOST,
-        "_1 of boost::bind is made to compile; newer versions of Boost call it boost::placeholders::_1",
-    ),
-    Repair(
-        re.compile(r"error: request for member .__get(MD5Sum|DataType). in .*non-class type"),
-        PLAIN_TYPES,
-        "publish(true) and its like are made to compile; newer versions of ROS want a message, such as "
-        "std_msgs::Bool",
-    ),
+NEEDS_OLD_BOOST = re.compile(r"error:.*\b_[1-9]\b|\b_[1-9]\b.*was not declared", re.MULTILINE)
+OLD_BOOST_NOTE = (
+    "_1 of boost::bind is made to compile; newer versions of Boost call it boost::placeholders::_1"
 )
 _HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
 _COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^)]*)\)", re.IGNORECASE)
@@ -272,16 +253,16 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         missing |= more
     if missing:
         notes.append(missing_note(missing))
-    repairs: List[Repair] = []
+    repair = ""
     for _ in range(RETRIES):
         if not code:
             break
-        # headers may have been generated too late, and hide the errors that a repair is for
-        repairs += [repair for repair in REPAIRS if repair not in repairs and repair.pattern.search(output)]
-        output, code = _catkin_make(folders, needed, underlay, "".join(repair.prelude for repair in repairs))
-        if all(repair in repairs or not repair.pattern.search(output) for repair in REPAIRS):
+        # headers may have been generated too late, and hide the error that the repair is for
+        repair = OLD_BOOST if NEEDS_OLD_BOOST.search(output) else ""
+        output, code = _catkin_make(folders, needed, underlay, repair)
+        if repair or not NEEDS_OLD_BOOST.search(output):
             break
-    notes += [repair.note for repair in repairs]
+    notes += [OLD_BOOST_NOTE] * bool(repair)
     if code is None:
         notes.append(f"it does not build within {BUILD_DEADLINE:g} s")
     elif code:
@@ -303,11 +284,11 @@ def _write_stand_ins(folders: Folders, names: Set[str]) -> None:
 
 
 def _catkin_make(
-    folders: Folders, needed: FrozenSet[str], underlay: Workspace, prelude: str
+    folders: Folders, needed: FrozenSet[str], underlay: Workspace, repair: str
 ) -> Tuple[str, Optional[int]]:
     """Output and exit code of one build; None: it did not end in time."""
     folders.stand_ins.mkdir(parents=True, exist_ok=True)
-    write_whole(folders.stand_ins / PRELUDE, prelude)
+    write_whole(folders.stand_ins / PRELUDE, repair + PLAIN_TYPES)
     env = {**underlay.env, "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}
     env["CMAKE_PREFIX_PATH"] = os.pathsep.join(
         filter(None, [env.get("CMAKE_PREFIX_PATH", ""), str(folders.stand_ins)])
