@@ -11,14 +11,13 @@ import shutil
 from pathlib import Path
 from typing import Collection, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
-from husky_highlevel_controller.grading.drive.plan import Plan, Submission, starter
+from husky_highlevel_controller.grading.drive.plan import Plan, Submission, start
 from husky_highlevel_controller.grading.drive.progress import settles, state_of_tree
 from husky_highlevel_controller.grading.drive.ros_graph import is_up, topics_subscribed
 from husky_highlevel_controller.grading.drive.run import simulate
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
-    create,
     is_regular,
     read_text,
     walk,
@@ -81,10 +80,7 @@ def uninitialised(
         return ""  # valgrind takes some seconds
     with Network(folder) as network:
         simulate(network, trial_world(trial, config.robot_name), trial, config, 1.0)
-        place = network.folder_of("submission")
-        events = place / "events.jsonl"
-        create(events).close()
-        process = network.start("submission", starter(events, "memcheck", submission), submission.workspace)
+        process, _ = start(network, submission, "memcheck")
         if settles(
             process,
             lambda: config.scan_topic in topics_subscribed(network.uri),
@@ -92,7 +88,7 @@ def uninitialised(
         ):
             _let_it_compute(process)
         # before it is ended: a `getParam` that the end interrupts leaves its variable as it was
-        logs = sorted(path for path in place.iterdir() if path.name.startswith(LOG))
+        logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
         log = "\n".join(map(_text, logs))
     return sentence(reads_in(log, root / "src"), root / "src")
 

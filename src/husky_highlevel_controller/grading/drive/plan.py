@@ -15,6 +15,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 from husky_highlevel_controller.config import ConfigError, from_plain
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, create, read_text
 from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
+from husky_highlevel_controller.grading.isolation.ros_network import Network
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Launchable
 from husky_highlevel_controller.paths import share_folder
@@ -79,6 +80,13 @@ def starter(events: Path, action: str, submission: Submission) -> List[str]:
     run = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
     ours = json.dumps(SIMULATOR_NODES)
     return [sys.executable, "-c", run, _STARTER, str(events), action, ours, *submission.launchable.words]
+
+
+def start(network: Network, submission: Submission, action: str = "run") -> Tuple[Process, Path]:
+    """Start it in a network; the program, and the file of its events."""
+    events = network.folder_of("submission") / "events.jsonl"
+    create(events).close()
+    return network.start("submission", starter(events, action, submission), submission.workspace), events
 
 
 def plan(submission: Submission, folder: Path) -> Plan:

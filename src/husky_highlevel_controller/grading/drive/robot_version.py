@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Match, Optional, Pattern, Tuple
 
-from husky_highlevel_controller.grading.drive.plan import Plan, Submission, starter
+from husky_highlevel_controller.grading.drive.plan import Plan, Submission, start
 from husky_highlevel_controller.grading.drive.progress import settles
 from husky_highlevel_controller.grading.drive.ros_graph import (
     is_up,
@@ -15,7 +15,7 @@ from husky_highlevel_controller.grading.drive.ros_graph import (
     set_parameters,
     topics_subscribed,
 )
-from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, create, read_text, walk
+from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text, walk
 from husky_highlevel_controller.grading.isolation.ros_network import Network
 from husky_highlevel_controller.grading.records import ROBOT_VERSIONS
 
@@ -56,10 +56,8 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
         return version, "", f"the simulated robot is the {TITLES[version]}: {words}"
     topics = {version: topic for version, (topic, _) in ROBOT_VERSIONS.items() if version != "smb"}
     with Network(folder) as network:
-        events = network.folder_of("submission") / "events.jsonl"
-        create(events).close()
         set_parameters(network.uri, {"/run_id": "marking"})  # roslaunch waits for it
-        process = network.start("submission", starter(events, "run", submission), submission.workspace)
+        process, _ = start(network, submission)
 
         def subscribed() -> str:
             found = topics_subscribed(network.uri)

@@ -17,7 +17,7 @@ from husky_highlevel_controller.grading.drive.plan import (
     Submission,
     notes_on,
     read_events,
-    starter,
+    start,
 )
 from husky_highlevel_controller.grading.drive.progress import settles
 from husky_highlevel_controller.grading.drive.recording import (
@@ -38,7 +38,7 @@ from husky_highlevel_controller.grading.drive.ros_graph import (
     set_parameters,
 )
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
-from husky_highlevel_controller.grading.isolation.files import create, write_whole
+from husky_highlevel_controller.grading.isolation.files import write_whole
 from husky_highlevel_controller.grading.isolation.forked import RECORDER, SIMULATOR, SIMULATOR_SETUP
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
@@ -132,24 +132,20 @@ def drive(
             tuple(map(str, submission.workspace.packages)),
         )  # fmt: skip
         assignment.write_text(record_to_json(task))
-        recorder = network.start(
-            "recorder",
-            [RECORDER, str(assignment)],
-        )
-        if not _sets(network, recorder, "recording"):
+        recorder = network.start("recorder", [RECORDER, str(assignment)])
+
+        def has_set(name: str) -> bool:
+            return not recorder.running or has_parameter(network.uri, f"/{RECORDER_NODE}/{name}")
+
+        wait(lambda: has_set("recording"), START_DEADLINE, START_PERIOD)
+        if not recorder.running:
             raise MarkingError(f"the recorder does not start: {recorder.output.strip()[-500:]}")
         simulator = simulate(
             network, trial_world(trial, config.robot_name), trial, config, config.pace, task.truth_socket
         )
-        events = network.folder_of("submission") / "events.jsonl"
-        create(events).close()
-        submitted = network.start("submission", starter(events, "run", submission), submission.workspace)
+        submitted, events = start(network, submission)
         ours = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
-        joined = settles(
-            submitted,
-            lambda: not recorder.running or has_parameter(network.uri, f"/{RECORDER_NODE}/joined"),
-            lambda: is_up(network.uri, ours),
-        )
+        joined = settles(submitted, lambda: has_set("joined"), lambda: is_up(network.uri, ours))
         if recorder.running and not joined:
             recorder.popen.send_signal(signal.SIGUSR1)  # lockstep would wait for the submission
 
@@ -166,30 +162,21 @@ def drive(
                 recorder.popen.send_signal(signal.SIGUSR2)  # no node is left to drive it
             return stalled or not (recorder.running and simulator.running)
 
-        ended = (
-            ""
-            if wait(is_over, config.wall_limit, PROGRESS_PERIOD)
-            else f"it took longer than {config.wall_limit:.0f} s"
-        )
-        if not ended and recorder.running and simulator.running:
+        ended = ""
+        if not wait(is_over, config.wall_limit, PROGRESS_PERIOD):
+            ended = f"it took longer than {config.wall_limit:.0f} s"
+        elif recorder.running and simulator.running:
             ended = f"the simulation made no progress for {STALL_DEADLINE:g} s"
-        if recorder.running:
-            ended = ended or "the simulator was ended"
+        elif recorder.running:
+            ended = "the simulator was ended"
+        if ended:
             recorder.interrupt()
             wait(lambda: not recorder.running, START_DEADLINE)
-        notes = notes_on(read_events(events), submitted.output) + [submitted.problem] * bool(
-            submitted.problem
-        )
+        notes = notes_on(read_events(events), submitted.output)
+        notes += [submitted.problem] * bool(submitted.problem)
     recording = _finish(output, recorder, trial, config, notes, ended, submitted.output)
     write_whole(output, to_json(recording))
     return recording
-
-
-def _sets(network: Network, recorder: Process, state: str) -> bool:
-    """Whether the recorder sets this private parameter."""
-    name = f"/{RECORDER_NODE}/{state}"
-    wait(lambda: not recorder.running or has_parameter(network.uri, name), START_DEADLINE, START_PERIOD)
-    return recorder.running and has_parameter(network.uri, name)
 
 
 def _finish(
