@@ -152,7 +152,7 @@ def test_a_service_of_another_type_is_left_to_a_person(speed):
 
 
 def test_that_it_sleeps_is_no_reason_to_have_no_service():
-    slow = "it does not answer every scan with a command: simulated time goes on while it sleeps"
+    slow = "it does not answer every scan with a command: scans go on while it sleeps"
     items = judge_calls(recording(notes=(slow, "it floods cmd_vel: 9000 commands in 25 simulated seconds")))
     assert [item.evidence for item in items] == ["no std_srvs/SetBool service"] * 2
     assert "does not subscribe to the scans" in judge_output(recording(notes=(slow,))).evidence
