@@ -74,7 +74,6 @@ class Build:
 
     workspace: Workspace
     notes: Tuple[str, ...] = ()
-    complete: bool = True  # everything that was to be built is built
 
 
 @dataclass(frozen=True)
@@ -273,7 +272,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         raise NotMarkableError("its build puts links in place of src or devel/setup.bash")
     setups = (*underlay.setups, *places[1:])
     workspace = Workspace(underlay.env, setups, (places[0],), underlay.hidden, own_modules=False)
-    return Build(workspace, tuple(notes), not code and code is not None)
+    return Build(workspace, tuple(notes))
 
 
 def _write_stand_ins(folders: Folders, names: Set[str]) -> None:
