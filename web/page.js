@@ -51,13 +51,16 @@
     });
     document.querySelectorAll(".mantine-Text-root > label").forEach((label) => {
       const row = label.parentElement.parentElement.parentElement;
-      row.querySelectorAll("[role=slider]:not([aria-label]), input:not([aria-label], [type=hidden])").forEach((field) => {
+      row.querySelectorAll("[role=slider]:is([aria-label=''], :not([aria-label])), input:not([aria-label], [type=hidden])").forEach((field) => {
         field.setAttribute("aria-label", label.textContent);
       });
       if (row.querySelector("button") !== null && !row.hasAttribute("role")) {
         row.setAttribute("role", "group");
         row.setAttribute("aria-label", label.textContent);
       }
+    });
+    document.querySelectorAll(".mantine-ActionIcon-root:not([aria-label])").forEach((button) => {
+      if (button.textContent === "") button.setAttribute("aria-label", "Connection and settings");
     });
     document.querySelectorAll(".mantine-Notification-root").forEach((notice) => { // it would stay in the view for ever
       if (notice.textContent.startsWith("Software WebGL")) setTimeout(() => notice.querySelector("button")?.click(), 4000);

@@ -136,6 +136,17 @@ def test_the_chosen_camera_is_filled(page):
     show(page, "Drive")
 
 
+def test_every_control_that_the_keyboard_reaches_has_a_name(page):
+    nameless = (
+        "[...document.querySelectorAll('button, input, select, textarea, [role=slider]')].filter(item =>"
+        " item.offsetParent && item.tabIndex >= 0 && !item.getAttribute('aria-label')"
+        " && !item.innerText.trim() && !item.labels?.length).map(item => item.outerHTML)"
+    )
+    for tab in ("World", "Tune", "Curves", "Log", "View", "Drive"):
+        show(page, tab)
+        wait_until(lambda: page.evaluate(nameless) == [], f"everything of {tab} has a name")
+
+
 def yellow_rows(page):
     """Rows of a picture of the view in which the Husky's yellow is seen."""
     pad = page.locator(".husky-pad")
