@@ -35,6 +35,7 @@ ADDRESS = re.compile(r": (http://127\.0\.0\.1:\d+)\n")
 FOUR_HZ = (
     "const draw = requestAnimationFrame; window.requestAnimationFrame = f => setTimeout(() => draw(f), 250)"
 )
+TIME_SHOWN = "Number(document.querySelector('[data-time]').dataset.time)"
 NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 DRAW_TIMEOUT = 240.0  # [s] of wall time for anything that a browser without a graphics card draws
 
@@ -184,10 +185,9 @@ def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, 
 
 
 def test_what_is_drawn_stays_close_behind_the_robot(page, robot):
-    time_shown = "Number(document.querySelector('[data-time]').dataset.time)"
     for _ in range(5):
         page.evaluate(NEXT_PICTURE)
-        assert robot.time - page.evaluate(time_shown) < 2.0
+        assert robot.time - page.evaluate(TIME_SHOWN) < 2.0
 
 
 def test_garbage_to_upload_is_refused_with_a_sentence(page, tmp_path):
@@ -485,7 +485,7 @@ def test_nothing_was_complained_of_and_no_other_host_was_asked(page, launched):
 
 def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(browser, tmp_path):
     alone = Ros(tmp_path)
-    alone.start("roscore", "-p", str(alone.port))  # of its own: it outlives the page's launch
+    master = alone.start("roscore", "-p", str(alone.port))  # of its own: it outlives the page's launch
     wait_until(lambda: alone.subscriptions("/rosout"), "there is a master")
     port = free_port()
     web = ("roslaunch", "husky_highlevel_controller", "web.launch", f"web_port:={port}")
@@ -493,7 +493,7 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
     wait_until(lambda: ADDRESS.search(node.output), "the page's address is printed")
     page = opened(browser, f"http://127.0.0.1:{port}")
     page.wait_for_selector("text=no news from the robot")
-    alone.roslaunch("simulator.launch", "web:=false")
+    simulator = alone.roslaunch("simulator.launch", "web:=false")
     page.wait_for_selector(".husky-state[data-time]")
     wait_until(lambda: yellow_rows(page).size > 0, "the robot is drawn")
     node.popen.terminate()
@@ -502,6 +502,18 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
     alone.start(*web)
     page.wait_for_selector(".husky-banner:empty", state="attached")
     page.wait_for_selector(".husky-state[data-time]")
+    for process in (simulator, master):
+        process.popen.terminate()
+        process.wait()
+    before = page.evaluate(TIME_SHOWN)
+    alone.start("roscore", "-p", str(alone.port))
+    wait_until(lambda: alone.subscriptions("/rosout"), "there is another master")
+    alone.roslaunch("simulator.launch", "web:=false")
+    wait_until(lambda: page.evaluate(TIME_SHOWN) < before, "the page shows the new simulator")
+    page.wait_for_selector("text=this page's emergency stop reaches no robot")
+    page.click("text=EMERGENCY STOP")
+    page.wait_for_selector(".husky-e-stop.locked")
+    page.wait_for_selector("text=this page's emergency stop reaches no robot")
     page.close()
     alone.end()
 

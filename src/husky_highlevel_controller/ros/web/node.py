@@ -179,7 +179,7 @@ class WebNode:
             self._topics.open()
         try:
             published = [(topic, kind) for topic, kind in rospy.get_published_topics()]
-            self._is_master_gone = self._is_master_gone and not self._is_registered()
+            self._is_master_gone = not self._teleop.is_registered()
         except OSError as error:
             self._is_master_gone = True
             rospy.logwarn_throttle(60.0, f"the ROS master does not answer: {error}")
@@ -199,12 +199,6 @@ class WebNode:
             self._description = description
             self._scene.draw_robot(description)
             self._mouse.bind_robot()
-
-    @staticmethod
-    def _is_registered() -> bool:
-        """Whether the ROS master knows this node; one that was started anew does not."""
-        code, _, _ = rospy.get_master().lookupNode(rospy.get_name())
-        return bool(code == 1)
 
     # ------------------------------------------------------------------ each tick
 

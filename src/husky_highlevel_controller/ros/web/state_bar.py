@@ -11,7 +11,10 @@ from husky_highlevel_controller.ros.web.plots import fixed, set_html
 
 LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 ARRIVED = "arrived"  # the controller's word
-MASTER_GONE = "the ROS master has ended: end the launch of this page and start it again"
+MASTER_GONE = (
+    "the ROS master has ended, and this page's emergency stop reaches no robot: "
+    "end the page's launch and start it again"
+)
 LOCKED = "emergency stop: no command is obeyed"
 PHRASES = {
     "stopped": "standing still until Start is pressed",
@@ -74,10 +77,10 @@ def e_stop_html(is_locked: bool) -> str:
 
 def state_html(status: RobotStatus) -> str:
     """State bar as one line of HTML; texts of nodes are escaped."""
-    if status.is_locked:
-        level, sentence = "error", LOCKED
-    elif status.is_master_gone:
+    if status.is_master_gone:
         level, sentence = "error", MASTER_GONE
+    elif status.is_locked:
+        level, sentence = "error", LOCKED
     elif status.is_paused:
         level, sentence = "warn", "PAUSED"
     elif status.is_silent:

@@ -105,6 +105,16 @@ class Teleop:
         self.is_locked = locked
         publish(self._e_stop, Bool(locked))
 
+    def is_registered(self) -> bool:
+        """Whether the ROS master knows the emergency stop's publisher; one that was started anew does not.
+
+        Raises:
+            OSError: the ROS master does not answer.
+        """
+        _, _, (publishers, _, _) = rospy.get_master().getSystemState()
+        nodes = dict(publishers).get(self._e_stop.resolved_name, ())
+        return rospy.get_name() in nodes
+
     def _on_e_stop(self, msg: Bool) -> None:
         self.is_locked = msg.data
 
