@@ -187,7 +187,7 @@ def test_scans_are_sent_where_a_submission_listens(handed_in, tmp_path):
     env = {**handed_in[1], "ROS_PACKAGE_PATH": f"{tmp_path / 'class'}:{os.environ['ROS_PACKAGE_PATH']}"}
     done = grade("--node", "listens_to_laser", "controller", *QUICK, "--out", tmp_path / "out", env=env)
     points = [item["points"] for item in json.loads((tmp_path / "out" / "result.json").read_text())["items"]]
-    assert points == [20.0, 0.0, None, 0.0, 0.0], done.stdout
+    assert points == [10.0, 0.0, None, 0.0, 0.0], done.stdout
     assert "scans are sent on /laser, the only topic of scans that it subscribes to" in done.stdout
 
 
