@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shutil
@@ -20,6 +21,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     is_below,
     is_regular,
+    read_regular,
     read_text,
     remove_tree,
     walk,
@@ -47,6 +49,12 @@ OLD_BOOST = "#define BOOST_BIND_GLOBAL_PLACEHOLDERS\n#include <boost/bind.hpp>\n
 NEEDS_OLD_BOOST = re.compile(r"error:.*\b_[1-9]\b|\b_[1-9]\b.*was not declared", re.MULTILINE)
 OLD_BOOST_NOTE = (
     "_1 of boost::bind is made to compile; newer versions of Boost call it boost::placeholders::_1"
+)
+# a function of a program: Publisher::publish of a built-in type
+PLAIN_PUBLISH = re.compile(rb"_ZNK3ros9Publisher7publishI[abcdfhijlmstxy]EEvRKT_")
+PLAIN_PUBLISH_NOTE = (
+    "publish(true) and its like are made to compile; newer versions of ROS want a message, such as "
+    "std_msgs::Bool"
 )
 _HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
 _COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^)]*)\)", re.IGNORECASE)
@@ -262,6 +270,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         if repair or not NEEDS_OLD_BOOST.search(output):
             break
     notes += [OLD_BOOST_NOTE] * bool(repair)
+    notes += [PLAIN_PUBLISH_NOTE] * _publishes_plain_values(folders.root / "devel" / "lib")
     if code is None:
         notes.append(f"it does not build within {BUILD_DEADLINE:g} s")
     elif code:
@@ -273,6 +282,16 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     setups = (*underlay.setups, *places[1:])
     workspace = Workspace(underlay.env, setups, (places[0],), underlay.hidden, own_modules=False)
     return Build(workspace, tuple(notes))
+
+
+def _publishes_plain_values(libraries: Path) -> bool:
+    """Whether a built program publishes a bool or a number in place of a message."""
+    with contextlib.suppress(UnreadableFileError):  # too many files
+        for path in walk(libraries):
+            with contextlib.suppress(UnreadableFileError):
+                if PLAIN_PUBLISH.search(read_regular(path)):
+                    return True
+    return False
 
 
 def _write_stand_ins(folders: Folders, names: Set[str]) -> None:
