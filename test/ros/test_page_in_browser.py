@@ -31,9 +31,9 @@ WITHOUT_GPU = "--disable-gpu-compositing"  # SwiftShader draws the scene, not th
 SIZE = {"width": 900, "height": 560}
 COARSENESS = 0.25  # drawn pixels for each of the page's, along x and y: 16 times as fast by software
 ADDRESS = re.compile(r": (http://127\.0\.0\.1:\d+)\n")
-# four pictures a second at most: an open page would take a whole core all the time
-FOUR_HZ = (
-    "const draw = requestAnimationFrame; window.requestAnimationFrame = f => setTimeout(() => draw(f), 250)"
+# two pictures a second at most: an open page would take a whole core all the time
+TWO_HZ = (
+    "const draw = requestAnimationFrame; window.requestAnimationFrame = f => setTimeout(() => draw(f), 500)"
 )
 TIME_SHOWN = "Number(document.querySelector('[data-time]').dataset.time)"
 NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
@@ -98,8 +98,8 @@ def opened(browser, address):
 
 
 def watch(page):
-    page.add_init_script(FOUR_HZ)
-    page.context.set_default_timeout(1000.0 * DRAW_TIMEOUT)  # for pages that it opens, too
+    page.context.add_init_script(TWO_HZ)  # for pages that it opens, too
+    page.context.set_default_timeout(1000.0 * DRAW_TIMEOUT)
     page.complaints, page.hosts = [], set()
     page.on("console", lambda msg: msg.type == "error" and page.complaints.append(msg.text))
     page.on("pageerror", lambda error: page.complaints.append(str(error)))
