@@ -421,7 +421,7 @@ def test_ten_more_clients_of_which_one_reads_nothing_disturb_nobody(page, robot,
 def test_a_recording_is_saved_and_replayed_from_disk_and_by_the_page(page, browser, tmp_path):
     show(page, "View")
     page.locator("button", has_text="Record").click()
-    page.wait_for_selector("text=recording, 1 s")
+    page.wait_for_selector("text=/recording, [1-9]/")  # a busy page leaves seconds out
     page.get_by_role("button", name="Stop", exact=True).locator("visible=true").click()
     page.wait_for_selector("text=s recorded,")
     for button, file in (("HTML page", "drive.html"), ("Replay file", "drive.viser")):
