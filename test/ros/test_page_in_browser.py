@@ -510,10 +510,10 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
     wait_until(lambda: alone.subscriptions("/rosout"), "there is another master")
     alone.roslaunch("simulator.launch", "web:=false")
     wait_until(lambda: page.evaluate(TIME_SHOWN) < before, "the page shows the new simulator")
-    page.wait_for_selector("text=this page's emergency stop reaches no robot")
+    page.wait_for_selector("text=the emergency stop of this page reaches no robot")
     page.click("text=EMERGENCY STOP")
     page.wait_for_selector(".husky-e-stop.locked")
-    page.wait_for_selector("text=this page's emergency stop reaches no robot")
+    page.wait_for_selector("text=the emergency stop of this page reaches no robot")
     page.close()
     alone.end()
 

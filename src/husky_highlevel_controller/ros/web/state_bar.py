@@ -12,8 +12,8 @@ from husky_highlevel_controller.ros.web.plots import fixed, set_html
 LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 ARRIVED = "arrived"  # the controller's word
 MASTER_GONE = (
-    "the ROS master has ended, and this page's emergency stop reaches no robot: "
-    "end the page's launch and start it again"
+    "the ROS master has ended, and the emergency stop of this page reaches no robot: "
+    "end the launch of this page and start it again"
 )
 LOCKED = "emergency stop: no command is obeyed"
 PHRASES = {

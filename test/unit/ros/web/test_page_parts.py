@@ -328,7 +328,7 @@ def test_a_cloud_whose_points_are_too_short_has_none(step):
         (RobotStatus(is_paused=True, activity="driving"), "warn", "PAUSED"),
         (RobotStatus(activity="<driving>", distance=1.0), "ok", "&lt;driving&gt;"),
         (RobotStatus(is_silent=True), "error", "no news from the robot"),
-        (RobotStatus(is_master_gone=True, is_silent=True), "error", state_bar.MASTER_GONE),
+        (RobotStatus(is_master_gone=True, is_locked=True), "error", state_bar.MASTER_GONE),
     ],
 )
 def test_the_state_bar_says_first_what_keeps_the_robot_from_driving(status, level, words):
