@@ -11,18 +11,10 @@ from xmlrpc.client import ServerProxy
 
 import psutil
 
+from husky_highlevel_controller.grading.isolation.process import with_variable
+
 PACKAGE = "husky_highlevel_controller"
 DEADLINE = 120.0  # [s], for anything that hangs
-
-
-def with_variable(name, value):
-    """Every process that was started with this variable in its environment."""
-    pids = []
-    for process in psutil.process_iter():
-        with contextlib.suppress(psutil.Error, OSError):
-            if process.environ().get(name, "").rstrip("/") == value and process.pid != os.getpid():
-                pids.append(process.pid)
-    return pids
 
 
 def wait_until(condition, what, deadline=DEADLINE):

@@ -12,13 +12,14 @@ from pathlib import Path
 import psutil
 import pytest
 from defusedxml import ElementTree
-from network import wait_until, with_variable
+from network import wait_until
 
 from husky_highlevel_controller.course import PILLAR_POSITION
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading import mark as mark_module
 from husky_highlevel_controller.grading.drive.plan import Submission, plan
 from husky_highlevel_controller.grading.drive.trials import Trial
+from husky_highlevel_controller.grading.isolation.process import with_variable
 from husky_highlevel_controller.grading.records import Job, Launchable, MarkingConfig
 
 SUBMISSIONS = Path(__file__).parents[1] / "submissions"

@@ -15,6 +15,8 @@ import time
 from pathlib import Path
 from typing import Any, BinaryIO, Callable, Dict, List, Optional, Sequence
 
+import psutil
+
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.isolation.files import create
 from husky_highlevel_controller.grading.isolation.limits import SizeWatch
@@ -160,6 +162,16 @@ def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) ->
             return False
         time.sleep(period)
     return True
+
+
+def with_variable(name: str, value: str) -> List[int]:
+    """Every process that was started with this variable in its environment."""
+    pids = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, OSError):
+            if process.environ().get(name, "").rstrip("/") == value and process.pid != os.getpid():
+                pids.append(process.pid)
+    return pids
 
 
 def end_all(processes: Sequence[Process]) -> List[int]:
