@@ -58,10 +58,9 @@ class Comparison:
 
     def mean(self, quantity: str) -> Tuple[float, float]:
         """Mean of a figure of A and of B, over the scenes in which both succeed."""
-        columns = [[getattr(outcome, quantity) for outcome in side] for side in zip(*self.pairs)] or [
-            [np.nan]
-        ] * 2
-        return float(np.mean(columns[0])), float(np.mean(columns[1]))
+        columns = [[getattr(outcome, quantity) for outcome in side] for side in zip(*self.pairs)]
+        a, b = columns or [[np.nan]] * 2
+        return float(np.mean(a)), float(np.mean(b))
 
     def worse(self, margin: float) -> str:
         """Reason why B is worse than A by more than a share of A's time; empty: it is not."""
@@ -126,9 +125,9 @@ def _columns(side: str, outcome: Outcome) -> Dict[str, Any]:
 def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: Workers) -> Comparison:
     """Drive every scene with both."""
     sides = []
-    for letter, side in (("A", a), ("B", b)):
-        items = [(side, scene) for scene in scenes]
-        sides.append(tuple(workers.map(drive_scene, items, letter, starts_programs=bool(side.launch))))
+    for letter, competitor in (("A", a), ("B", b)):
+        items = [(competitor, scene) for scene in scenes]
+        sides.append(tuple(workers.map(drive_scene, items, letter, starts_programs=bool(competitor.launch))))
     return Comparison((a.name, b.name), sides[0], sides[1])
 
 

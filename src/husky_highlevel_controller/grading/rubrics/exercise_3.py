@@ -15,7 +15,7 @@ from husky_highlevel_controller.grading.rubrics.items import forfeited, over_tri
 from husky_highlevel_controller.grading.rubrics.markers import judge_namespaces
 
 HALF_WAY = 0.5  # of the way to the pillar: who has come that far drives towards it
-PAST, PAST_LEAST = 0.1, 1.0  # of the way, and [m]: who passes farther away does not drive towards it
+PAST, MIN_PAST = 0.1, 1.0  # of the way, and [m]: who passes farther away does not drive towards it
 FIRST_STEPS = 0.1  # of the way: who has come that far has begun to
 STOPPED = 1.0  # [s], so long it must stand in the end to have stopped
 PERIOD, LATELY = 0.1, 1.0  # [s], between two scans at most, and over which it is judged to come nearer
@@ -47,7 +47,7 @@ def judge_approach(recording: Recording) -> Item:
     if nearer >= HALF_WAY * way:
         half = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * way)])
         words = f"half {distance} are behind it after {half:.2f} s"
-        if gaps[nearest] > max(PAST * way, PAST_LEAST) and gaps[-1] > gaps[nearest] + PAST_LEAST:
+        if gaps[nearest] > max(PAST * way, MIN_PAST) and gaps[-1] > gaps[nearest] + MIN_PAST:
             words += f", but it drives past the pillar, {gaps[nearest]:.2f} m away"
             return replace(item, points=10.0, evidence=words, at=float(times[nearest]), hint=TURNS)
         return replace(item, points=20.0, evidence=words, at=half)

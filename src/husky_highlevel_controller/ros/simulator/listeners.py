@@ -13,7 +13,7 @@ import os
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, Set, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 import rospy
 
@@ -73,14 +73,14 @@ class Listeners:
 
     def _find(self) -> None:
         """Find the processes, where connections have changed."""
-        wanted, clock = _ports(self._publisher), _ports(self._clock)
-        if wanted | clock == self._ports:
+        on_topic, on_clock = _ports(self._publisher), _ports(self._clock)
+        if on_topic | on_clock == self._ports:
             return
-        self._ports = wanted | clock
+        self._ports = on_topic | on_clock
         owners = _owners(self._ports)
-        self._receivers = {owners[pair] for pair in wanted & owners.keys()}
-        self._on_clock = {owners[pair] for pair in clock & owners.keys()}
-        self._complete = bool(wanted) and wanted <= owners.keys()
+        self._receivers = {owners[pair] for pair in on_topic & owners.keys()}
+        self._on_clock = {owners[pair] for pair in on_clock & owners.keys()}
+        self._complete = bool(on_topic) and on_topic <= owners.keys()
         self._in_python = SCHEDULE != STAT and all(map(_in_python, owners.values()))
         for threads in self._processes.values():
             threads.close()
@@ -97,7 +97,7 @@ class _Threads:
 
     def __init__(self, process: int) -> None:
         self._folder = f"/proc/{process}/task"
-        self._files: Dict[str, Tuple[int, int]] = {}  # by thread: SCHEDULE, STAT
+        self._files: Dict[str, List[int]] = {}  # by thread: SCHEDULE, STAT
 
     def close(self) -> None:
         """Close all files."""
@@ -112,7 +112,7 @@ class _Threads:
             threads = []
         for ended in self._files.keys() - threads:
             self._forget(ended)
-        found = {}
+        turns = {}
         own = str(threading.get_native_id())
         for thread in threads:
             if thread == own:
@@ -121,19 +121,17 @@ class _Threads:
                 if thread not in self._files:
                     self._open(thread)
                 schedule, stat = self._files[thread]
-                found[thread] = os.pread(schedule, SIZE, 0)
+                turns[thread] = os.pread(schedule, SIZE, 0)
                 if os.pread(stat, SIZE, 0).rpartition(b") ")[2][:1] in RUNNING:
                     return None
             except OSError:  # it has just ended
                 self._forget(thread)
-        return found
+        return turns
 
     def _open(self, thread: str) -> None:
-        schedule, stat = (
-            os.open(f"{self._folder}/{thread}/{name}", os.O_RDONLY | os.O_CLOEXEC)
-            for name in (SCHEDULE, STAT)
-        )
-        self._files[thread] = schedule, stat
+        files = self._files[thread] = []  # closed by _forget, also where the thread ends before the second
+        for name in (SCHEDULE, STAT):
+            files.append(os.open(f"{self._folder}/{thread}/{name}", os.O_RDONLY | os.O_CLOEXEC))
 
     def _forget(self, thread: str) -> None:
         for file in self._files.pop(thread, ()):
