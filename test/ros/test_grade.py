@@ -34,9 +34,8 @@ WAITED_FOR = ("never_publishes", "listens_elsewhere", "hangs")  # in vain, up to
 
 # points of: drives towards it, reaches it, RViz, marker's place, marker in RViz (None: for a person, since no
 # RViz configuration was handed in); and words that must be said
-MARKED = pytest.approx(20.0, abs=0.3)  # on a busy machine a node may draw a scan late
 DESERVED = {
-    "complete": ((20, 30, 20, MARKED, 10), ["odom, stamp 0: right ", "robot model, laser scan to be seen"]),
+    "complete": ((20, 30, 20, 20, 10), ["odom, stamp 0: right 100 %", "robot model, laser scan to be seen"]),
     "crashes": (
         (10, 0, None, 0, 0),
         ["ends during the drive (exit code 1): ZeroDivisionError", "stops short"],
@@ -66,7 +65,7 @@ DESERVED = {
         ["package 'no_such_package' is missing; the <include> that needs it is left out", "stands "],
     ),
     # traps: what students do that a person would not mark down, and the first cause in the chain
-    "sleeps_by_simulated_time": ((20, 30, None, MARKED, None), ["front_laser, stamp 0: right "]),
+    "sleeps_by_simulated_time": ((20, 30, None, 20, None), ["front_laser, stamp 0: right "]),
     "marks_in_base_link": (
         (20, 30, None, pytest.approx(10.1, abs=0.3), None), ["0.54 m from the pillar's axis", "x off by "],
     ),
@@ -181,7 +180,8 @@ def test_a_node_for_an_older_husky(handed_in, tmp_path):
         "--out", tmp_path / "out", env=env,
     )  # fmt: skip
     points = [item["points"] for item in json.loads((tmp_path / "out" / "result.json").read_text())["items"]]
-    assert points == [20.0, 30.0, None, MARKED, None], done.stdout
+    # on a busy machine a node may draw a scan late
+    assert points == [20.0, 30.0, None, pytest.approx(20.0, abs=0.3), None], done.stdout
 
 
 def test_scans_are_sent_where_a_submission_listens(handed_in, tmp_path):
