@@ -120,7 +120,9 @@ def test_each_state_is_answered_once_it_is_read(tmp_path):
 
 def test_the_names_kept_for_the_simulator_are_those_of_its_launch_file():
     command = ["roslaunch", "--nodes", str(SIMULATOR_LAUNCH), "rviz:=false"]
-    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    printed = done.stdout.split()
     assert tuple(word for word in printed if word.startswith("/")) == SIMULATOR_NODES
 
 
