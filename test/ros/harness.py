@@ -55,7 +55,14 @@ class RosTest(unittest.TestCase):
 
     def resume(self):
         """Start a world launched with paused:=true: nothing happens before all are connected."""
-        service = rospy.ServiceProxy("husky_simulator/resume", Trigger)
+        self._call("resume")
+
+    def pause(self):
+        """Stop the world, for what takes wall time and not simulated time: a program that starts, say."""
+        self._call("pause")
+
+    def _call(self, name):
+        service = rospy.ServiceProxy(f"husky_simulator/{name}", Trigger)
         service.wait_for_service(WALL_LIMIT)
         self.assertTrue(service().success)
 
