@@ -48,8 +48,8 @@ _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "ancho
 MAX_SCAN_AGE = 0.3  # [s] behind the newest pose; where scans are older or none, the view does not wait
 LOOKS_PERIOD = 0.2  # [s] between two changes of what a marker looks like
 BASE, FOOTPRINT = "base_link", "base_footprint"
-# namespaces of the controller's markers: its path is the trail, its state stands in the state bar
-TARGET, SHOWN_ELSEWHERE = "target", ("path", "state")
+# namespaces of the controller's markers: the trail begins with its path, its state stands in the state bar
+TARGET, PATH, STATE = "target", "path", "state"
 
 
 @dataclass
@@ -228,8 +228,20 @@ class Scene:
             return
         if self._trail and dist(self._trail[-1], point) > TRAIL_JUMP:
             self._trail.clear()
-        self._trail = [*self._trail[-TRAIL_POINTS:], point]
-        line = np.array(self._trail, np.float32)
+        self._draw_trail([*self._trail[-TRAIL_POINTS:], point])
+
+    def _begin_trail(self, path: Marker) -> None:
+        """Begin the trail with the controller's path: the way driven before a page was open."""
+        frame = self.frames.pose(path.header.frame_id.lstrip("/"), self.fixed_frame)
+        points = np.array([(point.x, point.y, 0.0) for point in path.points])
+        if len(self._trail) > 1 or len(points) < 2 or frame is None or not np.isfinite(points).all():
+            return
+        height = self.ground + LINE_HEIGHT
+        self._draw_trail([(x, y, height) for x, y, _ in _transformed(points, frame).tolist()])
+
+    def _draw_trail(self, trail: List[Tuple[float, float, float]]) -> None:
+        self._trail = trail
+        line = np.array(trail, np.float32)
         self._trail_line.points = np.stack([line[:-1], line[1:]], axis=1)
 
     def _update_plan(self) -> None:
@@ -254,7 +266,10 @@ class Scene:
         for topic, msg in topics.take_all("markers"):
             with self._left_out.item(topic):
                 for marker in markers_of(msg):
-                    if not (marker.ns in SHOWN_ELSEWHERE and topic.startswith(self._controller)):
+                    is_ours = topic.startswith(self._controller)
+                    if is_ours and marker.ns == PATH:
+                        self._begin_trail(marker)
+                    elif not (is_ours and marker.ns == STATE):
                         self.markers.apply(topic, marker, now)
         self.markers.expire(now)
         shown = self.markers.shown if self.layers["markers"] else {}

@@ -8,11 +8,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
+import viser
+from geometry_msgs.msg import Point
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import MarkerArray
 
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
+from husky_highlevel_controller.ros.markers import line_to_marker
 from husky_highlevel_controller.ros.web import backdrop, camera
-from husky_highlevel_controller.ros.web.scene import DASH, dashes
+from husky_highlevel_controller.ros.web.scene import DASH, Scene, dashes
 
 
 class Browser:
@@ -90,3 +95,25 @@ def test_dashes_stay_while_the_end_comes_nearer():
     assert np.array_equal(long[: len(short)], short)
     assert [dist(*dash) for dash in long] == pytest.approx([DASH] * len(long), abs=1e-6)
     assert len(dashes((1.0, 1.0, 0.0), (1.0, 1.0, 0.0))) == 0
+
+
+@pytest.fixture
+def server():
+    server = viser.ViserServer("127.0.0.1", verbose=False)
+    yield server
+    server.stop()
+
+
+def test_a_page_opened_after_the_drive_shows_the_way_that_the_controller_has_driven(server):
+    scene = Scene(server, "odom", "/controller")
+    scene.frames.update("odom", "base_link", 30.0, pose(19.4))
+    path = [Point(0.1 * step, 0.0, 0.0) for step in range(194)]
+    marker = line_to_marker(path, 0.04, 30.0, "odom", "path", ColorRGBA(1.0, 1.0, 1.0, 1.0))
+    markers = [("/controller/visualization_marker_array", MarkerArray([marker]))]
+    topics = SimpleNamespace(
+        take=lambda use: None, name=str, take_all=lambda use: markers if use == "markers" else []
+    )
+    scene.update(topics)
+    trail = server.scene.get_handle_by_name("/trail")
+    assert trail.points[0, 0].tolist() == pytest.approx([0.0, 0.0, 0.025])
+    assert trail.points[-1, 1].tolist() == pytest.approx([19.3, 0.0, 0.025])
