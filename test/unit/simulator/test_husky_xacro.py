@@ -18,12 +18,12 @@ from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.models.description import (
-    DescriptionError,
     main,
     mesh_uri,
     robot_description,
 )
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
+from husky_highlevel_controller.urdf import DescriptionError
 
 # parents in the Noetic Husky's TF tree
 TREE = {

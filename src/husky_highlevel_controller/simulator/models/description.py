@@ -9,9 +9,9 @@ import re
 import sys
 from typing import Dict, Optional
 
-from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.paths import mesh_folder, share_folder
 from husky_highlevel_controller.robot import ROBOTS, load_robot
+from husky_highlevel_controller.urdf import DescriptionError
 
 FLAGS = ("true", "false", "True", "False", "1", "0")
 _FLAG = ("|".join(FLAGS), "true|false")
@@ -25,13 +25,6 @@ ARGUMENTS = {
     "profile": ("gazebo|robot", "gazebo|robot"),
     "meshes": (r"([\w.+-]+://[^$]+)?", "a URI, e.g. file:///opt/meshes or package://name/meshes"),
 }
-
-
-class DescriptionError(HuskyError):
-    """A robot description that cannot be made or used."""
-
-    def __init__(self, problem: str) -> None:
-        super().__init__(f"robot description: {problem}")
 
 
 def mesh_uri() -> str:

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
-import defusedxml
-import defusedxml.ElementTree
 import numpy as np
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
@@ -26,14 +24,18 @@ from husky_highlevel_controller.geometry import (
     rotate,
 )
 from husky_highlevel_controller.robot import Robot, load_robot
-from husky_highlevel_controller.simulator.models.description import DescriptionError
-from husky_highlevel_controller.simulator.models.urdf_parser import (
+from husky_highlevel_controller.urdf import (
+    SIZES,
+    DescriptionError,
+    Elements,
     ends_of,
     label_of,
     name_of,
     number_of,
     numbers_of,
     origin_of,
+    read_urdf,
+    shape_of,
     write_origin,
 )
 
@@ -103,9 +105,7 @@ def robot_model(
     """
     robot = robot or load_robot()
     wheel_joints = robot.wheels.joints
-    urdf = _parse(urdf_text)
-    links = {name_of(link): link for link in urdf.findall("link")}
-    joints = {name_of(joint): joint for joint in urdf.findall("joint")}
+    urdf, links, joints = read_urdf(urdf_text)
     if "base_link" not in links:
         raise DescriptionError(f"no link 'base_link'; there are: {', '.join(links) or 'none'}")
     for name in wheel_joints:
@@ -141,19 +141,7 @@ def robot_model(
     )
 
 
-def _parse(urdf_text: str) -> ET.Element:
-    try:
-        robot = defusedxml.ElementTree.fromstring(urdf_text)
-    except (ET.ParseError, defusedxml.DefusedXmlException, ValueError) as error:
-        raise DescriptionError(f"not XML that can be read: {error!r}") from None
-    if robot.tag != "robot":
-        raise DescriptionError(f"the root element is <{robot.tag}>; a URDF starts with <robot>")
-    return robot
-
-
-def _fixed_joints(
-    links: Mapping[str, ET.Element], joints: Mapping[str, ET.Element]
-) -> Tuple[Tuple[str, str, Pose], ...]:
+def _fixed_joints(links: Elements, joints: Elements) -> Tuple[Tuple[str, str, Pose], ...]:
     return tuple(
         (*ends_of(joint, links), origin_of(joint, label_of(joint)))
         for joint in joints.values()
@@ -178,7 +166,7 @@ def _fixed_poses(fixed_joints: Iterable[Tuple[str, str, Pose]]) -> Dict[str, Pos
 
 
 def _write_wheel(
-    base: ET.Element, joint: ET.Element, links: Mapping[str, ET.Element], fixed_poses: Mapping[str, Pose]
+    base: ET.Element, joint: ET.Element, links: Elements, fixed_poses: Mapping[str, Pose]
 ) -> Tuple[Wheel, Inertial]:
     """Write a wheel's shapes, which need not turn; say what it is, and its inertia in base_link."""
     name, where = name_of(joint), label_of(joint)
@@ -188,7 +176,7 @@ def _write_wheel(
             f"{where} is {joint.get('type')}, on '{parent}'; a wheel's is continuous, and on base_link"
         )
     pose = compose(fixed_poses[parent], origin_of(joint, where))
-    axis = numbers_of(joint.find("axis"), "xyz", (1.0, 0.0, 0.0), where)
+    axis = numbers_of(joint.find("axis"), "xyz", where, 3, (1.0, 0.0, 0.0))
     axis_in_base = rotate(pose.quat_xyzw, axis)
     if not np.allclose(axis_in_base, (0.0, 1.0, 0.0), atol=1e-3):
         raise DescriptionError(f"{where} turns about {axis_in_base} in base_link; a wheel turns about 0 1 0")
@@ -267,24 +255,6 @@ def _require_solid(inertial: Inertial, what: str) -> Inertial:
     return inertial
 
 
-def _shape(collision: ET.Element, where: str) -> ET.Element:
-    """The shape's element, checked."""
-    shape = collision.find("geometry/*")
-    if shape is None or shape.tag not in ("box", "cylinder", "sphere", "mesh"):
-        raise DescriptionError(f"{where}: a <collision> needs a <geometry> of box, cylinder, sphere or mesh")
-    sizes: Tuple[float, ...] = ()
-    if shape.tag == "box":
-        sizes = numbers_of(shape, "size", (0.0, 0.0, 0.0), where)
-    elif shape.tag != "mesh":
-        names = ("radius", "length") if shape.tag == "cylinder" else ("radius",)
-        sizes = tuple(number_of(shape, name, where) for name in names)
-    if not all(MIN_SIZE <= size <= MAX_SIZE for size in sizes):
-        raise DescriptionError(
-            f"{where}: a collision {shape.tag} has {shape.attrib}; sizes are {MIN_SIZE} to {MAX_SIZE:g} m"
-        )
-    return shape
-
-
 def _write_inertial(link: ET.Element, inertial: Inertial) -> None:
     mass, com, inertia = inertial
     element = ET.SubElement(link, "inertial")
@@ -295,15 +265,23 @@ def _write_inertial(link: ET.Element, inertial: Inertial) -> None:
 
 
 def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose]]) -> List[ET.Element]:
-    """Copy the collision shapes of other links, at their poses in this one."""
+    """Copy the checked collision shapes of other links, at their poses in this one; meshes are left out."""
     copies = []
     for source, pose_of_source in sources:
         for collision in source.findall("collision"):
-            shape = _shape(collision, label_of(source))
+            where, shape_and_sizes = label_of(source), shape_of(collision, label_of(source))
+            if shape_and_sizes is None:
+                raise DescriptionError(f"{where}: a <collision> needs a <geometry> of {', '.join(SIZES)}")
+            shape, sizes = shape_and_sizes
             if shape.tag == "mesh":  # it may be a file that only RViz can find or read
                 continue
+            if not all(MIN_SIZE <= size <= MAX_SIZE for size in sizes):
+                raise DescriptionError(
+                    f"{where}: a collision {shape.tag} has {shape.attrib}; "
+                    f"sizes are {MIN_SIZE} to {MAX_SIZE:g} m"
+                )
             written = ET.SubElement(link, "collision")
-            write_origin(written, compose(pose_of_source, origin_of(collision, label_of(source))))
+            write_origin(written, compose(pose_of_source, origin_of(collision, where)))
             ET.SubElement(written, "geometry").append(copy.deepcopy(shape))
             copies.append(written)
     return copies

@@ -188,5 +188,5 @@ def test_visuals_hang_on_the_link_that_moves_them():
 
 @pytest.mark.parametrize("text", ["no xml", URDF.replace("1 2 3", "1 2"), URDF.replace("0.5", "half")])
 def test_a_broken_description_is_an_error_in_words(text):
-    with pytest.raises(HuskyError, match="robot_description"):
+    with pytest.raises(HuskyError, match="robot description"):
         rigid_groups(text)

@@ -1,0 +1,137 @@
+"""URDF reader: checked links, joints, shapes, numbers and poses of a robot description, and <origin> written.
+
+In: URDF text and its XML elements. Out: values; a `DescriptionError` names the element and what it says.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from math import atan2, hypot, isfinite
+from typing import Dict, Mapping, Optional, Sequence, Tuple
+
+import defusedxml
+import defusedxml.ElementTree
+
+from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_highlevel_controller.geometry import matrix_from_quat, quat_from_rpy
+
+MAX_NUMBER = 1e6  # in metres, kilograms or their products: a robot's are far smaller, and physics needs room
+SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1), "mesh": ("scale", 3)}
+
+Elements = Dict[str, ET.Element]  # by name
+
+
+class DescriptionError(HuskyError):
+    """A robot description that cannot be made or used."""
+
+    def __init__(self, problem: str) -> None:
+        super().__init__(f"robot description: {problem}")
+
+
+def read_urdf(text: str) -> Tuple[ET.Element, Elements, Elements]:
+    """Root, links and joints of a URDF.
+
+    Raises:
+        DescriptionError: not a URDF, or a link or joint without a name.
+    """
+    try:
+        robot = defusedxml.ElementTree.fromstring(text)
+    except (ET.ParseError, defusedxml.DefusedXmlException, ValueError) as error:
+        raise DescriptionError(f"not XML that can be read: {error!r}") from None
+    if robot.tag != "robot":
+        raise DescriptionError(f"the root element is <{robot.tag}>; a URDF starts with <robot>")
+    links, joints = ({name_of(item): item for item in robot.findall(tag)} for tag in ("link", "joint"))
+    return robot, links, joints
+
+
+def name_of(element: ET.Element) -> str:
+    """An element's name, which must be given."""
+    name = element.get("name")
+    if not name:
+        raise DescriptionError(f"a <{element.tag}> has no name")
+    return name
+
+
+def label_of(element: ET.Element) -> str:
+    """An element as an error calls it: joint 'front_left_wheel'."""
+    return f"{element.tag} '{name_of(element)}'"
+
+
+def ends_of(joint: ET.Element, links: Mapping[str, ET.Element]) -> Tuple[str, str]:
+    """Names of a joint's parent and child."""
+    names = []
+    for end in ("parent", "child"):
+        element = joint.find(end)
+        names.append("" if element is None else element.get("link", ""))
+        if names[-1] not in links:
+            raise DescriptionError(f"{label_of(joint)}: its {end} '{names[-1]}' is not a link")
+    parent, child = names
+    return parent, child
+
+
+def numbers_of(
+    element: Optional[ET.Element],
+    attribute: str,
+    where: str,
+    count: int,
+    default: Optional[Tuple[float, ...]] = None,
+) -> Tuple[float, ...]:
+    """An attribute's `count` numbers up to MAX_NUMBER; the default where it is not given, if there is one."""
+    text = None if element is None else element.get(attribute)
+    if text is None:
+        if default is None:
+            raise DescriptionError(f"{where}: {attribute} is missing")
+        return default
+    try:
+        numbers = tuple(float(word) for word in text.split())
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count or not all(map(isfinite, numbers)):
+        raise DescriptionError(f"{where}: {attribute} is '{text}'; it must be {count} finite number(s)")
+    if any(abs(number) > MAX_NUMBER for number in numbers):
+        raise DescriptionError(f"{where}: {attribute} is '{text}'; no number may be beyond {MAX_NUMBER:g}")
+    return numbers
+
+
+def number_of(element: Optional[ET.Element], attribute: str, where: str) -> float:
+    """An attribute's one finite number, which must be given."""
+    return numbers_of(element, attribute, where, 1)[0]
+
+
+def shape_of(element: ET.Element, where: str) -> Optional[Tuple[ET.Element, Tuple[float, ...]]]:
+    """Shape of a <collision> or <visual>, and its sizes [m]; None without one of SIZES.
+
+    Sizes are a box's edges, a cylinder's radius and length, a sphere's radius, a mesh's scale (no unit).
+    """
+    shape = element.find("geometry/*")
+    if shape is None or shape.tag not in SIZES:
+        return None
+    names, count = SIZES[shape.tag]
+    default = (1.0, 1.0, 1.0) if shape.tag == "mesh" else None
+    sizes = [numbers_of(shape, name, where, count, default) for name in names.split()]
+    return shape, sum(sizes, ())
+
+
+def origin_of(element: ET.Element, where: str) -> Pose:
+    """Pose from <origin>, in the parent [m]; identity without one."""
+    origin = element.find("origin")
+    x, y, z = numbers_of(origin, "xyz", where, 3, (0.0, 0.0, 0.0))
+    roll, pitch, yaw = numbers_of(origin, "rpy", where, 3, (0.0, 0.0, 0.0))
+    return Pose((x, y, z), quat_from_rpy(roll, pitch, yaw))
+
+
+def write_origin(element: ET.Element, pose: Pose) -> None:
+    """Add an <origin>."""
+    m = matrix_from_quat(pose.quat_xyzw)
+    level = hypot(m[0, 0], m[1, 0])
+    if level > 1e-9:
+        roll, yaw = atan2(m[2, 1], m[2, 2]), atan2(m[1, 0], m[0, 0])
+    else:  # straight up or down, roll and yaw turn about the same axis
+        roll, yaw = atan2(-m[1, 2], m[1, 1]), 0.0
+    rpy = (roll, atan2(-m[2, 0], level), yaw)
+    ET.SubElement(element, "origin", xyz=text_of(pose.position), rpy=text_of(rpy))
+
+
+def text_of(numbers: Sequence[float]) -> str:
+    """Numbers as an attribute, to the last digit."""
+    return " ".join(repr(float(number) + 0.0) for number in numbers)  # + 0.0 makes -0.0 plain
