@@ -28,9 +28,9 @@ from typing import Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 import yaml
 
-from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
+from husky_highlevel_controller.controller.pillar_detection import Pillar, PillarConfig, find_pillars
 from husky_highlevel_controller.controller.tracking import BASELINE, Track, follow
-from husky_highlevel_controller.datatypes import Pillar, Pose, Pose2D, Scan
+from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan
 from husky_highlevel_controller.geometry import pose_from_2d, transform_point, wrap_angle
 
 CONFIG = Path(__file__).parents[1] / "config"

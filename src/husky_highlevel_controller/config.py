@@ -39,14 +39,14 @@ def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[
     Raises:
         ConfigError: a parameter is missing, unknown to all records, of the wrong type or out of range.
     """
-    known: Set[str] = set()
+    names: Set[str] = set()
     results = []
     for record in records:
-        known |= {item.name for item in fields(record) if item.metadata}
+        names |= {item.name for item in fields(record) if item.metadata}
         results.append(_record(record, values, source, parameters_only=True))
-    unknown = sorted(set(values) - known)
+    unknown = sorted(set(values) - names)
     if unknown:
-        raise ConfigError(f"{source}{unknown[0]} is not a parameter; there are: {', '.join(sorted(known))}")
+        raise ConfigError(f"{source}{unknown[0]} is not a parameter; there are: {', '.join(sorted(names))}")
     return results
 
 
@@ -106,19 +106,19 @@ def to_plain(value: Any) -> Any:
 
 def _record(kind: Any, values: Mapping[str, Any], source: str, parameters_only: bool) -> Any:
     """An instance of a record class; keys that it does not know are the caller's affair."""
-    hints, taken = _hints(kind), {}
+    hints, values_by_field = _hints(kind), {}
     for item in fields(kind):
         if parameters_only and not item.metadata:
             continue
         if item.name in values:
             name = source + item.name
-            taken[item.name] = _value(
+            values_by_field[item.name] = _value(
                 hints[item.name], values[item.name], name, item.metadata, parameters_only
             )
         elif parameters_only or _is_required(item):
-            raise ConfigError(f"{source}{item.name} is missing{_told(item.metadata)}")
+            raise ConfigError(f"{source}{item.name} is missing{_help_text(item.metadata)}")
     try:
-        return kind(**taken)
+        return kind(**values_by_field)
     except ValueError as error:  # two values that do not go together
         raise ConfigError(f"{source}{error}") from None
 
@@ -169,8 +169,8 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
 def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
     listed = _listed(value, name, metadata)
     if len(listed) != metadata.get("length", len(kinds)) or len(listed) != len(kinds):
-        wanted = metadata.get("length", len(kinds))
-        raise ConfigError(f"{name} has {len(listed)} entries, not {wanted}{_told(metadata)}")
+        length = metadata.get("length", len(kinds))
+        raise ConfigError(f"{name} has {len(listed)} entries, not {length}{_help_text(metadata)}")
     return tuple(
         _value(kind, each, f"{name}/{number}", metadata, parameters_only)
         for number, (kind, each) in enumerate(zip(kinds, listed))
@@ -179,7 +179,7 @@ def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], param
 
 def _listed(value: Any, name: str, metadata: Mapping[str, Any]) -> Any:
     if not isinstance(value, (list, tuple)):
-        raise ConfigError(f"{name} = {_short(value)} is not a list{_told(metadata)}")
+        raise ConfigError(f"{name} = {_short(value)} is not a list{_help_text(metadata)}")
     return value
 
 
@@ -195,24 +195,24 @@ def _array(value: Any, name: str, shape: Any) -> np.ndarray:
 
 def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
     """A checked number, text or truth value."""
-    told = _told(metadata)
+    help_text = _help_text(metadata)
     if kind is Any:
         return value
     if type(value) is not kind and not (kind is float and type(value) is int):  # YAML's 1 is a fine 1.0
         word = kind.__name__ if parameters_only else _WORDS[kind]
-        raise ConfigError(f"{name} = {_short(value)} is not a {word}{told}")
+        raise ConfigError(f"{name} = {_short(value)} is not a {word}{help_text}")
     if "min" in metadata and kind in (int, float):
         low, high = metadata["min"], metadata["max"]
         if not (abs(value) <= sys.float_info.max and low <= value <= high):  # NaN and 10**400 are not
-            raise ConfigError(f"{name} = {value} is out of range {low}..{high}{told}")
+            raise ConfigError(f"{name} = {value} is out of range {low}..{high}{help_text}")
     if "choices" in metadata and value not in metadata["choices"]:
         raise ConfigError(f"{name} = {value!r} is not one of: {', '.join(metadata['choices'])}")
     if kind is str and not value and metadata and not metadata.get("optional"):
-        raise ConfigError(f"{name} is empty{told}")
+        raise ConfigError(f"{name} is empty{help_text}")
     return kind(value)
 
 
-def _told(metadata: Mapping[str, Any]) -> str:
+def _help_text(metadata: Mapping[str, Any]) -> str:
     return f" ({metadata['help']})" if "help" in metadata else ""
 
 

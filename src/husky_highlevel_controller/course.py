@@ -15,7 +15,6 @@ from husky_highlevel_controller.paths import share_folder
 PILLAR_NAME = "unit_cylinder"  # of the pillar's model
 PILLAR_RADIUS = 0.2  # [m]
 PILLAR_POSITION = (20.0, 5.0)  # [m], its axis in the world
-PILLAR_HEIGHTS = (0.0, 2.0)  # [m], of bottom and top; the simulation lifts it out of the ground
 REACHED = 0.35  # [m], from the robot's outline to the pillar: so near, it has reached it
 TOUCH = 0.01  # [m], so near, it touches the pillar
 STANDS = 0.05  # [m/s] and [rad/s], slower is standing

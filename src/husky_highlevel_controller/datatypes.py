@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import atan2, hypot
 from typing import NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
@@ -240,15 +239,6 @@ class GpsFix(NamedTuple):
     velocity: Vector3  # [m/s], towards north, west and up
 
 
-@dataclass(frozen=True, eq=False)
-class DepthImage:
-    """Image of a depth camera."""
-
-    stamp: float  # [s]
-    frame: str  # optical: z forward, x to the right, y down
-    depth: np.ndarray  # (height, width) float32 [m], along z; NaN beyond the far limit
-
-
 class Odometry(NamedTuple):
     """Pose and velocity by dead reckoning."""
 
@@ -304,23 +294,3 @@ class TrueState(NamedTuple):
         """The state of `to_numbers`; ValueError if there are more or fewer."""
         stamp, x, y, z, qx, qy, qz, qw, speed, yaw_rate = (float(number) for number in numbers)
         return cls(stamp, Pose((x, y, z), (qx, qy, qz, qw)), speed, yaw_rate)
-
-
-class Pillar(NamedTuple):
-    """A pillar seen in one scan."""
-
-    x: float  # [m], centre, in the laser's frame
-    y: float  # [m], centre, in the laser's frame
-    radius: float  # [m]
-    beams: int  # number of beams that hit it
-    residual: float  # [m], root mean square distance of the beams' end points from the circle
-
-    @property
-    def bearing(self) -> float:
-        """Direction of the centre in the laser's frame [rad]."""
-        return atan2(self.y, self.x)
-
-    @property
-    def distance(self) -> float:
-        """From the laser to the pillar's near surface [m]."""
-        return hypot(self.x, self.y) - self.radius

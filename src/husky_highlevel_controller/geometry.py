@@ -157,6 +157,12 @@ def transform_point(pose_b_in_a: Pose, point_in_b: Sequence[float]) -> Vector3:
     return (x + dx, y + dy, z + dz)
 
 
+def transform_points(pose_b_in_a: Pose, points_in_b: np.ndarray) -> np.ndarray:
+    """points_in_a, (N, 3)."""
+    points: np.ndarray = points_in_b @ matrix_from_quat(pose_b_in_a.quat_xyzw).T + pose_b_in_a.position
+    return points
+
+
 def pose_from_2d(pose: Pose2D, z: float = 0.0) -> Pose:
     """The pose in space of a pose on the ground, `z` m above it."""
     half = pose.yaw / 2.0

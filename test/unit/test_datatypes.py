@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from husky_highlevel_controller.datatypes import Pillar, Scan
+from husky_highlevel_controller.controller.pillar_detection import Pillar
+from husky_highlevel_controller.datatypes import Scan
 
 LAW = settings(derandomize=True, deadline=None, max_examples=60)
 

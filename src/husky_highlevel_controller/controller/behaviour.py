@@ -26,7 +26,7 @@ from husky_highlevel_controller.controller.control import (
     target_at,
     to_be_touched,
 )
-from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
+from husky_highlevel_controller.controller.pillar_detection import Pillar, PillarConfig, find_pillars
 from husky_highlevel_controller.controller.search import (
     LOOK_AHEAD,
     SEARCH_SPEED,
@@ -36,7 +36,7 @@ from husky_highlevel_controller.controller.search import (
     search_on,
 )
 from husky_highlevel_controller.controller.tracking import Estimate, Track, Visibility, aged, follow
-from husky_highlevel_controller.datatypes import STOP, Pillar, Pose, Pose2D, Scan, Twist2D
+from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Scan, Twist2D
 from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, transform_point
 from husky_highlevel_controller.robot import load_robot

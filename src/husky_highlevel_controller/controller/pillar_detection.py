@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import asin, atan2, ceil, cos, floor, hypot, inf, isfinite, log, sin
-from typing import Callable, List, Optional, Tuple
+from typing import Callable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -24,7 +24,27 @@ from husky_highlevel_controller.controller.circle_fit import (
     line_sum_squared_error,
 )
 from husky_highlevel_controller.controller.circle_screen import Limits, may_be_pillars
-from husky_highlevel_controller.datatypes import Pillar, Scan
+from husky_highlevel_controller.datatypes import Scan
+
+
+class Pillar(NamedTuple):
+    """A pillar seen in one scan."""
+
+    x: float  # [m], centre, in the laser's frame
+    y: float  # [m], centre, in the laser's frame
+    radius: float  # [m]
+    beams: int  # number of beams that hit it
+    residual: float  # [m], root mean square distance of the beams' end points from the circle
+
+    @property
+    def bearing(self) -> float:
+        """Direction of the centre in the laser's frame [rad]."""
+        return atan2(self.y, self.x)
+
+    @property
+    def distance(self) -> float:
+        """From the laser to the pillar's near surface [m]."""
+        return hypot(self.x, self.y) - self.radius
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ from enum import Enum
 from math import asin, atan2, hypot, pi, sqrt
 from typing import List, NamedTuple, Optional, Tuple
 
-from husky_highlevel_controller.datatypes import Pillar, Pose, Scan
+from husky_highlevel_controller.controller.pillar_detection import Pillar
+from husky_highlevel_controller.datatypes import Pose, Scan
 from husky_highlevel_controller.geometry import inverse, transform_point
 
 EMPTY_TIMEOUT = 0.5  # [s], this long a place may look empty before it is given up

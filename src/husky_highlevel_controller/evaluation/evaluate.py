@@ -79,9 +79,7 @@ class Figure(NamedTuple):
         return self.name, value, self.wanted, Cell(self.verdict, style), replay
 
 
-def extraction_figures(
-    title: str, errors: Sequence[float], least: float = -inf, most: float = inf
-) -> List[Figure]:
+def extraction_figures(title: str, errors: Sequence[float], least: float, most: float) -> List[Figure]:
     """Figures of the centre errors [m] in scenes with a pillar; inf is one not found."""
     finite = [error for error in errors if error < inf]
     p95 = float(np.quantile(finite, 0.95)) if finite else nan

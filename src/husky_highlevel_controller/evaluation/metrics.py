@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import hypot, inf, pi
-from typing import Optional, Tuple
+from typing import Tuple
 
 import numpy as np
 
@@ -31,23 +31,19 @@ DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0  # [s] of simulated time after whic
 # ---------------------------------------------------------------------------- single scans
 
 
-def center_error(
-    number: int, seed: int, clutter: bool, lidar: LidarConfig = SICK, detector: Optional[PillarConfig] = None
-) -> float:
+def center_error(number: int, seed: int, clutter: bool, lidar: LidarConfig = SICK) -> float:
     """Distance from a random pillar to the nearest one found [m]; inf where none is the same."""
     scene = pillar_scene(number, seed, clutter, lidar)
     assert scene.pillar is not None
     x, y, _ = scene.pillar
-    pillars = find_pillars(scene.scan, detector or PillarConfig())
+    pillars = find_pillars(scene.scan, PillarConfig())
     error = min((hypot(p.x - x, p.y - y) for p in pillars), default=inf)
     return error if error < SAME_PILLAR else inf
 
 
-def false_pillars(
-    number: int, seed: int, lidar: LidarConfig = SICK, detector: Optional[PillarConfig] = None
-) -> int:
+def false_pillars(number: int, seed: int, lidar: LidarConfig = SICK) -> int:
     """Number of pillars of many beams that are found in a random scene without one."""
-    pillars = find_pillars(bare_scene(number, seed, lidar).scan, detector or PillarConfig())
+    pillars = find_pillars(bare_scene(number, seed, lidar).scan, PillarConfig())
     return sum(pillar.beams >= MANY_BEAMS for pillar in pillars)
 
 

@@ -25,17 +25,15 @@ class Interval(NamedTuple):
         return f"{factor * self.mean:+.3f} {unit} [{factor * self.low:+.3f}, {factor * self.high:+.3f}]"
 
 
-def bootstrap(differences: Sequence[float], seed: int = 0) -> Interval:
-    """Mean of paired differences, with the percentile interval of the bootstrap; nan without any.
+def bootstrap(differences: Sequence[float]) -> Interval:
+    """Mean of finite paired differences, with the percentile interval of the bootstrap; nan without any.
 
-    Args:
-        differences: one for each scene, finite.
-        seed: of the resampling: same differences, same interval.
+    The resampling has one seed: same differences, same interval.
     """
     values = np.asarray(differences, dtype=float)
     if not len(values):
         return Interval(nan, nan, nan)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     means = np.array([values[rng.integers(len(values), size=len(values))].mean() for _ in range(RESAMPLES)])
     low, high = np.quantile(means, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
     return Interval(float(values.mean()), float(low), float(high))

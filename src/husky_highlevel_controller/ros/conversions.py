@@ -22,8 +22,6 @@ from geometry_msgs.msg import (
 from geometry_msgs.msg import Pose as PoseMsg
 from nav_msgs.msg import Odometry as OdometryMsg
 from sensor_msgs.msg import (
-    CameraInfo,
-    Image,
     Imu,
     JointState,
     LaserScan,
@@ -37,7 +35,6 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from husky_highlevel_controller.datatypes import (
-    DepthImage,
     GpsFix,
     HuskyError,
     ImuSample,
@@ -247,38 +244,6 @@ def imu_from_msg(msg: Imu) -> ImuSample:
     level = msg.orientation_covariance[0] == -1.0 or not length > 0.5  # REP 145; zeros and NaN say it as well
     quat = (0.0, 0.0, 0.0, 1.0) if level else (q.x / length, q.y / length, q.z / length, q.w / length)
     return ImuSample(msg.header.stamp.to_sec(), quat, (w.x, w.y, w.z), (f.x, f.y, f.z))
-
-
-# ---------------------------------------------------------------------------- depth camera
-
-
-def camera_info_to_msg(image: DepthImage, focal_length: float, center: Tuple[float, float]) -> CameraInfo:
-    """Pinhole camera without distortion: focal length and optical centre (u, v) in px."""
-    f, (u, v), (height, width) = focal_length, center, image.depth.shape
-    return CameraInfo(
-        header=header(image.stamp, image.frame),
-        height=height,
-        width=width,
-        distortion_model="plumb_bob",
-        D=[0.0] * 5,
-        K=[f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0],
-        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        P=[f, 0.0, u, 0.0, 0.0, f, v, 0.0, 0.0, 0.0, 1.0, 0.0],
-    )
-
-
-def depth_to_msg(image: DepthImage) -> Image:
-    """Metres as 32-bit floats (REP 118)."""
-    height, width = image.depth.shape
-    return Image(
-        header=header(image.stamp, image.frame),
-        height=height,
-        width=width,
-        encoding="32FC1",
-        is_bigendian=False,
-        step=4 * width,
-        data=image.depth.astype("<f4").tobytes(),
-    )
 
 
 def points_to_msg(points: np.ndarray, stamp: float, frame: str) -> PointCloud2:

@@ -15,10 +15,9 @@ TIMEOUT = 0.5  # [s], an input that was silent for longer gives way
 class CommandMux:
     """Passes on the commands of the most important input that is not silent; a lock stops them all."""
 
-    def __init__(self, inputs: Sequence[str], timeout: float = TIMEOUT) -> None:
+    def __init__(self, inputs: Sequence[str]) -> None:
         """`inputs`: topics, the most important first."""
         self._ranks = {topic: rank for rank, topic in enumerate(inputs)}
-        self._timeout = timeout
         self.locked = False
         self.forget()
 
@@ -31,6 +30,5 @@ class CommandMux:
         self._last_stamps[topic] = now
         rank = self._ranks[topic]
         return not self.locked and not any(
-            self._ranks[other] < rank and now - stamp <= self._timeout
-            for other, stamp in self._last_stamps.items()
+            self._ranks[other] < rank and now - stamp <= TIMEOUT for other, stamp in self._last_stamps.items()
         )

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scenes import UPSIDE_DOWN
 
+from husky_highlevel_controller.controller.pillar_detection import Pillar
 from husky_highlevel_controller.controller.tracking import (
     Anchor,
     Estimate,
@@ -18,7 +19,7 @@ from husky_highlevel_controller.controller.tracking import (
     follow,
     look_at,
 )
-from husky_highlevel_controller.datatypes import Pillar, Pose
+from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.evaluation.scenarios import SICK, scan_of
 from husky_highlevel_controller.geometry import inverse, transform_point
 

@@ -7,8 +7,12 @@ from math import radians, tan
 import numpy as np
 import pytest
 
-from husky_highlevel_controller.datatypes import DepthImage
-from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConfig, image_of, points_of
+from husky_highlevel_controller.simulator.sensors.depth_camera import (
+    CameraConfig,
+    DepthImage,
+    image_of,
+    points_of,
+)
 
 CAMERA = CameraConfig(width=64, height=48, field_of_view=60.0, near=0.1, far=8.0)
 

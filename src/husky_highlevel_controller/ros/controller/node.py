@@ -28,8 +28,8 @@ from husky_highlevel_controller.controller.behaviour import (
     decide,
 )
 from husky_highlevel_controller.controller.control import ControlConfig
-from husky_highlevel_controller.controller.pillar_detection import PillarConfig
-from husky_highlevel_controller.datatypes import STOP, Pillar, Scan, Twist2D
+from husky_highlevel_controller.controller.pillar_detection import Pillar, PillarConfig
+from husky_highlevel_controller.datatypes import STOP, Scan, Twist2D
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, Health

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Optional
+from typing import Optional, Tuple
 
 import rospy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -11,7 +11,12 @@ from husky_highlevel_controller.datatypes import Pose, Snapshot
 from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
-from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConfig, image_of, points_of
+from husky_highlevel_controller.simulator.sensors.depth_camera import (
+    CameraConfig,
+    DepthImage,
+    image_of,
+    points_of,
+)
 from husky_highlevel_controller.simulator.sensors.renderer import Renderer
 from husky_highlevel_controller.simulator.simulation import Simulation
 
@@ -62,12 +67,39 @@ class DepthCamera:
         if buffer is None:
             return
         image = image_of(buffer, self._config, self._stamp, FRAME)
-        publish(
-            self._info, conversions.camera_info_to_msg(image, self._config.focal_length, self._config.center)
-        )
+        publish(self._info, camera_info_to_msg(image, self._config.focal_length, self._config.center))
         if self._image.get_num_connections():
-            publish(self._image, conversions.depth_to_msg(image))
+            publish(self._image, depth_to_msg(image))
         if self._points.get_num_connections():
             publish(
                 self._points, conversions.points_to_msg(points_of(image, self._config), image.stamp, FRAME)
             )
+
+
+def camera_info_to_msg(image: DepthImage, focal_length: float, center: Tuple[float, float]) -> CameraInfo:
+    """Pinhole camera without distortion: focal length and optical centre (u, v) in px."""
+    f, (u, v), (height, width) = focal_length, center, image.depth.shape
+    return CameraInfo(
+        header=conversions.header(image.stamp, image.frame),
+        height=height,
+        width=width,
+        distortion_model="plumb_bob",
+        D=[0.0] * 5,
+        K=[f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0],
+        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        P=[f, 0.0, u, 0.0, 0.0, f, v, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def depth_to_msg(image: DepthImage) -> Image:
+    """Metres as 32-bit floats (REP 118)."""
+    height, width = image.depth.shape
+    return Image(
+        header=conversions.header(image.stamp, image.frame),
+        height=height,
+        width=width,
+        encoding="32FC1",
+        is_bigendian=False,
+        step=4 * width,
+        data=image.depth.astype("<f4").tobytes(),
+    )

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Optional
 
-import numpy as np
 import rospy
 import tf2_ros
 from sensor_msgs.msg import LaserScan, PointCloud2
 
 from husky_highlevel_controller.config import read_config
-from husky_highlevel_controller.geometry import matrix_from_quat
+from husky_highlevel_controller.geometry import transform_points
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_from_msg
 from husky_highlevel_controller.ros.node import publish, run_node
@@ -25,8 +24,8 @@ class PointsToScanNode(rospy.SubscribeListener):
     """Listens to the cloud while something listens to the scan, as the real node does."""
 
     def __init__(self) -> None:
-        defaults, given = asdict(FlattenConfig()), rospy.get_param("~", {})  # others are ignored, as there
-        values = {name: given.get(name, default) for name, default in defaults.items()}
+        parameters = rospy.get_param("~", {})  # unknown ones are ignored, as there
+        values = {name: parameters.get(name, value) for name, value in asdict(FlattenConfig()).items()}
         (self._config,) = read_config(values, rospy.get_name() + "/", FlattenConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms) if self._config.target_frame else None
@@ -60,7 +59,7 @@ class PointsToScanNode(rospy.SubscribeListener):
             except (tf2_ros.TransformException, ValueError) as error:
                 rospy.logwarn_throttle(REPORT_PERIOD, f"no scan from the cloud in '{frame}': {error}")
                 return
-            points = points @ matrix_from_quat(pose.quat_xyzw).T + np.array(pose.position)
+            points = transform_points(pose, points)
         scan = LaserScan(
             angle_min=config.angle_min,
             angle_max=config.angle_max,

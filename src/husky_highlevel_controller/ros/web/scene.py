@@ -14,7 +14,7 @@ import viser
 from visualization_msgs.msg import Marker
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose, Vector3
-from husky_highlevel_controller.geometry import compose, matrix_from_quat
+from husky_highlevel_controller.geometry import compose, transform_points
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_from_msg, points_from_scan
 from husky_highlevel_controller.ros.transforms import is_pose
@@ -73,14 +73,8 @@ class Scene:
         self._controller = f"{controller}/"
         self._left_out = LeftOut()
         self.frames, self.markers = Frames(), Markers()
-        self.layers = {
-            "scan": True,
-            "trail": True,
-            "markers": True,
-            "grid": True,
-            "frames": False,
-            "depth": False,
-        }
+        self.layers = dict.fromkeys(("scan", "trail", "markers", "grid"), True)
+        self.layers.update(frames=False, depth=False)
         self.scan_stamp = 0.0  # [s]
         self.moment: Optional[float] = None  # [s] that is drawn: the newest scan's; None: each frame's newest
         self._robot: Dict[str, Any] = {}
@@ -201,7 +195,7 @@ class Scene:
         self.scan_stamp = scan.stamp
         pose = self.frames.pose(scan.frame, self.fixed_frame, scan.stamp)
         if pose is not None and self.layers["scan"]:
-            points = _transformed(points_from_scan(scan), pose)
+            points = transform_points(pose, points_from_scan(scan)).astype(np.float32)
             hits = points[:: -(-len(points) // RAYS) or 1]
             self._scan.points = points
             lidar = np.array(pose.position, np.float32)
@@ -214,7 +208,7 @@ class Scene:
             return
         pose = self.frames.pose(msg.header.frame_id.lstrip("/"), self.fixed_frame, msg.header.stamp.to_sec())
         if pose is not None:
-            self._cloud.points = _transformed(points_from_msg(msg), pose)
+            self._cloud.points = transform_points(pose, points_from_msg(msg)).astype(np.float32)
 
     def _update_trail(self) -> None:
         if self._trail_line.visible != self.layers["trail"]:
@@ -237,7 +231,7 @@ class Scene:
         if len(self._trail) > 1 or len(points) < 2 or frame is None or not np.isfinite(points).all():
             return
         height = self.ground + LINE_HEIGHT
-        self._draw_trail([(x, y, height) for x, y, _ in _transformed(points, frame).tolist()])
+        self._draw_trail([(x, y, height) for x, y, _ in transform_points(frame, points).tolist()])
 
     def _draw_trail(self, trail: List[Tuple[float, float, float]]) -> None:
         self._trail = trail
@@ -331,8 +325,3 @@ def dashes(start: Vector3, end: Vector3) -> np.ndarray:
     marks = DASH * np.arange(2.0 * count).reshape(-1, 2, 1)
     segments: np.ndarray = (np.array(start) + marks * way / max(length, DASH)).astype(np.float32)
     return segments
-
-
-def _transformed(points: np.ndarray, pose: Pose) -> np.ndarray:
-    moved: np.ndarray = points @ matrix_from_quat(pose.quat_xyzw).T + np.array(pose.position)
-    return moved.astype(np.float32)

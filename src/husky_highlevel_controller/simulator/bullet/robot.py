@@ -57,7 +57,7 @@ class RobotWorld(BulletWorld):
         finally:
             os.remove(path)
         info = pybullet.getDynamicsInfo(body_id, BASE_INDEX, physicsClientId=self._client)
-        self._note_inertial_frame(body_id, Pose(info[3], info[4]))
+        self._inertial_in_body[body_id] = Pose(info[3], info[4])
         self._put(body_id, pose)
         return body_id
 

@@ -25,6 +25,7 @@ from husky_highlevel_controller.datatypes import (
     Vector3,
 )
 from husky_highlevel_controller.geometry import compose, inverse, rotate, transform_point
+from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConfig
 
 ROBOT = "husky"  # the robot's name among the bodies
 BASE_INDEX = -1  # Bullet's link index of a body's base
@@ -76,7 +77,6 @@ class BulletWorld:
         self._shape_ids: Dict[int, int] = {}
         self._planes: List[int] = []
         self._inertial_in_body: Dict[int, Pose] = {}  # Bullet's poses are those of the inertial frame
-        self._body_in_inertial: Dict[int, Pose] = {}
 
     def add_body(self, body: Body) -> None:
         """Add a body; a movable one that is sunk into the ground is placed on top of it.
@@ -107,8 +107,8 @@ class BulletWorld:
 
     def _remove(self, body_id: int) -> None:
         pybullet.removeBody(body_id, physicsClientId=self._client)
-        for known in (self._names, self._shape_ids, self._inertial_in_body, self._body_in_inertial):
-            known.pop(body_id, None)
+        for record in (self._names, self._shape_ids, self._inertial_in_body):
+            record.pop(body_id, None)
 
     def check_movable(self, name: str) -> None:
         """Raise PlacementError if a body is a plane, which stays where it is."""
@@ -127,25 +127,8 @@ class BulletWorld:
         """Move a body without checking for room, for a world that is only rendered."""
         self._put(self._ids[name][-1], pose_in_world)
 
-    def depth_buffer(
-        self,
-        pose_camera_in_world: Pose,
-        width: int,
-        height: int,
-        vertical_field_of_view: float,
-        near: float,
-        far: float,
-    ) -> np.ndarray:
-        """OpenGL depth buffer of a camera, (height, width) in 0..1.
-
-        Args:
-            pose_camera_in_world: of its optical frame.
-            width: [px].
-            height: [px].
-            vertical_field_of_view: [rad].
-            near: [m], of the near clipping plane.
-            far: [m], of the far clipping plane.
-        """
+    def depth_buffer(self, camera: CameraConfig, pose_camera_in_world: Pose) -> np.ndarray:
+        """OpenGL depth buffer of a camera with its optical frame at a pose, (height, width) in 0..1."""
         eye = pose_camera_in_world.position
         view = pybullet.computeViewMatrix(
             eye,
@@ -153,11 +136,11 @@ class BulletWorld:
             rotate(pose_camera_in_world.quat_xyzw, (0.0, -1.0, 0.0)),
         )
         projection = pybullet.computeProjectionMatrixFOV(
-            degrees(vertical_field_of_view), width / height, near, far
+            degrees(camera.vertical_field_of_view), camera.width / camera.height, camera.near, camera.far
         )
         _, _, _, depth, _ = pybullet.getCameraImage(
-            width,
-            height,
+            camera.width,
+            camera.height,
             view,
             projection,
             shadow=0,
@@ -165,7 +148,7 @@ class BulletWorld:
             renderer=pybullet.ER_TINY_RENDERER,
             physicsClientId=self._client,
         )
-        return np.reshape(depth, (height, width))
+        return np.reshape(depth, (camera.height, camera.width))
 
     def _put(self, body_id: int, pose_in_world: Pose) -> None:
         pose = compose(pose_in_world, self._inertial_in_body[body_id])
@@ -241,7 +224,7 @@ class BulletWorld:
 
     def _pose(self, body_id: int) -> Pose:
         position, quat = pybullet.getBasePositionAndOrientation(body_id, physicsClientId=self._client)
-        return compose(Pose(position, quat), self._body_in_inertial[body_id])
+        return compose(Pose(position, quat), inverse(self._inertial_in_body[body_id]))
 
     def _add_plane(self, body: Body, normal: Vector3, pose_in_body: Pose) -> None:
         if body.mass > 0.0:
@@ -258,7 +241,7 @@ class BulletWorld:
             contactDamping=_GROUND_DAMPING,
             physicsClientId=self._client,
         )
-        self._note_inertial_frame(plane, pose_in_body)
+        self._inertial_in_body[plane] = pose_in_body
         self._planes.append(plane)
 
     def _create_body(self, name: str, shape: int, mass: float, pose: Pose, inertial_in_body: Pose) -> int:
@@ -280,14 +263,8 @@ class BulletWorld:
             physicsClientId=self._client,
         )
         self._shape_ids[body_id] = shape
-        self._note_inertial_frame(body_id, inertial_in_body)
+        self._inertial_in_body[body_id] = inertial_in_body
         return body_id
-
-    def _note_inertial_frame(self, body_id: int, inertial_in_body: Pose) -> None:
-        self._inertial_in_body[body_id], self._body_in_inertial[body_id] = (
-            inertial_in_body,
-            inverse(inertial_in_body),
-        )
 
     def _shape_of(self, solids: Sequence[Geometry]) -> int:
         """Collision shape; equal ones share it, because Bullet frees none before the next `clear`."""

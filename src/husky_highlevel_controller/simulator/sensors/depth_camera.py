@@ -14,8 +14,6 @@ from typing import Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.datatypes import DepthImage
-
 
 @dataclass(frozen=True)
 class CameraConfig:
@@ -57,6 +55,15 @@ class CameraSetup:
 
     camera_rate: int = field(default=10, metadata={"min": 1, "max": 50, "help": "depth images a second [Hz]"})
     camera: CameraConfig = field(default_factory=CameraConfig, metadata={"help": "the depth camera"})
+
+
+@dataclass(frozen=True, eq=False)
+class DepthImage:
+    """Image of a depth camera."""
+
+    stamp: float  # [s]
+    frame: str  # optical: z forward, x to the right, y down
+    depth: np.ndarray  # (height, width) float32 [m], along z; NaN beyond the far limit
 
 
 def image_of(buffer: np.ndarray, config: CameraConfig, stamp: float, frame: str) -> DepthImage:

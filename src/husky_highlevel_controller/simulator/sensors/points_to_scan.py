@@ -11,8 +11,8 @@ import numpy as np
 FAR = 1e6  # [m], beyond any point
 
 
-def _number(default: Any, told: str, least: float = -FAR) -> Any:
-    return field(default=default, metadata={"min": least, "max": FAR, "help": told})
+def _number(default: Any, help_text: str, minimum: float = -FAR) -> Any:
+    return field(default=default, metadata={"min": minimum, "max": FAR, "help": help_text})
 
 
 @dataclass(frozen=True)

@@ -86,15 +86,7 @@ def _serve_requests(pipe: Connection) -> None:
         for name, pose in request.poses.items():
             if name in shown:
                 bullet.set_pose_unchecked(name, pose)
-        buffer = bullet.depth_buffer(
-            request.pose_camera_in_world,
-            config.width,
-            config.height,
-            config.vertical_field_of_view,
-            config.near,
-            config.far,
-        )
-        pipe.send(buffer)
+        pipe.send(bullet.depth_buffer(config, request.pose_camera_in_world))
 
 
 def _drawn(body: Body) -> Body:
