@@ -40,14 +40,14 @@ class Replay:
 
 def to_html(replay: Replay) -> str:
     """The page, of at least one pose; it keeps those that the eye needs."""
-    kept = _kept(replay.times)
-    pillars = replay.pillars if len(replay.pillars) == 1 else replay.pillars[kept]
+    rows = _rows_to_show(replay.times)
+    pillars = replay.pillars if len(replay.pillars) == 1 else replay.pillars[rows]
     marks = replay.marks[np.isfinite(replay.marks).all(axis=1)]
     data = {
         "title": replay.title,
         "words": replay.words,
-        "times": _rounded(replay.times[kept]),
-        "poses": _rounded(replay.poses[kept]),
+        "times": _rounded(replay.times[rows]),
+        "poses": _rounded(replay.poses[rows]),
         "pillars": _rounded(pillars[:1] if (pillars == pillars[:1]).all() else pillars),
         "marks": _rounded(marks[:: -(-len(marks) // MAX_MARKS) or 1]),
         "pillar": replay.pillar_radius,
@@ -80,7 +80,7 @@ def _packed(parts: List[Part]) -> List[List[str]]:
     ]
 
 
-def _kept(times: np.ndarray) -> np.ndarray:
+def _rows_to_show(times: np.ndarray) -> np.ndarray:
     """The first row of each period, and the last row."""
     period = max(PERIOD, float(times[-1] - times[0]) / MAX_POSES)
     first_of_each = np.flatnonzero(np.diff(np.floor(times / period), prepend=-np.inf))

@@ -99,7 +99,7 @@ class RobotTopics:
 
 @dataclass(frozen=True)
 class Robot:
-    """Everything about one robot that is not the same for all."""
+    """Robot: everything that is not the same for all."""
 
     name: str = field(metadata={"help": "one of ROBOTS"})
     title: str = field(metadata={"help": "its name in sentences"})

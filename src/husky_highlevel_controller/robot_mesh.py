@@ -61,8 +61,8 @@ def _mesh(path: Path) -> np.ndarray:
     triangles = np.frombuffer(path.read_bytes(), STL, offset=84)["corners"].astype(float)
     cells = np.round(triangles / CELL)
     flat = (cells == np.roll(cells, 1, axis=1)).all(axis=2).any(axis=1)
-    kept: np.ndarray = np.unique(cells[~flat], axis=0) * CELL
-    return kept
+    corners: np.ndarray = np.unique(cells[~flat], axis=0) * CELL
+    return corners
 
 
 def _box(size: Sequence[float], centre: Sequence[float]) -> np.ndarray:

@@ -31,7 +31,7 @@ DIFFERENCE = "B - A, 95 % of the bootstrap"
 
 @dataclass(frozen=True)
 class Comparison:
-    """The same scenes by A and by B."""
+    """Results of A and of B on the same scenes."""
 
     names: Tuple[str, str]
     a: Tuple[Outcome, ...]

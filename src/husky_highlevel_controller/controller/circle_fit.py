@@ -49,7 +49,7 @@ class Segment(NamedTuple):
 
 
 class Segments(NamedTuple):
-    """All segments of one scan (S of them) in the same arrays."""
+    """Segments of one scan (S of them) in the same arrays."""
 
     beams: np.ndarray  # (B,) of all segments, one after the other, ascending in each
     ranges: np.ndarray  # (B,) [m]
@@ -63,13 +63,13 @@ class Segments(NamedTuple):
         starts: np.ndarray = self.counts.cumsum() - self.counts
         return starts
 
-    def those(self, chosen: np.ndarray) -> Segments:
+    def select(self, chosen: np.ndarray) -> Segments:
         """Segments for which `chosen`, (S,) bool, is true."""
         of = chosen.repeat(self.counts)
         return Segments(self.beams[of], self.ranges[of], self.counts[chosen], self.near[chosen], self.step)
 
     def one_by_one(self) -> List[Segment]:
-        """Each by itself."""
+        """Segments as records of their own, (S,)."""
         spans = zip(self.starts.tolist(), self.counts.tolist(), self.near.tolist())
         return [
             Segment(self.beams[start : start + count], self.ranges[start : start + count], near, self.step)

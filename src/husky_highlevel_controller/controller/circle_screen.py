@@ -61,19 +61,19 @@ def may_be_pillars(scan: Scan, segments: Segments, limits: Limits) -> Segments:
         limits: what a pillar's circle meets.
     """
     fits = _geometric_fits(segments, limits.radius, limits.noise)
-    kept = (
+    candidates = (
         (fits.x > fits.near - _MARGIN)
         & (fits.residual <= limits.max_residual + _MARGIN)
         & (np.abs(fits.radius - limits.radius) <= limits.tolerance + _MARGIN)
         & (fits.line_lead < limits.line_odds + _ODDS_MARGIN)
     )
-    fits = _Fits(*(column[kept] for column in fits))
+    fits = _Fits(*(column[candidates] for column in fits))
     missing, hidden = _silhouettes(scan, fits, 4.0 * limits.max_residual)
     framed = (missing <= fits.counts // 10) & (
         (hidden == 0) | (fits.line_lead < limits.hidden_odds + _ODDS_MARGIN)
     )
-    kept[kept] = framed
-    return segments.those(kept)
+    candidates[candidates] = framed
+    return segments.select(candidates)
 
 
 def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:

@@ -101,7 +101,7 @@ def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
 def _candidates(scan: Scan, config: PillarConfig) -> Segments:
     """The segments worth an exact fit; of clutter the nearest ones, at most `MAX_FITS`."""
     segments = cluster(scan, config)
-    segments = segments.those(_plausible(segments, config))
+    segments = segments.select(_plausible(segments, config))
     if len(segments.counts) > _UNSCREENED:
         limits = Limits(
             config.pillar_radius,
@@ -115,7 +115,7 @@ def _candidates(scan: Scan, config: PillarConfig) -> Segments:
     if len(segments.counts) > MAX_FITS:
         nearest = np.zeros(len(segments.counts), dtype=bool)
         nearest[np.argsort(segments.near, kind="stable")[:MAX_FITS]] = True
-        segments = segments.those(nearest)
+        segments = segments.select(nearest)
     return segments
 
 
@@ -224,10 +224,10 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     centre = segment.middle + atan2(circle.y, circle.x) / segment.step
     reach, slack = half / step + 1.0, 4.0 * config.max_residual
     first, last = ceil(centre - reach), floor(centre + reach)
-    known = np.zeros(len(scan.ranges), dtype=bool)
+    is_own = np.zeros(len(scan.ranges), dtype=bool)
     if circle.sum_squared_error < slack**2:  # none of its own is farther off than the root of the sum
-        known[beams] = True
-    others = (~known[max(first, 0) : max(last + 1, 0)]).nonzero()[0] + max(first, 0)
+        is_own[beams] = True
+    others = (~is_own[max(first, 0) : max(last + 1, 0)]).nonzero()[0] + max(first, 0)
     missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))  # beyond the scan's ends
     if len(others):
         psi = (others - centre) * step
@@ -240,7 +240,7 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
 
 
 def _distinct(pillars: List[Pillar]) -> List[Pillar]:
-    """Without those that stand inside another of more beams (one pillar seen in two pieces)."""
+    """Pillars without copies inside another of more beams (one pillar seen in two pieces)."""
     kept: List[Pillar] = []
     for pillar in sorted(pillars, key=lambda pillar: -pillar.beams):
         if all(hypot(pillar.x - other.x, pillar.y - other.y) > other.radius for other in kept):

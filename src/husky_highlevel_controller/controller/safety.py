@@ -103,7 +103,7 @@ def _way_to_standstill(twist: Twist2D, config: ProximityConfig, drive: DriveConf
 
 
 def _longest_move(way: List[Pose2D], outline: Footprint) -> float:
-    """At least as far as any point of the outline moves [m]."""
+    """Bound on how far any point of the outline moves [m]."""
     reach = hypot(outline.half_length, outline.half_width)
     return max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in way)
 

@@ -113,17 +113,17 @@ def is_free(points_in_base: np.ndarray, bearing: float, length: float, outline: 
 
 
 def free_bearing(
-    points_in_base: np.ndarray, wanted: float, length: float, outline: Footprint
+    points_in_base: np.ndarray, goal: float, length: float, outline: Footprint
 ) -> Optional[float]:
-    """The direction nearest to the one wanted that has a free way [rad]; None if there is none.
+    """The direction nearest to `goal` that has a free way [rad]; None if there is none.
 
     Of two equally near ones it is the one that the robot faces more.
     """
-    if is_free(points_in_base, wanted, length, outline):
-        return wanted
-    sides = sorted(_SIDESTEPS, key=lambda step: (abs(step), abs(wrap_angle(wanted + step))))
+    if is_free(points_in_base, goal, length, outline):
+        return goal
+    sides = sorted(_SIDESTEPS, key=lambda step: (abs(step), abs(wrap_angle(goal + step))))
     for step in sides[1:]:
-        bearing = wrap_angle(wanted + step)
+        bearing = wrap_angle(goal + step)
         if is_free(points_in_base, bearing, LOOK_AHEAD, outline):
             return bearing
     return None

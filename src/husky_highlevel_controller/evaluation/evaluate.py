@@ -52,22 +52,22 @@ class Figure(NamedTuple):
 
     @property
     def met(self) -> bool:
-        """Whether it is where it is wanted; nan is not."""
+        """Whether the value is within its bounds; nan is not."""
         return self.least <= self.value <= self.most or (self.least, self.most) == (-inf, inf)
 
     @property
-    def wanted(self) -> str:
+    def bounds(self) -> str:
         """The bounds in words; empty: there are none."""
-        bounds = [f">= {self.least:g}"] * (self.least > -inf) + [f"<= {self.most:g}"] * (self.most < inf)
-        return " ".join(bounds)
+        words = [f">= {self.least:g}"] * (self.least > -inf) + [f"<= {self.most:g}"] * (self.most < inf)
+        return " ".join(words)
 
     @property
     def verdict(self) -> str:
-        """The judgement in a word; empty: nothing is wanted."""
-        return ("ok" if self.met else "MISSED") if self.wanted else ""
+        """The judgement in a word; empty: there are no bounds."""
+        return ("ok" if self.met else "MISSED") if self.bounds else ""
 
     def __str__(self) -> str:
-        words = f"  {self.name:<66}{self.value:>9.3f} {self.unit:<5}{self.wanted:<12} {self.verdict}"
+        words = f"  {self.name:<66}{self.value:>9.3f} {self.unit:<5}{self.bounds:<12} {self.verdict}"
         return words.rstrip()
 
     @property
@@ -76,7 +76,7 @@ class Figure(NamedTuple):
         style = {"ok": "ok", "MISSED": "missed"}.get(self.verdict, "")
         value = f"{self.value:.3f} {self.unit}".rstrip()
         replay = Cell("replay", "", quote(self.replay)) if self.replay else ""
-        return self.name, value, self.wanted, Cell(self.verdict, style), replay
+        return self.name, value, self.bounds, Cell(self.verdict, style), replay
 
 
 def extraction_figures(title: str, errors: Sequence[float], least: float, most: float) -> List[Figure]:

@@ -122,9 +122,9 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
     if axis.is_geometric:
         plot.set_xscale("log")
         plot.xaxis.set_minor_locator(NullLocator())
-        shown = axis.values[:: len(axis.values) // 8 + 1]
-        plot.xaxis.set_major_locator(FixedLocator(shown))
-        plot.xaxis.set_major_formatter(FixedFormatter([f"{value:.3g}" for value in shown]))
+        ticks = axis.values[:: len(axis.values) // 8 + 1]
+        plot.xaxis.set_major_locator(FixedLocator(ticks))
+        plot.xaxis.set_major_formatter(FixedFormatter([f"{value:.3g}" for value in ticks]))
     plot.grid(alpha=0.3)
 
 

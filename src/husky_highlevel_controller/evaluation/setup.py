@@ -35,7 +35,7 @@ MAX_VALUES = 1000  # of one axis
 
 @dataclass(frozen=True)
 class Setup:
-    """Everything a drive depends on but its scene."""
+    """Setup of a drive: everything that it depends on but its scene."""
 
     control: ControlConfig = field(default_factory=ControlConfig)
     detector: PillarConfig = field(default_factory=PillarConfig)
@@ -51,10 +51,10 @@ class Setup:
         Raises:
             ConfigError: a name is none, or a value is not allowed.
         """
-        known = parameters(self)
+        current = parameters(self)
         for name in values:
-            if name not in known:
-                raise ConfigError(f"{source}{name} is not a parameter; there are: {', '.join(sorted(known))}")
+            if name not in current:
+                raise ConfigError(f"{source}{name} is not a parameter; there are: {', '.join(sorted(current))}")
         changed = {}
         for item in fields(self):
             record = getattr(self, item.name)

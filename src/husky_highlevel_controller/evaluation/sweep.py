@@ -97,11 +97,11 @@ def sweep(axes: Sequence[Axis], scenes: Sequence[Scenario], setup: Setup, worker
 
 def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
     """Marks of a picture of these axes: the defaults, and the course's gains where they are on it."""
-    known = {"defaults": Setup(), "the course's gains": Setup(COURSE_GAINS)}
+    setups = {"defaults": Setup(), "the course's gains": Setup(COURSE_GAINS)}
     if profile == "robot":
-        known["robot.launch's gains"] = Setup(ROBOT_GAINS)
+        setups["robot.launch's gains"] = Setup(ROBOT_GAINS)
     positions = {
-        name: [float(parameters(setup)[axis.name]) for axis in axes] for name, setup in known.items()
+        name: [float(parameters(setup)[axis.name]) for axis in axes] for name, setup in setups.items()
     }
     unlike = {tuple(values): name for name, values in reversed(positions.items())}
     inside = {

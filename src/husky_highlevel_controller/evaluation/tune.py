@@ -93,10 +93,10 @@ def parse_range(text: str, base: Setup) -> Range:
     """
     name, equals, words = text.partition("=")
     own = [item.name for record in (base.control, base.detector) for item in fields(record)]
-    known = [key for key in own if type(parameters(base)[key]) in (int, float)]
-    if name not in known:
+    numbers = [key for key in own if type(parameters(base)[key]) in (int, float)]
+    if name not in numbers:
         raise ConfigError(
-            f"{name} is not a number of the controller's; there are: {', '.join(sorted(known))}"
+            f"{name} is not a number of the controller's; there are: {', '.join(sorted(numbers))}"
         )
     limits = [str(metadata_of(name)["min"]), str(metadata_of(name)["max"])]
     try:
@@ -117,19 +117,19 @@ def parse_weights(words: Sequence[str]) -> Objective:
     Raises:
         ConfigError: there is no such weight, or it is negative.
     """
-    known = [item.name for item in fields(Objective)]
-    given: Dict[str, float] = {}
+    names = [item.name for item in fields(Objective)]
+    weights: Dict[str, float] = {}
     for word in words:
         name, _, number = word.partition("=")
-        if name not in known:
-            raise ConfigError(f"--weights {word}: {name} is not a weight; there are: {', '.join(known)}")
+        if name not in names:
+            raise ConfigError(f"--weights {word}: {name} is not a weight; there are: {', '.join(names)}")
         try:
-            given[name] = float(number)
+            weights[name] = float(number)
         except ValueError:
             raise ConfigError(f"--weights {word}: '{number}' is not a number") from None
-        if not 0.0 <= given[name] < inf:
+        if not 0.0 <= weights[name] < inf:
             raise ConfigError(f"--weights {word}: {number} is not a positive number")
-    return Objective(**given)
+    return Objective(**weights)
 
 
 def tune(
@@ -199,9 +199,9 @@ def check(
     workers: Workers,
     drive: Drive,
 ) -> Figures:
-    """Both setups on the same fresh scenes, with the paired differences."""
-    both = workers.map(drive, list(product([base, tuned], scenes)), "fresh starts")
-    sides = both[: len(scenes)], both[len(scenes) :]
+    """Figures of both setups on the same fresh scenes, with the paired differences."""
+    results = workers.map(drive, list(product([base, tuned], scenes)), "fresh starts")
+    sides = results[: len(scenes)], results[len(scenes) :]
     shares = (f"{100.0 * float(np.mean([result.good for result in side])):.1f}" for side in sides)
     figures: Figures = [("arrived, within 2 cm, no touch [%]", *shares, "")]
     pairs = [(a, b) for a, b in zip(*sides) if a.arrived_at < inf and b.arrived_at < inf]

@@ -225,7 +225,7 @@ def imu_to_msg(sample: ImuSample, frame: str) -> Imu:
 
 
 def imu_to_raw_msg(sample: ImuSample, frame: str) -> Imu:
-    """The same without an attitude, as drivers send it before any filter (REP 145)."""
+    """An IMU sample without an attitude, as drivers send it before any filter (REP 145)."""
     msg = imu_to_msg(sample, frame)
     msg.orientation = Quaternion()
     msg.orientation_covariance = NO_ORIENTATION

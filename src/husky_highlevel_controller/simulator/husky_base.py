@@ -39,7 +39,7 @@ class HuskyBaseConfig:
 
 
 def scale_to_limit(left: float, right: float, limit: float) -> Tuple[float, float]:
-    """Both speeds, scaled alike so that neither exceeds `limit`; units as given."""
+    """Wheel speeds, scaled alike so that neither exceeds `limit`; units as given."""
     fastest = max(abs(left), abs(right))
     return (left, right) if fastest <= limit else (left * limit / fastest, right * limit / fastest)
 

@@ -19,7 +19,7 @@ from husky_highlevel_controller.simulator.diff_drive import twist_of_wheels
 
 
 class Odometer:
-    """Both odometries of the Husky, sampled together."""
+    """Odometry of the wheels and of wheels with gyro, sampled together."""
 
     def __init__(self, config: DriveConfig, dt: float) -> None:
         """An odometer for physics steps of `dt` s."""

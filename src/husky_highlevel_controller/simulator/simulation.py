@@ -179,7 +179,7 @@ class Simulation:
 
     @property
     def bodies(self) -> Mapping[str, Body]:
-        """Everything but the robot, by name; a body's own pose is where it was put."""
+        """Bodies but the robot, by name; a body's own pose is where it was put."""
         return self._objects.bodies
 
     def pose_of(self, name: str) -> Pose:

@@ -22,7 +22,7 @@ class WorldObjects:
 
     @property
     def bodies(self) -> Mapping[str, Body]:
-        """All bodies by name; a body's own pose is its initial one, not the present one."""
+        """Bodies by name; a body's own pose is its initial one, not the present one."""
         return self._bodies
 
     def load(self, bodies: Sequence[Body]) -> None:
@@ -58,7 +58,7 @@ class WorldObjects:
 
     def members(self, name: str) -> List[str]:
         """The body of that name, or all bodies of the model of that name."""
-        return [known for known in self._bodies if known == name or known.startswith(name + "::")]
+        return [body for body in self._bodies if body == name or body.startswith(name + "::")]
 
     def delete(self, name: str) -> None:
         """Take a body, or all bodies of a model, out of the world.

@@ -119,7 +119,7 @@ class Cluster:
         end = time.monotonic() + WORKER_DEADLINE
         while True:
             listed = self._client.scheduler_info(n_workers=-1)["workers"]
-            self._ask({address: about for address, about in listed.items() if address not in self._refused})
+            self._ask({address: info for address, info in listed.items() if address not in self._refused})
             workers = self._fit & set(listed)
             if starts_programs:
                 workers = frozenset(w for w in workers if ROS in listed[w].get("resources", {}))

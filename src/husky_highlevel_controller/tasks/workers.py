@@ -87,11 +87,11 @@ class Workers:
         waiting: List[int] = []
         with tqdm(total=len(items), desc=title, disable=None) as bar:
             for number in range(len(items)):
-                kept = self._store.load(keys[number]) if self._store else None
-                if kept:
-                    self._machines.add(kept[0])
+                stored = self._store.load(keys[number]) if self._store else None
+                if stored:
+                    self._machines.add(stored[0])
                     bar.update()
-                    yield number, kept[1]
+                    yield number, stored[1]
                 else:
                     waiting.append(number)
             groups = [waiting[first : first + chunk] for first in range(0, len(waiting), chunk)]

@@ -193,9 +193,9 @@ class ControllerNode:
         if state is State.ARRIVED and pillar is not None and before.at_pillar:
             rospy.loginfo(f"at the pillar already, {pillar.distance:.3f} m from it")
         elif state is State.ARRIVED and pillar is not None:
-            taken = scan.stamp - (self._controller_state.started_at or 0.0)
+            duration = scan.stamp - (self._controller_state.started_at or 0.0)
             rospy.loginfo(
-                f"arrived after {taken:.2f} s of simulated time, {pillar.distance:.3f} m from the pillar "
+                f"arrived after {duration:.2f} s of simulated time, {pillar.distance:.3f} m from the pillar "
                 f"(stop_distance {control.stop_distance:g} m)"
             )
             rospy.loginfo(NEXT_STEP)
@@ -230,10 +230,10 @@ class ControllerNode:
 
 def _seen(scan: Scan, pillar: Optional[Pillar]) -> str:
     nearest = scan.ranges[scan.valid]
-    seen = f"smallest range {nearest.min():.3f} m" if len(nearest) else "no valid range"
+    summary = f"smallest range {nearest.min():.3f} m" if len(nearest) else "no valid range"
     if pillar is not None:
-        seen += f", pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, angle {pillar.bearing:.3f} rad"
-    return f"{seen} in {scan.frame}"
+        summary += f", pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, angle {pillar.bearing:.3f} rad"
+    return f"{summary} in {scan.frame}"
 
 
 def _stage(controller_state: ControllerState) -> Tuple[State, bool]:

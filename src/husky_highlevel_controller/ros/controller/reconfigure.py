@@ -50,19 +50,19 @@ class _Server(Server):
     """Warns of values out of range and ignores NaN; dynamic_reconfigure clamps silently and accepts NaN."""
 
     def update_configuration(self, changes: Dict[str, Any]) -> Dict[str, Any]:
-        taken = dict(changes)
+        accepted = dict(changes)
         for name, value in changes.items():
             if self.type.type.get(name) not in ("double", "int"):
                 continue
             smallest, largest = self.type.min[name], self.type.max[name]
             if not isfinite(value):
-                taken[name] = self.config[name]
+                accepted[name] = self.config[name]
             elif not smallest <= value <= largest:
-                taken[name] = min(max(value, smallest), largest)
+                accepted[name] = min(max(value, smallest), largest)
             else:
                 continue
             rospy.logwarn(
                 f"{rospy.get_name()}/{name} = {value} is out of range {smallest}..{largest}: "
-                f"taking {taken[name]}"
+                f"taking {accepted[name]}"
             )
-        return super().update_configuration(taken)
+        return super().update_configuration(accepted)

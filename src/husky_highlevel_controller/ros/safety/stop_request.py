@@ -19,7 +19,7 @@ MAX_HUNG_CALLS = 5
 
 
 class StopRequest:
-    """At most one pending stop, served by one thread."""
+    """Request to stop: at most one is pending, served by one thread."""
 
     def __init__(
         self,

@@ -49,7 +49,7 @@ class DepthCamera:
 
     def _update(self, simulation: Simulation, snapshot: Snapshot) -> None:
         self._publish(0.0)
-        if snapshot.step % self._steps == 0 and not self._renderer.busy and self._wanted():
+        if snapshot.step % self._steps == 0 and not self._renderer.busy and self._has_subscribers():
             poses = {
                 name: simulation.pose_of(name) for name, body in simulation.bodies.items() if body.mass > 0.0
             }
@@ -59,7 +59,7 @@ class DepthCamera:
             if self._wait:
                 self._publish(None)
 
-    def _wanted(self) -> bool:
+    def _has_subscribers(self) -> bool:
         return any(topic.get_num_connections() for topic in (self._image, self._info, self._points))
 
     def _publish(self, timeout: Optional[float]) -> None:

@@ -19,8 +19,8 @@ class LeadLimit:
     A controller that answers some scans only is not waited for.
     """
 
-    def __init__(self, wanted: bool) -> None:
-        self._wanted = self._follows = wanted
+    def __init__(self, is_on: bool) -> None:
+        self._is_on = self._follows = is_on
         self._arrived = threading.Event()
         self._lead = self._in_a_row = 0
 
@@ -30,7 +30,7 @@ class LeadLimit:
 
     def before_scan(self) -> None:
         """Call before a scan is sent: waits where the controller is too far behind."""
-        if not self._wanted:
+        if not self._is_on:
             return
         answered = self._arrived.is_set()
         self._lead, self._in_a_row = (0, self._in_a_row + 1) if answered else (self._lead + 1, 0)

@@ -66,10 +66,10 @@ class Lockstep:
     """
 
     def __init__(
-        self, wanted: bool, listeners: Listeners, on_unanswered: Callable[[str], None] = lambda _: None
+        self, is_on: bool, listeners: Listeners, on_unanswered: Callable[[str], None] = lambda _: None
     ) -> None:
         """Wait for answers of `listeners`; `on_unanswered` is called with a sentence when one stays out."""
-        self._mode = Mode.WATCHED if wanted else Mode.FREE
+        self._mode = Mode.WATCHED if is_on else Mode.FREE
         self._wakes_to = self._mode  # of SLEEPING: the mode before
         self._listeners, self._on_unanswered = listeners, on_unanswered
         self._answered = threading.Event()

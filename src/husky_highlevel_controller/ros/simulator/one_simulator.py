@@ -56,11 +56,11 @@ def refusal(name: str, master_uri: str) -> str:
 
 def watch_clock(own_name: str, master_uri: str, warn: Callable[[str], None]) -> None:
     """Warn once of each other node that publishes /clock; in a thread, until the process ends."""
-    known = {own_name}
+    reported = {own_name}
 
     def look() -> None:
-        others = set(publishers_of_clock(master_uri)) - known
-        known.update(others)
+        others = set(publishers_of_clock(master_uri)) - reported
+        reported.update(others)
         for name in sorted(others):
             warn(f"{name} publishes /clock too: time will jump; end it, or this simulator")
         start()

@@ -90,8 +90,8 @@ def page() -> bytes:
     html, folder = _viser_page(), share_folder() / "web"
     script, style = (folder / "page.js").read_text(), (folder / "page.css").read_text()
     at = html.index("<head>") + len("<head>")
-    ours = f"<script>{script}</script><style>{style}</style>"
-    return f"{html[:at]}{ours}{html[at:]}".encode()
+    additions = f"<script>{script}</script><style>{style}</style>"
+    return f"{html[:at]}{additions}{html[at:]}".encode()
 
 
 class Gate:

@@ -189,10 +189,10 @@ def _path(times: np.ndarray, values: np.ndarray, x_of: Any, y_of: Any) -> str:
     if len(times) < 3:
         return ""
     bins = np.floor(times / RESOLUTION)
-    kept = np.append(np.flatnonzero(np.diff(bins)), len(times) - 1)
+    rows = np.append(np.flatnonzero(np.diff(bins)), len(times) - 1)
     steps: List[str] = []
     pen = "M"
-    for x, y in zip(x_of(times[kept]).tolist(), y_of(values[kept]).tolist()):
+    for x, y in zip(x_of(times[rows]).tolist(), y_of(values[rows]).tolist()):
         if y == y:
             steps.append(f"{pen}{x:.1f},{y:.1f}")
         pen = "L" if y == y else "M"

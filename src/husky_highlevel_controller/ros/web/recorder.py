@@ -30,7 +30,7 @@ class Recorder:
         self._server, self._actions = server, actions
         self._serializer: Optional[Any] = None
         self._started, self._last = 0.0, 0.0  # [s]
-        self._wanted: Optional[bool] = None  # a change that the buttons ask for
+        self._request: Optional[bool] = None  # a change that the buttons ask for
         self._turn = threading.Lock()
         self._recording = b""
         gui = server.gui
@@ -44,14 +44,14 @@ class Recorder:
 
     def tick(self, now: float, base: Optional[Vector3]) -> None:
         """Let `now` [s] pass in the recording; begin and end it as the buttons say."""
-        wanted, self._wanted = self._wanted, None
-        if wanted and self._serializer is None:
+        request, self._request = self._request, None
+        if request and self._serializer is None:
             self._start(now, base)
         elif self._serializer is not None:
             self._serializer.insert_sleep(now - self._last)
             self._last = now
             length = now - self._started
-            if wanted is False or length >= MAX_TIME:
+            if request is False or length >= MAX_TIME:
                 self.stop()
             else:
                 self._say(f"recording, {length:.0f} s")
@@ -80,7 +80,7 @@ class Recorder:
         self._say(f"{length:.0f} s recorded, {len(data) / 1e6:.1f} MB")
 
     def _on_record(self, event: Any) -> None:
-        self._wanted = event.target.value == RECORD
+        self._request = event.target.value == RECORD
 
     def _on_save(self, event: Any) -> None:
         kind, client = event.target.value, event.client

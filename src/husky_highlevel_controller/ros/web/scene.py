@@ -179,8 +179,8 @@ class Scene:
         self._trail.clear()
         self.markers.clear()
 
-    def _show(self, node: Any, pose: Optional[Pose], wanted: bool = True) -> None:
-        is_visible = wanted and pose is not None
+    def _show(self, node: Any, pose: Optional[Pose], is_on: bool = True) -> None:
+        is_visible = is_on and pose is not None
         if pose is not None and is_visible:
             place(node, pose)
         if node.visible != is_visible:

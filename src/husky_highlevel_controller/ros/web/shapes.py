@@ -71,7 +71,7 @@ def arrow(shaft_length: float, shaft_diameter: float, head_length: float, head_d
 
 
 def triangles(points: np.ndarray) -> Mesh:
-    """Each three points (3 N, 3) are one triangle."""
+    """Mesh of triangles: three points (3 N, 3) each."""
     count = len(points) // 3
     return Mesh(
         np.asarray(points[: 3 * count], np.float32).reshape(-1, 3),

@@ -77,7 +77,7 @@ class Received(NamedTuple):
 
 
 class Topics:
-    """All subscriptions of the page; what came in is taken by the thread that draws."""
+    """Subscriptions of the page; what came in is taken by the thread that draws."""
 
     def __init__(self, names: Dict[str, str]) -> None:
         """Listen to nothing yet.
@@ -119,12 +119,12 @@ class Topics:
                 self._subscribe(topic, InteractiveMarkerUpdate, "objects")
                 self._subscribe(topic + "_full", InteractiveMarkerInit, "objects")
 
-    def listen(self, use: str, kind: Any, wanted: bool) -> None:
+    def listen(self, use: str, kind: Any, is_open: bool) -> None:
         """Subscribe or not to what is shown on demand."""
-        if wanted and use not in self.newest:
+        if is_open and use not in self.newest:
             pause = PAUSE if use in ("scan", "cloud") else NUMBERS_PAUSE
             self.newest[use] = Newest(self._names[use], kind, pause)
-        elif not wanted and use in self.newest:
+        elif not is_open and use in self.newest:
             self.newest.pop(use).close()
 
     def take(self, use: str) -> Optional[Any]:

@@ -100,9 +100,9 @@ class WorldTab:
         return ""
 
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
-        taken = self._poses()
+        poses = self._poses()
         self._put_count += 1
-        while f"{shape}_{self._put_count}" in taken:
+        while f"{shape}_{self._put_count}" in poses:
             self._put_count += 1
         name = f"{shape}_{self._put_count}"
         return call(

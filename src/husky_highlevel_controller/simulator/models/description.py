@@ -72,11 +72,11 @@ def robot_description(
 def _expand(arguments: Dict[str, str]) -> str:
     for name, value in arguments.items():
         if name not in ARGUMENTS:
-            known = " ".join(f"{known}:={wanted}" for known, (_, wanted) in ARGUMENTS.items())
-            raise DescriptionError(f"unknown argument '{name}'; there are {known}")
-        pattern, wanted = ARGUMENTS[name]
+            usage = " ".join(f"{argument}:={form}" for argument, (_, form) in ARGUMENTS.items())
+            raise DescriptionError(f"unknown argument '{name}'; there are {usage}")
+        pattern, form = ARGUMENTS[name]
         if not re.fullmatch(pattern, value):
-            raise DescriptionError(f"{name} is '{value}'; use {wanted}")
+            raise DescriptionError(f"{name} is '{value}'; use {form}")
     import xacro  # here, because it is only needed to make a URDF, not to read one
 
     robot = load_robot(arguments.get("robot", "husky"))
@@ -88,9 +88,9 @@ def _expand(arguments: Dict[str, str]) -> str:
 
 def main() -> None:
     """Print the URDF for `name:=value` arguments; exit with 2 on one that is wrong."""
-    given = dict(argument.partition(":=")[::2] for argument in sys.argv[1:])
+    arguments = dict(argument.partition(":=")[::2] for argument in sys.argv[1:])
     try:
-        print(_expand({"meshes": mesh_uri(), **given}))
+        print(_expand({"meshes": mesh_uri(), **arguments}))
     except DescriptionError as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None

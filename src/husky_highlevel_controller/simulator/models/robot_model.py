@@ -65,7 +65,7 @@ class Wheel:
 
     @property
     def position(self) -> Vector3:
-        """Its centre in base_link [m]."""
+        """Centre in base_link [m]."""
         return self.pose.position
 
     def pose_at(self, angle: float) -> Pose:
@@ -231,7 +231,7 @@ def _merge(parts: Sequence[Inertial]) -> Inertial:
 
 
 def _require_solid(inertial: Inertial, what: str) -> Inertial:
-    """Itself, if a body of its mass can have its inertia.
+    """The inertial itself, if a body of its mass can have its inertia.
 
     Raises:
         DescriptionError: nothing solid has these numbers, or nothing with which physics can be computed.
@@ -246,8 +246,8 @@ def _require_solid(inertial: Inertial, what: str) -> Inertial:
         raise DescriptionError(
             f"{what}: principal moments of inertia {moments}; no body has one above the sum of the others"
         )
-    least, most = mass * MIN_GYRATION**2, mass * MAX_GYRATION**2
-    if mass < MIN_MASS or moments[0] < least or moments[-1] > most:
+    low, high = mass * MIN_GYRATION**2, mass * MAX_GYRATION**2
+    if mass < MIN_MASS or moments[0] < low or moments[-1] > high:
         raise DescriptionError(
             f"{what}: mass {mass}, principal moments of inertia {moments}; the mass must be at least "
             f"{MIN_MASS} kg, and its radii of gyration {MIN_GYRATION} to {MAX_GYRATION:g} m"

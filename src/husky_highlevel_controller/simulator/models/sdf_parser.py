@@ -98,11 +98,11 @@ class Node:
 
     def note_unknown(self) -> None:
         """Note every child that is neither read nor harmless to leave out."""
-        known = KNOWN[self.tag].split()
+        supported = KNOWN[self.tag].split()
         for child in self.children():
             # Gazebo saves it into every world
             is_default_wind = child.tag == "wind" and not len(child.element)
-            if child.tag not in known and not is_default_wind:
+            if child.tag not in supported and not is_default_wind:
                 child.note(f"<{child.tag}> is not supported and is left out")
 
     def children(self, tag: Optional[str] = None) -> Iterator[Node]:
@@ -140,9 +140,9 @@ class Node:
         except ValueError:
             values = ()
         if len(values) not in counts or not all(isfinite(value) for value in values):
-            wanted = " or ".join(str(count) for count in counts)
+            amount = " or ".join(str(count) for count in counts)
             plural = "" if counts == (1,) else "s"
-            raise self.error(f"needs {wanted} finite number{plural}, not '{self.text}'")
+            raise self.error(f"needs {amount} finite number{plural}, not '{self.text}'")
         return values
 
     def positive(self, count: int = 1) -> Tuple[float, ...]:

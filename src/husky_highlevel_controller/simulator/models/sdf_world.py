@@ -96,9 +96,9 @@ def find_world(name: str, folders: Sequence[Path]) -> Path:
         if path.is_file():
             log.warning("there is no world %s; taking %s of the same name", name, path)
             return path
-    known = sorted({path.name for folder in folders for path in folder.glob("*.world")})
+    names = sorted({path.name for folder in folders for path in folder.glob("*.world")})
     raise WorldError(
-        f"no world '{name}'; there are {', '.join(known) or 'none'} in {', '.join(map(str, folders))}"
+        f"no world '{name}'; there are {', '.join(names) or 'none'} in {', '.join(map(str, folders))}"
     )
 
 
@@ -166,8 +166,8 @@ def _pose(node: Optional[Node], parent: _Parent) -> Pose:
     frame = node.element.get("relative_to") or node.element.get("frame") or parent.name
     if frame == parent.name:
         return pose
-    known = {"world": _ORIGIN, "__model__": parent.pose_model_in_world}
-    origin = known.get(frame)
+    origins = {"world": _ORIGIN, "__model__": parent.pose_model_in_world}
+    origin = origins.get(frame)
     if origin is None:
         allowed = "world, __model__ and the parent"
         node.note(f"a <pose> relative to anything but {allowed} is read relative to the parent", frame)
@@ -252,8 +252,9 @@ def _mass(link: Node, me: _Parent) -> float:
         if node:
             (mass,) = node.numbers(1)
             if mass < 0.0 or (mass == 0.0 and not me.static):
-                wanted = "must be greater than zero (<static> is for what never moves)"
-                raise node.error(f"{wanted}, not '{node.text}'")
+                raise node.error(
+                    f"must be greater than zero (<static> is for what never moves), not '{node.text}'"
+                )
     return 0.0 if me.static else mass
 
 

@@ -101,9 +101,9 @@ class Lms1xx:
         # one draw per beam whatever it hits: the noise of a beam never depends on the other beams
         noisy = ranges + self._rng.normal(0.0, config.noise, config.beams)
         noisy = np.round(noisy / config.resolution) * config.resolution
-        seen = (ranges > 0.0) & (noisy >= config.range_min) & (noisy <= config.range_max)
-        noisy[~seen] = 0.0
-        intensities = np.where(seen, np.round(INTENSITY_SCALE * config.remission * shares), 0.0)
+        is_echo = (ranges > 0.0) & (noisy >= config.range_min) & (noisy <= config.range_max)
+        noisy[~is_echo] = 0.0
+        intensities = np.where(is_echo, np.round(INTENSITY_SCALE * config.remission * shares), 0.0)
         for array in (noisy, intensities):
             array.setflags(write=False)
         return Scan(

@@ -53,9 +53,9 @@ def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
     ranges = np.full(count, np.inf if config.use_inf else config.range_max + config.inf_epsilon)
     x, y, z = points.T
     distance, angle = np.hypot(x, y), np.arctan2(y, x)
-    kept = (z >= config.min_height) & (z <= config.max_height)
-    kept &= (distance >= config.range_min) & (distance <= config.range_max)
-    kept &= (angle >= config.angle_min) & (angle <= config.angle_max)
-    index = ((angle[kept] - config.angle_min) / config.angle_increment).astype(int)
-    np.minimum.at(ranges, np.minimum(index, count - 1), distance[kept])
+    inside = (z >= config.min_height) & (z <= config.max_height)
+    inside &= (distance >= config.range_min) & (distance <= config.range_max)
+    inside &= (angle >= config.angle_min) & (angle <= config.angle_max)
+    index = ((angle[inside] - config.angle_min) / config.angle_increment).astype(int)
+    np.minimum.at(ranges, np.minimum(index, count - 1), distance[inside])
     return ranges

@@ -68,7 +68,7 @@ def _serve_requests(pipe: Connection) -> None:
     config: CameraConfig = pipe.recv()
     bullet = BulletWorld(1.0)
     bullet.clear((0.0, 0.0, 0.0))
-    shown: Mapping[str, Body] = {}
+    drawn: Mapping[str, Body] = {}
     while True:
         try:
             request: RenderRequest = pipe.recv()
@@ -77,14 +77,14 @@ def _serve_requests(pipe: Connection) -> None:
         if request.bodies is not None:
             bodies = {name: _drawn(body) for name, body in request.bodies.items()}
             bodies = {name: body for name, body in bodies.items() if body.collisions}
-            for name in [name for name in shown if bodies.get(name) != shown[name]]:
+            for name in [name for name in drawn if bodies.get(name) != drawn[name]]:
                 bullet.remove_body(name)
             for name, body in bodies.items():
-                if body != shown.get(name):
+                if body != drawn.get(name):
                     bullet.add_body(body)
-            shown = bodies
+            drawn = bodies
         for name, pose in request.poses.items():
-            if name in shown:
+            if name in drawn:
                 bullet.set_pose_unchecked(name, pose)
         pipe.send(bullet.depth_buffer(config, request.pose_camera_in_world))
 
