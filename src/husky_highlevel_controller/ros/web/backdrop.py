@@ -77,8 +77,7 @@ class Backdrop:
     def update(self, ground: float, has_grid: bool) -> None:
         """Put the ground at a height [m], with or without its grid."""
         for grid, the_dome in zip(self._grids, self._domes):
-            if grid.visible != has_grid:
-                grid.visible = has_grid
+            grid.visible = has_grid
             if abs(grid.position[2] - GRID_HEIGHT - ground) > 1e-6:
                 grid.position = (0.0, 0.0, ground + GRID_HEIGHT)
                 the_dome.position = (0.0, 0.0, ground)

@@ -183,12 +183,10 @@ class Scene:
         is_visible = is_on and pose is not None
         if pose is not None and is_visible:
             place(node, pose)
-        if node.visible != is_visible:
-            node.visible = is_visible
+        node.visible = is_visible
 
     def _update_scan(self, msg: Optional[Any]) -> None:
-        if self._scan.visible != self.layers["scan"]:
-            self._scan.visible = self._rays.visible = self.layers["scan"]
+        self._scan.visible = self._rays.visible = self.layers["scan"]
         if msg is None:
             return
         scan = conversions.scan_from_msg(msg)
@@ -202,8 +200,7 @@ class Scene:
             self._rays.points = np.stack([np.broadcast_to(lidar, hits.shape), hits], axis=1)
 
     def _update_cloud(self, msg: Optional[Any]) -> None:
-        if self._cloud.visible != self.layers["depth"]:
-            self._cloud.visible = self.layers["depth"]
+        self._cloud.visible = self.layers["depth"]
         if msg is None or not self.layers["depth"]:
             return
         pose = self.frames.pose(msg.header.frame_id.lstrip("/"), self.fixed_frame, msg.header.stamp.to_sec())
@@ -211,8 +208,7 @@ class Scene:
             self._cloud.points = transform_points(pose, points_from_msg(msg)).astype(np.float32)
 
     def _update_trail(self) -> None:
-        if self._trail_line.visible != self.layers["trail"]:
-            self._trail_line.visible = self.layers["trail"]
+        self._trail_line.visible = self.layers["trail"]
         base = self.base
         if base is None:
             return

@@ -82,8 +82,8 @@ def parameters(description: Mapping[str, Any]) -> List[Parameter]:
     result = [_parameter(entry) for entry in description.get("parameters", ())]
     groups = description.get("groups", {})
     for group in groups.values() if isinstance(groups, Mapping) else groups:
-        known = {parameter.name for parameter in result}
-        result += [parameter for parameter in parameters(group) if parameter.name not in known]
+        names = {parameter.name for parameter in result}
+        result += [parameter for parameter in parameters(group) if parameter.name not in names]
     return result
 
 
@@ -92,12 +92,12 @@ def to_yaml(values: Mapping[str, Mapping[str, Any]]) -> str:
     return str(yaml.safe_dump({node: dict(of_node) for node, of_node in values.items()}, sort_keys=True))
 
 
-def from_yaml(text: str, known: Mapping[str, List[Parameter]]) -> Dict[str, Dict[str, Any]]:
+def from_yaml(text: str, servers: Mapping[str, List[Parameter]]) -> Dict[str, Dict[str, Any]]:
     """Checked values by node.
 
     Args:
         text: of the file.
-        known: the parameters of every node there is.
+        servers: the parameters of every node there is.
 
     Raises:
         HuskyError: it is no such file, or names an unknown node or parameter, or a value cannot be.
@@ -108,13 +108,13 @@ def from_yaml(text: str, known: Mapping[str, List[Parameter]]) -> Dict[str, Dict
         raise HuskyError(f"this is no YAML: {error}") from None
     if not isinstance(data, dict) or not all(isinstance(item, dict) for item in data.values()):
         raise HuskyError("the file must name nodes, and below each its parameters")
-    return {node: _checked(node, values, known) for node, values in data.items()}
+    return {node: _checked(node, values, servers) for node, values in data.items()}
 
 
-def _checked(node: str, values: Dict[str, Any], known: Mapping[str, List[Parameter]]) -> Dict[str, Any]:
-    if node not in known:
-        raise HuskyError(f"node '{node}' has no parameters to tune; there are {', '.join(known) or 'none'}")
-    by_name = {parameter.name: parameter for parameter in known[node]}
+def _checked(node: str, values: Dict[str, Any], servers: Mapping[str, List[Parameter]]) -> Dict[str, Any]:
+    if node not in servers:
+        raise HuskyError(f"node '{node}' has no parameters to tune; there are {', '.join(servers) or 'none'}")
+    by_name = {parameter.name: parameter for parameter in servers[node]}
     for name in values:
         if name not in by_name:
             raise HuskyError(f"{node} has no parameter '{name}'; there are {', '.join(by_name)}")
@@ -184,9 +184,9 @@ class Tuning:
         text, client = event.target.value.content, event.client
 
         def load() -> str:
-            known = {name: server.parameters for name, server in self._servers.items()}
+            servers = {name: server.parameters for name, server in self._servers.items()}
             try:
-                changes = from_yaml(text.decode(), known)
+                changes = from_yaml(text.decode(), servers)
             except UnicodeDecodeError:
                 raise HuskyError("this is no text file") from None
             for name in changes.keys() - self._servers.keys():
@@ -209,7 +209,7 @@ class _Server:
         self.values: Dict[str, Any] = {}
         self._description: Dict[str, Any] = {}
         self._fields: Dict[str, Any] = {}
-        self._wanted: Dict[str, Any] = {}
+        self._waiting: Dict[str, Any] = {}
         self._is_closed = False
         self._turn = threading.RLock()
         self._folder = gui.add_folder(name.strip("/"))
@@ -229,27 +229,25 @@ class _Server:
     def request(self, values: Dict[str, Any], client: Optional[viser.ClientHandle]) -> None:
         """Ask for values; of many requests for one parameter that wait, only the last is sent."""
         with self._turn:
-            is_waiting = bool(self._wanted)
-            self._wanted.update(values)
-        if not is_waiting:
+            is_first = not self._waiting
+            self._waiting.update(values)
+        if is_first:
             self._actions.do(self._send, client, self._name)
 
     def _send(self) -> Optional[str]:
         with self._turn:
-            wanted, self._wanted = self._wanted, {}
+            request, self._waiting = self._waiting, {}
         try:
-            answer = answer_of(f"{self._name}/set_parameters", Reconfigure, encode_config(wanted))
+            answer = answer_of(f"{self._name}/set_parameters", Reconfigure, encode_config(request))
         except HuskyError:
             self._show(self.values)
             raise
-        taken = decode_config(answer.config, self._description)
-        self._show(taken)
-        refused = [name for name, value in wanted.items() if taken.get(name) != value]
-        return (
-            f"refused: {', '.join(f'{name} stays {taken.get(name)}' for name in refused)}"
-            if refused
-            else None
-        )
+        values = decode_config(answer.config, self._description)
+        self._show(values)
+        refused = [
+            f"{name} stays {values.get(name)}" for name, value in request.items() if values.get(name) != value
+        ]
+        return f"refused: {', '.join(refused)}" if refused else None
 
     def _on_description(self, msg: ConfigDescription) -> None:
         with self._turn:
@@ -275,7 +273,7 @@ class _Server:
             self.values = {**self.values, **values}
             for parameter in self.parameters:
                 name, field = parameter.name, self._fields.get(parameter.name)
-                if field is None or name not in self.values or name in self._wanted:
+                if field is None or name not in self.values or name in self._waiting:
                     continue
                 value = shown_value(parameter, self.values[name])
                 if field.value != value:
