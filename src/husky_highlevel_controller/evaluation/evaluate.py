@@ -27,12 +27,7 @@ from husky_highlevel_controller.evaluation.metrics import (
 )
 from husky_highlevel_controller.evaluation.report import Cell, Table, write_page
 from husky_highlevel_controller.evaluation.scenarios import Scenario, course_scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import (
-    COURSE_GAINS,
-    Setup,
-    add_profile_options,
-    setup_of,
-)
+from husky_highlevel_controller.evaluation.setup import COURSE_GAINS, Setup, add_profile_options, setup_of
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
 from husky_highlevel_controller.tasks.workers import Workers
 

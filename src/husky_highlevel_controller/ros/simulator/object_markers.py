@@ -13,16 +13,7 @@ from geometry_msgs.msg import Vector3 as Vector3Msg
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, Marker, MenuEntry
 
-from husky_highlevel_controller.datatypes import (
-    Body,
-    Box,
-    Cylinder,
-    Geometry,
-    Plane,
-    Pose,
-    Rgba,
-    Vector3,
-)
+from husky_highlevel_controller.datatypes import Body, Box, Cylinder, Geometry, Plane, Pose, Rgba, Vector3
 from husky_highlevel_controller.geometry import compose, quat_between, quat_inverse, rotate
 from husky_highlevel_controller.ros import conversions
 

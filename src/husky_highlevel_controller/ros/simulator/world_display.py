@@ -77,8 +77,8 @@ class _Server(InteractiveMarkerServer):
         try:
             self.applyChanges()
             super().keepAlive(None)
-        except (rospy.ROSException, ValueError):  # see starting.publish
-            if not rospy.is_shutdown():
+        except (rospy.ROSException, ValueError):  # as in ros.node.publish
+            if not rospy.core.is_shutdown_requested():
                 raise
 
 

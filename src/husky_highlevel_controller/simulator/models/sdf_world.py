@@ -15,13 +15,7 @@ from math import hypot
 from pathlib import Path
 from typing import Iterator, List, Optional, Sequence, Union
 
-from husky_highlevel_controller.datatypes import (
-    Body,
-    Geometry,
-    Pose,
-    Vector3,
-    World,
-)
+from husky_highlevel_controller.datatypes import IDENTITY, Body, Geometry, Pose, Vector3, World
 from husky_highlevel_controller.geometry import compose, inverse, quat_from_rpy
 from husky_highlevel_controller.simulator.models.sdf_geometry import rgba_of, shape_of
 from husky_highlevel_controller.simulator.models.sdf_parser import (
@@ -140,16 +134,13 @@ def _tell_notes(load: Load) -> None:
 # ---------------------------------------------------------------------------- models and links
 
 
-_ORIGIN = Pose()
-
-
 @dataclass(frozen=True)
 class _Parent:
     """Enclosing world, model or link of an element."""
 
     name: str = "world"  # as relative_to calls it
     full_name: str = ""  # with those of the models around it
-    pose_in_world: Pose = _ORIGIN
+    pose_in_world: Pose = IDENTITY
     pose_model_in_world: Optional[Pose] = None  # of the innermost model
     static: bool = False
 
@@ -160,13 +151,13 @@ class _Parent:
 def _pose(node: Optional[Node], parent: _Parent) -> Pose:
     """Pose of an element in the world, from its <pose>; without one, the pose of its parent."""
     if node is None:
-        return _ORIGIN
+        return IDENTITY
     x, y, z, roll, pitch, yaw = node.numbers(6) if node.text else (0.0,) * 6
     pose = Pose((x, y, z), quat_from_rpy(roll, pitch, yaw))
     frame = node.element.get("relative_to") or node.element.get("frame") or parent.name
     if frame == parent.name:
         return pose
-    origins = {"world": _ORIGIN, "__model__": parent.pose_model_in_world}
+    origins = {"world": IDENTITY, "__model__": parent.pose_model_in_world}
     origin = origins.get(frame)
     if origin is None:
         allowed = "world, __model__ and the parent"
@@ -246,7 +237,7 @@ def _mass(link: Node, me: _Parent) -> float:
         inertial.note_unknown()
         for moment in (node for inertia in inertial.children("inertia") for node in inertia.children()):
             moment.numbers(1)
-        if _pose(inertial.child("pose"), me).position != _ORIGIN.position and not me.static:
+        if _pose(inertial.child("pose"), me).position != IDENTITY.position and not me.static:
             inertial.note("a centre of mass (<inertial><pose>) away from the link's origin is not supported")
         node = inertial.child("mass")
         if node:
