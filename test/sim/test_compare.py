@@ -64,7 +64,7 @@ def test_worse_is_what_fails_more_often_or_may_be_slower_than_the_margin(a, b, w
 def test_times_are_compared_where_both_succeed():
     result = comparison([10.0, 20.0, inf], [9.0, 19.0, 1.0])
     assert result.difference("arrived_at") == (-1.0, -1.0, -1.0)
-    assert "only A fails in start 2: A not at the pillar in the end, B at the pillar" in result.words(0.05)
+    assert "only A fails in start 2: A not at the pillar in the end, B at the pillar" in result.summary(0.05)
 
 
 def test_an_outcome_is_judged_by_the_poses():

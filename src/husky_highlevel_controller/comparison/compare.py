@@ -94,7 +94,7 @@ class Comparison:
             ("time to arrival [s]", "arrived_at", "s", 1.0), ("nearest approach [cm]", "nearest", "cm", 100.0)
         ):  # fmt: skip
             means = (f"{factor * value:.3f}" for value in self.mean(quantity))
-            rows.append((title, *means, self.difference(quantity).words(unit, factor)))
+            rows.append((title, *means, self.difference(quantity).summary(unit, factor)))
         return rows
 
     def failures(self) -> List[Tuple[str, Outcome, Outcome]]:
@@ -102,8 +102,8 @@ class Comparison:
         sides = (("A", self.only_a_fails), ("B", self.only_b_fails))
         return [(letter, a, b) for letter, scenes in sides for a, b in scenes]
 
-    def words(self, margin: float) -> str:
-        """The whole of it, to be read in a terminal."""
+    def summary(self, margin: float) -> str:
+        """Comparison as text for a terminal."""
         lines = [f"{len(self.a)} scenes; A: {self.names[0]}; B: {self.names[1]}", ""]
         lines.append(text_table([("", "A", "B", DIFFERENCE), *self.figures()]))
         lines.append(f"  (times and distances of the {len(self.pairs)} scenes in which both succeed)")
@@ -194,9 +194,9 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         # what a launch file starts is not known, so its drives are not kept
         with Workers(options.jobs, options.cluster, None if launches else options.out / RESULTS) as workers:
             result = compare(a, b, random_starts(options.scenes, options.seed), workers)
-            write(result, options.margin, workers.words, options.out)
-            print(result.words(options.margin))
-            print(f"\n{workers.words}\npage and pictures: {options.out / 'index.html'}", file=sys.stderr)
+            write(result, options.margin, workers.summary, options.out)
+            print(result.summary(options.margin))
+            print(f"\n{workers.summary}\npage and pictures: {options.out / 'index.html'}", file=sys.stderr)
         if result.worse(options.margin):
             raise SystemExit(1)
 

@@ -275,7 +275,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
                 sections = evaluate_robot(seed, starts, workers, options.ground, replays)
             else:
                 sections = evaluate(seed, options.scenes, starts, workers, replays, options.robot)
-            print(workers.words, file=sys.stderr)
+            print(workers.summary, file=sys.stderr)
         lines = [f"seed {options.seed}"]
         for title, figures in sections:
             lines += ["", title, *map(str, figures)]

@@ -20,7 +20,7 @@ class Interval(NamedTuple):
     low: float
     high: float
 
-    def words(self, unit: str, factor: float = 1.0) -> str:
+    def summary(self, unit: str, factor: float = 1.0) -> str:
         """Interval in words."""
         return f"{factor * self.mean:+.3f} {unit} [{factor * self.low:+.3f}, {factor * self.high:+.3f}]"
 

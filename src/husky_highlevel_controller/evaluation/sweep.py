@@ -164,4 +164,4 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
             result = sweep(axes, scenes, setup_of(options.profile, options.ground, options.robot), workers)
             title = f"{len(result.drives)} drives: {', '.join(names)}, profile {options.profile}"
-            write(result, title, workers.words, marks(axes, options.profile), options.out)
+            write(result, title, workers.summary, marks(axes, options.profile), options.out)

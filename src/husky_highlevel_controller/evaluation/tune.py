@@ -59,8 +59,8 @@ class Objective:
         return time + penalties + self.crossing * drive.crossings
 
     @property
-    def words(self) -> str:
-        """The formula."""
+    def formula(self) -> str:
+        """Formula of the objective, in words."""
         return (
             f"mean over the starts of: time beyond the bound [s], or {self.failure:g} if it does not arrive, "
             f"+ {self.touch:g} for a touch + {self.overshoot:g} x overshoot [m] + {self.crossing:g} x swings"
@@ -210,7 +210,7 @@ def check(
     for title, (first, second) in (("time to arrival, mean [s]", times), ("objective [s]", costs)):
         interval = bootstrap(np.subtract(second, first).tolist())
         a, b = (f"{float(np.mean(side)) if side else float('nan'):.3f}" for side in (first, second))
-        figures.append((title, a, b, interval.words("s")))
+        figures.append((title, a, b, interval.summary("s")))
     return figures
 
 
@@ -228,7 +228,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of starts and proposals (default 0)")
     parser.add_argument(
         "--weights", nargs="+", default=[], metavar="NAME=NUMBER",
-        help=f"of the objective: {Objective().words} (failure, touch, overshoot, crossing)",
+        help=f"of the objective: {Objective().formula} (failure, touch, overshoot, crossing)",
     )  # fmt: skip
     add_profile_options(parser)
     parser.add_argument("--out", type=Path, default=Path("tune"), help="folder of results (default ./tune)")
@@ -249,7 +249,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             best = min(row["objective"] for row in tuned.trials)
             file = options.out / "tuned.yaml"
             file.write_text(to_yaml(tuned.values, f"Found by tune, seed {seed}, profile {options.profile}."))
-            print(f"objective: {objective.words}")
+            print(f"objective: {objective.formula}")
             print(f"of {options.trials} setups on {options.scenes} starts: {best:.3f} s with")
             for name, value in tuned.values.items():
                 print(f"  {name} {value:g} {unit_of(name)}, by default {parameters(base)[name]:g}")
@@ -277,7 +277,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
                     trials,
                 ],
                 {"setups": draw_trials([row["objective"] for row in tuned.trials])},
-                source=workers.words,
+                source=workers.summary,
             )
             print(f"\n{command}\npage: {options.out / 'index.html'}")
-            print(workers.words, file=sys.stderr)
+            print(workers.summary, file=sys.stderr)

@@ -125,8 +125,8 @@ class Workers:
         return str(self._digest.hexdigest())
 
     @property
-    def words(self) -> str:
-        """The hash and the machines, for a report: on one kind of machine it is always the same."""
+    def summary(self) -> str:
+        """Hash and machines of the results, for a report: on one kind of machine it is always the same."""
         kinds = sorted(self._machines)
         several = f"{len(kinds)} kinds of machines, whose last bits may differ: " if len(kinds) > 1 else ""
         return f"results {self.results_hash} by {several}{'; '.join(kinds)}"

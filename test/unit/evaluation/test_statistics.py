@@ -31,4 +31,4 @@ def test_the_interval_holds_the_truth_in_most_repetitions():
 def test_equal_drives_have_no_interval_and_no_drives_none():
     assert bootstrap([0.0, 0.0]) == (0.0, 0.0, 0.0)
     assert all(map(isnan, bootstrap([])))
-    assert bootstrap([0.5]).words("cm", 100.0) == "+50.000 cm [+50.000, +50.000]"
+    assert bootstrap([0.5]).summary("cm", 100.0) == "+50.000 cm [+50.000, +50.000]"

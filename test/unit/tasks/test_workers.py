@@ -100,9 +100,9 @@ def test_tasks_that_start_programs_run_in_threads_of_this_process(tmp_path):
 def test_the_words_tell_hash_and_machine():
     with Workers(1) as workers:
         workers.map(noise, range(2))
-        assert workers.words == f"results {workers.results_hash} by {machine()}"
+        assert workers.summary == f"results {workers.results_hash} by {machine()}"
         workers._machines.add("another one")
-        assert "by 2 kinds of machines, whose last bits may differ: another one; " in workers.words
+        assert "by 2 kinds of machines, whose last bits may differ: another one; " in workers.summary
     assert "numpy" in machine()
 
 
