@@ -116,6 +116,7 @@ def redraw(nodes: Sequence[Any], pieces: Sequence[Piece]) -> bool:
         if isinstance(piece, Solid):
             node.vertices, node.faces = piece.mesh.vertices, piece.mesh.faces
             node.color, node.opacity = rgb(piece.rgba), _opacity(piece.rgba)
+            node.scale = piece.scale
         elif isinstance(piece, Lines):
             node.points, node.colors = piece.points, piece.colors
             node.thickness = piece.width or LINE_WIDTH
@@ -142,7 +143,7 @@ def bounds(nodes: Sequence[Any]) -> Tuple[np.ndarray, np.ndarray]:
     points = []
     for node in nodes:
         w, x, y, z = node.wxyz.tolist()
-        points.append(node.vertices @ matrix_from_quat((x, y, z, w)).T + node.position)
+        points.append((node.vertices * node.scale) @ matrix_from_quat((x, y, z, w)).T + node.position)
     corners = np.concatenate(points)
     return corners.min(axis=0), corners.max(axis=0)
 
@@ -160,6 +161,7 @@ def _solid(scene: viser.SceneApi, name: str, solid: Solid, where: Any) -> Any:
         solid.mesh.faces,
         color=rgb(solid.rgba),
         opacity=_opacity(solid.rgba),
+        scale=solid.scale,
         side="double",
         **where,
     )

@@ -13,7 +13,7 @@ from nav_msgs.msg import Path
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from husky_highlevel_controller.datatypes import Pose, Rgba
+from husky_highlevel_controller.datatypes import Pose, Rgba, Vector3
 from husky_highlevel_controller.geometry import matrix_from_quat, quat_between
 from husky_highlevel_controller.ros.conversions import pose_from_msg
 from husky_highlevel_controller.ros.web import shapes
@@ -30,6 +30,13 @@ class Solid(NamedTuple):
 
     mesh: Mesh
     rgba: Rgba
+    scale: Vector3 = (1.0, 1.0, 1.0)  # along x, y and z: costs less to change than a mesh
+
+    @property
+    def extents(self) -> np.ndarray:
+        """Size [m] along x, y and z."""
+        extents: np.ndarray = np.ptp(self.mesh.vertices, axis=0) * np.abs(self.scale)
+        return extents
 
 
 class Lines(NamedTuple):
@@ -73,7 +80,7 @@ def primitives(marker: Marker) -> List[Piece]:
         return []
     kind = marker.type
     if kind in _UNIT_SHAPES:
-        return [Solid(shapes.scaled(_UNIT_SHAPES[kind](), size), _rgba(marker.color))]
+        return [Solid(_UNIT_SHAPES[kind](), _rgba(marker.color), size)]
     if kind == Marker.ARROW:
         return _arrow(marker, size)
     if kind == Marker.TEXT_VIEW_FACING:

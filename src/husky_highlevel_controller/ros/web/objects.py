@@ -180,4 +180,4 @@ class Objects:
 
 def _is_ground(piece: Piece) -> bool:
     """Whether it is a sheet so wide that the grid stands for it."""
-    return isinstance(piece, Solid) and bool(np.ptp(piece.mesh.vertices, axis=0)[:2].min() > WIDEST)
+    return isinstance(piece, Solid) and bool(piece.extents[:2].min() > WIDEST)

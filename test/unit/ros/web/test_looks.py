@@ -57,7 +57,7 @@ def test_shapes_are_closed_and_turn_outwards(mesh, expected):
 
 def test_a_cube_marker_has_the_size_of_its_scale():
     (solid,) = primitives(marker(Marker.CUBE, (1.0, 2.0, 3.0)))
-    assert np.ptp(solid.mesh.vertices, axis=0) == pytest.approx([1.0, 2.0, 3.0])
+    assert solid.extents == pytest.approx([1.0, 2.0, 3.0])
     assert solid.rgba == (1, 0, 0, 1)
 
 
