@@ -13,17 +13,6 @@ EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
 Nodes = Mapping[str, Sequence[str]]  # topic: nodes
 
 
-def has_parameter(uri: str, name: str) -> bool:
-    """Whether a parameter is set."""
-    return bool(_ask(uri, "hasParam", name))
-
-
-def number(uri: str, name: str) -> float:
-    """A parameter that is a number; 0 where it is not set."""
-    value = _ask(uri, "getParam", name)
-    return float(value) if isinstance(value, (int, float)) else 0.0
-
-
 def has_service(uri: str, name: str) -> bool:
     """Whether a node offers a service."""
     return bool(_ask(uri, "lookupService", name))

@@ -31,10 +31,8 @@ from husky_highlevel_controller.grading.drive.recording import (
     to_json,
 )
 from husky_highlevel_controller.grading.drive.ros_graph import (
-    has_parameter,
     has_service,
     is_up,
-    number,
     set_parameters,
 )
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
@@ -134,10 +132,10 @@ def drive(
         assignment.write_text(record_to_json(task))
         recorder = network.start("recorder", [RECORDER, str(assignment)])
 
-        def has_set(name: str) -> bool:
-            return not recorder.running or has_parameter(network.uri, f"/{RECORDER_NODE}/{name}")
+        def told(word: str) -> bool:
+            return not recorder.running or bool(_told(recorder, word))
 
-        wait(lambda: has_set("recording"), START_DEADLINE, START_PERIOD)
+        wait(lambda: told("recording"), START_DEADLINE, START_PERIOD)
         if not recorder.running:
             raise MarkingError(f"the recorder does not start: {recorder.output.strip()[-500:]}")
         simulator = simulate(
@@ -145,7 +143,7 @@ def drive(
         )
         submitted, events = start(network, submission)
         ours = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
-        joined = settles(submitted, lambda: has_set("joined"), lambda: is_up(network.uri, ours))
+        joined = settles(submitted, lambda: told("joined"), lambda: is_up(network.uri, ours))
         if recorder.running and not joined:
             recorder.popen.send_signal(signal.SIGUSR1)  # lockstep would wait for the submission
 
@@ -153,7 +151,7 @@ def drive(
 
         def is_over() -> bool:
             nonlocal reached, since
-            now = number(network.uri, f"/{RECORDER_NODE}/now")
+            now = float(["0", *_told(recorder, r"now ([\d.]+)")][-1])
             on_time(now)
             if now > reached:
                 reached, since = now, time.monotonic()
@@ -179,6 +177,11 @@ def drive(
     return recording
 
 
+def _told(recorder: Process, line: str) -> List[str]:
+    """Lines of the recorder that match, or the group in them."""
+    return re.findall(rf"^{line}$", recorder.output, re.MULTILINE)
+
+
 def _finish(
     path: Path,
     recorder: Process,
@@ -189,9 +192,8 @@ def _finish(
     output: str,
 ) -> Recording:
     """The recording that the recorder wrote, with notes, the end, and what was printed."""
-    digest = re.search(r"^sha256 (\w{64})$", recorder.output, re.MULTILINE)
     try:
-        recording = load(path, digest.group(1) if digest else "")
+        recording = load(path, "".join(_told(recorder, r"sha256 (\w{64})")))
     except ExchangedError as error:
         recording = empty_recording(trial.pillar, config.deadline, (str(error),))
         recording = replace(recording, violations=(str(error),))

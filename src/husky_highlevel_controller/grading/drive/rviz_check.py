@@ -221,17 +221,13 @@ class Screen:
 
     def tile(self, column: int, row: int) -> np.ndarray:
         """(height, width, 3) of red, green, blue, 0 to 255."""
-        data = self._memory.read_bytes()  # X's own dump format, XWD: a header of big-endian words
-        header = np.frombuffer(data, ">u4", 25)
-        offset, (width, height), line = (
-            int(header[0] + 12 * header[19]),
-            header[4:6].tolist(),
-            int(header[12]),
-        )
-        rows = np.frombuffer(data, np.uint8, line * height, offset).reshape(height, line)
+        data = np.memmap(self._memory, np.uint8, "r")  # in X's own format, XWD: a header of big-endian words
+        header = data[:100].view(">u4").tolist()
+        offset, (width, height), line = header[0] + 12 * header[19], header[4:6], header[12]
+        rows = data[offset : offset + line * height].reshape(height, line)
         pixels = rows[:, : 4 * width].reshape(height, width, 4)[:, :, 2::-1]
         left, top = column * TILE[0], row * TILE[1]
-        return pixels[top : top + TILE[1], left : left + TILE[0]].astype(int)
+        return pixels[top : top + TILE[1], left : left + TILE[0]].astype(np.int16)
 
 
 def without_margins(pixels: np.ndarray) -> np.ndarray:
@@ -244,7 +240,8 @@ def without_margins(pixels: np.ndarray) -> np.ndarray:
 def foreground(pixels: np.ndarray, background: Sequence[int]) -> int:
     """Number of pixels of the view that are not background; 0 while RViz has not drawn it."""
     view = without_margins(pixels)
-    away = np.abs(view - np.asarray(background)).max(axis=2)
+    colours = np.moveaxis(np.abs(view - np.clip(background, 0, 255).astype(view.dtype)), 2, 0)
+    away = np.maximum.reduce(list(colours))  # several times as fast as max(axis=2)
     drawn = (away <= 2).mean() >= DRAWN
     return int((away > DIFFERENT).sum()) if drawn else 0
 

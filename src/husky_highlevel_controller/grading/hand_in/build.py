@@ -36,6 +36,7 @@ APT_DEADLINE = 20.0  # [s] of wall time
 RETRIES = 2  # of a build that fails
 MAX_LAUNCH = 1_000_000  # [bytes]
 MAX_MISSING = 10  # packages that CMake misses one after the other
+LESS_COLLECTION = "--param ggc-min-heapsize=500000"  # [kB] before GCC collects garbage, a tenth of its time
 # header before each C++ source; a repair changes it, so CMake need not run again
 PRELUDE = "marking_prelude.h"
 # publish(true) and its like compile, as in a Release build of Noetic and older
@@ -314,7 +315,7 @@ def _catkin_make(
     command = [
         "catkin_make", "-C", str(folders.root), f"-DPYTHON_EXECUTABLE={sys.executable}",
         "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
-        f"-DCMAKE_CXX_FLAGS=-g1 -include {PRELUDE}",
+        f"-DCMAKE_CXX_FLAGS=-g1 {LESS_COLLECTION} -include {PRELUDE}",
         "-DCMAKE_C_COMPILER_WORKS=1", "-DCMAKE_CXX_COMPILER_WORKS=1",
         "--make-args", "-k", f"-j{os.cpu_count()}",  # without -l: make would wait until others' load falls
     ]  # fmt: skip

@@ -29,13 +29,17 @@ SCAN = "#c2185b"
 
 def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
     """Picture of all drives, side by side."""
-    figure = new_figure(5.2 * len(recordings) + 0.8, 5.0)
-    axes = figure.subplots(1, len(recordings), squeeze=False)[0]
+    width, height = 5.2 * len(recordings) + 0.8, 5.0
+    figure = new_figure(width, height)
+    figure.set_layout_engine("none")  # matplotlib's own would draw everything twice
+    edges = {"left": 0.65 / width, "right": 1 - 0.95 / width, "bottom": 0.5 / height, "top": 0.87}
+    axes = figure.subplots(1, len(recordings), squeeze=False, gridspec_kw={**edges, "wspace": 0.16})[0]
     end = max([float(recording.times[-1]) for recording in recordings if len(recording.times)], default=1.0)
     for number, (recording, axis) in enumerate(zip(recordings, axes), 1):
         drawn = _draw(recording, axis, end)
         axis.set_title(plain(f"drive {number}: {recording.ended or 'no drive'}"), fontsize=10)
-    figure.colorbar(drawn, ax=axes, label="simulated time [s]", shrink=0.75, pad=0.02)
+    bar = figure.add_axes((1 - 0.8 / width, 0.15, 0.18 / width, 0.65))
+    figure.colorbar(drawn, cax=bar, label="simulated time [s]")
     figure.suptitle(plain(title), fontsize=11)
     return png(figure)
 
