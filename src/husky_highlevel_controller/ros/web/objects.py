@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, Callable, Dict, List, NamedTuple, Tuple
 from urllib.parse import quote
 
-import numpy as np
 import rospy
 import viser
 from visualization_msgs.msg import (
