@@ -35,7 +35,7 @@ ADDRESS = re.compile(r": (http://127\.0\.0\.1:\d+)\n")
 TWO_HZ = (
     "const draw = requestAnimationFrame; window.requestAnimationFrame = f => setTimeout(() => draw(f), 500)"
 )
-TIME_SHOWN = "Number(document.querySelector('[data-time]').dataset.time)"
+TIME_SHOWN = "Number(document.querySelector('[data-time]')?.dataset.time)"  # NaN where none is shown
 NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 DRAW_TIMEOUT = 240.0  # [s] of wall time for anything that a browser without a graphics card draws
 
@@ -498,10 +498,11 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
     wait_until(lambda: yellow_rows(page).size > 0, "the robot is drawn")
     node.popen.terminate()
     page.wait_for_selector(".husky-banner:has-text('Connection lost')")
+    before = page.evaluate(TIME_SHOWN)
     node.wait()
     alone.start(*web)
     page.wait_for_selector(".husky-banner:empty", state="attached")
-    page.wait_for_selector(".husky-state[data-time]")
+    wait_until(lambda: page.evaluate(TIME_SHOWN) > before, "the page shows the robot again")
     for process in (simulator, master):
         process.popen.terminate()
         process.wait()
