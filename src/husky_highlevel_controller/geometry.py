@@ -45,7 +45,7 @@ def along_axes(axes: Sequence[Vector3], vector: Vector3) -> Vector3:
 
 
 def wrap_angle(angle: float) -> float:
-    """The same direction in (-pi, pi] [rad]."""
+    """Angle of the same direction in (-pi, pi] [rad]."""
     wrapped = (angle + pi) % (2.0 * pi) - pi
     return pi if wrapped == -pi else wrapped
 

@@ -43,7 +43,7 @@ class Pillar(NamedTuple):
 
     @property
     def distance(self) -> float:
-        """From the laser to the pillar's near surface [m]."""
+        """Distance from the laser to the near surface [m]."""
         return hypot(self.x, self.y) - self.radius
 
 

@@ -120,7 +120,7 @@ def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:
 
 
 def _clearance(points_in_base: np.ndarray, pose: Pose2D, outline: Footprint) -> np.ndarray:
-    """From the outline of a robot at `pose` to each point, (N,) [m]; 0 inside."""
+    """Distance from the outline of a robot at `pose` to each point, (N,) [m]; 0 inside."""
     c, s = np.cos(pose.yaw), np.sin(pose.yaw)
     from_robot = (points_in_base - (pose.x, pose.y)) @ np.array([[c, -s], [s, c]])
     return outline.clearance(from_robot)

@@ -157,7 +157,7 @@ def bare_scene(number: int, seed: int, lidar: LidarConfig = SICK) -> PillarScan:
 
 
 def _clearance(pillar: Disc, circles: Sequence[Disc], segments: Sequence[Wall]) -> float:
-    """From the pillar's surface to the nearest other body [m]."""
+    """Gap between the pillar's surface and the nearest other body [m]."""
     x, y, radius = pillar
     gaps = [hypot(x - other[0], y - other[1]) - other[2] for other in circles]
     for x1, y1, x2, y2 in segments:

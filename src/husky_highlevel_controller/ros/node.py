@@ -53,7 +53,7 @@ class NewSubscribers(rospy.SubscribeListener):
         self._came.set()
 
     def take(self) -> bool:
-        """True once after a node has subscribed."""
+        """Whether a node has subscribed since the last call."""
         subscribed = self._came.is_set()
         self._came.clear()
         return subscribed

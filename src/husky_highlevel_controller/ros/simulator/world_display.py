@@ -69,7 +69,7 @@ class _Server(InteractiveMarkerServer):
             timer.shutdown()
 
     def processFeedback(self, feedback: InteractiveMarkerFeedback) -> None:  # noqa: N802
-        """Only pass it on: the simulation decides where a body is, not the dragged marker."""
+        """Pass feedback on: the simulation decides where a body is, not the dragged marker."""
         self._on_feedback(feedback)
 
     def send(self) -> None:

@@ -34,7 +34,7 @@ def moved(mesh: Mesh, offset: Sequence[float]) -> Mesh:
 
 
 def joined(meshes: Sequence[Mesh]) -> Mesh:
-    """Several meshes as one."""
+    """Mesh of several meshes."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     vertices = np.concatenate([np.zeros((0, 3), np.float32), *(mesh.vertices for mesh in meshes)])
     faces = [mesh.faces + start for mesh, start in zip(meshes, starts)]

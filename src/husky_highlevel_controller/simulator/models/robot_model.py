@@ -218,7 +218,7 @@ def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
 
 
 def _merge(parts: Sequence[Inertial]) -> Inertial:
-    """Several rigid bodies as one (parallel axis theorem)."""
+    """Inertial of several rigid bodies as one (parallel axis theorem)."""
     mass = float(sum(part[0] for part in parts))
     centre = sum((m * np.array(com) for m, com, _ in parts), np.zeros(3)) / (mass or 1.0)
     inertia = np.zeros((3, 3))

@@ -40,7 +40,7 @@ class CameraConfig:
 
     @property
     def vertical_field_of_view(self) -> float:
-        """From the upper edge to the lower one [rad]."""
+        """Angle from the upper edge to the lower one [rad]."""
         return 2.0 * atan(self.height / 2.0 / self.focal_length)
 
     @property

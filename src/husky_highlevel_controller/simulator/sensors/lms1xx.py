@@ -70,7 +70,7 @@ class Lms1xxConfig:
 
     @property
     def sweep_time(self) -> float:
-        """From the first beam to the last [s]."""
+        """Time from the first beam to the last [s]."""
         return (self.beams - 1) * self.time_increment
 
 

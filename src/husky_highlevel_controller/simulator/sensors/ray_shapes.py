@@ -100,7 +100,7 @@ def _slab(directions: np.ndarray, middles: np.ndarray, halves: np.ndarray, depth
 
 
 def _unless(parallel: np.ndarray, depths: np.ndarray, near: np.ndarray, far: np.ndarray) -> Span:
-    """Between `near` and `far`; but a parallel ray is inside all along or never, as the laser is."""
+    """Span from `near` to `far`; but a parallel ray is inside all along or never, as the laser is."""
     if parallel.any():
         outside = np.where(depths >= 0.0, -inf, inf)
         near, far = np.where(parallel, outside, near), np.where(parallel, -outside, far)
