@@ -48,7 +48,10 @@ DESERVED = {
     ),
     "never_advertises": ((0, 0, None, 0, 0), ["the robot never moves: it advertises no cmd_vel"]),
     "floods": ((20, 30, None, 0, 0), ["it floods cmd_vel: "]),
+    "drives_away": ((0, 0, None, 0, 0), ["drives away: "]),
+    "spins": ((0, 0, None, 0, 0), ["turns round "]),
     "stops_short": ((20, 0, None, 0, 0), ["stops short: nearest 2."]),
+    "rams": ((20, 30, None, 0, 0), ["reaches it, at 1.0"]),  # the sheet's "hits the pillar"
     "marks_the_origin": (
         (20, 30, 20, 0, 0),
         ["right 0 % of", ", 0.13), the pillar at (20.00, 5.00): x off by "],
@@ -78,6 +81,7 @@ DESERVED = {
         ["no points: node /controller publishes on /ground_truth/odom, as the simulator does"],
     ),
     "marks_a_grid": ((20, 30, None, 0, 0), ["196 markers in namespace 'grid'"]),
+    "counts_ids": ((20, 30, None, 0, 0), ["half of those drawn must be right"]),
 }  # fmt: skip
 
 
