@@ -113,7 +113,7 @@ _UNIT_SHAPES = {Marker.CUBE: shapes.cube, Marker.SPHERE: shapes.sphere, Marker.C
 
 
 def appearance(marker: Marker) -> Tuple[Any, ...]:
-    """All that `primitives` depends on, sizes to the millimetre: equal looks need not be drawn again."""
+    """Appearance of a marker: what `primitives` depends on, to the millimetre; equal looks are drawn once."""
     scale, color = marker.scale, marker.color
     return (
         marker.type,
@@ -190,7 +190,7 @@ class Markers:
 
 
 def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
-    """By pose and scale (length, width, height), or from the first point to the second."""
+    """Arrow by pose and scale (length, width, height), or from the first point to the second."""
     if len(marker.points) < 2:
         length, thick = size[0], max(size[1], size[2])
         mesh = shapes.arrow((1.0 - ARROW_HEAD) * length, 0.5 * thick, ARROW_HEAD * length, thick)

@@ -28,8 +28,8 @@ def load(file: MeshFile) -> List[Solid]:
         parts = _read(file.uri)
     except HuskyError as error:
         rospy.logwarn_once(f"{error}; a box is drawn instead")
-        return [Solid(shapes.scaled(shapes.cube(), MISSING_SIZE), MISSING)]
-    return [Solid(shapes.scaled(mesh, file.scale), file.rgba or rgba) for mesh, rgba in parts]
+        return [Solid(shapes.cube(), MISSING, MISSING_SIZE)]
+    return [Solid(mesh, file.rgba or rgba, file.scale) for mesh, rgba in parts]
 
 
 @lru_cache(maxsize=64)

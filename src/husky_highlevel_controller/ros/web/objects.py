@@ -178,5 +178,5 @@ class Objects:
 
 
 def _is_ground(piece: Piece) -> bool:
-    """Whether it is a sheet so wide that the grid stands for it."""
+    """Whether a piece is a sheet so wide that the grid stands for it."""
     return isinstance(piece, Solid) and bool(piece.extents[:2].min() > WIDEST)

@@ -74,12 +74,11 @@ def _shape(
         x, y, z = sizes
         return MeshFile(shape.get("filename", ""), (x, y, z), rgba)
     if shape.tag == "box":
-        mesh = shapes.scaled(shapes.cube(), sizes)
-    elif shape.tag == "cylinder":
-        mesh = shapes.scaled(shapes.cylinder(), (2.0 * sizes[0], 2.0 * sizes[0], sizes[1]))
-    else:
-        mesh = shapes.scaled(shapes.sphere(), (2.0 * sizes[0],) * 3)
-    return Solid(mesh, rgba or PLAIN)
+        x, y, z = sizes
+        return Solid(shapes.cube(), rgba or PLAIN, (x, y, z))
+    width, height = 2.0 * sizes[0], sizes[1] if shape.tag == "cylinder" else 2.0 * sizes[0]
+    mesh = shapes.cylinder() if shape.tag == "cylinder" else shapes.sphere()
+    return Solid(mesh, rgba or PLAIN, (width, width, height))
 
 
 def _material(visual: Element, colors: Dict[str, Optional[Rgba]]) -> Optional[Rgba]:

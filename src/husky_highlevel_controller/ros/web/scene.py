@@ -95,7 +95,7 @@ class Scene:
         self._trail_line = self._add_lines("/trail", TRAIL_COLOR, thickness=LINE_WIDTH)
         self._plan_line = self._add_lines("/plan", PLAN_COLOR, thickness=LINE_WIDTH)
         self._plan_due = 0.0  # [s]
-        footprint = Solid(shapes.scaled(shapes.cube(), GHOST_SIZE), GHOST_COLOR)
+        footprint = Solid(shapes.cube(), GHOST_COLOR, GHOST_SIZE)
         self._ghost = self._scene.add_frame("/ghost", show_axes=False, visible=False)
         draw(self._scene, "/ghost", [footprint], Pose())
 
