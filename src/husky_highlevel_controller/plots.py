@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from math import cos, sin
-from typing import Any, Tuple
+from typing import Any, Literal, Optional, Tuple
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -17,11 +17,11 @@ DPI = 110
 DRIVEN, MARKER, ROBOT, PILLAR = "#0b62c4", "#e06c00", "#d9a300", "0.35"  # colours, told apart by all eyes
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """An empty figure of a size in inches."""
-    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+def new_figure(
+    width: float, height: float, layout: Optional[Literal["constrained"]] = "constrained"
+) -> Figure:
+    """An empty figure of a size in inches; with a layout of None it is drawn once, not twice."""
+    return Figure(figsize=(width, height), dpi=DPI, layout=layout)
 
 
 def png(figure: Figure) -> bytes:

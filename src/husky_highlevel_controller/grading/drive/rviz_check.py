@@ -240,8 +240,8 @@ def without_margins(pixels: np.ndarray) -> np.ndarray:
 def foreground(pixels: np.ndarray, background: Sequence[int]) -> int:
     """Number of pixels of the view that are not background; 0 while RViz has not drawn it."""
     view = without_margins(pixels)
-    colours = np.moveaxis(np.abs(view - np.clip(background, 0, 255).astype(view.dtype)), 2, 0)
-    away = np.maximum.reduce(list(colours))  # several times as fast as max(axis=2)
+    channels = np.moveaxis(np.abs(view - np.clip(background, 0, 255).astype(view.dtype)), 2, 0)
+    away = np.maximum.reduce(list(channels))  # several times as fast as max(axis=2)
     drawn = (away <= 2).mean() >= DRAWN
     return int((away > DIFFERENT).sum()) if drawn else 0
 

@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Any, List, Optional
 from xml.sax.saxutils import quoteattr
 
-with contextlib.suppress(ImportError):
-    if sys.version_info < (3, 12):  # roslaunch wants distutils; setuptools' own costs a third of its start
-        __import__("_distutils_hack").remove_shim()
+if sys.version_info < (3, 12):  # roslaunch imports distutils: Python's own; tools/launch.py does the same
+    with contextlib.suppress(ImportError, AttributeError):
+        import _distutils_hack
+
+        _distutils_hack.remove_shim()
 
 import roslaunch
 import roslaunch.launch

@@ -88,7 +88,7 @@ def primitives(marker: Marker) -> List[Piece]:
     if kind == Marker.MESH_RESOURCE:
         own_colors = marker.mesh_use_embedded_materials
         return [MeshFile(marker.mesh_resource, size, None if own_colors else _rgba(marker.color))]
-    points = np.array([(p.x, p.y, p.z) for p in marker.points], np.float32).reshape(-1, 3)
+    points = points_of(marker)
     if not np.isfinite(points).all():
         return []
     colors = _colors(marker, len(points))
@@ -125,6 +125,11 @@ def appearance(marker: Marker) -> Tuple[Any, ...]:
         marker.mesh_resource,
         marker.mesh_use_embedded_materials,
     )
+
+
+def points_of(marker: Marker) -> np.ndarray:
+    """Points (N, 3) float32 [m] of a marker, in its own frame."""
+    return np.array([(p.x, p.y, p.z) for p in marker.points], np.float32).reshape(-1, 3)
 
 
 def markers_of(msg: Any) -> Sequence[Marker]:

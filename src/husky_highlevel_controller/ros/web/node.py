@@ -94,7 +94,7 @@ class WebNode:
         self._scan_rate, self._clock_rate = Rate(), Rate()
         self._left_out = LeftOut()
         self._is_paused = self._is_master_gone = False
-        self._is_unsubscribed = False  # as far as the master is known
+        self._was_master_silent = False  # at the last look at the network
         self._heard_at = -inf  # [s] of the monotonic clock, the last odometry
         self._time: Optional[float] = None
         self._error: Optional[Tuple[float, float]] = None
@@ -180,12 +180,12 @@ class WebNode:
             published = [(topic, kind) for topic, kind in rospy.get_published_topics()]
             is_master_gone = not self._teleop.is_registered()
         except OSError as error:
-            self._is_master_gone = self._is_unsubscribed = True
+            self._is_master_gone = self._was_master_silent = True
             rospy.logwarn_throttle(60.0, f"the ROS master does not answer: {error}")
             return
-        if self._is_unsubscribed or (is_master_gone and not self._is_master_gone):
+        if self._was_master_silent or (is_master_gone and not self._is_master_gone):
             self._topics.close()  # a master that was started anew knows nothing of the subscriptions
-        self._is_master_gone, self._is_unsubscribed = is_master_gone, False
+        self._is_master_gone, self._was_master_silent = is_master_gone, False
         if not self._topics.is_open:
             self._topics.open()
         self._topics.follow(published)

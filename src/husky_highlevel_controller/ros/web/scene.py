@@ -28,6 +28,7 @@ from husky_highlevel_controller.ros.web.markers import (
     Solid,
     appearance,
     markers_of,
+    points_of,
     pose_of,
     primitives,
 )
@@ -223,8 +224,10 @@ class Scene:
     def _begin_trail(self, path: Marker) -> None:
         """Begin the trail with the controller's path: the way driven before a page was open."""
         frame = self.frames.pose(path.header.frame_id.lstrip("/"), self.fixed_frame)
-        points = np.array([(point.x, point.y, 0.0) for point in path.points])
-        if len(self._trail) > 1 or len(points) < 2 or frame is None or not np.isfinite(points).all():
+        if len(self._trail) > 1 or frame is None:
+            return
+        points = points_of(path)
+        if len(points) < 2 or not np.isfinite(points).all():
             return
         height = self.ground + LINE_HEIGHT
         self._draw_trail([(x, y, height) for x, y, _ in transform_points(frame, points).tolist()])

@@ -25,7 +25,6 @@ from husky_highlevel_controller.datatypes import (
     Vector3,
 )
 from husky_highlevel_controller.geometry import compose, inverse, rotate, transform_point
-from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConfig
 
 ROBOT = "husky"  # the robot's name among the bodies
 BASE_INDEX = -1  # Bullet's link index of a body's base
@@ -127,8 +126,25 @@ class BulletWorld:
         """Move a body without checking for room, for a world that is only rendered."""
         self._put(self._ids[name][-1], pose_in_world)
 
-    def depth_buffer(self, camera: CameraConfig, pose_camera_in_world: Pose) -> np.ndarray:
-        """OpenGL depth buffer of a camera with its optical frame at a pose, (height, width) in 0..1."""
+    def depth_buffer(
+        self,
+        pose_camera_in_world: Pose,
+        width: int,
+        height: int,
+        vertical_field_of_view: float,
+        near: float,
+        far: float,
+    ) -> np.ndarray:
+        """OpenGL depth buffer of a camera, (height, width) in 0..1.
+
+        Args:
+            pose_camera_in_world: of its optical frame.
+            width: [px].
+            height: [px].
+            vertical_field_of_view: [rad].
+            near: [m], of the near clipping plane.
+            far: [m], of the far clipping plane.
+        """
         eye = pose_camera_in_world.position
         view = pybullet.computeViewMatrix(
             eye,
@@ -136,11 +152,11 @@ class BulletWorld:
             rotate(pose_camera_in_world.quat_xyzw, (0.0, -1.0, 0.0)),
         )
         projection = pybullet.computeProjectionMatrixFOV(
-            degrees(camera.vertical_field_of_view), camera.width / camera.height, camera.near, camera.far
+            degrees(vertical_field_of_view), width / height, near, far
         )
         _, _, _, depth, _ = pybullet.getCameraImage(
-            camera.width,
-            camera.height,
+            width,
+            height,
             view,
             projection,
             shadow=0,
@@ -148,7 +164,7 @@ class BulletWorld:
             renderer=pybullet.ER_TINY_RENDERER,
             physicsClientId=self._client,
         )
-        return np.reshape(depth, (camera.height, camera.width))
+        return np.reshape(depth, (height, width))
 
     def _put(self, body_id: int, pose_in_world: Pose) -> None:
         pose = compose(pose_in_world, self._inertial_in_body[body_id])

@@ -86,7 +86,15 @@ def _serve_requests(pipe: Connection) -> None:
         for name, pose in request.poses.items():
             if name in drawn:
                 bullet.set_pose_unchecked(name, pose)
-        pipe.send(bullet.depth_buffer(config, request.pose_camera_in_world))
+        buffer = bullet.depth_buffer(
+            request.pose_camera_in_world,
+            config.width,
+            config.height,
+            config.vertical_field_of_view,
+            config.near,
+            config.far,
+        )
+        pipe.send(buffer)
 
 
 def _drawn(body: Body) -> Body:
