@@ -1,12 +1,18 @@
 #!/usr/bin/env python3
 """TF ties every frame of the Noetic Husky to odom, each by its published parent."""
 
+import socket
 import subprocess
+from contextlib import contextmanager
 from math import cos, sin
+from xmlrpc.client import ServerProxy
 
+import rosgraph
+import rospy
 import tf2_ros
 from geometry_msgs.msg import Twist, Vector3
 from harness import RosTest, run
+from rosgraph.network import write_ros_handshake_header
 from rospy import Time
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
@@ -31,6 +37,8 @@ PARENT = {
     "front_laser_mount": "top_plate_link",
     "front_laser": "front_laser_mount",
 }
+WHEEL_LINKS = [link for link in PARENT if link.endswith("_wheel_link")]
+SUBSCRIBERS = 50  # one after the other
 
 
 class TfTreeIsComplete(RosTest):
@@ -102,6 +110,46 @@ class TfTreeIsComplete(RosTest):
         self.wait_until(lambda: len(stamps()) > 100, "there are 100 transforms")
         ticks = [round(t / 0.02, 6) for t in stamps()]
         self.assertEqual(ticks, [ticks[0] + i for i in range(len(ticks))])
+
+    def test_a_node_that_subscribes_gets_each_transform_once(self):
+        self.wait_until(lambda: rospy.get_time() > 0.0, "the simulator runs")
+        for number in range(SUBSCRIBERS):
+            with connection_to_tf(number) as stream:
+                received = [t for _ in range(6) for t in next_message(stream).transforms]
+            keys = [(t.child_frame_id, t.header.stamp) for t in received]
+            self.assertEqual(len(keys), len(set(keys)), keys)
+            self.assertEqual({t.child_frame_id for t in received}, {"base_link", *WHEEL_LINKS})
+
+    def test_a_node_that_subscribes_while_time_stands_still_gets_the_last_transforms(self):
+        self.pause()
+        self.addCleanup(self.resume)
+        with connection_to_tf(SUBSCRIBERS) as stream:
+            received = [t.child_frame_id for _ in range(2) for t in next_message(stream).transforms]
+        self.assertEqual(sorted(received), sorted(["base_link", *WHEEL_LINKS]))
+
+
+@contextmanager
+def connection_to_tf(number):
+    """Stream of a new connection to the simulator's /tf; rospy's own subscribers share one."""
+    master, name = rosgraph.Master(rospy.get_name()), f"/subscriber_{number}"
+    with ServerProxy(master.lookupNode("/husky_simulator")) as api:
+        _, _, (_, host, port) = api.requestTopic(name, "/tf", [["TCPROS"]])
+    header = {"topic": "/tf", "type": TFMessage._type, "md5sum": TFMessage._md5sum, "callerid": name}
+    with socket.create_connection((host, port), timeout=30.0) as connection:
+        write_ros_handshake_header(connection, header)
+        with connection.makefile("rb") as stream:
+            read_block(stream)  # the publisher's header
+            yield stream
+
+
+def next_message(stream):
+    """The next message of a stream."""
+    return TFMessage().deserialize(read_block(stream))
+
+
+def read_block(stream):
+    """Bytes that follow their own number."""
+    return stream.read(int.from_bytes(stream.read(4), "little"))
 
 
 if __name__ == "__main__":

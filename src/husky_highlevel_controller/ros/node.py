@@ -30,13 +30,13 @@ def named_robot() -> Tuple[Dict[str, Any], Robot]:
         raise ConfigError(f"{rospy.get_name()}/robot_name: {error}") from None
 
 
-def publish(publisher: rospy.Publisher, message: Any) -> None:
+def publish(publisher: Any, message: Any, **options: Any) -> None:
     """Publish, unless the node is shutting down: a callback may still be at work then.
 
     rospy closes topics before `is_shutdown()` is true; `is_shutdown_requested()` is true from the signal on.
     """
     try:
-        publisher.publish(message)
+        publisher.publish(message, **options)
     except (rospy.ROSException, ValueError):  # ValueError: its buffer is closed already
         if not rospy.core.is_shutdown_requested():
             raise

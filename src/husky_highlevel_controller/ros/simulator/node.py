@@ -199,7 +199,7 @@ class SimulatorNode:
             self._lockstep.begin_scan()
         on_clock = partial(
             self._lockstep.tick,
-            self._calls.process_during_step,
+            self._serve_during_step,
             again=partial(self._publishers.publish_clock, snapshot.stamp),
         )
         tells_time = self._publishers.publish(snapshot, on_clock)
@@ -211,11 +211,16 @@ class SimulatorNode:
             self._camera.update(self._simulation, snapshot)
         if snapshot.scan is not None:
             self._lockstep.wait_for_answer(
-                self._calls.process_during_step,
+                self._serve_during_step,
                 resend=partial(self._publishers.publish_scan, snapshot.scan),
                 nudge=partial(self._publishers.publish_clock_between_ticks, snapshot.stamp),
             )
         return tells_time
+
+    def _serve_during_step(self) -> None:
+        """Serve calls and new subscribers while lockstep waits."""
+        self._calls.process_during_step()
+        self._publishers.send_last_transforms()
 
     def _keep_pace(self) -> None:
         stamp, now = self._simulation.stamp, time.monotonic()

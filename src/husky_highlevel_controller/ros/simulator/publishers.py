@@ -31,18 +31,6 @@ STATE_PUBLISHER = "robot_state_publisher"
 QUEUE = 200  # messages kept for a subscriber that is busy; one that hangs must not hold the world
 
 
-class LastTransforms(rospy.SubscribeListener):
-    """Sends the last transforms to a node that subscribes: while time stands still no others come."""
-
-    def __init__(self, make: Callable[[], List[TFMessage]]) -> None:
-        self._make = make
-
-    def peer_subscribe(self, _topic: str, _publish: Any, publish_to_peer: Callable[[Any], None]) -> None:
-        """Called by rospy, in a thread of its own."""
-        for message in self._make():
-            publish_to_peer(message)
-
-
 class Publishers:
     """Publishes snapshots; no message is made for a topic without a subscriber."""
 
@@ -64,9 +52,8 @@ class Publishers:
         self.truth_log = TruthLog()
         self.clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
         self._last: Optional[Tuple[float, OdometrySample]] = None
-        self.transforms = rospy.Publisher(
-            "/tf", TFMessage, LastTransforms(self._last_transforms), queue_size=QUEUE
-        )
+        self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
+        self._transform_connections: List[Any] = []  # those of the last look
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
         self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
@@ -127,15 +114,25 @@ class Publishers:
             publish_if_subscribed(self._fix_velocity, conversions.fix_velocity_to_msg, snapshot.gps, BASE)
         return tells_time
 
-    def _last_transforms(self) -> List[TFMessage]:
-        if self._last is None:
-            return []
+    def send_last_transforms(self) -> None:
+        """Send the last transforms to nodes that have just subscribed: while time stands still no others come.
+
+        Call it in the thread that publishes: rospy has one buffer for all messages of a publisher.
+        """
+        publisher = self.transforms.impl
+        connections = publisher.connections  # rospy makes another list when one comes or goes
+        if connections is self._transform_connections or self._last is None:
+            return
+        self._transform_connections = connections
         stamp, odometry = self._last
         trees = [[(ODOM, BASE, pose_from_2d(odometry.filtered.pose_base_in_odom))]]
         if not self._has_state_publisher():
             angles = odometry.wheels.angles
             trees.append([(BASE, w.link, w.pose_at(angle)) for w, angle in zip(self._wheels, angles)])
-        return [conversions.tree_to_msg(tree, stamp) for tree in trees]
+        for connection in connections:
+            if connection.stat_num_msg == 0:  # TF warns of a transform that comes twice
+                for tree in trees:
+                    publish(publisher, conversions.tree_to_msg(tree, stamp), connection_override=connection)
 
     def publish_scan(self, scan: Scan) -> None:
         """Publish a scan."""
@@ -180,6 +177,7 @@ class Publishers:
         now = conversions.time_to_msg(stamp)
         self._set_time(rospy.Time(now.secs, now.nsecs))
         publish_if_subscribed(self.clock, Clock, now)
+        self.send_last_transforms()
 
     def publish_clock_between_ticks(self, stamp: float) -> None:
         """Publish a time between that of the last snapshot and the next tick of /clock [s]."""
