@@ -2,6 +2,7 @@
 
 import contextlib
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -56,13 +57,20 @@ def of_seed_1(tmp_path_factory):
 
 
 def start_controller(ros, answer):
-    """A node whose answer to every scan is an expression."""
+    """The simulator's launch, and a node whose answer to every scan is an expression."""
+    launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
     script = (
         "import rospy; from sensor_msgs.msg import LaserScan; from geometry_msgs.msg import Twist;"
         "rospy.init_node('it'); seen = []; velocity = rospy.Publisher('cmd_vel', Twist, queue_size=1);"
         f"rospy.Subscriber('front/scan', LaserScan, lambda scan: {answer}); rospy.spin()"
     )
     ros.start(sys.executable, "-c", script)
+    return launched
+
+
+def clock_runs(ros):
+    """Whether the clock ticks 300 times."""
+    return ros.start("rostopic", "echo", "-n", "300", "/clock").wait() == 0
 
 
 def test_two_runs_are_the_same_to_the_last_bit_on_a_busy_machine_too(of_seed_1, network):
@@ -83,21 +91,17 @@ def test_another_seed_is_another_run(of_seed_1, network):
 
 def test_a_controller_that_never_answers_and_sleeps_does_not_hold_the_clock(network):
     ros = network("silent")
-    launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
-    start_controller(ros, "None")
+    launched = start_controller(ros, "None")
     launched.says("a controller sleeps; the clock goes on")
-    echo = ros.start("rostopic", "echo", "-n", "300", "/clock")
-    assert echo.wait() == 0
+    assert clock_runs(ros)
     assert "running free" not in launched.output, launched.output
 
 
 def test_a_controller_that_computes_for_ever_holds_the_clock_only_until_a_deadline(network):
     ros = network("busy")
-    launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
-    start_controller(ros, "[None for _ in iter(int, 1)]")
+    launched = start_controller(ros, "[None for _ in iter(int, 1)]")
     launched.says("no command answers the scan; running free from now on")
-    echo = ros.start("rostopic", "echo", "-n", "300", "/clock")
-    assert echo.wait() == 0
+    assert clock_runs(ros)
     wait_until(lambda: launched.output.count("running free") == 1, "it says so once")
 
 
@@ -158,7 +162,9 @@ def sleeping_drive(ros, script):
 
 @pytest.mark.parametrize("sleeps", SLEEPERS)
 def test_a_controller_that_sleeps_by_simulated_time_repeats_itself_too(network, sleeps):
-    first, second = (sleeping_drive(network(name), SLEEPERS[sleeps]) for name in ("first", "second"))
+    networks = network("first"), network("second")
+    with ThreadPoolExecutor() as side_by_side:
+        first, second = side_by_side.map(sleeping_drive, networks, [SLEEPERS[sleeps]] * 2)
     common = sorted(first.keys() & second.keys())
     assert len(common) > 250
     assert first[common[0]] != first[common[-1]], "it drives"
@@ -167,11 +173,9 @@ def test_a_controller_that_sleeps_by_simulated_time_repeats_itself_too(network, 
 
 def test_a_first_answer_that_is_lost_is_asked_for_again(network):
     ros = network("late")
-    launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
-    start_controller(ros, "seen.append(scan) or len(seen) == 1 or velocity.publish(Twist())")
+    launched = start_controller(ros, "seen.append(scan) or len(seen) == 1 or velocity.publish(Twist())")
     launched.says("simulating")
-    echo = ros.start("rostopic", "echo", "-n", "300", "/clock")
-    assert echo.wait() == 0
+    assert clock_runs(ros)
     assert "running free" not in launched.output, launched.output
 
 

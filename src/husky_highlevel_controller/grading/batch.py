@@ -162,9 +162,8 @@ def run(job: Job) -> Result:
     (out / "result.json").unlink(missing_ok=True)
     (out / FINGERPRINT).unlink(missing_ok=True)
     write_whole(out / "job.json", to_json(job))
-    process = Process(
-        [sys.executable, "-m", PROGRAM, str(out / "job.json")], out / "mark.log", dict(os.environ), out
-    )
+    command, variables = private_network.inside([sys.executable, "-m", PROGRAM, str(out / "job.json")])
+    process = Process(command, out / "mark.log", {**os.environ, **variables}, out)
     deadline = DEADLINE + job.config.trials * job.config.wall_limit
     try:
         in_time = wait(lambda: not process.running, deadline)

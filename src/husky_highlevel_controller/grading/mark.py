@@ -50,6 +50,7 @@ from husky_highlevel_controller.grading.records import (
     load,
     to_json,
 )
+from husky_highlevel_controller.grading.reports import plots
 from husky_highlevel_controller.grading.reports.files import write_replay, write_result
 from husky_highlevel_controller.grading.rubrics.items import left_to_chance
 from husky_highlevel_controller.grading.settings import with_override
@@ -169,9 +170,6 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> Result:
     write_whole(out / EVIDENCE, to_json(evidence))
     result = _by_recordings(job)
     write_record(out, job, submission, planned, config, recordings, result.items)
-    # matplotlib takes a second to load: not before this program has entered its network, nor to judge again
-    from husky_highlevel_controller.grading.reports import plots
-
     (out / "drive.png").write_bytes(plots.draw_drives(recordings, job.name))
     if pixels is not None:
         (out / "rviz.png").write_bytes(plots.draw_pixels(pixels))

@@ -7,7 +7,8 @@ import os
 import socket
 import struct
 import sys
-from typing import List, Optional
+from functools import lru_cache
+from typing import Dict, List, Sequence, Tuple
 
 from husky_highlevel_controller.grading.isolation.sandbox import system_program, works
 
@@ -21,10 +22,16 @@ def enter() -> None:
         if os.environ[VARIABLE]:
             _bring_loopback_up()
         return
-    command = _namespace_command()
-    os.environ[VARIABLE] = "private" if command else ""
-    if command:
-        os.execv(command[0], [*command, sys.executable, *sys.argv])
+    command, variables = inside([sys.executable, *sys.argv])
+    os.environ.update(variables)
+    if variables[VARIABLE]:
+        os.execv(command[0], command)
+
+
+def inside(command: Sequence[str]) -> Tuple[List[str], Dict[str, str]]:
+    """Command of a program in a network of its own, where the machine allows one, and its variables."""
+    prefix = _namespace_command()
+    return [*prefix, *command], {VARIABLE: "private" if prefix else ""}
 
 
 def is_private() -> bool:
@@ -37,11 +44,12 @@ def can_be_made() -> bool:
     return bool(_namespace_command())
 
 
-def _namespace_command() -> Optional[List[str]]:
+@lru_cache(maxsize=None)
+def _namespace_command() -> Tuple[str, ...]:
     for flags in (["--user", "--map-root-user", "--net", "--"], ["--net", "--"]):
         if works("unshare", *flags, "true"):
-            return [system_program("unshare"), *flags]
-    return None
+            return (system_program("unshare"), *flags)
+    return ()
 
 
 def _bring_loopback_up() -> None:

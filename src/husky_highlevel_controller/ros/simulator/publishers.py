@@ -115,7 +115,7 @@ class Publishers:
         return tells_time
 
     def send_last_transforms(self) -> None:
-        """Send the last transforms to nodes that have just subscribed: while time stands still no others come.
+        """Send the last transforms to new subscribers: while time stands still no others come.
 
         Call it in the thread that publishes: rospy has one buffer for all messages of a publisher.
         """
