@@ -13,7 +13,7 @@ from husky_highlevel_controller.grading.drive.call_plan import CallPlan, exercis
 from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
 from husky_highlevel_controller.grading.drive.plan import Event, Plan, RvizNode, notes_on, package_path
 from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH, SIMULATOR_NODES
-from husky_highlevel_controller.grading.drive.rviz_check import find_setup
+from husky_highlevel_controller.grading.drive.rviz_setup import find_setup
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 

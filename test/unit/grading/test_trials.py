@@ -8,7 +8,7 @@ import pytest
 
 from husky_highlevel_controller.geometry import wrap_angle
 from husky_highlevel_controller.grading.cli import parse
-from husky_highlevel_controller.grading.drive import rviz_check
+from husky_highlevel_controller.grading.drive import rviz_check, rviz_setup
 from husky_highlevel_controller.grading.drive.plan import Plan, RvizNode
 from husky_highlevel_controller.grading.drive.trials import draw_trials, rviz_world, trial_world
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
@@ -92,7 +92,7 @@ def put(path, text=""):
 
 
 def test_one_display_is_left_wherever_it_is():
-    kept = rviz_check.only(CONFIG, "rviz/LaserScan")["Visualization Manager"]["Displays"]
+    kept = rviz_setup.only(CONFIG, "rviz/LaserScan")["Visualization Manager"]["Displays"]
     assert kept == [{"Class": "rviz/Group", "Displays": [SCAN]}]
     assert len(CONFIG["Visualization Manager"]["Displays"]) == 3, "the configuration itself stays"
 
@@ -100,7 +100,7 @@ def test_one_display_is_left_wherever_it_is():
 def test_no_display_asks_for_udp_which_rospy_does_not_speak():
     scan = {**SCAN, "Unreliable": True}
     config = {"Visualization Manager": {"Displays": [scan, {"Class": "rviz/Group", "Displays": [scan]}, 7]}}
-    displays = rviz_check.placed(config, 0, 0)["Visualization Manager"]["Displays"]
+    displays = rviz_setup.placed(config, 0, 0)["Visualization Manager"]["Displays"]
     tcp = {**SCAN, "Unreliable": False}
     assert displays == [tcp, {"Class": "rviz/Group", "Displays": [tcp]}]
 
@@ -109,22 +109,22 @@ def test_only_what_is_switched_on_counts(tmp_path):
     put(tmp_path / "a.rviz", "Visualization Manager: {Displays: [{Class: rviz/TF, Enabled: false}]}")
     put(tmp_path / "z" / "b.rviz", "Visualization Manager: {Displays: [{Class: rviz/LaserScan}]}")
     put(tmp_path / "c.rviz", "- no: rviz")
-    assert rviz_check.find_setup(Plan(package_path=tmp_path)).source == "b.rviz"
-    assert rviz_check.find_setup(Plan()) is None
+    assert rviz_setup.find_setup(Plan(package_path=tmp_path)).source == "b.rviz"
+    assert rviz_setup.find_setup(Plan()) is None
 
 
 def test_the_file_of_the_rviz_node_is_the_one(tmp_path):
     put(tmp_path / "mine.rviz", "Visualization Manager: {}")
     node = RvizNode("rviz", f"-f odom -d {tmp_path}/mine.rviz", (("/a", "/b"),))
-    setup = rviz_check.find_setup(Plan(rviz=(node,)))
+    setup = rviz_setup.find_setup(Plan(rviz=(node,)))
     assert (setup.source, setup.remaps) == ("its rviz node, mine.rviz", ("/a:=/b",))
-    assert rviz_check.find_setup(Plan(rviz=(replace(node, args=""),))) is None, "it is in the student's home"
+    assert rviz_setup.find_setup(Plan(rviz=(replace(node, args=""),))) is None, "it is in the student's home"
     (tmp_path / "ws").mkdir()
-    assert rviz_check.find_setup(Plan(rviz=(node,)), tmp_path / "ws") is None, "it is not in the hand-in"
+    assert rviz_setup.find_setup(Plan(rviz=(node,)), tmp_path / "ws") is None, "it is not in the hand-in"
 
 
 def test_what_is_not_background_is_to_be_seen():
-    empty = rviz_check.background(CONFIG)
+    empty = rviz_setup.background(CONFIG)
     assert empty == [1, 2, 3]
     pixels = np.full((100, 100, 3), empty)
     assert rviz_check.foreground(pixels, empty) == 0
