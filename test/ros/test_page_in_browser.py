@@ -174,10 +174,10 @@ def test_a_phone_shows_the_robot_above_the_panel(browser, launched):
 def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, robot, objects):
     arrived = ".husky-state:has-text('arrived at the pillar')"
     page.wait_for_selector(arrived)
-    before = objects()["unit_cylinder"]
+    before, place = objects()["unit_cylinder"], robot.position
     press(page, "Move the pillar")
     wait_until(lambda: dist(objects()["unit_cylinder"], before) > 3.0, "the pillar is elsewhere")
-    page.wait_for_selector(".husky-state:has-text('driving')")
+    wait_until(lambda: dist(robot.position, place) > 1.0, "the robot drives to it")
     page.wait_for_selector(arrived)
     press(page, "Drive again")
     wait_until(lambda: dist(robot.position, (0.0, 0.0)) < 1.0, "the robot is at the start")
@@ -217,6 +217,7 @@ def test_a_slider_that_is_moved_slows_the_robot(page, robot, network):
     slider = slider_of(page, "max_linear")
     network.call("/husky_simulator/reset")  # 20 s to the pillar from here
     wait_until(lambda: robot.speed > 0.8, "the controller drives")
+    network.call("/husky_simulator/pause")  # a slow page must not see it arrive meanwhile
     track = slider.locator("xpath=..").bounding_box()
     thumb = slider.bounding_box()
     y = thumb["y"] + thumb["height"] / 2.0
@@ -224,6 +225,8 @@ def test_a_slider_that_is_moved_slows_the_robot(page, robot, network):
     page.mouse.down()
     page.mouse.move(track["x"] + 0.3 * track["width"], y, steps=3)
     page.mouse.up()
+    wait_until(lambda: 0.2 < float(slider.get_attribute("aria-valuenow")) < 0.4, "the slider is there")
+    network.call("/husky_simulator/resume")
     wait_until(lambda: 0.1 < robot.speed < 0.5, "the robot slows")
 
 
