@@ -167,13 +167,13 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
 
 
 def _items(kinds: Any, value: Any, name: str, metadata: Mapping[str, Any], parameters_only: bool) -> Any:
-    listed = _listed(value, name, metadata)
-    if len(listed) != metadata.get("length", len(kinds)) or len(listed) != len(kinds):
+    entries = _listed(value, name, metadata)
+    if len(entries) != metadata.get("length", len(kinds)) or len(entries) != len(kinds):
         length = metadata.get("length", len(kinds))
-        raise ConfigError(f"{name} has {len(listed)} entries, not {length}{_help_text(metadata)}")
+        raise ConfigError(f"{name} has {len(entries)} entries, not {length}{_help_text(metadata)}")
     return tuple(
         _value(kind, each, f"{name}/{number}", metadata, parameters_only)
-        for number, (kind, each) in enumerate(zip(kinds, listed))
+        for number, (kind, each) in enumerate(zip(kinds, entries))
     )
 
 

@@ -20,8 +20,8 @@ def share_folder() -> Path:
     Raises:
         HuskyError: neither has a folder urdf/.
     """
-    here = Path(__file__).resolve()
-    candidates = (here.parents[2], here.parents[4] / "share" / here.parent.name)
+    module = Path(__file__).resolve()
+    candidates = (module.parents[2], module.parents[4] / "share" / module.parent.name)
     for candidate in candidates:
         if (candidate / "urdf").is_dir():
             return candidate

@@ -272,7 +272,7 @@ def _act(
 def _drive(
     controller_state: ControllerState,
     target: Target,
-    seen: bool,
+    visible: bool,
     visibility: Visibility,
     points_in_base: np.ndarray,
     outline: Footprint,
@@ -281,19 +281,19 @@ def _drive(
     """Drive to the pillar, round what is in the way, and stop there."""
     remaining, arrived = remaining_distance(target, control), controller_state.state is State.ARRIVED
     if to_be_touched(target, control):
-        near_enough, where = TOUCH_GAP, "touching the pillar"
-        there = (
+        near_enough, place = TOUCH_GAP, "touching the pillar"
+        is_near = (
             controller_state.close_at is not None
             and controller_state.updated_at - controller_state.close_at > TOUCH_CREEP_TIME
         )
     else:
-        near_enough, where = control.arrival_tolerance, "at the stop distance"
-        there = remaining <= near_enough
-    if (seen and there) or (arrived and remaining <= RESUME_ERROR):
-        return State.ARRIVED, STOP, f"arrived: {where}"
-    if not seen and remaining <= near_enough:
+        near_enough, place = control.arrival_tolerance, "at the stop distance"
+        is_near = remaining <= near_enough
+    if (visible and is_near) or (arrived and remaining <= RESUME_ERROR):
+        return State.ARRIVED, STOP, f"arrived: {place}"
+    if not visible and remaining <= near_enough:
         return State.DRIVING, heading_twist(target.bearing, 0.0, control), "looking where the pillar was"
-    why = "driving to the pillar" if seen else f"the pillar is {visibility.value}: driving to where it was"
+    why = "driving to the pillar" if visible else f"the pillar is {visibility.value}: driving to where it was"
     bearing = free_bearing(points_in_base, target.bearing, min(LOOK_AHEAD, remaining), outline)
     if bearing is None:
         return State.DRIVING, Twist2D(0.0, control.search_rate), "no free way ahead: turning to find one"

@@ -63,10 +63,10 @@ class Segments(NamedTuple):
         starts: np.ndarray = self.counts.cumsum() - self.counts
         return starts
 
-    def select(self, chosen: np.ndarray) -> Segments:
-        """Segments for which `chosen`, (S,) bool, is true."""
-        of = chosen.repeat(self.counts)
-        return Segments(self.beams[of], self.ranges[of], self.counts[chosen], self.near[chosen], self.step)
+    def select(self, mask: np.ndarray) -> Segments:
+        """Segments for which `mask`, (S,) bool, is true."""
+        of = mask.repeat(self.counts)
+        return Segments(self.beams[of], self.ranges[of], self.counts[mask], self.near[mask], self.step)
 
     def one_by_one(self) -> List[Segment]:
         """Segments as records of their own, (S,)."""

@@ -126,13 +126,13 @@ def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.
     centre = 0.5 * (fits.first + fits.last) + np.arctan2(fits.y, fits.x) / scan.angle_increment
     low, high = np.maximum(np.ceil(centre - half), 0.0), np.minimum(centre + half, len(scan.ranges) - 1.0)
     stride = np.maximum((high - low) / _SAMPLES, 1.0)
-    sampled = np.floor(low[:, None] + stride[:, None] * np.arange(_SAMPLES))
-    psi = (sampled - centre[:, None]) * step
+    samples = np.floor(low[:, None] + stride[:, None] * np.arange(_SAMPLES))
+    psi = (samples - centre[:, None]) * step
     across = np.minimum(np.abs(distance[:, None] * np.sin(psi)), r)
     expected = distance[:, None] * np.cos(psi) - np.sqrt(r * r - across * across)
-    reading = scan.returns[np.clip(sampled, 0, len(scan.ranges) - 1).astype(int)]
-    own = (sampled >= fits.first[:, None]) & (sampled <= fits.last[:, None])
-    others = (sampled <= high[:, None]) & ~own
-    missing = others & (reading > expected + slack + _MARGIN)
-    hidden = others & (reading < expected - slack - _MARGIN)
+    reading = scan.returns[np.clip(samples, 0, len(scan.ranges) - 1).astype(int)]
+    is_own = (samples >= fits.first[:, None]) & (samples <= fits.last[:, None])
+    is_other = (samples <= high[:, None]) & ~is_own
+    missing = is_other & (reading > expected + slack + _MARGIN)
+    hidden = is_other & (reading < expected - slack - _MARGIN)
     return missing.sum(axis=1), hidden.sum(axis=1)

@@ -244,8 +244,8 @@ class CrashDetector:
 
     def _weight(self, age: float) -> float:
         """Share in `change` of a change of velocity so long ago [s]."""
-        gone = AFTER + self._config.window + BEFORE - age
-        return max(min(age / AFTER, gone / BEFORE, 1.0), 0.0)
+        remaining = AFTER + self._config.window + BEFORE - age
+        return max(min(age / AFTER, remaining / BEFORE, 1.0), 0.0)
 
     def _loss(self, ahead: float, end: float) -> float:
         """Speed lost beyond that of the wheels [m/s]; the larger where the direction of travel is unknown."""

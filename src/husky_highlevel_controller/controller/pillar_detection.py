@@ -241,8 +241,8 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
 
 def _distinct(pillars: List[Pillar]) -> List[Pillar]:
     """Pillars without copies inside another of more beams (one pillar seen in two pieces)."""
-    kept: List[Pillar] = []
+    survivors: List[Pillar] = []
     for pillar in sorted(pillars, key=lambda pillar: -pillar.beams):
-        if all(hypot(pillar.x - other.x, pillar.y - other.y) > other.radius for other in kept):
-            kept.append(pillar)
-    return kept
+        if all(hypot(pillar.x - other.x, pillar.y - other.y) > other.radius for other in survivors):
+            survivors.append(pillar)
+    return survivors

@@ -111,8 +111,8 @@ def _longest_move(way: List[Pose2D], outline: Footprint) -> float:
 def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:
     """Ends of the beams from above, in base_link, (N, 2) [m]; returns too near to measure count."""
     too_near = scan.ranges == -np.inf
-    ranges, there = np.where(too_near, scan.range_min, scan.ranges), scan.valid | too_near
-    ranges, bearings = ranges[there], scan.bearings[there]
+    ranges, counted = np.where(too_near, scan.range_min, scan.ranges), scan.valid | too_near
+    ranges, bearings = ranges[counted], scan.bearings[counted]
     in_laser = np.stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
     turn = matrix_from_quat(pose_laser_in_base.quat_xyzw)[:2, :2]
     points: np.ndarray = (turn @ in_laser).T + pose_laser_in_base.position[:2]

@@ -112,10 +112,10 @@ def follow(
     if estimate is not None:
         sighting = _match(estimate, sightings, scan.stamp)
         if sighting is not None:
-            seen = _seen(track, sighting, period, scan, laser_in_odom)
-            if not _walks(seen, sighting.pillar):
-                return _watched(seen, laser_in_odom), sighting, Visibility.SEEN
-            track = _give_up(seen, reject=True)._replace(walked_to=sighting.center_in_odom[:2])
+            sighted = _seen(track, sighting, period, scan, laser_in_odom)
+            if not _walks(sighted, sighting.pillar):
+                return _watched(sighted, laser_in_odom), sighting, Visibility.SEEN
+            track = _give_up(sighted, reject=True)._replace(walked_to=sighting.center_in_odom[:2])
         else:
             visibility = look_at(estimate, scan, laser_in_odom)
             weight = _weight(visibility, track, laser_in_odom, patient)

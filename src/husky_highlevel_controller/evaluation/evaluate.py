@@ -87,10 +87,10 @@ def extraction_figures(title: str, errors: Sequence[float], least: float, most: 
 def start_figures(runs: Sequence[DriveResult]) -> List[Figure]:
     """Figures of the runs from random starts."""
     good = sum(run.good for run in runs)
-    ratios, lost = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
+    ratios, delays = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
     bad = next((run.replay for run in runs if not run.good), "")
     touching = next((run.replay for run in runs if run.touched), "")
-    late, slow = (runs[int(np.argmax(values))].replay for values in (ratios, lost))
+    late, slow = (runs[int(np.argmax(values))].replay for values in (ratios, delays))
     far, turning = max(runs, key=lambda run: abs(run.final_error)), max(runs, key=lambda run: run.crossings)
     return [
         Figure("arrived, within 2 cm, without a touch", 100.0 * good / len(runs), "%", 100.0, replay=bad),
@@ -102,8 +102,8 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Figure]:
         ),
         Figure("time to arrival over the bound, median", float(np.median(ratios))),
         Figure("time to arrival over the bound, largest", max(ratios), replay=late),
-        Figure("time to arrival beyond the bound, median", float(np.median(lost)), "s"),
-        Figure("time to arrival beyond the bound, largest", max(lost), "s", replay=slow),
+        Figure("time to arrival beyond the bound, median", float(np.median(delays)), "s"),
+        Figure("time to arrival beyond the bound, largest", max(delays), "s", replay=slow),
         Figure("zero crossings of the bearing, largest", turning.crossings, most=2.0, replay=turning.replay),
     ]
 

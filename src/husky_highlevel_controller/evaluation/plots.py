@@ -133,7 +133,7 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
     norm = (LogNorm if panel.is_logarithmic else Normalize)(*_limits(panel))
     values = np.ma.masked_invalid(panel.values.T)
     colors = "cividis" if panel.is_good_high else "cividis_r"
-    drawn = plot.imshow(values, cmap=colors, norm=norm, origin="lower", aspect="auto")
+    image = plot.imshow(values, cmap=colors, norm=norm, origin="lower", aspect="auto")
     plot.set_facecolor("0.85")  # where there is no value
     for separate, count in zip((plot.axvline, plot.axhline), values.shape[::-1]):
         for edge in range(1, count):
@@ -141,14 +141,14 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
     if max(values.shape) <= MAX_LABELLED:
         size = 9 if max(values.shape) <= 8 else 7
         for (row, column), value in np.ndenumerate(values.filled(np.nan)):
-            color = drawn.cmap(norm(value)) if np.isfinite(value) else (0.85, 0.85, 0.85)
+            color = image.cmap(norm(value)) if np.isfinite(value) else (0.85, 0.85, 0.85)
             plot.text(
                 column, row, f"{value:.{panel.digits}f}" if np.isfinite(value) else "-", fontsize=size,
                 ha="center", va="center", color="w" if sum(color[:3]) < 1.5 else "k", zorder=5,
                 path_effects=[withStroke(linewidth=3, foreground=color)],  # a mark may lie below it
             )  # fmt: skip
     else:
-        plot.figure.colorbar(drawn, ax=plot)
+        plot.figure.colorbar(image, ax=plot)
     for set_ticks, axis in zip((plot.set_xticks, plot.set_yticks), axes):
         step = len(axis.values) // (MAX_LABELLED + 1) + 1
         set_ticks(range(0, len(axis.values), step), [f"{value:.3g}" for value in axis.values[::step]])

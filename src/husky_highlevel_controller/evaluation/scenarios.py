@@ -143,8 +143,8 @@ def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConf
         distance, bearing = rng.uniform(_NEAREST_LOOK, _FARTHEST_LOOK), rng.uniform(-side, side)
         pillar = (distance * cos(bearing), distance * sin(bearing), PILLAR_RADIUS)
         circles, segments = _clutter(rng) if clutter else ([], [])
-        ranges, which = cast([pillar, *circles], segments, lidar)
-        if (which == 0).sum() >= 3 and _clearance(pillar, circles, segments) >= _FREE:
+        ranges, shapes = cast([pillar, *circles], segments, lidar)
+        if (shapes == 0).sum() >= 3 and _clearance(pillar, circles, segments) >= _FREE:
             return PillarScan(scan_of(ranges + rng.normal(0.0, lidar.noise, lidar.beams), lidar), pillar)
 
 

@@ -58,8 +58,8 @@ class Setup:
         changed = {}
         for item in fields(self):
             record = getattr(self, item.name)
-            own = {name: values[name] for name, _ in _parameters(record) if name in values}
-            changed[item.name] = replace_parameters(record, own, source)
+            changes = {name: values[name] for name, _ in _parameters(record) if name in values}
+            changed[item.name] = replace_parameters(record, changes, source)
         return Setup(**changed)
 
 

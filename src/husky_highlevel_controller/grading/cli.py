@@ -34,20 +34,20 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         description="Mark a controller by the course's rubric, headless. "
         "Exit code 0: full marks, 1: less, 2: it could not be marked.",
     )
-    what, add = parser.add_mutually_exclusive_group(required=True), parser.add_argument
-    what.add_argument(
+    choice, add = parser.add_mutually_exclusive_group(required=True), parser.add_argument
+    choice.add_argument(
         "--launch", nargs="+", metavar=("PACKAGE", "FILE"), help="a launch file, and its arguments"
     )
-    what.add_argument("--node", nargs="+", metavar=("PACKAGE", "TYPE"), help="a node, and its arguments")
-    what.add_argument(
+    choice.add_argument("--node", nargs="+", metavar=("PACKAGE", "TYPE"), help="a node, and its arguments")
+    choice.add_argument(
         "--all", type=Path, metavar="DIR",
         help="every hand-in in a folder: each folder or archive in it is one",
     )  # fmt: skip
-    what.add_argument(
+    choice.add_argument(
         "--verify", type=Path, metavar="RECORD",
         help="drive again as a record.json of exercise 3 says; exit code 0: it is the same, 1: it is not",
     )  # fmt: skip
-    what.add_argument(
+    choice.add_argument(
         "--review", type=Path, metavar="OUT",
         help="a page on which a person gives the points that `grade --all ... --out OUT` left open",
     )  # fmt: skip

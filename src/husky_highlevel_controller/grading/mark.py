@@ -86,18 +86,18 @@ def mark(job: Job, shows_progress: bool = False) -> Result:
         StoppedError: marking is to end.
     """
     out = Path(job.out)
-    problem, kept = "", False
+    problem, is_whole = "", False
     try:
         out.mkdir(parents=True, exist_ok=True)
         for pattern in OLD:
             for path in out.glob(pattern):
                 remove_tree(path)
         result = with_override(_gather(job, out, shows_progress), job.override)
-        kept = True
+        is_whole = True
     except StoppedError:
         raise
     except NotMarkableError as error:
-        problem, kept = str(error), True
+        problem, is_whole = str(error), True
     except HuskyError as error:
         problem = str(error)
     except OSError as error:
@@ -108,7 +108,7 @@ def mark(job: Job, shows_progress: bool = False) -> Result:
     if problem:
         result = Result(job.name, "", settings_of(job.config), (), (), problem)
     write_result(result, out)
-    if kept:
+    if is_whole:
         write_whole(out / FINGERPRINT, job.fingerprint)  # the last one: with it, it is done
     return result
 

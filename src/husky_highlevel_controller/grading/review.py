@@ -225,20 +225,20 @@ def make_server(review: Review) -> Tuple[ThreadingHTTPServer, str]:
                 self.answer(HTTPStatus.BAD_REQUEST, str(error), "text/plain")
 
         def show(self, parts: List[str]) -> None:
-            given = review.given
+            flags = review.given
             if not parts:
-                parts = [str(given.index(False) if False in given else len(given))]
+                parts = [str(flags.index(False) if False in flags else len(flags))]
             number = int(parts[0])
             if len(parts) == 2:
                 self.answer(
                     HTTPStatus.OK, read_text(review.items[number].out / f"drive_{int(parts[1])}" / REPLAY)
                 )
                 return
-            each = review.items[number] if number < len(given) else None
+            each = review.items[number] if number < len(flags) else None
             self.answer(
                 HTTPStatus.OK,
                 render(
-                    "review.html", each=each, index=number, count=len(given), given=sum(given),
+                    "review.html", each=each, index=number, count=len(flags), given=sum(flags),
                     base=f"/{token}", file=str(review.folder / FILE),
                 ),
             )  # fmt: skip

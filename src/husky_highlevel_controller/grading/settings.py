@@ -68,13 +68,13 @@ def with_override(result: Result, override: Override) -> Result:
         ConfigError: points are given for an item that the rubric does not have, or more than it has.
     """
     items = {item.name: item for item in result.items}
-    for name, given in override.points.items():
+    for name, entry in override.points.items():
         source = f"{FILE}: students/{result.name}/points/{name}"
         _known(name, list(items), f"{source} is not an item")
-        if given.points > items[name].max_points:
-            most = items[name].max_points
-            raise ConfigError(f"{source} = {given.points:g} is more than the item's {most:g}")
-        items[name] = replace(items[name], points=given.points, evidence=f"by hand: {given.word}")
+        if entry.points > items[name].max_points:
+            limit = items[name].max_points
+            raise ConfigError(f"{source} = {entry.points:g} is more than the item's {limit:g}")
+        items[name] = replace(items[name], points=entry.points, evidence=f"by hand: {entry.word}")
     penalty = []
     if override.late:
         before = sum(item.points or 0.0 for item in items.values())

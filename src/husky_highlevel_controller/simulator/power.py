@@ -66,8 +66,8 @@ class Power:
         current = left + right + ELECTRONICS
         open_circuit = EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * self._charge
         voltage = open_circuit - RESISTANCE * current
-        used = voltage * current * duration / 3600.0  # [Wh]
-        self._charge = max(self._charge - used / self._config.capacity, 0.0)
+        energy = voltage * current * duration / 3600.0  # [Wh]
+        self._charge = max(self._charge - energy / self._config.capacity, 0.0)
         self._uptime += duration
         share = min(duration / HEATING_TIME, 1.0)
         a, b = self._squares

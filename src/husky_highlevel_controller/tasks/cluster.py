@@ -76,8 +76,8 @@ class Cluster:
             while todo or running:
                 if time.monotonic() - looked_at >= POLL_PERIOD:
                     workers, looked_at = self._wait_for_workers(starts_programs), time.monotonic()
-                    for future, (number, chosen) in list(running.items()):
-                        if not chosen & workers:  # all who may do it are gone
+                    for future, (number, able_workers) in list(running.items()):
+                        if not able_workers & workers:  # all who may do it are gone
                             future.cancel()
                             del running[future]
                             todo.appendleft(number)
@@ -118,16 +118,16 @@ class Cluster:
         """
         end = time.monotonic() + WORKER_DEADLINE
         while True:
-            listed = self._client.scheduler_info(n_workers=-1)["workers"]
-            self._ask({address: info for address, info in listed.items() if address not in self._refused})
-            workers = self._fit & set(listed)
+            infos = self._client.scheduler_info(n_workers=-1)["workers"]
+            self._ask({address: info for address, info in infos.items() if address not in self._refused})
+            workers = self._fit & set(infos)
             if starts_programs:
-                workers = frozenset(w for w in workers if ROS in listed[w].get("resources", {}))
+                workers = frozenset(w for w in workers if ROS in infos[w].get("resources", {}))
             if workers:
                 return workers
-            if listed and set(listed) <= set(self._refused):
+            if infos and set(infos) <= set(self._refused):
                 raise HuskyError(f"--cluster {self._address}: every worker is refused, see above")
-            if listed and self._fit & set(listed):
+            if infos and self._fit & set(infos):
                 raise HuskyError(
                     f"--cluster {self._address}: no worker has the resource: --resources {ROS}=1"
                 )
@@ -135,17 +135,17 @@ class Cluster:
                 raise HuskyError(f"--cluster {self._address}: no worker came in {WORKER_DEADLINE:g} s")
             time.sleep(POLL_PERIOD)
 
-    def _ask(self, listed: Dict[str, Dict[str, Any]]) -> None:
+    def _ask(self, infos: Dict[str, Dict[str, Any]]) -> None:
         """Ask new workers what they are, and say which are refused."""
-        new = [address for address in listed if address not in self._fit]
+        new = [address for address in infos if address not in self._fit]
         if not new:
             return
         pythons = self._client.get_versions()["workers"]
         for address in new:
             python = pythons.get(address, {}).get("host", {}).get("python", "")
             why = ""
-            if listed[address]["nthreads"] != 1:
-                why = f"it has {listed[address]['nthreads']} threads; start it with --nthreads 1"
+            if infos[address]["nthreads"] != 1:
+                why = f"it has {infos[address]['nthreads']} threads; start it with --nthreads 1"
             elif not python:
                 continue  # it did not answer: asked again
             elif python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
@@ -155,7 +155,7 @@ class Cluster:
                 if version != code_version():
                     why = f"{version}; here it is {code_version()}"
             if why:
-                name = listed[address].get("name", address)
+                name = infos[address].get("name", address)
                 print(f"worker {name} at {address} is refused: {why}", file=sys.stderr)
                 self._refused[address] = why
             else:
@@ -167,8 +167,8 @@ def _send_by_value(task: Callable[[Any], Any]) -> None:
     while isinstance(task, partial):
         task = task.func
     module: Any = sys.modules.get(getattr(task, "__module__", ""))
-    own = "-packages" not in str(getattr(module, "__file__", "-packages"))
-    if own and module.__name__.split(".")[0] not in (PACKAGE, "__main__"):
+    is_own = "-packages" not in str(getattr(module, "__file__", "-packages"))
+    if is_own and module.__name__.split(".")[0] not in (PACKAGE, "__main__"):
         cloudpickle.register_pickle_by_value(module)
 
 

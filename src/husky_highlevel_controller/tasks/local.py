@@ -61,13 +61,13 @@ def run_here(
                     answer = future.result()
                     yield running.pop(future), answer
         except BrokenProcessPool:
-            lost = sorted(running.values())
-            deaths.update(lost)
-            worst = max(lost, key=lambda number: deaths[number], default=0)
+            losses = sorted(running.values())
+            deaths.update(losses)
+            worst = max(losses, key=lambda number: deaths[number], default=0)
             if deaths[worst] >= MAX_DEATHS:
                 words = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
                 raise HuskyError(words) from None
-            todo.extendleft(reversed(lost))
+            todo.extendleft(reversed(losses))
         finally:
             _end(executor)
 

@@ -87,16 +87,16 @@ class Workers:
         waiting: List[int] = []
         with tqdm(total=len(items), desc=title, disable=None) as bar:
             for number in range(len(items)):
-                stored = self._store.load(keys[number]) if self._store else None
-                if stored:
-                    self._machines.add(stored[0])
+                entry = self._store.load(keys[number]) if self._store else None
+                if entry:
+                    self._machines.add(entry[0])
                     bar.update()
-                    yield number, stored[1]
+                    yield number, entry[1]
                 else:
                     waiting.append(number)
             groups = [waiting[first : first + chunk] for first in range(0, len(waiting), chunk)]
-            sent = [[items[n] for n in group] for group in groups]
-            with closing(self._answers(task, sent, starts_programs)) as answers:
+            chunks = [[items[n] for n in group] for group in groups]
+            with closing(self._answers(task, chunks, starts_programs)) as answers:
                 for group_number, (machine, results) in answers:
                     group = groups[group_number]
                     self._machines.add(machine)

@@ -66,9 +66,9 @@ def _shape(
         tip = (float(scale[0]), 0.0, 0.0)
         return [tip], [tip]
     if kind in LISTS and len(points):
-        kept = list(points[:MAX_POINTS])
-        ends: List[Sequence[float]] = [kept[0], kept[-1]] if kind in LINES else []
-        middle = _middle(np.array(kept, dtype=float))
+        points_to_measure = list(points[:MAX_POINTS])
+        ends: List[Sequence[float]] = [points_to_measure[0], points_to_measure[-1]] if kind in LINES else []
+        middle = _middle(np.array(points_to_measure, dtype=float))
         return [middle, *ends], [middle, *ends]
     if kind in (TEXT, MESH):  # a text turns to the camera; a mesh's size is in its file
         return [(0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0)]
@@ -80,8 +80,8 @@ def _middle(points: np.ndarray) -> List[float]:
     mean = points.mean(axis=0)
     distances = np.linalg.norm(points - mean, axis=1)
     middle = points[np.argsort(distances)[len(points) // 2]]
-    chosen = mean if np.median(distances) <= MAX_SPREAD else middle
-    return [float(number) for number in chosen]
+    center = mean if np.median(distances) <= MAX_SPREAD else middle
+    return [float(number) for number in center]
 
 
 def hull_distance(points: np.ndarray) -> float:

@@ -94,8 +94,8 @@ def uninitialised(
 
 
 def _let_it_compute(process: Process) -> None:
-    _, begun = state_of_tree(process.popen.pid)
-    wait(lambda: not process.running or state_of_tree(process.popen.pid)[1] - begun > CPU, WALL)
+    _, start = state_of_tree(process.popen.pid)
+    wait(lambda: not process.running or state_of_tree(process.popen.pid)[1] - start > CPU, WALL)
 
 
 def _is_program(path: Path) -> bool:
@@ -118,8 +118,8 @@ def may_be_unwritten(text: str) -> bool:
     text, count = _IGNORED.sub("", text), 1
     while count:
         text, count = re.subn(r"\([^()]+\)", "()", text)
-    declared = filter(None, map(_VARIABLE.search, re.split(r"[;{}]", text)))
-    names = [name for found in declared for name in found["names"].split(",")]
+    declarations = filter(None, map(_VARIABLE.search, re.split(r"[;{}]", text)))
+    names = [name for declaration in declarations for name in declaration["names"].split(",")]
     return bool(_MEMORY.search(text)) or any("=" not in name and "()" not in name for name in names)
 
 
@@ -132,25 +132,25 @@ def reads_in(log: str, sources: Path) -> List[Tuple[Optional[Place], Optional[Pl
 
     What is only printed does not count. Where a value is sent, no line reads it.
     """
-    own = {path.name for path in walk(sources) if path.suffix in SOURCES}
-    found: List[Tuple[Optional[Place], Optional[Place]]] = []
+    own_files = {path.name for path in walk(sources) if path.suffix in SOURCES}
+    places: List[Tuple[Optional[Place], Optional[Place]]] = []
     for block in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
         text = re.sub(r"^==\d+== *", "", block, flags=re.MULTILINE).strip()
-        reads, _, made = text.partition("Uninitialised value was created")
-        origin = _first_own(made, own)
+        reads, _, creation = text.partition("Uninitialised value was created")
+        origin = _first_own(creation, own_files)
         if reads.startswith(("Conditional jump", "Use of uninitialised value")):
-            line = _first_own(reads, own)
+            line = _first_own(reads, own_files)
             if line is not None:
-                found.append((line, origin))
+                places.append((line, origin))
         elif reads.startswith("Syscall param") and "ros::" in reads and origin is not None:
-            found.append((None, origin))
-    return found
+            places.append((None, origin))
+    return places
 
 
-def _first_own(stack: str, own: Collection[str]) -> Optional[Place]:
+def _first_own(stack: str, own_files: Collection[str]) -> Optional[Place]:
     for line in stack.splitlines()[: DEPTH + 1]:
         frame = _FRAME.search(line.strip())
-        if frame and frame[2] in own:
+        if frame and frame[2] in own_files:
             return Place(frame[2], int(frame[3]))
         if _PRINTS.search(line):
             return None
@@ -162,28 +162,28 @@ def sentence(reads: Sequence[Tuple[Optional[Place], Optional[Place]]], sources: 
     if not reads:
         return ""
     texts = _texts(sources)
-    declared = _declared(texts)
+    places = _declared(texts)
     for line, _ in reads:
         if line is not None:
             words = texts.get(line.file, "").splitlines()[line.line - 1 : line.line]
-            names = [name for name in re.findall(r"\w+", " ".join(words)) if name in declared]
+            names = [name for name in re.findall(r"\w+", " ".join(words)) if name in places]
             if names:
-                place = declared[names[0]]
+                place = places[names[0]]
                 name = f"`{names[0]}` ({place.file}:{place.line})"
                 return f"{name} is read at {line.file}:{line.line} before it is written"
-    line, made = reads[0]
+    line, origin = reads[0]
     if line is not None:
         return f"a variable is read at {line.file}:{line.line} before it is written"
-    where = f", in an object made at {made.file}:{made.line}" if made else ""
-    return f"it sends a value that was never written{where}"
+    object_place = f", in an object made at {origin.file}:{origin.line}" if origin else ""
+    return f"it sends a value that was never written{object_place}"
 
 
 def _declared(texts: Dict[str, str]) -> Dict[str, Place]:
     """Variables that are declared without a value."""
-    found: Dict[str, Place] = {}
+    places: Dict[str, Place] = {}
     for file, text in texts.items():
         for declaration in _DECLARED.finditer(text):
             line = text.count("\n", 0, declaration.start(1)) + 1
             for name in re.split(r"[ \t]*,[ \t]*", declaration[1]):
-                found.setdefault(name, Place(file, line))
-    return found
+                places.setdefault(name, Place(file, line))
+    return places

@@ -77,9 +77,9 @@ class Plan:
 def starter(events: Path, action: str, submission: Submission) -> List[str]:
     """The command that reads its launch file, and with the action `run` starts it."""
     # by its path: a package of the submission may have this package's name
-    run = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
-    ours = json.dumps(SIMULATOR_NODES)
-    return [sys.executable, "-c", run, _STARTER, str(events), action, ours, *submission.launchable.words]
+    code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
+    nodes = json.dumps(SIMULATOR_NODES)
+    return [sys.executable, "-c", code, _STARTER, str(events), action, nodes, *submission.launchable.words]
 
 
 def start(network: Network, submission: Submission, action: str = "run") -> Tuple[Process, Path]:
@@ -151,13 +151,13 @@ def exceptions_in(output: str) -> List[str]:
     """Sentences on exceptions in callbacks and threads, after which rospy goes on, from what was printed."""
     count: Dict[str, int] = {}
     first: Dict[str, str] = {}
-    for found in _CALLBACK.finditer(output):
-        where = _LINE.findall(found["lines"])
-        line = f" ({where[-1][0]}:{where[-1][1]})" if where else ""
-        what = f"callback {found['name']}" if found["name"] else "a thread"
-        words = f"{what} raises {found['error'][:200]}{line}"
+    for match in _CALLBACK.finditer(output):
+        places = _LINE.findall(match["lines"])
+        line = f" ({places[-1][0]}:{places[-1][1]})" if places else ""
+        source = f"callback {match['name']}" if match["name"] else "a thread"
+        words = f"{source} raises {match['error'][:200]}{line}"
         count[words] = count.get(words, 0) + 1
-        first.setdefault(words, f", first at {float(found['at']):.2f} s" if found["at"] else "")
+        first.setdefault(words, f", first at {float(match['at']):.2f} s" if match["at"] else "")
     return [f"{words}{first[words]}, {number} times" for words, number in count.items()]
 
 

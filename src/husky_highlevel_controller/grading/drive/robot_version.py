@@ -31,8 +31,8 @@ TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".y
 
 def names_the_husky_s_scans(planned: Plan) -> bool:
     """Whether its package names the Husky's topic of scans, and nothing of the SMB."""
-    found = _named(planned, SCANS)
-    return bool(found and found[1]["husky"]) and not _names_of_the_smb(planned)
+    mention = _named(planned, SCANS)
+    return bool(mention and mention[1]["husky"]) and not _names_of_the_smb(planned)
 
 
 def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[str, str, str]:
@@ -46,13 +46,13 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
     Raises:
         MarkingError: no ROS master can be started.
     """
-    named = _names_of_the_smb(planned)
-    if named:
-        return "smb", "", f"the simulated robot is the SMB: {named}"
+    smb_parts = _names_of_the_smb(planned)
+    if smb_parts:
+        return "smb", "", f"the simulated robot is the SMB: {smb_parts}"
     if not planned.nodes:
-        found = _named(planned, SCANS)
-        version = "husky_melodic" if found and not found[1]["husky"] else DEFAULT
-        words = f"{found[0].name} names {found[1].group()}" if found else "it names no topic of scans"
+        mention = _named(planned, SCANS)
+        version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
+        words = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
         return version, "", f"the simulated robot is the {TITLES[version]}: {words}"
     topics = {version: topic for version, (topic, _) in ROBOT_VERSIONS.items() if version != "smb"}
     with Network(folder) as network:
@@ -60,8 +60,8 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
         process, _ = start(network, submission)
 
         def subscribed() -> str:
-            found = topics_subscribed(network.uri)
-            return next((version for version, topic in topics.items() if topic in found), "")
+            subscriptions = topics_subscribed(network.uri)
+            return next((version for version, topic in topics.items() if topic in subscriptions), "")
 
         settles(process, lambda: bool(subscribed()), lambda: is_up(network.uri, ()))
         version, scans = subscribed(), scan_topics(network.uri)
@@ -83,8 +83,8 @@ def _names_of_the_smb(planned: Plan) -> str:
     """Parts of the SMB that a submission includes or names, in words; empty: none."""
     if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
         return "its launch file starts the SMB's nodes"
-    found = _named(planned, SMB)
-    return f"{found[0].name} names {found[1].group()}" if found else ""
+    mention = _named(planned, SMB)
+    return f"{mention[0].name} names {mention[1].group()}" if mention else ""
 
 
 def _named(planned: Plan, pattern: Pattern[str]) -> Optional[Tuple[Path, Match[str]]]:

@@ -24,10 +24,10 @@ def subscriptions(uri: str, node: str) -> Tuple[str, ...]:
     return tuple(sorted(topic for topic, nodes in state[1] if node in nodes)) if state else ()
 
 
-def is_up(uri: str, ours: Sequence[str]) -> bool:
+def is_up(uri: str, our_nodes: Sequence[str]) -> bool:
     """Whether a node that is not ours subscribes to a topic other than the clock."""
     state = _ask(uri, "getSystemState")
-    return bool(state) and listens(dict(state[1]), set(ours))
+    return bool(state) and listens(dict(state[1]), set(our_nodes))
 
 
 def set_parameters(uri: str, values: Mapping[str, Any]) -> None:
@@ -65,29 +65,31 @@ def _ask(uri: str, method: str, *arguments: Any) -> Any:
     return value if code == 1 else None
 
 
-def listens(subscribers: Nodes, ours: Set[str]) -> bool:
+def listens(subscribers: Nodes, our_nodes: Set[str]) -> bool:
     """Whether the submission subscribes to a topic that not every node has."""
-    return any(set(nodes) - ours for topic, nodes in subscribers.items() if topic not in EVERY_NODE_HAS)
+    return any(set(nodes) - our_nodes for topic, nodes in subscribers.items() if topic not in EVERY_NODE_HAS)
 
 
-def silent_topics(publishers: Nodes, subscribers: Nodes, ours: Set[str]) -> List[str]:
+def silent_topics(publishers: Nodes, subscribers: Nodes, our_nodes: Set[str]) -> List[str]:
     """Topics to which only the submission subscribes and which nothing publishes."""
     return sorted(
         topic
         for topic, nodes in subscribers.items()
-        if set(nodes) - ours and not publishers.get(topic) and topic not in EVERY_NODE_HAS
+        if set(nodes) - our_nodes and not publishers.get(topic) and topic not in EVERY_NODE_HAS
     )
 
 
-def unread_topics(publishers: Nodes, subscribers: Nodes, types: Dict[str, str], ours: Set[str]) -> List[str]:
+def unread_topics(
+    publishers: Nodes, subscribers: Nodes, types: Dict[str, str], our_nodes: Set[str]
+) -> List[str]:
     """Velocity commands of the submission that have no subscriber."""
     return sorted(
         topic
         for topic, nodes in publishers.items()
-        if set(nodes) - ours and types.get(topic) == TWIST and not subscribers.get(topic)
+        if set(nodes) - our_nodes and types.get(topic) == TWIST and not subscribers.get(topic)
     )
 
 
-def forged_topics(publishers: Nodes, guarded: Sequence[str], ours: Set[str]) -> List[Tuple[str, str]]:
+def forged_topics(publishers: Nodes, topics: Sequence[str], our_nodes: Set[str]) -> List[Tuple[str, str]]:
     """(topic, node) of the submission where only the simulator publishes."""
-    return [(topic, node) for topic in guarded for node in sorted(set(publishers.get(topic, ())) - ours)]
+    return [(topic, node) for topic in topics for node in sorted(set(publishers.get(topic, ())) - our_nodes)]

@@ -76,8 +76,8 @@ def simulate(
         "world_name": str(file), "x": trial.start.x, "y": trial.start.y, "yaw": trial.start.yaw,
         "seed": trial.seed, "real_time_factor": pace, "lockstep": bool(truth_socket),
     }  # fmt: skip
-    own = {f"{SIMULATOR_NODES[0]}/{name}": value for name, value in values.items()}
-    set_parameters(network.uri, {"/run_id": "marking", **parameters, **own})
+    simulator_values = {f"{SIMULATOR_NODES[0]}/{name}": value for name, value in values.items()}
+    set_parameters(network.uri, {"/run_id": "marking", **parameters, **simulator_values})
     simulator = network.start("simulator", [SIMULATOR, *arguments], HUSKY_TRUTH_SOCKET=truth_socket)
     up = wait(
         lambda: has_service(network.uri, SIMULATOR_IS_UP) or not simulator.running,
@@ -142,8 +142,8 @@ def drive(
             network, trial_world(trial, config.robot_name), trial, config, config.pace, task.truth_socket
         )
         submitted, events = start(network, submission)
-        ours = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
-        joined = settles(submitted, lambda: told("joined"), lambda: is_up(network.uri, ours))
+        our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
+        joined = settles(submitted, lambda: told("joined"), lambda: is_up(network.uri, our_nodes))
         if recorder.running and not joined:
             recorder.popen.send_signal(signal.SIGUSR1)  # lockstep would wait for the submission
 

@@ -61,8 +61,8 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
     """
     command = [sys.executable, "-m", PROGRAM, *map(str, (archive, folder, allowance.files, allowance.size))]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
-        left_out, allowance.files, allowance.size, error = json.loads(done.stdout)
+        process = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
+        left_out, allowance.files, allowance.size, error = json.loads(process.stdout)
     except subprocess.TimeoutExpired:
         error = f"{archive.name} cannot be unpacked: no end after {DEADLINE} s"
     except (ValueError, TypeError):  # it died
@@ -78,13 +78,13 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
     Raises:
         ArchiveError: see there.
     """
-    left_out, seen = 0, set()
+    left_out, names = 0, set()
     members = _zip_members if suffix_of(archive.name) == ".zip" else _tar_members
     try:
         for name, executable, special, content in members(archive):
             left_out += special
-            if content is not None and name not in seen:
-                seen.add(name)
+            if content is not None and name not in names:
+                names.add(name)
                 with content:
                     target = folder / _inside(name, archive)
                     target.parent.mkdir(parents=True, exist_ok=True)

@@ -115,7 +115,7 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
     copies: Dict[str, Path] = {}
     for package in packages:
         target = copies[package.name] = root / "src" / package.name
-        started: List[str] = []
+        scripts: List[str] = []
         target.mkdir(parents=True)
         for path in walk(package.path, BUILT):
             copy = target / path.relative_to(package.path)
@@ -123,15 +123,15 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
             shutil.copyfile(path, copy)
             executable = bool(path.stat().st_mode & 0o100)
             if not executable and _is_script(copy):
-                started.append(path.name)
+                scripts.append(path.name)
                 executable = True
             copy.chmod(0o755 if executable else 0o644)
-        if started:
-            notes.append(f"made executable, which a copy through an archive may undo: {', '.join(started)}")
+        if scripts:
+            notes.append(f"made executable, which a copy through an archive may undo: {', '.join(scripts)}")
         notes += _repair_manifest(target, package)
-    moved = [words for folder in copies.values() for words in _repair_paths(folder, copies)]
-    if moved:
-        notes.append(f"paths of another computer, read in the hand-in: {', '.join(dict.fromkeys(moved))}")
+    paths = [words for folder in copies.values() for words in _repair_paths(folder, copies)]
+    if paths:
+        notes.append(f"paths of another computer, read in the hand-in: {', '.join(dict.fromkeys(paths))}")
     (root / "src" / ".catkin_workspace").touch()
     return Folders(root, copies), notes
 
@@ -143,21 +143,21 @@ def _is_script(path: Path) -> bool:
 
 def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
     """Put $(find PACKAGE) into a package's launch files for /home/... of files in the packages; the paths."""
-    moved: List[str] = []
+    paths: List[str] = []
 
-    def found(match: Match[str]) -> str:
+    def local_path(match: Match[str]) -> str:
         for name, package in packages.items():
             _, beside, place = match.group().rpartition(f"/{name}/")
             if beside and ".." not in place and is_regular(package / place):
-                moved.append(match.group())
+                paths.append(match.group())
                 return f"$(find {name})/{place}"
         return match.group()
 
     for path in walk(folder):
         if ".launch" in path.suffixes and path.stat().st_size <= MAX_LAUNCH:
             text = path.read_bytes().decode("utf-8", "surrogateescape")
-            path.write_bytes(_HOME.sub(found, text).encode("utf-8", "surrogateescape"))
-    return moved
+            path.write_bytes(_HOME.sub(local_path, text).encode("utf-8", "surrogateescape"))
+    return paths
 
 
 def _repair_manifest(folder: Path, package: Package) -> List[str]:
@@ -183,16 +183,16 @@ def _repair_manifest(folder: Path, package: Package) -> List[str]:
 
 def missing_packages(folders: Folders, needed: Set[str], env: Dict[str, str]) -> Set[str]:
     """Catkin components that the packages' CMakeLists.txt ask for, and that are nowhere."""
-    asked: Set[str] = set()
+    components: Set[str] = set()
     for name in needed:
         try:
             text = re.sub(r"#.*", "", read_text(folders.packages[name] / "CMakeLists.txt"))
         except UnreadableFileError:
             continue
         for arguments in _COMPONENTS.findall(text):
-            asked |= set(re.findall(r"(?<![\w$])[a-z][\w-]*", arguments))
+            components |= set(re.findall(r"(?<![\w$])[a-z][\w-]*", arguments))
     prefixes = [Path(prefix) for prefix in env.get("CMAKE_PREFIX_PATH", "").split(os.pathsep) if prefix]
-    return {name for name in asked - set(folders.packages) if not _is_installed(name, prefixes)}
+    return {name for name in components - set(folders.packages) if not _is_installed(name, prefixes)}
 
 
 def _is_installed(name: str, prefixes: Sequence[Path]) -> bool:
@@ -214,13 +214,13 @@ def debian_package(name: str) -> str:
     word = name.replace("_", "-")
     for candidate in (f"lib{word}-dev", f"libros-{word}-dev", f"ros-{word}", f"python3-{word}"):
         try:
-            asked = subprocess.run(
+            answer = subprocess.run(
                 ["apt-cache", "show", "--no-all-versions", candidate],
                 capture_output=True, timeout=APT_DEADLINE, check=False,
             )  # fmt: skip
         except (OSError, subprocess.TimeoutExpired):
             return ""
-        if not asked.returncode and asked.stdout:
+        if not answer.returncode and answer.stdout:
             return candidate
     return ""
 
@@ -255,10 +255,10 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     for _ in range(MAX_MISSING):
         _write_stand_ins(folders, missing)
         output, code = _catkin_make(folders, needed, underlay, "")
-        more = set(_NOT_FOUND.findall(output)) - missing - set(folders.packages)
-        if not code or not more:
+        unknown = set(_NOT_FOUND.findall(output)) - missing - set(folders.packages)
+        if not code or not unknown:
             break
-        missing |= more
+        missing |= unknown
     if missing:
         notes.append(missing_note(missing))
     repair = ""
@@ -331,27 +331,27 @@ def _catkin_make(
 def is_built(node: str, folders: Folders) -> bool:
     """Whether a node, package/type, can be started: a program that was built, or an executable script."""
     package, _, name = node.partition("/")
-    found = [folders.root / "devel" / "lib" / package / name]
+    candidates = [folders.root / "devel" / "lib" / package / name]
     if package in folders.packages:
-        found += [path for path in walk(folders.packages[package]) if path.name == name]
-    return any(is_regular(path) and os.access(path, os.X_OK) for path in found)
+        candidates += [path for path in walk(folders.packages[package]) if path.name == name]
+    return any(is_regular(path) and os.access(path, os.X_OK) for path in candidates)
 
 
 def build_error(output: str, root: Path) -> str:
     """The compiler's first error, or the line of a build's output that says most."""
     output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
-    found = _ERROR.search(output)
-    if found:
-        header = re.match(r"([\w-]+)/[\w./-]+: No such file", found["what"])
+    match = _ERROR.search(output)
+    if match:
+        header = re.match(r"([\w-]+)/[\w./-]+: No such file", match["what"])
         debian = debian_package(header.group(1)) if header else ""
         hint = f" (apt install {debian})" if debian else ""
-        return f"{found['where']}: {found['what']}"[:300] + hint
+        return f"{match['where']}: {match['what']}"[:300] + hint
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     for number, line in enumerate(lines):
         if number and _EXECUTED.search(line):  # a program that catkin ran; its last line is the cause
-            own = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
-            where = f"{own[-1]['file']}:{own[-1]['line']}: " if own else ""
-            return f"{where}{lines[number - 1]}"[:300]
+            entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
+            place = f"{entries[-1]['file']}:{entries[-1]['line']}: " if entries else ""
+            return f"{place}{lines[number - 1]}"[:300]
     for pattern in (r"^CMake Error", r"undefined reference", r"\bError\b|error"):
         for number, line in enumerate(lines):
             if re.search(pattern, line):

@@ -78,14 +78,14 @@ def choose_launch_files(contents: Contents, packages: Sequence[Package], exercis
     return sorted(fitting, key=lambda file: _rank(file, exercise))
 
 
-def reasons(chosen: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> str:
+def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> str:
     """A sentence that says why a launch file was chosen."""
-    words = [f"starts {', '.join(chosen.nodes)}"]
-    if fits_exercise(chosen.place, exercise) == 2:
+    words = [f"starts {', '.join(launch.nodes)}"]
+    if fits_exercise(launch.place, exercise) == 2:
         words.append(f"is named for exercise {exercise}")
-    words += ["uses the world singlePillar"] * chosen.pillar + ["starts RViz"] * chosen.rviz
-    others = f" (chosen of {len(candidates)})" if len(candidates) > 1 else ""
-    return f"launch file {chosen.place}: {', '.join(words)}{others}"
+    words += ["uses the world singlePillar"] * launch.pillar + ["starts RViz"] * launch.rviz
+    choice = f" (chosen of {len(candidates)})" if len(candidates) > 1 else ""
+    return f"launch file {launch.place}: {', '.join(words)}{choice}"
 
 
 def _names_scans(folder: Path) -> bool:
@@ -105,27 +105,32 @@ def named_launch_file(contents: Contents, packages: Sequence[Package], name: str
         NotMarkableError: there is none, or more than one.
     """
     words = PurePosixPath(name).parts
-    fitting = [each for each in _launch_files(contents, packages) if each[1].parts[-len(words) :] == words]
-    if len(fitting) != 1:
-        raise NotMarkableError(f"marking.yaml names the launch file {name!r}: {len(fitting)} fit it")
-    return _Reader({package.name: package.path for package in packages}).read(*fitting[0])
+    matches = [file for file in _launch_files(contents, packages) if file[1].parts[-len(words) :] == words]
+    if len(matches) != 1:
+        raise NotMarkableError(f"marking.yaml names the launch file {name!r}: {len(matches)} fit it")
+    return _Reader({package.name: package.path for package in packages}).read(*matches[0])
 
 
 def _launch_files(contents: Contents, packages: Sequence[Package]) -> Iterator[Tuple[Path, PurePosixPath]]:
     """Launch files inside the packages, and beside them in the folders above."""
-    seen = set()
+    files = set()
     for package in packages:
         for path in walk(package.path):
             if path.name.endswith(".launch"):
-                seen.add(path)
+                files.add(path)
                 yield path, package.place / path.relative_to(package.path).as_posix()
         for root, place in contents.places.items():
             for folder in package.path.parents:
                 if folder != root and root not in folder.parents:
                     break
                 for path in sorted([*folder.glob("*.launch"), *folder.glob("launch/*.launch")]):
-                    if path not in seen and path.is_file() and not path.is_symlink() and is_below(path, root):
-                        seen.add(path)
+                    if (
+                        path not in files
+                        and path.is_file()
+                        and not path.is_symlink()
+                        and is_below(path, root)
+                    ):
+                        files.add(path)
                         yield path, place / path.relative_to(root).as_posix()
 
 
@@ -186,13 +191,13 @@ class _Reader:
                 self._visit(child, path, arguments, depth)
         elif depth < MAX_DEPTH:
             file = _included(_substituted(element.get("file", ""), arguments), path, self.folders)
-            passed = {
+            values = {
                 arg.get("name", ""): _substituted(arg.get("value", ""), arguments)
                 for arg in element.iter("arg")
             }
-            self._pillar |= any(map(PILLAR.search, passed.values()))
+            self._pillar |= any(map(PILLAR.search, values.values()))
             if file is not None:
-                self._read(file, passed, depth + 1)
+                self._read(file, values, depth + 1)
 
 
 def _included(file: str, path: Path, folders: Dict[str, Path]) -> Optional[Path]:

@@ -144,13 +144,13 @@ def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Pack
         path = manifest.parent
         if any(parent in packages for parent in path.parents):
             continue
-        where = place / path.relative_to(folder).as_posix()
+        package_place = place / path.relative_to(folder).as_posix()
         try:
             name, needs = read_manifest(manifest)
         except NotMarkableError as error:
-            notes.append(f"{where / 'package.xml'}: {error}")
+            notes.append(f"{package_place / 'package.xml'}: {error}")
             continue
-        packages[path] = Package(name, path, where, needs)
+        packages[path] = Package(name, path, package_place, needs)
     return list(packages.values())
 
 
@@ -195,7 +195,7 @@ def fits_exercise(place: PurePosixPath, exercise: int) -> int:
     return 1
 
 
-def choose_packages(found: Sequence[Package], exercise: int) -> Tuple[List[Package], List[str]]:
+def choose_packages(packages: Sequence[Package], exercise: int) -> Tuple[List[Package], List[str]]:
     """The packages that belong to an exercise, each name once; and notes on what is left aside.
 
     Known packages are left aside; of several with the same name the one of the exercise stays; packages of
@@ -203,34 +203,36 @@ def choose_packages(found: Sequence[Package], exercise: int) -> Tuple[List[Packa
     """
     notes: List[str] = []
     by_name: Dict[str, List[Package]] = {}
-    for package in found:
+    for package in packages:
         by_name.setdefault(package.name, []).append(package)
-    known = sorted(set(by_name) & KNOWN)
-    if known:
-        notes.append(f"left aside, because not the student's own: {', '.join(known)}")
-    chosen: Dict[str, Package] = {}
+    known_names = sorted(set(by_name) & KNOWN)
+    if known_names:
+        notes.append(f"left aside, because not the student's own: {', '.join(known_names)}")
+    package_by_name: Dict[str, Package] = {}
     for name in sorted(set(by_name) - KNOWN):
-        same = sorted(by_name[name], key=lambda each: (-fits_exercise(each.place, exercise), _depth(each)))
-        chosen[name] = same[0]
-        if len(same) > 1:
-            others = ", ".join(str(each.place) for each in same[1:])
-            notes.append(f"package {name} is taken from {same[0].place}; left aside: {others}")
-    wanted = {name for name, package in chosen.items() if fits_exercise(package.place, exercise)}
-    wanted = with_dependencies(wanted or set(chosen), chosen)
-    aside = sorted(set(chosen) - wanted)
+        namesakes = sorted(
+            by_name[name], key=lambda each: (-fits_exercise(each.place, exercise), _depth(each))
+        )
+        package_by_name[name] = namesakes[0]
+        if len(namesakes) > 1:
+            places = ", ".join(str(each.place) for each in namesakes[1:])
+            notes.append(f"package {name} is taken from {namesakes[0].place}; left aside: {places}")
+    names = {name for name, package in package_by_name.items() if fits_exercise(package.place, exercise)}
+    names = with_dependencies(names or set(package_by_name), package_by_name)
+    aside = sorted(set(package_by_name) - names)
     if aside:
         notes.append(f"left aside, because of other exercises: {', '.join(aside)}")
-    return [chosen[name] for name in sorted(wanted)], notes
+    return [package_by_name[name] for name in sorted(names)], notes
 
 
 def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]:
     """Names of packages, and of all packages of the hand-in that they depend on."""
-    known, waiting = set(names), list(names)
+    members, waiting = set(names), list(names)
     while waiting:
-        needs = packages[waiting.pop()].needs & set(packages) - known
-        known |= needs
+        needs = packages[waiting.pop()].needs & set(packages) - members
+        members |= needs
         waiting += needs
-    return known
+    return members
 
 
 def _depth(package: Package) -> Tuple[bool, int, str]:

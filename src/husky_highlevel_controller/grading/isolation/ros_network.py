@@ -96,9 +96,9 @@ class Network:
 
     def close(self) -> None:
         """End everything."""
-        left = end_all(self.processes)
-        if left:
-            raise MarkingError(f"processes {left} cannot be ended")
+        survivors = end_all(self.processes)
+        if survivors:
+            raise MarkingError(f"processes {survivors} cannot be ended")
 
     def __enter__(self) -> Network:
         return self

@@ -151,8 +151,8 @@ def _own_modules() -> List[str]:
     folders = [Path(entry) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
     package = Path(husky_highlevel_controller.__file__).parent
     own_files = ("paths.py", "msg/_HuskyStatus.py")
-    built = [each for each in folders if any((each / package.name / file).is_file() for file in own_files)]
-    return [str(package.parent), *map(str, built)]
+    holders = [path for path in folders if any((path / package.name / file).is_file() for file in own_files)]
+    return [str(package.parent), *map(str, holders)]
 
 
 def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:

@@ -35,10 +35,10 @@ def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
     axes = figure.subplots(1, len(recordings), squeeze=False, gridspec_kw={**edges, "wspace": 0.16})[0]
     end = max([float(recording.times[-1]) for recording in recordings if len(recording.times)], default=1.0)
     for number, (recording, axis) in enumerate(zip(recordings, axes), 1):
-        drawn = _draw(recording, axis, end)
+        dots = _draw(recording, axis, end)
         axis.set_title(plain(f"drive {number}: {recording.ended or 'no drive'}"), fontsize=10)
     bar = figure.add_axes((1 - 0.8 / width, 0.15, 0.18 / width, 0.65))
-    figure.colorbar(drawn, cax=bar, label="simulated time [s]")
+    figure.colorbar(dots, cax=bar, label="simulated time [s]")
     figure.suptitle(plain(title), fontsize=11)
     return png(figure)
 
@@ -48,7 +48,7 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
     from_above(axis, recording.pillar, recording.pillar_size.radius)
     x, y, _ = recording.poses.T
     colors: Any = {"cmap": COLORS, "vmin": 0.0, "vmax": end}
-    drawn = axis.scatter(x, y, c=recording.times, s=5, zorder=2, **colors)
+    dots = axis.scatter(x, y, c=recording.times, s=5, zorder=2, **colors)
     if len(recording.poses):
         for row in (0, -1):
             draw_robot(axis, tuple(recording.poses[row]), load_robot(recording.robot).footprint)
@@ -70,7 +70,7 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
             words, places[len(places) // 2], (0, -18), textcoords="offset points", ha="center", fontsize=9,
             color=MARKER, arrowprops={"arrowstyle": "-", "color": MARKER},
         )  # fmt: skip
-    return drawn
+    return dots
 
 
 def _near(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:

@@ -76,8 +76,8 @@ def to_csv(results: Sequence[Result]) -> str:
     names = list(dict.fromkeys(item.name for result in results for item in result.items))
     writer.writerow(["submission", *names, "total", "of", "state", "notes"])
     for result in results:
-        given = {item.name: item.points for item in result.items}
-        marks = ["" if given.get(name) is None else f"{given[name]:g}" for name in names]
+        points_by_name = {item.name: item.points for item in result.items}
+        marks = ["" if points_by_name.get(name) is None else f"{points_by_name[name]:g}" for name in names]
         total = ["", ""] if result.problem else [f"{result.points:g}", f"{result.max_points:g}"]
         state = f"{result.state}: {result.problem}" if result.problem else result.state
         words = [result.name, *marks, *total, state, " | ".join(result.notes)]

@@ -75,9 +75,10 @@ def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
         return without_config(item, view, rules)
     if view.problem:
         return replace(item, evidence=view.problem)
-    seen = view.scan and scan_topic in view.topics
-    words = f"{view.source}: laser scan {'' if seen else 'not '}to be seen, fixed frame '{view.fixed_frame}'"
-    return replace(item, points=(10.0 + 5.0 * (view.fixed_frame == "odom")) * seen, evidence=words)
+    is_visible = view.scan and scan_topic in view.topics
+    words = f"{view.source}: laser scan {'' if is_visible else 'not '}to be seen"
+    words += f", fixed frame '{view.fixed_frame}'"
+    return replace(item, points=(10.0 + 5.0 * (view.fixed_frame == "odom")) * is_visible, evidence=words)
 
 
 def judge_exercise_2(

@@ -116,11 +116,11 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
         words = "no topic of type visualization_msgs/Marker or MarkerArray"
         return replace(item, evidence=words, hint="publish a visualization_msgs/Marker")
     # after a push it is not known where the pillar is
-    judged = judge_namespaces(recording, first_touch(recording), rules)
-    if not judged:
+    placements = judge_namespaces(recording, first_touch(recording), rules)
+    if not placements:
         words = f"nothing came on {', '.join(recording.marker_topics)}"
         return replace(item, evidence=words, hint="publish the marker in the scans' callback")
-    best = max(judged, key=lambda placement: placement.score)
+    best = max(placements, key=lambda placement: placement.score)
     points = round(20.0 * best.score, 1)
     hint = MIRRORED if best.mirrored else MARKER
     return replace(item, points=points, evidence=best.evidence, at=best.at, hint=hint)
@@ -152,9 +152,9 @@ def _stands_since(recording: Recording) -> Optional[float]:
 
 def cause_of_stop(recording: Recording) -> str:
     """Cause for which a robot stops on its way: its node ends, raises, or is silent; empty: not known."""
-    ended = causes(recording)
-    if ended:
-        return f"; {ended[0]}"
+    reasons = causes(recording)
+    if reasons:
+        return f"; {reasons[0]}"
     if not len(recording.commands) or recording.times[-1] - recording.commands[-1] < SILENT:
         return ""
     return (
@@ -206,11 +206,11 @@ def causes(recording: Recording) -> List[str]:
 def first_cause(recording: Recording) -> str:
     """Cause for which the robot stands: the first broken link of the chain node, scan, command."""
     silent, unread = ", ".join(recording.silent_topics), ", ".join(recording.unread_topics)
-    ended = causes(recording)
-    if not recording.subscribed and silent and not ended:
+    reasons = causes(recording)
+    if not recording.subscribed and silent and not reasons:
         return f"it listens to {silent}, where nothing is sent"
-    if ended:
-        return ended[0]
+    if reasons:
+        return reasons[0]
     if not recording.subscribed:
         return "it does not subscribe to the scans"
     if not recording.command_count:
@@ -259,12 +259,12 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
         (7.0, view.robot, "robot model"),
         (7.0, view.scan and listens, "laser scan"),
     ]
-    seen = [what for _, there, what in parts if there]
-    unseen = [what for _, there, what in parts if not there]
-    words = [f"{', '.join(seen)} to be seen"] * bool(seen)
-    words += [f"{', '.join(unseen)} not to be seen"] * bool(unseen)
+    visible = [part for _, is_visible, part in parts if is_visible]
+    invisible = [part for _, is_visible, part in parts if not is_visible]
+    words = [f"{', '.join(visible)} to be seen"] * bool(visible)
+    words += [f"{', '.join(invisible)} not to be seen"] * bool(invisible)
     words += [f"does not subscribe to {scan_topic}"] * (not listens)
-    points = sum(points for points, there, _ in parts if there)
+    points = sum(points for points, is_visible, _ in parts if is_visible)
     return replace(item, points=points, evidence=f"{view.source}: {'; '.join(words)}")
 
 
@@ -273,19 +273,19 @@ def judge_shown(view: RvizView, recordings: Sequence[Recording], rules: Rules = 
     item = Item(ITEMS[4], 0.0, 10.0, "")
     if not view.judged:
         return replace(item, points=None, evidence=f"not judged: {view.problem}")
-    placed = [recording for recording in recordings if judge_place(recording, rules).points]
-    published = {marker.topic for recording in placed for marker in recording.markers if not marker.problem}
-    if not published:
+    drives = [recording for recording in recordings if judge_place(recording, rules).points]
+    topics = {marker.topic for drive in drives for marker in drive.markers if not marker.problem}
+    if not topics:
         hint = judge_place(recordings[0], rules).hint if recordings else MARKER
         return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
         return without_config(item, view, rules)
-    shown = sorted(published & set(view.topics))
-    if not shown:
-        words = f"RViz does not subscribe to {', '.join(sorted(published))}"
+    shown_topics = sorted(topics & set(view.topics))
+    if not shown_topics:
+        words = f"RViz does not subscribe to {', '.join(sorted(topics))}"
         hint = "add a Marker display of this topic, and save the configuration"
         return replace(item, evidence=words, hint=hint)
-    return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown)}")
+    return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown_topics)}")
 
 
 def judge_exercise_3(

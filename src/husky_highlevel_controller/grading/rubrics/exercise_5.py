@@ -45,9 +45,9 @@ def judge_calls(recording: Recording) -> List[Item]:
     """The service stops (50) and starts (50) the robot, again and again; half for once only."""
     stop, start = Item(ITEMS[0], 0.0, 50.0, "", hint=STOP), Item(ITEMS[1], 0.0, 50.0, "", hint=START)
     if not recording.calls:
-        offered = recording.services
-        why = f"{offered[0]} was not called" if offered else "no std_srvs/SetBool service"
-        if not offered and recording.other_services:
+        services = recording.services
+        why = f"{services[0]} was not called" if services else "no std_srvs/SetBool service"
+        if not services and recording.other_services:
             why += f", but {', '.join(recording.other_services)}: for a person"
             return [replace(stop, points=None, evidence=why), replace(start, points=None, evidence=why)]
         why += "".join(f": {cause}" for cause in causes(recording)[:1])

@@ -101,9 +101,9 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     added = [marker for marker in markers if marker.action == ADD]
     first = added[0]
     name = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
-    lost = [marker for marker in added if marker.problem]
-    if len(lost) == len(added):
-        return Placement(0.0, f"{name}: not to be seen: {lost[0].problem}", lost[0].at)
+    invisible = [marker for marker in added if marker.problem]
+    if len(invisible) == len(added):
+        return Placement(0.0, f"{name}: not to be seen: {invisible[0].problem}", invisible[0].at)
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _moments(markers, scores)
     groups = _by_axis(recording, moments, rules)
@@ -116,7 +116,7 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     if wrong is None:
         return Placement(score, words, added[0].at)
     if len(groups) > 1:
-        words += "; " + ", ".join(f"{100.0 * _share(group):.0f} % {where}" for where, group in groups.items())
+        words += "; " + ", ".join(f"{100.0 * _share(group):.0f} % {axis}" for axis, group in groups.items())
     mirrored = _is_mirrored(recording, [marker for marker in added if scores[id(marker)] < 1.0], rules)
     if mirrored:
         score = min(score, 0.5)
@@ -126,32 +126,32 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     crowd = len({(marker.topic, marker.namespace, marker.id) for marker in added})
     series = len({(marker.topic, marker.namespace) for marker in added})
     if crowd > 1:
-        where = f"namespace '{first.namespace}'" if series == 1 else f"{series} topics and namespaces"
-        words += f"; {crowd} markers in {where}, half of those drawn must be right"
+        holder = f"namespace '{first.namespace}'" if series == 1 else f"{series} topics and namespaces"
+        words += f"; {crowd} markers in {holder}, half of those drawn must be right"
     return Placement(score, words, wrong.at, mirrored)
 
 
 def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[Tuple[float, float]]:
     """(when [s], score of all that is drawn), for each moment at which something came."""
-    drawn, moments = _Drawn(), []
+    display, moments = _Drawn(), []
     mortal: List[Key] = []  # markers with a lifetime
     for at, group in groupby(markers, key=lambda marker: marker.at):
-        drawn.expire(at, mortal)
-        mortal = [key for key in mortal if key in drawn.scores]
+        display.expire(at, mortal)
+        mortal = [key for key in mortal if key in display.scores]
         came = False
         for marker in group:
             key = (marker.topic, marker.namespace, marker.id)
             if marker.action == ADD:
                 came = True
-                drawn.put(key, scores[id(marker)], marker.until)
+                display.put(key, scores[id(marker)], marker.until)
                 if marker.until < np.inf:
                     mortal.append(key)
             elif marker.action == DELETE:
-                drawn.remove(key)
+                display.remove(key)
             else:
-                drawn.clear(marker.topic)
-        if came and drawn.scores:
-            moments.append((at, drawn.score))
+                display.clear(marker.topic)
+        if came and display.scores:
+            moments.append((at, display.score))
     return moments
 
 

@@ -116,10 +116,10 @@ class Display:
 
     def _deleting(self, publisher: rospy.Publisher, markers: List[Marker], stamp: float) -> List[Marker]:
         """The markers, and orders to take away those that were shown before and are not among them."""
-        now = {marker.ns for marker in markers}
-        gone = [no_marker(stamp, BASE, namespace) for namespace in self._shown[publisher] - now]
-        self._shown[publisher] = now
-        return markers + gone
+        namespaces = {marker.ns for marker in markers}
+        deletions = [no_marker(stamp, BASE, namespace) for namespace in self._shown[publisher] - namespaces]
+        self._shown[publisher] = namespaces
+        return markers + deletions
 
     def _publish_numbers(self, stamp: float, output: ControlOutput) -> None:
         if output.target_in_base is None:

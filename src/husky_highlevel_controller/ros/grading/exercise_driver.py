@@ -27,8 +27,8 @@ ANSWER_DEADLINE = 10.0  # [s] of wall time
 class ExerciseDriver:
     """Acts a little each time `work` is called."""
 
-    def __init__(self, driver: str, scan_topic: str, ours: Set[str]) -> None:
-        self._driver, self._scan_topic, self._ours = driver, scan_topic, ours
+    def __init__(self, driver: str, scan_topic: str, our_nodes: Set[str]) -> None:
+        self._driver, self._scan_topic, self._our_nodes = driver, scan_topic, our_nodes
         self.services: Set[str] = set()  # that are a std_srvs/SetBool
         self.other_services: Set[str] = set()  # "/name (package/Type)"
         self.calls: List[Call] = []
@@ -52,7 +52,7 @@ class ExerciseDriver:
         if self._driver != SERVICE:
             return
         for name, nodes in services:
-            if set(nodes) - self._ours and name not in self._probed and not _internal(name):
+            if set(nodes) - self._our_nodes and name not in self._probed and not _internal(name):
                 self._probed.add(name)
                 threading.Thread(target=self._probe, args=(name,), daemon=True).start()
 
@@ -112,7 +112,7 @@ class ExerciseDriver:
         topics, queues = [], []
         try:
             for name in rospy.get_param_names():
-                if any(name.startswith(node + "/") for node in self._ours):
+                if any(name.startswith(node + "/") for node in self._our_nodes):
                     continue
                 value = rospy.get_param(name, None)
                 if (

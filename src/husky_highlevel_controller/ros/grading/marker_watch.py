@@ -159,8 +159,8 @@ class MarkerWatch:
         pose = compose(compose(poses[row], frame_in_base), _pose(marker))
         scale = (marker.scale.x, marker.scale.y, marker.scale.z)
         points = [(point.x, point.y, point.z) for point in marker.points]
-        drawn = draw(marker.type, pose, scale, points, pillar)
-        return replace(sample, **drawn._asdict())
+        shape = draw(marker.type, pose, scale, points, pillar)
+        return replace(sample, **shape._asdict())
 
     def _frame_in_base(self, sample: MarkerSample) -> Tuple[float, Pose]:
         """The marker's frame seen from base_link, and at which moment [s]; so drift of odom does no harm.

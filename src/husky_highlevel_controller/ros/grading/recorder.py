@@ -76,22 +76,22 @@ class DriveRecorder:
         signal.signal(signal.SIGUSR2, lambda *_: self._abandoned.set())
         rospy.on_shutdown(lambda: self._write(CUT_OFF))
         self._master = rosgraph.Master(rospy.get_name())
-        self._ours = {*self._task.ours, "/rosout", rospy.get_name()}
+        self._our_nodes = {*self._task.ours, "/rosout", rospy.get_name()}
         for topic in VELOCITY_TOPICS:
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000, tcp_nodelay=True)
-        self._driver = ExerciseDriver(self._task.driver, self._task.scan_topic, self._ours)
+        self._driver = ExerciseDriver(self._task.driver, self._task.scan_topic, self._our_nodes)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
         tell("recording")
 
     def run(self) -> None:
         """Record until the drive is over."""
-        ended = ""
-        while not ended and not rospy.is_shutdown():
+        cause = ""
+        while not cause and not rospy.is_shutdown():
             self._look_at_graph()
             tell(f"now {self._now}")
-            ended = self._driver.work(self._now, self._speed) or self._over()
+            cause = self._driver.work(self._now, self._speed) or self._over()
             time.sleep(LOOK_PERIOD)
-        self._write(ended)
+        self._write(cause)
 
     # ------------------------------------------------------------------------ what comes
 
@@ -121,7 +121,7 @@ class DriveRecorder:
             self._violations[words] = None
 
     def _on_command(self, msg: Any) -> None:
-        if msg._connection_header.get("callerid") in self._ours:
+        if msg._connection_header.get("callerid") in self._our_nodes:
             return
         self._command_count += 1
         self._zero_count += not any(msg._buff)
@@ -147,29 +147,29 @@ class DriveRecorder:
         except (OSError, rosgraph.MasterException):
             return
         for topic, nodes in publishers.items():
-            if set(nodes) - self._ours:
+            if set(nodes) - self._our_nodes:
                 self._watch.follow(topic, self._types.get(topic, ""))
         listeners: Set[str] = set(subscribers.get(self._task.scan_topic, ()))
-        self._subscribed = self._subscribed or bool(listeners - self._ours)
-        self._silent = self._silent or silent_topics(publishers, subscribers, self._ours)
-        self._unread = unread_topics(publishers, subscribers, self._types, self._ours)
-        guarded = (rospy.resolve_name("ground_truth/odom"), "/clock", self._task.scan_topic)
-        for topic, node in forged_topics(publishers, guarded, self._ours):
+        self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
+        self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
+        self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
+        simulator_topics = (rospy.resolve_name("ground_truth/odom"), "/clock", self._task.scan_topic)
+        for topic, node in forged_topics(publishers, simulator_topics, self._our_nodes):
             self._violate(f"node {node} publishes on {topic}, as the simulator does")
         self._driver.look(services)
-        self._listens = self._listens or listens(subscribers, self._ours)
+        self._listens = self._listens or listens(subscribers, self._our_nodes)
         topics = map(rospy.resolve_name, VELOCITY_TOPICS)
-        sends = any(set(publishers.get(topic, ())) - self._ours for topic in topics)
+        sends = any(set(publishers.get(topic, ())) - self._our_nodes for topic in topics)
         self._advertises = self._advertises or sends
         self._join()
 
     def _join(self) -> None:
         """Take part only after the submission, for which lockstep waits, or in its place."""
-        there = self._subscribed and (self._advertises or self._task.driver == FORWARD)
-        if not self._joined and (there or self._go_on.is_set()):
+        is_ready = self._subscribed and (self._advertises or self._task.driver == FORWARD)
+        if not self._joined and (is_ready or self._go_on.is_set()):
             self._joined = True
             tell("joined")
-            if not there:
+            if not is_ready:
                 self._driver.answer_scans()
             rospy.Subscriber(
                 self._task.scan_topic, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True
@@ -188,7 +188,7 @@ class DriveRecorder:
             return NO_COMMAND
         return self._end.reason(self._abandoned.is_set())
 
-    def _write(self, ended: str) -> None:
+    def _write(self, cause: str) -> None:
         with self._lock:
             if self._written:
                 return
@@ -224,9 +224,9 @@ class DriveRecorder:
             unread_topics=tuple(self._unread),
             violations=(*self._violations, *pose_jumps(times, poses)),
             notes=(self._unanswered,) if self._unanswered and self._command_count else (),
-            ended=ended,
+            ended=cause,
             robot=self._task.robot,
-            decided_at=self._end.decided_at(ended),
+            decided_at=self._end.decided_at(cause),
         )
         text = to_json(recording)
         part = Path(self._task.output + ".part")

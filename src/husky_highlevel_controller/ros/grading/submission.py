@@ -45,7 +45,7 @@ INTERACTIVE = {
     "urxvt", "gdb", "lldb", "cuda-gdb", "ddd", "screen", "tmux",
 }  # fmt: skip
 OWN_RVIZ = {"husky_rviz", "gazebo_gui"}  # RViz nodes of this package's launch files
-OURS = {"/use_sim_time", "/robot_description", "/rosdistro", "/rosversion", "/run_id"}
+OUR_PARAMETERS = {"/use_sim_time", "/robot_description", "/rosdistro", "/rosversion", "/run_id"}
 
 
 class Reporter(roslaunch.pmon.ProcessListener):
@@ -54,9 +54,9 @@ class Reporter(roslaunch.pmon.ProcessListener):
     def __init__(self, path: str) -> None:
         self._file = open(path, "a", buffering=1)  # noqa: SIM115 - as long as the process
 
-    def tell(self, event: str, **what: Any) -> None:
+    def tell(self, event: str, **details: Any) -> None:
         """Write an event."""
-        self._file.write(json.dumps({"event": event, **what}) + "\n")
+        self._file.write(json.dumps({"event": event, **details}) + "\n")
 
     def process_died(self, process_name: str, exit_code: Optional[int]) -> None:
         """Roslaunch calls it."""
@@ -70,56 +70,56 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         super().__init__()
         self._reporter = reporter
 
-    def _try(self, what: str, tag: Any, load: Any) -> Any:
+    def _try(self, tag_name: str, tag: Any, load: Any) -> Any:
         try:
             return load()
         except ResourceNotFound as error:
-            self._miss(what, error)
+            self._miss(tag_name, error)
             return None
 
-    def _miss(self, what: str, error: ResourceNotFound) -> str:
-        found = re.search(r"\$\(find +([^)]+)\)", str(error))
-        package = found.group(1).strip() if found else str(error).split()[0].strip("':,")
+    def _miss(self, tag_name: str, error: ResourceNotFound) -> str:
+        match = re.search(r"\$\(find +([^)]+)\)", str(error))
+        package = match.group(1).strip() if match else str(error).split()[0].strip("':,")
         event = "left_out" if package in SIMULATION or "gazebo" in package else "missing"
-        self._reporter.tell(event, package=package, tag=what)
+        self._reporter.tell(event, package=package, tag=tag_name)
         return package
 
-    def _include_tag(self, tag: Any, context: Any, ros_config: Any, machine: Any, *rest: Any) -> Any:
+    def _include_tag(self, tag: Any, context: Any, ros_config: Any, machine: Any, *arguments: Any) -> Any:
         load = super()._include_tag
-        return self._try("include", tag, lambda: load(tag, context, ros_config, machine, *rest))
+        return self._try("include", tag, lambda: load(tag, context, ros_config, machine, *arguments))
 
-    def _rosparam_tag(self, tag: Any, *rest: Any, **more: Any) -> Any:
+    def _rosparam_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         load = super()._rosparam_tag
-        return self._try("rosparam", tag, lambda: load(tag, *rest, **more))
+        return self._try("rosparam", tag, lambda: load(tag, *arguments, **options))
 
-    def _node_tag(self, tag: Any, *rest: Any, **more: Any) -> Any:
+    def _node_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         load = super()._node_tag
-        return self._try("node", tag, lambda: load(tag, *rest, **more))
+        return self._try("node", tag, lambda: load(tag, *arguments, **options))
 
-    def _param_tag(self, tag: Any, *rest: Any, **more: Any) -> Any:
+    def _param_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         if tag.getAttribute("name").lstrip("/") == "robot_description":
             return (
                 None  # the marking brings the robot; the hand-in's may need programs that are not installed
             )
         load = super()._param_tag
-        return self._try("param", tag, lambda: load(tag, *rest, **more))
+        return self._try("param", tag, lambda: load(tag, *arguments, **options))
 
-    def _arg_tag(self, tag: Any, context: Any, *rest: Any, **more: Any) -> Any:
+    def _arg_tag(self, tag: Any, context: Any, *arguments: Any, **options: Any) -> Any:
         try:
-            return super()._arg_tag(tag, context, *rest, **more)
+            return super()._arg_tag(tag, context, *arguments, **options)
         except ResourceNotFound as error:
             context.add_arg(tag.getAttribute("name"), default=f"/missing/{self._miss('arg', error)}")
             return None
 
 
-def load(what: List[str], reporter: Reporter, taken: List[str]) -> roslaunch.config.ROSLaunchConfig:
+def load(launchable: List[str], reporter: Reporter, our_nodes: List[str]) -> roslaunch.config.ROSLaunchConfig:
     """The configuration of `--launch PACKAGE FILE [ARGUMENTS]` or `--node PACKAGE TYPE [ARGUMENTS]`.
 
     FILE is a name in the package, or an absolute path.
     """
     config = roslaunch.config.ROSLaunchConfig()
     loader = TolerantLoader(reporter)
-    kind, package, name, *arguments = what
+    kind, package, name, *arguments = launchable
     with contextlib.suppress(ResourceNotFound):
         reporter.tell("package", path=RosPack().get_path(package))
     if kind == "--node":
@@ -132,7 +132,7 @@ def load(what: List[str], reporter: Reporter, taken: List[str]) -> roslaunch.con
         )
         loader.load(file, config, argv=["roslaunch", *arguments], verbose=False)
     config.assign_machines()
-    kept, left_out, rviz = [], [], []
+    nodes_to_start, left_out, rviz = [], [], []
     own_rviz = [node for node in config.nodes if node.package == "rviz" and node.name not in OWN_RVIZ]
     for node in config.nodes:
         if node.package == "rviz" and node.name in OWN_RVIZ and own_rviz:
@@ -142,19 +142,19 @@ def load(what: List[str], reporter: Reporter, taken: List[str]) -> roslaunch.con
         elif (
             node.package in SIMULATION
             or node.package.startswith("rqt")
-            or node.namespace + node.name in taken
+            or node.namespace + node.name in our_nodes
         ):
             left_out.append(f"{node.package}/{node.type}")
         else:
             node.output = "screen"
             drop_prefix(node, reporter)
-            kept.append(node)
-    config.nodes = kept
+            nodes_to_start.append(node)
+    config.nodes = nodes_to_start
     config.tests = []
-    for name in OURS & set(config.params):
+    for name in OUR_PARAMETERS & set(config.params):
         del config.params[name]
     config.clear_params = [name for name in config.clear_params if name != "/"]
-    nodes = [f"{node.package}/{node.type}" for node in kept]
+    nodes = [f"{node.package}/{node.type}" for node in nodes_to_start]
     reporter.tell("plan", nodes=nodes, left_out=sorted(set(left_out)), rviz=rviz)
     return config
 
@@ -171,8 +171,8 @@ def drop_prefix(node: Any, reporter: Reporter) -> None:
 def run_in_valgrind(nodes: List[Any], folder: str) -> None:
     """Let programs that were compiled run in valgrind, with a log for each in a folder."""
     for node in nodes:
-        found = roslib.packages.find_node(node.package, node.type)
-        with open(found[0] if found else os.devnull, "rb") as file:
+        paths = roslib.packages.find_node(node.package, node.type)
+        with open(paths[0] if paths else os.devnull, "rb") as file:
             if file.read(4) == b"\x7fELF":
                 log = os.path.join(folder, "memcheck.%p")
                 node.launch_prefix = f"valgrind --track-origins=yes --num-callers=20 --log-file={log}"
@@ -208,11 +208,11 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 
 def main(arguments: List[str]) -> int:
     """Start it and wait for its end: `EVENTS describe|run|memcheck OUR_NODES --launch|--node ...`."""
-    events, action, taken, *what = arguments
+    events, action, our_nodes, *launchable = arguments
     os.environ["HUSKY_SIMULATOR_IS_OURS"] = "1"  # our launch file, if it is graded, must not refuse it
     reporter = Reporter(events)
     try:
-        config = load(what, reporter, json.loads(taken))
+        config = load(launchable, reporter, json.loads(our_nodes))
     except Exception as error:  # an untrusted launch file may raise anything
         reporter.tell("unloadable", error=" ".join(str(error).split())[:500])
         return 1

@@ -88,13 +88,13 @@ class Commands:
 
     def _warn_of_two_senders(self, topic: str, sender: str) -> None:
         now = rospy.get_time()
-        other, sent = self._senders.get(topic, (sender, now))
+        last_sender, sent_at = self._senders.get(topic, (sender, now))
         self._senders[topic] = sender, now
-        if other != sender and now - sent <= TIMEOUT:
+        if last_sender != sender and now - sent_at <= TIMEOUT:
             rospy.logwarn_throttle(
                 10.0,
-                f"{rospy.resolve_name(topic)}: both {other} and {sender} send commands, and the robot obeys"
-                " each in turn; stop one of them, or take over on kb_teleop/cmd_vel",
+                f"{rospy.resolve_name(topic)}: both {last_sender} and {sender} send commands, and the robot"
+                " obeys each in turn; stop one of them, or take over on kb_teleop/cmd_vel",
             )
 
     def _on_e_stop(self, msg: Bool) -> None:

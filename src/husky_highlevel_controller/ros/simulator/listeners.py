@@ -44,7 +44,7 @@ class Listeners:
     def __init__(self, publisher: rospy.Publisher, clock: rospy.Publisher) -> None:
         self._publisher, self._clock = publisher, clock
         self._ports: Set[Ports] = set()  # of both topics' connections
-        self._ours = _Threads(os.getpid())
+        self._own_threads = _Threads(os.getpid())
         self._processes: Dict[int, _Threads] = {}  # that receive the topic or the clock
         self._receivers: Set[int] = set()  # that receive the topic
         self._on_clock: Set[int] = set()  # that receive the clock
@@ -58,7 +58,7 @@ class Listeners:
             return False  # elsewhere than on this machine nothing is known
         end, before = time.monotonic() + ASLEEP_FOR, None
         while True:
-            if self._ours.turns() is None:  # a thread of ours that is about to send
+            if self._own_threads.turns() is None:  # a thread of ours that is about to send
                 return False
             turns = {process: threads.turns() for process, threads in self._processes.items()}
             if any(turns[process] is None for process in self._receivers):
@@ -113,9 +113,9 @@ class _Threads:
         for ended in self._files.keys() - threads:
             self._forget(ended)
         turns = {}
-        own = str(threading.get_native_id())
+        own_thread = str(threading.get_native_id())
         for thread in threads:
-            if thread == own:
+            if thread == own_thread:
                 continue
             try:
                 if thread not in self._files:

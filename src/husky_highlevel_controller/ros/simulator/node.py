@@ -315,9 +315,9 @@ def _world_folders() -> List[Path]:
 def main() -> None:
     """Run the node."""
     master_uri = rosgraph.get_master_uri()
-    other = running_simulator(master_uri)
-    if other is not None:
-        sys.exit(f"husky_simulator: {refusal(other, master_uri)}")
+    simulator_name = running_simulator(master_uri)
+    if simulator_name is not None:
+        sys.exit(f"husky_simulator: {refusal(simulator_name, master_uri)}")
     # commands come in on threads of their own; as fast as it goes, Python's 5 ms are 0.15 s of simulated time
     sys.setswitchinterval(0.0005)
     run_node("husky_simulator", SimulatorNode, listen_to_clock=False)

@@ -59,9 +59,9 @@ def watch_clock(own_name: str, master_uri: str, warn: Callable[[str], None]) -> 
     reported = {own_name}
 
     def look() -> None:
-        others = set(publishers_of_clock(master_uri)) - reported
-        reported.update(others)
-        for name in sorted(others):
+        names = set(publishers_of_clock(master_uri)) - reported
+        reported.update(names)
+        for name in sorted(names):
             warn(f"{name} publishes /clock too: time will jump; end it, or this simulator")
         start()
 

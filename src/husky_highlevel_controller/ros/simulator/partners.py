@@ -12,7 +12,7 @@ import rosgraph
 import rospy
 
 # roslaunch's own processes, and the nodes of simulator.launch: none of them drives the robot
-OWN = {"master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web"}
+NODES = {"master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web"}
 
 
 class Partners:
@@ -57,4 +57,4 @@ def launched_beside() -> Set[str]:
             continue  # it has ended
         # "NODE-COUNT" of each process that lives, and how often it was started
         names.update(name.rsplit("-", 1)[0] for name, _ in answer[2][0])
-    return names - OWN
+    return names - NODES

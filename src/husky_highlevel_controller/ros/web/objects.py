@@ -147,20 +147,20 @@ class Objects:
         self._publisher(topic)  # connected long before the mouse lets go
         path = f"/objects/{quote(topic, safe='')}/{quote(marker.name, safe='')}"
         node = self._scene.add_frame(path, show_axes=False)
-        drawn: List[Any] = []
+        nodes: List[Any] = []
         parts = [part for control in marker.controls for part in control.markers]
         for number, part in enumerate(parts):
-            seen = [piece for piece in primitives(part) if not _is_ground(piece)]
-            drawn += clickable(draw(self._scene, f"{path}/{number}", seen, pose_of(part) or Pose()))
-        if drawn:
-            low, high = bounds(drawn)
+            pieces = [piece for piece in primitives(part) if not _is_ground(piece)]
+            nodes += clickable(draw(self._scene, f"{path}/{number}", pieces, pose_of(part) or Pose()))
+        if nodes:
+            low, high = bounds(nodes)
             below = (*((low + high) / 2.0)[:2], low[2] + SHADOW_HEIGHT)
             contact_shadow(self._scene, f"{path}/shadow", high - low, below)
         self.shown[key] = Object(
             node,
             marker.header.frame_id.lstrip("/"),
             conversions.pose_from_msg(marker.pose),
-            drawn,
+            nodes,
             tuple((entry.id, entry.title) for entry in marker.menu_entries),
             any(control.interaction_mode in MOVABLE for control in marker.controls),
         )

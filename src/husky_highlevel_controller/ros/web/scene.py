@@ -273,35 +273,35 @@ class Scene:
                 self._draw_marker(key, marker, now)
 
     def _draw_marker(self, key: Key, marker: Marker, now: float) -> None:
-        drawn = self._drawn.get(key)
-        is_known = drawn is not None and drawn.marker is marker
-        if drawn is None:
+        drawing = self._drawn.get(key)
+        is_known = drawing is not None and drawing.marker is marker
+        if drawing is None:
             topic, namespace, number = key
             name = f"/markers/{quote(topic, safe='')}/{quote(namespace, safe='')}_{number}"
             node = self._scene.add_frame(name, show_axes=False, visible=False)
-            drawn = self._drawn[key] = DrawnMarker(name, node)
-        if is_known and not drawn.is_stale and not marker.frame_locked and drawn.node.visible:
+            drawing = self._drawn[key] = DrawnMarker(name, node)
+        if is_known and not drawing.is_stale and not marker.frame_locked and drawing.node.visible:
             return  # it stays where it was in the fixed frame when it came
-        drawn.marker = marker
-        if not is_known or drawn.is_stale:
-            self._draw_looks(drawn, marker, now)
+        drawing.marker = marker
+        if not is_known or drawing.is_stale:
+            self._draw_looks(drawing, marker, now)
         stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
         frame = self.frames.pose(marker.header.frame_id.lstrip("/"), self.fixed_frame, stamp)
         pose = pose_of(marker)
-        self._show(drawn.node, None if frame is None or pose is None else compose(frame, pose))
+        self._show(drawing.node, None if frame is None or pose is None else compose(frame, pose))
 
-    def _draw_looks(self, drawn: DrawnMarker, marker: Marker, now: float) -> None:
+    def _draw_looks(self, drawing: DrawnMarker, marker: Marker, now: float) -> None:
         """Draw it anew if it looks different, not more often than the eye needs."""
         new_appearance = appearance(marker)
-        drawn.is_stale = new_appearance != drawn.appearance and now < drawn.drawn_at + LOOKS_PERIOD
-        if new_appearance == drawn.appearance or drawn.is_stale:
+        drawing.is_stale = new_appearance != drawing.appearance and now < drawing.drawn_at + LOOKS_PERIOD
+        if new_appearance == drawing.appearance or drawing.is_stale:
             return
-        drawn.appearance, drawn.drawn_at = new_appearance, now
+        drawing.appearance, drawing.drawn_at = new_appearance, now
         shapes_of_marker = primitives(marker)
-        if not redraw(drawn.parts, shapes_of_marker):
-            for part in drawn.parts:
+        if not redraw(drawing.parts, shapes_of_marker):
+            for part in drawing.parts:
                 part.remove()
-            drawn.parts = draw(self._scene, drawn.name, shapes_of_marker, Pose())
+            drawing.parts = draw(self._scene, drawing.name, shapes_of_marker, Pose())
 
     def _update_axes(self) -> None:
         names = self.frames.names if self.layers["frames"] else []

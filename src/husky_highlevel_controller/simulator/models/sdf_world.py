@@ -106,12 +106,12 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
         for second in list(root.children("world"))[1:]:
             second.note("only the first <world> of a file is read")
         world.note_unknown()
-        read = World(world.named(), tuple(_bodies_in(world, _Parent())), _gravity(world))
+        result = World(world.named(), tuple(_bodies_in(world, _Parent())), _gravity(world))
     except RecursionError:
         raise WorldError(f"{source}: models are nested too deeply") from None
     _tell_notes(load)
-    _check_bounds(read, source)
-    return read
+    _check_bounds(result, source)
+    return result
 
 
 def _check_bounds(world: World, source: str) -> None:
@@ -160,8 +160,8 @@ def _pose(node: Optional[Node], parent: _Parent) -> Pose:
     origins = {"world": IDENTITY, "__model__": parent.pose_model_in_world}
     origin = origins.get(frame)
     if origin is None:
-        allowed = "world, __model__ and the parent"
-        node.note(f"a <pose> relative to anything but {allowed} is read relative to the parent", frame)
+        frames = "world, __model__ and the parent"
+        node.note(f"a <pose> relative to anything but {frames} is read relative to the parent", frame)
         return pose
     if origin == parent.pose_in_world:
         return pose
@@ -297,8 +297,8 @@ def _read_included_file(path: Path, include: Node, parent: _Parent) -> Iterator[
 def _find_model(include: Node, uri: str) -> Path:
     """The newest SDF file of a model that can be read here."""
     name = uri[len("model://") :].strip("/")
-    searched = os.environ.get("GAZEBO_MODEL_PATH", "")
-    for folder in filter(None, searched.split(os.pathsep)):
+    model_path = os.environ.get("GAZEBO_MODEL_PATH", "")
+    for folder in filter(None, model_path.split(os.pathsep)):
         files = (os.path.join(folder, name, file) for file in ("model.config", "model.sdf"))
         config, plain = (Path(os.path.realpath(file)) for file in files)
         if name and os.path.isfile(config):
@@ -306,7 +306,7 @@ def _find_model(include: Node, uri: str) -> Path:
         if name and os.path.isfile(plain):
             return plain
     raise include.error(
-        f"no model.config or model.sdf for '{uri}' in the folders of GAZEBO_MODEL_PATH ('{searched}');"
+        f"no model.config or model.sdf for '{uri}' in the folders of GAZEBO_MODEL_PATH ('{model_path}');"
         " add the folder that holds it"
     )
 

@@ -164,10 +164,10 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         light = np.where(echo, weights, 0.0)
         share = light.sum(axis=1)
         mean = (light * np.where(echo, depth, 0.0)).sum(axis=1) / np.maximum(share, 1e-12)
-        seen = (share > 0.0) & (share * config.remission >= DARK * (mean / DARK_RANGE) ** 2)
-        ranges[hit[seen]], shares[hit[seen]] = mean[seen], np.minimum(share[seen], 1.0)
+        strong = (share > 0.0) & (share * config.remission >= DARK * (mean / DARK_RANGE) ** 2)
+        ranges[hit[strong]], shares[hit[strong]] = mean[strong], np.minimum(share[strong], 1.0)
         depth[echo] = inf  # too weak: what lies behind it
-        weak = ~seen & (share > 0.0)
+        weak = ~strong & (share > 0.0)
         hit, depth, weights = hit[weak], depth[weak], weights[weak]
     return ranges, shares
 

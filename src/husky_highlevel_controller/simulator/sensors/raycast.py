@@ -202,10 +202,10 @@ def _meet_many(
     near, first, count = _candidates(centers, scene.bounds, beams.bearings, max_range)
     kinds = scene.kinds[near]
     for kind, (needed, prepare, enter) in enumerate(FORMULAS):
-        chosen = np.flatnonzero(kinds == kind)
-        if len(chosen):
-            solid, beams_each = near[chosen], count[chosen]
-            beam = _beams_of(first[chosen], beams_each)
+        rows_of_kind = np.flatnonzero(kinds == kind)
+        if len(rows_of_kind):
+            solid, beams_each = near[rows_of_kind], count[rows_of_kind]
+            beam = _beams_of(first[rows_of_kind], beams_each)
             axes = (scene.axes[solid, needed] @ laser.T).transpose(1, 2, 0)
             prepared = prepare(centers[solid].T, axes, scene.sizes[solid].T)
             rows, numbers = (np.array(part).repeat(beams_each, axis=-1) for part in prepared)

@@ -68,7 +68,7 @@ def _serve_requests(pipe: Connection) -> None:
     config: CameraConfig = pipe.recv()
     bullet = BulletWorld(1.0)
     bullet.clear((0.0, 0.0, 0.0))
-    drawn: Mapping[str, Body] = {}
+    bodies_drawn: Mapping[str, Body] = {}
     while True:
         try:
             request: RenderRequest = pipe.recv()
@@ -77,14 +77,14 @@ def _serve_requests(pipe: Connection) -> None:
         if request.bodies is not None:
             bodies = {name: _drawn(body) for name, body in request.bodies.items()}
             bodies = {name: body for name, body in bodies.items() if body.collisions}
-            for name in [name for name in drawn if bodies.get(name) != drawn[name]]:
+            for name in [name for name in bodies_drawn if bodies.get(name) != bodies_drawn[name]]:
                 bullet.remove_body(name)
             for name, body in bodies.items():
-                if body != drawn.get(name):
+                if body != bodies_drawn.get(name):
                     bullet.add_body(body)
-            drawn = bodies
+            bodies_drawn = bodies
         for name, pose in request.poses.items():
-            if name in drawn:
+            if name in bodies_drawn:
                 bullet.set_pose_unchecked(name, pose)
         buffer = bullet.depth_buffer(
             request.pose_camera_in_world,
