@@ -37,7 +37,14 @@ TWO_HZ = (
 )
 TIME_SHOWN = "Number(document.querySelector('[data-time]')?.dataset.time)"  # NaN where none is shown
 NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
-E_STOP = ".husky-e-stop:not(.locked)"  # not by its words, which are those of a warning, too
+E_STOP = ".husky-e-stop:not(.locked):has-text('EMERGENCY STOP')"  # a warning has these words, too
+# notes that the state bar said so, for a test that may come too late to see it
+NOTE_DRIVING = (
+    "() => new MutationObserver((_, observer) => {"
+    " if (!document.querySelector('.husky-state')?.textContent.toLowerCase().includes('driving')) return;"
+    " window.saidDriving = true; observer.disconnect();"
+    "}).observe(document.body, {subtree: true, childList: true, characterData: true})"
+)
 DRAW_TIMEOUT = 240.0  # [s] of wall time for anything that a browser without a graphics card draws
 
 
@@ -174,10 +181,11 @@ def test_a_phone_shows_the_robot_above_the_panel(browser, launched):
 def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, robot, objects):
     arrived = ".husky-state:has-text('arrived at the pillar')"
     page.wait_for_selector(arrived)
-    before, place = objects()["unit_cylinder"], robot.position
+    before = objects()["unit_cylinder"]
+    page.evaluate(NOTE_DRIVING)
     press(page, "Move the pillar")
     wait_until(lambda: dist(objects()["unit_cylinder"], before) > 3.0, "the pillar is elsewhere")
-    wait_until(lambda: dist(robot.position, place) > 1.0, "the robot drives to it")
+    page.wait_for_function("window.saidDriving")
     page.wait_for_selector(arrived)
     press(page, "Drive again")
     wait_until(lambda: dist(robot.position, (0.0, 0.0)) < 1.0, "the robot is at the start")

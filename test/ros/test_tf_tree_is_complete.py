@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""TF ties every frame of the robot description to odom, each by its parent in it."""
+"""TF ties every frame of the Noetic Husky to odom, each by its published parent."""
 
 import socket
 import subprocess
@@ -17,10 +17,27 @@ from rospy import Time
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
-from husky_highlevel_controller.urdf import ends_of, read_urdf
-
 WHEEL = "front_left_wheel"
-WHEEL_LINKS = [f"{end}_{side}_wheel_link" for end in ("front", "rear") for side in ("left", "right")]
+PARENT = {
+    "base_link": "odom",
+    "base_footprint": "base_link",
+    "inertial_link": "base_link",
+    "imu_link": "base_link",
+    "front_left_wheel_link": "base_link",
+    "front_right_wheel_link": "base_link",
+    "rear_left_wheel_link": "base_link",
+    "rear_right_wheel_link": "base_link",
+    "top_chassis_link": "base_link",
+    "front_bumper_link": "base_link",
+    "rear_bumper_link": "base_link",
+    "user_rail_link": "base_link",
+    "top_plate_link": "base_link",
+    "top_plate_front_link": "top_plate_link",
+    "top_plate_rear_link": "top_plate_link",
+    "front_laser_mount": "top_plate_link",
+    "front_laser": "front_laser_mount",
+}
+WHEEL_LINKS = [link for link in PARENT if link.endswith("_wheel_link")]
 SUBSCRIBERS = 50  # one after the other
 
 
@@ -29,16 +46,12 @@ class TfTreeIsComplete(RosTest):
         moving = self.remember("tf", TFMessage)
         fixed = self.remember("tf_static", TFMessage)
 
-        _, links, joints = read_urdf(rospy.get_param("robot_description"))
-        described = {child: parent for parent, child in (ends_of(joint, links) for joint in joints.values())}
-        described["base_link"] = "odom"
-
         def parents():
             transforms = [t for msg in moving + fixed for t in msg.transforms]
             return {t.child_frame_id: t.header.frame_id for t in transforms}
 
-        self.wait_until(lambda: set(described) <= set(parents()), "all frames are there")
-        self.assertEqual(parents(), described)
+        self.wait_until(lambda: set(PARENT) <= set(parents()), "all frames are there")
+        self.assertEqual(parents(), PARENT)
 
     def test_a_wheel_s_frame_turns_with_its_joint(self):
         moving, joints = self.remember("tf", TFMessage), self.remember("joint_states", JointState)

@@ -22,7 +22,6 @@ from husky_highlevel_controller.grading.records import (
 )
 from husky_highlevel_controller.grading.reports.files import add_step_summary
 from husky_highlevel_controller.grading.reports.tables import table
-from husky_highlevel_controller.grading.review import serve
 from husky_highlevel_controller.grading.settings import load_rules
 from husky_highlevel_controller.tasks.command import add_cluster_option, exit_codes, positive
 
@@ -122,6 +121,9 @@ def verify(path: Path, out: Path) -> int:
 def run(options: argparse.Namespace) -> int:
     """Mark as the command line says; the exit code."""
     if options.review:
+        # it loads matplotlib, which takes as long as all else here
+        from husky_highlevel_controller.grading.review import serve
+
         return serve(options.review.resolve())
     exercise = EXERCISES[options.exercise]
     rules = load_rules(options.rubric, exercise.items) if options.rubric else Rules()

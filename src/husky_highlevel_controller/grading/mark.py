@@ -50,7 +50,6 @@ from husky_highlevel_controller.grading.records import (
     load,
     to_json,
 )
-from husky_highlevel_controller.grading.reports import plots
 from husky_highlevel_controller.grading.reports.files import write_replay, write_result
 from husky_highlevel_controller.grading.rubrics.items import left_to_chance
 from husky_highlevel_controller.grading.settings import with_override
@@ -86,18 +85,18 @@ def mark(job: Job, shows_progress: bool = False) -> Result:
         StoppedError: marking is to end.
     """
     out = Path(job.out)
-    problem, is_whole = "", False
+    problem, is_final = "", False
     try:
         out.mkdir(parents=True, exist_ok=True)
         for pattern in OLD:
             for path in out.glob(pattern):
                 remove_tree(path)
         result = with_override(_gather(job, out, shows_progress), job.override)
-        is_whole = True
+        is_final = True
     except StoppedError:
         raise
     except NotMarkableError as error:
-        problem, is_whole = str(error), True
+        problem, is_final = str(error), True
     except HuskyError as error:
         problem = str(error)
     except OSError as error:
@@ -108,7 +107,7 @@ def mark(job: Job, shows_progress: bool = False) -> Result:
     if problem:
         result = Result(job.name, "", settings_of(job.config), (), (), problem)
     write_result(result, out)
-    if is_whole:
+    if is_final:
         write_whole(out / FINGERPRINT, job.fingerprint)  # the last one: with it, it is done
     return result
 
@@ -170,6 +169,9 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> Result:
     write_whole(out / EVIDENCE, to_json(evidence))
     result = _by_recordings(job)
     write_record(out, job, submission, planned, config, recordings, result.items)
+    # matplotlib takes half a second to load: not where a result is only judged again
+    from husky_highlevel_controller.grading.reports import plots
+
     (out / "drive.png").write_bytes(plots.draw_drives(recordings, job.name))
     if pixels is not None:
         (out / "rviz.png").write_bytes(plots.draw_pixels(pixels))

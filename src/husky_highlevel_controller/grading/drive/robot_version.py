@@ -46,9 +46,9 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
     Raises:
         MarkingError: no ROS master can be started.
     """
-    smb_parts = _names_of_the_smb(planned)
-    if smb_parts:
-        return "smb", "", f"the simulated robot is the SMB: {smb_parts}"
+    words = _names_of_the_smb(planned)
+    if words:
+        return "smb", "", f"the simulated robot is the SMB: {words}"
     if not planned.nodes:
         mention = _named(planned, SCANS)
         version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
