@@ -106,7 +106,7 @@ def test_rviz_files_and_arguments_are_read_as_far_as_they_go(cases, tmp_path):
         setup = rviz_setup.find_setup(Plan(rviz=(node,), package_path=tmp_path))
         assert setup is not None
         for kind in rviz_setup.CLASSES.values():
-            config = rviz_setup.placed(rviz_setup.only(setup.config, kind), 0, 1)
+            config = rviz_setup.placed(rviz_setup.only(setup.config, kind), (1, 2, 3))
             assert yaml.safe_load(yaml.safe_dump(config)) is not None
         colour = rviz_setup.background(setup.config)
         assert len(colour) == 3

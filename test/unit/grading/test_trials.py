@@ -100,7 +100,7 @@ def test_one_display_is_left_wherever_it_is():
 def test_no_display_asks_for_udp_which_rospy_does_not_speak():
     scan = {**SCAN, "Unreliable": True}
     config = {"Visualization Manager": {"Displays": [scan, {"Class": "rviz/Group", "Displays": [scan]}, 7]}}
-    displays = rviz_setup.placed(config, 0, 0)["Visualization Manager"]["Displays"]
+    displays = rviz_setup.placed(config)["Visualization Manager"]["Displays"]
     tcp = {**SCAN, "Unreliable": False}
     assert displays == [tcp, {"Class": "rviz/Group", "Displays": [tcp]}]
 

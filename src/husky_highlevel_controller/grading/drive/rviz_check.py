@@ -1,7 +1,7 @@
 """Check of a submission's RViz on a virtual screen: its subscriptions, and the displays that are to be seen.
 
-RViz runs four times side by side, with the submission's own view and fixed frame: as it is, and once each
-with nothing but TF, robot model, laser scan. What then differs from the background is that display.
+RViz runs once, with the submission's own fixed frame, and loads four configurations one after the other: with
+nothing but TF, robot model, laser scan, then as it is. What differs from the background is that display.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 import yaml
@@ -20,7 +20,7 @@ from husky_highlevel_controller.grading.drive.ros_graph import subscriptions
 from husky_highlevel_controller.grading.drive.run import simulate
 from husky_highlevel_controller.grading.drive.rviz_setup import (
     CLASSES,
-    TILE,
+    SIZE,
     RvizSetup,
     background,
     enabled_classes,
@@ -31,13 +31,19 @@ from husky_highlevel_controller.grading.drive.rviz_setup import (
     placed,
 )
 from husky_highlevel_controller.grading.drive.trials import draw_trials, rviz_world
+from husky_highlevel_controller.grading.isolation.forked import RVIZ_LOADER
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import MarkingError, Network
 from husky_highlevel_controller.grading.records import MarkingConfig, RvizView
 
-STARTS = 3  # of a window that crashes
-SCREEN_DEADLINE, SHOW_DEADLINE = 600.0, 60.0  # [s] of wall time
-ENOUGH = {"tf": 15, "robot": 60, "scan": 6}  # [pixels]; a distant point of the scan is one or two
+STARTS = 3  # of an RViz that crashes
+SCREEN_DEADLINE = 600.0  # [s] of wall time
+START_DEADLINE, LOAD_DEADLINE = 60.0, 20.0  # [s] of wall time: RViz draws its first, another configuration
+LOOK_PERIOD = 0.3  # [s] of wall time
+WHOLE = "all"  # name of the configuration as it is
+ENOUGH = {"tf": 15, "robot": 60, "scan": 6, WHOLE: 1}  # [pixels]; a distant point of the scan is one or two
+# of the view, so that it is known which configuration is drawn
+BACKGROUNDS = {"tf": (60, 20, 90), "robot": (20, 60, 90), "scan": (90, 20, 60)}
 DIFFERENT = 30  # of 255, in a colour, from the background
 SIGNALS = 128  # of an exit code: above it stands the signal that ended a program
 BLACK = 8  # of 255: a screen without windows
@@ -53,7 +59,7 @@ class Screen:
 
     def __init__(self, network: Network) -> None:
         self._memory = network.folder / "Xvfb_screen0"
-        size = f"{2 * TILE[0]}x{2 * TILE[1]}x24"
+        size = f"{SIZE[0]}x{SIZE[1]}x24"
         command = ["Xvfb", "-displayfd", "1", "-noreset", "-screen", "0", size, "-fbdir", str(network.folder)]
         xvfb = network.start("xvfb", command)
 
@@ -66,15 +72,13 @@ class Screen:
             raise MarkingError(f"Xvfb does not start: {xvfb.output.strip()[-300:]}")
         self.display = f":{number()}"
 
-    def tile(self, column: int, row: int) -> np.ndarray:
+    def pixels(self) -> np.ndarray:
         """(height, width, 3) of red, green, blue, 0 to 255."""
         data = np.memmap(self._memory, np.uint8, "r")  # in X's own format, XWD: a header of big-endian words
         header = data[:100].view(">u4").tolist()
         offset, (width, height), line = header[0] + 12 * header[19], header[4:6], header[12]
         rows = data[offset : offset + line * height].reshape(height, line)
-        pixels = rows[:, : 4 * width].reshape(height, width, 4)[:, :, 2::-1]
-        left, top = column * TILE[0], row * TILE[1]
-        return pixels[top : top + TILE[1], left : left + TILE[0]].astype(np.int16)
+        return rows[:, : 4 * width].reshape(height, width, 4)[:, :, 2::-1].astype(np.int16)
 
 
 def without_margins(pixels: np.ndarray) -> np.ndarray:
@@ -96,6 +100,84 @@ def foreground(pixels: np.ndarray, background: Sequence[int]) -> int:
 def is_black(pixels: np.ndarray) -> bool:
     """Whether nothing has been drawn: no window came up."""
     return bool(pixels.max() <= BLACK)
+
+
+class Window:
+    """RViz of a submission, which loads one of several configurations at a time."""
+
+    def __init__(
+        self,
+        network: Network,
+        submission: Submission,
+        setup: RvizSetup,
+        screen: Screen,
+        configs: Dict[str, Dict[str, Any]],
+    ) -> None:
+        self._network, self._submission, self._remaps = network, submission, setup.remaps
+        self._screen, self._configs = screen, configs
+        self._starts = 0
+        self._process: Optional[Process] = None
+
+    @property
+    def _name(self) -> str:
+        return f"rviz_{self._starts}"
+
+    @property
+    def _node(self) -> str:
+        return f"/marking_{self._name}"
+
+    @property
+    def subscriptions(self) -> Tuple[str, ...]:
+        """Topics to which it subscribes."""
+        return subscriptions(self._network.uri, self._node)
+
+    def shows(self, name: str, background: Sequence[int]) -> bool:
+        """Load a configuration; whether enough that is not background is seen in two looks in a row."""
+        if self._process is None:
+            self._start(name)
+        else:
+            path = self._network.folder_of(self._name) / f"{name}.rviz"
+            self._network.start(f"load_{name}", [RVIZ_LOADER, self._node, str(path)])
+        looks = 0
+
+        def decided() -> bool:
+            nonlocal looks
+            looks = looks + 1 if foreground(self._screen.pixels(), background) >= ENOUGH[name] else 0
+            if _is_crash(self._code) and self._starts < STARTS:
+                self._start(name)
+            return looks >= 2 or self._code is not None
+
+        wait(decided, START_DEADLINE if name == next(iter(self._configs)) else LOAD_DEADLINE, LOOK_PERIOD)
+        return looks >= 2
+
+    @property
+    def end(self) -> Optional[Tuple[int, str]]:
+        """Exit code and last words; None: it runs."""
+        code = self._code
+        return None if code is None or self._process is None else (code, self._process.output.strip()[-200:])
+
+    @property
+    def _code(self) -> Optional[int]:
+        return None if self._process is None else self._process.popen.poll()
+
+    def _start(self, name: str) -> None:
+        self._starts += 1
+        folder = self._network.folder_of(self._name)
+        for other, config in self._configs.items():  # all of them before RViz may write there
+            (folder / f"{other}.rviz").write_text(yaml.safe_dump(config))
+        command = ["rviz", "-s", "", "-d", str(folder / f"{name}.rviz"), f"__name:={self._node[1:]}"]
+        self._process = self._network.start(
+            self._name,
+            [*command, *self._remaps],
+            self._submission.workspace,
+            DISPLAY=self._screen.display,
+            LIBGL_ALWAYS_SOFTWARE="1",
+            # Mesa's llvmpipe (22.3 with LLVM 15, Debian 12) crashes RViz 1.14: 14 of 164 starts, four at once
+            # beside three busy loops; softpipe none of 92, and it is no slower
+            GALLIUM_DRIVER="softpipe",
+            QT_X11_NO_MITSHM="1",
+            XDG_RUNTIME_DIR=str(folder),
+        )
 
 
 # ---------------------------------------------------------------------------- the look
@@ -121,91 +203,36 @@ def look(
 def _look_at(
     setup: RvizSetup, submission: Submission, config: MarkingConfig, folder: Path
 ) -> Tuple[RvizView, np.ndarray]:
-    """View and picture of RViz. A window that crashes is started again."""
+    """View and picture of RViz. One that crashes is started again."""
+    enabled = enabled_classes(setup.config)
+    configs = {
+        name: placed(only(setup.config, kind), BACKGROUNDS[name])
+        for name, kind in CLASSES.items()
+        if kind in enabled
+    }
+    configs[WHOLE] = placed(setup.config)
+    backgrounds = {**BACKGROUNDS, WHOLE: background(setup.config)}
     with Network(folder) as network:
         screen = Screen(network)
         simulate(network, rviz_world(), draw_trials(1, 0)[0], config, 1.0)
-        empty = background(setup.config)
-        windows = {"all": (placed(setup.config, 0, 0), (0, 0))}
-        tiles = {"tf": (1, 0), "robot": (0, 1), "scan": (1, 1)}
-        kinds = [name for name in CLASSES if CLASSES[name] in enabled_classes(setup.config)]
-        for name in kinds:
-            windows[name] = (placed(only(setup.config, CLASSES[name]), *tiles[name]), tiles[name])
-        starts = dict.fromkeys(windows, 0)
-
-        def start(name: str) -> Process:
-            starts[name] += 1
-            return _start(network, submission, setup, screen, f"{name}_{starts[name]}", windows[name][0])
-
-        running = {name: start(name) for name in windows}
-        ended: Dict[str, Tuple[int, str]] = {}  # for good: exit code, last words
-        looks = dict.fromkeys(CLASSES, 0)  # in a row in which a display was seen
-
-        def done() -> bool:
-            for name, window in running.items():
-                code = window.popen.poll()
-                if _is_crash(code) and starts[name] < STARTS:
-                    running[name] = start(name)
-                elif code is not None:
-                    ended[name] = code, window.output.strip()[-200:]
-            for name in kinds:
-                is_shown = foreground(screen.tile(*windows[name][1]), empty) >= ENOUGH[name]
-                looks[name] = looks[name] + 1 if is_shown else 0
-            return bool(ended) or (all(looks[name] >= 2 for name in kinds) and whole_is_up())
-
-        def whole_is_up() -> bool:
-            if is_black(screen.tile(0, 0)):
-                return False
-            return config.scan_topic in topics() if "scan" in windows else bool(topics())
-
-        def topics() -> Tuple[str, ...]:
-            return subscriptions(network.uri, f"/marking_rviz_all_{starts['all']}")
-
-        wait(done, SHOW_DEADLINE, 0.3)
-        subscribed_to, pixels = topics(), screen.tile(0, 0)
-    tf, robot, scan = (looks[name] >= 2 for name in CLASSES)
+        window = Window(network, submission, setup, screen, configs)
+        shown = {name: window.shows(name, backgrounds[name]) for name in configs if window.end is None}
+        subscribed_to, pixels, end = window.subscriptions, screen.pixels(), window.end
+    tf, robot, scan = (shown.get(name, False) for name in CLASSES)
     view = RvizView(setup.source, subscribed_to, tf, robot, scan, fixed_frame=fixed_frame(setup.config))
-    return judged_by_ends(view, ended), pixels
+    return (judged_by_end(view, *end) if end else view), pixels
 
 
-def judged_by_ends(view: RvizView, ended: Mapping[str, Tuple[int, str]]) -> RvizView:
-    """The view, when some of RViz's windows ended by themselves.
+def judged_by_end(view: RvizView, code: int, words: str) -> RvizView:
+    """The view of an RViz that ended by itself; a crash may be this machine's fault, so a person has to look.
 
     Args:
         view: what was seen.
-        ended: exit code and last words of each of these windows. A crash may be this machine's fault, so a
-            person has to look; any other end of the window with everything shows nothing.
+        code: exit code.
+        words: its last ones.
     """
-    for name, (code, words) in ended.items():
-        crashed = _is_crash(code)
-        if crashed or name == "all":
-            return replace(view, problem=f"RViz ends (exit code {code}): {words}", judged=not crashed)
-    return view
+    return replace(view, problem=f"RViz ends (exit code {code}): {words}", judged=not _is_crash(code))
 
 
 def _is_crash(code: Optional[int]) -> bool:
     return code is not None and (code < 0 or code > SIGNALS)
-
-
-def _start(
-    network: Network,
-    submission: Submission,
-    setup: RvizSetup,
-    screen: Screen,
-    name: str,
-    config: Dict[str, Any],
-) -> Process:
-    path = network.folder_of(f"rviz_{name}") / "view.rviz"
-    path.write_text(yaml.safe_dump(config))
-    return network.start(
-        f"rviz_{name}",
-        ["rviz", "-s", "", "-d", str(path), f"__name:=marking_rviz_{name}", *setup.remaps],
-        submission.workspace,
-        DISPLAY=screen.display,
-        LIBGL_ALWAYS_SOFTWARE="1",
-        # Mesa's llvmpipe (22.3 with LLVM 15, Debian 12) crashes RViz 1.14: 14 of 164 starts, four at a time
-        # beside three busy loops; softpipe none of 92, and it is no slower
-        GALLIUM_DRIVER="softpipe",
-        QT_X11_NO_MITSHM="1",
-        XDG_RUNTIME_DIR=str(path.parent),
-    )

@@ -1,4 +1,4 @@
-"""Configuration of a submission's RViz: which one it is, and what of it marking shows where on its screen."""
+"""Configuration of a submission's RViz: which one it is, and what of it marking shows."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     walk,
 )
 
-TILE = (800, 600)  # [pixels], one window
+SIZE = (800, 600)  # [pixels], of the window
 CLASSES = {"tf": "rviz/TF", "robot": "rviz/RobotModel", "scan": "rviz/LaserScan"}
 _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
 
@@ -163,18 +163,24 @@ def _by_tcp(displays: Sequence[Any]) -> List[Any]:
     ]
 
 
-def placed(config: Dict[str, Any], column: int, row: int) -> Dict[str, Any]:
-    """The configuration in a tile of the screen, by TCP, without panels, its camera on the robot, at 5 Hz."""
+def placed(config: Dict[str, Any], background: Optional[Sequence[int]] = None) -> Dict[str, Any]:
+    """The configuration on the whole screen, by TCP, without panels, its camera on the robot, at 5 Hz.
+
+    With a background colour, that one (red, green, blue).
+    """
     config = copy.deepcopy(config)
     config["Panels"] = []
     config["Window Geometry"] = {
-        "X": column * TILE[0], "Y": row * TILE[1], "Width": TILE[0], "Height": TILE[1],
+        "X": 0, "Y": 0, "Width": SIZE[0], "Height": SIZE[1],
         "Hide Left Dock": True, "Hide Right Dock": True,
     }  # fmt: skip
+    options = {**_options(config), "Frame Rate": 5}
+    if background:
+        options["Background Color"] = "; ".join(map(str, background))
     config["Visualization Manager"] = {
         **manager_of(config),
         "Displays": _by_tcp(_displays(config)),
-        "Global Options": {**_options(config), "Frame Rate": 5},
+        "Global Options": options,
         "Views": VIEWS,
     }
     return config
