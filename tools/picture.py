@@ -23,7 +23,7 @@ from playwright.sync_api import Browser, Page, ViewportSize, sync_playwright
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PACE = 0.08  # simulated seconds a second
-STILL_SIZE, SIZE = {"width": 1600, "height": 900}, {"width": 1280, "height": 720}
+STILL_SIZE, SIZE = ViewportSize(width=1600, height=900), ViewportSize(width=1280, height=720)
 STILL_TIME = 6.0  # [s], simulated, of the drive
 PERIOD, SPEED = 0.1, 1.6  # [s], simulated, between two frames; simulated seconds a second of the animation
 WIDTH, QUALITY = 800, 60  # of the animation, pixels and of 100

@@ -50,8 +50,10 @@ CONTROLLER = """<launch>
 @contextmanager
 def network() -> Iterator[Network]:
     """A ROS network whose processes and files are gone afterwards."""
-    with tempfile.TemporaryDirectory() as folder, Network(Path(folder)) as made:
-        yield made
+    with tempfile.TemporaryDirectory() as folder:
+        ros = Network(Path(folder))
+        with ros:
+            yield ros
 
 
 # ---------------------------------------------------------------------------- whole runs

@@ -76,10 +76,10 @@ def _scan_cost(kind: str, count: int, beams: int, repeats: int) -> Row:
     return compare(what, "ms", runs, "rayTestBatch")
 
 
-def milliseconds(call: Callable[[], None], clock: Callable[[], float] = time.perf_counter) -> float:
+def milliseconds(call: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
     """The median of some calls, after one that warms up, by a clock of wall time or of the CPU's."""
     call()
-    times = []
+    times: List[float] = []
     end = time.perf_counter() + 0.05
     while len(times) < 5 or time.perf_counter() < end:
         begin = clock()

@@ -5,6 +5,7 @@
 
 import sys
 from functools import partial
+from typing import Dict, Union
 
 import matplotlib as mpl
 import numpy as np
@@ -28,7 +29,7 @@ def main(path: str) -> None:
         [(Cylinder(0.2, 2.0), Pose((*CENTRE, 0.0))), (Box((0.1, 4.0, 2.0)), Pose((8.55, 0.0, 0.0)))]
     )
     cast = partial(cast_rays, scene)
-    lidars = {
+    lidars: Dict[str, Union[Lidar, Lms1xx]] = {
         "profile:=gazebo": Lidar(simulator_config().lidar, cast, "laser", Pose()),
         "profile:=robot": Lms1xx(Lms1xxConfig(), cast, "laser", Pose(), 0.02),
     }
