@@ -12,6 +12,7 @@ from husky_highlevel_controller.comparison import compare
 from husky_highlevel_controller.comparison.compare import Comparison
 from husky_highlevel_controller.comparison.contestant import Outcome, contestant, drive_scene, outcome
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.evaluation import metrics
 from husky_highlevel_controller.evaluation.scenarios import random_starts
 from husky_highlevel_controller.evaluation.setup import Setup
 from husky_highlevel_controller.robot import load_robot
@@ -81,7 +82,8 @@ def test_an_outcome_is_judged_by_the_poses():
     assert outcome("s", seconds, poses, (10.5, 0.0), load_robot()).arrived_at == inf, "it still drives"
 
 
-def test_the_command_draws_where_one_fails_and_ends_with_1(tmp_path, capsys):
+def test_the_command_draws_where_one_fails_and_ends_with_1(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(metrics, "DRIVE_SECONDS", 40.0)
     (tmp_path / "timid.py").write_text(TIMID)
     (tmp_path / "quick.yaml").write_text("p_gain_vel: 3.0\n")
     scenes = random_starts(2, 8)

@@ -15,7 +15,7 @@ from contextlib import closing
 import psutil
 import pytest
 
-from husky_highlevel_controller.evaluation import sweep
+from husky_highlevel_controller.evaluation import metrics, sweep
 from husky_highlevel_controller.evaluation.metrics import run
 from husky_highlevel_controller.evaluation.plots import draw_sweep
 from husky_highlevel_controller.evaluation.scenarios import random_starts
@@ -118,7 +118,8 @@ def kept(path):
         return 0
 
 
-def test_one_axis_gives_curves_and_drives_that_never_arrive_have_no_time():
+def test_one_axis_gives_curves_and_drives_that_never_arrive_have_no_time(monkeypatch):
+    monkeypatch.setattr(metrics, "DRIVE_SECONDS", 40.0)
     axis = parse_axis("p_gain_vel=0,2")
     with Workers(1) as workers:
         result = sweep.sweep([axis], random_starts(1, 0), Setup(), workers)
