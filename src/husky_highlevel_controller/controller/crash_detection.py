@@ -22,9 +22,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from itertools import islice
 from math import hypot, inf, isfinite, sqrt
-from typing import Deque, List, NamedTuple, Optional, Sequence, Tuple
-
-import numpy as np
+from typing import Deque, NamedTuple, Optional, Tuple
 
 from husky_highlevel_controller.datatypes import ImuSample, Quaternion, Twist2D, Vector3
 from husky_highlevel_controller.geometry import cross, dot, minus, quat_inverse, rotate, unit
@@ -36,7 +34,6 @@ LATENESS = 0.05  # [s], age of the window's end: odometry comes late
 AFTER, BEFORE = 0.15, 0.4  # [s], of the mean velocities
 MEMORY = 1.0  # [s], over which the ground's vibration is averaged
 LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1  # [s] of samples before smooth and rough ground are judged
-SHORTEST_PERIOD = 0.009  # [s], faster samples are averaged: SHOCK is that of samples at 100 Hz
 LONGEST_PERIOD = 0.2  # [s], a longer gap between samples is a new beginning
 SHOCK = 6.0  # [m/s^2], samples above count only as far as they exceed what the vertical axis shows
 ROUGH = 0.013  # [m/s], vibration of a window that is rough ground; an A200 standing: 0.005, on flooring: 0.03
@@ -114,7 +111,6 @@ class CrashDetector:
         self._levelling = 0.0  # [s], time constant of `_up`, which is a mean at first
         self._stamp = -inf  # [s]
         self._period, self._same_stamp = 0.0, 1  # [s] before, and number of samples of the last stamp
-        self._fast: List[ImuSample] = []  # that came within SHORTEST_PERIOD of `_stamp`
         self._pushes: Deque[_Push] = deque()
         self._ground: Deque[Tuple[float, float]] = deque()  # stamp [s]; squared sideways and vertical change
         self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s], vibration of a window [m/s]
@@ -139,7 +135,7 @@ class CrashDetector:
         """Take one IMU sample, and judge the change of velocity until LATENESS before it.
 
         Args:
-            sample: at any rate of 20 Hz or more; beyond 100 Hz, the mean of several is judged.
+            sample: at any rate of 20 Hz or more.
             imu_in_base: how the IMU is mounted; roll and pitch need not be right.
 
         Returns:
@@ -157,10 +153,6 @@ class CrashDetector:
             if duration == 0.0 and self._pushes:
                 self._average_into_last(sample, imu_in_base)
             return None
-        self._fast.append(sample)
-        if duration < SHORTEST_PERIOD:
-            return None
-        sample, self._fast = _mean(self._fast), []
         self._stamp, self._period, self._same_stamp = sample.stamp, duration, 1
         self._levelling = min(self._levelling + duration, LEVELLING_TIME)
         self._level(sample, duration, imu_in_base)
@@ -282,13 +274,6 @@ class CrashDetector:
                 return speed + (later[1] - speed) * (stamp - at) / (later[0] - at)
             later = at, speed
         return later[1] if later is not None else None
-
-
-def _mean(samples: Sequence[ImuSample]) -> ImuSample:
-    """The last sample with the mean force and angular velocity of all."""
-    force = np.mean([sample.specific_force for sample in samples], axis=0).tolist()
-    angular_velocity = np.mean([sample.angular_velocity for sample in samples], axis=0).tolist()
-    return samples[-1]._replace(specific_force=tuple(force), angular_velocity=tuple(angular_velocity))
 
 
 def _damped(force: float, vertical: float) -> float:
