@@ -38,7 +38,7 @@ from husky_highlevel_controller.grading.records import MarkingConfig, RvizView
 
 STARTS = 3  # of an RViz that crashes
 SCREEN_DEADLINE = 600.0  # [s] of wall time
-START_DEADLINE, LOAD_DEADLINE = 60.0, 20.0  # [s] of wall time: RViz draws its first, another configuration
+START_DEADLINE, LOAD_DEADLINE = 60.0, 30.0  # [s] of wall time: RViz draws its first, another configuration
 LOOK_PERIOD = 0.3  # [s] of wall time
 WHOLE = "all"  # name of the configuration as it is
 ENOUGH = {"tf": 15, "robot": 60, "scan": 6, WHOLE: 1}  # [pixels]; a distant point of the scan is one or two
@@ -117,6 +117,7 @@ class Window:
         self._screen, self._configs = screen, configs
         self._starts = 0
         self._process: Optional[Process] = None
+        self.refusal = ""  # of a request to load a configuration, in words: a person has to look
 
     @property
     def _name(self) -> str:
@@ -134,20 +135,36 @@ class Window:
     def shows(self, name: str, background: Sequence[int]) -> bool:
         """Load a configuration; whether enough that is not background is seen in two looks in a row."""
         if self._process is None:
+            return self._begins_with(name, background)
+        path = self._network.folder_of(self._name) / f"{name}.rviz"
+        loader = self._network.start(f"load_{name}", [RVIZ_LOADER, self._node, str(path)])
+        if self._draws(name, background, LOAD_DEADLINE):
+            return True
+        if _is_crash(self._code):
+            return self._begins_with(name, background)
+        if self._code is None and loader.popen.poll():
+            self.refusal = f"RViz loads no other configuration: {loader.output.strip()[-200:]}"
+        return False
+
+    def _begins_with(self, name: str, background: Sequence[int]) -> bool:
+        """Start RViz with a configuration, again after a crash; whether it draws it."""
+        while self._starts < STARTS:
             self._start(name)
-        else:
-            path = self._network.folder_of(self._name) / f"{name}.rviz"
-            self._network.start(f"load_{name}", [RVIZ_LOADER, self._node, str(path)])
+            if self._draws(name, background, START_DEADLINE):
+                return True
+            if not _is_crash(self._code):
+                break
+        return False
+
+    def _draws(self, name: str, background: Sequence[int], deadline: float) -> bool:
         looks = 0
 
         def decided() -> bool:
             nonlocal looks
             looks = looks + 1 if foreground(self._screen.pixels(), background) >= ENOUGH[name] else 0
-            if _is_crash(self._code) and self._starts < STARTS:
-                self._start(name)
             return looks >= 2 or self._code is not None
 
-        wait(decided, START_DEADLINE if name == next(iter(self._configs)) else LOAD_DEADLINE, LOOK_PERIOD)
+        wait(decided, deadline, LOOK_PERIOD)
         return looks >= 2
 
     @property
@@ -217,10 +234,15 @@ def _look_at(
         simulate(network, rviz_world(), draw_trials(1, 0)[0], config, 1.0)
         window = Window(network, submission, setup, screen, configs)
         shown = {name: window.shows(name, backgrounds[name]) for name in configs if window.end is None}
-        subscribed_to, pixels, end = window.subscriptions, screen.pixels(), window.end
+        subscribed_to, pixels = window.subscriptions, screen.pixels()
+        end, refusal = window.end, window.refusal
     tf, robot, scan = (shown.get(name, False) for name in CLASSES)
     view = RvizView(setup.source, subscribed_to, tf, robot, scan, fixed_frame=fixed_frame(setup.config))
-    return (judged_by_end(view, *end) if end else view), pixels
+    if end:
+        view = judged_by_end(view, *end)
+    elif refusal:
+        view = replace(view, problem=refusal, judged=False)
+    return view, pixels
 
 
 def judged_by_end(view: RvizView, code: int, words: str) -> RvizView:
