@@ -233,15 +233,17 @@ def _look_at(
         screen = Screen(network)
         simulate(network, rviz_world(), draw_trials(1, 0)[0], config, 1.0)
         window = Window(network, submission, setup, screen, configs)
-        shown = {name: window.shows(name, backgrounds[name]) for name in configs if window.end is None}
-        subscribed_to, pixels = window.subscriptions, screen.pixels()
-        end, refusal = window.end, window.refusal
+        shown = {}
+        for name in configs:
+            if window.end is None and not window.refusal:
+                shown[name] = window.shows(name, backgrounds[name])
+        subscribed_to, pixels, end = window.subscriptions, screen.pixels(), window.end
     tf, robot, scan = (shown.get(name, False) for name in CLASSES)
     view = RvizView(setup.source, subscribed_to, tf, robot, scan, fixed_frame=fixed_frame(setup.config))
     if end:
         view = judged_by_end(view, *end)
-    elif refusal:
-        view = replace(view, problem=refusal, judged=False)
+    elif window.refusal:
+        view = replace(view, problem=window.refusal, judged=False)
     return view, pixels
 
 

@@ -21,5 +21,8 @@ def main() -> None:
     """Load it: `NODE FILE`."""
     node, path = sys.argv[1:]
     service = f"{node}/load_config_discarding_changes"
-    rospy.wait_for_service(service, START_DEADLINE)
-    rospy.ServiceProxy(service, SendFilePath)(path)
+    try:
+        rospy.wait_for_service(service, START_DEADLINE)
+        rospy.ServiceProxy(service, SendFilePath)(path)
+    except (rospy.ROSException, rospy.ServiceException) as error:
+        sys.exit(str(error))
