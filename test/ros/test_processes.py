@@ -5,6 +5,7 @@ import signal
 import subprocess
 
 import pytest
+import yaml
 from network import PACKAGE, Ros, wait_until
 
 from husky_highlevel_controller.paths import share_folder
@@ -131,9 +132,8 @@ def test_a_machine_too_slow_is_told_the_factor_reached(ros):
 def start_node(core, executable, name, config, parameters):
     """A node with the parameters its launch file sets, some of them changed; None leaves one out."""
     core.master("deleteParam", name)
-    for file in config.split():
-        assert core.start("rosparam", "load", f"{SHARE}/{file}", name).wait() == 0
-    for key, value in parameters.items():
+    files = [yaml.safe_load((SHARE / file).read_text()) for file in config.split()]
+    for key, value in [item for values in (*files, parameters) for item in values.items()]:
         if value is not None:
             core.master("setParam", f"{name}/{key}", value)
     return core.start("rosrun", PACKAGE, executable)
