@@ -507,15 +507,16 @@ def test_a_callback_that_hangs_is_named():
 
 
 @pytest.mark.parametrize(
-    ("code", "words", "problem", "judged"),
+    ("end", "problem", "judged"),
     [
-        (-11, "free(): invalid next size", "RViz ends (exit code -11): free(): invalid next size", False),
-        (139, "core dumped", "RViz ends (exit code 139): core dumped", False),
-        (1, "no such option", "RViz ends (exit code 1): no such option", True),
+        (None, "", True),
+        ((-11, "free(): invalid next size"), "RViz ends (exit code -11): free(): invalid next size", False),
+        ((139, "core dumped"), "RViz ends (exit code 139): core dumped", False),
+        ((1, "no such option"), "RViz ends (exit code 1): no such option", True),
     ],
 )
-def test_an_rviz_that_crashes_is_for_a_person(code, words, problem, judged):
-    assert judged_by_end(FULL_VIEW, code, words) == replace(FULL_VIEW, problem=problem, judged=judged)
+def test_an_rviz_that_crashes_is_for_a_person(end, problem, judged):
+    assert judged_by_end(FULL_VIEW, end) == replace(FULL_VIEW, problem=problem, judged=judged)
 
 
 def test_what_is_not_judged_is_not_counted():

@@ -49,7 +49,7 @@ def hash_of(task, items, **options):
 
 
 def test_the_hash_is_that_of_this_machine_also_when_a_worker_is_killed(cluster, tmp_path):
-    drives, task = random_starts(2, 1), partial(run, Setup())
+    drives, task = random_starts(4, 1), partial(run, Setup())
     expected, expected_drives = hash_of(noise, range(60), jobs=1), hash_of(task, drives, jobs=2)
     for number in range(3):
         cluster.work(f"worker {number}")

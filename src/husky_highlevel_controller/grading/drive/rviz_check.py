@@ -240,21 +240,21 @@ def _look_at(
         subscribed_to, pixels, end = window.subscriptions, screen.pixels(), window.end
     tf, robot, scan = (shown.get(name, False) for name in CLASSES)
     view = RvizView(setup.source, subscribed_to, tf, robot, scan, fixed_frame=fixed_frame(setup.config))
-    if end:
-        view = judged_by_end(view, *end)
-    elif window.refusal:
+    if window.refusal:
         view = replace(view, problem=window.refusal, judged=False)
-    return view, pixels
+    return judged_by_end(view, end), pixels
 
 
-def judged_by_end(view: RvizView, code: int, words: str) -> RvizView:
-    """The view of an RViz that ended by itself; a crash may be this machine's fault, so a person has to look.
+def judged_by_end(view: RvizView, end: Optional[Tuple[int, str]]) -> RvizView:
+    """The view, when RViz ended by itself; a crash may be this machine's fault, so a person has to look.
 
     Args:
         view: what was seen.
-        code: exit code.
-        words: its last ones.
+        end: exit code and last words; None: it ran on.
     """
+    if end is None:
+        return view
+    code, words = end
     return replace(view, problem=f"RViz ends (exit code {code}): {words}", judged=not _is_crash(code))
 
 
