@@ -35,6 +35,7 @@ AFTER, BEFORE = 0.15, 0.4  # [s], of the mean velocities
 MEMORY = 1.0  # [s], over which the ground's vibration is averaged
 LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1  # [s] of samples before smooth and rough ground are judged
 LONGEST_PERIOD = 0.2  # [s], a longer gap between samples is a new beginning
+PATIENCE = 0.5  # [s] that a sample waits for late odometry; older odometry has ended
 SHOCK = 6.0  # [m/s^2], samples above count only as far as they exceed what the vertical axis shows
 ROUGH = 0.013  # [m/s], vibration of a window that is rough ground; an A200 standing: 0.005, on flooring: 0.03
 SIDEWAYS = 2.0  # times as rough as ahead, for the body rolls on its tyres
@@ -103,6 +104,7 @@ class CrashDetector:
     def __init__(self, config: CrashConfig) -> None:
         self._config = config
         self._wheels: Deque[Tuple[float, float]] = deque()  # stamp [s], speed [m/s]
+        self._waiting: Deque[Tuple[ImuSample, Quaternion]] = deque()  # for odometry, with their mounts
         self.reset()
 
     def reset(self) -> None:
@@ -114,7 +116,7 @@ class CrashDetector:
         self._pushes: Deque[_Push] = deque()
         self._ground: Deque[Tuple[float, float]] = deque()  # stamp [s]; squared sideways and vertical change
         self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s], vibration of a window [m/s]
-        self.change: Optional[Change] = None  # that the last sample completed
+        self.change: Optional[Change] = None  # that the last sample judged completed
         self._wheels.clear()
 
     def add_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
@@ -126,24 +128,43 @@ class CrashDetector:
                 return
             self._wheels.clear()
         self._wheels.append((stamp, twist_in_base.linear))
-        while stamp - self._wheels[0][0] > MEMORY:
+        while stamp - self._wheels[0][0] > MEMORY + PATIENCE:
             self._wheels.popleft()
 
     def add_sample(
         self, sample: ImuSample, imu_in_base: Quaternion = (0.0, 0.0, 0.0, 1.0)
     ) -> Optional[float]:
-        """Take one IMU sample, and judge the change of velocity until LATENESS before it.
+        """Take one IMU sample; judge the samples that odometry has come for.
+
+        On a busy machine samples arrive before the odometry of their time: braking would look like a crash.
 
         Args:
             sample: at any rate of 20 Hz or more.
             imu_in_base: how the IMU is mounted; roll and pitch need not be right.
 
         Returns:
-            The unexplained change of velocity of a crash [m/s]; None if there is none.
+            The unexplained change of velocity of the first crash [m/s]; None if there is none.
         """
         self.change = None
         if not all(map(isfinite, (*sample.specific_force, *sample.angular_velocity))):
             return None
+        if self._waiting and abs(sample.stamp - self._waiting[-1][0].stamp) > LONGEST_PERIOD:
+            self._waiting.clear()
+        self._waiting.append((sample, imu_in_base))
+        loss = None
+        while loss is None and self._waiting and self._has_odometry(self._waiting[0][0].stamp, sample.stamp):
+            loss = self._judge_sample(*self._waiting.popleft())
+        return loss
+
+    def _has_odometry(self, stamp: float, now: float) -> bool:
+        """Whether odometry of a time [s] has come, as far as it will."""
+        if len(self._wheels) < 2:
+            return True
+        (before, _), (last, _) = self._wheels[-2], self._wheels[-1]
+        return stamp - last <= last - before + LATENESS or now - last > PATIENCE
+
+    def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
+        """Judge the change of velocity until LATENESS before a sample."""
         duration = sample.stamp - self._stamp
         if self._up is None or abs(duration) > LONGEST_PERIOD:
             self.reset()
@@ -186,11 +207,13 @@ class CrashDetector:
         return ahead, cross(self._up, ahead)
 
     def _acceleration(self, stamp: float) -> float:
-        """Acceleration of the wheels by the last two messages [m/s^2]; 0 if they are old."""
-        if len(self._wheels) < 2 or stamp - self._wheels[-1][0] > LONGEST_PERIOD:
-            return 0.0
-        (before, old), (after, new) = self._wheels[-2], self._wheels[-1]
-        return (new - old) / (after - before)
+        """Acceleration of the wheels by the last two messages before a time [m/s^2]; 0 if they are old."""
+        for (after, new), (before, old) in zip(
+            reversed(self._wheels), islice(reversed(self._wheels), 1, None)
+        ):
+            if after <= stamp:
+                return (new - old) / (after - before) if stamp - after <= LONGEST_PERIOD else 0.0
+        return 0.0
 
     def _curve(self, sample: ImuSample) -> float:
         """Acceleration to the left in a curve at the wheels' speed [m/s^2]."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from math import cos, pi, radians, sin
 
 import numpy as np
@@ -42,11 +43,19 @@ def vibration(seconds, deviation, seed):
 
 
 class Drive:
-    """Feeds a detector: accelerations in base_link [m/s^2], wheel speeds and yaw rate, a mount, a slope."""
+    """Feeds a detector: accelerations in base_link [m/s^2], wheel speeds and yaw rate, a mount, a slope.
 
-    def __init__(self, mount=LEVEL, slope=LEVEL, config=None, rate=RATE, wheels_rate=10, stamped=float):
+    `wheels_late` and `samples_late` [s] is how long a busy machine keeps messages back.
+    """
+
+    def __init__(
+        self, mount=LEVEL, slope=LEVEL, config=None, rate=RATE, wheels_rate=10, stamped=float,
+        wheels_late=0.0, samples_late=0.0,
+    ):  # fmt: skip
         self.detector, self.mount, self.slope = CrashDetector(config or CrashConfig()), mount, slope
         self.rate, self.wheels_every, self.step, self.stamped = rate, rate // wheels_rate, 0, stamped
+        self.wheels_late, self.samples_late = wheels_late, samples_late
+        self.wheels, self.samples = deque(), deque()  # on their way
 
     def go(self, accelerations, speed=0.6, yaw_rate=0.0):
         """Stamps and losses of the crashes felt [s], [m/s]; `speed` is a number or one for each sample."""
@@ -56,16 +65,20 @@ class Drive:
             self.step += 1
             now = self.step / self.rate
             if self.step % self.wheels_every == 0:
-                self.detector.add_odometry(now, Twist2D(float(wheels), yaw_rate))
+                self.wheels.append((now, Twist2D(float(wheels), yaw_rate)))
+            while self.wheels and self.wheels[0][0] <= now - self.wheels_late:
+                self.detector.add_odometry(*self.wheels.popleft())
             gravity = rotate(quat_inverse(self.slope), (0.0, 0.0, 9.8))
             force_in_base = [a + g for a, g in zip(acceleration, gravity)]
             to_imu = quat_inverse(self.mount)
             sample = ImuSample(
                 self.stamped(now), LEVEL, rotate(to_imu, (0.0, 0.0, yaw_rate)), rotate(to_imu, force_in_base)
             )
-            loss = self.detector.add_sample(sample, self.mount)
-            if loss is not None:
-                felt.append((now, loss))
+            self.samples.append((now, sample))
+            while self.samples and self.samples[0][0] <= now - self.samples_late:
+                loss = self.detector.add_sample(self.samples.popleft()[1], self.mount)
+                if loss is not None:
+                    felt.append((now, loss))
         return felt
 
 
@@ -73,11 +86,11 @@ def push(seconds, ahead=0.0, left=0.0, up=0.0):
     return np.tile((ahead, left, up), (round(seconds * RATE), 1))
 
 
-def bump(ahead=LOSS, left=0.0, speed=0.6, **how):
-    """Crashes felt while a robot at constant wheel speed loses some."""
+def bump(ahead=LOSS, left=0.0, speed=0.6, more=0.3, **how):
+    """Crashes felt while a robot at constant wheel speed loses some, and drives on for `more` seconds."""
     drive = Drive(**how)
     drive.go(push(2.0), speed)
-    return drive.go(np.concatenate([push(0.08, ahead, left), push(0.3)]), speed)
+    return drive.go(np.concatenate([push(0.08, ahead, left), push(more)]), speed)
 
 
 # ---------------------------------------------------------------------------- smooth ground
@@ -157,6 +170,32 @@ def test_odometry_may_be_a_tenth_of_a_second_late_or_early(late):
     drive = Drive(wheels_rate=50)
     drive.go(push(2.0), 1.0)
     assert not drive.go(braking, speeds)
+
+
+LATE = [{"wheels_late": 0.4}, {"samples_late": 0.6}]
+
+
+@pytest.mark.parametrize("late", LATE)
+@pytest.mark.parametrize("wheels_rate", [10, 50])
+def test_messages_that_a_busy_machine_delivers_late_make_no_crash_of_braking(wheels_rate, late):
+    drive = Drive(wheels_rate=wheels_rate, **late)
+    drive.go(push(2.0), 1.0)
+    speeds = np.concatenate([np.linspace(1.0, -1.0, 67), np.full(100, -1.0)])
+    assert not drive.go(np.concatenate([push(0.67, -3.0), push(1.0)]), speeds)
+
+
+@pytest.mark.parametrize("late", LATE)
+def test_with_late_messages_a_crash_is_felt_late(late):
+    felt = bump(more=0.7, **late)
+    assert felt[0][0] - 2.0 < max(late.values()) + 0.3
+
+
+def test_when_odometry_ends_crashes_are_felt_soon():
+    drive = Drive()
+    drive.go(push(2.0))
+    drive.wheels_late = 1e9
+    drive.go(push(1.0))
+    assert drive.go(np.concatenate([push(0.08, LOSS), push(0.2)]))
 
 
 def test_a_crash_a_fifth_of_a_second_after_it_braked_is_not_excused_by_that():

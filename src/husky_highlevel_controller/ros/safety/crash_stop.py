@@ -17,6 +17,7 @@ from husky_highlevel_controller.ros.safety.guard import Guard, ServiceConfig, St
 from husky_highlevel_controller.ros.transforms import lookup_transform
 
 BASE = "base_link"
+QUEUE = 100  # messages
 
 
 class CrashStopNode:
@@ -31,9 +32,9 @@ class CrashStopNode:
         self._listener = tf2_ros.TransformListener(self._transforms)
         self._stop = StopService(service, robot)
         self._guard = Guard(self._stop.request, self._on_odometry)
-        self._guard.follow(robot.topics.odometry)
         # queued, because every sample counts: velocities are sums
-        rospy.Subscriber(robot.topics.imu, Imu, self._on_imu, queue_size=100, tcp_nodelay=True)
+        self._guard.follow(robot.topics.odometry, QUEUE)
+        rospy.Subscriber(robot.topics.imu, Imu, self._on_imu, queue_size=QUEUE, tcp_nodelay=True)
 
     def run(self) -> None:
         """Work until the node is shut down."""

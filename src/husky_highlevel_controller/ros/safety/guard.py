@@ -55,9 +55,9 @@ class Guard:
         self._odometry: Optional[Odometry] = None
         self._pass_on = on_odometry
 
-    def follow(self, topic: str) -> None:
-        """Subscribe to odometry; a queue would let a late guard judge where the robot was."""
-        rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=1, tcp_nodelay=True)
+    def follow(self, topic: str, queue_size: int = 1) -> None:
+        """Subscribe to odometry; a queue lets a late guard judge where the robot was."""
+        rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=queue_size, tcp_nodelay=True)
 
     def on_odometry(self, msg: Odometry) -> None:
         """Take the robot's measured velocity."""
