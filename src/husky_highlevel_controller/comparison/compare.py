@@ -6,7 +6,6 @@ In: two contestants, scenes. Out: a table, pictures, an exit code.
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ from husky_highlevel_controller.evaluation.report import Cell, Table, text_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import add_profile_options, setup_of
 from husky_highlevel_controller.evaluation.statistics import Interval, bootstrap
-from husky_highlevel_controller.grading.isolation.process import request_stop
+from husky_highlevel_controller.grading.isolation.process import stop_on_signals
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
@@ -189,7 +188,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
                 raise HuskyError(
                     f"--profile {options.profile}: a launch file drives with profile gazebo only"
                 )
-            signal.signal(signal.SIGINT, lambda *_: request_stop())  # its programs are ended first
+            stop_on_signals()  # its programs are ended first
         options.out.mkdir(parents=True, exist_ok=True)
         # what a launch file starts is not known, so its drives are not kept
         with Workers(options.jobs, options.cluster, None if launches else options.out / RESULTS) as workers:

@@ -1,4 +1,4 @@
-"""Marking of a class: a program for each hand-in, some at a time, here or on a cluster; results and tables.
+"""Marking by a program for each hand-in, some at a time, here or on a cluster; results and tables of a class.
 
 An interrupted marking goes on where it was; what is marked is judged again where only rubric, points by hand
 or penalties have changed.
@@ -31,7 +31,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     write_whole,
 )
 from husky_highlevel_controller.grading.isolation.process import Process, StoppedError, end_all, wait
-from husky_highlevel_controller.grading.mark import FINGERPRINT, judge, settings_of
+from husky_highlevel_controller.grading.judge import FINGERPRINT, judge, settings_of
 from husky_highlevel_controller.grading.records import Job, MarkingConfig, Override, Result, to_json
 from husky_highlevel_controller.grading.reports.files import HAND_INS, load_result, write_class, write_result
 from husky_highlevel_controller.grading.settings import read_overrides
@@ -140,7 +140,7 @@ def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterat
     """The result of each job, in the order in which they come."""
     title = f"hand-ins ({len(jobs)} to mark)"
     if not elsewhere:
-        for _, result in workers.as_completed(run, list(jobs), title, starts_programs=True):
+        for _, result in workers.as_completed(run_program, list(jobs), title, starts_programs=True):
             yield result
         return
     packed = [(job, PackedPath(Path(job.hand_in))) for job in jobs]
@@ -151,8 +151,10 @@ def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterat
 # ---------------------------------------------------------------------------- the program
 
 
-def run(job: Job) -> Result:
+def run_program(job: Job, shows_errors: bool = False) -> Result:
     """Run the marking program for a job; the result, also where the program dies.
+
+    Its errors and progress go to its log, or to this program's errors.
 
     Raises:
         StoppedError: marking is to end.
@@ -163,7 +165,7 @@ def run(job: Job) -> Result:
     (out / FINGERPRINT).unlink(missing_ok=True)
     write_whole(out / "job.json", to_json(job))
     command, variables = private_network.inside([sys.executable, "-m", PROGRAM, str(out / "job.json")])
-    process = Process(command, out / "mark.log", {**os.environ, **variables}, out)
+    process = Process(command, out / "mark.log", {**os.environ, **variables}, out, None, shows_errors)
     deadline = DEADLINE + job.config.trials * job.config.wall_limit
     try:
         in_time = wait(lambda: not process.running, deadline)
@@ -217,7 +219,7 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
         folder = Path(place)
         (folder / "hand_ins").mkdir()
         path, out = content.unpack(folder / "hand_ins"), folder / "out" / job.name
-        run(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
+        run_program(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
         files: Files = {}
         for file in walk(out, NOT_RETURNED):
             with contextlib.suppress(UnreadableFileError):  # too large, or gone

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import os
+import sys
 from pathlib import Path
 from typing import Callable, Optional, Sequence
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.batch import Batch, mark_all
+from husky_highlevel_controller.grading.batch import Batch, mark_all, run_program
 from husky_highlevel_controller.grading.exercises import EXERCISES
-from husky_highlevel_controller.grading.isolation import private_network
-from husky_highlevel_controller.grading.mark import mark, stop_on_signals
+from husky_highlevel_controller.grading.isolation.process import stop_on_signals
 from husky_highlevel_controller.grading.record import differences, load_record
 from husky_highlevel_controller.grading.records import (
     AUTO,
@@ -24,6 +25,8 @@ from husky_highlevel_controller.grading.reports.files import add_step_summary
 from husky_highlevel_controller.grading.reports.tables import table
 from husky_highlevel_controller.grading.settings import load_rules
 from husky_highlevel_controller.tasks.command import add_cluster_option, exit_codes, positive
+
+REVIEW = "husky_highlevel_controller.grading.review"  # program
 
 
 def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
@@ -107,12 +110,13 @@ def verify(path: Path, out: Path) -> int:
     before = load_record(path)
     if before.config.exercise != 3:
         raise HuskyError(f"{path}: exercise {before.config.exercise} cannot be verified, only exercise 3")
-    mark(
-        Job(
-            before.name, str(out), before.config, before.launchable,
-            setups=before.setups, packages=before.packages,
-        )
+    job = Job(
+        before.name, str(out), before.config, before.launchable,
+        setups=before.setups, packages=before.packages,
     )  # fmt: skip
+    result = run_program(job, shows_errors=True)
+    if result.problem:
+        raise HuskyError(f"{path}: {result.problem}")
     changes = differences(before, load_record(out / "record.json"))
     print("\n".join(changes) or f"{before.name}: the same files, drives and points as recorded")
     return int(bool(changes))
@@ -121,10 +125,8 @@ def verify(path: Path, out: Path) -> int:
 def run(options: argparse.Namespace) -> int:
     """Mark as the command line says; the exit code."""
     if options.review:
-        # it loads matplotlib, which takes as long as all else here
-        from husky_highlevel_controller.grading.review import serve
-
-        return serve(options.review.resolve())
+        command = [sys.executable, "-m", REVIEW, str(options.review.resolve())]
+        os.execv(command[0], command)
     exercise = EXERCISES[options.exercise]
     rules = load_rules(options.rubric, exercise.items) if options.rubric else Rules()
     config = MarkingConfig(
@@ -142,7 +144,8 @@ def run(options: argparse.Namespace) -> int:
     kind = "launch" if options.launch else "node"
     package, name, *arguments = getattr(options, kind)
     launchable = Launchable(kind, package, name, tuple(arguments))
-    result = mark(Job(f"{package} {name}", str(out), config, launchable, setups=setups), shows_progress=True)
+    job = Job(f"{package} {name}", str(out), config, launchable, setups=setups)
+    result = run_program(job, shows_errors=True)
     add_step_summary([result])
     print(table(result))
     print(f"\npicture, JSON, JUnit XML and logs: {out}")
@@ -152,8 +155,6 @@ def run(options: argparse.Namespace) -> int:
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     options = parse(arguments)
-    if not options.all and not options.review:  # each hand-in of a class has a network of its own
-        private_network.enter()
     if not options.cluster and not options.review:
         stop_on_signals()  # waits end, and clean up behind them
     with exit_codes("grade"):

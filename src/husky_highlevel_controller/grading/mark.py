@@ -6,10 +6,9 @@ files alone, so that a changed rubric, points by hand or a penalty need no drive
 
 from __future__ import annotations
 
-import signal
 import sys
 import traceback
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, List, Optional, Tuple
@@ -19,8 +18,7 @@ from tqdm import tqdm
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.drive.memcheck import uninitialised
 from husky_highlevel_controller.grading.drive.plan import Plan, Submission, plan
-from husky_highlevel_controller.grading.drive.recording import Recording, empty_recording
-from husky_highlevel_controller.grading.drive.recording import load as load_recording
+from husky_highlevel_controller.grading.drive.recording import RECORDING, Recording, empty_recording
 from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.drive.robot_version import (
     DEFAULT,
@@ -28,7 +26,7 @@ from husky_highlevel_controller.grading.drive.robot_version import (
     names_the_husky_s_scans,
     subscribes_to,
 )
-from husky_highlevel_controller.grading.drive.run import RECORDING, drive
+from husky_highlevel_controller.grading.drive.run import drive
 from husky_highlevel_controller.grading.drive.rviz_check import look
 from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
 from husky_highlevel_controller.grading.exercises import EXERCISES
@@ -36,47 +34,37 @@ from husky_highlevel_controller.grading.hand_in.packages import NotMarkableError
 from husky_highlevel_controller.grading.hand_in.prepare import prepare
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import remove_tree, write_whole
-from husky_highlevel_controller.grading.isolation.process import StoppedError, request_stop
+from husky_highlevel_controller.grading.isolation.process import StoppedError, stop_on_signals
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, kind_of_sandbox
+from husky_highlevel_controller.grading.judge import (
+    EVIDENCE,
+    FINGERPRINT,
+    Evidence,
+    judge_recordings,
+    settings_of,
+)
 from husky_highlevel_controller.grading.record import write_record
 from husky_highlevel_controller.grading.records import (
     AUTO,
-    DEFAULT_RULES,
     ROBOT_VERSIONS,
     Job,
     MarkingConfig,
     Result,
-    RvizView,
     load,
     to_json,
 )
+from husky_highlevel_controller.grading.reports import plots
 from husky_highlevel_controller.grading.reports.files import write_replay, write_result
-from husky_highlevel_controller.grading.rubrics.items import left_to_chance
 from husky_highlevel_controller.grading.settings import with_override
 
 PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
-EVIDENCE, FINGERPRINT = "evidence.json", "fingerprint"  # files: for judging; of files and settings
 OLD = (
     "drive_*", "plan", "rviz", "robot", "memcheck", "stand_ins", "build.log", EVIDENCE, FINGERPRINT,
     "result.json", "record.json", "*.png",
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """Findings of a marking beside the recordings of its drives."""
-
-    what: str  # the launch file or node
-    robot: str  # a key of ROBOT_VERSIONS
-    sandbox: str
-    network: str
-    view: RvizView
-    notes: Tuple[str, ...]
-    scans: str = ""  # topic of the scans, if it is another than the robot's
-    uninitialised: str = ""  # a variable of it that is read before it is written, in a sentence
-
-
-def mark(job: Job, shows_progress: bool = False) -> Result:
+def mark(job: Job) -> Result:
     """Mark a submission; its result, whatever it holds, and its files are in the job's folder.
 
     A result that this machine is to blame for, such as a full disk, has no fingerprint: it is not kept.
@@ -91,7 +79,7 @@ def mark(job: Job, shows_progress: bool = False) -> Result:
         for pattern in OLD:
             for path in out.glob(pattern):
                 remove_tree(path)
-        result = with_override(_gather(job, out, shows_progress), job.override)
+        result = with_override(_gather(job, out), job.override)
         is_final = True
     except StoppedError:
         raise
@@ -112,37 +100,7 @@ def mark(job: Job, shows_progress: bool = False) -> Result:
     return result
 
 
-def judge(job: Job) -> Result:
-    """The result by the recordings and the evidence that an earlier marking left in the job's folder.
-
-    Raises:
-        HuskyError: there are none, or the points by hand do not fit the rubric.
-    """
-    return with_override(_by_recordings(job), job.override)
-
-
-def _by_recordings(job: Job) -> Result:
-    """The result without points by hand or a penalty."""
-    out = Path(job.out)
-    evidence: Evidence = load(Evidence, out / EVIDENCE)
-    paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: int(path.parent.name[len("drive_") :]))
-    recordings = [load_recording(path, "") for path in paths]
-    config = replace(job.config, robot=evidence.robot, scans=evidence.scans)
-    items = EXERCISES[config.exercise].judge(recordings, evidence.view, config.scan_topic, config.rules)
-    if evidence.uninitialised:
-        items = left_to_chance(items, evidence.uninitialised)
-    notes = [*evidence.notes, *(note for recording in recordings for note in recording.notes)]
-    settings = {**settings_of(job.config), "sandbox": evidence.sandbox, "network": evidence.network}
-    return Result(job.name, evidence.what, settings, tuple(items), tuple(dict.fromkeys(notes)))
-
-
-def settings_of(config: MarkingConfig) -> Any:
-    """The settings that a result shows."""
-    settings = {key: value for key, value in vars(config).items() if key != "rules"}
-    return {**settings, "rubric": None if config.rules == DEFAULT_RULES else str(config.rules)}
-
-
-def _gather(job: Job, out: Path, shows_progress: bool) -> Result:
+def _gather(job: Job, out: Path) -> Result:
     """Build, drive and look at RViz; recordings, evidence, record, pictures, and what they are worth."""
     submission, notes = _submission(job, out)
     planned = plan(submission, out / "plan")
@@ -150,14 +108,14 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> Result:
     recordings: List[Recording] = []
     if config.robot == AUTO and planned.nodes and names_the_husky_s_scans(planned):
         husky = replace(config, robot=DEFAULT)
-        recordings = _drives(submission, planned, replace(job, config=husky), shows_progress)
+        recordings = _drives(submission, planned, replace(job, config=husky))
         if recordings[0].subscribed:  # else it listens elsewhere, whatever its files name
             config, notes = husky, [*notes, subscribes_to(DEFAULT)]
     if config.robot == AUTO:
         robot, scans, why = detect_robot(submission, planned, out / "robot")
         config, notes = replace(config, robot=robot, scans=scans), [*notes, why]
     if not recordings or config.scan_topic != ROBOT_VERSIONS[DEFAULT][0]:
-        recordings = _drives(submission, planned, replace(job, config=config), shows_progress)
+        recordings = _drives(submission, planned, replace(job, config=config))
     (trial, *_) = draw_trials(1, config.seed)
     chance = uninitialised(submission, planned, trial, config, out / "memcheck") if planned.nodes else ""
     view, pixels = look(submission, planned, config, out / "rviz")
@@ -167,11 +125,8 @@ def _gather(job: Job, out: Path, shows_progress: bool) -> Result:
         (*notes, *planned.notes), config.scans, chance,
     )  # fmt: skip
     write_whole(out / EVIDENCE, to_json(evidence))
-    result = _by_recordings(job)
+    result = judge_recordings(job)
     write_record(out, job, submission, planned, config, recordings, result.items)
-    # matplotlib takes half a second to load: not where a result is only judged again
-    from husky_highlevel_controller.grading.reports import plots
-
     (out / "drive.png").write_bytes(plots.draw_drives(recordings, job.name))
     if pixels is not None:
         (out / "rviz.png").write_bytes(plots.draw_pixels(pixels))
@@ -189,7 +144,7 @@ def _submission(job: Job, out: Path) -> Tuple[Submission, List[str]]:
     return prepare(Path(job.hand_in), job.override, job.config.exercise, workspace, out)
 
 
-def _drives(submission: Submission, planned: Plan, job: Job, shows_progress: bool) -> List[Recording]:
+def _drives(submission: Submission, planned: Plan, job: Job) -> List[Recording]:
     """Recordings of the drives; further drives only where the first one moved."""
     config, exercise = job.config, EXERCISES[job.config.exercise]
     for earlier in Path(job.out).glob("drive_*"):
@@ -205,7 +160,7 @@ def _drives(submission: Submission, planned: Plan, job: Job, shows_progress: boo
             folder.mkdir()
             write_whole(folder / RECORDING, recording_to_json(recording))
         else:
-            with _bar(trial, len(trials), config, shows_progress) as bar:
+            with _bar(trial, len(trials), config) as bar:
                 recording = drive(submission, trial, config, folder, partial(_advance, bar))
             write_replay(recording, f"{job.name}, drive {trial.number}", folder)
         recordings.append(recording)
@@ -214,22 +169,16 @@ def _drives(submission: Submission, planned: Plan, job: Job, shows_progress: boo
     return recordings
 
 
-def _bar(trial: Trial, trials: int, config: MarkingConfig, shows_progress: bool) -> Any:
-    """Progress of a drive, in simulated seconds up to its deadline, at which it may end earlier."""
+def _bar(trial: Trial, trials: int, config: MarkingConfig) -> Any:
+    """Progress of a drive on a terminal, in simulated seconds up to its deadline; it may end earlier."""
     words = f"drive {trial.number} of {trials}"
     shape = "{desc}: {percentage:3.0f} %|{bar}| {n:.0f} of at most {total:.0f} s [{elapsed}<{remaining}]"
-    return tqdm(total=config.deadline, desc=words, bar_format=shape, disable=not shows_progress, leave=False)
+    return tqdm(total=config.deadline, desc=words, bar_format=shape, disable=None, leave=False)
 
 
 def _advance(bar: Any, now: float) -> None:
     """Show a simulated time [s]."""
     bar.update(round(min(now, bar.total) - bar.n, 1))
-
-
-def stop_on_signals() -> None:
-    """End all waits at Ctrl-C and SIGTERM, so that programs are ended."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: request_stop())
 
 
 def main(arguments: Optional[List[str]] = None) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 import secrets
+import sys
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,8 +22,8 @@ import yaml
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.drive.recording import RECORDING
 from husky_highlevel_controller.grading.drive.recording import load as load_recording
-from husky_highlevel_controller.grading.drive.run import RECORDING
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_text,
@@ -34,6 +35,7 @@ from husky_highlevel_controller.grading.reports.files import HAND_INS, PICTURES,
 from husky_highlevel_controller.grading.reports.page import moment_of
 from husky_highlevel_controller.grading.reports.plots import draw_moment
 from husky_highlevel_controller.grading.settings import FILE, read_overrides
+from husky_highlevel_controller.tasks.command import exit_codes
 from husky_highlevel_controller.templates import render
 
 KEYS = 9  # 1 gives nothing, 9 all points
@@ -255,8 +257,8 @@ def make_server(review: Review) -> Tuple[ThreadingHTTPServer, str]:
     return server, f"http://127.0.0.1:{server.server_port}/{token}/"
 
 
-def serve(out: Path) -> int:
-    """Serve the review of a class until Ctrl-C; the exit code.
+def serve(out: Path) -> None:
+    """Serve the review of a class until Ctrl-C.
 
     Raises:
         HuskyError: there are no results.
@@ -268,4 +270,8 @@ def serve(out: Path) -> int:
     with suppress(KeyboardInterrupt):
         server.serve_forever()
     server.server_close()
-    return 0
+
+
+if __name__ == "__main__":
+    with exit_codes("grade"):
+        serve(Path(sys.argv[1]))

@@ -22,7 +22,7 @@ from husky_highlevel_controller.grading.batch import (
     PackedPath,
     job_of,
     mark_all,
-    run,
+    run_program,
     run_there,
     write_outputs,
 )
@@ -57,7 +57,8 @@ from husky_highlevel_controller.grading.hand_in.prepare import add_rviz_files, l
 from husky_highlevel_controller.grading.isolation import files as files_module
 from husky_highlevel_controller.grading.isolation.files import read_regular
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.mark import EVIDENCE, FINGERPRINT, Evidence, judge, mark
+from husky_highlevel_controller.grading.judge import EVIDENCE, FINGERPRINT, Evidence, judge
+from husky_highlevel_controller.grading.mark import mark
 from husky_highlevel_controller.grading.records import (
     GivenPoints,
     Item,
@@ -753,7 +754,7 @@ def test_a_hand_in_of_too_many_files_is_one_sentence_of_its_own(tmp_path, monkey
         put(tmp_path / "class" / "ann" / str(number))
     put(tmp_path / "class" / "bob" / "readme.txt")
     monkeypatch.setattr(files_module, "MAX_ENTRIES", 10)
-    monkeypatch.setattr(batch_module, "run", mark_module.mark)
+    monkeypatch.setattr(batch_module, "run_program", mark_module.mark)
     ann, bob = mark_all(MarkingConfig(), Batch(tmp_path / "class", tmp_path / "out"))
     assert "more than 10 files and folders" in ann.problem
     assert "no catkin package in it" in bob.problem
@@ -765,7 +766,7 @@ def test_a_hand_in_ends_within_the_stated_time_and_is_not_tried_again(tmp_path, 
     batch = Batch(tmp_path / "class", tmp_path / "out")
     (first,) = mark_all(MarkingConfig(), batch)
     assert first.problem.startswith("it did not end within ")
-    monkeypatch.setattr(batch_module, "run", None)
+    monkeypatch.setattr(batch_module, "run_program", None)
     assert mark_all(MarkingConfig(), batch) == [first]
 
 
@@ -827,7 +828,7 @@ def test_a_marking_that_dies_is_a_problem_of_its_hand_in(tmp_path, monkeypatch):
     put(tmp_path / "class" / "ann" / "readme.txt", "no package")
     job = Job("ann", str(tmp_path / "out"), MarkingConfig(), hand_in=str(tmp_path / "class" / "ann"))
     monkeypatch.setattr(batch_module, "PROGRAM", "no_such_module")
-    result = run(job)
+    result = run_program(job)
     assert result.problem.startswith("marking has failed on ")
     assert "no_such_module" in result.problem
     assert not (tmp_path / "out" / FINGERPRINT).exists()

@@ -142,6 +142,7 @@ def empty_recording(pillar: Tuple[float, float], deadline: float, notes: Tuple[s
     )
 
 
+RECORDING = "recording.json"  # file in the folder of a drive
 CUT_OFF = "it was cut off"  # why a drive ended that the recorder did not end
 
 

@@ -22,6 +22,7 @@ from husky_highlevel_controller.grading.drive.plan import (
 from husky_highlevel_controller.grading.drive.progress import settles
 from husky_highlevel_controller.grading.drive.recording import (
     CUT_OFF,
+    RECORDING,
     Assignment,
     ExchangedError,
     Recording,
@@ -49,7 +50,6 @@ START_PERIOD = 0.05  # [s] of wall time between two looks at a program of ours t
 FLOOD = 300.0  # commands a simulated second; 50 answer the scans
 KEPT_OUTPUT = 20000  # letters of what a submission printed
 RECORDER_NODE = "marking_recorder"  # its node's name
-RECORDING = "recording.json"  # file in the folder of a drive
 _SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}  # by launch arguments
 SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that it offers
 

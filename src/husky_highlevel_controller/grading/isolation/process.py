@@ -42,6 +42,7 @@ class Process:
         env: Dict[str, str],
         folder: Path,
         workspace: Optional[Workspace] = None,
+        shows_errors: bool = False,
     ) -> None:
         """Start it.
 
@@ -51,6 +52,7 @@ class Process:
             env: environment.
             folder: working directory; the only one that an untrusted program may write.
             workspace: of an untrusted program, which then runs in the sandbox; None for one of ours.
+            shows_errors: its errors go to this program's in place of the log, as a progress bar has to.
         """
         self.log = log
         self._file: Optional[BinaryIO] = None
@@ -59,6 +61,7 @@ class Process:
         self._watch: Optional[SizeWatch] = None
         if workspace is not None:
             command = sandboxed(workspace, command, folder, env)
+        self._stderr = None if shows_errors else subprocess.STDOUT
         self.popen = self._popen(command, env, folder)
         if workspace is not None:
             self._watch = SizeWatch(self.popen.pid, folder, self.popen.terminate)
@@ -71,7 +74,7 @@ class Process:
             [sys.executable, "-I", _REAPER, str(os.getpid()), *command],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
+            stderr=self._stderr,
             env=env,
             cwd=folder,
             start_new_session=True,
@@ -146,6 +149,12 @@ def request_stop() -> None:
         last_resort = threading.Timer(STOP_DEADLINE, os._exit, [2])
         last_resort.daemon = True
         last_resort.start()
+
+
+def stop_on_signals() -> None:
+    """End all waits at Ctrl-C and SIGTERM, so that programs are ended."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: request_stop())
 
 
 def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) -> bool:

@@ -1,0 +1,67 @@
+"""Judging of a marked submission: its result by the recordings and the evidence that marking left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Tuple
+
+from husky_highlevel_controller.grading.drive.recording import RECORDING
+from husky_highlevel_controller.grading.drive.recording import load as load_recording
+from husky_highlevel_controller.grading.exercises import EXERCISES
+from husky_highlevel_controller.grading.records import (
+    DEFAULT_RULES,
+    Job,
+    MarkingConfig,
+    Result,
+    RvizView,
+    load,
+)
+from husky_highlevel_controller.grading.rubrics.items import left_to_chance
+from husky_highlevel_controller.grading.settings import with_override
+
+EVIDENCE, FINGERPRINT = "evidence.json", "fingerprint"  # files: for judging; of files and settings
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Findings of a marking beside the recordings of its drives."""
+
+    what: str  # the launch file or node
+    robot: str  # a key of ROBOT_VERSIONS
+    sandbox: str
+    network: str
+    view: RvizView
+    notes: Tuple[str, ...]
+    scans: str = ""  # topic of the scans, if it is another than the robot's
+    uninitialised: str = ""  # a variable of it that is read before it is written, in a sentence
+
+
+def judge(job: Job) -> Result:
+    """The result by the recordings and the evidence that an earlier marking left in the job's folder.
+
+    Raises:
+        HuskyError: there are none, or the points by hand do not fit the rubric.
+    """
+    return with_override(judge_recordings(job), job.override)
+
+
+def judge_recordings(job: Job) -> Result:
+    """The result without points by hand or a penalty."""
+    out = Path(job.out)
+    evidence: Evidence = load(Evidence, out / EVIDENCE)
+    paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: int(path.parent.name[len("drive_") :]))
+    recordings = [load_recording(path, "") for path in paths]
+    config = replace(job.config, robot=evidence.robot, scans=evidence.scans)
+    items = EXERCISES[config.exercise].judge(recordings, evidence.view, config.scan_topic, config.rules)
+    if evidence.uninitialised:
+        items = left_to_chance(items, evidence.uninitialised)
+    notes = [*evidence.notes, *(note for recording in recordings for note in recording.notes)]
+    settings = {**settings_of(job.config), "sandbox": evidence.sandbox, "network": evidence.network}
+    return Result(job.name, evidence.what, settings, tuple(items), tuple(dict.fromkeys(notes)))
+
+
+def settings_of(config: MarkingConfig) -> Any:
+    """The settings that a result shows."""
+    settings = {key: value for key, value in vars(config).items() if key != "rules"}
+    return {**settings, "rubric": None if config.rules == DEFAULT_RULES else str(config.rules)}
