@@ -17,7 +17,7 @@ from husky_highlevel_controller.ros.safety.guard import Guard, ServiceConfig, St
 from husky_highlevel_controller.ros.transforms import lookup_transform
 
 BASE = "base_link"
-QUEUE = 100  # messages
+QUEUE = 1000  # messages
 
 
 class CrashStopNode:
