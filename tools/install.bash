@@ -208,6 +208,7 @@ set_up() {
   fi
   # another Python (pyenv, conda, a PYTHONPATH) must not get between rospy and the venv
   unset PYTHONPATH PYTHONHOME CONDA_PREFIX VIRTUAL_ENV
+  unset PYTHONDONTWRITEBYTECODE              # many images set it: each process would compile the package anew
   export PYTHONNOUSERSITE=1
   export PYTHONUNBUFFERED=1                  # a log that is piped is seen line by line
   # NumPy's threads spin as each process imports it, 0.1 s of CPU time; no matrix here is large enough for them

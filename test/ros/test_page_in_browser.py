@@ -14,7 +14,6 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 import viser
-import yaml
 from network import Ros, free_port
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -179,22 +178,6 @@ def test_a_phone_shows_the_robot_above_the_panel(browser, launched):
     phone.close()
 
 
-def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, robot, objects):
-    arrived = ".husky-state:has-text('arrived at the pillar')"
-    page.wait_for_selector(arrived)
-    before = objects()["unit_cylinder"]
-    page.evaluate(NOTE_DRIVING)
-    press(page, "Move the pillar")
-    wait_until(lambda: dist(objects()["unit_cylinder"], before) > 3.0, "the pillar is elsewhere")
-    page.wait_for_function("window.saidDriving")
-    page.wait_for_selector(arrived)
-    press(page, "Drive again")
-    wait_until(lambda: robot.jumped_to is not None, "the robot is put elsewhere")
-    assert dist(robot.jumped_to, (0.0, 0.0)) < 0.1
-    wait_until(lambda: robot.fastest > 0.5, "the robot drives")
-    assert dist(objects()["unit_cylinder"], (20.0, 5.0)) < 0.1
-
-
 def test_what_is_drawn_stays_close_behind_the_robot(page, robot):
     for _ in range(5):
         page.evaluate(NEXT_PICTURE)
@@ -212,13 +195,50 @@ def test_garbage_to_upload_is_refused_with_a_sentence(page, tmp_path):
     show(page, "Drive")
 
 
-def test_another_world_is_loaded_and_the_first_again(page, robot, objects):
+def test_the_log_is_filtered_by_text(page, network):
+    show(page, "Log")
+    publish = ("rostopic", "pub", "-1", "/rosout", "rosgraph_msgs/Log")
+    for text in ("one of a kind", "another"):
+        network.start(*publish, f"{{level: 2, msg: {text}}}")
+    page.wait_for_selector(".husky-log >> text=one of a kind")
+    page.wait_for_selector(".husky-log >> text=another")
+    everything = page.locator(".husky-log div").count()
+    label = page.locator("label", has_text=re.compile("^Text$"))
+    field = label.locator("xpath=ancestor::div[.//input][1]").locator("input")
+    field.fill("ONE OF A KIND")
+    wait_until(lambda: 0 < page.locator(".husky-log div").count() < everything, "fewer lines are shown")
+    lines = page.locator(".husky-log div").all_inner_texts()
+    assert lines
+    assert all("one of a kind" in line for line in lines)
+    field.fill("nothing has said this")
+    page.wait_for_selector("text=no lines pass the filter")
+    field.fill("")
+    show(page, "Drive")
+
+
+def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, robot):
+    arrived = ".husky-state:has-text('arrived at the pillar')"
+    page.wait_for_selector(arrived)
+    before = robot.objects["unit_cylinder"]
+    page.evaluate(NOTE_DRIVING)
+    press(page, "Move the pillar")
+    wait_until(lambda: dist(robot.objects["unit_cylinder"], before) > 3.0, "the pillar is elsewhere")
+    page.wait_for_function("window.saidDriving")
+    page.wait_for_selector(arrived)
+    press(page, "Drive again")
+    wait_until(lambda: robot.jumped_to is not None, "the robot is put elsewhere")
+    assert dist(robot.jumped_to, (0.0, 0.0)) < 0.1
+    wait_until(lambda: robot.fastest > 0.5, "the robot drives")
+    assert dist(robot.objects["unit_cylinder"], (20.0, 5.0)) < 0.1
+
+
+def test_another_world_is_loaded_and_the_first_again(page, robot):
     show(page, "World")
     for world, has_pillar in (("ramp.world", False), ("singlePillar.world", True)):
         page.locator("input[aria-label=File]").click()
         page.get_by_role("option", name=world).click()
         press(page, "Load")
-        wait_until(lambda has=has_pillar: ("unit_cylinder" in objects()) == has, f"{world} is there")
+        wait_until(lambda has=has_pillar: ("unit_cylinder" in robot.objects) == has, f"{world} is there")
     show(page, "Drive")
 
 
@@ -245,30 +265,12 @@ def test_a_parameter_that_is_changed_elsewhere_moves_the_slider(page, network):
     network.run("rosrun", "dynamic_reconfigure", "dynparam", "set", node, "max_linear", "0.8")
     slider = slider_of(page, "max_linear")
     wait_until(lambda: float(slider.get_attribute("aria-valuenow")) == 0.8, "the slider has moved")
+    show(page, "Drive")
 
 
 def slider_of(page, name):
     row = page.locator("label", has_text=name).locator("xpath=ancestor::div[.//*[@role='slider']][1]")
     return row.get_by_role("slider").first
-
-
-def test_the_log_is_filtered_by_text(page, network):
-    show(page, "Log")
-    for text in ("one of a kind", "another"):
-        network.run("rostopic", "pub", "-1", "/rosout", "rosgraph_msgs/Log", f"{{level: 2, msg: {text}}}")
-    page.wait_for_selector(".husky-log >> text=another")
-    everything = page.locator(".husky-log div").count()
-    label = page.locator("label", has_text=re.compile("^Text$"))
-    field = label.locator("xpath=ancestor::div[.//input][1]").locator("input")
-    field.fill("ONE OF A KIND")
-    wait_until(lambda: 0 < page.locator(".husky-log div").count() < everything, "fewer lines are shown")
-    lines = page.locator(".husky-log div").all_inner_texts()
-    assert lines
-    assert all("one of a kind" in line for line in lines)
-    field.fill("nothing has said this")
-    page.wait_for_selector("text=no lines pass the filter")
-    field.fill("")
-    show(page, "Drive")
 
 
 def wait_until_it_stands(page, robot):
@@ -365,18 +367,6 @@ def test_hostile_messages_are_left_out_and_the_emergency_stop_goes_on(page, robo
     hostile.wait()
 
 
-@pytest.fixture
-def objects(network):
-    """A function that lists positions of the world's objects by name."""
-
-    def listed():
-        answer = yaml.safe_load(network.call("/husky_simulator/list", "reference_frame: world"))
-        poses = (pose["position"] for pose in answer["poses"])
-        return {name: (pose["x"], pose["y"]) for name, pose in zip(answer["model_names"], poses)}
-
-    return listed
-
-
 def take(page, tool, hint):
     """Choose a tool of the mouse, and wait until the page says what to do with it."""
     press(page, tool)
@@ -384,13 +374,13 @@ def take(page, tool, hint):
     page.evaluate(NEXT_PICTURE)  # the scene is drawn after the text
 
 
-def test_a_box_is_put_where_the_ground_is_clicked_dragged_and_deleted(page, robot, objects):
-    before = objects()
+def test_a_box_is_put_where_the_ground_is_clicked_dragged_and_deleted(page, robot):
+    before = robot.objects
     show(page, "World")
     take(page, "Put", "Click the ground")
     page.mouse.click(300, 400)
-    wait_until(lambda: objects().keys() - before.keys(), "there is a new object")
-    ((name, position),) = [item for item in objects().items() if item[0] not in before]
+    wait_until(lambda: robot.objects.keys() - before.keys(), "there is a new object")
+    ((name, position),) = [item for item in robot.objects.items() if item[0] not in before]
     assert name.startswith("box")
     assert dist(position, robot.position) < 8.0  # near what is seen
     take(page, "Move", "Drag an object")
@@ -398,12 +388,13 @@ def test_a_box_is_put_where_the_ground_is_clicked_dragged_and_deleted(page, robo
     page.mouse.down()
     page.mouse.move(360, 415, steps=4)
     page.mouse.up()
-    wait_until(lambda: dist(objects()[name], position) > 0.2, "the box has moved")
+    wait_until(lambda: dist(robot.objects[name], position) > 0.2, "the box has moved")
     take(page, "Delete", "Click an object")
 
     def is_clicked_away():
         page.mouse.click(360, 415)  # again, as a person does: the box may not be drawn there yet
-        return name not in objects()
+        page.evaluate(NEXT_PICTURE)
+        return name not in robot.objects
 
     wait_until(is_clicked_away, "the box is gone")
     press(page, "Look")

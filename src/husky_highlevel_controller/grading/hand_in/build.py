@@ -9,9 +9,9 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, field
-from functools import lru_cache
+from itertools import chain
 from pathlib import Path
-from typing import Dict, FrozenSet, List, Match, Optional, Sequence, Set, Tuple
+from typing import Collection, Dict, FrozenSet, List, Match, Optional, Sequence, Set, Tuple
 from xml.sax.saxutils import escape
 
 from catkin_pkg.package import parse_package
@@ -57,6 +57,7 @@ PLAIN_PUBLISH_NOTE = (
     "publish(true) and its like are made to compile; newer versions of ROS want a message, such as "
     "std_msgs::Bool"
 )
+_DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")  # of a ROS package in Debian
 _HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
 _COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^)]*)\)", re.IGNORECASE)
 _NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]+)"')
@@ -208,29 +209,28 @@ def _is_installed(name: str, prefixes: Sequence[Path]) -> bool:
     return False
 
 
-@lru_cache(maxsize=None)
-def debian_package(name: str) -> str:
-    """The Debian package that has a ROS package for building; empty: none is known here."""
-    word = name.replace("_", "-")
-    for candidate in (f"lib{word}-dev", f"libros-{word}-dev", f"ros-{word}", f"python3-{word}"):
-        try:
-            answer = subprocess.run(
-                ["apt-cache", "show", "--no-all-versions", candidate],
-                capture_output=True, timeout=APT_DEADLINE, check=False,
-            )  # fmt: skip
-        except (OSError, subprocess.TimeoutExpired):
-            return ""
-        if not answer.returncode and answer.stdout:
-            return candidate
-    return ""
+def debian_packages(names: Collection[str]) -> Dict[str, str]:
+    """Debian packages that have ROS packages for building, by the ROS package's name, where one is known."""
+    candidates = {
+        name: [pattern.format(name.replace("_", "-")) for pattern in _DEBIAN_NAMES] for name in names
+    }
+    command = ["apt-cache", "show", "--no-all-versions", *chain.from_iterable(candidates.values())]
+    try:
+        answer = subprocess.run(command, capture_output=True, text=True, timeout=APT_DEADLINE, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return {}
+    known = set(re.findall(r"^Package: (.*)$", answer.stdout, re.MULTILINE))
+    matches = {name: [each for each in candidates[name] if each in known] for name in names}
+    return {name: packages[0] for name, packages in matches.items() if packages}
 
 
 def missing_note(names: Set[str]) -> str:
     """A sentence on packages that are not installed, all at once."""
-    words = []
-    for name in sorted(names):
-        debian = debian_package(name)
-        words.append(f"{name} ({f'apt install {debian}' if debian else 'not in Debian'})")
+    debian = debian_packages(names)
+    words = [
+        f"{name} ({f'apt install {debian[name]}' if name in debian else 'not in Debian'})"
+        for name in sorted(names)
+    ]
     return f"not installed: {', '.join(words)}; what needs them may not build"
 
 
@@ -343,8 +343,8 @@ def build_error(output: str, root: Path) -> str:
     match = _ERROR.search(output)
     if match:
         header = re.match(r"([\w-]+)/[\w./-]+: No such file", match["what"])
-        debian = debian_package(header.group(1)) if header else ""
-        hint = f" (apt install {debian})" if debian else ""
+        debian = debian_packages([header.group(1)]).values() if header else ()
+        hint = "".join(f" (apt install {package})" for package in debian)
         return f"{match['where']}: {match['what']}"[:300] + hint
     lines = [line.strip() for line in output.splitlines() if line.strip()]
     for number, line in enumerate(lines):
