@@ -36,6 +36,7 @@ MEMORY = 1.0  # [s], over which the ground's vibration is averaged
 LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1  # [s] of samples before smooth and rough ground are judged
 LONGEST_PERIOD = 0.2  # [s], a longer gap between samples is a new beginning
 PATIENCE = 2.0  # [s] that a sample waits for late odometry; older odometry has ended
+LONGEST_DELAY = 10.0  # [s] by which samples may come later than odometry
 SHOCK = 6.0  # [m/s^2], samples above count only as far as they exceed what the vertical axis shows
 ROUGH = 0.013  # [m/s], vibration of a window that is rough ground; an A200 standing: 0.005, on flooring: 0.03
 SIDEWAYS = 2.0  # times as rough as ahead, for the body rolls on its tyres
@@ -108,7 +109,7 @@ class CrashDetector:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the samples, as after a jump of time."""
+        """Forget the samples that were judged, as after a jump of time."""
         self._up: Optional[Vector3] = None  # unit vector in the IMU's frame
         self._levelling = 0.0  # [s], time constant of `_up`, which is a mean at first
         self._stamp = -inf  # [s]
@@ -117,7 +118,6 @@ class CrashDetector:
         self._ground: Deque[Tuple[float, float]] = deque()  # stamp [s]; squared sideways and vertical change
         self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s], vibration of a window [m/s]
         self.change: Optional[Change] = None  # that the last sample judged completed
-        self._wheels.clear()
 
     def add_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
         """Take the speed that the wheels measure at a time [s]."""
@@ -128,8 +128,14 @@ class CrashDetector:
                 return
             self._wheels.clear()
         self._wheels.append((stamp, twist_in_base.linear))
-        while stamp - self._wheels[0][0] > MEMORY + PATIENCE:
+        oldest = max(min(stamp, self._stamp), stamp - LONGEST_DELAY) - MEMORY  # for the next sample to judge
+        while self._wheels[0][0] < oldest:
             self._wheels.popleft()
+
+    @property
+    def delay(self) -> float:
+        """Time by which the first sample that waits for odometry is older than the last [s]."""
+        return self._waiting[-1][0].stamp - self._waiting[0][0].stamp if self._waiting else 0.0
 
     def add_sample(
         self, sample: ImuSample, imu_in_base: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -148,8 +154,8 @@ class CrashDetector:
         self.change = None
         if not all(map(isfinite, (*sample.specific_force, *sample.angular_velocity))):
             return None
-        if self._waiting and abs(sample.stamp - self._waiting[-1][0].stamp) > LONGEST_PERIOD:
-            self._waiting.clear()
+        if self._waiting and sample.stamp < self._waiting[-1][0].stamp - LONGEST_PERIOD:
+            self._waiting.clear()  # time runs back
         self._waiting.append((sample, imu_in_base))
         loss = None
         while loss is None and self._waiting and self._has_odometry(self._waiting[0][0].stamp, sample.stamp):

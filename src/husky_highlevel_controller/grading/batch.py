@@ -11,6 +11,7 @@ import hashlib
 import io
 import os
 import platform
+import subprocess
 import sys
 import tarfile
 import tempfile
@@ -39,6 +40,7 @@ from husky_highlevel_controller.tasks.workers import Workers
 
 DEADLINE = 3600.0  # [s] of wall time for one hand-in, beside its drives
 PROGRAM = "husky_highlevel_controller.grading.mark"
+CLEANUP_DEADLINE = 10.0  # [s] of wall time from Ctrl-C until the marking program is killed
 MAX_FILE = 50_000_000  # [bytes] of a file that a cluster sends back
 NOT_RETURNED = frozenset({"unpacked", "ws", "stand_ins"})  # folders that are made of the hand-in
 Files = Dict[str, bytes]  # content by place in the folder of results
@@ -154,7 +156,9 @@ def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterat
 def run_program(job: Job, shows_errors: bool = False) -> Result:
     """Run the marking program for a job; the result, also where the program dies.
 
-    Its errors and progress go to its log, or to this program's errors.
+    Args:
+        job: of the marking.
+        shows_errors: its standard error is this program's, for its progress bar, in place of mark.log.
 
     Raises:
         StoppedError: marking is to end.
@@ -165,17 +169,23 @@ def run_program(job: Job, shows_errors: bool = False) -> Result:
     (out / FINGERPRINT).unlink(missing_ok=True)
     write_whole(out / "job.json", to_json(job))
     command, variables = private_network.inside([sys.executable, "-m", PROGRAM, str(out / "job.json")])
-    process = Process(command, out / "mark.log", {**os.environ, **variables}, out, None, shows_errors)
+    # not in a student's folder, whose yaml.py `python -m` would import
+    process = Process(command, out / "mark.log", {**os.environ, **variables}, Path("/"), None, shows_errors)
     deadline = DEADLINE + job.config.trials * job.config.wall_limit
     try:
         in_time = wait(lambda: not process.running, deadline)
+    except StoppedError:
+        process.interrupt()  # it cleans up behind itself
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.popen.wait(CLEANUP_DEADLINE)
+        raise
     finally:
         end_all([process])
     try:
         return load_result(out / "result.json")
     except HuskyError:
-        words = " ".join(process.output.split())[-500:]
-        problem = f"marking has failed on {platform.node()}: {words}"
+        words = " ".join(process.output.split())[-500:] or "its errors are above"
+        problem = f"marking has failed on {platform.node()} (exit code {process.popen.returncode}): {words}"
         if not in_time:
             problem = f"it did not end within {deadline:g} s"
             write_whole(out / FINGERPRINT, job.fingerprint)

@@ -126,6 +126,7 @@ def run(options: argparse.Namespace) -> int:
     """Mark as the command line says; the exit code."""
     if options.review:
         command = [sys.executable, "-m", REVIEW, str(options.review.resolve())]
+        os.chdir("/")  # not in a student's folder, whose yaml.py `python -m` would import
         os.execv(command[0], command)
     exercise = EXERCISES[options.exercise]
     rules = load_rules(options.rubric, exercise.items) if options.rubric else Rules()

@@ -58,6 +58,7 @@ from husky_highlevel_controller.grading.reports.files import write_replay, write
 from husky_highlevel_controller.grading.settings import with_override
 
 PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
+STOPPED = 2  # exit code at Ctrl-C
 OLD = (
     "drive_*", "plan", "rviz", "robot", "memcheck", "stand_ins", "build.log", EVIDENCE, FINGERPRINT,
     "result.json", "record.json", "*.png",
@@ -91,7 +92,7 @@ def mark(job: Job) -> Result:
         problem = f"{error.strerror or error}" + (f": {error.filename}" if error.filename else "")
     except Exception as error:
         problem = f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
-        traceback.print_exc()  # into the log
+        traceback.print_exc()
     if problem:
         result = Result(job.name, "", settings_of(job.config), (), (), problem)
     write_result(result, out)
@@ -185,7 +186,10 @@ def main(arguments: Optional[List[str]] = None) -> None:
     """Mark the job of the command line, in a network of its own."""
     private_network.enter()
     stop_on_signals()
-    mark(load(Job, Path((arguments or sys.argv[1:])[0])))
+    try:
+        mark(load(Job, Path((arguments or sys.argv[1:])[0])))
+    except StoppedError:
+        raise SystemExit(STOPPED) from None
 
 
 if __name__ == "__main__":

@@ -186,16 +186,72 @@ def test_messages_that_a_busy_machine_delivers_late_make_no_crash_of_braking(whe
 
 @pytest.mark.parametrize("late", LATE)
 def test_with_late_messages_a_crash_is_felt_late(late):
-    felt = bump(more=2.0, **late)
-    assert felt[0][0] - 2.0 < max(late.values()) + 0.3
+    felt = [now - 2.0 for now, _ in bump(more=2.0, **late)]
+    assert felt
+    assert max(late.values()) - 0.1 < felt[0] < max(late.values()) + 0.3
 
 
-def test_when_odometry_ends_crashes_are_felt_soon():
+@pytest.mark.parametrize("after_a_gap", [False, True])
+def test_braking_soon_after_the_first_sample_is_no_crash_where_samples_come_late(after_a_gap):
+    drive = Drive(wheels_rate=50, samples_late=1.5)
+    if after_a_gap:
+        drive.go(push(2.0), 1.0)
+        drive.step += RATE // 2
+    drive.go(push(0.8), 1.0)
+    speeds = np.concatenate([np.linspace(1.0, -1.0, 67), np.full(200, -1.0)])
+    assert not drive.go(np.concatenate([push(0.67, -3.0), push(2.0)]), speeds)
+
+
+@pytest.mark.parametrize("stall", [1.0, 5.0])
+def test_braking_during_a_stall_is_no_crash_where_odometry_comes_first_afterwards(stall):
+    drive = Drive(wheels_rate=50)
+    drive.go(push(2.0), 1.0)
+    drive.samples_late = stall
+    speeds = np.concatenate([np.linspace(1.0, -1.0, 67), np.full(round(stall * RATE) - 67, -1.0)])
+    braking = np.concatenate([push(0.67, -3.0), push(stall - 0.67)])
+    assert not drive.go(braking, speeds)
+    drive.samples_late = 0.0
+    assert not drive.go(push(1.0), -1.0)
+
+
+@pytest.mark.parametrize("wheels_late", [0.3, 1.0])
+def test_a_crash_before_a_gap_between_samples_is_felt_where_odometry_comes_late(wheels_late):
+    drive = Drive(wheels_late=wheels_late)
+    drive.go(push(2.0))
+    felt = drive.go(np.concatenate([push(0.08, LOSS), push(0.2)]))
+    drive.step += round(0.3 * RATE)
+    assert felt or drive.go(push(2.0))
+
+
+def test_samples_that_wait_are_forgotten_when_time_runs_back():
+    drive = Drive(wheels_late=1.0)
+    drive.go(push(2.0))
+    assert not drive.go(np.concatenate([push(0.08, LOSS), push(0.2)]))
+    drive.step, drive.wheels_late = 0, 0.0
+    drive.wheels.clear()
+    assert not drive.go(push(3.0))
+
+
+@pytest.mark.parametrize("ended_before", [0.0, 1.0])
+def test_when_odometry_ends_a_crash_is_felt_within_two_seconds_of_its_end_or_soon(ended_before):
     drive = Drive()
     drive.go(push(2.0))
     drive.wheels_late = 1e9
-    drive.go(push(2.2))
-    assert drive.go(np.concatenate([push(0.08, LOSS), push(0.2)]))
+    drive.go(push(ended_before))
+    felt = drive.go(np.concatenate([push(0.08, LOSS), push(2.5)]))
+    assert felt
+    assert felt[0][0] < 2.0 + 2.1
+    assert drive.detector.delay == 0.0, "nothing waits any longer"
+    assert drive.go(np.concatenate([push(0.08, LOSS), push(0.2)])), "and the next one is felt soon"
+
+
+def test_the_delay_is_that_of_odometry():
+    drive = Drive(wheels_late=1.0)
+    drive.go(push(3.0))
+    assert drive.detector.delay == pytest.approx(1.0, abs=0.25)
+    prompt = Drive()
+    prompt.go(push(3.0))
+    assert prompt.detector.delay < 0.1
 
 
 def test_a_crash_a_fifth_of_a_second_after_it_braked_is_not_excused_by_that():

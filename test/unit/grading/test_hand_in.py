@@ -6,10 +6,13 @@ import os
 import pickle
 import shutil
 import stat
+import subprocess
+import sys
 import tarfile
 import zipfile
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from types import SimpleNamespace
 
 import pytest
 
@@ -55,7 +58,9 @@ from husky_highlevel_controller.grading.hand_in.packages import (
 )
 from husky_highlevel_controller.grading.hand_in.prepare import add_rviz_files, launch_file_in
 from husky_highlevel_controller.grading.isolation import files as files_module
+from husky_highlevel_controller.grading.isolation import process as process_module
 from husky_highlevel_controller.grading.isolation.files import read_regular
+from husky_highlevel_controller.grading.isolation.process import StoppedError
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.judge import EVIDENCE, FINGERPRINT, Evidence, judge
 from husky_highlevel_controller.grading.mark import mark
@@ -824,11 +829,54 @@ def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(tmp_path)
     assert (Path(job.out) / FINGERPRINT).read_text() == job.fingerprint
 
 
-def test_a_marking_that_dies_is_a_problem_of_its_hand_in(tmp_path, monkeypatch):
+@pytest.fixture
+def job(tmp_path):
+    """The job of a hand-in that holds no package."""
     put(tmp_path / "class" / "ann" / "readme.txt", "no package")
-    job = Job("ann", str(tmp_path / "out"), MarkingConfig(), hand_in=str(tmp_path / "class" / "ann"))
+    return Job("ann", str(tmp_path / "out"), MarkingConfig(), hand_in=str(tmp_path / "class" / "ann"))
+
+
+@pytest.mark.parametrize(
+    ("shows_errors", "words"), [(False, "no_such_module"), (True, "(exit code 1): its errors are above")]
+)
+def test_a_marking_that_dies_is_a_problem_of_its_hand_in(job, monkeypatch, shows_errors, words):
     monkeypatch.setattr(batch_module, "PROGRAM", "no_such_module")
-    result = run_program(job)
+    result = run_program(job, shows_errors)
     assert result.problem.startswith("marking has failed on ")
-    assert "no_such_module" in result.problem
-    assert not (tmp_path / "out" / FINGERPRINT).exists()
+    assert words in result.problem
+    assert not Path(job.out, FINGERPRINT).exists()
+
+
+@pytest.mark.parametrize("folder", [".", "out"])
+def test_marking_imports_nothing_of_the_folder_it_is_called_in_or_writes_to(
+    job, tmp_path, monkeypatch, folder
+):
+    put(tmp_path / folder / "yaml.py", "raise SystemExit('imported')")
+    monkeypatch.chdir(tmp_path)
+    assert "no catkin package in it" in run_program(job).problem
+
+
+def test_reviewing_imports_nothing_of_the_folder_it_is_called_in(tmp_path):
+    put(tmp_path / "yaml.py", "raise SystemExit('imported')")
+    script = Path(__file__).parents[3] / "scripts" / "grade"
+    done = subprocess.run(
+        [sys.executable, script, "--review", "out"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert str(tmp_path / "out") in done.stderr
+    assert "imported" not in done.stderr
+
+
+def test_a_marking_that_is_stopped_may_clean_up(job, tmp_path, monkeypatch):
+    put(
+        tmp_path / "module" / "slow_marking.py",
+        "import pathlib, sys, time\nup = pathlib.Path(sys.argv[1]).with_name('up')\n"
+        "try:\n    up.touch()\n    time.sleep(1000.0)\nfinally:\n    up.unlink()\n",
+    )
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path / 'module'}:{os.environ['PYTHONPATH']}")
+    monkeypatch.setattr(batch_module, "PROGRAM", "slow_marking")
+    up = Path(job.out, "up")
+    monkeypatch.setattr(process_module, "STOP_REQUESTED", SimpleNamespace(is_set=up.exists))
+    with pytest.raises(StoppedError):
+        run_program(job)
+    assert not up.exists()

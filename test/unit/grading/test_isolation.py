@@ -435,11 +435,11 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
 
 
-def test_ctrl_c_ends_every_wait(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_end_every_wait(number):
     code = (
-        "import signal, sys\nfrom husky_highlevel_controller.grading.isolation import process\n"
-        "signal.signal(signal.SIGINT, lambda *_: process.request_stop())\nprint('up', flush=True)\n"
-        "process.wait(lambda: False, 1000.0)"
+        "from husky_highlevel_controller.grading.isolation import process\n"
+        "process.stop_on_signals()\nprint('up', flush=True)\nprocess.wait(lambda: False, 1000.0)"
     )
     env = {**os.environ, "PYTHONPATH": f"{SOURCES}:{os.environ.get('PYTHONPATH', '')}"}
     marking = subprocess.Popen(
@@ -447,7 +447,7 @@ def test_ctrl_c_ends_every_wait(tmp_path):
     )
     assert marking.stdout.readline() == "up\n"
     began = time.monotonic()
-    marking.send_signal(signal.SIGINT)
+    marking.send_signal(number)
     _, error = marking.communicate(timeout=60)
     assert "the marking was stopped" in error
     assert time.monotonic() - began < 60.0

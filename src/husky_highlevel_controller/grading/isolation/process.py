@@ -52,7 +52,7 @@ class Process:
             env: environment.
             folder: working directory; the only one that an untrusted program may write.
             workspace: of an untrusted program, which then runs in the sandbox; None for one of ours.
-            shows_errors: its errors go to this program's in place of the log, as a progress bar has to.
+            shows_errors: its standard error is this program's, for a progress bar, in place of the log.
         """
         self.log = log
         self._file: Optional[BinaryIO] = None

@@ -13,11 +13,12 @@ from husky_highlevel_controller.controller.crash_detection import CrashConfig, C
 from husky_highlevel_controller.datatypes import IDENTITY, Quaternion, Twist2D
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import named_robot, run_node
-from husky_highlevel_controller.ros.safety.guard import Guard, ServiceConfig, StopService
+from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig, StopService
 from husky_highlevel_controller.ros.transforms import lookup_transform
 
 BASE = "base_link"
 QUEUE = 1000  # messages
+LONG_DELAY = 0.5  # [s] of samples that wait for odometry, from which on there is a warning
 
 
 class CrashStopNode:
@@ -32,8 +33,9 @@ class CrashStopNode:
         self._listener = tf2_ros.TransformListener(self._transforms)
         self._stop = StopService(service, robot)
         self._guard = Guard(self._stop.request, self._on_odometry)
-        # queued, because every sample counts: velocities are sums
-        self._guard.follow(robot.topics.odometry, QUEUE)
+        self._odometry_topic = rospy.resolve_name(robot.topics.odometry)
+        # queued, because every message counts: velocities are sums
+        self._guard.follow(self._odometry_topic, QUEUE)
         rospy.Subscriber(robot.topics.imu, Imu, self._on_imu, queue_size=QUEUE, tcp_nodelay=True)
 
     def run(self) -> None:
@@ -48,6 +50,12 @@ class CrashStopNode:
         sample, mount = conversions.imu_from_msg(msg), self._imu_in_base(msg.header.frame_id)
         with self._detecting:
             loss = self._detector.add_sample(sample, mount)
+            delay = self._detector.delay
+        if delay > LONG_DELAY:
+            rospy.logwarn_throttle(
+                REPORT_PERIOD,
+                f"no odometry on {self._odometry_topic} for the last {delay:.1f} s: crashes are felt late",
+            )
         danger = None if loss is None else f"crash: {loss:.2f} m/s lost that the wheels do not explain"
         self._guard.judge(sample.stamp, danger)
 

@@ -56,7 +56,7 @@ class Guard:
         self._pass_on = on_odometry
 
     def follow(self, topic: str, queue_size: int = 1) -> None:
-        """Subscribe to odometry; a queue lets a late guard judge where the robot was."""
+        """Subscribe to odometry; with a queue of one message only the newest counts."""
         rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=queue_size, tcp_nodelay=True)
 
     def on_odometry(self, msg: Odometry) -> None:
