@@ -9,10 +9,9 @@ from math import dist
 
 import rospy
 from geometry_msgs.msg import Twist
+from husky_highlevel_controller.srv import ListObjects
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
-
-from husky_highlevel_controller.srv import ListObjects
 
 PERIOD = 0.02  # [s] of wall time
 LIST_PERIOD = 0.2  # [s] of wall time between two looks at the objects
