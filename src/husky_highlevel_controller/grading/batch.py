@@ -32,10 +32,16 @@ from husky_highlevel_controller.grading.isolation.files import (
     write_whole,
 )
 from husky_highlevel_controller.grading.isolation.process import Process, StoppedError, end_all, wait
-from husky_highlevel_controller.grading.judge import FINGERPRINT, judge, settings_of
+from husky_highlevel_controller.grading.judge import EVIDENCE, FINGERPRINT, judge_recordings, settings_of
 from husky_highlevel_controller.grading.records import Job, MarkingConfig, Override, Result, to_json
-from husky_highlevel_controller.grading.reports.files import HAND_INS, load_result, write_class, write_result
-from husky_highlevel_controller.grading.settings import read_overrides
+from husky_highlevel_controller.grading.reports.files import (
+    HAND_INS,
+    JOB,
+    load_result,
+    write_class,
+    write_result,
+)
+from husky_highlevel_controller.grading.settings import read_overrides, with_override
 from husky_highlevel_controller.tasks.workers import Workers
 
 DEADLINE = 3600.0  # [s] of wall time for one hand-in, beside its drives
@@ -122,17 +128,23 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
 
 
 def _earlier(job: Job) -> Optional[Result]:
-    """The result of an earlier marking of the same files with the same settings, judged again."""
+    """The result of an earlier marking of the same files with the same settings, judged again.
+
+    Raises:
+        ConfigError: marking.yaml's points do not fit the rubric.
+    """
     out = Path(job.out)
     try:
         if (out / FINGERPRINT).read_text() != job.fingerprint:
             return None
         result = load_result(out / "result.json")
-        if result.problem:
-            return result
-        judged = judge(job)
+        was_driven = (out / EVIDENCE).exists()
+        judged = judge_recordings(job) if was_driven else result
     except (OSError, HuskyError, ValueError):
         return None
+    if was_driven:
+        judged = with_override(judged, job.override)
+    write_whole(out / JOB, to_json(job))  # for the review: the class may lie elsewhere by now
     if judged != result:
         write_result(judged, out)
     return judged
@@ -167,8 +179,8 @@ def run_program(job: Job, shows_errors: bool = False) -> Result:
     out.mkdir(parents=True, exist_ok=True)
     (out / "result.json").unlink(missing_ok=True)
     (out / FINGERPRINT).unlink(missing_ok=True)
-    write_whole(out / "job.json", to_json(job))
-    command, variables = private_network.inside([sys.executable, "-m", PROGRAM, str(out / "job.json")])
+    write_whole(out / JOB, to_json(job))
+    command, variables = private_network.inside([sys.executable, "-m", PROGRAM, str(out / JOB)])
     # not in a student's folder, whose yaml.py `python -m` would import
     process = Process(command, out / "mark.log", {**os.environ, **variables}, Path("/"), None, shows_errors)
     deadline = DEADLINE + job.config.trials * job.config.wall_limit
@@ -249,4 +261,5 @@ def write_outputs(files: Files, job: Job) -> Result:
         path = out / place
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
+    write_whole(out / JOB, to_json(job))  # with the places of this machine
     return load_result(out / "result.json")

@@ -18,7 +18,6 @@ from husky_highlevel_controller.grading.records import (
     load,
 )
 from husky_highlevel_controller.grading.rubrics.items import left_to_chance
-from husky_highlevel_controller.grading.settings import with_override
 
 EVIDENCE, FINGERPRINT = "evidence.json", "fingerprint"  # files: for judging; of files and settings
 
@@ -37,17 +36,12 @@ class Evidence:
     uninitialised: str = ""  # a variable of it that is read before it is written, in a sentence
 
 
-def judge(job: Job) -> Result:
-    """The result by the recordings and the evidence that an earlier marking left in the job's folder.
+def judge_recordings(job: Job) -> Result:
+    """The result by the recordings and the evidence in the job's folder, without points by hand or a penalty.
 
     Raises:
-        HuskyError: there are none, or the points by hand do not fit the rubric.
+        HuskyError: there are none.
     """
-    return with_override(judge_recordings(job), job.override)
-
-
-def judge_recordings(job: Job) -> Result:
-    """The result without points by hand or a penalty."""
     out = Path(job.out)
     evidence: Evidence = load(Evidence, out / EVIDENCE)
     paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: int(path.parent.name[len("drive_") :]))

@@ -80,8 +80,9 @@ def mark(job: Job) -> Result:
         for pattern in OLD:
             for path in out.glob(pattern):
                 remove_tree(path)
-        result = with_override(_gather(job, out), job.override)
-        is_final = True
+        result = _gather(job, out)
+        is_final = True  # a typo in marking.yaml needs no other drive
+        result = with_override(result, job.override)
     except StoppedError:
         raise
     except NotMarkableError as error:

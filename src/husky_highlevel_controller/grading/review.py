@@ -31,7 +31,14 @@ from husky_highlevel_controller.grading.isolation.files import (
     write_whole,
 )
 from husky_highlevel_controller.grading.records import Item, Job, load
-from husky_highlevel_controller.grading.reports.files import HAND_INS, PICTURES, REPLAY, load_result
+from husky_highlevel_controller.grading.reports.files import (
+    HAND_INS,
+    JOB,
+    PICTURES,
+    REPLAY,
+    load_result,
+    replays,
+)
 from husky_highlevel_controller.grading.reports.page import moment_of
 from husky_highlevel_controller.grading.reports.plots import draw_moment
 from husky_highlevel_controller.grading.settings import FILE, read_overrides
@@ -41,6 +48,7 @@ from husky_highlevel_controller.templates import render
 KEYS = 9  # 1 gives nothing, 9 all points
 MAX_BODY = 10_000  # [bytes] of a request
 MAX_CODE = 200_000  # [bytes] of a source file that is looked into
+MAX_LINE = 500  # letters of a line that are looked at
 BEFORE, AFTER = 6, 18  # lines of an excerpt around the line that fits
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h", ".launch"}
 # the code that an item is about, by a word of its name
@@ -90,7 +98,7 @@ class OpenItem:
     @property
     def replays(self) -> List[int]:
         """Numbers of the drives with a replay."""
-        return sorted(int(path.parent.name[6:]) for path in self.out.glob(f"drive_*/{REPLAY}"))
+        return list(replays(self.out))
 
     @property
     def code(self) -> Tuple[str, str]:
@@ -100,7 +108,7 @@ class OpenItem:
         for path in walk(sources) if sources.is_dir() else ():
             if path.suffix in SOURCES and path.name != "CMakeLists.txt":
                 with suppress(UnreadableFileError):
-                    lines = read_text(path, MAX_CODE).splitlines()
+                    lines = [line[:MAX_LINE] for line in read_text(path, MAX_CODE).splitlines()]
                     for number, line in enumerate(lines):
                         if re.search(pattern, line):
                             first = max(number - BEFORE, 0)
@@ -122,7 +130,9 @@ class Review:
         self.students: List[str] = []
         folders = set()
         for path in sorted((out / HAND_INS).glob("*/result.json")):
-            result, job = load_result(path), load(Job, path.with_name("job.json"))
+            result, job = load_result(path), load(Job, path.with_name(JOB))
+            if not Path(job.hand_in).exists():
+                continue  # a student who is gone
             self.students.append(result.name)
             folders.add(Path(job.hand_in).parent)
             open_items = [item for item in result.items if item.points is None]

@@ -62,7 +62,7 @@ from husky_highlevel_controller.grading.isolation import process as process_modu
 from husky_highlevel_controller.grading.isolation.files import read_regular
 from husky_highlevel_controller.grading.isolation.process import StoppedError
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.judge import EVIDENCE, FINGERPRINT, Evidence, judge
+from husky_highlevel_controller.grading.judge import EVIDENCE, FINGERPRINT, Evidence, judge_recordings
 from husky_highlevel_controller.grading.mark import mark
 from husky_highlevel_controller.grading.records import (
     GivenPoints,
@@ -78,6 +78,7 @@ from husky_highlevel_controller.grading.records import (
 from husky_highlevel_controller.grading.reports.files import write_result
 from husky_highlevel_controller.grading.reports.page import class_page
 from husky_highlevel_controller.grading.reports.tables import to_csv, to_junit
+from husky_highlevel_controller.grading.review import Review
 from husky_highlevel_controller.grading.settings import read_overrides, with_override
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -705,16 +706,63 @@ def test_a_hand_in_that_cannot_be_marked_is_not_tried_again(tmp_path):
     assert not log.exists()
 
 
-def test_another_rubric_or_points_by_hand_judge_again_without_a_drive(tmp_path):
+@pytest.fixture
+def marked(tmp_path):
+    """A class whose only hand-in was driven before, and the folder of its result."""
     put(tmp_path / "class" / "ann" / "readme.txt")
-    config, batch = MarkingConfig(), Batch(tmp_path / "class", tmp_path / "out")
-    job = job_of(HandIn("ann", tmp_path / "class" / "ann"), Override(), config, batch)
+    batch = Batch(tmp_path / "class", tmp_path / "out")
+    job = job_of(HandIn("ann", tmp_path / "class" / "ann"), Override(), MarkingConfig(), batch)
     out = Path(job.out)
     recording = empty_recording((20.0, 5.0), 120.0, ("it starts no node of its own",))
     put(out / "drive_1" / "recording.json", recording_to_json(recording))
     put(out / EVIDENCE, to_json(Evidence("a.launch", "husky", "none", "none", RvizView(), ("a note",))))
-    write_result(judge(job), out)
+    write_result(judge_recordings(job), out)
     put(out / FINGERPRINT, job.fingerprint)
+    return batch, out
+
+
+def test_a_typo_in_marking_yaml_is_told_and_costs_no_drive(marked):
+    batch, out = marked
+    points = put(
+        batch.folder / "marking.yaml", "students: {ann: {points: {mraker: {points: 7, word: seen}}}}"
+    )
+    with pytest.raises(ConfigError, match=r"marking.yaml: students/ann/points/mraker is not an item"):
+        mark_all(MarkingConfig(), batch)
+    points.unlink()
+    (result,) = mark_all(MarkingConfig(), batch)
+    assert not result.problem
+    assert not (out / "mark.log").exists(), "nothing was started"
+
+
+def test_a_typo_in_marking_yaml_that_comes_before_the_drives_costs_no_other_drive(
+    marked, monkeypatch, tmp_path
+):
+    batch, out = marked
+    driven = {path.relative_to(out): path.read_text() for path in (out / EVIDENCE, *out.glob("drive_1/*"))}
+
+    def gather(job, _):
+        for place, text in driven.items():
+            put(out / place, text)
+        return judge_recordings(job)
+
+    monkeypatch.setattr(mark_module, "_gather", gather)
+    override = Override(points={"mraker": GivenPoints(7.0, "seen")})
+    job = job_of(HandIn("ann", batch.folder / "ann"), override, MarkingConfig(), batch)
+    assert "mraker is not an item" in mark(job).problem
+    (result,) = mark_all(MarkingConfig(), batch)
+    assert not result.problem
+    assert not (out / "mark.log").exists(), "nothing was started"
+
+
+def test_a_class_that_was_moved_is_reviewed_where_it_is(marked, tmp_path):
+    batch, _ = marked
+    batch.folder.rename(tmp_path / "moved")
+    mark_all(MarkingConfig(), replace(batch, folder=tmp_path / "moved"))
+    assert Review(batch.out).folder == tmp_path / "moved"
+
+
+def test_another_rubric_or_points_by_hand_judge_again_without_a_drive(marked):
+    config, (batch, out) = MarkingConfig(), marked
     (before,) = mark_all(config, batch)
     assert (before.points, before.max_points) == (0.0, 80.0)
     put(
@@ -826,6 +874,7 @@ def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(tmp_path)
     result = write_outputs(files, job)
     assert "no catkin package in it" in result.problem
     assert result.settings["exercise"] == 3
+    assert Review(batch.out).folder == batch.folder
     assert (Path(job.out) / FINGERPRINT).read_text() == job.fingerprint
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from husky_highlevel_controller.grading.records import Item, Result
+from husky_highlevel_controller.grading.reports.files import replays
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page, histogram
 from husky_highlevel_controller.replay import Replay, to_html
 
@@ -87,7 +88,7 @@ def test_a_phone_shows_feedback_without_scrolling_aside_and_evidence_leads_to_it
     replay = to_html(
         Replay("drive 1", "it ended", times, np.stack([times, times, times * 0.0], 1), np.ones((1, 2)))
     )
-    (tmp_path / "feedback.html").write_text(feedback_page(CLASS[1], [PNG], [replay]))
+    (tmp_path / "feedback.html").write_text(feedback_page(CLASS[1], [PNG], {1: replay}))
     files = {name: [("replay of drive 1", "replay.html")] for name in ("anna", "Zoe")}
     (tmp_path / "index.html").write_text(class_page(CLASS, {}, files))
     (tmp_path / "replay.html").write_text(replay)
@@ -111,3 +112,18 @@ def test_a_phone_shows_feedback_without_scrolling_aside_and_evidence_leads_to_it
         page.locator("output").get_by_text("9.20 s").wait_for()
         browser.close()
     assert not complaints
+
+
+def test_a_replay_is_that_of_its_drive_by_number(tmp_path):
+    for number in (1, 3, 10):
+        (tmp_path / f"drive_{number}").mkdir()
+        (tmp_path / f"drive_{number}" / "replay.html").write_text(f"drive {number}")
+    found = replays(tmp_path)
+    assert list(found) == [1, 3, 10]
+    items = [Item("marker", 0.0, 20.0, "wrong", at=4.0, drive=number) for number in (2, 3, 10)]
+    pages = {number: path.read_text() for number, path in found.items()}
+    page = feedback_page(Result("ann", "a.launch", {}, tuple(items)), [], pages)
+    assert re.findall(r'href="#(drive_\d+)"', page) == ["drive_3", "drive_10"]
+    assert re.findall(r'<iframe id="drive_(\d+)"[^>]*srcdoc="drive (\d+)"', page) == [
+        ("1", "1"), ("3", "3"), ("10", "10"),
+    ]  # fmt: skip

@@ -4,6 +4,7 @@ import json
 import shutil
 import threading
 from contextlib import contextmanager
+from dataclasses import replace
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
@@ -109,6 +110,19 @@ def test_keys_give_the_points_and_go_on(review):
     assert given["bob"].points[RVIZ].points == 20.0
     assert given["bob"].late.percent == 10.0, "what was there stays"
     assert (review.folder / "marking.yaml.before").read_text().startswith("# mine")
+
+
+def test_a_student_who_is_gone_has_no_open_items(review):
+    shutil.rmtree(review.folder / "bob")
+    assert {item.student for item in Review(review.items[0].out.parents[1]).items} == {"ann"}
+
+
+def test_a_line_without_end_of_a_student_s_code_is_cut(review):
+    item = replace(review.items[1], item=Item("marker at the pillar", None, 20.0, ""))
+    (item.out / "ws" / "src" / "husky" / "a.cpp").write_text("Marker" * 30_000 + "\n" + "Marker marker;\n")
+    place, code = item.code
+    assert place == "husky/a.cpp:2"
+    assert max(map(len, code.splitlines())) < 1000
 
 
 @pytest.mark.parametrize(

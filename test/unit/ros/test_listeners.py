@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -37,9 +38,29 @@ def connection():
             node.kill()
 
 
-def test_whatever_is_asleep_has_done_its_work(connection):
+@pytest.fixture
+def listeners(connection):
+    """The process, as a subscriber."""
     publisher = SimpleNamespace(impl=SimpleNamespace(connections=[SimpleNamespace(socket=connection)]))
-    listeners = Listeners(publisher, publisher)
+    return Listeners(publisher, publisher)
+
+
+def test_a_file_that_a_process_closes_meanwhile_does_not_hide_it(listeners, monkeypatch):
+    read = os.readlink
+
+    def readlink(path):
+        target = read(path)
+        if not target.startswith("socket:"):
+            raise FileNotFoundError(path)
+        return target
+
+    monkeypatch.setattr(os, "readlink", readlink)
+    end = time.monotonic() + 60.0
+    while not listeners.asleep():
+        assert time.monotonic() < end, "it is never found"
+
+
+def test_whatever_is_asleep_has_done_its_work(connection, listeners):
     connection.settimeout(0.0)
     for _ in range(50):
         connection.sendall(b"?")

@@ -22,6 +22,7 @@ from husky_highlevel_controller.robot import load_robot
 PICTURES = ("drive.png", "rviz.png")
 LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
 HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
+JOB = "job.json"  # of the marking program, in the folder of a student's result
 MAX_LOG = 5000  # letters of a log in the feedback
 COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of rospy's warnings and errors
 REPLAY = "replay.html"  # in the folder of a drive
@@ -37,7 +38,8 @@ def write_result(result: Result, out: Path) -> None:
     """
     write_whole(out / "table.txt", table(result) + "\n")
     write_whole(out / "junit.xml", to_junit([result]))
-    write_whole(out / "feedback.html", feedback_page(result, _pictures(out), _replays(out), _logs(out)))
+    pages = {number: path.read_text(encoding="utf-8") for number, path in replays(out).items()}
+    write_whole(out / "feedback.html", feedback_page(result, _pictures(out), pages, _logs(out)))
     write_exports(result, out)
     sums = {name: getattr(result, name) for name in SUMS}
     write_whole(out / "result.json", to_json(result, **sums))
@@ -102,8 +104,9 @@ def _pictures(out: Path) -> List[bytes]:
     return [(out / name).read_bytes() for name in PICTURES if (out / name).is_file()]
 
 
-def _replays(out: Path) -> List[str]:
-    return [path.read_text(encoding="utf-8") for path in sorted(out.glob(f"drive_*/{REPLAY}"))]
+def replays(out: Path) -> Dict[int, Path]:
+    """Replays of a student by the number of the drive, in order."""
+    return dict(sorted((int(path.parent.name[6:]), path) for path in out.glob(f"drive_*/{REPLAY}")))
 
 
 def _logs(out: Path) -> Dict[str, str]:

@@ -24,13 +24,13 @@ class Row:
     cells: Tuple[Optional[Item], ...]  # one for each column
     pictures: Tuple[bytes, ...]  # PNG
     files: Tuple[Tuple[str, str], ...] = ()  # words and address
-    replays: Tuple[Tuple[str, float], ...] = ()  # HTML, each a page of its own, and the moment it shows [s]
+    replays: Tuple[Tuple[int, str, float], ...] = ()  # number of the drive, HTML, and the moment it shows [s]
 
     def replay_of(self, item: Item) -> str:
         """Address of the replay of an item's drive at its moment; empty: there is none."""
         if item.at is None:
             return ""
-        if item.drive <= len(self.replays):
+        if item.drive in [number for number, _, _ in self.replays]:
             return f"#drive_{item.drive}"
         address = dict(self.files).get(f"replay of drive {item.drive}", "")
         return address and f"{address}#{moment_of(item):.2f}"
@@ -86,7 +86,7 @@ def class_page(
 def feedback_page(
     result: Result,
     pictures: Sequence[bytes],
-    replays: Sequence[str] = (),
+    replays: Optional[Mapping[int, str]] = None,
     logs: Optional[Mapping[str, str]] = None,
 ) -> str:
     """Page for one student, which needs no other file and names no other student.
@@ -94,12 +94,15 @@ def feedback_page(
     Args:
         result: the student's.
         pictures: PNGs.
-        replays: HTML pages that play the drives.
+        replays: HTML pages that play the drives, by number.
         logs: texts by their words, such as the output of its nodes.
     """
     cause = result.cause
-    moments = [moment_of(cause) if cause and cause.drive == n else 0.0 for n in range(1, len(replays) + 1)]
-    row = Row(result, (), tuple(pictures), replays=tuple(zip(replays, moments)))
+    shown = tuple(
+        (number, replay, moment_of(cause) if cause and cause.drive == number else 0.0)
+        for number, replay in (replays or {}).items()
+    )
+    row = Row(result, (), tuple(pictures), replays=shown)
     return render("feedback.html", row=row, logs=logs or {}, grade=_grade, moment_of=moment_of)
 
 

@@ -42,16 +42,16 @@ class Commands:
         self.topics = " or ".join(rospy.resolve_name(topic) for topic in (MAIN, topics.wheel_command))
         rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=10)
 
-    def take(self, stamp: float) -> List[Twist2D]:
-        """The commands to obey of those that have arrived, oldest first, taken to arrive at `stamp` [s]."""
+    def take(self, stamp: float) -> List[Tuple[str, Twist2D]]:
+        """Topic and command of those to obey that have arrived, oldest first; they arrive at `stamp` [s]."""
         obeyed = []
         while self._arrived:
             topic, msg = self._arrived.popleft()
             if topic == self._direct_topic:
                 if not self._mux.locked:
-                    obeyed.append(conversions.twist_from_msg(msg))
+                    obeyed.append((topic, conversions.twist_from_msg(msg)))
             elif self._mux.passes(topic, stamp):
-                obeyed.append(conversions.twist_from_msg(msg))
+                obeyed.append((topic, conversions.twist_from_msg(msg)))
                 if self._passed.get_num_connections() > 1:  # one of them is our own
                     publish(self._passed, msg)
         return obeyed

@@ -169,10 +169,12 @@ def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
     owners: Dict[Ports, int] = {}
     for folder in Path("/proc").glob("[0-9]*/fd"):
         try:
-            for link in folder.iterdir():
+            links = list(folder.iterdir())
+        except OSError:  # the process has just ended, or belongs to another user
+            continue
+        for link in links:
+            with contextlib.suppress(OSError):  # the file has just been closed
                 name = os.readlink(link)
                 if name in sockets:
                     owners[sockets[name]] = int(folder.parent.name)
-        except OSError:  # it has just ended, or belongs to another user
-            continue
     return owners

@@ -188,11 +188,11 @@ class SimulatorNode:
 
     def _advance(self) -> bool:
         """Advance the physics by one step and publish its messages; whether /clock was published."""
-        for twist in self._commands.take(self._simulation.stamp):
+        for topic, twist in self._commands.take(self._simulation.stamp):
             try:
                 self._simulation.command(twist)
             except CommandError as error:
-                rospy.logwarn_throttle(1.0, f"{rospy.resolve_name('cmd_vel')}: {error}")
+                rospy.logwarn_throttle(1.0, f"{rospy.resolve_name(topic)}: {error}")
         snapshot = self._simulation.step()
         if snapshot.scan is not None:
             self._lead_limit.before_scan()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from html import escape
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
@@ -13,7 +14,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.ros.web.actions import Actions, call
 from husky_highlevel_controller.ros.web.plots import fixed, set_html
 from husky_highlevel_controller.ros.web.state_bar import LEVELS
-from husky_highlevel_controller.ros.web.teleop import Teleop
+from husky_highlevel_controller.ros.web.teleop import LEAST, Teleop, set_speed
 from husky_highlevel_controller.srv import StepWorld
 
 PAD = """<div class="husky-block husky-drive">
@@ -21,6 +22,9 @@ PAD = """<div class="husky-block husky-drive">
 <div>Drag the pad<span class="husky-has-keys">,
 or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd></span>. Let go to stop.<br>
 <span class="husky-has-keys"><kbd>Space</kbd> is the emergency stop.</span></div></div>"""
+# label, limit of Teleop and highest value of each slider [m/s], [rad/s]
+SPEEDS = (("speed [m/s]", "max_linear", 1.0), ("turning [rad/s]", "max_angular", 2.0))
+MAX_LIGHTS = 100  # diagnostics that are shown
 PRIMARY = '<i class="husky-choice-0" hidden></i>'  # fills the first button of the group that follows
 
 
@@ -48,10 +52,9 @@ class DriveTab:
         start.on_click(self._on_start_stop)
         with gui.add_folder("Drive by hand"):
             gui.add_html(PAD)
-            linear = gui.add_slider("speed [m/s]", 0.1, 1.0, 0.05, teleop.max_linear)
-            angular = gui.add_slider("turning [rad/s]", 0.1, 2.0, 0.05, teleop.max_angular)
-            linear.on_update(lambda event: setattr(teleop, "max_linear", event.target.value))
-            angular.on_update(lambda event: setattr(teleop, "max_angular", event.target.value))
+            for label, limit, high in SPEEDS:
+                slider = gui.add_slider(label, LEAST, high, 0.05, getattr(teleop, limit))
+                slider.on_update(partial(set_speed, teleop, limit, high))
         with gui.add_folder("Simulation"):
             time = gui.add_button_group(
                 "Time", ("Pause", "Step", "Resume"), hint="Step: 0.1 s of a paused world"
@@ -66,7 +69,8 @@ class DriveTab:
         """Show new readings; `diagnostics` are messages of /diagnostics."""
         for array in diagnostics:
             for item in array.status:
-                self._lights[item.name] = (item.level, item.message)
+                if item.name in self._lights or len(self._lights) < MAX_LIGHTS:
+                    self._lights[item.name] = (item.level, item.message)
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
         set_html(self._readings, readings_html(readings, lights))
 

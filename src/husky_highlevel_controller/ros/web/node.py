@@ -159,7 +159,8 @@ class WebNode:
                         self._update_readings(now)
                     readings_due = now + READINGS_PERIOD
                 if now >= curves_due:
-                    self._plots.update()
+                    with self._left_out.item("a curve"):
+                        self._plots.update()
                     curves_due = now + CURVES_PERIOD
             time.sleep(max(0.0, period - (time.monotonic() - now)))
         self._server.stop()

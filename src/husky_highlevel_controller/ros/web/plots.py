@@ -19,6 +19,7 @@ RESOLUTION = 0.4  # [s] between two points of a curve: more are not seen, and ar
 # of a chart, in px where the panel has its usual width: whole, and what labels take at its sides
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 360.0, 104.0, 36.0, 6.0, 18.0, 6.0
 TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))
+LARGEST = 1e9  # of a value that is drawn
 MAX_MARKS = 8  # changes of parameters in one chart
 
 
@@ -119,8 +120,8 @@ class Rate:
 
 
 def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark] = ()) -> str:
-    """HTML of a chart of series over time; NaN is a gap, and 0 is always within the range."""
-    times, series = arrays[0], arrays[1:]
+    """HTML of a chart of series over time; NaN and values from LARGEST on are gaps; 0 is within the range."""
+    times, series = arrays[0], [np.where(np.abs(each) < LARGEST, each, np.nan) for each in arrays[1:]]
     end = float(times[-1]) if len(times) else 0.0
     ticks = nice_ticks(*_limits(series))
     low, high = ticks[0], ticks[-1]

@@ -21,7 +21,7 @@ from husky_highlevel_controller.ros.web.page_server import LoopEvent, MessageBuf
 from husky_highlevel_controller.ros.web.pages import MOVE
 from husky_highlevel_controller.ros.web.plots import CHARTS, Curve, Mark, Rate, chart_html, fixed, nice_ticks
 from husky_highlevel_controller.ros.web.state_bar import RobotStatus, state_html
-from husky_highlevel_controller.ros.web.teleop import EXPIRY, HoldToDrive, clamp_axis
+from husky_highlevel_controller.ros.web.teleop import EXPIRY, HoldToDrive, clamp_axis, set_speed
 from husky_highlevel_controller.ros.web.tuning import from_yaml, parameters, shown_value, to_yaml
 
 AHEAD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.8)
@@ -216,6 +216,22 @@ def test_a_chart_draws_gaps_as_gaps_and_survives_nothing():
     curve = re.search(r'class="curve commanded" d="([^"]+)"', chart_html(speed, (times, values, values)))
     assert re.sub("[0-9.,]", "", curve.group(1)) == "MLM"
     assert "<svg" in chart_html(speed, (np.zeros(0),) * 3)
+
+
+@pytest.mark.parametrize("value", [1.7e308, -1.7e308, 1e12])
+def test_a_chart_leaves_out_what_is_no_measurement(value):
+    times = np.arange(0.0, 3.0, 0.5)
+    html = chart_html(CHARTS[0], (times, np.array([0.0, 0.1, value, -value, 0.2, value])))
+    assert len(html) < 5000
+    assert 'text-anchor="end">0.2<' in html
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -5.0, 0.0, 50.0, 1e308])
+def test_a_speed_that_no_slider_has_is_not_taken(value):
+    teleop = SimpleNamespace(max_linear=0.5)
+    for sent, taken in ((value, 0.5), (0.7, 0.7)):
+        set_speed(teleop, "max_linear", 1.0, SimpleNamespace(target=SimpleNamespace(value=sent)))
+        assert teleop.max_linear == taken
 
 
 def test_a_chart_marks_a_change_of_a_parameter_while_it_is_in_the_window():
