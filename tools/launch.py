@@ -24,6 +24,7 @@ if sys.version_info < (3, 12):  # rosclean imports distutils: Python's own, or h
 
         _distutils_hack.remove_shim()
 
+import rosgraph.names
 import roslaunch
 import roslaunch.arg_dump
 import roslaunch.nodeprocess
@@ -215,7 +216,7 @@ class Failures(roslaunch.pmon.ProcessListener):
 
 def last_fatal(process_name: str, log_folder: Path) -> Optional[str]:
     """The last FATAL message that a rospy node wrote into its log."""
-    for log in log_folder.glob(f"{process_name}.log"):
+    for log in log_folder.glob(f"{process_name.replace('/', '-')}.log"):
         found = re.findall(
             r"\]\[(?:FATAL|CRITICAL)\][^:]*:\d+:\d+,\d+: (.*)", log.read_text(errors="replace")
         )
@@ -238,7 +239,9 @@ def launch(file: Path, options: List[str]) -> int:
         def _load_config(self) -> None:  # the only place between reading the file and starting its nodes
             super()._load_config()
             adapt(self.config)
-            failures.required = {node.name for node in self.config.nodes if node.required}
+            # as roslaunch calls their processes
+            names = [rosgraph.names.ns_join(n.namespace, n.name) for n in self.config.nodes if n.required]
+            failures.required = {name.lstrip("/") for name in names}
 
         def start(self, auto_terminate: bool = True) -> None:
             super().start(auto_terminate)

@@ -140,6 +140,14 @@ def test_a_whole_number_that_ros_cannot_send_is_refused(launch, value, words):
     assert "Traceback" not in launched.output
 
 
+def test_a_required_node_in_a_namespace_that_fails_is_told(launch, tmp_path):
+    file = tmp_path / "namespace.launch"
+    node = '<node name="short" pkg="rostopic" type="rostopic" args="nonsense" required="true"/>'
+    file.write_text(f'<launch><group ns="robot1">{node}</group></launch>')
+    launched = launch(file)
+    assert launched.wait() == 1, launched.output
+
+
 def test_a_required_node_that_ends_well_is_no_failure(launch, tmp_path):
     file = tmp_path / "short.launch"
     file.write_text(

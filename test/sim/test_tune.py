@@ -78,6 +78,7 @@ def test_the_cost_is_as_it_says():
         ("search", "search is not a number"),
         ("lidar/noise=0:1", "lidar/noise is not a number of the controller's"),
         ("p_gain_vel=1", "p_gain_vel = '1' is not LOW:HIGH, such as 0.0:10.0"),
+        ("min_beams=nan:3", "min_beams = 'nan:3' is not LOW:HIGH"),
         ("p_gain_vel=1:11", "p_gain_vel = 11.0 is out of range"),
         ("p_gain_vel=2:1", "p_gain_vel = 2:1: 2 is not below 1"),
     ],

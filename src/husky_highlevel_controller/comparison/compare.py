@@ -21,7 +21,7 @@ from husky_highlevel_controller.evaluation.scenarios import Scenario, random_sta
 from husky_highlevel_controller.evaluation.setup import add_profile_options, setup_of
 from husky_highlevel_controller.evaluation.statistics import Interval, bootstrap
 from husky_highlevel_controller.grading.isolation.process import stop_on_signals
-from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
+from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive, seed_value
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -168,7 +168,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("a", metavar="A", help=kinds)
     parser.add_argument("b", metavar="B", help="the same")
     parser.add_argument("--scenes", type=positive, default=50, help="random starts (default 50)")
-    parser.add_argument("--seed", type=int, default=0, help="of the scenes (default 0)")
+    parser.add_argument("--seed", type=seed_value, default=0, help="of the scenes (default 0)")
     add_profile_options(parser)
     parser.add_argument(
         "--margin", type=_share, default=0.05, metavar="SHARE",
@@ -188,6 +188,8 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
                 raise HuskyError(
                     f"--profile {options.profile}: a launch file drives with profile gazebo only"
                 )
+            if options.robot != "husky":
+                raise HuskyError(f"--robot {options.robot}: a launch file drives the husky only")
             stop_on_signals()  # its programs are ended first
         options.out.mkdir(parents=True, exist_ok=True)
         # what a launch file starts is not known, so its drives are not kept

@@ -28,7 +28,7 @@ from husky_highlevel_controller.evaluation.metrics import (
 from husky_highlevel_controller.evaluation.report import Cell, Table, write_page
 from husky_highlevel_controller.evaluation.scenarios import Scenario, course_scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import COURSE_GAINS, Setup, add_profile_options, setup_of
-from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
+from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive, seed_value
 from husky_highlevel_controller.tasks.workers import Workers
 
 INDEX = "index.html"
@@ -253,7 +253,7 @@ def write_index(folder: Path, title: str, sections: Sequence[Tuple[str, List[Fig
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Print the table; exit with 1 if a figure is not where it is wanted."""
     parser = argparse.ArgumentParser(prog="evaluate", description="Measure the controller, without ROS.")
-    parser.add_argument("--seed", type=int, default=0, help="of everything random (default 0)")
+    parser.add_argument("--seed", type=seed_value, default=0, help="of everything random (default 0)")
     parser.add_argument(
         "--scenes", type=positive, default=2000, help="single scans of each kind (default 2000)"
     )

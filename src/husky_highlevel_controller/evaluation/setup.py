@@ -173,7 +173,10 @@ def parse_axis(text: str) -> Axis:
 
 def _numbers(words: str, is_geometric: bool) -> List[float]:
     if ":" not in words:
-        return sorted(float(word) for word in words.split(","))
+        numbers = sorted(float(word) for word in words.split(","))
+        if not all(map(math.isfinite, numbers)):
+            raise ValueError("a value is no number")
+        return numbers
     first, last, count = words.split(":")
     if not 1 <= int(count) <= MAX_VALUES:
         raise ValueError(f"{count} values are not in 1..{MAX_VALUES}")

@@ -31,7 +31,7 @@ from husky_highlevel_controller.evaluation.setup import (
     parse_axis,
     setup_of,
 )
-from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
+from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive, seed_value
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -149,7 +149,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         help="values of a parameter, at equal distances or ratios; or NAME=VALUE,VALUE,...",
     )  # fmt: skip
     parser.add_argument("--scenes", type=positive, default=20, help="random starts (default 20)")
-    parser.add_argument("--seed", type=int, default=0, help="of the scenes (default 0)")
+    parser.add_argument("--seed", type=seed_value, default=0, help="of the scenes (default 0)")
     add_profile_options(parser)
     parser.add_argument("--out", type=Path, default=Path("sweep"), help="folder of results (default ./sweep)")
     add_worker_options(parser)

@@ -12,7 +12,7 @@ import argparse
 import sys
 from dataclasses import dataclass, fields
 from itertools import product
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
@@ -34,7 +34,7 @@ from husky_highlevel_controller.evaluation.setup import (
     unit_of,
 )
 from husky_highlevel_controller.evaluation.statistics import bootstrap
-from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive
+from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive, seed_value
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -101,6 +101,8 @@ def parse_range(text: str, base: Setup) -> Range:
     limits = [str(metadata_of(name)["min"]), str(metadata_of(name)["max"])]
     try:
         low, high = map(float, words.split(":") if equals else limits)
+        if not (isfinite(low) and isfinite(high)):
+            raise ValueError
     except ValueError:
         raise ConfigError(f"{name} = '{words}' is not LOW:HIGH, such as {':'.join(limits)}") from None
     kind = type(parameters(base)[name])
@@ -225,7 +227,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("--trials", type=positive, default=64, help="setups to try (default 64)")
     parser.add_argument("--scenes", type=positive, default=10, help="starts for each of them (default 10)")
     parser.add_argument("--fresh", type=positive, default=200, help="other starts to check on (default 200)")
-    parser.add_argument("--seed", type=int, default=0, help="of starts and proposals (default 0)")
+    parser.add_argument("--seed", type=seed_value, default=0, help="of starts and proposals (default 0)")
     parser.add_argument(
         "--weights", nargs="+", default=[], metavar="NAME=NUMBER",
         help=f"of the objective: {Objective().formula} (failure, touch, overshoot, crossing)",

@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 from pathlib import Path
-from typing import Callable, Optional, Sequence
+from typing import Optional, Sequence
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.batch import Batch, mark_all, run_program
@@ -24,7 +24,13 @@ from husky_highlevel_controller.grading.records import (
 from husky_highlevel_controller.grading.reports.files import add_step_summary
 from husky_highlevel_controller.grading.reports.tables import table
 from husky_highlevel_controller.grading.settings import load_rules
-from husky_highlevel_controller.tasks.command import add_cluster_option, exit_codes, positive
+from husky_highlevel_controller.tasks.command import (
+    add_cluster_option,
+    between,
+    exit_codes,
+    positive,
+    seed_value,
+)
 
 REVIEW = "husky_highlevel_controller.grading.review"  # program
 
@@ -59,8 +65,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         help="husky: scans on /front/scan in front_laser, husky_melodic: on /scan in base_laser, smb: on "
         "/scan in rslidar (default auto: what the submission subscribes to and names)",
     )  # fmt: skip
-    seed = between(int, 0, 2**31 - 1001)
-    add("--seed", type=seed, default=0, help="of starts, pillars and noise (default 0)")
+    add("--seed", type=seed_value, default=0, help="of starts, pillars and noise (default 0)")
     add("--trials", type=positive, default=3, help="drives in exercise 3 (default 3)")
     seconds = between(float, 0.1, 3600.0)
     add("--deadline", type=seconds, help="of a drive, simulated seconds (default 120; 60 in 2, 5)")
@@ -92,17 +97,6 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     if options.underlay and not options.underlay.is_file():
         parser.error(f"--underlay {options.underlay}: no such file")
     return options
-
-
-def between(kind: Callable[[str], float], low: float, high: float) -> Callable[[str], float]:
-    """A type of argument: a number in a range."""
-
-    def number(text: str) -> float:
-        if not low <= kind(text) <= high:
-            raise argparse.ArgumentTypeError(f"{text} is not in {low}..{high}")
-        return kind(text)
-
-    return number
 
 
 def verify(path: Path, out: Path) -> int:

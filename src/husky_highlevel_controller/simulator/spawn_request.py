@@ -67,6 +67,9 @@ def check_bounds(body: Body) -> None:
     for geometry in body.collisions:
         for value in _lengths(geometry.shape):
             _within(value, SIZES, "size", "m")
+    for geometry in (*body.collisions, *body.visuals):
+        for value in geometry.pose_in_body.position:
+            _within(value, (-FARTHEST, FARTHEST), "position of a shape in it", "m")
     checked_pose(body.pose_in_world)
 
 

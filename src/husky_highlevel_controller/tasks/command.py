@@ -9,7 +9,7 @@ import argparse
 import sys
 import traceback
 from contextlib import contextmanager
-from typing import Iterator
+from typing import Callable, Iterator
 
 from husky_highlevel_controller.datatypes import HuskyError
 
@@ -36,6 +36,20 @@ def positive(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"{text} is less than 1")
     return number
+
+
+def between(kind: Callable[[str], float], low: float, high: float) -> Callable[[str], float]:
+    """A type of argument for argparse: a number in a range."""
+
+    def number(text: str) -> float:
+        if not low <= kind(text) <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not in {low}..{high}")
+        return kind(text)
+
+    return number
+
+
+seed_value = between(int, 0, 2**31 - 1001)  # of everything random; drives add their number
 
 
 @contextmanager

@@ -120,9 +120,11 @@ def test_odometry_that_stops_is_waited_for_once_and_then_its_last_pose_has_to_do
     placed.placement.refresh()
     placed.scan(3.0)
     assert placed.answers() == [(2.0, 10.0), (3.0, 10.0)]
+    placed.scan(3.1)
+    assert placed.answers()[2:] == [(3.1, None)], "a robot does not drive on by a pose that is 2 s old"
     placed.pose(3.5, 35.0)
     placed.scan(4.0)
-    assert len(placed.answers()) == 2, "odometry is back: its pose is waited for again"
+    assert len(placed.answers()) == 3, "odometry is back: its pose is waited for again"
 
 
 def test_a_clock_that_starts_again_drops_the_scans_of_before(placed):

@@ -449,6 +449,11 @@ def test_a_tilted_shape_stays_where_it_was_drawn(pitch, load):
         ),
         (HUSKY.replace('xyz="0.19 0 0.149"', 'xyz="$(imu) 0 0"'), "joint 'imu_joint': xyz is"),
         (HUSKY.replace('radius="0.1651"', 'radius="-0.1651"'), "a collision cylinder has"),
+        (HUSKY.replace('radius="0.1651"', 'radius="0.004"'), "radius 0.004 m; a wheel's is more than 0.01 m"),
+        (
+            HUSKY.replace("0.2854 ", "0 "),
+            "'front_left_wheel' is not left of joint 'front_right_wheel': y = 0",
+        ),
         (HUSKY.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 -1 0"/>'), "a wheel turns about 0 1 0"),
         (HUSKY.replace('type="continuous"', 'type="fixed"', 1), "joint 'front_left_wheel' is fixed"),
         (HUSKY.replace('<child link="imu_link"/>', '<child link="imu"/>'), "its child 'imu' is not a link"),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from math import inf, nan
 
 import pytest
 
 from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, Sphere
-from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked_pose, make_object
+from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose, make_object
 
 HERE = Pose((1.0, 2.0, 0.5))
 
@@ -60,6 +61,17 @@ def test_an_unknown_shape_is_answered_with_the_known_ones():
 def test_a_position_is_finite_and_near(value):
     with pytest.raises(ObjectError, match=f"position {re.escape(str(value))} is not within"):
         checked_pose(Pose((0.0, value, 0.0)))
+
+
+@pytest.mark.parametrize("value", [nan, inf, 1e17])
+def test_a_shape_of_a_body_is_near_it(value):
+    body = make_object("it", "box", (1.0, 1.0, 1.0), 1.0, HERE)
+    part = replace(body.collisions[0], pose_in_body=Pose((value, 0.0, 0.0)))
+    for change in ({"collisions": (part,)}, {"visuals": (part,)}):
+        with pytest.raises(
+            ObjectError, match=f"position of a shape in it {re.escape(str(value))} is not within"
+        ):
+            checked(replace(body, **change))
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from husky_highlevel_controller.ros.transforms import lookup_transform
 
 START_TIMEOUT = 4.0  # [s] of wall time that the first scan waits for TF, so that lockstep runs start alike
 TRANSFORM_TIMEOUT = 2.0  # [s] of wall time that the transform of a later scan's stamp may be late
+MAX_AGE = 2.0  # [s] of ROS time by which a pose may be older than the scan that it is taken for
 REPORT_PERIOD = 5.0  # [s] between two warnings about a missing transform
 MAX_UNPLACED_SCANS = 50  # in a row without the lidar's transform before that is worth a warning
 
@@ -144,7 +145,7 @@ class ScanPlacement:
         return Observation(pending.scan, self._laser_in_base(frame), base_in_odom, self._outline)
 
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
-        """Whether to wait for the transform of a stamp; if not, that or else the latest one, if any."""
+        """Whether to wait for the transform of a stamp; if not, that or else the latest, unless it is old."""
         # the latest is mostly that of the stamp; a lookup of a stamp that is not there yet costs more
         latest = self.lookup(ODOM, BASE)
         if latest is None or latest.header.stamp == stamp:
@@ -156,8 +157,9 @@ class ScanPlacement:
                 return False, exact or latest
         if overdue:
             self._overdue_after = latest.header.stamp
-        # odometry that stands still is waited for only once
-        return latest.header.stamp != self._overdue_after, latest
+        # odometry that stands still is waited for only once, and driving on by its last pose is driving blind
+        is_old = not latest.header.stamp.is_zero() and (stamp - latest.header.stamp).to_sec() > MAX_AGE
+        return latest.header.stamp != self._overdue_after, None if is_old else latest
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
         fixed = self._fixed

@@ -48,6 +48,7 @@ FLANK_DEPTH = 0.005  # [m]
 MIN_MASS = 0.001  # [kg], of the body, and of each wheel
 MIN_GYRATION, MAX_GYRATION = 1e-4, 100.0  # [m]
 FLATNESS = 1.001  # a flat plate has 1, and rounding
+MIN_SEPARATION = 0.01  # [m], of left and right wheels
 MIN_SIZE, MAX_SIZE = 1e-4, 1000.0  # [m], of collision shapes
 
 
@@ -120,6 +121,10 @@ def robot_model(
     base = ET.SubElement(physics, "link", name="base_link")
     _write_collisions(base, cluster)
     wheels, inertials = zip(*(_write_wheel(base, joints[name], links, poses) for name in wheel_joints))
+    left, right, *_ = wheels
+    if not left.position[1] - right.position[1] >= MIN_SEPARATION:
+        places = f"y = {left.position[1]:g} and {right.position[1]:g} m"
+        raise DescriptionError(f"joint '{left.joint}' is not left of joint '{right.joint}': {places}")
     mass, com, inertia = _merge([body, *inertials])
     _write_inertial(base, (mass, com, inertia))
 
@@ -185,12 +190,16 @@ def _write_wheel(
         raise DescriptionError(
             f"{label_of(links[child])} has no collision cylinder, so the wheel has no radius"
         )
-
     _require_solid(_inertial(links[child], Pose()), label_of(links[child]))
-    for collision in _write_collisions(base, [(links[child], pose)]):
+    collisions = _write_collisions(base, [(links[child], pose)])
+    radius = number_of(cylinder, "radius", label_of(links[child]))
+    if not radius > 2.0 * FLANK_DEPTH:
+        raise DescriptionError(
+            f"{label_of(links[child])}: radius {radius:g} m; a wheel's is more than {2.0 * FLANK_DEPTH:g} m"
+        )
+    for collision in collisions:
         _crown(base, collision)
     inertial = _inertial(links[child], pose)
-    radius = number_of(cylinder, "radius", label_of(links[child]))
     width = number_of(cylinder, "length", label_of(links[child]))
     axial_inertia = float(inertial[2][1, 1])
     return Wheel(name, child, pose, radius, width, inertial[0], axial_inertia), inertial
