@@ -143,3 +143,6 @@ def test_a_launch_file_is_known_by_its_package_and_drives_with_one_profile_only(
     with pytest.raises(SystemExit, match="2"):
         compare.main([one.name, one.name, "--profile", "robot", "--out", str(tmp_path)])
     assert "--profile robot: a launch file drives with profile gazebo only" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        compare.main([one.name, one.name, "--robot", "smb", "--out", str(tmp_path)])
+    assert "--robot smb: a launch file drives the husky only" in capsys.readouterr().err
