@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Tuple
 
-from husky_highlevel_controller.grading.drive.recording import RECORDING
+from husky_highlevel_controller.grading.drive.recording import RECORDING, drive_number
 from husky_highlevel_controller.grading.drive.recording import load as load_recording
 from husky_highlevel_controller.grading.exercises import EXERCISES
 from husky_highlevel_controller.grading.records import (
@@ -44,7 +44,7 @@ def judge_recordings(job: Job) -> Result:
     """
     out = Path(job.out)
     evidence: Evidence = load(Evidence, out / EVIDENCE)
-    paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: int(path.parent.name[len("drive_") :]))
+    paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: drive_number(path.parent))
     recordings = [load_recording(path, "") for path in paths]
     config = replace(job.config, robot=evidence.robot, scans=evidence.scans)
     items = EXERCISES[config.exercise].judge(recordings, evidence.view, config.scan_topic, config.rules)

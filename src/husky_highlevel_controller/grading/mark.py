@@ -58,7 +58,6 @@ from husky_highlevel_controller.grading.reports.files import write_replay, write
 from husky_highlevel_controller.grading.settings import with_override
 
 PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
-STOPPED = 2  # exit code at Ctrl-C
 OLD = (
     "drive_*", "plan", "rviz", "robot", "memcheck", "stand_ins", "build.log", EVIDENCE, FINGERPRINT,
     "result.json", "record.json", "*.png",
@@ -190,7 +189,7 @@ def main(arguments: Optional[List[str]] = None) -> None:
     try:
         mark(load(Job, Path((arguments or sys.argv[1:])[0])))
     except StoppedError:
-        raise SystemExit(STOPPED) from None
+        raise SystemExit(2) from None  # as grade's
 
 
 if __name__ == "__main__":

@@ -146,6 +146,11 @@ RECORDING = "recording.json"  # file in the folder of a drive
 CUT_OFF = "it was cut off"  # why a drive ended that the recorder did not end
 
 
+def drive_number(folder: Path) -> int:
+    """Number of a drive, from the name of its folder: drive_N."""
+    return int(folder.name[len("drive_") :])
+
+
 def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float], robot: str) -> np.ndarray:
     """From the robot's outline, seen from above, to the pillar's surface, (N,) [m]; negative: inside."""
     return load_robot(robot).footprint.gaps(poses, np.asarray(pillar), PILLARS[robot].radius)

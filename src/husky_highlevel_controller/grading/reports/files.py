@@ -10,7 +10,7 @@ from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.grading.drive.recording import ADD, Recording
+from husky_highlevel_controller.grading.drive.recording import ADD, Recording, drive_number
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text, write_whole
 from husky_highlevel_controller.grading.records import Result, load, printable, to_json
 from husky_highlevel_controller.grading.reports.exports import to_step_summary, write_exports
@@ -106,14 +106,14 @@ def _pictures(out: Path) -> List[bytes]:
 
 def replays(out: Path) -> Dict[int, Path]:
     """Replays of a student by the number of the drive, in order."""
-    return dict(sorted((int(path.parent.name[6:]), path) for path in out.glob(f"drive_*/{REPLAY}")))
+    return dict(sorted((drive_number(path.parent), path) for path in out.glob(f"drive_*/{REPLAY}")))
 
 
 def _logs(out: Path) -> Dict[str, str]:
     """The ends of what its build and its nodes printed, by words."""
     logs = {"Output of the build": out / "build.log"}
-    for folder in sorted(out.glob("drive_*")):
-        logs[f"Output of your nodes in drive {folder.name[6:]}"] = folder / "submission.log"
+    for folder in sorted(out.glob("drive_*"), key=drive_number):
+        logs[f"Output of your nodes in drive {drive_number(folder)}"] = folder / "submission.log"
     texts = {}
     for words, path in logs.items():
         with suppress(UnreadableFileError):
@@ -125,7 +125,7 @@ def _logs(out: Path) -> Dict[str, str]:
 def _files(name: Path, out: Path) -> List[Tuple[str, str]]:
     """Words and addresses, relative to the class's page, of what there is of a student."""
     logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]
-    for folder in sorted((out / name).glob("drive_*")):
+    for folder in sorted((out / name).glob("drive_*"), key=drive_number):
         logs.append((f"replay of {folder.name.replace('_', ' ')}", f"{folder.name}/{REPLAY}"))
         logs.append((f"log of {folder.name.replace('_', ' ')}", f"{folder.name}/submission.log"))
     return [(words, f"{name}/{path}") for words, path in logs if (out / name / path).is_file()]

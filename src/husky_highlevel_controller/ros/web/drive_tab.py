@@ -14,7 +14,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.ros.web.actions import Actions, call
 from husky_highlevel_controller.ros.web.plots import fixed, set_html
 from husky_highlevel_controller.ros.web.state_bar import LEVELS
-from husky_highlevel_controller.ros.web.teleop import LEAST, Teleop, set_speed
+from husky_highlevel_controller.ros.web.teleop import SLOWEST, Teleop, set_speed
 from husky_highlevel_controller.srv import StepWorld
 
 PAD = """<div class="husky-block husky-drive">
@@ -53,7 +53,7 @@ class DriveTab:
         with gui.add_folder("Drive by hand"):
             gui.add_html(PAD)
             for label, limit, high in SPEEDS:
-                slider = gui.add_slider(label, LEAST, high, 0.05, getattr(teleop, limit))
+                slider = gui.add_slider(label, SLOWEST, high, 0.05, getattr(teleop, limit))
                 slider.on_update(partial(set_speed, teleop, limit, high))
         with gui.add_folder("Simulation"):
             time = gui.add_button_group(

@@ -17,7 +17,7 @@ from husky_highlevel_controller.ros.node import publish
 
 PERIOD = 0.05  # [s] between two commands; twist_mux drops a source after 0.5 s, the wheels stop after 0.25 s
 
-LEAST = 0.1  # [m/s], [rad/s], of a slider of speed
+SLOWEST = 0.1  # [m/s], [rad/s], of a slider of speed
 EXPIRY = 0.25  # [s] without a word from the page; it repeats itself every 0.05 s while a key is held
 
 
@@ -30,7 +30,7 @@ def clamp_axis(value: Any) -> Optional[float]:
 
 def set_speed(teleop: Teleop, limit: str, high: float, event: Any) -> None:
     """Take a slider's value as a limit of driving by hand, unless it is outside of the slider, or NaN."""
-    if LEAST <= event.target.value <= high:
+    if SLOWEST <= event.target.value <= high:
         setattr(teleop, limit, event.target.value)
 
 
