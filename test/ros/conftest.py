@@ -1,10 +1,11 @@
-"""Lets pytest run the .test files here, each by rostest with a master of its own."""
+"""Lets pytest run the .test files here, each by rostest with a master of its own, and shows their cases."""
 
+import ast
 import os
-import re
 import signal
 import subprocess
 import tempfile
+from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -13,10 +14,33 @@ from network import Ros
 
 from husky_highlevel_controller.robot import ROBOTS
 
-WALL_LIMIT = 240  # [s], for a rostest that hangs in spite of its own time limits
-HERE = os.path.dirname(__file__)
-ROSTEST_SCRIPTS = [name[:-5] for name in os.listdir(HERE) if name.endswith(".test")]
-collect_ignore = [f"test_{promise}.py" for promise in ROSTEST_SCRIPTS]
+WALL_LIMIT = 360  # [s], for a rostest that hangs in spite of its own time limits
+HERE = Path(__file__).parent
+TOGETHER = "together.py"  # the script that runs the cases of others
+
+
+def scripts_of(test_file):
+    """Scripts whose cases a .test file runs, also those of a file that it includes."""
+    tree = ElementTree.parse(test_file)
+    for test in tree.iter("test"):
+        if test.get("type") == TOGETHER:
+            yield from (HERE / f"test_{promise}.py" for promise in test.get("args").split())
+        else:
+            yield HERE / test.get("type")
+    for include in tree.iter("include"):
+        if include.get("file").endswith(".test"):
+            yield from scripts_of(HERE / Path(include.get("file")).name)
+
+
+def cases_of(script):
+    """Class and method of each case of a script, in the order of their run."""
+    for part in ast.parse(script.read_text()).body:
+        if isinstance(part, ast.ClassDef):
+            methods = sorted(each.name for each in part.body if isinstance(each, ast.FunctionDef))
+            yield from ((part.name, method) for method in methods if method.startswith("test"))
+
+
+collect_ignore = [TOGETHER, *{str(script) for file in HERE.glob("*.test") for script in scripts_of(file)}]
 
 
 @pytest.fixture
@@ -35,28 +59,52 @@ def pytest_collect_file(parent, file_path):
 
 class RosTestFile(pytest.File):
     def collect(self):
-        """Once, or for each robot where the file has an argument `robot`."""
-        robots = ROBOTS if '<arg name="robot" default=' in self.path.read_text() else ()
-        yield RosTestItem.from_parent(self, name=self.path.stem, arguments=())
-        for robot in robots[1:]:
-            yield RosTestItem.from_parent(
-                self, name=f"{self.path.stem}[{robot}]", arguments=(f"robot:={robot}",)
-            )
+        """The cases of one launch; again for each other robot where the file has an argument `robot`."""
+        others = ROBOTS[1:] if '<arg name="robot" default=' in self.path.read_text() else ()
+        for words, mark in [((), ""), *(((f"robot:={robot}",), f"[{robot}]") for robot in others)]:
+            launch = RosTest(self.path, words)
+            for script in scripts_of(self.path):
+                for case in cases_of(script):
+                    yield RosTestItem.from_parent(self, name="::".join(case) + mark, launch=launch, case=case)
 
 
 class RosTestItem(pytest.Item):
-    def __init__(self, *, arguments, **kwargs):
+    def __init__(self, *, launch, case, **kwargs):
         super().__init__(**kwargs)
-        self.arguments = arguments
+        self.launch, self.case = launch, case
 
     def runtest(self):
-        with tempfile.TemporaryDirectory() as folder:
-            self.run_rostest(Path(folder))
+        failure = self.launch.results.get(self.case, f"it did not run\n{self.launch.output}")
+        if failure:
+            raise RosTestError(f"{failure}\n{self.launch.logs}")
 
-    def run_rostest(self, folder):
+    def repr_failure(self, excinfo, style=None):
+        if isinstance(excinfo.value, RosTestError):
+            return str(excinfo.value)
+        return super().repr_failure(excinfo, style)
+
+    def reportinfo(self):
+        return self.path, 0, self.name
+
+
+class RosTest:
+    """One run of rostest, started by the first of its cases that is looked at."""
+
+    output, logs = "", ""
+
+    def __init__(self, path, arguments):
+        self._command = ["rostest", str(path), *arguments]
+
+    @cached_property
+    def results(self):
+        """What failed in each case; empty: nothing did."""
+        with tempfile.TemporaryDirectory() as folder:
+            return self._run(Path(folder))
+
+    def _run(self, folder):
         # not with --text, which makes rostest exit with 0 whatever happens
         process = subprocess.Popen(
-            ["rostest", str(self.path), *self.arguments],
+            self._command,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -68,37 +116,23 @@ class RosTestItem(pytest.Item):
             },
         )
         try:
-            output, _ = process.communicate(timeout=WALL_LIMIT)
+            self.output, _ = process.communicate(timeout=WALL_LIMIT)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
-            output = process.communicate()[0] + f"\nended after {WALL_LIMIT} s\n"
-        ran = re.search(r"TESTS: (\d+)", output)
-        if process.returncode != 0 or not ran or ran.group(1) == "0":
-            raise RosTestError(why_it_failed(folder, output))
-
-    def repr_failure(self, excinfo, style=None):
-        if isinstance(excinfo.value, RosTestError):
-            return str(excinfo.value)
-        return super().repr_failure(excinfo, style)
-
-    def reportinfo(self):
-        return self.path, 0, self.name
-
-
-def why_it_failed(folder, output):
-    """The failed cases and what the nodes logged; all that rostest printed where no case says why."""
-    cases = [
-        case for path in folder.glob("results/**/*.xml") for case in ElementTree.parse(path).iter("testcase")
-    ]
-    failures = [
-        f"{case.get('name')}: {found.text}"
-        for case in cases
-        for kind in ("failure", "error")
-        for found in case.findall(kind)
-    ]
-    logs = [f"--- {path.name}\n{path.read_text()}" for path in sorted(folder.glob("log/**/*-stdout.log"))]
-    return "\n".join([*(dict.fromkeys(failures) or [output]), *logs])
+            self.output = process.communicate()[0] + f"\nended after {WALL_LIMIT} s\n"
+        warnings = [line for line in self.output.splitlines() if "[WARN" in line or "[ERROR" in line]
+        files = sorted(folder.glob("log/**/*-stdout.log"))
+        self.logs = "\n".join([*warnings, *(f"--- {path.name}\n{path.read_text()}" for path in files)])
+        cases = [
+            case for path in folder.glob("results/**/*.xml") for case in ElementTree.parse(path).iter("testcase")
+        ]
+        return {
+            (case.get("classname").rsplit(".", 1)[-1], case.get("name")): "\n".join(
+                part.text for part in case if part.tag in ("failure", "error")
+            )
+            for case in cases
+        }
 
 
 class RosTestError(Exception):
-    """What rostest printed."""
+    """What failed, and what the nodes logged."""

@@ -29,6 +29,10 @@ class Driver:
     def drive(self, linear=0.0, angular=0.0):
         self._command = twist(linear, angular)
 
+    def stop(self):
+        self._command = None
+        self._velocity.publish(twist())
+
     def _on_odometry(self, _msg):
         command = self._command
         if command is not None:
@@ -40,8 +44,7 @@ class Driver:
         if self._answer is not None:
             self._answer.wait()
         self.stops += 1
-        self._command = None
-        self._velocity.publish(twist())
+        self.stop()
         return SetBoolResponse(True, "stopped")
 
 

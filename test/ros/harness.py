@@ -17,9 +17,13 @@ WALL_LEAST = 30.0  # [s] of wall time before simulated time counts
 class RosTest(unittest.TestCase):
     """A test case with a node."""
 
+    from_the_start = False  # whether the world is reset before its first test: others ran in the same launch
+
     @classmethod
     def setUpClass(cls):
         rospy.init_node("test")
+        if cls.from_the_start:
+            ask_simulator("reset")
 
     def remember(self, topic, kind):
         """A list that grows with every message of a topic from now on; every publisher knows of it."""
@@ -55,16 +59,11 @@ class RosTest(unittest.TestCase):
 
     def resume(self):
         """Start a world launched with paused:=true: nothing happens before all are connected."""
-        self._call("resume")
+        ask_simulator("resume")
 
     def pause(self):
         """Stop the world, for what takes wall time and not simulated time: a program that starts, say."""
-        self._call("pause")
-
-    def _call(self, name):
-        service = rospy.ServiceProxy(f"husky_simulator/{name}", Trigger)
-        service.wait_for_service(WALL_LIMIT)
-        self.assertTrue(service().success)
+        ask_simulator("pause")
 
     def wait_for_node(self, node, *topics):
         """Wait until a node receives these topics, and this node what that one logs."""
@@ -76,6 +75,14 @@ class RosTest(unittest.TestCase):
         publisher = keep_registered(rospy.Publisher, topic, kind)
         self.wait_until(publisher.get_num_connections, f"somebody listens to {topic}")
         return publisher
+
+
+def ask_simulator(name):
+    """Call a service of the simulator that takes nothing."""
+    service = rospy.ServiceProxy(f"husky_simulator/{name}", Trigger)
+    service.wait_for_service(WALL_LIMIT)
+    answer = service()
+    assert answer.success, answer.message
 
 
 _registered = {}

@@ -48,6 +48,7 @@ class Player(RosTest):
     """A test case that is a robot; its scans are stamped by a clock of its own."""
 
     moment = 1000.0  # [s], of the last scan, in any test
+    played_by = None  # the test case that the controller has seen last
     frame = "front_laser"  # of the scans
 
     @classmethod
@@ -63,6 +64,15 @@ class Player(RosTest):
         self.scans = self.publisher("front/scan", LaserScan)
         self.transforms = self.publisher("/tf", TFMessage)
         self.stand_at()
+        if Player.played_by not in (None, type(self)):
+            self.make_it_forget()
+        Player.played_by = type(self)
+
+    def make_it_forget(self):
+        """What the controller remembers goes with a scan that is older than the last: another robot begins."""
+        self.answer(NOTHING)
+        Player.moment -= 2.0 * PERIOD
+        self.answer(NOTHING)
 
     def stand_at(self, x=0.0, y=0.0, yaw=0.0):
         """Where the robot is from now on."""

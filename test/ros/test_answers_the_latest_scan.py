@@ -24,8 +24,8 @@ class AnswersTheLatestScan(Player):
         try:
             for _ in range(SCANS):
                 self.send(pillar_ahead(3.0))
-            self.stand_at(2.6)
-            self.send(pillar_ahead(0.4))  # where it is to stop
+            self.stand_at(2.0)
+            self.send(pillar_ahead(1.0))  # where it is to stop
             self.wait_until(lambda: self.sent() > sent + SCANS, "all scans are on their way")
         finally:
             os.kill(controller, signal.SIGCONT)

@@ -7,6 +7,8 @@ from nav_msgs.msg import Odometry
 
 
 class CmdVelTimesOut(RosTest):
+    from_the_start = True
+
     def test_one_command_moves_the_robot_for_a_quarter_of_a_second(self):
         truth = self.remember("ground_truth/odom", Odometry)
         self.wait_until(lambda: len(truth) > 50, "the robot stands on its wheels")

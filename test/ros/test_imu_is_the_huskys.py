@@ -9,6 +9,8 @@ from sensor_msgs.msg import Imu
 
 
 class ImuIsTheHuskys(RosTest):
+    from_the_start = True
+
     def test_at_rest_it_feels_9_8_upwards_with_the_husky_s_noise_at_50_hz(self):
         messages = self.remember("imu/data", Imu)
         self.wait_until(lambda: len(messages) > 300, "there are 300 samples")
@@ -32,7 +34,9 @@ class ImuIsTheHuskys(RosTest):
 
     def test_left_is_positive(self):
         messages = self.remember("imu/data", Imu)
-        Driver().drive(0.0, 0.5)
+        driver = Driver()
+        self.addCleanup(driver.stop)
+        driver.drive(0.0, 0.5)
         self.wait_until(lambda: messages and messages[-1].angular_velocity.z > 0.4, "it turns left", 10.0)
         self.wait_until(lambda: messages[-1].orientation.z > 0.1, "its heading grows", 10.0)
 

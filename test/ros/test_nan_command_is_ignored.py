@@ -10,6 +10,8 @@ from rosgraph_msgs.msg import Log
 
 
 class NanCommandIsIgnored(RosTest):
+    from_the_start = True
+
     def test_the_robot_drives_on_through_bad_commands(self):
         truth = self.remember("ground_truth/odom", Odometry)
         log = self.remember("rosout", Log)

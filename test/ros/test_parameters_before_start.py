@@ -3,10 +3,12 @@
 
 from dataclasses import fields
 
+import rospy
 from dynamic_reconfigure.client import Client
 from geometry_msgs.msg import Twist
 from harness import run
 from player import NODE, NOTHING, Player, pillar_ahead
+from std_srvs.srv import SetBool
 
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
@@ -14,8 +16,9 @@ from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 
 class ParametersBeforeStart(Player):
     def test_it_drives_with_them(self):
+        rospy.ServiceProxy("let_it_drive", SetBool)(True)
         self.assertEqual(self.answer(NOTHING), Twist(), "search is off")
-        self.assertAlmostEqual(self.answer(pillar_ahead(3.0)).linear.x, 0.1 * 2.0, delta=0.01)
+        self.assertAlmostEqual(self.answer(pillar_ahead(3.0)).linear.x, 0.3 * 2.0, delta=0.01)
         self.stand_at(1.995)
         self.answer(pillar_ahead(1.005))
         self.assertEqual(self.commands[-1], Twist(), "stop_distance is 1 m")
@@ -25,7 +28,7 @@ class ParametersBeforeStart(Player):
         self.addCleanup(client.close)
         now = client.get_configuration(timeout=30.0)
         about = {each["name"]: each for each in client.get_parameter_descriptions(timeout=30.0)}
-        given = {"stop_distance": 1.0, "p_gain_vel": 0.1, "search": False}
+        given = {"stop_distance": 1.0, "p_gain_vel": 0.3, "search": False}
         names = set()
         for record in (ControlConfig, PillarConfig):
             for item in fields(record):

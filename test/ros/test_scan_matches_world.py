@@ -10,6 +10,8 @@ NEAR_SIDE = hypot(20.0 - 0.3370, 5.0) - 0.2  # [m], from the lidar to the pillar
 
 
 class ScanMatchesWorld(RosTest):
+    from_the_start = True
+
     def test_scans_come_at_50_hz_none_dropped_none_doubled(self):
         scans = self.remember("front/scan", LaserScan)
         self.wait_until(lambda: len(scans) > 200, "there are 200 scans")

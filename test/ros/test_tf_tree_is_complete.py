@@ -42,6 +42,8 @@ SUBSCRIBERS = 50  # one after the other
 
 
 class TfTreeIsComplete(RosTest):
+    from_the_start = True
+
     def test_every_frame_has_its_parent(self):
         moving = self.remember("tf", TFMessage)
         fixed = self.remember("tf_static", TFMessage)

@@ -26,6 +26,8 @@ TOPICS = {  # type, frame, rate [Hz]
 
 
 class TopicsAreTheHuskys(RosTest):
+    from_the_start = True
+
     def test_every_topic_comes_at_its_rate_in_its_frame(self):
         received = {topic: self.remember(topic, kind) for topic, (kind, _, _) in TOPICS.items()}
         self.wait_until(lambda: min(map(len, received.values())) > 100, "there are 100 of each")
