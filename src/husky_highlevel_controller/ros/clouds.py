@@ -21,13 +21,17 @@ def points_from_scan(scan: Scan) -> np.ndarray:
 
 
 def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarray:
-    """Finite points, evenly thinned; none where a point has no room for x, y and z of 32 bits."""
+    """Finite points, evenly thinned; none where a point or a row has no room for x, y and z of 32 bits."""
+    nothing = np.zeros((0, 3), np.float32)
     offsets = {field.name: field.offset for field in msg.fields if field.datatype == PointField.FLOAT32}
-    count = msg.width * msg.height
-    if not {"x", "y", "z"} <= set(offsets) or not count or len(msg.data) < count * msg.point_step:
-        return np.zeros((0, 3), np.float32)
-    if max(offsets[axis] for axis in "xyz") + 4 > msg.point_step:
-        return np.zeros((0, 3), np.float32)
+    if not {"x", "y", "z"} <= set(offsets) or not msg.width * msg.height:
+        return nothing
+    row_size = msg.width * msg.point_step
+    row_step = msg.row_step or row_size  # 0: left out by the driver
+    if max(offsets[axis] for axis in "xyz") + 4 > msg.point_step or row_step < row_size:
+        return nothing
+    if len(msg.data) < (msg.height - 1) * row_step + row_size:
+        return nothing
     order = ">f4" if msg.is_bigendian else "<f4"
     kind = np.dtype(
         {
@@ -37,8 +41,8 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
             "itemsize": msg.point_step,
         }
     )
-    step = -(-count // max_points)
-    cloud = np.frombuffer(msg.data, kind, count)[::step]
+    rows = np.ndarray((msg.height, msg.width), kind, msg.data, strides=(row_step, msg.point_step))
+    cloud = rows.ravel()[:: -(-rows.size // max_points)]
     points = np.column_stack([cloud["x"], cloud["y"], cloud["z"]]).astype(np.float32)
     finite: np.ndarray = points[np.isfinite(points).all(axis=1)]
     return finite

@@ -48,7 +48,11 @@ from husky_highlevel_controller.datatypes import (
 )
 from husky_highlevel_controller.geometry import pose_from_2d
 
-LEAST_INCREMENT = 1e-6  # [rad], between beams; finer ones are no lidar's
+MIN_INCREMENT = 1e-6  # [rad], between beams; finer ones are no lidar's
+TURN_TOLERANCE = 0.01  # [rad], by which a full turn of 32-bit angles may be more than 2 pi
+MAX_NEAREST = 200.0  # [m], a nearest return that is farther is given in millimetres
+MILLIMETRES = (100.0, 60000.0)  # smallest and largest range of a lidar, in mm
+MAX_RANGE_MAX = 1000.0  # [m], a larger one is a lidar's in millimetres
 
 # Diagonals as husky_control/config/control.yaml publishes them (x, y, z, roll, pitch, yaw)
 ODOMETRY_COVARIANCE = tuple(np.diag([0.001] * 5 + [0.03]).ravel().tolist())
@@ -81,28 +85,21 @@ def scan_to_msg(scan: Scan) -> LaserScan:
 
 
 class ScanError(HuskyError):
-    """A LaserScan whose beams have no directions, or no shortest range."""
+    """A LaserScan whose beams have no directions, or whose ranges are no distances in metres."""
 
 
 def scan_from_msg(msg: LaserScan) -> Scan:
     """A lidar's scan; the last beam's angle follows from the increment, not from angle_max.
 
     Raises:
-        ScanError: angle_min or angle_increment gives the beams no directions, or range_min is no distance.
+        ScanError: the angles are no directions or more than a full turn, range_min and range_max are no
+            distances, or the ranges are millimetres.
     """
-    if not isfinite(msg.angle_min):
-        raise ScanError(f"a scan in '{msg.header.frame_id}' has angle_min = {msg.angle_min} rad")
-    if len(msg.ranges) > 1 and not LEAST_INCREMENT <= abs(msg.angle_increment) <= 2.0 * pi:
-        raise ScanError(
-            f"a scan of {len(msg.ranges)} beams in '{msg.header.frame_id}' has angle_increment = "
-            f"{msg.angle_increment} rad; {LEAST_INCREMENT:g} to {2.0 * pi:.2f} rad are possible"
-        )
-    if not 0.0 <= msg.range_min < inf:
-        raise ScanError(f"a scan in '{msg.header.frame_id}' has range_min = {msg.range_min} m")
     ranges = np.array(msg.ranges, dtype=float)
     ranges.setflags(write=False)
+    _check_geometry(msg, len(ranges))
     steps = max(len(ranges) - 1, 0)
-    return Scan(
+    scan = Scan(
         stamp=msg.header.stamp.to_sec(),
         frame=msg.header.frame_id.lstrip("/"),  # tf2 knows no leading slash, older drivers send one
         angle_min=msg.angle_min,
@@ -113,6 +110,50 @@ def scan_from_msg(msg: LaserScan) -> Scan:
         time_increment=msg.time_increment,
         scan_time=msg.scan_time,
     )
+    if scan.range_max > MAX_NEAREST or not scan.valid.any():
+        _check_unit(scan)
+    return scan
+
+
+def _check_geometry(msg: LaserScan, beams: int) -> None:
+    """Refuse angles and limits of ranges that no lidar of so many beams has."""
+    whose = f"a scan of {beams} beams in '{msg.header.frame_id}' has"
+    degrees = "are its angles in degrees?"
+    if not isfinite(msg.angle_min):
+        raise ScanError(f"{whose} angle_min = {msg.angle_min} rad")
+    if abs(msg.angle_min) > 2.0 * pi + TURN_TOLERANCE:
+        raise ScanError(f"{whose} angle_min = {msg.angle_min:g} rad, more than a turn; {degrees}")
+    increment = abs(msg.angle_increment)
+    if beams > 1 and not MIN_INCREMENT <= increment <= 2.0 * pi:
+        raise ScanError(
+            f"{whose} angle_increment = {msg.angle_increment} rad; {MIN_INCREMENT:g} to {2.0 * pi:.2f} rad are "
+            "possible"
+        )
+    if increment * (beams - 2) > 2.0 * pi + TURN_TOLERANCE:  # some send the first beam twice
+        raise ScanError(
+            f"{whose} angle_increment = {msg.angle_increment:g} rad, together {increment * (beams - 1):.4g} rad, more "
+            f"than a turn; {degrees}"
+        )
+    if not 0.0 <= msg.range_min < inf:
+        raise ScanError(f"{whose} range_min = {msg.range_min} m")
+    if not msg.range_max > msg.range_min:
+        raise ScanError(f"{whose} range_max = {msg.range_max} m, and range_min = {msg.range_min:g} m")
+
+
+def _check_unit(scan: Scan) -> None:
+    """Refuse ranges that can only be millimetres."""
+    measured = scan.ranges[scan.valid]
+    if not len(measured):  # they may all be beyond a range_max in metres; one value again and again is a miss
+        measured = scan.ranges[np.isfinite(scan.ranges) & (scan.ranges > 0.0)]
+        if not len(measured) or measured.min() == measured.max():
+            return
+    low, high = measured.min(), measured.max()
+    in_millimetres = scan.range_max > MAX_RANGE_MAX and MILLIMETRES[0] <= low and high <= MILLIMETRES[1]
+    if low > MAX_NEAREST or in_millimetres:
+        raise ScanError(
+            f"a scan in '{scan.frame}' has ranges from {low:g} to {high:g} m and range_max = {scan.range_max:g} m: "
+            "are they millimetres?"
+        )
 
 
 def twist_to_msg(twist: Twist2D) -> Twist:

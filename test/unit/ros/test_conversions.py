@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from io import BytesIO
-from math import inf, nan
+from math import inf, nan, pi
 
 import numpy as np
 import pytest
@@ -108,7 +108,7 @@ def test_a_scan_message_has_the_fields_of_gazebo_s_lidar():
 
 def test_a_lidar_that_miscounts_its_last_angle_is_believed_in_its_increment():
     # drivers differ in whether angle_max is that of the last beam or one step beyond
-    msg = LaserScan(angle_min=-1.0, angle_max=1.0, angle_increment=0.5, ranges=[1.0] * 4)
+    msg = LaserScan(angle_min=-1.0, angle_max=1.0, angle_increment=0.5, range_max=9.0, ranges=[1.0] * 4)
     assert conversions.scan_from_msg(msg).bearings == pytest.approx([-1.0, -0.5, 0.0, 0.5])
 
 
@@ -140,8 +140,64 @@ def test_a_scan_without_a_shortest_range_is_refused(range_min):
         conversions.scan_from_msg(LaserScan(angle_increment=0.1, ranges=[1.0, 2.0], range_min=range_min))
 
 
+@pytest.mark.parametrize("range_max", [nan, 0.0, -inf, 0.1])
+def test_a_scan_without_a_longest_range_is_refused(range_max):
+    msg = LaserScan(angle_increment=0.1, ranges=[1.0, 2.0], range_min=0.1, range_max=range_max)
+    with pytest.raises(conversions.ScanError, match=r"range_max = \S+ m, and range_min = 0.1 m"):
+        conversions.scan_from_msg(msg)
+
+
+@pytest.mark.parametrize(
+    ("angle_min", "increment", "sense"),
+    [(-135.0, 0.5, "angle_min = -135 rad"), (0.0, 0.5, "together 270 rad"), (0.0, -0.5, "together 270 rad")],
+)
+def test_angles_beyond_a_turn_are_refused(angle_min, increment, sense):
+    msg = LaserScan(angle_min=angle_min, angle_increment=increment, range_max=9.0, ranges=[1.0] * 541)
+    with pytest.raises(conversions.ScanError, match=f"{sense}.* degrees"):
+        conversions.scan_from_msg(msg)
+
+
+@pytest.mark.parametrize("beams", [360, 361])
+@pytest.mark.parametrize("turns", [1.0, -1.0])
+def test_a_full_turn_is_one(beams, turns):
+    msg = LaserScan(angle_increment=turns * 2.0 * pi / 360.0, range_max=9.0, ranges=[1.0] * beams)
+    assert len(conversions.scan_from_msg(over_the_wire(msg)).ranges) == beams
+
+
+@pytest.mark.parametrize(
+    ("range_max", "ranges"),
+    [
+        (20000.0, [650.0, 12000.0, 0.0]),
+        (20000.0, [150.0, 3000.0]),
+        (20.0, [650.0, 12000.0]),
+        (500.0, [300.0]),
+    ],
+)
+def test_ranges_in_millimetres_are_refused(range_max, ranges):
+    msg = LaserScan(angle_increment=0.1, range_min=0.1, range_max=range_max, ranges=ranges)
+    with pytest.raises(conversions.ScanError, match="are they millimetres"):
+        conversions.scan_from_msg(msg)
+
+
+@pytest.mark.parametrize(
+    ("range_max", "ranges"),
+    [
+        (20.0, [65.5, 65.5]),
+        (20.0, [655.35, 655.35]),
+        (inf, [4.0, 30.0]),
+        (20000.0, [4.0, 900.0]),
+        (300.0, [inf]),
+    ],
+)
+def test_misses_and_far_ranges_are_no_millimetres(range_max, ranges):
+    msg = LaserScan(angle_increment=0.1, range_min=0.1, range_max=range_max, ranges=ranges)
+    assert len(conversions.scan_from_msg(msg).ranges) == len(ranges)
+
+
 def test_a_received_scan_cannot_be_written_into():
-    scan = conversions.scan_from_msg(over_the_wire(LaserScan(angle_increment=0.1, ranges=[1.0, 2.0])))
+    scan = conversions.scan_from_msg(
+        over_the_wire(LaserScan(angle_increment=0.1, range_max=9.0, ranges=[1.0, 2.0]))
+    )
     with pytest.raises(ValueError, match="read-only"):
         scan.ranges[0] = 0.0
 
@@ -268,6 +324,6 @@ def test_a_line_keeps_its_points_and_a_text_its_words():
 
 
 def test_a_frame_with_a_leading_slash_is_one_that_tf2_knows():
-    msg = LaserScan()
+    msg = LaserScan(range_max=9.0)
     msg.header.frame_id = "/base_laser"
     assert conversions.scan_from_msg(msg).frame == "base_laser"

@@ -169,6 +169,18 @@ def test_a_cloud_is_thinned_and_loses_what_is_not_finite():
     assert len(points_from_msg(PointCloud2(height=1, width=4, fields=fields, point_step=16))) == 0
 
 
+@pytest.mark.parametrize(("row_step", "count"), [(36, 4), (0, 4), (23, 0), (37, 0)])
+def test_a_cloud_with_padded_rows_keeps_its_points(row_step, count):
+    rows = np.array([[1, 2, 3, 4, 5, 6, 99, 99, 99], [7, 8, 9, 10, 11, 12, 99, 99, 99]], "<f4")
+    data = (rows if row_step else rows[:, :6]).tobytes()
+    fields = [PointField(axis, 4 * i, PointField.FLOAT32, 1) for i, axis in enumerate("xyz")]
+    msg = PointCloud2(height=2, width=2, fields=fields, point_step=12, row_step=row_step, data=data)
+    expected = [[1, 2, 3], [4, 5, 6], [7, 8, 9], [10, 11, 12]]
+    if row_step == 37:
+        msg.data = data[:-13]
+    assert points_from_msg(msg).tolist() == expected[:count]
+
+
 URDF = """<robot name="r"><material name="red"><color rgba="1 0 0 1"/></material>
 <link name="base"><visual><geometry><box size="1 2 3"/></geometry><material name="red"/></visual></link>
 <link name="plate"><visual><origin xyz="0 0 1"/><geometry><mesh filename="file:///x.stl"/></geometry></visual></link>
