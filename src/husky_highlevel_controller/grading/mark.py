@@ -6,6 +6,7 @@ files alone, so that a changed rubric, points by hand or a penalty need no drive
 
 from __future__ import annotations
 
+import resource
 import sys
 import traceback
 from dataclasses import replace
@@ -58,6 +59,8 @@ from husky_highlevel_controller.grading.reports.files import write_replay, write
 from husky_highlevel_controller.grading.settings import with_override
 
 PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
+# of this program and of each that it forks: bytes; descriptors, since every connection costs a thread
+LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 OLD = (
     "drive_*", "plan", "rviz", "robot", "memcheck", "stand_ins", "build.log", EVIDENCE, FINGERPRINT,
     "result.json", "record.json", "*.png",
@@ -183,8 +186,11 @@ def _advance(bar: Any, now: float) -> None:
 
 
 def main(arguments: Optional[List[str]] = None) -> None:
-    """Mark the job of the command line, in a network of its own."""
+    """Mark the job of the command line, in a network of its own, within limits of memory and descriptors."""
     private_network.enter()
+    for limit, value in LIMITS.items():
+        _, hard = resource.getrlimit(limit)
+        resource.setrlimit(limit, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
     stop_on_signals()
     try:
         mark(load(Job, Path((arguments or sys.argv[1:])[0])))

@@ -11,11 +11,20 @@ import pytest
 from husky_highlevel_controller.datatypes import Pose, TrueState
 from husky_highlevel_controller.grading.drive.call_plan import CallPlan, exercise_2_over, exercise_2_speed
 from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
-from husky_highlevel_controller.grading.drive.plan import Event, Plan, RvizNode, notes_on, package_path
+from husky_highlevel_controller.grading.drive.plan import (
+    Event,
+    Plan,
+    RvizNode,
+    Submission,
+    notes_on,
+    package_path,
+    plan,
+)
 from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH, SIMULATOR_NODES
 from husky_highlevel_controller.grading.drive.rviz_setup import find_setup
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+from husky_highlevel_controller.grading.records import Launchable
 
 
 def end_of(states, abandoned_at=inf):
@@ -182,3 +191,15 @@ def test_a_launch_file_without_rviz_takes_the_configuration_of_one_that_only_sho
     (folder / "show.launch").write_text(show)
     setup = find_setup(Plan(("a/b",), package_path=folder), None, "husky.launch")
     assert (setup is not None) is taken
+
+
+def test_aliases_in_a_parameter_file_are_refused(tmp_path):
+    package = tmp_path / "aliases"
+    package.mkdir()
+    (package / "a.yaml").write_text("a: &a [1, 2]\nb: [*a, *a]\n")
+    parameters = '<rosparam command="load" file="$(dirname)/a.yaml"/>'
+    (package / "a.launch").write_text(f'<launch>{parameters}<node name="n" pkg="p" type="t"/></launch>')
+    launchable = Launchable("launch", "aliases", str(package / "a.launch"))
+    planned = plan(Submission(launchable, Workspace(packages=(package,))), tmp_path / "plan")
+    assert not planned.nodes
+    assert "YAML aliases are refused" in planned.notes[0]

@@ -18,6 +18,8 @@ from husky_highlevel_controller.grading.isolation import limits, ros_network, sa
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_regular,
+    read_yaml,
+
     remove_tree,
     walk,
     write_whole,
@@ -368,6 +370,19 @@ def test_deep_folders_are_walked(tmp_path):
         remove_tree(tmp_path / "d")  # pytest cannot
 
 
+def test_the_marking_program_has_limits_of_its_own():
+    code = (
+        "import resource\nfrom husky_highlevel_controller.grading import mark\n"
+        "kinds = resource.RLIMIT_DATA, resource.RLIMIT_NOFILE\n"
+        "mark.load, mark.private_network.enter = print, lambda: None\n"
+        "mark.mark = lambda _: print(*[resource.getrlimit(kind)[0] for kind in kinds])\nmark.main(['job.json'])"
+    )
+    env = {**os.environ, "PYTHONPATH": f"{SOURCES}:{os.environ.get('PYTHONPATH', '')}"}
+    command = [sys.executable, "-c", code]
+    printed = subprocess.run(command, env=env, stdout=subprocess.PIPE, text=True, check=True).stdout
+    assert printed.splitlines()[-1] == "2000000000 1024"
+
+
 # ---------------------------------------------------------------------------- environment and links
 
 
@@ -413,6 +428,25 @@ def test_a_fifo_or_a_device_is_not_waited_for(tmp_path):
     with pytest.raises(UnreadableFileError, match="larger than 10 bytes"):
         read_regular(tmp_path / "large", 10)
     assert read_regular(tmp_path / "large", 11) == bytes(11)
+
+
+BOMB = "l0: &l0 [1, 2]\n" + "".join(f"l{n}: &l{n} [{', '.join([f'*l{n - 1}'] * 10)}]\n" for n in range(1, 9))
+
+
+@pytest.mark.parametrize("text", [BOMB, "a: &a [*a]\n", "a: &a {b: 1}\nc: {<<: *a}\n"])
+def test_yaml_aliases_are_refused(text, tmp_path):
+    (tmp_path / "view.rviz").write_text(text)
+    with pytest.raises(UnreadableFileError, match=r"view.rviz: aliases are refused .* line"):
+        read_yaml(tmp_path / "view.rviz")
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 5000, "a: !!python/name:os.system\n", "a: [1\n", "a: 2020-13-13\n", "- x\n" * 200_000]
+)
+def test_yaml_that_is_broken_deep_or_long_is_refused_with_its_name(text, tmp_path):
+    (tmp_path / "view.rviz").write_text(text)
+    with pytest.raises(UnreadableFileError, match=r"view.rviz: "):
+        read_yaml(tmp_path / "view.rviz")
 
 
 def test_links_are_not_followed(tmp_path):

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 
-import yaml
-
 from husky_highlevel_controller.grading.drive.plan import Plan
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     is_below,
     is_regular,
     read_text,
+    read_yaml,
     walk,
 )
 
@@ -95,8 +94,8 @@ def _display_config(arguments: str) -> Optional[Path]:
 
 def _read(path: Path) -> Dict[str, Any]:
     try:
-        content = yaml.safe_load(read_text(path))
-    except (UnreadableFileError, ValueError, RecursionError, yaml.YAMLError):
+        content = read_yaml(path)
+    except UnreadableFileError:
         return {}
     return content if isinstance(content, dict) else {}
 

@@ -10,11 +10,14 @@ import os
 import stat
 import subprocess
 from pathlib import Path
-from typing import BinaryIO, Iterator
+from typing import Any, BinaryIO, Iterator, Optional
+
+import yaml
 
 from husky_highlevel_controller.datatypes import HuskyError
 
 MAX_SIZE = 20_000_000  # [bytes] of a file that is read whole
+MAX_YAML = 500_000  # [bytes] of a YAML file; its nodes take a thousand times as much
 MAX_ENTRIES = 50_000  # files and folders of a hand-in that are looked at
 
 
@@ -57,6 +60,29 @@ def read_text(path: Path, max_size: int = MAX_SIZE) -> str:
         UnreadableFileError: as `read_regular`.
     """
     return read_regular(path, max_size).decode(errors="replace")
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Loader of YAML without aliases: a few of these name billions of nodes, or one that holds itself."""
+
+    def compose_node(self, parent: Optional[yaml.Node], index: Any) -> Optional[yaml.Node]:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.composer.ComposerError(
+                None, None, "aliases are refused", self.peek_event().start_mark
+            )
+        return super().compose_node(parent, index)
+
+
+def read_yaml(path: Path) -> Any:
+    """Content of a YAML file of plain values, at most MAX_YAML bytes and without aliases.
+
+    Raises:
+        UnreadableFileError: as `read_regular`, or it is no such YAML.
+    """
+    try:
+        return yaml.load(read_text(path, MAX_YAML), _PlainLoader)
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        raise UnreadableFileError(f"{path}: {' '.join(str(error).split())}") from error
 
 
 def create(path: Path) -> BinaryIO:

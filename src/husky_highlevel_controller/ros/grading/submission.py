@@ -29,6 +29,7 @@ import roslaunch.pmon
 import roslaunch.rlutil
 import roslaunch.xmlloader
 import roslib.packages
+import yaml
 from rospkg import ResourceNotFound, RosPack
 
 # they bring the robot or its world, which the marking brings, or wait for a person at a desk
@@ -110,6 +111,19 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         except ResourceNotFound as error:
             context.add_arg(tag.getAttribute("name"), default=f"/missing/{self._miss('arg', error)}")
             return None
+
+
+def refuse_aliases() -> None:
+    """Refuse YAML aliases in parameter files: a few of these name billions of values."""
+    compose_node = yaml.SafeLoader.compose_node
+
+    def compose_plain(loader: Any, parent: Any, index: Any) -> Any:
+        if loader.check_event(yaml.AliasEvent):
+            problem = "YAML aliases are refused"
+            raise yaml.composer.ComposerError(None, None, problem, loader.peek_event().start_mark)
+        return compose_node(loader, parent, index)
+
+    yaml.SafeLoader.compose_node = compose_plain
 
 
 def load(launchable: List[str], reporter: Reporter, our_nodes: List[str]) -> roslaunch.config.ROSLaunchConfig:
@@ -211,6 +225,7 @@ def main(arguments: List[str]) -> int:
     events, action, our_nodes, *launchable = arguments
     os.environ["HUSKY_SIMULATOR_IS_OURS"] = "1"  # our launch file, if it is graded, must not refuse it
     reporter = Reporter(events)
+    refuse_aliases()
     try:
         config = load(launchable, reporter, json.loads(our_nodes))
     except Exception as error:  # an untrusted launch file may raise anything
