@@ -124,7 +124,9 @@ class RosTest:
         files = sorted(folder.glob("log/**/*-stdout.log"))
         self.logs = "\n".join([*warnings, *(f"--- {path.name}\n{path.read_text()}" for path in files)])
         cases = [
-            case for path in folder.glob("results/**/*.xml") for case in ElementTree.parse(path).iter("testcase")
+            case
+            for path in folder.glob("results/**/*.xml")
+            for case in ElementTree.parse(path).iter("testcase")
         ]
         return {
             (case.get("classname").rsplit(".", 1)[-1], case.get("name")): "\n".join(
