@@ -106,7 +106,7 @@ def test_a_controller_is_not_worse_than_itself(tmp_path, capsys):
     (tmp_path / "same.yaml").write_text("{p_gain_vel: 2.0, start_enabled: true}")
     module = "husky_highlevel_controller.controller.behaviour:decide"
     compare.main(
-        [str(tmp_path / "same.yaml"), module, "--scenes", "2", "--jobs", "1", "--out", str(tmp_path)]
+        [str(tmp_path / "same.yaml"), module, "--scenes", "1", "--jobs", "1", "--out", str(tmp_path)]
     )
     told = capsys.readouterr().out
     assert "+0.000 s [+0.000, +0.000]" in told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from math import inf
 from pathlib import Path
@@ -108,14 +109,17 @@ def test_without_optuna_the_message_says_what_to_install(monkeypatch):
         tune._optuna()
 
 
-def test_the_command_writes_what_the_launch_file_loads(tmp_path, capsys):
-    pytest.importorskip("optuna")
-    words = ["p_gain_vel=1:4", "--trials", "2", "--scenes", "1", "--fresh", "2", "--jobs", "1"]
-    tune.main([*words, "--out", str(tmp_path)])
+def test_what_it_writes_is_what_the_launch_file_loads(tmp_path, capsys):
+    ranges, scenes = [Range("p_gain_vel", 0.1, 10.0)], random_starts(2, 0)
+    with Workers(1) as workers:
+        tuned = tune.tune(ranges, Setup(), scenes, Objective(), 8, 0, workers, valley)
+        figures = tune.check(Setup(), Setup().with_values(tuned.values), scenes, Objective(), workers, valley)
+        tune.write(tuned, Setup(), Objective(), figures, ("of 8", "on 2 fresh starts"), "by", tmp_path)
     told = capsys.readouterr().out
     assert "on 2 fresh starts" in told
     file = tmp_path / "tuned.yaml"
     assert f"controller.launch parameters:={file}" in told
+    assert "p_gain_vel" in (tmp_path / "index.html").read_text()
     (value,) = yaml.safe_load(file.read_text()).values()
     roslaunch = pytest.importorskip("roslaunch.config")
     launch = str(share_folder() / "launch" / "controller.launch")
@@ -124,3 +128,10 @@ def test_the_command_writes_what_the_launch_file_loads(tmp_path, capsys):
         name = "/husky_highlevel_controller/p_gain_vel"
         assert config.params[name].value == loaded
         assert config.params["/husky_highlevel_controller/p_gain_ang"].value == 2.0
+
+
+def test_the_command_drives(tmp_path, capsys):
+    pytest.importorskip("optuna")
+    words = ["p_gain_vel=1:4", "--trials", "1", "--scenes", "1", "--fresh", "1", "--jobs", "1"]
+    tune.main([*words, "--out", str(tmp_path)])
+    assert re.search(r"within 2 cm, no touch \[%\] +100\.0 +100\.0\n", capsys.readouterr().out)

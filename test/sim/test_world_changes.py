@@ -240,9 +240,23 @@ def grant(simulation, name, argument):
         getattr(simulation, name)(argument)
 
 
-@settings(derandomize=True, max_examples=40, deadline=None)
-@given(st.lists(REQUESTS, min_size=1, max_size=6))
+SEVERAL_REQUESTS = st.lists(REQUESTS, min_size=1, max_size=6)
+
+
+@settings(derandomize=True, max_examples=10, deadline=None)
+@given(SEVERAL_REQUESTS)
 def test_a_refused_request_changes_nothing_and_a_granted_one_all(requests):
+    check_beside_a_twin(requests)
+
+
+@pytest.mark.slow
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(SEVERAL_REQUESTS)
+def test_many_refused_requests_change_nothing_and_granted_ones_all(requests):
+    check_beside_a_twin(requests)
+
+
+def check_beside_a_twin(requests):
     """Beside a twin that gets the granted requests alone, every later state is the same to the last bit."""
     bodies = (
         body("post", Cylinder(0.1, 1.0), x=3.0, z=0.5),

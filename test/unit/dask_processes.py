@@ -66,6 +66,15 @@ class Processes:
             assert self.started[-1].poll() is None, logs
             time.sleep(0.1)
 
+    def dismiss(self):
+        """End the workers."""
+        for process in self.started[1:]:
+            process.kill()
+            process.wait()
+        del self.started[1:]
+        if self.started[0].poll() is None:
+            self.wait(lambda: not self.workers())
+
     def end(self):
         for process in self.started:
             process.kill()

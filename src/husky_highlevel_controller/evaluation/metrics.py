@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import hypot, inf, pi
-from typing import Tuple
+from typing import Callable, Tuple
 
 import numpy as np
 
@@ -93,6 +93,9 @@ def run(setup: Setup, scenario: Scenario, controller: Controller = decide) -> Dr
         controller: what answers a scan, called like `behaviour.decide`.
     """
     return judge(drive(setup, scenario, controller), scenario, setup)
+
+
+Drive = Callable[[Tuple[Setup, Scenario]], DriveResult]  # a task for `Workers.map`
 
 
 def run_scene(item: Tuple[Setup, Scenario]) -> DriveResult:

@@ -15,7 +15,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.config import ConfigError
-from husky_highlevel_controller.evaluation.metrics import DriveResult, run_scene
+from husky_highlevel_controller.evaluation.metrics import Drive, DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import Panel, draw_sweep
 from husky_highlevel_controller.evaluation.report import Table, write_page, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
@@ -86,12 +86,18 @@ def row(drive: DriveResult) -> Dict[str, Any]:
     }  # fmt: skip
 
 
-def sweep(axes: Sequence[Axis], scenes: Sequence[Scenario], setup: Setup, workers: Workers) -> Sweep:
+def sweep(
+    axes: Sequence[Axis],
+    scenes: Sequence[Scenario],
+    setup: Setup,
+    workers: Workers,
+    drive: Drive = run_scene,
+) -> Sweep:
     """Drive every scene at every point of the grid."""
     names = [axis.name for axis in axes]
     points = itertools.product(*(axis.values for axis in axes))
     setups = [setup.with_values(dict(zip(names, point))) for point in points]
-    drives = workers.map(run_scene, list(itertools.product(setups, scenes)), "drives")
+    drives = workers.map(drive, list(itertools.product(setups, scenes)), "drives")
     return Sweep(tuple(axes), tuple(scene.name for scene in scenes), tuple(drives))
 
 

@@ -14,13 +14,13 @@ from dataclasses import dataclass, fields
 from itertools import product
 from math import inf, isfinite
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.metrics import DriveResult, run_scene
+from husky_highlevel_controller.evaluation.metrics import Drive, DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import draw_trials
 from husky_highlevel_controller.evaluation.report import Table, text_table, write_page, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
@@ -80,9 +80,6 @@ class Tuned(NamedTuple):
 
     values: Dict[str, float]
     trials: List[Dict[str, Any]]  # a row for each setup that was tried
-
-
-Drive = Callable[[Tuple[Setup, Scenario]], DriveResult]
 
 
 def parse_range(text: str, base: Setup) -> Range:
@@ -199,7 +196,7 @@ def check(
     scenes: Sequence[Scenario],
     objective: Objective,
     workers: Workers,
-    drive: Drive,
+    drive: Drive = run_scene,
 ) -> Figures:
     """Figures of both setups on the same fresh scenes, with the paired differences."""
     results = workers.map(drive, list(product([base, tuned], scenes)), "fresh starts")
@@ -214,6 +211,52 @@ def check(
         a, b = (f"{float(np.mean(side)) if side else float('nan'):.3f}" for side in (first, second))
         figures.append((title, a, b, interval.summary("s")))
     return figures
+
+
+def write(
+    tuned: Tuned,
+    base: Setup,
+    objective: Objective,
+    figures: Figures,
+    titles: Tuple[str, str],
+    source: str,
+    out: Path,
+) -> None:
+    """Write the parameters, the trials and the page into a folder, and print the figures.
+
+    Args:
+        tuned: the result.
+        base: setup that the tuned values change.
+        objective: what was minimized.
+        figures: of both setups, from `check`.
+        titles: of the setups that were tried, and of the fresh starts.
+        source: hash and machines of the results.
+        out: the folder.
+    """
+    file = out / "tuned.yaml"
+    file.write_text(to_yaml(tuned.values, f"Found by tune {titles[0]}."))
+    write_table(tuned.trials, out / "trials")
+    defaults, best = parameters(base), min(row["objective"] for row in tuned.trials)
+    command = f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}"
+    lines = [f"  {name} {value:g} {unit_of(name)}, by default {defaults[name]:g}"
+             for name, value in tuned.values.items()]  # fmt: skip
+    print(f"objective: {objective.formula}", f"{titles[0]}: {best:.3f} s with", *lines, sep="\n")
+    print(text_table([(titles[1], *HEADER), *figures]))
+    values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
+    rows = [list(row.values()) for row in tuned.trials]
+    write_page(
+        out / "index.html",
+        "Parameters found by tune",
+        f"Drive with: {command}",
+        [
+            Table("Parameters", ("", "by default", "found"), values),
+            Table(f"Both {titles[1]}", ("", *HEADER), figures),
+            Table("Every setup", list(tuned.trials[0]), rows, folded=True),
+        ],
+        {"setups": draw_trials([row["objective"] for row in tuned.trials])},
+        source=source,
+    )
+    print(f"\n{command}\npage: {out / 'index.html'}")
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
@@ -237,49 +280,19 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     add_worker_options(parser)
     options = parser.parse_args(arguments)
     with exit_codes("tune"):
-        base, objective = (
-            setup_of(options.profile, options.ground, options.robot),
-            parse_weights(options.weights),
-        )
+        base = setup_of(options.profile, options.ground, options.robot)
+        objective = parse_weights(options.weights)
         ranges = [parse_range(text, base) for text in options.ranges]
         _optuna()
         options.out.mkdir(parents=True, exist_ok=True)
+        seed = options.seed
+        starts, fresh = random_starts(options.scenes, seed), random_starts(options.fresh, seed + 1)
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
-            seed, starts = options.seed, random_starts(options.scenes, options.seed)
             tuned = tune(ranges, base, starts, objective, options.trials, seed, workers)
-            write_table(tuned.trials, options.out / "trials")
-            best = min(row["objective"] for row in tuned.trials)
-            file = options.out / "tuned.yaml"
-            file.write_text(to_yaml(tuned.values, f"Found by tune, seed {seed}, profile {options.profile}."))
-            print(f"objective: {objective.formula}")
-            print(f"of {options.trials} setups on {options.scenes} starts: {best:.3f} s with")
-            for name, value in tuned.values.items():
-                print(f"  {name} {value:g} {unit_of(name)}, by default {parameters(base)[name]:g}")
-            setup, fresh = base.with_values(tuned.values), random_starts(options.fresh, seed + 1)
-            figures = check(base, setup, fresh, objective, workers, run_scene)
-            print(text_table([(f"on {options.fresh} fresh starts", *HEADER), *figures]))
-            command = f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}"
-            values = [
-                (f"{name} {unit_of(name)}", parameters(base)[name], value)
-                for name, value in tuned.values.items()
-            ]
-            trials = Table(
-                "Every setup",
-                list(tuned.trials[0]),
-                [list(row.values()) for row in tuned.trials],
-                folded=True,
+            figures = check(base, base.with_values(tuned.values), fresh, objective, workers)
+            titles = (
+                f"of {options.trials} setups on {options.scenes} starts, seed {seed}, profile {options.profile}",
+                f"on {options.fresh} fresh starts",
             )
-            write_page(
-                options.out / "index.html",
-                "Parameters found by tune",
-                f"Drive with: {command}",
-                [
-                    Table("Parameters", ("", "by default", "found"), values),
-                    Table(f"Both on {options.fresh} fresh starts", ("", *HEADER), figures),
-                    trials,
-                ],
-                {"setups": draw_trials([row["objective"] for row in tuned.trials])},
-                source=workers.summary,
-            )
-            print(f"\n{command}\npage: {options.out / 'index.html'}")
+            write(tuned, base, objective, figures, titles, workers.summary, options.out)
             print(workers.summary, file=sys.stderr)

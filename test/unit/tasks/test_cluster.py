@@ -35,11 +35,18 @@ def no_ros(number):
     return number
 
 
-@pytest.fixture
-def cluster(tmp_path):
-    processes = Processes(tmp_path)
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory):
+    processes = Processes(tmp_path_factory.mktemp("cluster"))
     yield processes
     processes.end()
+
+
+@pytest.fixture
+def cluster(scheduler):
+    """The scheduler, without workers."""
+    yield scheduler
+    scheduler.dismiss()
 
 
 def hash_of(task, items, **options):
@@ -94,16 +101,6 @@ def test_a_worker_of_another_kind_is_refused_by_name(cluster, tmp_path, capfd):
     assert "worker good" not in told
 
 
-def test_a_scheduler_that_dies_is_told(cluster):
-    cluster.work("worker")
-    with Workers(cluster=cluster.address) as workers:
-        results = workers.as_completed(noise, list(range(100)))
-        next(results)
-        cluster.started[0].kill()
-        with pytest.raises(HuskyError, match=f"--cluster {cluster.address}: the scheduler is gone"):
-            list(results)
-
-
 def test_where_no_scheduler_answers_the_command_says_so(monkeypatch):
     from husky_highlevel_controller.tasks import cluster
 
@@ -131,3 +128,13 @@ def test_a_class_is_marked_by_a_cluster_as_it_is_here(cluster, tmp_path):
         assert ["no catkin package in it" in result.problem for result in results] == [True] * 3
         tables.append((tmp_path / name / "results.csv").read_text())
     assert tables[0] == tables[1]
+
+
+def test_a_scheduler_that_dies_is_told(cluster):  # the last: the others have the same
+    cluster.work("worker")
+    with Workers(cluster=cluster.address) as workers:
+        results = workers.as_completed(noise, list(range(100)))
+        next(results)
+        cluster.started[0].kill()
+        with pytest.raises(HuskyError, match=f"--cluster {cluster.address}: the scheduler is gone"):
+            list(results)
