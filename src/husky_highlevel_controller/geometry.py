@@ -6,7 +6,7 @@ Quaternions are xyzw; roll-pitch-yaw is the URDF/SDF convention (fixed axes x, y
 
 from __future__ import annotations
 
-from math import atan2, cos, pi, sin, sqrt
+from math import asin, atan2, cos, pi, sin, sqrt
 from typing import Optional, Sequence, Tuple
 
 import numpy as np
@@ -131,6 +131,13 @@ def yaw_from_quat(quat: Quaternion) -> float:
     """Heading of the turned x axis on the ground plane [rad]."""
     x, y, z, w = quat
     return atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def rpy_from_quat(quat: Quaternion) -> Vector3:
+    """Fixed-axis roll, pitch, yaw of a unit quaternion, the inverse of `quat_from_rpy` [rad]."""
+    x, y, z, w = quat
+    pitch = asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))
+    return atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)), pitch, yaw_from_quat(quat)
 
 
 def compose(pose_b_in_a: Pose, pose_c_in_b: Pose) -> Pose:

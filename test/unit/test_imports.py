@@ -22,6 +22,7 @@ SHARED = sorted(name for name in SOURCES if "/" not in name)
 MAY_IMPORT = {
     "simulator": {"simulator"},
     "controller": {"controller"},
+    "estimation": {"estimation"},
     "tasks": {"tasks"},
     "evaluation": {"evaluation", "simulator", "controller", "tasks"},
     "grading": {"grading", "tasks"},
@@ -37,7 +38,7 @@ MAY_IMPORT = {
     "grading/isolation": {"grading/isolation"},
     "comparison": {"comparison", "evaluation", "grading", "simulator", "controller", "tasks"},
     "ros": {"ros"},
-    **{f"ros/{room}": {f"ros/{room}", room} for room in ("simulator", "controller", "grading")},
+    **{f"ros/{room}": {f"ros/{room}", room} for room in ("simulator", "controller", "estimation", "grading")},
     "ros/safety": {"ros/safety", "controller"},
     "ros/web": {"ros/web"},
 }

@@ -1,0 +1,108 @@
+"""Localization: readings of several sensors, taken in the order of their stamps, to estimates at a steady rate.
+
+In: readings as they arrive. Out: estimates at multiples of 1 / frequency, each as soon as every sensor has
+reported beyond it. The same readings give the same estimates, to the bit, however fast they are played and
+however the sensors' messages interleave.
+"""
+
+from __future__ import annotations
+
+import heapq
+from math import ceil, inf
+from typing import Dict, List, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.estimation.filter_config import FilterConfig
+from husky_highlevel_controller.estimation.planar_ekf import YAW_RATE, MotionEstimate, PlanarEkf
+from husky_highlevel_controller.estimation.readings import MotionSensor, Mounting, Reading, ReadingError
+
+PATIENCE = 1.0  # [s], by which a sensor may fall behind the others before they go on without it
+MAX_PAUSE = 10.0  # [s], without a reading, over which there are estimates
+SAME_TIME = 1e-6  # [s]; a stamp of today has seven digits after the point
+
+
+class Localization:
+    """The filter with its sensors."""
+
+    def __init__(self, config: FilterConfig) -> None:
+        """A filter that has no reading."""
+        options = config.options
+        self._frequency, self._predicts = options.frequency, options.predict_to_current_time
+        self._timeout = 1.0 / options.frequency if options.sensor_timeout is None else options.sensor_timeout
+        self._sensors = {
+            name: MotionSensor(name, item, options.gravitational_acceleration)
+            for name, item in config.inputs.items()
+        }
+        self._ekf = PlanarEkf(config.process_noise, config.initial_covariance)
+        self._waiting: List[Tuple[float, str, Reading, Mounting]] = []  # a heap
+        self._first = inf  # [s], stamp of the first reading
+        self._last: Dict[str, float] = {}  # [s], stamps by sensor
+        self._set_at = self._sent = -inf  # [s], of the pose that was set, and of the last estimate
+        self._slot = 0  # of the next estimate: its time in periods
+
+    def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
+        """Put the robot at rest somewhere; earlier readings no longer count.
+
+        Args:
+            stamp: [s].
+            pose: x, y, yaw in odom [m, m, rad].
+            covariance: (3, 3).
+        """
+        self._ekf.set_pose(stamp, pose, covariance)
+        self._waiting, self._set_at = [], stamp
+        self._slot = ceil(stamp * self._frequency)
+        for sensor in self._sensors.values():
+            sensor.forget()
+
+    def add(self, name: str, reading: Reading, mounting: Mounting) -> List[MotionEstimate]:
+        """Take a sensor's reading; the estimates that are due by it.
+
+        Raises:
+            ReadingError: it is no later than the one before, or a number that counts is none.
+        """
+        last = self._last.get(name, -inf)
+        if reading.stamp <= last:
+            raise ReadingError(f"its stamp is {reading.stamp:.6f} s, that of the one before {last:.6f} s")
+        self._sensors[name].check(reading)
+        self._first = min(self._first, reading.stamp)
+        self._last[name] = reading.stamp
+        if reading.stamp > self._set_at:
+            heapq.heappush(self._waiting, (reading.stamp, name, reading, mounting))
+        horizon = self._horizon()
+        due = []
+        while self._waiting and self._waiting[0][0] <= horizon:
+            stamp, name, reading, mounting = heapq.heappop(self._waiting)
+            due += self._estimates(stamp - SAME_TIME)
+            self._process(name, reading, mounting)
+        return due + self._estimates(horizon + SAME_TIME)
+
+    def _horizon(self) -> float:
+        """Time that every sensor has reported beyond; one that is silent is waited for, but not for ever [s]."""
+        newest = max(self._last.values())
+        if len(self._last) < len(self._sensors) and newest - self._first < PATIENCE:
+            return -inf
+        return min(stamp for stamp in self._last.values() if stamp > newest - PATIENCE)
+
+    def _process(self, name: str, reading: Reading, mounting: Mounting) -> None:
+        started, yaw_rate = self._ekf.started, float(self._ekf.estimate.state[YAW_RATE])
+        for measurement in self._sensors[name].measurements(reading, mounting, yaw_rate):
+            self._ekf.process(measurement)
+        if self._ekf.started and not started:
+            self._slot = ceil((reading.stamp - SAME_TIME) * self._frequency)
+
+    def _estimates(self, end: float) -> List[MotionEstimate]:
+        """The estimates up to a time that no measurement lies before [s]."""
+        if not self._ekf.started:
+            return []
+        estimates = []
+        if end - self._ekf.estimate.stamp > MAX_PAUSE:
+            self._slot = max(self._slot, ceil(end * self._frequency))
+        while (stamp := self._slot / self._frequency) < end:
+            self._slot += 1
+            late = stamp - self._ekf.estimate.stamp >= self._timeout
+            estimate = self._ekf.predicted(stamp) if self._predicts or late else self._ekf.estimate
+            if estimate.stamp > self._sent:
+                self._sent = estimate.stamp
+                estimates.append(estimate)
+        return estimates

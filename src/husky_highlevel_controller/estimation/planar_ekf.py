@@ -1,0 +1,139 @@
+"""Extended Kalman filter of a robot on a plane, with constant acceleration along its axes.
+
+In: measurements of some of the states, in the order of their stamps. Out: state and covariance.
+
+Model and rules are those of robot_localization's EKF with two_d_mode (T. Moore, D. Stouch: A Generalized Extended
+Kalman Filter Implementation for the Robot Operating System, IAS-13, 2014), without its seven states off the plane.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin
+from typing import NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.geometry import wrap_angle
+
+X, Y, YAW, VX, VY, YAW_RATE, AX, AY = range(
+    8
+)  # the states: pose in odom, velocity and acceleration in base_link
+STATES = 8
+MIN_VARIANCE = 1e-9  # of a measured value
+INITIAL_VARIANCE = 1e-9
+MAX_STEP = 1e5  # [s]; a longer one is a change of clock, and counts as CLOCK_STEP
+CLOCK_STEP = 0.01  # [s]
+# of x, y, yaw, vx, vy, yaw rate, ax, ay: robot_localization's defaults [their squares per second]
+PROCESS_NOISE = (0.05, 0.05, 0.06, 0.025, 0.025, 0.02, 0.01, 0.01)
+
+
+class Measurement(NamedTuple):
+    """Measured values of some states."""
+
+    stamp: float  # [s]
+    states: Tuple[int, ...]  # indices
+    values: np.ndarray  # (k,), SI units
+    covariance: np.ndarray  # (k, k)
+
+
+class MotionEstimate(NamedTuple):
+    """Estimated motion of base_link."""
+
+    stamp: float  # [s]
+    state: (
+        np.ndarray
+    )  # (8,): x, y [m], yaw [rad] in odom; vx, vy [m/s], yaw rate [rad/s], ax, ay [m/s^2] in base_link
+    covariance: np.ndarray  # (8, 8)
+
+
+class PlanarEkf:
+    """The filter; it begins with the first measurement."""
+
+    def __init__(
+        self,
+        process_noise: Optional[np.ndarray] = None,
+        initial_covariance: Optional[np.ndarray] = None,
+    ) -> None:
+        """A filter at the origin.
+
+        Args:
+            process_noise: growth of the covariance a second, (8, 8).
+            initial_covariance: of states that the first measurement does not hold, (8, 8).
+        """
+        self._process_noise = np.diag(PROCESS_NOISE) if process_noise is None else process_noise
+        initial = INITIAL_VARIANCE * np.eye(STATES) if initial_covariance is None else initial_covariance
+        self.estimate = MotionEstimate(0.0, np.zeros(STATES), initial)
+        self.started = False
+
+    def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
+        """Stand still at a pose: x, y [m], yaw [rad], with its covariance (3, 3)."""
+        state, full = np.zeros(STATES), 1e-6 * np.eye(STATES)
+        state[:3], full[:3, :3] = pose, covariance
+        self.estimate, self.started = MotionEstimate(stamp, state, full), True
+
+    def process(self, measurement: Measurement) -> None:
+        """Predict up to a measurement and correct by it; one older than the estimate only corrects."""
+        if not self.started:
+            _, state, covariance = self.estimate
+            state, covariance, measured = state.copy(), covariance.copy(), list(measurement.states)
+            state[measured] = measurement.values
+            covariance[np.ix_(measured, measured)] = measurement.covariance
+            self.estimate, self.started = MotionEstimate(measurement.stamp, state, covariance), True
+            return
+        self.estimate = correct(self.predicted(measurement.stamp), measurement)
+
+    def predicted(self, stamp: float) -> MotionEstimate:
+        """The estimate carried on to a time, or as it is if that is past [s]."""
+        step = stamp - self.estimate.stamp
+        if step <= 0.0:
+            return self.estimate
+        return predict(self.estimate, stamp, CLOCK_STEP if step > MAX_STEP else step, self._process_noise)
+
+
+def predict(estimate: MotionEstimate, stamp: float, step: float, process_noise: np.ndarray) -> MotionEstimate:
+    """An estimate `step` s later, which is then called `stamp`."""
+    state = estimate.state
+    jacobian = transition_jacobian(state, step)
+    covariance = jacobian @ estimate.covariance @ jacobian.T + step * process_noise
+    return MotionEstimate(stamp, transition(state, step), covariance)
+
+
+def transition(state: np.ndarray, step: float) -> np.ndarray:
+    """The state `step` s later, (8,)."""
+    moved = state.copy()
+    c, s = cos(state[YAW]), sin(state[YAW])
+    ahead, left = state[[VX, VY]] * step + state[[AX, AY]] * (0.5 * step * step)
+    moved[X] += c * ahead - s * left
+    moved[Y] += s * ahead + c * left
+    moved[YAW] = wrap_angle(state[YAW] + state[YAW_RATE] * step)
+    moved[[VX, VY]] += state[[AX, AY]] * step
+    return moved
+
+
+def transition_jacobian(state: np.ndarray, step: float) -> np.ndarray:
+    """Derivatives of `transition` by the state, (8, 8)."""
+    c, s, half = cos(state[YAW]), sin(state[YAW]), 0.5 * step * step
+    ahead, left = state[[VX, VY]] * step + state[[AX, AY]] * half
+    jacobian = np.eye(STATES)
+    jacobian[X, [YAW, VX, VY, AX, AY]] = -s * ahead - c * left, c * step, -s * step, c * half, -s * half
+    jacobian[Y, [YAW, VX, VY, AX, AY]] = c * ahead - s * left, s * step, c * step, s * half, c * half
+    jacobian[YAW, YAW_RATE] = jacobian[VX, AX] = jacobian[VY, AY] = step
+    return jacobian
+
+
+def correct(estimate: MotionEstimate, measurement: Measurement) -> MotionEstimate:
+    """An estimate corrected by a measurement at its time; the covariance in Joseph's form, which stays positive."""
+    _, measured, values, noise = measurement
+    stamp, state, covariance = estimate
+    noise = noise.copy()
+    np.fill_diagonal(noise, np.maximum(np.abs(noise.diagonal()), MIN_VARIANCE))
+    picked = np.eye(STATES)[list(measured)]
+    gain = covariance @ picked.T @ np.linalg.inv(picked @ covariance @ picked.T + noise)
+    innovation = values - picked @ state
+    if YAW in measured:
+        at = measured.index(YAW)
+        innovation[at] = wrap_angle(innovation[at])
+    state = state + gain @ innovation
+    state[YAW] = wrap_angle(state[YAW])
+    kept = np.eye(STATES) - gain @ picked
+    return MotionEstimate(stamp, state, kept @ covariance @ kept.T + gain @ noise @ gain.T)

@@ -1,0 +1,200 @@
+"""Readings of wheel odometry and IMU, and the planar measurements that they are.
+
+In: poses, velocities and accelerations with their frames. Out: `Measurement`s of base_link on the plane.
+
+Which numbers count, how they turn with the sensor's mounting, and what a differential pose is: as in
+robot_localization, in the docstrings here.
+"""
+
+from __future__ import annotations
+
+from typing import List, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_highlevel_controller.estimation.filter_config import InputConfig
+from husky_highlevel_controller.estimation.planar_ekf import AX, AY, VX, VY, YAW, YAW_RATE, X, Y, Measurement
+from husky_highlevel_controller.geometry import (
+    compose,
+    inverse,
+    matrix_from_quat,
+    quat_from_rpy,
+    quat_inverse,
+    rotate,
+    rpy_from_quat,
+    wrap_angle,
+)
+
+ON_PLANE = (0, 1, 5)  # x, y and yaw of six numbers
+SAME = 1e-6  # a direction that turns into another by no more than this is not measured there
+
+
+class ReadingError(HuskyError):
+    """A reading that says nothing about the robot."""
+
+
+class Reading(NamedTuple):
+    """A message of odometry or IMU; a part that it lacks is None."""
+
+    stamp: float  # [s]
+    pose: Optional[Pose] = None  # of the robot in `pose_frame`; an IMU's attitude
+    pose_covariance: np.ndarray = np.zeros((6, 6))
+    velocity: Optional[np.ndarray] = None  # (6,) [m/s, rad/s], along the sensor's axes
+    velocity_covariance: np.ndarray = np.zeros((6, 6))
+    specific_force: Optional[np.ndarray] = None  # (3,) [m/s^2], along the sensor's axes
+    force_covariance: np.ndarray = np.zeros((3, 3))
+
+
+class Mounting(NamedTuple):
+    """Frames of a reading's numbers."""
+
+    sensor_in_base: Pose = Pose()
+    pose_frame_in_odom: Pose = Pose()  # of odometry's poses
+
+
+class MotionSensor:
+    """A topic's readings, of which differential and relative poses need those before."""
+
+    def __init__(self, name: str, config: InputConfig, gravity: float) -> None:
+        """A sensor that has measured nothing.
+
+        Args:
+            name: of its parameters, odomN or imuN.
+            config: what of it counts.
+            gravity: [m/s^2].
+        """
+        self.name, self.config = name, config
+        self._is_imu, self._gravity = name.startswith("imu"), gravity
+        used = np.array(config.config, dtype=bool)
+        if self._is_imu:
+            used[[0, 1, 2, 6, 7, 8]] = False  # an IMU measures no position and no velocity
+        else:
+            used[12:] = False
+        self._pose_used, self._velocity_used, self._force_used = used[:6], used[6:12], used[12:]
+        self._first: Optional[Pose] = None
+        self._last: Optional[Tuple[float, Pose, np.ndarray]] = None
+
+    def forget(self) -> None:
+        """Forget all readings."""
+        self._first = self._last = None
+
+    def check(self, reading: Reading) -> None:
+        """Raise ReadingError where a number that counts is none."""
+        pose = None
+        if reading.pose is not None:
+            pose = np.array([*reading.pose.position, *rpy_from_quat(reading.pose.quat_xyzw)])
+        for part, values, covariance, used in (
+            ("pose", pose, reading.pose_covariance, self._pose_used),
+            ("velocity", reading.velocity, reading.velocity_covariance, self._velocity_used),
+            ("acceleration", reading.specific_force, reading.force_covariance, self._force_used),
+        ):
+            if values is None:
+                continue
+            for kind, numbers in ((part, values[used]), (f"{part}'s covariance", covariance[used][:, used])):
+                if not np.isfinite(numbers).all():
+                    raise ReadingError(f"its {kind} is {numbers.tolist()}")
+
+    def measurements(self, reading: Reading, mounting: Mounting, yaw_rate: float) -> List[Measurement]:
+        """Measurements of base_link on the plane that a reading is.
+
+        Args:
+            reading: of this sensor.
+            mounting: where its numbers are measured.
+            yaw_rate: of the robot, for what a sensor off its centre feels of it [rad/s].
+        """
+        parts = (
+            self._pose(reading, mounting),
+            self._velocity(reading, mounting.sensor_in_base, yaw_rate),
+            self._acceleration(reading, mounting.sensor_in_base, yaw_rate),
+        )
+        return [part for part in parts if part is not None and part.states]
+
+    def _pose(self, reading: Reading, mounting: Mounting) -> Optional[Measurement]:
+        """A pose, or with `differential` the velocity since the last one."""
+        if reading.pose is None or not self._pose_used.any():
+            return None
+        pose, turn = reading.pose, mounting.pose_frame_in_odom
+        if self._is_imu:
+            pose, turn = _level_attitude(pose, mounting.sensor_in_base)
+        elif self.config.differential:
+            turn = Pose()
+        axes = matrix_from_quat(turn.quat_xyzw)
+        used, covariance = _turned(axes, self._pose_used), _both(axes, reading.pose_covariance)
+        if self.config.differential:
+            last, self._last = self._last, (reading.stamp, pose, covariance)
+            if last is None:
+                return None
+            stamp, pose_before, covariance_before = last
+            duration = reading.stamp - stamp
+            moved = compose(inverse(pose_before), pose)
+            values = np.array([*moved.position, *rpy_from_quat(moved.quat_xyzw)]) / duration
+            spread = (covariance + covariance_before) * duration
+            return _planar(reading.stamp, (VX, VY, YAW_RATE), used, values, spread)
+        if self.config.relative:
+            self._first = self._first or pose
+            pose = compose(inverse(self._first), pose)
+        if not self._is_imu:
+            pose = compose(turn, pose)
+        values = np.array([*pose.position, *rpy_from_quat(pose.quat_xyzw)])
+        return _planar(reading.stamp, (X, Y, YAW), used, values, covariance)
+
+    def _velocity(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
+        """A velocity without what turning adds at the sensor's place."""
+        if reading.velocity is None or not self._velocity_used.any():
+            return None
+        axes = matrix_from_quat(sensor_in_base.quat_xyzw)
+        x, y, _ = sensor_in_base.position
+        values = np.concatenate((axes @ reading.velocity[:3], axes @ reading.velocity[3:]))
+        values[:2] += y * yaw_rate, -x * yaw_rate
+        used, covariance = _turned(axes, self._velocity_used), _both(axes, reading.velocity_covariance)
+        return _planar(reading.stamp, (VX, VY, YAW_RATE), used, values, covariance)
+
+    def _acceleration(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
+        """An acceleration without gravity and the centripetal one at the sensor's place."""
+        if reading.specific_force is None or not self._force_used.any():
+            return None
+        axes = matrix_from_quat(sensor_in_base.quat_xyzw)
+        force = reading.specific_force
+        if self.config.remove_gravitational_acceleration:
+            attitude = reading.pose.quat_xyzw if reading.pose else sensor_in_base.quat_xyzw
+            force = force - rotate(quat_inverse(attitude), (0.0, 0.0, self._gravity))
+        values = (axes @ force)[:2] + np.array(sensor_in_base.position[:2]) * yaw_rate**2
+        covariance = (axes @ reading.force_covariance @ axes.T)[:2, :2]
+        kept = [i for i in (0, 1) if np.linalg.norm(axes[i] * self._force_used) >= SAME]
+        states = tuple((AX, AY)[i] for i in kept)
+        return Measurement(reading.stamp, states, values[kept], covariance[np.ix_(kept, kept)])
+
+
+def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:
+    """The robot's attitude by an IMU's, and the turn about z between them.
+
+    The mounting's angles are subtracted one by one; roll and pitch then turn with its yaw.
+    """
+    offsets = rpy_from_quat(sensor_in_base.quat_xyzw)
+    angles = [wrap_angle(a - b) for a, b in zip(rpy_from_quat(attitude.quat_xyzw), offsets)]
+    turn = Pose(quat_xyzw=quat_from_rpy(0.0, 0.0, offsets[2]))
+    roll, pitch, yaw = rotate(turn.quat_xyzw, angles)
+    return Pose(quat_xyzw=quat_from_rpy(roll, pitch, yaw)), turn
+
+
+def _turned(axes: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Mask of six variables after a turn, (6,) bool."""
+    blocks = [np.linalg.norm(axes * block, axis=1) >= SAME for block in (used[:3], used[3:])]
+    return np.concatenate(blocks)
+
+
+def _both(axes: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """The covariance (6, 6) of linear and angular parts after a turn of both."""
+    turn = np.kron(np.eye(2), axes)
+    turned: np.ndarray = turn @ covariance @ turn.T
+    return turned
+
+
+def _planar(
+    stamp: float, states: Tuple[int, ...], used: np.ndarray, values: np.ndarray, covariance: np.ndarray
+) -> Measurement:
+    """The plane's part of six values as measurements of three states."""
+    kept = [i for i in ON_PLANE if used[i]]
+    chosen = tuple(state for state, i in zip(states, ON_PLANE) if used[i])
+    return Measurement(stamp, chosen, values[kept], covariance[np.ix_(kept, kept)])
