@@ -157,17 +157,17 @@ def decide(
         state=state, at_pillar=at_pillar, search=search, started_at=started_at
     )
     output = ControlOutput(
-        state,
-        controller_state.at_pillar,
-        limited(twist, control),
-        pillar,
-        pillar_in_odom,
-        aged(controller_state.estimate, stamp) if controller_state.estimate else None,
-        (target.x, target.y) if target else None,
-        remaining,
-        target.bearing if target else nan,
-        reason,
-        moved,
+        state=state,
+        at_pillar=controller_state.at_pillar,
+        twist=limited(twist, control),
+        pillar=pillar,
+        pillar_in_odom=pillar_in_odom,
+        estimate=aged(controller_state.estimate, stamp) if controller_state.estimate else None,
+        target_in_base=(target.x, target.y) if target else None,
+        distance_error=remaining,
+        bearing_error=target.bearing if target else nan,
+        reason=reason,
+        moved=moved,
     )
     return controller_state, output
 

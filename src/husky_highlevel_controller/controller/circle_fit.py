@@ -90,11 +90,24 @@ class Circle(NamedTuple):
 
 
 def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
-    """Most probable circle, given the expected radius.
+    """Most probable circle, given the expected radius: maximum a posteriori by Gauss-Newton.
 
-    Range noise acts along the beam, so a distance from the circle counts as much as the range would have to
-    change (distance over the cosine of incidence). Where beams are few the radius stays as expected and the
-    depth profile gives the place; where they are many they decide alone.
+    With p_i the end point of beam i, d_i its direction, c the centre and r the radius, the residual of a beam
+
+        e_i = |c - p_i| - r,    n_i = (c - p_i) / |c - p_i|,    cos_i = max(n_i . d_i, MIN_COSINE)
+
+    is weighted by w_i = 1 / cos_i^2, for noise acts along the beam: e_i / cos_i is how far its range would have
+    to change. The prior expects the centre at c_0 = (near + R, 0), behind the nearest beam, and the radius R.
+    Minimized is
+
+        sum_i w_i e_i^2 + 1e-6 (c_x - c_0x)^2 + 1e-3 c_y^2 + 0.6 (r - R)^2
+
+    With J_i = (n_ix, n_iy, -1), the derivatives of e_i, each step solves the normal equations
+
+        (sum_i w_i J_i J_i^T + P) step = sum_i w_i J_i e_i + P (c - c_0, r - R),    P = diag(1e-6, 1e-3, 0.6)
+
+    and is subtracted, shortened to R where it is longer. Where beams are few the radius stays as expected and
+    the depth profile gives the place; where they are many they decide alone.
 
     Args:
         segment: of the beams.

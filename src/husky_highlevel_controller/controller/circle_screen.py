@@ -86,21 +86,23 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     cosines, sines = np.cos(angles), np.sin(angles)
     px, py, origin = ranges * cosines, ranges * sines, near + radius
     x, y, r = np.zeros(len(count)), np.zeros(len(count)), np.full(len(count), radius)
-    terms = np.empty((9, len(beams)))  # products of two derivatives, or of one and the error
-    for steps_left in range(MAX_STEPS, -1, -1):
+    terms = np.empty((9, len(beams)))  # sums of products of J = (dx, dy, -1) and the error, times the weight
+
+    def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Derivatives of each beam's error by x and y, the error [m], and its weight: as `fit_circle`'s."""
         dx, dy = (origin + x)[of] - px, y[of] - py
         rho = np.maximum(np.sqrt(dx * dx + dy * dy), 1e-9)
         dx /= rho
         dy /= rho
-        error = rho - r[of]
         cosine = np.maximum(dx * cosines + dy * sines, MIN_COSINE)
-        weight = np.divide(1.0, cosine * cosine, out=terms[7])
-        if steps_left == 0:
-            break
+        return dx, dy, rho - r[of], np.divide(1.0, cosine * cosine)
+
+    for _ in range(MAX_STEPS):
+        dx, dy, error, weight = residuals()
         wx, wy, we = weight * dx, weight * dy, weight * error
         for row, factors in enumerate(((wx, dx), (wx, dy), (wx, error), (wy, dy), (wy, error))):
             np.multiply(*factors, out=terms[row])
-        terms[5], terms[6], terms[8] = wx, wy, we
+        terms[5:] = wx, wy, weight, we
         xx, xy, xe, yy, ye, xr, yr, rr, re = np.add.reduceat(terms, starts, axis=1)
         xr, yr, re = -xr, -yr, -re
         # the fourth row, of the error, takes no part in a step
@@ -109,6 +111,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
         longest = np.maximum(np.maximum(np.abs(step_x), np.abs(step_y)), np.abs(step_r))
         share = radius / np.maximum(longest, radius)
         x, y, r = x - share * step_x, y - share * step_y, np.maximum(r - share * step_r, 0.1 * radius)
+    _, _, error, weight = residuals()
     squares = error * error
     u, v = ranges * px, ranges * py
     line_terms = (u * u, u * v, v * v, u * ranges, v * ranges, ranges * ranges)

@@ -37,8 +37,14 @@ def _enter_box(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
 
 def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
+    """Terms of |(t d - c) x e| = radius, for a beam d, the centre c and the axis e = (u, v, w).
+
+    With m = c x e = (i, j, k) and s = d x e it is (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0. The rows give, for
+    d = (d_x, d_y, 0): d.m, which takes the place of the root's difference of large numbers; s.m = d.(e x m); the
+    component of s along z, of which s.s = w^2 + s_z^2 for a unit d; and d.e, for the ends.
+    """
     (x, y, z), ((u, v, w),), (radius, _, half) = center, axes, size
-    i, j, k = y * w - z * v, z * u - x * w, x * v - y * u  # center x axis: keeps its digits far away
+    i, j, k = y * w - z * v, z * u - x * w, x * v - y * u
     middle, square = x * u + y * v + z * w, radius * radius
     rows = ((i, j), (v * k - w * j, w * i - u * k), (v, -u), (u, v))
     return rows, (w * w, square, square - i * i - j * j - k * k, middle, half, half - abs(middle))
@@ -58,10 +64,13 @@ def enter_flank(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 
 
 def _flank(along: np.ndarray, numbers: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(a, b, root) of the quadratic equation of a cylinder without ends, t = (b -+ root) / a."""
+    """(a, b, root) of the quadratic equation of a cylinder without ends, t = (b -+ root) / a.
+
+    b^2 - a (m.m - radius^2) = radius^2 a - (d.m)^2, which keeps its digits far away.
+    """
     aside, ahead, cross, _ = along
     a = numbers[0] + cross * cross  # squared sine of the angle between beam and axis
-    return a, ahead, np.sqrt(numbers[1] * a - aside * aside)  # b^2 - ac would lose its digits far away
+    return a, ahead, np.sqrt(numbers[1] * a - aside * aside)
 
 
 def _prepare_sphere(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:

@@ -152,21 +152,34 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
 def _meet_one(
     solid: RaySolid, origin: Vector3, laser: Axes, beams: Beams, max_range: float, distances: np.ndarray
 ) -> float:
-    """Shorten the distances (N,) of the beams that meet a shape; none is farther than the result [m]."""
+    """Shorten the distances (N,) of the beams that meet a shape; none is farther than the result [m].
+
+    The ball around the shape, seen from above: the scan plane cuts it in a circle round (x, y)::
+
+                          ___
+                        /     \\         flat    distance from the laser to (x, y)
+        laser o--------(   +   )---     radius  of the circle, sqrt(bound^2 - z^2)
+                spread  \\_____/         spread  asin(radius / flat), on either side of atan2(y, x)
+    """
+    # 1. the ball in the laser's frame, and the circle in which the scan plane cuts it
     center = along_axes(laser, minus(solid.position, origin))
     x, y, z = center
-    flat, square = hypot(x, y), solid.bound * solid.bound - z * z  # the ball is cut by the scan plane
+    flat, square = hypot(x, y), solid.bound * solid.bound - z * z
+    # 2. above, below or beyond the scan: no beam meets it
     if square < 0.0 or flat - solid.bound > max_range:
         return 0.0
     farthest, radius = flat + solid.bound, sqrt(square)
+    # 3. the formula of its kind; a cylinder whose ends no beam within the ball reaches needs its flank only
     needed, prepare, enter = FORMULAS[solid.kind]
     axes = [along_axes(laser, axis) for axis in solid.axes[needed]]
     if solid.kind == CYLINDER and flat > radius:
-        u, v, _ = axes[0]
-        if abs(dot(center, axes[0])) + hypot(u, v) * farthest <= solid.size[2]:
-            enter = enter_flank  # within the ball no beam gets as high as the ends
+        axis_x, axis_y, _ = axes[0]
+        if abs(dot(center, axes[0])) + hypot(axis_x, axis_y) * farthest <= solid.size[2]:
+            enter = enter_flank
+    # 4. what is the same for all beams
     prepared = prepare(center, axes, solid.size)
     rows, numbers = np.array(prepared[0]), np.array(prepared[1])[:, None]
+    # 5. the beams towards the circle, all of them where the laser is in it
     for first, last in _spans(beams, atan2(y, x), asin(radius / flat) if flat > radius else pi):
         entries = enter(np.dot(rows, beams.directions[:, first:last]), numbers)
         met = distances[first:last]
