@@ -96,9 +96,9 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
 
         e_i = |c - p_i| - r,    n_i = (c - p_i) / |c - p_i|,    cos_i = max(n_i . d_i, MIN_COSINE)
 
-    is weighted by w_i = 1 / cos_i^2, for noise acts along the beam: e_i / cos_i is how far its range would have
-    to change. The prior expects the centre at c_0 = (near + R, 0), behind the nearest beam, and the radius R.
-    Minimized is
+    is weighted by w_i = 1 / cos_i^2, for noise acts along the beam: e_i / cos_i is how far its range would
+    have to change. The prior expects the centre at c_0 = (near + R, 0), behind the nearest beam, and the
+    radius R. Minimized is
 
         sum_i w_i e_i^2 + 1e-6 (c_x - c_0x)^2 + 1e-3 c_y^2 + 0.6 (r - R)^2
 

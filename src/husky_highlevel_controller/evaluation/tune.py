@@ -290,9 +290,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
             tuned = tune(ranges, base, starts, objective, options.trials, seed, workers)
             figures = check(base, base.with_values(tuned.values), fresh, objective, workers)
-            titles = (
-                f"of {options.trials} setups on {options.scenes} starts, seed {seed}, profile {options.profile}",
-                f"on {options.fresh} fresh starts",
-            )
+            tried = f"of {options.trials} setups on {options.scenes} starts"
+            titles = f"{tried}, seed {seed}, profile {options.profile}", f"on {options.fresh} fresh starts"
             write(tuned, base, objective, figures, titles, workers.summary, options.out)
             print(workers.summary, file=sys.stderr)
