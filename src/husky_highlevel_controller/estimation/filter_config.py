@@ -1,7 +1,7 @@
 """Parameters of the planar filter, by the names of robot_localization's ekf_localization_node.
 
-In: the node's private parameters. Out: `FilterConfig`, and sentences about those that have no effect. What this
-filter does not do is refused by name and value.
+In: the node's private parameters. Out: `FilterConfig`, and sentences about those that have no effect.
+What this filter does not do is refused by name and value.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Localization: readings of several sensors, taken in the order of their stamps, to estimates at a steady rate.
+"""Localization: readings of several sensors, in the order of their stamps, to estimates at a steady rate.
 
 In: readings as they arrive. Out: estimates at multiples of 1 / frequency, each as soon as every sensor has
 reported beyond it. The same readings give the same estimates, to the bit, however fast they are played and

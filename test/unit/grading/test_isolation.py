@@ -19,7 +19,6 @@ from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_regular,
     read_yaml,
-
     remove_tree,
     walk,
     write_whole,

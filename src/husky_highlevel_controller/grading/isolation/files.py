@@ -67,9 +67,7 @@ class _PlainLoader(yaml.SafeLoader):
 
     def compose_node(self, parent: Optional[yaml.Node], index: Any) -> Optional[yaml.Node]:
         if self.check_event(yaml.AliasEvent):
-            raise yaml.composer.ComposerError(
-                None, None, "aliases are refused", self.peek_event().start_mark
-            )
+            raise yaml.composer.ComposerError(None, None, "aliases are refused", self.peek_event().start_mark)
         return super().compose_node(parent, index)
 
 
