@@ -69,7 +69,7 @@ class Player(RosTest):
         Player.played_by = type(self)
 
     def make_it_forget(self):
-        """What the controller remembers goes with a scan that is older than the last: another robot begins."""
+        """A scan that is older than the last makes the controller forget: another robot begins."""
         self.answer(NOTHING)
         Player.moment -= 2.0 * PERIOD
         self.answer(NOTHING)

@@ -14,7 +14,7 @@ import numpy as np
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.estimation.filter_config import InputConfig
-from husky_highlevel_controller.estimation.planar_ekf import AX, AY, VX, VY, YAW, YAW_RATE, X, Y, Measurement
+from husky_highlevel_controller.estimation.planar_ekf import AX, AY, VX, VY, YAW, YAW_RATE, Measurement, X, Y
 from husky_highlevel_controller.geometry import (
     compose,
     inverse,

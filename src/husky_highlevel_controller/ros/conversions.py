@@ -126,13 +126,13 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
     increment = abs(msg.angle_increment)
     if beams > 1 and not MIN_INCREMENT <= increment <= 2.0 * pi:
         raise ScanError(
-            f"{whose} angle_increment = {msg.angle_increment} rad; {MIN_INCREMENT:g} to {2.0 * pi:.2f} rad are "
-            "possible"
+            f"{whose} angle_increment = {msg.angle_increment} rad; {MIN_INCREMENT:g} to {2.0 * pi:.2f} rad "
+            "are possible"
         )
     if increment * (beams - 2) > 2.0 * pi + TURN_TOLERANCE:  # some send the first beam twice
         raise ScanError(
-            f"{whose} angle_increment = {msg.angle_increment:g} rad, together {increment * (beams - 1):.4g} rad, more "
-            f"than a turn; {degrees}"
+            f"{whose} angle_increment = {msg.angle_increment:g} rad, together {increment * (beams - 1):.4g} rad, "
+            f"more than a turn; {degrees}"
         )
     if not 0.0 <= msg.range_min < inf:
         raise ScanError(f"{whose} range_min = {msg.range_min} m")
@@ -151,8 +151,8 @@ def _check_unit(scan: Scan) -> None:
     in_millimetres = scan.range_max > MAX_RANGE_MAX and MILLIMETRES[0] <= low and high <= MILLIMETRES[1]
     if low > MAX_NEAREST or in_millimetres:
         raise ScanError(
-            f"a scan in '{scan.frame}' has ranges from {low:g} to {high:g} m and range_max = {scan.range_max:g} m: "
-            "are they millimetres?"
+            f"a scan in '{scan.frame}' has ranges from {low:g} to {high:g} m and range_max = "
+            f"{scan.range_max:g} m: are they millimetres?"
         )
 
 

@@ -177,7 +177,7 @@ def test_a_set_pose_holds_against_older_readings():
 
 
 @pytest.mark.parametrize(
-    "changes, sentence",
+    ("changes", "sentence"),
     [
         ({"two_d_mode": False}, "/ekf/two_d_mode = False is not supported: the filter is planar"),
         ({"pose0": "p"}, "/ekf/pose0 = 'p' is not supported: inputs are odometry and IMU"),
@@ -200,7 +200,8 @@ def test_a_matrix_of_the_wrong_size_and_an_unknown_parameter_are_told_and_left_a
     config, remarks = read_filter_config(
         {**HUSKY, "process_noise_covariance": [0.1] * 200, "freqency": 1, "odom1": "b"}, "/ekf/"
     )
-    assert config.process_noise is None and set(config.inputs) == {"odom0", "imu0"}
+    assert config.process_noise is None
+    assert set(config.inputs) == {"odom0", "imu0"}
     assert [remark.split(":")[0].split(";")[0] for remark in remarks] == [
         "/ekf/freqency is not a parameter",
         "/ekf/process_noise_covariance has 200 numbers, not 225",

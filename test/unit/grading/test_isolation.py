@@ -374,7 +374,8 @@ def test_the_marking_program_has_limits_of_its_own():
         "import resource\nfrom husky_highlevel_controller.grading import mark\n"
         "kinds = resource.RLIMIT_DATA, resource.RLIMIT_NOFILE\n"
         "mark.load, mark.private_network.enter = print, lambda: None\n"
-        "mark.mark = lambda _: print(*[resource.getrlimit(kind)[0] for kind in kinds])\nmark.main(['job.json'])"
+        "mark.mark = lambda _: print(*[resource.getrlimit(kind)[0] for kind in kinds])\n"
+        "mark.main(['job.json'])"
     )
     env = {**os.environ, "PYTHONPATH": f"{SOURCES}:{os.environ.get('PYTHONPATH', '')}"}
     command = [sys.executable, "-c", code]

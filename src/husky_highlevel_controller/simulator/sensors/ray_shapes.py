@@ -39,9 +39,9 @@ def _enter_box(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:
     """Terms of |(t d - c) x e| = radius, for a beam d, the centre c and the axis e = (u, v, w).
 
-    With m = c x e = (i, j, k) and s = d x e it is (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0. The rows give, for
-    d = (d_x, d_y, 0): d.m, which takes the place of the root's difference of large numbers; s.m = d.(e x m); the
-    component of s along z, of which s.s = w^2 + s_z^2 for a unit d; and d.e, for the ends.
+    With m = c x e = (i, j, k) and s = d x e it is (s.s) t^2 - 2 (s.m) t + m.m - radius^2 = 0. The rows give,
+    for d = (d_x, d_y, 0): d.m, which takes the place of the root's difference of large numbers; s.m =
+    d.(e x m); the component of s along z, of which s.s = w^2 + s_z^2 for a unit d; and d.e, for the ends.
     """
     (x, y, z), ((u, v, w),), (radius, _, half) = center, axes, size
     i, j, k = y * w - z * v, z * u - x * w, x * v - y * u

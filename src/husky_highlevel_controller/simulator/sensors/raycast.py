@@ -152,14 +152,14 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
 def _meet_one(
     solid: RaySolid, origin: Vector3, laser: Axes, beams: Beams, max_range: float, distances: np.ndarray
 ) -> float:
-    """Shorten the distances (N,) of the beams that meet a shape; none is farther than the result [m].
+    r"""Shorten the distances (N,) of the beams that meet a shape; none is farther than the result [m].
 
     The ball around the shape, seen from above: the scan plane cuts it in a circle round (x, y)::
 
                           ___
-                        /     \\         flat    distance from the laser to (x, y)
+                        /     \         flat    distance from the laser to (x, y)
         laser o--------(   +   )---     radius  of the circle, sqrt(bound^2 - z^2)
-                spread  \\_____/         spread  asin(radius / flat), on either side of atan2(y, x)
+                spread  \_____/         spread  asin(radius / flat), on either side of atan2(y, x)
     """
     # 1. the ball in the laser's frame, and the circle in which the scan plane cuts it
     center = along_axes(laser, minus(solid.position, origin))
