@@ -131,8 +131,8 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
         )
     if increment * (beams - 2) > 2.0 * pi + TURN_TOLERANCE:  # some send the first beam twice
         raise ScanError(
-            f"{whose} angle_increment = {msg.angle_increment:g} rad, together {increment * (beams - 1):.4g} rad, "
-            f"more than a turn; {degrees}"
+            f"{whose} angle_increment = {msg.angle_increment:g} rad, together "
+            f"{increment * (beams - 1):.4g} rad, more than a turn; {degrees}"
         )
     if not 0.0 <= msg.range_min < inf:
         raise ScanError(f"{whose} range_min = {msg.range_min} m")
