@@ -29,7 +29,7 @@ class Replay:
     """Poses, paths and objects of a drive, in the world's frame."""
 
     title: str
-    words: str  # how it ended
+    summary: str  # how it ended
     times: np.ndarray  # (N,) [s], rising
     poses: np.ndarray  # (N, 3) [m, m, rad], x, y and yaw of base_link
     pillars: np.ndarray  # (1, 2) or (N, 2) [m], centre of the pillar, for good or at each of the times
@@ -45,7 +45,7 @@ def to_html(replay: Replay) -> str:
     marks = replay.marks[np.isfinite(replay.marks).all(axis=1)]
     data = {
         "title": replay.title,
-        "words": replay.words,
+        "summary": replay.summary,
         "times": _rounded(replay.times[rows]),
         "poses": _rounded(replay.poses[rows]),
         "pillars": _rounded(pillars[:1] if (pillars == pillars[:1]).all() else pillars),

@@ -164,7 +164,9 @@ def test_the_figures_do_not_depend_on_the_number_of_processes(capfd, monkeypatch
 
 
 def test_a_figure_that_is_missed_is_marked_and_ends_the_command_with_1(capfd, monkeypatch):
-    monkeypatch.setattr(evaluate, "evaluate", lambda *_: [("t", [evaluate.Figure("f", 3.0, "cm", most=2.0)])])
+    monkeypatch.setattr(
+        evaluate, "evaluate", lambda *_: [("t", [evaluate.Figure("f", 3.0, "cm", maximum=2.0)])]
+    )
     with pytest.raises(SystemExit, match="1"):
         evaluate.main([])
     assert "MISSED" in capfd.readouterr().out

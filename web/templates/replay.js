@@ -1,13 +1,13 @@
 // Replays one drive: drag turns the view, the wheel or two fingers zoom, the space bar pauses.
 // An address ending in #12.5, a frame of the name 12.5 or the message 12.5 show the moment 12.5 s.
 "use strict";
-const { title, words, times, poses, pillars, marks, pillar: pillarRadius, robot } = JSON.parse(document.getElementById("data").textContent);
+const { title, summary, times, poses, pillars, marks, pillar: pillarRadius, robot } = JSON.parse(document.getElementById("data").textContent);
 const [canvas, slider, output, play, speed, view] = ["canvas", "input", "output", "#play", "select", "#view"].map((s) => document.querySelector(s));
 const end = times[times.length - 1];
 const HOME = { turn: 0.3, height: 0.3, distance: 6 }, camera = { ...HOME }; // [rad] about the robot, [rad], [m]
 let now = times[0], playing = window === top, last = null; // within another page it waits
 document.title = document.querySelector("header b").textContent = title;
-document.querySelector("header span").textContent = words;
+document.querySelector("header span").textContent = summary;
 slider.min = times[0]; slider.max = end;
 
 const mix = (a, b, s) => a + s * (b - a);

@@ -136,7 +136,7 @@ def compare(
     return Comparison((a.name, b.name), sides[0], sides[1])
 
 
-def write(result: Comparison, margin: float, words: str, out: Path) -> None:
+def write(result: Comparison, margin: float, source: str, out: Path) -> None:
     """Write table, page and a picture of each scene in which one fails and the other does not."""
     rows = result.table()
     write_table(rows, out / "compare")
@@ -159,7 +159,7 @@ def write(result: Comparison, margin: float, words: str, out: Path) -> None:
             Table(title, ("", "A", "B", DIFFERENCE), result.figures()),
             Table("Every scene", list(rows[0]), [list(row.values()) for row in rows], folded=True),
         ],
-        pictures, Cell(result.verdict(margin), "missed" if result.worse(margin) else "ok"), words,
+        pictures, Cell(result.verdict(margin), "missed" if result.worse(margin) else "ok"), source,
     )  # fmt: skip
 
 

@@ -77,26 +77,26 @@ class Outcome:
         return f"at the pillar after {self.arrived_at:.2f} s{touched}"
 
 
-def contestant(words: str, base: Setup) -> Contestant:
-    """Contestant by words: FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch [ARGUMENTS].
+def contestant(text: str, base: Setup) -> Contestant:
+    """Contestant of a text: FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch [ARGUMENTS].
 
     Raises:
         HuskyError: none of these, or it cannot be read.
     """
-    first, *arguments = shlex.split(words) or [""]
+    first, *arguments = shlex.split(text) or [""]
     if first.endswith((".yaml", ".yml")):
-        return Contestant(words, load_setup(Path(first), base))
+        return Contestant(text, load_setup(Path(first), base))
     if first.endswith(".launch") and first.count("/") == 1:
         package, file = first.split("/")
-        return Contestant(words, base, launch=Launchable("launch", package, file, tuple(arguments)))
+        return Contestant(text, base, launch=Launchable("launch", package, file, tuple(arguments)))
     place, colon, function = first.rpartition(":")
     if not colon or not function.isidentifier() or arguments:
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION and PACKAGE/FILE.launch"
-        raise HuskyError(f"'{words}' is none of {kinds}")
+        raise HuskyError(f"'{text}' is none of {kinds}")
     if place.split(".")[0] == PACKAGE:
-        contestant = Contestant(words, base, function, module=place)
+        contestant = Contestant(text, base, function, module=place)
     else:
-        contestant = Contestant(words, base, function, source=_source(place))
+        contestant = Contestant(text, base, function, source=_source(place))
     controller_of(contestant)  # now, and not in the middle of many drives
     return contestant
 

@@ -189,9 +189,9 @@ def _look(
     laser_in_odom = observation.laser_in_odom
     if laser_in_odom is None:
         return controller_state.track, (pillars[0] if pillars else None), None, Visibility.UNKNOWN
-    patient = controller_state.state is State.ARRIVED
+    keep_hidden = controller_state.state is State.ARRIVED
     track, sighting, visibility = follow(
-        controller_state.track, pillars, observation.scan, laser_in_odom, patient
+        controller_state.track, pillars, observation.scan, laser_in_odom, keep_hidden
     )
     if sighting is None:
         return track, None, None, visibility

@@ -89,7 +89,7 @@ class Sighting(NamedTuple):
 
 
 def follow(
-    track: Track, pillars: List[Pillar], scan: Scan, laser_in_odom: Pose, patient: bool = False
+    track: Track, pillars: List[Pillar], scan: Scan, laser_in_odom: Pose, keep_hidden: bool = False
 ) -> Tuple[Track, Optional[Sighting], Visibility]:
     """Find the followed pillar in a scan, or begin to follow one.
 
@@ -98,7 +98,7 @@ def follow(
         pillars: those in the scan, nearest first.
         scan: the scan.
         laser_in_odom: where the lidar was.
-        patient: whether a near place is kept although something hides it.
+        keep_hidden: whether a near place is kept although something hides it.
 
     Returns:
         What is believed now, the followed pillar if the scan shows it, and what the scan says about
@@ -118,7 +118,7 @@ def follow(
             track = _give_up(sighted, reject=True)._replace(walked_to=sighting.center_in_odom[:2])
         else:
             visibility = look_at(estimate, scan, laser_in_odom)
-            weight = _weight(visibility, track, laser_in_odom, patient)
+            weight = _weight(visibility, track, laser_in_odom, keep_hidden)
             track = track._replace(missed_time=track.missed_time + weight * period, updated_at=scan.stamp)
             if track.missed_time <= EMPTY_TIMEOUT:
                 return track, None, visibility
@@ -162,7 +162,7 @@ def _at(place: Optional[Tuple[float, float]], sighting: Sighting) -> bool:
     return place is not None and hypot(x - place[0], y - place[1]) <= _GATE
 
 
-def _weight(visibility: Visibility, track: Track, laser_in_odom: Pose, patient: bool) -> float:
+def _weight(visibility: Visibility, track: Track, laser_in_odom: Pose, keep_hidden: bool) -> float:
     """Weight of a second in which the pillar is not seen."""
     estimate = track.estimate
     assert estimate is not None
@@ -170,7 +170,7 @@ def _weight(visibility: Visibility, track: Track, laser_in_odom: Pose, patient: 
         return 1.0
     x, y, _ = laser_in_odom.position
     near = hypot(estimate.x - x, estimate.y - y) < _AT_PLACE
-    return _HIDDEN_WEIGHT if visibility is Visibility.HIDDEN and near and not patient else 0.0
+    return _HIDDEN_WEIGHT if visibility is Visibility.HIDDEN and near and not keep_hidden else 0.0
 
 
 def _give_up(track: Track, reject: bool) -> Track:

@@ -41,20 +41,22 @@ class Figure(NamedTuple):
     name: str
     value: float
     unit: str = ""
-    least: float = -inf
-    most: float = inf
+    minimum: float = -inf
+    maximum: float = inf
     replay: str = ""  # of the drive that the value is of, or of one that misses it
 
     @property
     def met(self) -> bool:
         """Whether the value is within its bounds; nan is not."""
-        return self.least <= self.value <= self.most or (self.least, self.most) == (-inf, inf)
+        return self.minimum <= self.value <= self.maximum or (self.minimum, self.maximum) == (-inf, inf)
 
     @property
     def bounds(self) -> str:
-        """The bounds in words; empty: there are none."""
-        words = [f">= {self.least:g}"] * (self.least > -inf) + [f"<= {self.most:g}"] * (self.most < inf)
-        return " ".join(words)
+        """The bounds as text; empty: there are none."""
+        limits = [f">= {self.minimum:g}"] * (self.minimum > -inf) + [f"<= {self.maximum:g}"] * (
+            self.maximum < inf
+        )
+        return " ".join(limits)
 
     @property
     def verdict(self) -> str:
@@ -62,8 +64,8 @@ class Figure(NamedTuple):
         return ("ok" if self.met else "MISSED") if self.bounds else ""
 
     def __str__(self) -> str:
-        words = f"  {self.name:<66}{self.value:>9.3f} {self.unit:<5}{self.bounds:<12} {self.verdict}"
-        return words.rstrip()
+        line = f"  {self.name:<66}{self.value:>9.3f} {self.unit:<5}{self.bounds:<12} {self.verdict}"
+        return line.rstrip()
 
     @property
     def cells(self) -> Sequence[Any]:
@@ -74,13 +76,13 @@ class Figure(NamedTuple):
         return self.name, value, self.bounds, Cell(self.verdict, style), replay
 
 
-def extraction_figures(title: str, errors: Sequence[float], least: float, most: float) -> List[Figure]:
+def extraction_figures(title: str, errors: Sequence[float], minimum: float, maximum: float) -> List[Figure]:
     """Figures of the centre errors [m] in scenes with a pillar; inf is one not found."""
     finite = [error for error in errors if error < inf]
     p95 = float(np.quantile(finite, 0.95)) if finite else nan
     return [
-        Figure(f"{title}: found", 100.0 * len(finite) / len(errors), "%", least=least),
-        Figure(f"{title}: centre error, 95 % within", 100.0 * p95, "cm", most=most),
+        Figure(f"{title}: found", 100.0 * len(finite) / len(errors), "%", minimum=minimum),
+        Figure(f"{title}: centre error, 95 % within", 100.0 * p95, "cm", maximum=maximum),
     ]
 
 
@@ -95,16 +97,18 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Figure]:
     return [
         Figure("arrived, within 2 cm, without a touch", 100.0 * good / len(runs), "%", 100.0, replay=bad),
         Figure(
-            "touched something", sum(bool(run.touched) for run in runs), "runs", most=0.0, replay=touching
+            "touched something", sum(bool(run.touched) for run in runs), "runs", maximum=0.0, replay=touching
         ),
         Figure(
-            "largest final distance error", 100.0 * abs(far.final_error), "cm", most=2.0, replay=far.replay
+            "largest final distance error", 100.0 * abs(far.final_error), "cm", maximum=2.0, replay=far.replay
         ),
         Figure("time to arrival over the bound, median", float(np.median(ratios))),
         Figure("time to arrival over the bound, largest", max(ratios), replay=late),
         Figure("time to arrival beyond the bound, median", float(np.median(delays)), "s"),
         Figure("time to arrival beyond the bound, largest", max(delays), "s", replay=slow),
-        Figure("zero crossings of the bearing, largest", turning.crossings, most=2.0, replay=turning.replay),
+        Figure(
+            "zero crossings of the bearing, largest", turning.crossings, maximum=2.0, replay=turning.replay
+        ),
     ]
 
 
@@ -113,9 +117,9 @@ def course_figures(run: DriveResult, ratio: float = inf) -> List[Figure]:
     return [
         Figure("arrived, within 2 cm, without a touch", 100.0 * run.good, "%", 100.0, replay=run.replay),
         Figure("time to arrival", run.arrived_at, "s"),
-        Figure("time to arrival over the bound", run.ratio, "", most=ratio),
+        Figure("time to arrival over the bound", run.ratio, "", maximum=ratio),
         Figure("final distance error", 100.0 * run.final_error, "cm", -2.0, 2.0),
-        Figure("zero crossings of the bearing", run.crossings, "", most=2.0),
+        Figure("zero crossings of the bearing", run.crossings, "", maximum=2.0),
     ]
 
 
@@ -130,8 +134,8 @@ def touch_figures(run: DriveResult) -> List[Figure]:
             replay=run.replay,
         ),
         Figure("time to arrival", run.arrived_at, "s"),
-        Figure("gap in the end", 100.0 * run.gap, "cm", most=0.5),
-        Figure("pillar pushed by", 100.0 * run.pushed, "cm", most=2.0),
+        Figure("gap in the end", 100.0 * run.gap, "cm", maximum=0.5),
+        Figure("pillar pushed by", 100.0 * run.pushed, "cm", maximum=2.0),
     ]
 
 
@@ -205,7 +209,9 @@ def evaluate(
             [
                 *extraction_figures("pillar alone, 3 beams or more", alone, 99.5, 2.0),
                 *extraction_figures("pillar in company, 3 beams or more", among, 99.5, 2.0),
-                Figure("scans without a pillar that show one of 8 beams or more", false_share, "%", most=0.1),
+                Figure(
+                    "scans without a pillar that show one of 8 beams or more", false_share, "%", maximum=0.1
+                ),
             ],
         ),
         ("Course start, default gains", course_figures(standard, 1.15)),
@@ -238,7 +244,7 @@ def drives(
 def write_index(folder: Path, title: str, sections: Sequence[Tuple[str, List[Figure]]]) -> None:
     """Write the page with all figures, each with the replay of its drive, and a link to every replay."""
     missed = [figure.name for _, figures in sections for figure in figures if not figure.met]
-    words = f"missed: {'; '.join(missed)}" if missed else "every figure is where it is wanted"
+    verdict = f"missed: {'; '.join(missed)}" if missed else "every figure is where it is wanted"
     names = sorted(path.name for path in folder.glob("*.html") if path.name != INDEX)
     links = [[Cell(Path(name).stem.replace("_", " "), "", quote(name))] for name in names]
     header = ("figure", "value", "wanted", "verdict", "drive")
@@ -246,7 +252,7 @@ def write_index(folder: Path, title: str, sections: Sequence[Tuple[str, List[Fig
     write_page(
         folder / INDEX, "Evaluation of the controller", title,
         [*tables, Table(f"All {len(names)} replays", ("drive",), links, folded=True)],
-        verdict=Cell(words, "missed" if missed else "ok"),
+        verdict=Cell(verdict, "missed" if missed else "ok"),
     )  # fmt: skip
 
 

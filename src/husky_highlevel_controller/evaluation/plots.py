@@ -57,15 +57,15 @@ def draw_ways(ways: Mapping[str, np.ndarray], pillar: Tuple[float, float], title
     """Ways to a pillar from above.
 
     Args:
-        ways: (N, 3) poses [m, m, rad] in the world, by the words for the legend.
+        ways: (N, 3) poses [m, m, rad] in the world, by their label in the legend.
         pillar: its centre in the world [m].
         title: of the picture.
     """
     figure = new_figure(5.6, 4.8)
     plot = figure.subplots()
     from_above(plot, pillar, PILLAR_RADIUS)
-    for color, style, (words, poses) in zip(COLORS, ("-", "--"), ways.items()):
-        plot.plot(poses[:, 0], poses[:, 1], style, color=color, label=plain(words))
+    for color, style, (label, poses) in zip(COLORS, ("-", "--"), ways.items()):
+        plot.plot(poses[:, 0], poses[:, 1], style, color=color, label=plain(label))
         plot.plot(*poses[-1, :2], "o", color=color)
     plot.plot(*poses[0, :2], "k^", label="start")
     plot.legend(fontsize=8)

@@ -52,7 +52,7 @@ def write_page(
         title: of the page.
         lead: the sentence below it.
         tables: in order.
-        pictures: PNGs by their words.
+        pictures: PNGs by their captions.
         verdict: the result in a sentence.
         source: of the results: hash, machine, versions.
     """
@@ -61,8 +61,8 @@ def write_page(
 
 
 def text_table(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of a quantity, two values and words, for a terminal."""
-    return "\n".join(f"  {title:<34}{a:>10}{b:>10}   {words}".rstrip() for title, a, b, words in rows)
+    """Rows of a quantity, two values and a remark, for a terminal."""
+    return "\n".join(f"  {title:<34}{a:>10}{b:>10}   {remark}".rstrip() for title, a, b, remark in rows)
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> List[Path]:
@@ -80,9 +80,11 @@ def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> List[Path]:
     return [path.with_suffix(".csv"), path.with_suffix(".parquet")]
 
 
-def replay_page(name: str, words: str, control: ControlConfig, trace: Trace, robot: Robot) -> Tuple[str, str]:
+def replay_page(
+    name: str, summary: str, control: ControlConfig, trace: Trace, robot: Robot
+) -> Tuple[str, str]:
     """File name and text of the page that plays a drive; the name tells scenario, gains and stop distance."""
     gains = f"gains {control.p_gain_vel:g} {control.p_gain_ang:g}"
     title = f"{name}, {gains}, stop {control.stop_distance:g} m"
-    page = to_html(Replay(title, words, trace.times, trace.poses, trace.pillars, robot=robot))
+    page = to_html(Replay(title, summary, trace.times, trace.poses, trace.pillars, robot=robot))
     return f"{re.sub(r'[^a-z0-9.]+', '_', title.lower())}.html", page

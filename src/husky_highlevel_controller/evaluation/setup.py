@@ -151,7 +151,7 @@ def parse_axis(text: str) -> Axis:
     Raises:
         ConfigError: it is none of these, or a value is not allowed.
     """
-    name, equals, words = text.partition("=")
+    name, equals, grid = text.partition("=")
     defaults = parameters(Setup())
     if name not in defaults:
         raise ConfigError(f"{name} is not a parameter; there are: {', '.join(sorted(defaults))}")
@@ -160,24 +160,24 @@ def parse_axis(text: str) -> Axis:
         raise ConfigError(f"{name} is not a number ({metadata_of(name)['help']})")
     if not equals:
         raise ConfigError(f"{name} has no values, such as {name}=FIRST:LAST:COUNT; {help_line(name)}")
-    is_geometric = words.endswith(":log")
+    is_geometric = grid.endswith(":log")
     try:
-        values = _numbers(words[:-4] if is_geometric else words, is_geometric)
+        values = _numbers(grid[:-4] if is_geometric else grid, is_geometric)
     except ValueError as error:
-        raise ConfigError(f"{name} = '{words}' is not FIRST:LAST:COUNT or VALUE,VALUE: {error}") from None
+        raise ConfigError(f"{name} = '{grid}' is not FIRST:LAST:COUNT or VALUE,VALUE: {error}") from None
     typed = tuple(dict.fromkeys(int(round(value)) if kind is int else value for value in values))
     for value in typed:
         Setup().with_values({name: value})
     return Axis(name, typed, is_geometric)
 
 
-def _numbers(words: str, is_geometric: bool) -> List[float]:
-    if ":" not in words:
-        numbers = sorted(float(word) for word in words.split(","))
+def _numbers(grid: str, is_geometric: bool) -> List[float]:
+    if ":" not in grid:
+        numbers = sorted(float(word) for word in grid.split(","))
         if not all(map(math.isfinite, numbers)):
             raise ValueError("a value is no number")
         return numbers
-    first, last, count = words.split(":")
+    first, last, count = grid.split(":")
     if not 1 <= int(count) <= MAX_VALUES:
         raise ValueError(f"{count} values are not in 1..{MAX_VALUES}")
     if is_geometric and not (float(first) > 0.0 and float(last) > 0.0):

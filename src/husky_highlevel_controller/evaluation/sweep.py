@@ -129,7 +129,7 @@ def summary(result: Sweep) -> List[Dict[str, Any]]:
     ]
 
 
-def write(result: Sweep, title: str, words: str, marked: Mapping[str, Sequence[float]], out: Path) -> None:
+def write(result: Sweep, title: str, source: str, marked: Mapping[str, Sequence[float]], out: Path) -> None:
     """Write table, picture and page into a folder, and say where they are."""
     files = write_table(result.table(), out / "sweep")
     pictures, panels, rows = {}, result.panels(), summary(result)
@@ -139,8 +139,8 @@ def write(result: Sweep, title: str, words: str, marked: Mapping[str, Sequence[f
         files.append(out / "sweep.png")
     every = Table("Every point", list(rows[0]), [list(row.values()) for row in rows], folded=True)
     lead = f"{len(result.scenes)} random starts at each of {len(result.points)} points"
-    write_page(out / "index.html", title, lead, [every], pictures, source=words)
-    print("\n".join([title, words, *(f"file: {file}" for file in [*files, out / "index.html"])]))
+    write_page(out / "index.html", title, lead, [every], pictures, source=source)
+    print("\n".join([title, source, *(f"file: {file}" for file in [*files, out / "index.html"])]))
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:

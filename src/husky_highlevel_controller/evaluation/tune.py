@@ -88,7 +88,7 @@ def parse_range(text: str, base: Setup) -> Range:
     Raises:
         ConfigError: it is none, or the parameter is none of the controller's.
     """
-    name, equals, words = text.partition("=")
+    name, equals, limits_text = text.partition("=")
     own = [item.name for record in (base.control, base.detector) for item in fields(record)]
     numbers = [key for key in own if type(parameters(base)[key]) in (int, float)]
     if name not in numbers:
@@ -97,20 +97,20 @@ def parse_range(text: str, base: Setup) -> Range:
         )
     limits = [str(metadata_of(name)["min"]), str(metadata_of(name)["max"])]
     try:
-        low, high = map(float, words.split(":") if equals else limits)
+        low, high = map(float, limits_text.split(":") if equals else limits)
         if not (isfinite(low) and isfinite(high)):
             raise ValueError
     except ValueError:
-        raise ConfigError(f"{name} = '{words}' is not LOW:HIGH, such as {':'.join(limits)}") from None
+        raise ConfigError(f"{name} = '{limits_text}' is not LOW:HIGH, such as {':'.join(limits)}") from None
     kind = type(parameters(base)[name])
     for limit in (low, high):
         base.with_values({name: kind(limit)})
     if not low < high:
-        raise ConfigError(f"{name} = {words}: {low:g} is not below {high:g}")
+        raise ConfigError(f"{name} = {limits_text}: {low:g} is not below {high:g}")
     return Range(name, low, high)
 
 
-def parse_weights(words: Sequence[str]) -> Objective:
+def parse_weights(assignments: Sequence[str]) -> Objective:
     """The objective with some weights changed: NAME=NUMBER.
 
     Raises:
@@ -118,16 +118,18 @@ def parse_weights(words: Sequence[str]) -> Objective:
     """
     names = [item.name for item in fields(Objective)]
     weights: Dict[str, float] = {}
-    for word in words:
-        name, _, number = word.partition("=")
+    for assignment in assignments:
+        name, _, number = assignment.partition("=")
         if name not in names:
-            raise ConfigError(f"--weights {word}: {name} is not a weight; there are: {', '.join(names)}")
+            raise ConfigError(
+                f"--weights {assignment}: {name} is not a weight; there are: {', '.join(names)}"
+            )
         try:
             weights[name] = float(number)
         except ValueError:
-            raise ConfigError(f"--weights {word}: '{number}' is not a number") from None
+            raise ConfigError(f"--weights {assignment}: '{number}' is not a number") from None
         if not 0.0 <= weights[name] < inf:
-            raise ConfigError(f"--weights {word}: {number} is not a positive number")
+            raise ConfigError(f"--weights {assignment}: {number} is not a positive number")
     return Objective(**weights)
 
 

@@ -1,6 +1,6 @@
 """Fingerprints: of values, of this package's code, and of the machine that computes.
 
-In: plain values, records, arrays, functions. Out: SHA-256 in hexadecimal digits; words.
+In: plain values, records, arrays, functions. Out: SHA-256 in hexadecimal digits; a machine's name.
 """
 
 from __future__ import annotations
@@ -102,10 +102,10 @@ def processor() -> str:
 @lru_cache(maxsize=1)
 def machine() -> str:
     """Processor, Python and libraries: between machines where these differ, the last bits may."""
-    words = [platform.machine(), processor(), f"Python {platform.python_version()}"]
+    parts = [platform.machine(), processor(), f"Python {platform.python_version()}"]
     for library in ("numpy", "pybullet"):
         try:
-            words.append(f"{library} {metadata.version(library)}")
+            parts.append(f"{library} {metadata.version(library)}")
         except metadata.PackageNotFoundError:
             continue
-    return ", ".join(word for word in words if word)
+    return ", ".join(part for part in parts if part)

@@ -65,8 +65,8 @@ def run_here(
             deaths.update(losses)
             worst = max(losses, key=lambda number: deaths[number], default=0)
             if deaths[worst] >= MAX_DEATHS:
-                words = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
-                raise HuskyError(words) from None
+                sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
+                raise HuskyError(sentence) from None
             todo.extendleft(reversed(losses))
         finally:
             _end(executor)
