@@ -174,17 +174,113 @@ def test_colours_come_from_numbers_or_gazebos_names(material, rgba):
     assert body.visuals[0].rgba == pytest.approx(rgba)
 
 
-def test_relative_to_names_world_model_and_parent(caplog):
-    (post,) = load_world(DATA / "frames.world").bodies
+def test_poses_are_relative_to_the_frame_they_name(caplog):
+    bodies = bodies_of(load_world(DATA / "frames.world"))
+    post = bodies["post"]
     assert post.pose_in_world.position == (5.0, 0.0, 3.0)
-    centres = [transform_point(post.pose_in_world, part.pose_in_body.position) for part in post.collisions]
-    for centre in centres[:3]:
+    assert len(post.collisions) == 4
+    for part in post.collisions:
+        centre = transform_point(post.pose_in_world, part.pose_in_body.position)
         assert centre == pytest.approx((5.0, 0.0, 1.0))
-    # what it does not know it reads relative to the parent, and says so
-    assert post.collisions[3].pose_in_body.position == (0.0, 0.0, 9.0)
+    for name in ("box", "gate"):  # relative to a frame at a link of a later model, and to an earlier model
+        assert bodies[name].pose_in_world.position == pytest.approx((6.0, 1.0, 1.0)), name
+        assert yaw_from_quat(bodies[name].pose_in_world.quat_xyzw) == pytest.approx(0.0)
+    assert not caplog.records
+
+
+def test_an_unknown_frame_is_named_and_the_parents_is_taken(caplog):
+    body = only_thing(model('<pose relative_to="elsewhere">0 0 9 0 0 0</pose>'), version="1.7")
+    assert body.pose_in_world.position == (0.0, 0.0, 9.0)
     (message,) = caplog.messages
     assert "read relative to the parent" in message
-    assert "model 'post' > link 'rod' > collision 'd' > pose 'elsewhere'" in message
+    assert "model 'm' > link 'link' > pose 'elsewhere'" in message
+
+
+def posed_model(name, frame, *inside):
+    link = f'<link name="{name}"/>'
+    return (
+        f'<model name="{name}"><pose relative_to="{frame}">1 0 0 0 0 0</pose>{link}{"".join(inside)}</model>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("inside", "circle"),
+    [
+        ((posed_model("a", "b"), posed_model("b", "c"), posed_model("c", "a")), "b > c > a > b"),
+        ((posed_model("a", "a"),), "a > a"),
+        ((posed_model("a", "b::b"), posed_model("b", "a")), "b > a > b"),
+        (
+            (posed_model("a", "a::f", '<frame name="f" attached_to="g"/><frame name="g" attached_to="f"/>'),),
+            "f > g > f",
+        ),
+    ],
+)
+def test_frames_relative_to_each_other_are_refused_by_name(inside, circle):
+    message = refusal(sdf(*inside, version="1.7"))
+    assert message.startswith("test.world:1")
+    assert message.endswith(f"frames are relative to each other: {circle}")
+
+
+def test_a_newer_pose_in_degrees_is_read(caplog):
+    (body,) = parse_world(sdf(model('<pose degrees="true">0 0 0 0 0 90</pose>'), version="1.9"), "w").bodies
+    assert yaw_from_quat(body.pose_in_world.quat_xyzw) == pytest.approx(pi / 2)
+
+
+# ---------------------------------------------------------------------------- worlds that Gazebo saved
+
+
+def test_a_saved_world_opens_as_it_was_saved(caplog):
+    bodies = bodies_of(load_world(DATA / "saved.world"))
+    positions = {name: body.pose_in_world.position for name, body in bodies.items()}
+    assert {name: pytest.approx(position) for name, position in positions.items()} == {
+        "ground_plane": (0.0, 0.0, 0.0),
+        "post": (6.0, 1.0, 1.0),
+        "wall": (-8.0, 0.0, 0.5),
+        "cart::body": (10.0, 0.0, 1.0),  # not in the state: it goes along with its model
+        "cart::wheel": (10.0, 5.0, 0.0),  # a pose in the state is in the world
+        "cart::flag": (10.0, 0.0, 7.0),
+        "cart::lamp": (10.0, 0.0, 3.0),
+        "late": (4.0, 4.0, 1.0),
+    }
+    yaws = {name: yaw_from_quat(body.pose_in_world.quat_xyzw) for name, body in bodies.items()}
+    assert yaws["cart::body"] == yaws["cart::lamp"] == pytest.approx(pi / 2)
+    assert yaws["cart::wheel"] == yaws["cart::flag"] == 0.0
+    assert bodies["post"].collisions[0].shape == Cylinder(0.2, 2.0)
+    assert bodies["wall"].collisions[0].shape == Box((0.2, 6.0, 1.0))
+    assert bodies["late"].visuals[0].shape == Sphere(1.5)
+    (message,) = caplog.messages
+    assert "the robot's own <model> is left out" in message
+
+
+@pytest.mark.parametrize(
+    ("shape", "scaled"),
+    [
+        (Box((1.0, 2.0, 3.0)), Box((2.0, 10.0, 12.0))),
+        (Cylinder(1.0, 2.0), Cylinder(5.0, 8.0)),
+        (Sphere(1.0), Sphere(5.0)),
+    ],
+)
+def test_shapes_of_a_saved_model_are_scaled(shape, scaled):
+    state = '<state><model name="m"><pose>0 0 0 0 0 0</pose><scale>2 5 4</scale></model></state>'
+    both = "".join(f'<{tag} name="p">{shape_text(shape)}</{tag}>' for tag in ("collision", "visual"))
+    body = only_thing(model(both), state)
+    assert [part.shape for part in (*body.collisions, *body.visuals)] == [scaled, scaled]
+
+
+@pytest.mark.parametrize(
+    ("inside", "words"),
+    [
+        ("<pose>1 2</pose>", "pose: needs 6 finite numbers, not '1 2'"),
+        ("<scale>1 0 1</scale>", "scale: must be greater than zero, not '1 0 1'"),
+        ('<link name="link"><pose>nan 0 0 0 0 0</pose></link>', "link 'link' > pose: needs 6 finite"),
+    ],
+)
+def test_broken_numbers_of_a_state_are_refused_by_place(inside, words):
+    box = "<box><size>1 1 1</size></box>"
+    state = f'<state world_name="w"><model name="m">{inside}</model></state>'
+    message = refusal(sdf(solid(box), state))
+    assert message.startswith("test.world:1: state > model 'm' > ")
+    assert words in message
 
 
 coordinates = st.floats(-500.0, 500.0)
@@ -310,9 +406,29 @@ def test_the_newest_readable_file_of_a_model_is_taken(models):
     assert only_thing(include("ball")).collisions[0].shape == Sphere(0.6)
 
 
-def test_a_model_for_newer_gazebos_only_is_refused(models):
-    make_model(models, "ball", '<model><sdf version="1.9">model.sdf</sdf></model>', "model.config")
-    assert re.search(r"model\.config.*'1\.9' is not supported; 1\.4, ", refusal(sdf(include("ball"))))
+@pytest.mark.parametrize("version", ["1.3", "1.9"])
+def test_a_model_of_another_sdf_only_is_read_with_a_warning(models, version, caplog):
+    offer = f'<model><sdf version="{version}">model.sdf</sdf></model>'
+    make_model(models, "ball", offer, "model.config")
+    make_model(models, "ball", BALL.format(radius=0.4).replace("1.5", version))
+    assert only_thing(include("ball")).collisions[0].shape == Sphere(0.4)
+    (message,) = caplog.messages
+    assert "SDF is read as SDF 1.7" in message or "SDF 1.3 is read as SDF 1.4" in message
+
+
+def test_a_model_of_an_sdf_that_is_not_read_is_refused(models):
+    make_model(models, "ball", '<model><sdf version="1.2">model.sdf</sdf></model>', "model.config")
+    assert re.search(r"model\.config.*'1\.2' is not supported; 1\.3 to 1\.12", refusal(sdf(include("ball"))))
+
+
+@pytest.mark.parametrize("server", ["fuel.gazebosim.org", "fuel.ignitionrobotics.org"])
+@pytest.mark.parametrize("name", ["Ground Plane", "Ground%20Plane/2", "ground plane/tip/files/model.sdf"])
+def test_fuels_ground_and_sun_are_known_without_a_network(server, name, caplog):
+    folder = f"https://{server}/1.0/OpenRobotics/models"
+    includes = [f"<include><uri>{folder}/{each}</uri></include>" for each in ("Sun", name)]
+    (ground,) = parse_world(sdf(*includes), "test.world").bodies
+    assert ground == load_world(ROOT / "worlds" / "empty.world").bodies[0]
+    assert not caplog.records
 
 
 def test_a_model_that_includes_itself_is_refused(models):
@@ -357,7 +473,6 @@ def test_what_is_not_supported_is_named_once_per_kind(caplog):
         "sensor",
         "plugin",
         "actor",
-        "state",
         "kinematic",
         "gravity",
         "model",
@@ -393,6 +508,24 @@ def test_a_second_world_is_not_read_in_silence(caplog):
     assert "only the first <world>" in caplog.text
 
 
+def test_a_second_model_of_one_name_is_left_out_as_in_gazebo(caplog):
+    posts = [posed_model("post", "world"), model(name="post"), model(name="other")]
+    bodies = parse_world(sdf(*posts), "test.world").bodies
+    assert [(body.name, body.pose_in_world.position[0]) for body in bodies] == [("post", 1.0), ("other", 0.0)]
+    (message,) = caplog.messages
+    assert (
+        message == "a second model of one name is left out, as in Gazebo: test.world:1: model 'post' 'post'"
+    )
+
+
+@pytest.mark.parametrize(("version", "words"), [("1.3", "1.4: test.world:1"), ("1.12", "1.7: test.world:1")])
+def test_another_sdf_is_read_as_the_nearest_with_a_warning(version, words, caplog):
+    box = solid("<box><size>1 2 3</size></box>")
+    assert only_thing(box, version=version).collisions[0].shape == Box((1.0, 2.0, 3.0))
+    (message,) = caplog.messages
+    assert f"is read as SDF {words}" in message
+
+
 def test_a_slip_in_an_elements_name_is_noticed(caplog):
     parse_world(sdf(model("<colision/>")), "test.world")
     (message,) = caplog.messages
@@ -415,14 +548,13 @@ def test_wind_that_does_not_blow_is_no_matter(caplog):
     [
         ("not_xml", r"is not XML: .*line 3"),
         ("no_world", r":1: .*needs a <world>"),
-        ("version", r":1: SDF version '1\.9' is not supported; 1\.4, 1\.5, 1\.6, 1\.7 are"),
+        ("version", r":1: SDF version '2\.0' is not supported; 1\.3 to 1\.12 are"),
         ("not_sdf", r":1: needs <sdf>.* not <robot>"),
         (
             "radius",
             r":6: model 'pillar' > link 'link' > collision 'collision' > geometry > cylinder: .*<radius>",
         ),
         ("pose", r":6: model 'pillar' > link 'link' > collision 'collision' > pose: .*'20 5 nan 0 0 0'"),
-        ("twins", r":4: model 'pillar': .*'pillar'"),
         ("entities", r"entities are refused"),
     ],
 )
@@ -486,6 +618,57 @@ def test_a_file_says_its_own_encoding(tmp_path):
     file.write_bytes(text.replace("iso-8859-1", "klingon").encode("iso-8859-1"))
     with pytest.raises(WorldError, match="is not XML"):
         load_world(file)
+
+
+DECLARATION = '<?xml version="1.0"?>'
+BALL_AT_TWO = '<model name="m"><pose>2 0 0 0 0 0</pose><link name="link"/></model>'
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        "\n\n" + DECLARATION + sdf(BALL_AT_TWO),
+        "<!-- by\nhand -->\n" + DECLARATION + sdf(BALL_AT_TWO),
+        "\ufeff" + DECLARATION + sdf(BALL_AT_TWO),
+        "\ufeff \n" + DECLARATION + sdf(BALL_AT_TWO),
+        sdf("<!-- a -- b --><!----->", BALL_AT_TWO),
+        sdf('<gui><plugin name="R&D">a & b</plugin></gui>', BALL_AT_TWO),
+        sdf("<gui><![CDATA[ <!-- a -- & ]]></gui>", BALL_AT_TWO),
+        sdf("<!-- Säule -->", BALL_AT_TWO).encode("latin-1"),
+        (DECLARATION + sdf('<gui name="Säule"/>', BALL_AT_TWO)).encode("latin-1"),
+        sdf(BALL_AT_TWO).encode("utf-16"),
+        sdf(BALL_AT_TWO) + "\0",
+        sdf(BALL_AT_TWO) + "\0\xff and what follows",
+    ],
+)
+def test_what_gazebos_parser_reads_is_read(data, tmp_path):
+    file = tmp_path / "loose.world"
+    file.write_bytes(data if isinstance(data, bytes) else data.encode())
+    (body,) = load_world(file).bodies
+    assert body.pose_in_world.position == (2.0, 0.0, 0.0)
+
+
+def test_lines_keep_their_numbers_before_a_late_declaration():
+    broken = model("\n<pose>1 2 3</pose>")
+    lines = f"\n<!-- a\n-- b -->{DECLARATION}\n" + sdf("<!-- c --\n -->\n", broken)
+    assert refusal(lines).startswith("test.world:7: model 'm' > link 'link' > pose: ")
+
+
+def test_a_name_in_another_encoding_than_it_says_is_taken_as_latin(tmp_path):
+    file = tmp_path / "latin.world"
+    file.write_bytes('<sdf version="1.4"><world name="Säule"/></sdf>'.encode("latin-1"))
+    assert load_world(file).name == "Säule"
+
+
+@pytest.mark.parametrize("part", ["<!--", "<![CDATA[", "&", "<!-- -->", " ", "<?xml "])
+def test_long_runs_of_what_is_passed_over_have_an_end(part):
+    assert "is not XML" in refusal(part * 100_000)
+    assert "is not XML" in refusal(sdf(part * 100_000) if part == "<!--" else f"{part * 100_000}<sdf")
+
+
+def test_an_entity_behind_a_comment_is_refused():
+    entities = '<!-- a -- b --><!DOCTYPE sdf [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
+    assert "entities are refused" in refusal(entities + sdf('<model name="&b;"/>'))
 
 
 def test_models_without_end_are_refused():

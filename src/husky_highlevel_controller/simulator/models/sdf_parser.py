@@ -6,25 +6,24 @@ In: bytes or text of an SDF file. Out: `Node`s to read numbers and names from.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import isfinite
-from pathlib import Path
-from typing import Any, Dict, Iterator, List, Optional, Set, Tuple, Union
+from math import isfinite, radians
+from typing import Dict, Iterator, List, Optional, Set, Tuple, Union
 from xml.etree import ElementTree
 
-from defusedxml import DefusedXmlException
-from defusedxml.ElementTree import DefusedXMLParser
+from husky_highlevel_controller.datatypes import IDENTITY, Pose
+from husky_highlevel_controller.geometry import quat_from_rpy
+from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, read_xml
 
-from husky_highlevel_controller.datatypes import HuskyError
-
-VERSIONS = ("1.4", "1.5", "1.6", "1.7")
+VERSIONS = tuple(f"1.{minor}" for minor in range(3, 13))
+NEWEST = 7  # minor version of the newest that is read whole
 
 # What each element may hold without a warning: what is read, and what changes nothing here.
 KNOWN = {
     "sdf": "world",
-    "world": "model include gravity physics light scene gui audio spherical_coordinates atmosphere"
-    " magnetic_field",
+    "world": "model include frame state gravity physics light scene gui audio spherical_coordinates"
+    " atmosphere magnetic_field",
     "include": "uri name pose static",
-    "model": "pose static link model include self_collide allow_auto_disable enable_wind",
+    "model": "pose static link model include frame self_collide allow_auto_disable enable_wind",
     "link": "pose inertial collision visual light gravity kinematic self_collide must_be_base_link"
     " velocity_decay enable_wind audio_source audio_sink",
     "inertial": "mass pose inertia",
@@ -34,33 +33,17 @@ KNOWN = {
 }
 
 
-class WorldError(HuskyError):
-    """A world file cannot be read; the text names file, line, element and value."""
-
-
 @dataclass
 class Load:
     """State of one load: files read so far, and notes for warnings."""
 
     notes: Dict[str, List[str]] = field(default_factory=dict)  # sentence -> places
     names: Set[str] = field(default_factory=set)  # of models and bodies
-    open_files: List[Path] = field(default_factory=list)  # models being included, outermost first
-    includes: int = 0  # model files read, each as often as it is included
-
-
-class _Element(ElementTree.Element):
-    line = 0
-
-
-class _LineBuilder(ElementTree.TreeBuilder):
-    """Builder of elements with a line number."""
-
-    expat: Any = None
-
-    def start(self, tag: Any, attrs: Any) -> Any:
-        element: Any = super().start(tag, attrs)
-        element.line = self.expat.CurrentLineNumber
-        return element
+    files: Dict[str, Node] = field(default_factory=dict)  # <sdf> of each model file, by path
+    # <model> of each <include> met; None: nothing to build
+    included: Dict[ElementTree.Element, Optional[Node]] = field(default_factory=dict)
+    open_files: List[str] = field(default_factory=list)  # models being included, outermost first
+    includes: int = 0  # models included so far, each as often as it is
 
 
 @dataclass(frozen=True)
@@ -145,6 +128,15 @@ class Node:
             raise self.error(f"needs {amount} finite number{plural}, not '{self.text}'")
         return values
 
+    def pose(self) -> Pose:
+        """The pose in it, in whichever frame it is given; without numbers, none."""
+        if not self.text:
+            return IDENTITY
+        x, y, z, *angles = self.numbers(6)
+        if self.element.get("degrees") in ("1", "true"):  # SDF 1.9
+            angles = list(map(radians, angles))
+        return Pose((x, y, z), quat_from_rpy(*angles))
+
     def positive(self, count: int = 1) -> Tuple[float, ...]:
         """`count` numbers greater than zero; anything else is a WorldError."""
         values = self.numbers(count)
@@ -160,33 +152,13 @@ class Node:
         return values[self.text.lower()]
 
 
-def read_bytes(path: Path) -> bytes:
-    """The bytes of a file. Raises WorldError if it cannot be read."""
-    try:
-        return path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise WorldError(f"{path}: cannot be read ({reason}); needs the path of an SDF file") from error
-
-
-def read_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
-    """Parse XML into its root element, with line numbers. Raises WorldError on invalid or unsafe XML."""
-    builder = _LineBuilder(element_factory=_Element)
-    parser = DefusedXMLParser(target=builder)
-    builder.expat = parser.parser
-    try:
-        parser.feed(data)
-        root: ElementTree.Element = parser.close()
-    except DefusedXmlException as error:
-        raise WorldError(f"{source}: XML entities are refused, they can be harmful: {error}") from error
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise WorldError(f"{source}: is not XML: {error}") from error
-    return root
-
-
-def bad_version(where: str, version: str) -> str:
-    """Error message for an unsupported SDF version."""
-    return f"{where}: SDF version '{version}' is not supported; {', '.join(VERSIONS)} are"
+def minor_version(where: str, version: str) -> int:
+    """Second number of an SDF version. Raises WorldError for a version that is not read."""
+    if version not in VERSIONS:
+        raise WorldError(
+            f"{where}: SDF version '{version}' is not supported; {VERSIONS[0]} to {VERSIONS[-1]} are"
+        )
+    return int(version.partition(".")[2])
 
 
 def open_sdf(data: Union[str, bytes], source: str, load: Load) -> Node:
@@ -194,7 +166,9 @@ def open_sdf(data: Union[str, bytes], source: str, load: Load) -> Node:
     root = Node(read_xml(data, source), load, source)
     if root.tag != "sdf":
         raise root.error(f"needs <sdf> as its outermost element, not <{root.tag}>")
-    version = root.element.get("version", "")
-    if version not in VERSIONS:
-        raise WorldError(bad_version(root.where, version))
+    minor = minor_version(root.where, root.element.get("version", ""))
+    if minor < 4:
+        root.note("SDF 1.3 is read as SDF 1.4")
+    elif minor > NEWEST:
+        root.note(f"newer SDF is read as SDF 1.{NEWEST}", root.element.get("version", ""))
     return root

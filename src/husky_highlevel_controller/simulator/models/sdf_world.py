@@ -1,4 +1,4 @@
-"""SDF world loader: a world file (SDF 1.4 to 1.7, as Gazebo classic reads it) becomes records.
+"""SDF world loader: a world file (SDF 1.3 to 1.12, as Gazebo classic reads it) becomes records.
 
 In: SDF text, and for `model://` includes the folders of GAZEBO_MODEL_PATH. Out: a `World` of rigid bodies.
 
@@ -9,37 +9,26 @@ Elements that are not supported are named in one warning per kind; invalid ones 
 from __future__ import annotations
 
 import logging
-import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import hypot
 from pathlib import Path
-from typing import Iterator, List, Optional, Sequence, Union
+from typing import Iterator, List, Sequence, Union
 
 from husky_highlevel_controller.datatypes import IDENTITY, Body, Geometry, Pose, Vector3, World
-from husky_highlevel_controller.geometry import compose, inverse, quat_from_rpy
+from husky_highlevel_controller.geometry import compose, inverse
+from husky_highlevel_controller.robot import ROBOTS
+from husky_highlevel_controller.simulator.models.sdf_frames import FrameScope, frame_of
 from husky_highlevel_controller.simulator.models.sdf_geometry import rgba_of, shape_of
-from husky_highlevel_controller.simulator.models.sdf_parser import (
-    VERSIONS,
-    Load,
-    Node,
-    WorldError,
-    bad_version,
-    open_sdf,
-    read_bytes,
-    read_xml,
-)
+from husky_highlevel_controller.simulator.models.sdf_include import Model, models_in
+from husky_highlevel_controller.simulator.models.sdf_parser import Load, Node, open_sdf
+from husky_highlevel_controller.simulator.models.sdf_state import SavedState, scaled
+from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, read_bytes
 from husky_highlevel_controller.simulator.spawn_request import ObjectError, check_bounds
 
 MAX_GRAVITY = 1000.0  # [m/s^2]
 MAX_INCLUDES = 1000  # model files in one world
 
 log = logging.getLogger("rosout.world")  # a child of rospy's logger: reaches /rosout without rospy
-
-# The ground of every Gazebo world: a static plane, 100 m of it drawn (osrf/gazebo_models, ground_plane).
-_GROUND_PLANE = """<sdf version="1.7"><model name="ground_plane"><static>true</static><link name="link">
-<collision name="ground"><geometry><plane><size>100 100</size></plane></geometry></collision>
-<visual name="ground"><geometry><plane><size>100 100</size></plane></geometry></visual>
-</link></model></sdf>"""
 
 
 def load_world(path: Union[str, Path]) -> World:
@@ -62,9 +51,10 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
     """
     load = Load()
     try:
-        model = open_sdf(text, f"model_xml of '{name}'", load).required("model")
+        root = open_sdf(text, f"model_xml of '{name}'", load)
+        model = root.required("model")
         model.element.set("name", name)
-        bodies = list(_read_model(model, _Parent(pose_in_world=pose_in_world)))
+        bodies = list(_read_model(Model(model), _Place(FrameScope(root), pose_in_world=pose_in_world)))
     except RecursionError:
         raise WorldError(f"model_xml of '{name}': models are nested too deeply") from None
     _tell_notes(load)
@@ -106,7 +96,10 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
         for second in list(root.children("world"))[1:]:
             second.note("only the first <world> of a file is read")
         world.note_unknown()
-        result = World(world.named(), tuple(_bodies_in(world, _Parent())), _gravity(world))
+        state = SavedState(world.child("state"))
+        place = _Place(FrameScope(world), state)
+        bodies = [body for holder in (world, *state.insertions) for body in _bodies_in(holder, place)]
+        result = World(world.named(), tuple(bodies), _gravity(world))
     except RecursionError:
         raise WorldError(f"{source}: models are nested too deeply") from None
     _tell_notes(load)
@@ -135,101 +128,114 @@ def _tell_notes(load: Load) -> None:
 
 
 @dataclass(frozen=True)
-class _Parent:
-    """Enclosing world, model or link of an element."""
+class _Place:
+    """World, model or link that holds an element."""
 
-    name: str = "world"  # as relative_to calls it
+    frames: FrameScope  # of the world or the model
+    state: SavedState = field(default_factory=SavedState)
     full_name: str = ""  # with those of the models around it
     pose_in_world: Pose = IDENTITY
-    pose_model_in_world: Optional[Pose] = None  # of the innermost model
     static: bool = False
 
     def scoped(self, name: str) -> str:
         return f"{self.full_name}::{name}" if self.full_name else name
 
 
-def _pose(node: Optional[Node], parent: _Parent) -> Pose:
-    """Pose of an element in the world, from its <pose>; without one, the pose of its parent."""
-    if node is None:
-        return IDENTITY
-    x, y, z, roll, pitch, yaw = node.numbers(6) if node.text else (0.0,) * 6
-    pose = Pose((x, y, z), quat_from_rpy(roll, pitch, yaw))
-    frame = node.element.get("relative_to") or node.element.get("frame") or parent.name
-    if frame == parent.name:
-        return pose
-    origins = {"world": IDENTITY, "__model__": parent.pose_model_in_world}
-    origin = origins.get(frame)
-    if origin is None:
-        frames = "world, __model__ and the parent"
-        node.note(f"a <pose> relative to anything but {frames} is read relative to the parent", frame)
-        return pose
-    if origin == parent.pose_in_world:
-        return pose
-    return compose(compose(inverse(parent.pose_in_world), origin), pose)
+def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
+    """The bodies of all models of a world or model."""
+    for model in models_in(holder):
+        if model.name in place.state.deletions:
+            continue
+        if place.scoped(model.name) in ROBOTS:
+            model.node.note("the robot's own <model> is left out: the simulator has the robot", model.name)
+        elif model.include:
+            yield from _read_included(model, model.include, place)
+        else:
+            yield from _read_model(model, place)
 
 
-def _bodies_in(holder: Node, parent: _Parent) -> Iterator[Body]:
-    """The bodies of all models and includes of a world or model."""
-    for node in holder.children():
-        if node.tag == "model":
-            yield from _read_model(node, parent)
-        elif node.tag == "include":
-            yield from _read_include(node, parent)
+def _read_included(model: Model, include: Node, place: _Place) -> Iterator[Body]:
+    load, file = include.load, model.node.source
+    if file in load.open_files:
+        raise include.error(f"a model includes itself: {' > '.join((*load.open_files, file))}")
+    load.includes += 1
+    if load.includes > MAX_INCLUDES:
+        raise include.error(
+            f"more than {MAX_INCLUDES} models are included; does each include several others?"
+        )
+    load.open_files.append(file)
+    yield from _read_model(model, place)
+    load.open_files.pop()
 
 
-def _read_model(model: Node, parent: _Parent, include: Optional[Node] = None) -> Iterator[Body]:
-    """The bodies of a model; name, pose and static of an include come before the model's own."""
-    model.note_unknown()
-    children_by_tag = {child.tag: child for node in (model, include) if node for child in node.children()}
-    name = include.child("name") if include else None
-    full_name = parent.scoped((name.text if name else "") or model.named())
-    if include and not name:
-        full_name = _free_name(full_name, model)
-    _claim(full_name, include or model)
-    pose_in_world = compose(parent.pose_in_world, _pose(children_by_tag.get("pose"), parent))
-    static = parent.static or ("static" in children_by_tag and children_by_tag["static"].flag())
-    me = _Parent(model.named(), full_name, pose_in_world, pose_in_world, static)
-    links = list(model.children("link"))
-    if not (links or model.child("model") or model.child("include")):
-        model.note("a <model> without a <link> is left out")
+def _read_model(model: Model, parent: _Place) -> Iterator[Body]:
+    """The bodies of a model, which stands where the saved state says, else where its <pose> does."""
+    node, names, name = model.node, model.node.load.names, model.name
+    node.note_unknown()
+    if model.include and not model.include.child("name"):
+        name = _free_name(name, parent, node)
+    full_name = parent.scoped(name)
+    if full_name in names:
+        (model.include or node).note("a second model of one name is left out, as in Gazebo", name)
+        return
+    names.add(full_name)
+    pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
+    static = model.child("static")
+    me = _Place(
+        parent.frames.inner(model, pose),
+        state,
+        full_name,
+        state.pose_in_world or compose(parent.pose_in_world, pose),
+        parent.static or bool(static and static.flag()),
+    )
+    links = list(node.children("link"))
+    if not (links or node.child("model") or node.child("include")):
+        node.note("a <model> without a <link> is left out")
     for link in links:
-        yield _read_link(link, me, full_name if len(links) == 1 else _claim(me.scoped(link.named()), link))
-    yield from _bodies_in(model, me)
+        yield _read_link(link, me, full_name if len(links) == 1 else _claim_link(link, me))
+    yield from _bodies_in(node, me)
 
 
-def _claim(name: str, node: Node) -> str:
-    if name in node.load.names:
-        raise node.error(f"a second body is called '{name}'; give each its own name")
-    node.load.names.add(name)
-    return name
+def _claim_link(link: Node, model: _Place) -> str:
+    full_name = model.scoped(link.named())
+    if full_name in link.load.names:
+        raise link.error(f"a second body is called '{full_name}'; give each its own name")
+    link.load.names.add(full_name)
+    return full_name
 
 
-def _free_name(name: str, node: Node) -> str:
-    """Number the second of two nameless includes: Gazebo's football field has its goals that way."""
+def _free_name(name: str, place: _Place, node: Node) -> str:
+    """Number the second of one name: Gazebo's football field has its goals that way."""
     free, number = name, 1
-    while free in node.load.names:
+    while place.scoped(free) in node.load.names:
         free, number = f"{name}_{number}", number + 1
     return free
 
 
-def _read_link(link: Node, model: _Parent, full_name: str) -> Body:
+def _read_link(link: Node, model: _Place, full_name: str) -> Body:
     link.note_unknown()
-    pose_in_world = compose(model.pose_in_world, _pose(link.child("pose"), model))
-    me = _Parent(link.named(), full_name, pose_in_world, model.pose_in_world, model.static)
     for tag, usual in (("gravity", True), ("kinematic", False)):
         node = link.child(tag)
-        if node and node.flag() != usual and not me.static:
+        if node and node.flag() != usual and not model.static:
             node.note(f"<{tag}> of a link is not supported and is left out", node.text)
+    pose_in_model, state = model.frames.pose_of(link.child("pose")), model.state.of("link", link.named())
     return Body(
         full_name,
-        pose_in_world,
-        collisions=tuple(_geometries(link, "collision", me)),
-        visuals=tuple(_geometries(link, "visual", me)),
-        mass=_mass(link, me),
+        state.pose_in_world or compose(model.pose_in_world, pose_in_model),
+        collisions=tuple(_geometries(link, "collision", model)),
+        visuals=tuple(_geometries(link, "visual", model)),
+        mass=_mass(link, model),
     )
 
 
-def _mass(link: Node, me: _Parent) -> float:
+def _pose_in_link(part: Node, link: Node, model: _Place) -> Pose:
+    pose, frames = part.child("pose"), model.frames
+    if pose is None or frame_of(pose) in ("", link.named()):
+        return pose.pose() if pose else IDENTITY
+    return compose(inverse(frames.pose_of(link.child("pose"))), frames.pose_of(pose, link.named()))
+
+
+def _mass(link: Node, model: _Place) -> float:
     """Mass [kg]: 1 where nothing is said (SDF's default), 0 for what never moves."""
     mass = 1.0
     inertial = link.child("inertial")
@@ -237,16 +243,16 @@ def _mass(link: Node, me: _Parent) -> float:
         inertial.note_unknown()
         for moment in (node for inertia in inertial.children("inertia") for node in inertia.children()):
             moment.numbers(1)
-        if _pose(inertial.child("pose"), me).position != IDENTITY.position and not me.static:
+        if _pose_in_link(inertial, link, model).position != IDENTITY.position and not model.static:
             inertial.note("a centre of mass (<inertial><pose>) away from the link's origin is not supported")
         node = inertial.child("mass")
         if node:
             (mass,) = node.numbers(1)
-            if mass < 0.0 or (mass == 0.0 and not me.static):
+            if mass < 0.0 or (mass == 0.0 and not model.static):
                 raise node.error(
                     f"must be greater than zero (<static> is for what never moves), not '{node.text}'"
                 )
-    return 0.0 if me.static else mass
+    return 0.0 if model.static else mass
 
 
 def _gravity(world: Node) -> Vector3:
@@ -259,74 +265,11 @@ def _gravity(world: Node) -> Vector3:
     return (0.0, 0.0, -9.8)
 
 
-# ---------------------------------------------------------------------------- includes
-
-
-def _read_include(include: Node, parent: _Parent) -> Iterator[Body]:
-    include.note_unknown()
-    _pose(include.child("pose"), parent)  # broken numbers are an error even where nothing is placed
-    uri = include.required("uri").text
-    if uri == "model://sun":
-        return
-    if uri == "model://ground_plane":
-        root = open_sdf(_GROUND_PLANE, uri, include.load)
-        yield from _read_model(root.required("model"), parent, include)
-    elif not uri.startswith("model://"):
-        include.note("an <include> of anything but model:// is not supported and is left out", uri)
-    else:
-        yield from _read_included_file(_find_model(include, uri), include, parent)
-
-
-def _read_included_file(path: Path, include: Node, parent: _Parent) -> Iterator[Body]:
-    open_files = include.load.open_files
-    if path in open_files:
-        chain = " > ".join(str(file) for file in (*open_files, path))
-        raise include.error(f"a model includes itself: {chain}")
-    include.load.includes += 1
-    if include.load.includes > MAX_INCLUDES:
-        raise include.error(
-            f"more than {MAX_INCLUDES} models are included; does each include several others?"
-        )
-    open_files.append(path)
-    root = open_sdf(read_bytes(path), str(path), include.load)
-    if not root.child("light"):  # a lamp, like model://sun, is nothing to drive against
-        yield from _read_model(root.required("model"), parent, include)
-    open_files.pop()
-
-
-def _find_model(include: Node, uri: str) -> Path:
-    """The newest SDF file of a model that can be read here."""
-    name = uri[len("model://") :].strip("/")
-    model_path = os.environ.get("GAZEBO_MODEL_PATH", "")
-    for folder in filter(None, model_path.split(os.pathsep)):
-        files = (os.path.join(folder, name, file) for file in ("model.config", "model.sdf"))
-        config, plain = (Path(os.path.realpath(file)) for file in files)
-        if name and os.path.isfile(config):
-            return _newest_file(config, plain)
-        if name and os.path.isfile(plain):
-            return plain
-    raise include.error(
-        f"no model.config or model.sdf for '{uri}' in the folders of GAZEBO_MODEL_PATH ('{model_path}');"
-        " add the folder that holds it"
-    )
-
-
-def _newest_file(config: Path, plain: Path) -> Path:
-    root = read_xml(read_bytes(config), str(config))
-    offers = [(sdf.get("version", ""), sdf.text or "") for sdf in root.iter("sdf")]
-    if not offers:
-        return plain
-    readable = [offer for offer in offers if offer[0] in ("", *VERSIONS)]
-    if not readable:
-        raise WorldError(bad_version(str(config), max(offers)[0]))
-    return config.parent / max(readable)[1].strip()
-
-
-def _geometries(link: Node, tag: str, me: _Parent) -> Iterator[Geometry]:
+def _geometries(link: Node, tag: str, model: _Place) -> Iterator[Geometry]:
     for node in link.children(tag):
         node.note_unknown()
-        pose = _pose(node.child("pose"), me)
+        pose = _pose_in_link(node, link, model)
         shape = shape_of(node.required("geometry"))
         rgba = rgba_of(node)
         if shape is not None:
-            yield Geometry(shape, pose, rgba)
+            yield Geometry(scaled(shape, model.state.scale), pose, rgba)

@@ -1,0 +1,120 @@
+"""SDF <include>: the models of a world or model, its own and those of other files.
+
+In: a `Node` that holds models; the folders of GAZEBO_MODEL_PATH. Out: models, each with the <include> that
+places it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Iterator, NamedTuple, Optional
+from urllib.parse import unquote
+
+from husky_highlevel_controller.simulator.models.sdf_parser import (
+    NEWEST,
+    VERSIONS,
+    Node,
+    minor_version,
+    open_sdf,
+)
+from husky_highlevel_controller.simulator.models.sdf_xml import read_bytes, read_xml
+
+# The ground of every Gazebo world: a static plane, 100 m of it drawn (osrf/gazebo_models, ground_plane).
+_GROUND_PLANE = """<sdf version="1.7"><model name="ground_plane"><static>true</static><link name="link">
+<collision name="ground"><geometry><plane><size>100 100</size></plane></geometry></collision>
+<visual name="ground"><geometry><plane><size>100 100</size></plane></geometry></visual>
+</link></model></sdf>"""
+# app.gazebosim.org serves these two by name; nothing else of Fuel is known without a network
+_FUEL = re.compile(r"https?://[^/]+/1\.0/[^/]+/models/(ground[ _]plane|sun)(/.*)?", re.IGNORECASE)
+
+
+class Model(NamedTuple):
+    """A <model>, and the <include> that places it, if one does."""
+
+    node: Node
+    include: Optional[Node] = None
+
+    def child(self, tag: str) -> Optional[Node]:
+        """The child of a tag: the include's comes before the model's own."""
+        return (self.include and self.include.child(tag)) or self.node.child(tag)
+
+    @property
+    def name(self) -> str:
+        """Name by the include, else the model's own."""
+        given = self.include.child("name") if self.include else None
+        return (given.text if given else "") or self.node.named()
+
+
+def models_in(holder: Node) -> Iterator[Model]:
+    """The models of a world or model, in the order of its file."""
+    for node in holder.children():
+        if node.tag == "model":
+            yield Model(node)
+        elif node.tag == "include":
+            included, element = node.load.included, node.element
+            if element not in included:
+                included[element] = _included(node)
+            model = included[element]
+            if model:
+                yield Model(model, node)
+
+
+def _included(include: Node) -> Optional[Node]:
+    """The model that an include names; None for a lamp, and for what is not supported."""
+    include.note_unknown()
+    pose = include.child("pose")
+    if pose:
+        pose.pose()  # broken numbers are an error even where nothing is placed
+    uri = include.required("uri").text
+    fuel = _FUEL.fullmatch(unquote(uri))
+    if fuel:
+        uri = "model://" + fuel.group(1).lower().replace(" ", "_")
+    if uri == "model://sun":
+        return None
+    if uri == "model://ground_plane":
+        return open_sdf(_GROUND_PLANE, uri, include.load).required("model")
+    if not uri.startswith("model://"):
+        include.note("an <include> of anything but model:// is not supported and is left out", uri)
+        return None
+    path, files = str(_find_model(include, uri)), include.load.files
+    if path not in files:
+        files[path] = open_sdf(read_bytes(Path(path)), path, include.load)
+    root = files[path]
+    # a lamp, like model://sun, is nothing to drive against
+    return None if root.child("light") else root.required("model")
+
+
+def _find_model(include: Node, uri: str) -> Path:
+    """The newest SDF file of a model that can be read here."""
+    name = uri[len("model://") :].strip("/")
+    model_path = os.environ.get("GAZEBO_MODEL_PATH", "")
+    for folder in filter(None, model_path.split(os.pathsep)):
+        files = (os.path.join(folder, name, file) for file in ("model.config", "model.sdf"))
+        config, plain = (Path(os.path.realpath(file)) for file in files)
+        if name and os.path.isfile(config):
+            return _newest_file(config, plain)
+        if name and os.path.isfile(plain):
+            return plain
+    raise include.error(
+        f"no model.config or model.sdf for '{uri}' in the folders of GAZEBO_MODEL_PATH ('{model_path}');"
+        " add the folder that holds it"
+    )
+
+
+def _newest_file(config: Path, plain: Path) -> Path:
+    """File of a model.config in the newest version that is read whole, else in the oldest."""
+    root = read_xml(read_bytes(config), str(config))
+    offers = [(sdf.get("version", ""), (sdf.text or "").strip()) for sdf in root.iter("sdf")]
+    if not offers:
+        return plain
+    minors = {
+        minor_version(str(config), version) if version else 0: file
+        for version, file in offers
+        if version in ("", *VERSIONS)
+    }
+    if not minors:
+        minor_version(str(config), max(offers)[0])
+    best = min(minors, key=lambda minor: (minor > NEWEST, abs(minor - NEWEST)))
+    return config.parent / minors[best]

@@ -1,0 +1,59 @@
+"""SDF <state>: where the models and links of a saved world stood, and how their shapes were scaled.
+
+In: the `Node` of a <state>. Out: poses in the world, scales, models inserted and deleted.
+"""
+
+from __future__ import annotations
+
+from typing import Dict, Iterator, Optional, Tuple
+
+from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, Shape, Sphere, Vector3
+from husky_highlevel_controller.simulator.models.sdf_parser import Node
+
+
+class SavedState:
+    """State of a saved world, or of a model or link in it; empty where nothing was saved.
+
+    Attributes:
+        deletions: names of models that were deleted.
+    """
+
+    def __init__(self, node: Optional[Node] = None) -> None:
+        self._node = node
+        self._members: Dict[Tuple[str, str], Node] = {}
+        for child in node.children() if node else ():
+            self._members.setdefault((child.tag, child.element.get("name", "")), child)
+        lists = node.children("deletions") if node else ()
+        self.deletions = {name.text for names in lists for name in names.children("name")}
+
+    def of(self, tag: str, name: str) -> SavedState:
+        """State of a model or link in this one."""
+        return SavedState(self._members.get((tag, name)))
+
+    @property
+    def pose_in_world(self) -> Optional[Pose]:
+        """Pose of the model or link, in the world also where models are nested; None: not saved."""
+        pose = self._node.child("pose") if self._node else None
+        return pose.pose() if pose else None
+
+    @property
+    def scale(self) -> Vector3:
+        """Factors by which the shapes of the model's links are larger than the model says."""
+        scale = self._node.child("scale") if self._node else None
+        x, y, z = scale.positive(3) if scale else (1.0, 1.0, 1.0)
+        return (x, y, z)
+
+    @property
+    def insertions(self) -> Iterator[Node]:
+        """Holders of models that were inserted."""
+        return self._node.children("insertions") if self._node else iter(())
+
+
+def scaled(shape: Shape, scale: Vector3) -> Shape:
+    """A shape as Gazebo scales it: what is round keeps its roundness, planes their size."""
+    x, y, z = scale
+    if isinstance(shape, Box):
+        return Box((shape.size[0] * x, shape.size[1] * y, shape.size[2] * z))
+    if isinstance(shape, Cylinder):
+        return Cylinder(shape.radius * max(x, y), shape.length * z)
+    return Sphere(shape.radius * max(scale)) if isinstance(shape, Sphere) else shape

@@ -1,0 +1,100 @@
+"""XML of SDF files: read as Gazebo's TinyXML reads it, within the bounds that hostile XML needs.
+
+In: bytes or text. Out: elements that know their line.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Match, Union
+from xml.etree import ElementTree
+
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import DefusedXMLParser
+
+from husky_highlevel_controller.datatypes import HuskyError
+
+# TinyXML takes any comment that ends, and an & that begins no entity. Each alternative scans its bytes once.
+_LOOSE = re.compile(
+    rb"<!\[CDATA\[.*?(?:\]\]>|\Z)|<!--.*?(?:-->|\Z)|&(?!(?:amp|lt|gt|quot|apos|#\d+|#x[\da-fA-F]+);)",
+    re.DOTALL,
+)
+_DECLARATION = re.compile(rb"(\s+)(<\?xml\s[^>]*\?>)")
+_OTHER_ENCODING = re.compile(rb"<\?xml\s[^>]*?encoding\s*=\s*[\"'](?!utf-?8[\"'])", re.IGNORECASE)
+_UTF_8_MARK = b"\xef\xbb\xbf"
+_UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|<\0|\0<")
+
+
+class WorldError(HuskyError):
+    """A world file cannot be read; the text names file, line, element and value."""
+
+
+class _Element(ElementTree.Element):
+    line = 0
+
+
+class _LineBuilder(ElementTree.TreeBuilder):
+    """Builder of elements with a line number."""
+
+    expat: Any = None
+
+    def start(self, tag: Any, attrs: Any) -> Any:
+        element: Any = super().start(tag, attrs)
+        element.line = self.expat.CurrentLineNumber
+        return element
+
+
+def read_bytes(path: Path) -> bytes:
+    """The bytes of a file. Raises WorldError if it cannot be read."""
+    try:
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise WorldError(f"{path}: cannot be read ({reason}); needs the path of an SDF file") from error
+
+
+def read_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
+    """Parse XML into its root element, with line numbers. Raises WorldError on invalid or unsafe XML."""
+    builder = _LineBuilder(element_factory=_Element)
+    try:
+        content = data.encode() if isinstance(data, str) else data
+        encoding = "utf-8" if isinstance(data, str) else None
+        if not _UTF_16.match(content):
+            content = _strict(content)
+            encoding = encoding or _encoding_of(content)
+        parser = DefusedXMLParser(target=builder, encoding=encoding)
+        builder.expat = parser.parser
+        parser.feed(content)
+        root: ElementTree.Element = parser.close()
+    except DefusedXmlException as error:
+        raise WorldError(f"{source}: XML entities are refused, they can be harmful: {error}") from error
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise WorldError(f"{source}: is not XML: {error}") from error
+    return root
+
+
+def _strict(data: bytes) -> bytes:
+    """XML without what TinyXML reads and the standard forbids; every line keeps its number.
+
+    That is whatever precedes the declaration or follows a NUL, `--` in comments, and a bare &.
+    """
+    data = data[len(_UTF_8_MARK) :] if data.startswith(_UTF_8_MARK) else data
+    data = _LOOSE.sub(_strict_part, data.partition(b"\0")[0])
+    return _DECLARATION.sub(rb"\2\1", data, count=1) if _DECLARATION.match(data) else data
+
+
+def _strict_part(part: Match[bytes]) -> bytes:
+    text = part.group()
+    if text.startswith(b"<!--") and text.endswith(b"-->"):
+        return b"\n" * text.count(b"\n")
+    return b"&amp;" if text == b"&" else text
+
+
+def _encoding_of(data: bytes) -> Any:
+    """Encoding of bytes: None as they declare it; Latin-1 for what is not the UTF-8 it ought to be."""
+    try:
+        data.decode()
+        return None
+    except UnicodeDecodeError:
+        return None if _OTHER_ENCODING.match(data) else "iso-8859-1"
