@@ -21,6 +21,16 @@ def bash(script, **env):
     return done.stdout + done.stderr, done.returncode
 
 
+TOP = "package.xml CMakeLists.txt setup.py src scripts launch config urdf worlds rviz test".split()
+
+
+def test_the_top_level_is_what_the_package_promises():
+    assert [name for name in TOP if not (ROOT / name).exists()] == []
+    assert (ROOT / "rviz" / "controller.rviz").is_file()
+    old = ROOT / "config" / "controller.rviz"  # where launch files of others may still look for it
+    assert old.resolve() == (ROOT / "rviz" / "controller.rviz").resolve()
+
+
 def test_a_folder_with_a_space_in_its_name_is_refused_at_once(tmp_path):
     copy = tmp_path / "my robot"
     copy.mkdir()
