@@ -21,7 +21,19 @@ def bash(script, **env):
     return done.stdout + done.stderr, done.returncode
 
 
-TOP = "package.xml CMakeLists.txt setup.py src scripts launch config urdf worlds rviz test".split()
+TOP = [
+    "package.xml",
+    "CMakeLists.txt",
+    "setup.py",
+    "src",
+    "scripts",
+    "launch",
+    "config",
+    "urdf",
+    "worlds",
+    "rviz",
+    "test",
+]
 
 
 def test_the_top_level_is_what_the_package_promises():
