@@ -5,6 +5,7 @@ Usage: launch.py FILE.launch [name:=value ...] [options of roslaunch]. FILE is o
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import difflib
 import os
@@ -13,6 +14,7 @@ import shlex
 import shutil
 import signal
 import sys
+import tempfile
 import threading
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set
@@ -24,6 +26,7 @@ if sys.version_info < (3, 12):  # rosclean imports distutils: Python's own, or h
 
         _distutils_hack.remove_shim()
 
+import gazebo_packages
 import rosgraph.names
 import roslaunch
 import roslaunch.arg_dump
@@ -38,9 +41,7 @@ from husky_highlevel_controller.ros.restart import display_problem
 
 PACKAGE = "husky_highlevel_controller"
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
-COMPAT = PACKAGE_FOLDER / "compat"
 OWN_RVIZ = {"husky_rviz", "gazebo_gui"}  # RViz nodes of this package's launch files
-COURSE_PACKAGES = ("husky_gazebo", "smb_gazebo")  # that hand-ins bring copies of
 # programs that open a window of their own around a node, as in launch-prefix="xterm -e"
 TERMINALS = {
     "xterm",
@@ -168,8 +169,8 @@ def hide_own_package() -> None:
         os.environ[variable] = os.pathsep.join(path for path in paths if path and not path.startswith(own))
 
 
-def find_packages_for(file: Path) -> None:
-    """Make a launch file's own package found first, and stand-ins for missing Gazebo packages."""
+def find_packages_for(file: Path) -> Path:
+    """Make a launch file's own package found first, and stand-ins for Gazebo's; the file, or its stand-in."""
     package = package_of(file.resolve())
     if package == PACKAGE_FOLDER:
         package = None
@@ -178,25 +179,52 @@ def find_packages_for(file: Path) -> None:
     paths = [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
     if package:
         paths.insert(0, str(package))
-    os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(paths)
-    known = set(rospkg.RosPack().list())
-    stand_ins = [str(folder) for folder in sorted(COMPAT.iterdir()) if folder.name not in known]
-    if "gazebo_ros" not in known:  # the course's own copies of these packages need it
-        copied = [COMPAT / name for name in COURSE_PACKAGES if name in known]
-        paths[:0] = [str(folder) for folder in copied]
-    paths += stand_ins
-    os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(paths)
+    # the other packages of its workspace, which need not be built; not of a home folder
+    workspace = next((path for path in file.resolve().parents if path.name == "src"), None)
+    if package and workspace and workspace.parent != Path.home():
+        paths.append(str(workspace))
+    joined = Path(tempfile.mkdtemp(prefix="gazebo_packages_"))
+    atexit.register(shutil.rmtree, joined, ignore_errors=True)
+    os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(gazebo_packages.package_path(paths, joined))
+    find_resource = substitution_args._find_resource
+
+    def find(resolved: str, command: str, arguments: List[str], *others: Any, **named: Any) -> str:
+        if (joined / arguments[0]).is_dir():  # a copy that is built would be found first
+            raise substitution_args.SubstitutionException("joined with a stand-in")
+        return str(find_resource(resolved, command, arguments, *others, **named))
+
+    substitution_args._find_resource = find
+    return replacement_of(file, package, joined)
+
+
+def replacement_of(file: Path, package: Optional[Path], joined: Path) -> Path:
+    """The stand-in of a launch file that needs Gazebo; else the file itself."""
+    if package is None:
+        return file
+    name = (ElementTree.parse(package / "package.xml").findtext("name") or "").strip()
+    stand_in = joined / name / file.resolve().relative_to(package)
+    if not stand_in.is_file() or stand_in.resolve() == file.resolve():
+        return file
+    say(f"warning: {file} needs Gazebo; {stand_in.resolve()} takes its place")
+    return stand_in
 
 
 def adapt(config: Any) -> None:
     """Make the nodes of a launch file for Gazebo and a desktop start here."""
     check_integers(config)
     drop_missing_terminals(config)
-    names = {node.type for node in config.nodes}
-    if "/gazebo_world/world_name" in config.params and "spawn_husky" not in names:
+    programs = {(node.package, node.type) for node in config.nodes}
+    has_world = "/gazebo_world/world_name" in config.params or ("gazebo_ros", "gzserver") in programs
+    has_robot = any(
+        node.type == "spawn_husky" or (node.type == "spawn_model" and "-urdf" in node.args)
+        for node in config.nodes
+    )
+    if has_world and not has_robot:
         say("warning: the launch file has a world but no robot (husky_gazebo/launch/spawn_husky.launch)")
     if any(node.package == "rviz" and node.name not in OWN_RVIZ for node in config.nodes):
-        config.nodes = [node for node in config.nodes if node.name not in OWN_RVIZ]  # one window is enough
+        config.nodes = [
+            node for node in config.nodes if node.name not in OWN_RVIZ and node.type != "gzclient"
+        ]  # one window is enough
 
 
 class Failures(roslaunch.pmon.ProcessListener):
@@ -288,7 +316,7 @@ def main() -> int:
     """Check, then launch."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # ./dev has it ignored, which nodes must not inherit
     file = find_launch_file(sys.argv[1])
-    find_packages_for(file)
+    file = find_packages_for(file)
     check_display()
     check_arguments(file, sys.argv[2:])
     return launch(file, sys.argv[2:])

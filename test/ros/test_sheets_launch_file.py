@@ -5,6 +5,7 @@ import re
 import sys
 
 import pytest
+import yaml
 
 from husky_highlevel_controller.paths import share_folder
 
@@ -114,3 +115,72 @@ def test_real_packages_of_gazebo_are_not_hidden(theirs, ros):
     )
     path = os.pathsep.join([str(theirs.parent), os.environ["ROS_PACKAGE_PATH"]])
     launch(ros, theirs / "launch" / "sheet.launch", ROS_PACKAGE_PATH=path).says("* /real_gazebo: True")
+
+
+MAZE = """<sdf version="1.6"><world name="maze">
+  <include><uri>model://ground_plane</uri></include>
+</world></sdf>"""
+POST = """<robot name="post"><link name="post">
+  <collision><geometry><cylinder radius="0.2" length="2"/></geometry></collision>
+</link></robot>"""
+OWN_NODES = """<launch>
+  <node name="gazebo" pkg="gazebo_ros" type="gzserver"
+        args="-e ode -s libx.so $(find husky_gazebo)/worlds/maze.world"/>
+  <node name="gui" pkg="gazebo_ros" type="gzclient"/>
+  <include file="$(find husky_gazebo)/launch/spawn_husky.launch">
+    <arg name="ur5_enabled" value="true"/>
+  </include>
+  <node name="post" pkg="gazebo_ros" type="spawn_model" output="screen"
+        args="-file $(find husky_gazebo)/models/post.urdf -urdf -model post -x 4 -y -2 -z 1 -Y 0.5"/>
+</launch>"""
+
+
+@pytest.fixture
+def copy(theirs):
+    """A student's copy of husky_gazebo with a world, a model and launch files of their own, not built."""
+    package = theirs.parent / "husky_gazebo"
+    for folder in ("launch", "worlds", "models"):
+        (package / folder).mkdir(parents=True)
+    text = (theirs / "package.xml").read_text().replace("husky_highlevel_controller", "husky_gazebo")
+    (package / "package.xml").write_text(text)
+    (package / "worlds" / "maze.world").write_text(MAZE)
+    (package / "models" / "post.urdf").write_text(POST)
+    (package / "launch" / "maze.launch").write_text(OWN_NODES)
+    needs_gazebo = '<launch><include file="$(find husky_control)/launch/control.launch"/></launch>'
+    (package / "launch" / "spawn_husky.launch").write_text(needs_gazebo)
+    return package
+
+
+def test_nodes_of_gazebo_ros_simulate_the_world_and_the_model_of_a_copy(copy, ros):
+    launched = launch(ros, copy / "launch" / "maze.launch", HUSKY_UST10_ENABLED="1")
+    launched.says("'post' is there")
+    assert "simulating 'maze' with 1 bodies" in launched.output
+    assert ros.master("getParam", "/husky_simulator/world_name") == str(copy / "worlds" / "maze.world")
+    assert "without effect in this simulator: -s" in launched.output
+    assert "without effect in this simulator: ur5_enabled=true" in launched.output
+    assert "without effect in this simulator: HUSKY_UST10_ENABLED=1" in launched.output
+    assert "ERROR" not in launched.output
+    post = yaml.safe_load(ros.call("/husky_simulator/list", "world"))["poses"][1]["position"]
+    assert (post["x"], post["y"], post["z"]) == (4.0, -2.0, 1.0)
+
+
+def test_a_launch_file_that_needs_gazebo_gives_way_to_the_one_that_does_not(copy, ros):
+    launched = launch(ros, copy / "launch" / "spawn_husky.launch", "--nodes")
+    assert launched.wait() == 0
+    assert "spawn_husky.launch needs Gazebo; " in launched.output
+    assert launched.output.splitlines()[-1] == "/spawn_husky"
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("multi_husky_playpen", "multi_husky_playpen.launch: the simulator has one robot in a world"),
+        ("realsense", "realsense.launch: no RealSense is simulated"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_with_the_reason(file, words, theirs, ros):
+    outer = theirs / "launch" / "outer.launch"
+    outer.write_text(f'<launch><include file="$(find husky_gazebo)/launch/{file}.launch"/></launch>')
+    launched = launch(ros, outer)
+    assert launched.wait() == 1
+    assert words in launched.output

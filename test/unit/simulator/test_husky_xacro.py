@@ -21,6 +21,7 @@ from husky_highlevel_controller.simulator.models.description import (
     main,
     mesh_uri,
     robot_description,
+    variables_without_effect,
 )
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
 from husky_highlevel_controller.urdf import DescriptionError
@@ -469,3 +470,32 @@ def test_a_description_physics_cannot_use_is_refused_by_name_and_value(text, wor
     with pytest.raises(DescriptionError) as refusal:
         robot_model(text)
     assert words in str(refusal.value)
+
+
+def test_the_variables_of_the_husky_s_launch_files_move_the_lidar(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["robot_description"])
+    monkeypatch.setenv("HUSKY_LMS1XX_XYZ", "0.3 0.1 0.2")
+    monkeypatch.setenv("HUSKY_LMS1XX_RPY", "0 0 0.5")
+    main()
+    moved = robot_model(capsys.readouterr().out).fixed_poses["front_laser_mount"]
+    usual = robot_model(HUSKY).fixed_poses["front_laser_mount"]
+    assert np.subtract(moved.position, usual.position) == pytest.approx((0.0794, 0.1, 0.19365))
+    assert moved.quat_xyzw == pytest.approx((0.0, 0.0, sin(0.25), cos(0.25)))
+
+
+def test_a_place_of_the_lidar_that_is_none_is_refused(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["robot_description"])
+    monkeypatch.setenv("HUSKY_LMS1XX_XYZ", "0.3 0.1")
+    with pytest.raises(SystemExit):
+        main()
+    assert "HUSKY_LMS1XX_XYZ" in capsys.readouterr().err
+
+
+def test_variables_of_equipment_that_is_not_simulated_are_named():
+    environment = {
+        "HUSKY_LMS1XX_ENABLED": "1", "HUSKY_LMS1XX_XYZ": "0 0 0", "HUSKY_UST10_ENABLED": "1",
+        "HUSKY_REALSENSE_ENABLED": "0", "HUSKY_LMS1XX_SECONDARY_ENABLED": "true", "HUSKY_PORT": "/dev/tty",
+        "HOME": "/root",
+    }  # fmt: skip
+    named = variables_without_effect(environment)
+    assert named == ["HUSKY_LMS1XX_SECONDARY_ENABLED=true", "HUSKY_UST10_ENABLED=1"]

@@ -33,6 +33,7 @@ from husky_highlevel_controller.ros.simulator.publishers import Publishers
 from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
 from husky_highlevel_controller.ros.simulator.world_services import WorldServices, ask
 from husky_highlevel_controller.simulator.diff_drive import CommandError
+from husky_highlevel_controller.simulator.models.description import variables_without_effect
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
 from husky_highlevel_controller.simulator.models.sdf_world import find_world, load_world
 from husky_highlevel_controller.simulator.pacing import Pacer
@@ -98,6 +99,8 @@ class SimulatorNode:
         self._commands = Commands(config.robot.topics, self._lockstep, self._lead_limit)
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
         self._offer_services()
+        if vain := variables_without_effect(os.environ):
+            rospy.logwarn("without effect in this simulator: %s", ", ".join(vain))
         rospy.loginfo(
             "simulating '%s' with %d bodies, physics at %d Hz%s",
             world.name, len(world.bodies), config.physics_rate, ", paused" if start.paused else "",

@@ -13,6 +13,7 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.publishers import ODOM, WORLD
 from husky_highlevel_controller.simulator.models.sdf_world import parse_model
+from husky_highlevel_controller.simulator.models.urdf_object import is_urdf, parse_urdf_object
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose, make_object
 from husky_highlevel_controller.srv import (
@@ -108,6 +109,8 @@ def ask(
 
 def _bodies_of(request: SpawnObjectRequest, pose: Pose) -> List[Body]:
     name = request.model_name
+    if is_urdf(request.model_xml):
+        return [checked(parse_urdf_object(request.model_xml, name, pose))]
     if request.model_xml:
         return [checked(body) for body in parse_model(request.model_xml, name, pose)]
     size = request.size

@@ -5,9 +5,10 @@ In: arguments. Out: URDF text.
 
 from __future__ import annotations
 
+import os
 import re
 import sys
-from typing import Dict, Optional
+from typing import Dict, List, Mapping, Optional
 
 from husky_highlevel_controller.paths import mesh_folder, share_folder
 from husky_highlevel_controller.robot import ROBOTS, load_robot
@@ -15,16 +16,30 @@ from husky_highlevel_controller.urdf import DescriptionError
 
 FLAGS = ("true", "false", "True", "False", "1", "0")
 _FLAG = ("|".join(FLAGS), "true|false")
+_TRIPLE = r"\s*" + r"\s+".join([r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"] * 3) + r"\s*"
+LIDAR_VARIABLES = {"laser_xyz": "HUSKY_LMS1XX_XYZ", "laser_rpy": "HUSKY_LMS1XX_RPY"}
+# of the Husky's own launch files; those of drivers, and one of marking's, concern nothing that is simulated
+_WITH_EFFECT = r"\w*LMS1XX_(ENABLED|TOPIC|PREFIX|TOWER|XYZ|RPY)|HUSKY_(KINECT_ENABLED|SIMULATOR_IS_OURS)"
+_OF_DRIVERS = r"\w*_(PORT|IP|HOST|BAUD|DEVICE|LOGITECH)"
 # name of an argument: what its value must match, and how to say so; `$` would be expanded by xacro
 ARGUMENTS = {
     "robot": ("|".join(ROBOTS), "|".join(ROBOTS)),
     "laser_enabled": _FLAG,
     "laser_tower": _FLAG,
     "laser_prefix": (r"[\w./-]+", "a name, e.g. front"),
+    "laser_xyz": (_TRIPLE, "three numbers [m], e.g. HUSKY_LMS1XX_XYZ='0.2206 0 0.00635'"),
+    "laser_rpy": (_TRIPLE, "three numbers [rad], e.g. HUSKY_LMS1XX_RPY='0 0 0'"),
     "kinect_enabled": _FLAG,
     "profile": ("gazebo|robot", "gazebo|robot"),
     "meshes": (r"([\w.+-]+://[^$]+)?", "a URI, e.g. file:///opt/meshes or package://name/meshes"),
 }
+
+
+def variables_without_effect(environment: Mapping[str, str]) -> List[str]:
+    """Variables of a Husky's equipment that are set, but change nothing here."""
+    known = re.compile(f"(?!HUSKY_).*|{_WITH_EFFECT}|{_OF_DRIVERS}")
+    items = sorted(environment.items())
+    return [f"{n}={v}" for n, v in items if v not in ("", "0", "false", "False") and not known.fullmatch(n)]
 
 
 def mesh_uri() -> str:
@@ -89,8 +104,11 @@ def _expand(arguments: Dict[str, str]) -> str:
 def main() -> None:
     """Print the URDF for `name:=value` arguments; exit with 2 on one that is wrong."""
     arguments = dict(argument.partition(":=")[::2] for argument in sys.argv[1:])
+    mount = {
+        name: os.environ[variable] for name, variable in LIDAR_VARIABLES.items() if variable in os.environ
+    }
     try:
-        print(_expand({"meshes": mesh_uri(), **arguments}))
+        print(_expand({"meshes": mesh_uri(), **mount, **arguments}))
     except DescriptionError as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None

@@ -1,0 +1,97 @@
+"""Node that puts a model into this package's simulator, with the arguments of gazebo_ros's spawn_model.
+
+The URDF of a Husky or an SMB is the robot: it starts the simulator, as husky_gazebo's spawn_husky does.
+"""
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+import rospy
+import rosservice
+from geometry_msgs.msg import Point, Pose, Quaternion
+from husky_highlevel_controller.srv import SpawnObject
+
+from husky_highlevel_controller.geometry import quat_from_rpy
+from husky_highlevel_controller.robot import ROBOTS
+
+SPAWN_HUSKY = Path(__file__).resolve().parents[2] / "husky_gazebo" / "scripts" / "spawn_husky"
+QUIET = 10.0  # [s] of wall time without a simulator, until the node says what it waits for
+
+
+def parse() -> argparse.Namespace:
+    """The arguments of gazebo_ros's spawn_model."""
+    parser = argparse.ArgumentParser("spawn_model", allow_abbrev=False)
+    form = parser.add_mutually_exclusive_group(required=True)
+    form.add_argument("-urdf", action="store_true")
+    form.add_argument("-sdf", action="store_true")
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("-file")
+    source.add_argument("-param")
+    source.add_argument("-database")
+    source.add_argument("-stdin", action="store_true")
+    parser.add_argument("-model", required=True)
+    parser.add_argument("-reference_frame", default="")
+    for axis in ("-x", "-y", "-z", "-R", "-P", "-Y"):
+        parser.add_argument(axis, type=float, default=0.0)
+    # without effect
+    for option in ("-gazebo_namespace", "-robot_namespace", "-wait"):
+        parser.add_argument(option)
+    parser.add_argument("-J", nargs=2, action="append")
+    for option in ("-unpause", "-package_to_model", "-b", "-gazebo"):
+        parser.add_argument(option, action="store_true")
+    return parser.parse_args(rospy.myargv()[1:])
+
+
+def read_xml(given: argparse.Namespace) -> str:
+    """The text of the model."""
+    if given.file:
+        return Path(given.file).read_text()
+    if given.param:
+        return str(rospy.get_param(given.param))
+    if given.stdin:
+        return sys.stdin.read()
+    return f'<sdf version="1.6"><model><include><uri>model://{given.database}</uri></include></model></sdf>'
+
+
+def find_service() -> str:
+    """Name of a simulator's service for new objects, once there is one."""
+    start, told = time.monotonic(), False
+    while not rospy.is_shutdown():
+        names = [name for name in rosservice.get_service_list() if name.endswith("/husky_simulator/spawn")]
+        if names:
+            return names[0]
+        if not told and time.monotonic() > start + QUIET:
+            told = True
+            rospy.logwarn("waiting for a robot: husky_gazebo/launch/spawn_husky.launch starts the simulator")
+        time.sleep(0.2)
+    raise SystemExit(0)
+
+
+def main() -> None:
+    """Spawn the model; exit with 1 and the reason where it cannot be."""
+    given = parse()
+    try:
+        xml = read_xml(given)
+        robot = ElementTree.fromstring(xml).get("name") if given.urdf else None
+    except (OSError, KeyError, ValueError, ElementTree.ParseError) as error:
+        raise SystemExit(f"spawn_model: '{given.model}': {error}") from None
+    if robot in ROBOTS:
+        pose = [f"x:={given.x}", f"y:={given.y}", f"yaw:={given.Y}"]
+        os.execv(SPAWN_HUSKY, ["spawn_husky", f"robot:={robot}", *pose])
+    rospy.init_node("spawn_model", anonymous=True)
+    pose = Pose(Point(given.x, given.y, given.z), Quaternion(*quat_from_rpy(given.R, given.P, given.Y)))
+    spawn = rospy.ServiceProxy(find_service(), SpawnObject)
+    response = spawn(
+        model_name=given.model, model_xml=xml, initial_pose=pose, reference_frame=given.reference_frame
+    )
+    if not response.success:
+        raise SystemExit(f"spawn_model: '{given.model}': {response.status_message}")
+    rospy.loginfo(response.status_message)
+
+
+if __name__ == "__main__":
+    main()

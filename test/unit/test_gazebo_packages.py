@@ -1,0 +1,103 @@
+"""Stand-ins for Gazebo's packages: what they take the place of, and the arguments that they accept."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from husky_highlevel_controller.paths import share_folder
+
+SCRIPT = share_folder() / "tools" / "gazebo_packages.py"
+COMPAT = share_folder() / "compat"
+MANIFEST = "<package><name>{}</name><version>0.0.0</version></package>"
+LIDAR = "laser_enabled kinect_enabled ur5_enabled"
+ARMS = "realsense_enabled dual_ur5_enabled robotiq_grippers_enabled gripper_enabled"
+WINDOW = "paused use_sim_time gui headless debug recording physics verbose extra_gazebo_args"
+# arguments of the files of husky/husky, husky_simulator, gazebo_ros_pkgs and smb_common, on any branch
+ARGUMENTS = {
+    "husky_gazebo/empty_world": "world_name",
+    "husky_gazebo/husky_empty_world": f"world_name {LIDAR} {ARMS}",
+    "husky_gazebo/husky_playpen": f"{LIDAR} {ARMS}",
+    "husky_gazebo/playpen": "",
+    "husky_gazebo/multi_husky_playpen": LIDAR,
+    "husky_gazebo/realsense": "",
+    "husky_gazebo/demo_manipulation": f"{LIDAR} gripper_enabled",
+    "husky_gazebo/map_empty": "",
+    "husky_gazebo/husky_base": "",
+    "husky_gazebo/base.urdf.gazebo": "gps_enabled imu_enabled lidar_enabled",
+    "husky_gazebo/spawn_husky": f"{LIDAR} {ARMS} robot_namespace x y z yaw urdf_extras joystick multimaster"
+    " simulation multimaster_enabled robot_initial_pose husky_gazebo_description ur5_control_yaml_file",
+    "smb_gazebo/sim": "description_name robot_namespace control_namespace launch_rviz launch_gazebo_gui lidar"
+    " tracking_camera mpc keyboard_teleop world enable_ekf",
+    "smb_gazebo/smb_gazebo": "model_path robot_model_name world world_file x y z roll pitch yaw paused debug"
+    " use_sim_time verbose publishing_time_step run_gui description_name control_namespace tracking_camera",
+    "smb_gazebo/smb_gazebo_empty": "world_name laser_enabled kinect_enabled",
+    "gazebo_ros/empty_world": f"{WINDOW} world_name respawn_gazebo use_clock_frequency pub_clock_frequency"
+    " output enable_ros_network server_required gui_required",
+    "gazebo_ros/elevator_world": f"{WINDOW} world_name output",
+    "gazebo_ros/range_world": f"{WINDOW} world output",
+    **{f"gazebo_ros/{name}_world": "" for name in ("mud", "rubble", "shapes", "willowgarage")},
+}
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_a_launch_file_takes_the_arguments_of_every_branch(name):
+    package, _, file = name.partition("/")
+    launch = ElementTree.parse(COMPAT / package / "launch" / f"{file}.launch").getroot()
+    assert launch.tag == "launch"
+    assert set(ARGUMENTS[name].split()) <= {arg.get("name") for arg in launch.findall("arg")}
+
+
+def package(folder: Path, name: str, *files: str) -> Path:
+    for file in ("package.xml", *files):
+        (folder / name / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name / file).write_text(MANIFEST.format(name) if file == "package.xml" else file)
+    return folder / name
+
+
+def path_beside(folder: Path) -> "list[Path]":
+    """The package path that is printed with a folder's packages on it."""
+    env = {**os.environ, "ROS_PACKAGE_PATH": str(folder), "ROS_HOME": str(folder / "home")}
+    printed = subprocess.run(
+        [sys.executable, str(SCRIPT)], env=env, capture_output=True, text=True, check=True
+    )
+    return [Path(path) for path in printed.stdout.strip().split(os.pathsep)]
+
+
+def test_a_copy_keeps_its_own_files_and_gets_launch_files_that_run_here(tmp_path):
+    copy = package(
+        tmp_path, "husky_gazebo", "worlds/maze.world", "worlds/clearpath_playpen.world", "rviz/view.rviz",
+        "launch/maze.launch", "launch/spawn_husky.launch", "setup.cfg",
+    )  # fmt: skip
+    (joined, *others) = path_beside(tmp_path)
+    assert tmp_path in others
+    assert joined.name == "husky_gazebo"
+    for file in (
+        "worlds/maze.world",
+        "worlds/clearpath_playpen.world",
+        "rviz/view.rviz",
+        "launch/maze.launch",
+    ):
+        assert (joined / file).resolve() == copy / file
+    for file in ("launch/spawn_husky.launch", "launch/husky_playpen.launch", "scripts/spawn_husky"):
+        assert (joined / file).resolve() == COMPAT / "husky_gazebo" / file
+    assert path_beside(tmp_path)[0] == joined  # and once more
+
+
+def test_only_what_is_missing_is_added(tmp_path):
+    package(tmp_path, "pointcloud_to_laserscan")
+    path = path_beside(tmp_path)
+    assert path[0] == tmp_path
+    assert COMPAT / "husky_gazebo" in path
+    assert COMPAT / "pointcloud_to_laserscan" not in path
+
+
+def test_beside_a_real_gazebo_nothing_is_replaced(tmp_path):
+    package(tmp_path, "husky_gazebo", "launch/spawn_husky.launch")
+    package(tmp_path, "gazebo_ros")
+    path = path_beside(tmp_path)
+    assert path[0] == tmp_path
+    assert not {COMPAT / "husky_gazebo", COMPAT / "gazebo_ros"} & set(path)

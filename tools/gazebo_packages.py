@@ -1,0 +1,65 @@
+"""Stand-ins for Gazebo's packages: those of compat/, joined with a workspace's copies of the same packages.
+
+Run by its path it prints a ROS_PACKAGE_PATH for plain roslaunch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from pathlib import Path
+from typing import List
+
+import rospkg
+
+COMPAT = Path(__file__).resolve().parents[1] / "compat"
+COURSE_PACKAGES = ("husky_gazebo", "smb_gazebo")  # that courses hand out copies of
+OURS_FIRST = ("launch", "scripts")  # folders whose files need Gazebo
+
+
+def package_path(paths: List[str], folder: Path) -> List[str]:
+    """A ROS_PACKAGE_PATH with stand-ins for packages that `paths` lacks, and for copies of COURSE_PACKAGES.
+
+    Args:
+        paths: a ROS_PACKAGE_PATH.
+        folder: where packages are joined.
+    """
+    packages = rospkg.RosPack(paths)
+    known = set(packages.list())
+    stand_ins = [str(path) for path in sorted(COMPAT.iterdir()) if path.name not in known]
+    joined: List[str] = []
+    if "gazebo_ros" not in known:  # without it the launch files of a copy start nothing
+        for name in COURSE_PACKAGES:
+            if name in known and Path(packages.get_path(name)).resolve() != COMPAT / name:
+                join(Path(packages.get_path(name)), COMPAT / name, folder / name)
+                joined.append(str(folder / name))
+    return [*joined, *paths, *stand_ins]
+
+
+def join(copy: Path, ours: Path, target: Path) -> None:
+    """Make a package of links to a copy's files and to ours, which replace its launch files and scripts."""
+    target.mkdir(parents=True)
+    for name in sorted({path.name for path in (*copy.iterdir(), *ours.iterdir())}):
+        sources = (copy, ours) if name in OURS_FIRST else (ours, copy)  # the second one replaces the first
+        paths = [source / name for source in sources if (source / name).exists()]
+        if len(paths) == 2 and all(path.is_dir() for path in paths):
+            (target / name).mkdir()
+            files = {file.name: file for path in paths for file in path.iterdir()}
+            for file in files.values():
+                (target / name / file.name).symlink_to(file.resolve())
+        elif paths:
+            (target / name).symlink_to(paths[-1].resolve())
+
+
+def main() -> None:
+    """Print a ROS_PACKAGE_PATH; packages are joined in a folder of ~/.ros."""
+    paths = [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
+    name = hashlib.sha256(os.pathsep.join(paths).encode()).hexdigest()[:12]
+    folder = Path(rospkg.get_ros_home()) / "gazebo_packages" / name
+    shutil.rmtree(folder, ignore_errors=True)
+    print(os.pathsep.join(package_path(paths, folder)))
+
+
+if __name__ == "__main__":
+    main()
