@@ -1,6 +1,8 @@
 #!/usr/bin/env python3
 """The world's services: each answers success and a sentence, and a refusal says why and changes nothing."""
 
+from pathlib import Path
+
 import rospy
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from harness import RosTest, run, stamp, twist
@@ -14,10 +16,11 @@ from husky_highlevel_controller.srv import (
     StepWorld,
 )
 from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Clock
+from rosgraph_msgs.msg import Clock, Log
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Empty, Trigger
 
+DATA = Path(__file__).resolve().parents[1] / "data"
 NAN, INF = float("nan"), float("inf")
 GATE = """<sdf version="1.6"><model name="any"><static>true</static>{}</model></sdf>""".format(
     "".join(
@@ -168,6 +171,24 @@ class WorldServicesAnswer(RosTest):
         self.assertEqual(self.names(), {"ground_plane"})
         self.says(self.load_world("singlePillar.world"), "'")
         self.assertIn("unit_cylinder", self.names())
+
+    def test_a_saved_world_is_loaded_as_it_was_saved(self):
+        self.says(self.load_world(str(DATA / "saved.world")), "'saved' with 8 bodies")
+        listed = self.list("world")
+        places = dict(zip(listed.model_names, listed.poses))
+        self.assertAlmostEqual(places["post"].position.x, 6.0, delta=1e-3)
+        self.assertAlmostEqual(places["wall"].position.x, -8.0, delta=1e-3)
+        self.says(self.load_world("singlePillar.world"), "'")
+
+    def test_a_world_without_ground_gets_one_and_a_fall_is_said_once(self):
+        logged = self.remember("/rosout", Log)
+        self.says(self.load_world(str(DATA / "groundless.world")), "'")
+        self.assertEqual(self.names(), {"ground_plane"})
+        self.wait_until(lambda: any("no ground at (0, 0)" in line.msg for line in logged), "it is said")
+        self.assertTrue(self.delete("ground_plane").success)
+        self.wait_until(lambda: self.truth[-1].pose.pose.position.z < -15.0, "the robot falls")
+        self.assertEqual(sum("has fallen off the world" in line.msg for line in logged), 1)
+        self.says(self.load_world("singlePillar.world"), "'")
 
     def test_gazebo_s_own_names_work_in_scripts(self):
         self.move("husky", pose(-2.0, 1.0), "")

@@ -16,7 +16,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 from husky_highlevel_controller.config import ConfigError, read_config
-from husky_highlevel_controller.datatypes import HuskyError, Pose2D
+from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Vector3, World
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros.node import run_node
@@ -33,6 +33,7 @@ from husky_highlevel_controller.ros.simulator.publishers import Publishers
 from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
 from husky_highlevel_controller.ros.simulator.world_services import WorldServices, ask
 from husky_highlevel_controller.simulator.diff_drive import CommandError
+from husky_highlevel_controller.simulator.ground import FALL_DEPTH, with_ground
 from husky_highlevel_controller.simulator.models.description import variables_without_effect
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
 from husky_highlevel_controller.simulator.models.sdf_world import find_world, load_world
@@ -87,7 +88,8 @@ class SimulatorNode:
         robot = robot_model(self._robot_description(), config.robot, start.laser_frame)
         self._publishers = Publishers(config, robot)
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
-        world = load_world(find_world(start.world_name, _world_folders()))
+        world = self._read_world(start.world_name)
+        self._fallen = False
         self._simulation = Simulation(world, robot, config, Pose2D(start.x, start.y, start.yaw), start.seed)
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
@@ -197,6 +199,7 @@ class SimulatorNode:
             except CommandError as error:
                 rospy.logwarn_throttle(1.0, f"{rospy.resolve_name(topic)}: {error}")
         snapshot = self._simulation.step()
+        self._notice_fall(snapshot.robot.pose_in_world.position)
         if snapshot.scan is not None:
             self._lead_limit.before_scan()
             self._lockstep.begin_scan()
@@ -219,6 +222,14 @@ class SimulatorNode:
                 nudge=partial(self._publishers.publish_clock_between_ticks, snapshot.stamp),
             )
         return tells_time
+
+    def _notice_fall(self, position: Vector3) -> None:
+        fallen = position[2] < -FALL_DEPTH
+        if fallen and not self._fallen:
+            rospy.logerr(
+                "the robot has fallen off the world near (%.1f, %.1f); ~reset puts it back", *position[:2]
+            )
+        self._fallen = fallen
 
     def _serve_during_step(self) -> None:
         """Serve calls and new subscribers while lockstep waits."""
@@ -271,8 +282,12 @@ class SimulatorNode:
         self._commands.forget()
         return f"the world is as it was at the start; time runs on from {self._simulation.stamp:.3f} s"
 
+    def _read_world(self, name: str) -> World:
+        start = Pose2D(self._start.x, self._start.y, self._start.yaw)
+        return with_ground(load_world(find_world(name, _world_folders())), start)
+
     def _load_world(self, name: str) -> str:
-        world = load_world(find_world(name, _world_folders()))
+        world = self._read_world(name)
         self._simulation.load_world(world)
         self._commands.forget()
         return f"'{world.name}' with {len(world.bodies)} bodies, the robot at the start"
