@@ -80,6 +80,10 @@ DESERVED = {
         (0, 0, None, 0, 0),
         ["no points: node /controller publishes on /ground_truth/odom, as the simulator does"],
     ),
+    "steers_by_the_truth": (
+        (0, 0, None, 0, 0),
+        ["node /controller subscribes to /husky_simulator/world/update_full, where the simulator tells "],
+    ),
     "marks_a_grid": ((20, 30, None, 0, 0), ["196 markers in namespace 'grid'"]),
     "counts_ids": ((20, 30, None, 0, 0), ["half of those drawn must be right"]),
 }  # fmt: skip

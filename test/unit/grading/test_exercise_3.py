@@ -23,7 +23,12 @@ from husky_highlevel_controller.grading.drive.recording import (
     pose_jumps,
     to_json,
 )
-from husky_highlevel_controller.grading.drive.ros_graph import forged_topics, silent_topics, unread_topics
+from husky_highlevel_controller.grading.drive.ros_graph import (
+    forged_topics,
+    silent_topics,
+    topics_of_truth,
+    unread_topics,
+)
 from husky_highlevel_controller.grading.drive.rviz_check import judged_by_end
 from husky_highlevel_controller.grading.records import Rules, RvizView, total
 from husky_highlevel_controller.grading.rubrics.exercise_3 import (
@@ -603,3 +608,10 @@ def test_topics_that_lead_nowhere_and_topics_that_are_forged():
     assert silent_topics(publishers, subscribers, ours) == ["/scan"]
     assert unread_topics(publishers, subscribers, types, ours) == ["/drive"]
     assert forged_topics(publishers, ("/clock", "/front/scan"), ours) == [("/front/scan", "/me")]
+    assert topics_of_truth(subscribers, ours) == []
+    for topic in (
+        "/ground_truth/odom",
+        "/husky_simulator/world/update_full",
+        "/husky_simulator/world/update",
+    ):
+        assert topics_of_truth({topic: ["/marking_recorder", "/me"]}, ours) == [(topic, "/me")]

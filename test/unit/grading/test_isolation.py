@@ -215,10 +215,47 @@ def test_it_reads_and_writes_nothing_of_others(tmp_path):
     )
     lines = output_of(run(mine, code, workspace, HOME=str(home))).splitlines()
     absent, read_only = "No such file or directory", "Read-only file system"
-    # what is written into an empty folder that hides another is gone with the sandbox
-    assert lines == [absent, absent, "1", read_only, read_only, read_only, "1", "1"]
+    assert lines == [absent, absent, *[read_only] * 4, "1", "1"]
     assert not (others / "new").exists()
     assert (mine / "new").read_text() == "x"
+
+
+@needs_bubblewrap
+def test_it_can_write_only_where_it_is_counted(tmp_path):
+    code = (
+        "import os\nfor line in open('/proc/self/mountinfo'):\n    words = line.split()\n"
+        "    kind, options = words[words.index('-') + 1], words[5].split(',')\n"
+        "    if 'rw' in options and kind not in ('proc', 'devpts', 'mqueue'):\n"
+        "        if os.path.isdir(words[4]): print(words[4])"
+    )
+    mine = tmp_path / "mine"
+    for folder in (mine / "home", tmp_path / "out"):
+        folder.mkdir(parents=True)
+    places = output_of(run(mine, code, Workspace(hidden=(tmp_path / "out",)), HOME=str(mine / "home")))
+    assert sorted(places.split()) == sorted([*limits.TEMPORARY, str(mine)])
+
+
+@needs_bubblewrap
+def test_it_sees_neither_secrets_of_the_machine_nor_other_folders_of_it(tmp_path):
+    code = (
+        "import os, pathlib\nprint(sorted(os.listdir('/')))\nfor path in pathlib.Path('/etc').rglob('*'):\n"
+        "    status = path.lstat()\n    if not status.st_mode & 4 and path.is_file(): print(path)"
+    )
+    folders, *secrets = output_of(run(tmp_path / "mine", code)).splitlines()
+    assert set(eval(folders)) <= {*sandbox.SYSTEM, "dev", "proc", "tmp", "var", "root", tmp_path.parts[1]}
+    assert secrets == []
+
+
+@needs_bubblewrap
+def test_a_workspace_is_found_by_way_of_a_link(tmp_path):
+    setup = tmp_path / "data" / "ws" / "devel" / "setup.bash"
+    setup.parent.mkdir(parents=True)
+    setup.write_text("export FOUND=1")
+    (tmp_path / "link").symlink_to(tmp_path / "data")
+    linked = str(tmp_path / "link" / "ws" / "devel")
+    code = f"print(open({linked!r} + '/setup.bash').read())"
+    workspace = Workspace(setups=(setup,))
+    assert output_of(run(tmp_path / "mine", code, workspace, LD_LIBRARY_PATH=linked)) == "export FOUND=1\n"
 
 
 UNDO_MOUNTS = """
@@ -308,6 +345,53 @@ def test_memory_that_is_shared_counts_too(kind, tmp_path, monkeypatch):
     assert wait(lambda: not process.running, 60.0)
     assert process.problem == "it was ended: it used more than 0.2 GB of memory"
     end_all([process])
+
+
+@needs_bubblewrap
+def test_files_in_memory_count_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "MEMORY", 200_000_000)
+    code = (
+        "import time\nfor folder in ('/tmp', '/dev/shm', '/var/tmp'):\n"
+        "    open(folder + '/a', 'wb').write(bytes(80_000_000))\ntime.sleep(1000)"
+    )
+    process = run(tmp_path, code)
+    assert wait(lambda: not process.running, 60.0)
+    assert process.problem == "it was ended: it used more than 0.2 GB of memory"
+    end_all([process])
+
+
+SLEEPERS = """
+import os, time
+for _ in range(1500):
+    if os.fork() == 0:
+        os.execv("/bin/sleep", ["NAME", "100"])
+time.sleep(100)
+"""
+THREADS = """
+import threading, time
+threading.stack_size(65536)
+for _ in range(1500):
+    threading.Thread(target=time.sleep, args=(100,), daemon=True).start()
+time.sleep(100)
+"""
+
+
+@pytest.mark.parametrize("code", [SLEEPERS, THREADS], ids=["processes", "threads"])
+def test_processes_and_threads_are_limited_where_uid_0_marks_too(kind, code, tmp_path):
+    name = f"sleeper_{os.getpid()}"
+    process = run(tmp_path, code.replace("NAME", name))
+    try:
+        assert wait(lambda: not process.running, 60.0)
+        if not os.getuid():  # the kernel refuses them to other users
+            assert process.problem == "it was ended: it started more than 1000 processes and threads"
+    finally:
+        end_all([process])
+    assert not named(name)
+
+
+def test_a_program_gets_1024_descriptors(kind, tmp_path):
+    code = "import resource; print(resource.getrlimit(resource.RLIMIT_NOFILE))"
+    assert output_of(run(tmp_path, code)) == "(1024, 1024)\n"
 
 
 def test_many_files_count_together(tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ from xmlrpc.client import ServerProxy, Transport
 ANSWER_DEADLINE = 20.0  # [s] of wall time; a submission may end the master and listen in its place
 CALLER = "/marking"
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
+TRUTH, WORLD = "/ground_truth/odom", "/husky_simulator/world/"  # topic; of interactive markers of all bodies
 EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
 Nodes = Mapping[str, Sequence[str]]  # topic: nodes
 
@@ -93,3 +94,9 @@ def unread_topics(
 def forged_topics(publishers: Nodes, topics: Sequence[str], our_nodes: Set[str]) -> List[Tuple[str, str]]:
     """(topic, node) of the submission where only the simulator publishes."""
     return [(topic, node) for topic in topics for node in sorted(set(publishers.get(topic, ())) - our_nodes)]
+
+
+def topics_of_truth(subscribers: Nodes, our_nodes: Set[str]) -> List[Tuple[str, str]]:
+    """(topic, node) of the submission that subscribes to true poses, which marking's simulator keeps back."""
+    truth = [topic for topic in subscribers if topic == TRUTH or topic.startswith(WORLD)]
+    return forged_topics(subscribers, truth, our_nodes)

@@ -1,4 +1,7 @@
-"""Watchdog for memory and disk of a process tree; rlimits count neither shared mappings nor files."""
+"""Watchdog for memory, threads and disk of a process tree.
+
+Rlimits count neither shared mappings nor files, and the kernel lets uid 0 have any number of processes.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,10 @@ from typing import Callable, List, Optional, Sequence, Tuple
 
 import psutil
 
-MEMORY = 6_000_000_000  # [bytes] of all processes of a program together
+MEMORY = 6_000_000_000  # [bytes] of all processes of a program together, and of its temporary files
+TEMPORARY = ("/tmp", "/var/tmp", "/dev/shm")  # folders in memory that a sandbox of bubblewrap can write
+TEMPORARY_FILES = 500_000_000  # [bytes] in each of them
+THREADS = 1000  # of all processes of a program together
 DISK = 3_000_000_000  # [bytes] of all files in its folder
 MEMORY_POLL_PERIOD = 0.25  # [s]
 FILES = 200_000  # files and folders in its folder
@@ -49,7 +55,9 @@ class SizeWatch:
             processes = processes_below(self._pid)
             if processes is None:
                 break
-            if memory_of(processes) > MEMORY:
+            if thread_count(processes) > THREADS:
+                return f"it was ended: it started more than {THREADS} processes and threads"
+            if memory_of(processes) + temporary_files(processes) > MEMORY:
                 return f"it was ended: it used more than {MEMORY / 1e9:g} GB of memory"
             if polls % DISK_POLLS == 0:
                 size, files = disk_usage(self._folder)
@@ -67,6 +75,31 @@ def processes_below(pid: int) -> Optional[List[psutil.Process]]:
         return None if root.status() == psutil.STATUS_ZOMBIE else root.children(recursive=True)
     except psutil.Error:
         return None
+
+
+def thread_count(processes: Sequence[psutil.Process]) -> int:
+    """Number of the threads of processes, up to the first beyond THREADS."""
+    count = len(processes)
+    for process in processes if count <= THREADS else ():
+        with contextlib.suppress(psutil.Error):
+            count += process.num_threads() - 1
+    return count
+
+
+def temporary_files(processes: Sequence[psutil.Process]) -> int:
+    """Size of the files in the folders in memory of a sandbox that processes are in [bytes]."""
+    own_mounts, size = os.readlink("/proc/self/ns/mnt"), 0
+    for process in processes:
+        root = f"/proc/{process.pid}/root"
+        with contextlib.suppress(OSError):  # it has ended
+            if os.readlink(f"/proc/{process.pid}/ns/mnt") != own_mounts:
+                for folder in TEMPORARY:
+                    status = os.statvfs(root + folder)
+                    # while the sandbox is made, another file system may be there
+                    if status.f_blocks <= -(-TEMPORARY_FILES // status.f_frsize):
+                        size += (status.f_blocks - status.f_bfree) * status.f_frsize
+                return size
+    return size
 
 
 def memory_of(processes: Sequence[psutil.Process]) -> int:

@@ -2,34 +2,37 @@
 
 In: folders that a program may see and write. Out: a command that runs inside.
 
-With bubblewrap the whole file system is read-only; home folders and the folders of temporary files are
-empty but for what the workspace needs; only the program's own folders can be written. The program sees no
-process but its own. docs/sandbox.md says what holds without it.
+With bubblewrap it sees the system's programs and settings, but for those that not every user may read, and
+what the workspace needs, read-only; only its own folder and folders of temporary files can be written. It
+sees no process but its own. docs/sandbox.md says what holds without it.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shlex
 import shutil
+import stat
 import subprocess
 import sys
 import sysconfig
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Dict, List, Sequence, Tuple
+from typing import Dict, Iterator, List, Sequence, Tuple
 
 import husky_highlevel_controller
+from husky_highlevel_controller.grading.isolation.limits import TEMPORARY, TEMPORARY_FILES, THREADS
 from husky_highlevel_controller.paths import share_folder
 
 BUBBLEWRAP, NAMESPACE, NONE = "bubblewrap", "process namespace", "none"
 FILE_SIZE, PROCESS_MEMORY = 500_000_000, 4_000_000_000  # [bytes] of a file, of a process's own memory
-TEMPORARY_FILES = 500_000_000  # [bytes] in each of /tmp, /var/tmp and /dev/shm of the sandbox
-THREADS = 1000  # processes and threads, where they are counted for a namespace alone
+DESCRIPTORS = 1024  # of a process: sockets hold memory of the kernel
 PROBE_DEADLINE = 10.0  # [s] of wall time
 SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "ROS_PACKAGE_PATH")
-HIDDEN = ("/home", "/root", "/tmp", "/var/tmp", "/run", "/mnt", "/media", "/srv")
+SYSTEM = ("bin", "etc", "lib", "lib32", "lib64", "libx32", "nix", "opt", "sbin", "sys", "usr")  # of /
+NEVER_WHOLE = ("/", "/home", "/media", "/mnt", "/root", "/run", "/srv", "/tmp", "/var", "/var/tmp")
 # of marking's environment; tokens and the like stay out
 KEPT_VARIABLES = (
     *SEARCH_PATHS, "PKG_CONFIG_PATH", "LANG", "LC_ALL", "TZ", "ROSLISP_PACKAGE_DIRECTORIES",
@@ -45,7 +48,6 @@ _BUBBLEWRAP = [
     "--cap-drop", "ALL",
 ]  # fmt: skip
 _NO_NESTED_NAMESPACES = ["--disable-userns"]  # bubblewrap 0.8 and newer
-_WHOLE_SYSTEM = ["--ro-bind", "/", "/", "--proc", "/proc", "--dev", "/dev"]
 _NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
 _SOURCE = 'while [ "$1" != -- ]; do source "$1" >/dev/null || exit 1; shift; done; shift; '
 _HIDE = (
@@ -82,6 +84,7 @@ def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: D
     """
     kind = kind_of_sandbox()
     limits = [system_program("prlimit"), f"--fsize={FILE_SIZE}", f"--data={PROCESS_MEMORY}", "--core=0"]
+    limits += [f"--nofile={DESCRIPTORS}"]
     if kind != NONE:
         limits.append(f"--nproc={THREADS}")
     packages = os.pathsep.join(map(str, workspace.packages))
@@ -99,7 +102,7 @@ def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: D
 @lru_cache(maxsize=1)
 def kind_of_sandbox() -> str:
     """Kind of sandbox that this machine allows: BUBBLEWRAP, NAMESPACE or NONE."""
-    if works("bwrap", *_BUBBLEWRAP, *_WHOLE_SYSTEM, "true"):
+    if works("bwrap", *_BUBBLEWRAP, *_system(), "true"):
         return BUBBLEWRAP
     return NAMESPACE if works("unshare", *_NAMESPACE, "true") else NONE
 
@@ -108,7 +111,7 @@ def kind_of_sandbox() -> str:
 def _bubblewrap() -> List[str]:
     """Options of bubblewrap for every sandbox, as far as this machine's version has them."""
     options = [*_BUBBLEWRAP, *_NO_NESTED_NAMESPACES]
-    return options if works("bwrap", *options, *_WHOLE_SYSTEM, "true") else _BUBBLEWRAP
+    return options if works("bwrap", *options, *_system(), "true") else _BUBBLEWRAP
 
 
 def works(program: str, *arguments: str) -> bool:
@@ -127,23 +130,57 @@ def system_program(name: str) -> str:
     return shutil.which(name) or f"/usr/bin/{name}"
 
 
+def _system() -> List[str]:
+    """Bubblewrap's arguments for the system, read-only, without what only this user may read."""
+    arguments = ["--proc", "/proc", "--dev", "/dev"]
+    for path in (Path("/", name) for name in SYSTEM):
+        if path.is_symlink():
+            arguments += ["--symlink", os.readlink(path), str(path)]
+        elif path.is_dir():
+            arguments += ["--ro-bind", str(path), str(path)]
+    for path in _secrets(Path("/etc")):
+        empty = ["--tmpfs", str(path), "--remount-ro"] if path.is_dir() else ["--ro-bind", os.devnull]
+        arguments += [*empty, str(path)]
+    for folder in TEMPORARY:
+        arguments += ["--size", str(TEMPORARY_FILES), "--tmpfs", folder]
+    return [*arguments, "--remount-ro", "/dev"]
+
+
+def _secrets(folder: Path) -> Iterator[Path]:
+    """Files and folders below one that not every user may read."""
+    with contextlib.suppress(OSError):  # it is gone, or not even this user may read it
+        for path in sorted(folder.iterdir()):
+            mode = path.lstat().st_mode
+            readable = stat.S_IROTH | (stat.S_IXOTH if stat.S_ISDIR(mode) else 0)
+            if not stat.S_ISLNK(mode) and mode & readable != readable:
+                yield path
+            elif stat.S_ISDIR(mode):
+                yield from _secrets(path)
+
+
 def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str]:
     """Bubblewrap's arguments: outer folders come first, so that inner ones are mounted into them."""
-    home = Path(env.get("HOME", "/root"))
-    real_home = Path(os.path.expanduser("~"))
-    roots = {Path(path).resolve() for path in (*HIDDEN, real_home, home)} - {Path("/")}
-    hidden = {path for path in roots | {path.resolve() for path in workspace.hidden} if path.is_dir()}
-    size = ["--size", str(TEMPORARY_FILES), "--tmpfs"]
-    steps = [(len(path.parts), 0, [*size, str(path)]) for path in hidden]
-    steps += [
-        (len(path.parts), 1, ["--ro-bind", str(path), str(path)])
-        for path in _needed(workspace, env)
-        if path not in hidden and not any(path in root.parents for root in roots)
-    ]
+    homes = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
+    roots = {path.resolve() for path in homes} - {Path("/"), *map(Path, TEMPORARY)}
     place = folder.resolve()
+    hidden = {
+        path
+        for path in roots | {path.resolve() for path in workspace.hidden}
+        if path.is_dir() and place not in (path, *path.parents)
+    }
+    steps = [(len(path.parts), 0, ["--tmpfs", str(path)]) for path in hidden]
+    needed = _needed(workspace, env)
+    bound = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)}
+    bound = {path for path in bound if not any(path in root.parents for root in roots)}
+    steps += [(len(path.parts), 1, ["--ro-bind", str(path), str(path)]) for path in bound]
+    shown = {*bound, *hidden, *(Path("/", name) for name in SYSTEM)}
+    for link in {each for path in needed for each in (path, *path.parents) if each.is_symlink()}:
+        if not shown & {link, *link.parents}:  # it leads to something that is
+            steps.append((len(link.parts), 1, ["--symlink", os.readlink(link), str(link)]))
     steps.append((len(place.parts), 2, ["--bind", str(place), str(place)]))
     words = [word for _, _, words in sorted(steps, key=lambda step: step[:2]) for word in words]
-    return [*_WHOLE_SYSTEM, *size, "/dev/shm", *words]
+    read_only = [word for path in (Path("/"), *hidden) for word in ("--remount-ro", str(path))]
+    return [*_system(), *words, *read_only]
 
 
 def _own_modules() -> List[str]:
@@ -169,4 +206,4 @@ def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
     if "DISPLAY" in env:
         folders.add(DISPLAYS)
     # not Path.exists, which raises for a folder that this user must not enter
-    return sorted({path.resolve() for path in folders if os.path.exists(path)})
+    return sorted(path for path in folders if os.path.exists(path))

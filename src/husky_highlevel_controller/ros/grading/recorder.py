@@ -29,9 +29,11 @@ from husky_highlevel_controller.grading.drive.recording import (
     to_json,
 )
 from husky_highlevel_controller.grading.drive.ros_graph import (
+    TRUTH,
     forged_topics,
     listens,
     silent_topics,
+    topics_of_truth,
     unread_topics,
 )
 from husky_highlevel_controller.grading.drive.truth_feed import TruthFeed
@@ -153,9 +155,11 @@ class DriveRecorder:
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
-        simulator_topics = (rospy.resolve_name("ground_truth/odom"), "/clock", self._task.scan_topic)
+        simulator_topics = (TRUTH, "/clock", self._task.scan_topic)
         for topic, node in forged_topics(publishers, simulator_topics, self._our_nodes):
             self._violate(f"node {node} publishes on {topic}, as the simulator does")
+        for topic, node in topics_of_truth(subscribers, self._our_nodes):
+            self._violate(f"node {node} subscribes to {topic}, where the simulator tells where things are")
         self._driver.look(services)
         self._listens = self._listens or listens(subscribers, self._our_nodes)
         topics = map(rospy.resolve_name, VELOCITY_TOPICS)

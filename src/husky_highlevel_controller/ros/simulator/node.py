@@ -8,7 +8,7 @@ import time
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, List, Tuple
+from typing import Any, Callable, List, Optional, Tuple
 
 import rosgraph
 import rospy
@@ -162,7 +162,8 @@ class SimulatorNode:
             if self._paused:
                 publishers.publish_clock(simulation.stamp)  # for nodes that start during the pause
                 self._pacer.restart(simulation.stamp, time.monotonic())
-                self._display.refresh()
+                if self._display:
+                    self._display.refresh()
             else:
                 if self._advance():
                     self._keep_pace()
@@ -212,7 +213,8 @@ class SimulatorNode:
         self._publishers.publish_points(snapshot, self._simulation.points)
         if snapshot.power is not None and self._status:
             self._status.update(snapshot.power, self._commands.locked, snapshot.stamp)
-        self._display.update(snapshot.stamp)
+        if self._display:
+            self._display.update(snapshot.stamp)
         if self._camera:
             self._camera.update(self._simulation, snapshot)
         if snapshot.scan is not None:
@@ -253,7 +255,9 @@ class SimulatorNode:
 
     def _offer_services(self) -> None:
         self._world_services = WorldServices(self._simulation, self._calls)
-        self._display = WorldDisplay(self._simulation, self._calls)
+        self._display: Optional[WorldDisplay] = None
+        if not self._publishers.truth_log.is_open:
+            self._display = WorldDisplay(self._simulation, self._calls)
         for name, gazebo_name, work in (
             ("pause", "pause_physics", self._pause),
             ("resume", "unpause_physics", self._resume),

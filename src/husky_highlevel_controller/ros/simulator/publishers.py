@@ -75,7 +75,9 @@ class Publishers:
         self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
         self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
         self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
-        self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
+        self._truth: Optional[rospy.Publisher] = None
+        if not self.truth_log.is_open:
+            self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
         self._set_time(rospy.Time())
 
@@ -162,7 +164,8 @@ class Publishers:
             self._odometry, conversions.odometry_to_msg, odometry.filtered, stamp, ODOM, BASE
         )
         publish_if_subscribed(self._command, conversions.twist_to_stamped_msg, snapshot.command, stamp)
-        publish_if_subscribed(self._truth, conversions.truth_to_msg, snapshot.robot, stamp, WORLD, BASE)
+        if self._truth:
+            publish_if_subscribed(self._truth, conversions.truth_to_msg, snapshot.robot, stamp, WORLD, BASE)
         publish_if_subscribed(
             self._bumps, lambda: Bumps(conversions.header(stamp, BASE), sorted(self._bumped))
         )

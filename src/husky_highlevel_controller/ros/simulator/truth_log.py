@@ -30,6 +30,11 @@ class TruthLog:
             self._socket.settimeout(SEND_TIMEOUT)
             self._socket.connect(path)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether a parent reads it: then no topic tells the truth, which a submission could steer by."""
+        return self._socket is not None
+
     def write(self, snapshot: Snapshot) -> None:
         """The true pose [m, xyzw] and velocity [m/s, rad/s] at a stamp [s]."""
         if self._socket is not None:
