@@ -8,11 +8,9 @@ import sys
 from pathlib import Path
 from typing import Optional, Sequence
 
-from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.batch import Batch, mark_all, run_program
 from husky_highlevel_controller.grading.exercises import EXERCISES
 from husky_highlevel_controller.grading.isolation.process import stop_on_signals
-from husky_highlevel_controller.grading.record import differences, load_record
 from husky_highlevel_controller.grading.records import (
     AUTO,
     ROBOT_VERSIONS,
@@ -50,10 +48,6 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     choice.add_argument(
         "--all", type=Path, metavar="DIR",
         help="every hand-in in a folder: each folder or archive in it is one",
-    )  # fmt: skip
-    choice.add_argument(
-        "--verify", type=Path, metavar="RECORD",
-        help="drive again as a record.json of exercise 3 says; exit code 0: it is the same, 1: it is not",
     )  # fmt: skip
     choice.add_argument(
         "--review", type=Path, metavar="OUT",
@@ -99,23 +93,6 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     return options
 
 
-def verify(path: Path, out: Path) -> int:
-    """Drive again as a record says, and print the differences; the exit code."""
-    before = load_record(path)
-    if before.config.exercise != 3:
-        raise HuskyError(f"{path}: exercise {before.config.exercise} cannot be verified, only exercise 3")
-    job = Job(
-        before.name, str(out), before.config, before.launchable,
-        setups=before.setups, packages=before.packages,
-    )  # fmt: skip
-    result = run_program(job, shows_errors=True)
-    if result.problem:
-        raise HuskyError(f"{path}: {result.problem}")
-    changes = differences(before, load_record(out / "record.json"))
-    print("\n".join(changes) or f"{before.name}: the same files, drives and points as recorded")
-    return int(bool(changes))
-
-
 def run(options: argparse.Namespace) -> int:
     """Mark as the command line says; the exit code."""
     if options.review:
@@ -134,8 +111,6 @@ def run(options: argparse.Namespace) -> int:
         batch = Batch(options.all.resolve(), out, options.jobs, tuple(options.only), setups, options.cluster)
         results = mark_all(config, batch)
         return 2 if any(result.problem for result in results) else int(not all(r.full for r in results))
-    if options.verify:
-        return verify(options.verify, out / "verify")
     kind = "launch" if options.launch else "node"
     package, name, *arguments = getattr(options, kind)
     launchable = Launchable(kind, package, name, tuple(arguments))

@@ -44,7 +44,6 @@ from husky_highlevel_controller.grading.judge import (
     judge_recordings,
     settings_of,
 )
-from husky_highlevel_controller.grading.record import write_record
 from husky_highlevel_controller.grading.records import (
     AUTO,
     ROBOT_VERSIONS,
@@ -63,7 +62,7 @@ PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
 LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 OLD = (
     "drive_*", "plan", "rviz", "robot", "memcheck", "stand_ins", "build.log", EVIDENCE, FINGERPRINT,
-    "result.json", "record.json", "*.png",
+    "result.json", "*.png",
 )  # fmt: skip
 
 
@@ -130,7 +129,6 @@ def _gather(job: Job, out: Path) -> Result:
     )  # fmt: skip
     write_whole(out / EVIDENCE, to_json(evidence))
     result = judge_recordings(job)
-    write_record(out, job, submission, planned, config, recordings, result.items)
     (out / "drive.png").write_bytes(plots.draw_drives(recordings, job.name))
     if pixels is not None:
         (out / "rviz.png").write_bytes(plots.draw_pixels(pixels))

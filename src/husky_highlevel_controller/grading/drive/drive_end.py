@@ -26,18 +26,12 @@ class DriveEnd:
     def __init__(self, pillar: Tuple[float, float], robot: str) -> None:
         self._pillar, self._robot = pillar, robot  # [m], in the world; one of ROBOTS
         self._now = self._drove_at = self._moved_at = 0.0
-        self._first_moved = self._reached_at = self._touched_at = self._decided_at = inf
+        self._first_moved = self._reached_at = self._touched_at = inf
 
     @property
     def moved(self) -> bool:
         """Whether it has moved or turned at all."""
         return self._first_moved < inf
-
-    def decided_at(self, reason: str) -> float:
-        """Time of the state [s], simulated, at which a drive that ended for this reason was decided."""
-        if reason == NO_COMMAND:
-            return 0.0
-        return self._moved_at + ABANDONED if reason == NODES_ENDED else self._decided_at
 
     def update(self, state: TrueState) -> None:
         """Follow the next state."""
@@ -50,8 +44,6 @@ class DriveEnd:
         self._reached_at = min(self._reached_at, now) if gap <= REACHED else inf
         if gap <= TOUCH:
             self._touched_at = min(self._touched_at, now)
-        if self._decided_at == inf and self.reason():
-            self._decided_at = now
 
     def reason(self, abandoned: bool = False) -> str:
         """Reason why the drive is over; empty: it is not. Abandoned: no node of the submission runs."""

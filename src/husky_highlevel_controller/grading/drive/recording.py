@@ -109,7 +109,6 @@ class Recording:
     violations: Tuple[str, ...] = ()  # that end the claim to points, in sentences
     notes: Tuple[str, ...] = ()  # what went wrong, in sentences
     ended: str = ""  # why the drive ended
-    decided_at: float = inf  # [s], simulated: the state that ended it; recording goes on for a moment
     output: str = ""  # what the submission printed, shortened
     robot: str = "husky"  # one of ROBOTS
 

@@ -230,7 +230,6 @@ class DriveRecorder:
             notes=(self._unanswered,) if self._unanswered and self._command_count else (),
             ended=cause,
             robot=self._task.robot,
-            decided_at=self._end.decided_at(cause),
         )
         text = to_json(recording)
         part = Path(self._task.output + ".part")
