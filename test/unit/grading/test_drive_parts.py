@@ -203,3 +203,27 @@ def test_aliases_in_a_parameter_file_are_refused(tmp_path):
     planned = plan(Submission(launchable, Workspace(packages=(package,))), tmp_path / "plan")
     assert not planned.nodes
     assert "YAML aliases are refused" in planned.notes[0]
+
+
+def test_files_of_a_copy_are_found_but_what_starts_a_simulator_is_left_out(tmp_path):
+    copy = tmp_path / "husky_gazebo"
+    for folder in ("launch", "config"):
+        (copy / folder).mkdir(parents=True)
+    (copy / "package.xml").write_text("<package><name>husky_gazebo</name></package>")
+    (copy / "config" / "mine.yaml").write_text("gain: 1")
+    (copy / "launch" / "spawn_husky.launch").write_text("<launch/>")  # without arguments
+    (copy / "launch" / "mine.launch").write_text('<launch><node name="n" pkg="p" type="t"/></launch>')
+    (copy / "a.launch").write_text(
+        """<launch>
+          <node name="gazebo" pkg="gazebo_ros" type="gzserver" args="$(find husky_gazebo)/a.world"/>
+          <node name="post" pkg="gazebo_ros" type="spawn_model" args="-sdf -file post.sdf -model post"/>
+          <include file="$(find husky_gazebo)/launch/spawn_husky.launch"><arg name="x" value="1"/></include>
+          <include file="$(find husky_gazebo)/launch/mine.launch"/>
+          <rosparam command="load" file="$(find husky_gazebo)/config/mine.yaml"/>
+        </launch>"""
+    )
+    launchable = Launchable("launch", "a", str(copy / "a.launch"))
+    planned = plan(Submission(launchable, Workspace(packages=(copy,))), tmp_path / "plan")
+    assert planned.nodes == ("p/t",), planned
+    assert planned.left_out == ("gazebo_ros/gzserver", "gazebo_ros/spawn_model")
+    assert planned.notes == ()

@@ -388,6 +388,21 @@ def test_a_launch_file_may_lie_beside_its_package(tmp_path):
     assert "is named for exercise 3" in why
 
 
+def test_a_copy_of_a_known_package_may_have_the_launch_file(tmp_path):
+    hand_in = tmp_path / "class" / "ann" / "src"
+    package(hand_in / "husky", "husky")
+    copy = package(hand_in / "husky_gazebo", "husky_gazebo")
+    package(hand_in / "old" / "husky_gazebo", "husky_gazebo")
+    launch(copy / "launch" / "spawn_husky.launch", NODE.format("gazebo_ros"))
+    launch(copy / "launch" / "mine.launch", NODE.format("husky"))
+    launch(copy / "launch" / "all.launch", '<include file="$(find husky_gazebo)/launch/mine.launch"/>')
+    contents, packages, notes = chosen(tmp_path / "class", tmp_path)
+    assert notes == ["left aside, because not the student's own: husky_gazebo"]
+    candidates = choose_launch_files(contents, packages, 3)
+    assert {file.path.name for file in candidates} == {"mine.launch", "all.launch"}
+    assert {file.package for file in candidates} == {"husky"}
+
+
 def test_no_launch_file_is_read_through_a_link(tmp_path):
     launch(tmp_path / "bob" / "launch" / "ex3.launch", NODE.format("husky"))
     folder = package(tmp_path / "ann" / "husky", "husky")

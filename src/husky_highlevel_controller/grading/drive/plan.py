@@ -22,6 +22,7 @@ from husky_highlevel_controller.paths import share_folder
 
 LOAD_DEADLINE = 120.0  # [s] of wall time for a launch file to be read
 SIMULATOR_LAUNCH = share_folder() / "launch" / "simulator.launch"
+COMPAT = share_folder() / "compat"  # its launch files start a simulator
 SIMULATOR_NODES = ("/husky_simulator",)  # of that launch file; another node of this name would end ours
 _STARTER = str(Path(__file__).parents[2] / "ros" / "grading" / "submission.py")
 
@@ -78,8 +79,8 @@ def starter(events: Path, action: str, submission: Submission) -> List[str]:
     """The command that reads its launch file, and with the action `run` starts it."""
     # by its path: a package of the submission may have this package's name
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
-    nodes = json.dumps(SIMULATOR_NODES)
-    return [sys.executable, "-c", code, _STARTER, str(events), action, nodes, *submission.launchable.words]
+    ours = json.dumps([SIMULATOR_NODES, [file.name for file in COMPAT.glob("*/launch/*.launch")]])
+    return [sys.executable, "-c", code, _STARTER, str(events), action, ours, *submission.launchable.words]
 
 
 def start(network: Network, submission: Submission, action: str = "run") -> Tuple[Process, Path]:

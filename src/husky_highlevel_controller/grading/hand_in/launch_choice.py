@@ -15,6 +15,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     Contents,
     NotMarkableError,
     Package,
+    copies_of_known,
     fits_exercise,
 )
 from husky_highlevel_controller.grading.isolation.files import (
@@ -64,8 +65,9 @@ def choose_launch_files(contents: Contents, packages: Sequence[Package], exercis
     Raises:
         NotMarkableError: there is none.
     """
-    reader = _Reader({package.name: package.path for package in packages})
-    places = list(_launch_files(contents, packages))
+    copies = copies_of_known(contents.packages)
+    reader = _Reader(*({each.name: each.path for each in group} for group in (packages, copies)))
+    places = list(_launch_files(contents, [*packages, *copies]))
     scanning = {name for name, folder in reader.folders.items() if _names_scans(folder)}
     fitting = [
         replace(file, scans=bool({node.partition("/")[0] for node in file.nodes} & scanning))
@@ -148,8 +150,9 @@ def _rank(file: LaunchFile, exercise: int) -> Tuple[Any, ...]:
 class _Reader:
     """Reads launch files and what they include, MAX_READS files in all."""
 
-    def __init__(self, folders: Dict[str, Path]) -> None:
+    def __init__(self, folders: Dict[str, Path], copies: Optional[Dict[str, Path]] = None) -> None:
         self.folders = folders  # of the hand-in's packages
+        self._copies = copies or {}  # folders of packages that are not the student's own
         self._reads = 0
 
     def read(self, path: Path, place: PurePosixPath) -> LaunchFile:
@@ -190,7 +193,8 @@ class _Reader:
             for child in element:
                 self._visit(child, path, arguments, depth)
         elif depth < MAX_DEPTH:
-            file = _included(_substituted(element.get("file", ""), arguments), path, self.folders)
+            folders = {**self._copies, **self.folders}
+            file = _included(_substituted(element.get("file", ""), arguments), path, folders)
             values = {
                 arg.get("name", ""): _substituted(arg.get("value", ""), arguments)
                 for arg in element.iter("arg")

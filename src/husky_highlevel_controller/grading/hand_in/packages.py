@@ -27,6 +27,7 @@ KNOWN = frozenset({
     "husky_msgs", "husky_navigation", "husky_robot", "husky_simulator", "husky_viz",
     "smb_common", "smb_control", "smb_description", "smb_gazebo",
 })  # fmt: skip
+COPIED = {"husky_gazebo", "smb_gazebo"}  # to put one's own worlds and launch files into
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
 _WORD = r"(?:exercises?|exercice|exo|ex|course|session|uebung|\u00fcbung|task|homework|hw|lab|tp|sheet)"
@@ -223,6 +224,11 @@ def choose_packages(packages: Sequence[Package], exercise: int) -> Tuple[List[Pa
     if aside:
         notes.append(f"left aside, because of other exercises: {', '.join(aside)}")
     return [package_by_name[name] for name in sorted(names)], notes
+
+
+def copies_of_known(packages: Sequence[Package]) -> List[Package]:
+    """Packages of COPIED, each name once: they are not built, but their files are found."""
+    return list({each.name: each for each in reversed(packages) if each.name in COPIED}.values())
 
 
 def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]:

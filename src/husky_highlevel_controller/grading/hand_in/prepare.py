@@ -20,6 +20,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     HandIn,
     NotMarkableError,
     choose_packages,
+    copies_of_known,
     fits_exercise,
     open_hand_in,
     with_dependencies,
@@ -76,6 +77,9 @@ def prepare(
         if any(is_built(node, folders) for node in other.nodes):
             notes.append(f"launch file {launch.place} is passed over: {', '.join(launch.nodes)} is not built")
             launch, built = other, rebuilt
+    copies, _ = copy_packages(copies_of_known(contents.packages), out / "copies")
+    found = (*built.workspace.packages, *copies.packages.values())
+    built = replace(built, workspace=replace(built.workspace, packages=found))
     if launch and not override.launch:
         notes.append(reasons(launch, candidates, exercise))
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
