@@ -22,6 +22,8 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 from tqdm import tqdm
 
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.drive.plan import SUBMISSION_FOLDER
+from husky_highlevel_controller.grading.hand_in.archives import MAX_BYTES, MAX_FILE
 from husky_highlevel_controller.grading.hand_in.packages import HandIn, find_hand_ins
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import (
@@ -42,13 +44,16 @@ from husky_highlevel_controller.grading.reports.files import (
     write_result,
 )
 from husky_highlevel_controller.grading.settings import read_overrides, with_override
+from husky_highlevel_controller.tasks.fingerprint import code_version
 from husky_highlevel_controller.tasks.workers import Workers
 
 DEADLINE = 3600.0  # [s] of wall time for one hand-in, beside its drives
+RESULT = "result.json"
 PROGRAM = "husky_highlevel_controller.grading.mark"
 CLEANUP_DEADLINE = 10.0  # [s] of wall time from Ctrl-C until the marking program is killed
-MAX_FILE = 50_000_000  # [bytes] of a file that a cluster sends back
-NOT_RETURNED = frozenset({"unpacked", "ws", "stand_ins"})  # folders that are made of the hand-in
+MAX_RETURNED = 50_000_000  # [bytes] of a file that a cluster sends back
+# folders that are made of the hand-in, or by it
+NOT_RETURNED = frozenset({"unpacked", "ws", "stand_ins", SUBMISSION_FOLDER})
 Files = Dict[str, bytes]  # content by place in the folder of results
 
 
@@ -62,6 +67,7 @@ class Batch:
     only: Tuple[str, ...] = ()  # hand-ins to mark again; empty: all that are not marked yet
     setups: Tuple[str, ...] = ()  # setup.bash files that hand-ins are built on
     cluster: str = ""  # address of a Dask scheduler whose workers mark; empty: this machine
+    time_limit: float = 0.0  # [s] of wall time for one hand-in; 0: DEADLINE and its drives
 
 
 def mark_all(config: MarkingConfig, batch: Batch) -> List[Result]:
@@ -93,20 +99,28 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[Result]:
         print("one hand-in at a time: this machine makes no network namespaces", file=sys.stderr)
     try:
         with Workers(jobs, batch.cluster) as workers:
-            for result in _marked_by(workers, waiting, bool(batch.cluster)):
+            marked = _marked_by(workers, waiting, bool(batch.cluster))
+            for number, result in enumerate(marked, 1):
                 results[result.name] = result
-                if result.problem:
-                    words = f"{result.name}: could not be marked: {result.problem}"
-                    tqdm.write(words, file=sys.stderr)
+                if result.problem or not sys.stderr.isatty():  # a terminal shows a bar
+                    tqdm.write(f"{number} of {len(waiting)}: {_line(result)}", file=sys.stderr)
+                    sys.stderr.flush()
     except (StoppedError, KeyboardInterrupt):
         raise HuskyError("stopped; the same command goes on from here") from None
     ordered = [results[name] for name in names if name in results]
     write_class(ordered, batch.out)
     for result in ordered:
-        words = "could not be marked" if result.problem else f"{result.points:g}/{result.max_points:g}"
-        print(f"{result.name:<40}{words}")
+        print(f"{result.name:<40}{_sum(result)}")
     print(f"\ntable: {batch.out / 'results.csv'}\npage:  {batch.out / 'index.html'}")
     return ordered
+
+
+def _sum(result: Result) -> str:
+    return "could not be marked" if result.problem else f"{result.points:g}/{result.max_points:g}"
+
+
+def _line(result: Result) -> str:
+    return f"{result.name}: {_sum(result)}" + (f": {result.problem}" if result.problem else "")
 
 
 def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Batch) -> Job:
@@ -114,11 +128,13 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
     out = batch.out / HAND_INS / hand_in.name
     job = Job(
         hand_in.name, str(out), config, hand_in=str(hand_in.path), override=override, setups=batch.setups,
-        hidden=(str(batch.folder), str(batch.out)),
+        hidden=(str(batch.folder), str(batch.out)), time_limit=batch.time_limit,
     )  # fmt: skip
     driven = replace(job, config=replace(config, rules=type(config.rules)()))
-    driven = replace(driven, out="", hand_in="", hidden=(), override=replace(override, points={}, late=None))
-    digest = hashlib.sha256(to_json(driven).encode())
+    driven = replace(driven, out="", hand_in="", hidden=(), time_limit=0.0)
+    driven = replace(driven, override=replace(override, points={}, late=None))
+    # a class is marked by one version of the simulator
+    digest = hashlib.sha256((code_version() + to_json(driven)).encode())
     with contextlib.suppress(UnreadableFileError, OSError):  # too many files, or one is gone: marking says so
         for file in walk(hand_in.path) if hand_in.path.is_dir() else [hand_in.path]:
             status = file.stat()
@@ -137,10 +153,10 @@ def _earlier(job: Job) -> Optional[Result]:
     try:
         if (out / FINGERPRINT).read_text() != job.fingerprint:
             return None
-        result = load_result(out / "result.json")
+        result = load_result(out / RESULT)
         was_driven = (out / EVIDENCE).exists()
         judged = judge_recordings(job) if was_driven else result
-    except (OSError, HuskyError, ValueError):
+    except Exception:  # of whatever kind: it is marked again, and then that is its result
         return None
     if was_driven:
         judged = with_override(judged, job.override)
@@ -154,12 +170,33 @@ def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterat
     """The result of each job, in the order in which they come."""
     title = f"hand-ins ({len(jobs)} to mark)"
     if not elsewhere:
-        for _, result in workers.as_completed(run_program, list(jobs), title, starts_programs=True):
+        for _, result in workers.as_completed(run_program, list(jobs), title, 1, True, _failed):
             yield result
         return
     packed = [(job, PackedPath(Path(job.hand_in))) for job in jobs]
-    for number, files in workers.as_completed(run_there, packed, title, starts_programs=True):
-        yield write_outputs(files, jobs[number])
+    for number, files in workers.as_completed(run_there, packed, title, 1, True, _failed_there):
+        try:
+            yield write_outputs(files, jobs[number])
+        except Exception as error:
+            yield _failed(jobs[number], error)
+
+
+def _failed(job: Job, error: Exception) -> Result:
+    """The result of a hand-in that marking itself has failed for; it is marked again at the next call.
+
+    Raises:
+        StoppedError: marking is to end.
+    """
+    if isinstance(error, StoppedError):
+        raise error
+    reason = " ".join(str(error).split())[:300]
+    problem = f"marking has failed: {type(error).__name__}: {reason}"
+    return Result(job.name, "", settings_of(job.config), (), (), problem)
+
+
+def _failed_there(packed: Tuple[Job, PackedPath], error: Exception) -> Files:
+    """The files of such a result."""
+    return {RESULT: to_json(_failed(packed[0], error)).encode()}
 
 
 # ---------------------------------------------------------------------------- the program
@@ -177,13 +214,13 @@ def run_program(job: Job, shows_errors: bool = False) -> Result:
     """
     out = Path(job.out)
     out.mkdir(parents=True, exist_ok=True)
-    (out / "result.json").unlink(missing_ok=True)
+    (out / RESULT).unlink(missing_ok=True)
     (out / FINGERPRINT).unlink(missing_ok=True)
     write_whole(out / JOB, to_json(job))
     command, variables = private_network.inside([sys.executable, "-m", PROGRAM, str(out / JOB)])
     # not in a student's folder, whose yaml.py `python -m` would import
     process = Process(command, out / "mark.log", {**os.environ, **variables}, Path("/"), None, shows_errors)
-    deadline = DEADLINE + job.config.trials * job.config.wall_limit
+    deadline = job.time_limit or DEADLINE + job.config.trials * job.config.wall_limit
     try:
         in_time = wait(lambda: not process.running, deadline)
     except StoppedError:
@@ -194,7 +231,7 @@ def run_program(job: Job, shows_errors: bool = False) -> Result:
     finally:
         end_all([process])
     try:
-        return load_result(out / "result.json")
+        return load_result(out / RESULT)
     except HuskyError:
         words = " ".join(process.output.split())[-500:] or "its errors are above"
         problem = f"marking has failed on {platform.node()} (exit code {process.popen.returncode}): {words}"
@@ -210,7 +247,10 @@ def run_program(job: Job, shows_errors: bool = False) -> Result:
 
 
 class PackedPath:
-    """A file or folder that is read when it is sent, so that a class need not fit into memory."""
+    """A file or folder that is read when it is sent, so that a class need not fit into memory.
+
+    Links and large files, which marking leaves out, are not sent.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path: Optional[Path] = path
@@ -220,13 +260,18 @@ class PackedPath:
         """The content."""
         if self.path is None:
             return {"path": None, "_content": self._content}
-        content = io.BytesIO()
+        content, room = io.BytesIO(), MAX_BYTES
         with tarfile.open(fileobj=content, mode="w:gz", compresslevel=1) as archive:
-            archive.add(self.path, self.path.name)
+            archive.add(self.path, self.path.name, recursive=False)
+            for file in walk(self.path) if self.path.is_dir() else ():
+                size = file.stat().st_size
+                if size <= min(MAX_FILE, room):
+                    room -= size
+                    archive.add(file, Path(self.path.name, file.relative_to(self.path)), recursive=False)
         return {"path": None, "_content": content.getvalue()}
 
     def unpack(self, folder: Path) -> Path:
-        """Lay it into an empty folder, with links and permissions as they were; its path."""
+        """Lay it into an empty folder, with permissions as they were; its path."""
         with tarfile.open(fileobj=io.BytesIO(self._content)) as archive:
             names = archive.getnames()
             keep = {"filter": "fully_trusted"} if hasattr(tarfile, "fully_trusted_filter") else {}
@@ -245,7 +290,7 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
         files: Files = {}
         for file in walk(out, NOT_RETURNED):
             with contextlib.suppress(UnreadableFileError):  # too large, or gone
-                files[file.relative_to(out).as_posix()] = read_regular(file, MAX_FILE)
+                files[file.relative_to(out).as_posix()] = read_regular(file, MAX_RETURNED)
         return files
 
 
@@ -262,4 +307,4 @@ def write_outputs(files: Files, job: Job) -> Result:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
     write_whole(out / JOB, to_json(job))  # with the places of this machine
-    return load_result(out / "result.json")
+    return load_result(out / RESULT)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Optional, Sequence
 
@@ -75,6 +76,10 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     )  # fmt: skip
     add("--jobs", type=positive, default=1, help="with --all: hand-ins at a time (default 1)")
     add_cluster_option(parser)
+    add(
+        "--time-limit", type=between(float, 1.0, 86400.0), metavar="S",
+        help="with --all: wall seconds for one hand-in (default an hour and its drives: 5940 with three)",
+    )  # fmt: skip
     add("--rubric", type=Path, metavar="FILE", help="YAML: tolerances, weights, items that a person judges")
     add("--only", action="append", default=[], metavar="NAME", help="with --all: mark this one again")
     add("--husky", help=argparse.SUPPRESS)  # its name before `--robot`
@@ -83,6 +88,8 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         parser.error(f"--husky {options.husky}: it is --robot now: {', '.join((AUTO, *ROBOT_VERSIONS))}")
     if options.cluster and not options.all:
         parser.error(f"--cluster {options.cluster}: only with --all")
+    if options.time_limit and not options.all:
+        parser.error(f"--time-limit {options.time_limit:g}: only with --all")
     for kind in ("launch", "node"):
         if getattr(options, kind) and len(getattr(options, kind)) < 2:
             parser.error(f"--{kind} wants a package and a {'file' if kind == 'launch' else 'type'}")
@@ -109,6 +116,7 @@ def run(options: argparse.Namespace) -> int:
     setups = (str(options.underlay.resolve()),) if options.underlay else ()
     if options.all:
         batch = Batch(options.all.resolve(), out, options.jobs, tuple(options.only), setups, options.cluster)
+        batch = replace(batch, time_limit=options.time_limit or 0.0)
         results = mark_all(config, batch)
         return 2 if any(result.problem for result in results) else int(not all(r.full for r in results))
     kind = "launch" if options.launch else "node"

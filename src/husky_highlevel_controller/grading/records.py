@@ -187,7 +187,8 @@ class Job:
     setups: Tuple[str, ...] = ()  # setup.bash files, sourced in this order
     packages: Tuple[str, ...] = ()  # folders of packages that need no build
     hidden: Tuple[str, ...] = ()  # folders that the submission must not see
-    fingerprint: str = ""  # of files and settings that decide how it drives
+    fingerprint: str = ""  # of files, settings and version of this package that decide how it drives
+    time_limit: float = 0.0  # [s] of wall time; 0: the usual one
 
 
 # ---------------------------------------------------------------------------- what comes of it

@@ -16,11 +16,11 @@ import warnings
 from collections import deque
 from concurrent.futures import CancelledError
 from functools import partial
-from typing import Any, Callable, Deque, Dict, FrozenSet, Generator, List, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, FrozenSet, Generator, List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.tasks.fingerprint import PACKAGE, code_version
-from husky_highlevel_controller.tasks.local import Answer, Group, perform
+from husky_highlevel_controller.tasks.local import Answer, Group, OnError, failure, perform
 
 try:
     import cloudpickle
@@ -59,7 +59,11 @@ class Cluster:
         self._client.close(timeout=CONNECT_DEADLINE)
 
     def run(
-        self, task: Callable[[Any], Any], groups: Sequence[Group], starts_programs: bool
+        self,
+        task: Callable[[Any], Any],
+        groups: Sequence[Group],
+        starts_programs: bool,
+        on_error: Optional[OnError] = None,
     ) -> Generator[Tuple[int, Answer], None, None]:
         """The number of each group and its answer, in the order in which they end.
 
@@ -83,10 +87,17 @@ class Cluster:
                             todo.appendleft(number)
                 while todo and len(running) < 2 * len(workers):
                     number = todo.popleft()
-                    payload = cloudpickle.dumps((task, groups[number]))
+                    try:
+                        payload = cloudpickle.dumps((task, groups[number]))
+                    except Exception as error:  # such as a file that cannot be read
+                        yield number, failure(groups[number], error, on_error)
+                        continue
                     running[self._submit(payload, workers, starts_programs)] = (number, workers)
                 for future in self._ended(running):
                     number, _ = running.pop(future)
+                    if future.status == "error" and on_error is not None:
+                        yield number, failure(groups[number], future.exception(), on_error)
+                        continue
                     yield number, pickle.loads(_result(future, number, len(groups)))
         except (CommClosedError, CancelledError, OSError) as error:
             raise HuskyError(f"--cluster {self._address}: the scheduler is gone: {error}") from None

@@ -19,13 +19,14 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from typing import Any, Callable, Dict, Generator, List, Sequence, Tuple
+from typing import Any, Callable, Dict, Generator, List, Optional, Sequence, Tuple
 from typing import Counter as CounterType
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.tasks.fingerprint import machine
 
 Group = Sequence[Any]  # items that are sent to a worker together
+OnError = Callable[[Any, Exception], Any]  # result of an item whose task has failed; or it raises
 Answer = Tuple[str, List[Any]]  # the machine that computed, and the result of each item of a group
 SET_PARENT_DEATH_SIGNAL = 1  # of prctl(2)
 MAX_DEATHS = 3  # of processes under one group; then it is its fault
@@ -36,8 +37,23 @@ def perform(task: Callable[[Any], Any], group: Group) -> Answer:
     return machine(), [task(item) for item in group]
 
 
+def failure(group: Group, error: Exception, on_error: Optional[OnError]) -> Answer:
+    """The answer for a group whose task has failed.
+
+    Raises:
+        Exception: the error, without `on_error`.
+    """
+    if on_error is None:
+        raise error
+    return machine(), [on_error(item, error) for item in group]
+
+
 def run_here(
-    task: Callable[[Any], Any], groups: Sequence[Group], jobs: int, starts_programs: bool
+    task: Callable[[Any], Any],
+    groups: Sequence[Group],
+    jobs: int,
+    starts_programs: bool,
+    on_error: Optional[OnError] = None,
 ) -> Generator[Tuple[int, Answer], None, None]:
     """The number of each group and its answer, in the order in which they end.
 
@@ -58,7 +74,12 @@ def run_here(
                     running[executor.submit(perform, task, groups[todo[0]])] = todo[0]
                     todo.popleft()
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    answer = future.result()
+                    try:
+                        answer: Answer = future.result()
+                    except BrokenProcessPool:
+                        raise
+                    except Exception as error:
+                        answer = failure(groups[running[future]], error, on_error)
                     yield running.pop(future), answer
         except BrokenProcessPool:
             losses = sorted(running.values())

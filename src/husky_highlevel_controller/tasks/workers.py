@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint
-from husky_highlevel_controller.tasks.local import Answer, Group, run_here
+from husky_highlevel_controller.tasks.local import Answer, Group, OnError, run_here
 from husky_highlevel_controller.tasks.store import Store
 
 Task = Callable[[Any], Any]
@@ -80,9 +80,19 @@ class Workers:
         return ordered
 
     def as_completed(
-        self, task: Task, items: List[Any], title: str = "", chunk: int = 1, starts_programs: bool = False
+        self,
+        task: Task,
+        items: List[Any],
+        title: str = "",
+        chunk: int = 1,
+        starts_programs: bool = False,
+        on_error: Optional[OnError] = None,
     ) -> Iterator[Tuple[int, Any]]:
-        """Results as of `map`, with the number of each item, in the order in which they come."""
+        """Results as of `map`, with the number of each item, in the order in which they come.
+
+        With `on_error`, what it returns for an item and an exception is the result of an item whose task
+        raises, cannot be sent, or ends its worker.
+        """
         keys = self._keys(task, items)
         waiting: List[int] = []
         with tqdm(total=len(items), desc=title, disable=None) as bar:
@@ -96,7 +106,7 @@ class Workers:
                     waiting.append(number)
             groups = [waiting[first : first + chunk] for first in range(0, len(waiting), chunk)]
             chunks = [[items[n] for n in group] for group in groups]
-            with closing(self._answers(task, chunks, starts_programs)) as answers:
+            with closing(self._answers(task, chunks, starts_programs, on_error)) as answers:
                 for group_number, (machine, results) in answers:
                     group = groups[group_number]
                     self._machines.add(machine)
@@ -113,11 +123,11 @@ class Workers:
         return [fingerprint((common, item)) for item in items]
 
     def _answers(
-        self, task: Task, groups: Sequence[Group], starts_programs: bool
+        self, task: Task, groups: Sequence[Group], starts_programs: bool, on_error: Optional[OnError]
     ) -> Generator[Tuple[int, Answer], None, None]:
         if self._cluster:
-            return self._cluster.run(task, groups, starts_programs)
-        return run_here(task, groups, self.jobs, starts_programs)
+            return self._cluster.run(task, groups, starts_programs, on_error)
+        return run_here(task, groups, self.jobs, starts_programs, on_error)
 
     @property
     def results_hash(self) -> str:

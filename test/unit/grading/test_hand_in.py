@@ -205,10 +205,10 @@ def test_links_and_devices_in_archives_are_left_out(tmp_path):
         link = zipfile.ZipInfo("link")
         link.external_attr = (stat.S_IFLNK | 0o777) << 16
         made.writestr(link, "/etc/passwd")
-    for name, special, files in (("a.tar.gz", 4, ["run"]), ("a.zip", 1, [])):
+    for name, files in (("a.tar.gz", ["run"]), ("a.zip", [])):
         to = tmp_path / f"to_{name}"
         to.mkdir()
-        assert unpack(tmp_path / name, to, Allowance()) == special
+        assert unpack(tmp_path / name, to, Allowance()) == [f"{name} holds links, which are left out"]
         assert [path.name for path in to.iterdir()] == files
     assert os.access(tmp_path / "to_a.tar.gz" / "run", os.X_OK)
 
@@ -491,6 +491,33 @@ def test_a_copy_has_no_links_and_nothing_built_and_scripts_that_run(tmp_path):
     assert "made executable, which a copy through an archive may undo: node.py" in notes
     assert "catkin refuses the package.xml of husky" in notes[1], "it has no e-mail address"
     assert 'email="a@b.org"' in (folders.packages["husky"] / "package.xml").read_text()
+
+
+def test_large_and_sparse_files_cost_a_note(tmp_path, monkeypatch):
+    monkeypatch.setattr(build_module, "MAX_FILE", 1000)
+    monkeypatch.setattr(build_module, "MAX_BYTES", 2000)
+    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
+    with put(folder / "a.bag").open("wb") as bag:
+        bag.truncate(3_000_000_000)
+    for name in ("b", "c", "d"):
+        put(folder / name, "x" * 900)
+    _, packages, _ = chosen(tmp_path / "class", tmp_path)
+    folders, notes = copy_packages(packages, tmp_path / "ws")
+    copied = {path.name for path in folders.packages["husky"].iterdir()}
+    assert copied == {"package.xml", "b", "c"}
+    assert notes == ["left out, because larger than 100 MB, or 500 MB together: d, a.bag"]
+
+
+def test_a_large_file_in_an_archive_costs_a_note(tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as made:
+        with made.open("a.bag", "w", force_zip64=True) as bag:
+            for _ in range(101):
+                bag.write(bytes(1_000_000))
+        made.writestr("readme.txt", "x")
+    (tmp_path / "to").mkdir()
+    notes = unpack(tmp_path / "a.zip", tmp_path / "to", Allowance())
+    assert notes == ["left out, because larger than 100 MB, or 500 MB together: a.bag"]
+    assert [path.name for path in (tmp_path / "to").iterdir()] == ["readme.txt"]
 
 
 def test_paths_of_another_computer_are_read_in_the_hand_in(tmp_path):
@@ -838,6 +865,45 @@ def test_a_hand_in_ends_within_the_stated_time_and_is_not_tried_again(tmp_path, 
     assert mark_all(MarkingConfig(), batch) == [first]
 
 
+def test_a_failure_of_marking_is_the_result_of_its_hand_in_and_the_class_gets_its_table(
+    tmp_path, monkeypatch, capsys
+):
+    for name in ("ann", "bob"):
+        put(tmp_path / "class" / name / "readme.txt", "no package")
+
+    def fail(job):
+        if job.name == "ann":
+            raise RecursionError("too deep")
+        return mark(job)
+
+    monkeypatch.setattr(batch_module, "run_program", fail)
+    ann, bob = mark_all(MarkingConfig(), Batch(tmp_path / "class", tmp_path / "out"))
+    assert ann.problem == "marking has failed: RecursionError: too deep"
+    assert "no catkin package in it" in bob.problem
+    assert len((tmp_path / "out" / "results.csv").read_text().splitlines()) == 3
+    printed = capsys.readouterr().err.splitlines()
+    assert {line.partition(": ")[0] for line in printed} == {"1 of 2", "2 of 2"}, "a line for each as it ends"
+
+
+def test_a_hand_in_has_a_time_limit_that_a_teacher_can_set(tmp_path, monkeypatch):
+    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
+    batch = Batch(tmp_path / "class", tmp_path / "out", time_limit=0.001)
+    (result,) = mark_all(MarkingConfig(), batch)
+    assert result.problem == "it did not end within 0.001 s"
+    longer = replace(batch, time_limit=7.0)
+    assert mark_all(MarkingConfig(), longer) == [result], "another limit marks nothing again"
+
+
+def test_another_version_of_the_package_marks_again(tmp_path, monkeypatch):
+    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
+    batch = Batch(tmp_path / "class", tmp_path / "out")
+    before = job_of(HandIn("ann", batch.folder / "ann"), Override(), MarkingConfig(), batch).fingerprint
+    monkeypatch.setattr(batch_module, "code_version", lambda: "another")
+    assert (
+        job_of(HandIn("ann", batch.folder / "ann"), Override(), MarkingConfig(), batch).fingerprint != before
+    )
+
+
 def test_without_network_namespaces_hand_ins_are_marked_one_at_a_time(tmp_path, monkeypatch, capsys):
     put(tmp_path / "class" / "ann" / "readme.txt", "no package")
     numbers = []
@@ -867,17 +933,19 @@ def test_what_could_not_be_marked_is_no_zero_in_any_file():
 # ---------------------------------------------------------------------------- on another machine
 
 
-def test_a_hand_in_travels_with_its_links_and_permissions(tmp_path):
+def test_a_hand_in_travels_with_its_permissions_without_links_and_large_files(tmp_path, monkeypatch):
     put(tmp_path / "class" / "ann" / "src" / "node", "#!/usr/bin/env python3")
     (tmp_path / "class" / "ann" / "src" / "node").chmod(0o755)
     (tmp_path / "class" / "ann" / "link").symlink_to("/etc/passwd")
+    put(tmp_path / "class" / "ann" / "a.bag", "b" * 2000)
+    monkeypatch.setattr(batch_module, "MAX_FILE", 1000)
     sent = pickle.loads(pickle.dumps(PackedPath(tmp_path / "class" / "ann")))
     shutil.rmtree(tmp_path / "class")
     (tmp_path / "there").mkdir()
     path = sent.unpack(tmp_path / "there")
     assert path == tmp_path / "there" / "ann"
     assert (path / "src" / "node").stat().st_mode & 0o777 == 0o755
-    assert os.readlink(path / "link") == "/etc/passwd"
+    assert [each.name for each in path.iterdir()] == ["src"]
 
 
 def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(tmp_path):

@@ -31,6 +31,11 @@ def fail(number):
     raise HuskyError(f"{number} is no world")
 
 
+class Unsendable:
+    def __getstate__(self):
+        raise OSError("a file is gone")
+
+
 def no_ros(number):
     return number
 
@@ -67,6 +72,10 @@ def test_the_hash_is_that_of_this_machine_also_when_a_worker_is_killed(cluster, 
     assert sorted(process.poll() for process in cluster.started if process.poll()) == [-signal.SIGKILL]
     with Workers(cluster=cluster.address) as workers, pytest.raises(HuskyError, match="0 is no world"):
         workers.map(fail, [0])
+    with Workers(cluster=cluster.address) as workers:
+        items = [0, Unsendable()]
+        results = workers.as_completed(fail, items, on_error=lambda _, error: str(error))
+        assert sorted(results) == [(0, "0 is no world"), (1, "a file is gone")]
     with Workers(cluster=cluster.address) as workers, pytest.raises(HuskyError, match="--resources ROS=1"):
         workers.map(no_ros, range(2), starts_programs=True)
     cluster.work("ros", *WORKER, "--resources", "ROS=1")

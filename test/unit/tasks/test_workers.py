@@ -145,3 +145,10 @@ def test_the_version_tells_number_and_sources():
     number, _, digest = code_version().partition("+")
     assert number.count(".") == 2
     assert len(digest) == 12
+
+
+def test_a_failed_task_may_have_a_result_of_its_own(tmp_path):
+    with Workers(2) as workers:
+        task = partial(note_and_fail, tmp_path)
+        results = workers.as_completed(task, list(range(9)), on_error=lambda item, error: f"{item}: {error}")
+        assert dict(results) == {**{number: number**2 for number in range(9)}, 6: "6: six is no world"}

@@ -24,6 +24,7 @@ LOAD_DEADLINE = 120.0  # [s] of wall time for a launch file to be read
 SIMULATOR_LAUNCH = share_folder() / "launch" / "simulator.launch"
 COMPAT = share_folder() / "compat"  # its launch files start a simulator
 SIMULATOR_NODES = ("/husky_simulator",)  # of that launch file; another node of this name would end ours
+SUBMISSION_FOLDER = "submission"  # in the folder of a drive, the only one that the submission can write
 _STARTER = str(Path(__file__).parents[2] / "ros" / "grading" / "submission.py")
 
 
@@ -85,9 +86,9 @@ def starter(events: Path, action: str, submission: Submission) -> List[str]:
 
 def start(network: Network, submission: Submission, action: str = "run") -> Tuple[Process, Path]:
     """Start it in a network; the program, and the file of its events."""
-    events = network.folder_of("submission") / "events.jsonl"
+    events = network.folder_of(SUBMISSION_FOLDER) / "events.jsonl"
     create(events).close()
-    return network.start("submission", starter(events, action, submission), submission.workspace), events
+    return network.start(SUBMISSION_FOLDER, starter(events, action, submission), submission.workspace), events
 
 
 def plan(submission: Submission, folder: Path) -> Plan:

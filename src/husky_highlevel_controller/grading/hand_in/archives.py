@@ -14,15 +14,18 @@ import sys
 import tarfile
 import zipfile
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import IO, Iterator, Optional, Tuple
+from typing import IO, Iterator, List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import HuskyError
 
 PROGRAM = "husky_highlevel_controller.grading.hand_in.archives"
 
 SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar")
-MAX_FILES, MAX_BYTES = 20_000, 500_000_000  # of all archives of one hand-in, unpacked
+MAX_FILES, MAX_BYTES = 20_000, 500_000_000  # of all archives of one hand-in, unpacked; of a folder, copied
+MAX_FILE = 100_000_000  # [bytes] of one file; a larger one, such as a rosbag, is left out
+MAX_NAMED = 5  # files that a note names
 CHUNK = 1 << 16  # [bytes]
 MEMORY, DEADLINE = 1_000_000_000, 120  # [bytes], [s] of CPU and wall time, of unpacking one archive
 _Member = Tuple[str, bool, bool, Optional[IO[bytes]]]  # name, executable, to be left out, content
@@ -45,7 +48,14 @@ def suffix_of(name: str) -> str:
     return next((suffix for suffix in SUFFIXES if name.lower().endswith(suffix)), "")
 
 
-def unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
+def large_files_note(names: Sequence[str]) -> List[str]:
+    """A sentence on files that are left out because of their size, if there are any."""
+    shown = ", ".join(names[:MAX_NAMED]) + ", ..." * (len(names) > MAX_NAMED)
+    size = f"{MAX_FILE / 1e6:g} MB, or {MAX_BYTES / 1e6:g} MB together"
+    return [f"left out, because larger than {size}: {shown}"] if names else []
+
+
+def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
     """Unpack an archive into a folder.
 
     Args:
@@ -54,7 +64,7 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
         allowance: what may be unpacked; it is used up.
 
     Returns:
-        How many links and special files were left out.
+        Sentences on what was left out.
 
     Raises:
         ArchiveError: see there; the folder may then hold a part of it.
@@ -62,23 +72,24 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
     command = [sys.executable, "-m", PROGRAM, *map(str, (archive, folder, allowance.files, allowance.size))]
     try:
         process = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
-        left_out, allowance.files, allowance.size, error = json.loads(process.stdout)
+        links, large, allowance.files, allowance.size, error = json.loads(process.stdout)
     except subprocess.TimeoutExpired:
         error = f"{archive.name} cannot be unpacked: no end after {DEADLINE} s"
     except (ValueError, TypeError):  # it died
         error = f"{archive.name} cannot be unpacked within {MEMORY / 1e9:g} GB of memory"
     if error:
         raise ArchiveError(error)
-    return int(left_out)
+    return [f"{archive.name} holds links, which are left out"] * bool(links) + large_files_note(large)
 
 
-def _unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
-    """Unpack in this program; how many links and special files were left out.
+def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, List[str]]:
+    """Unpack in this program; the number of links and special files, and names of large files, left out.
 
     Raises:
         ArchiveError: see there.
     """
     left_out, names = 0, set()
+    large: List[str] = []
     members = _zip_members if suffix_of(archive.name) == ".zip" else _tar_members
     try:
         for name, executable, special, content in members(archive):
@@ -88,8 +99,9 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
                 with content:
                     target = folder / _inside(name, archive)
                     target.parent.mkdir(parents=True, exist_ok=True)
-                    _copy(content, target, allowance, archive)
-                    if executable:
+                    if not _copy(content, target, allowance, archive):
+                        large.append(name)
+                    elif executable:
                         target.chmod(0o755)
     except (ArchiveError, MemoryError):
         raise
@@ -97,19 +109,20 @@ def _unpack(archive: Path, folder: Path, allowance: Allowance) -> int:
         raise ArchiveError(f"{archive.name} cannot be unpacked: {error}") from error
     except Exception as error:  # of zipfile, tarfile, zlib, lzma, bz2, struct
         raise ArchiveError(f"{archive.name} is broken: {error or type(error).__name__}") from error
-    return left_out
+    return left_out, large
 
 
 def main(archive: str, folder: str, files: str, size: str) -> None:
-    """Unpack, and print [number left out, files and bytes still allowed, error or empty] as JSON."""
+    """Unpack, and print [links, large files, files and bytes still allowed, error or empty] as JSON."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (DEADLINE, DEADLINE))
-    allowance, left_out, words = Allowance(int(files), int(size)), 0, ""
+    allowance, words = Allowance(int(files), int(size)), ""
+    left_out, large = 0, []  # type: Tuple[int, List[str]]
     try:
-        left_out = _unpack(Path(archive), Path(folder), allowance)
+        left_out, large = _unpack(Path(archive), Path(folder), allowance)
     except ArchiveError as error:
         words = str(error)
-    print(json.dumps([left_out, allowance.files, allowance.size, words]))
+    print(json.dumps([left_out, large, allowance.files, allowance.size, words]))
 
 
 def _inside(name: str, archive: Path) -> PurePosixPath:
@@ -120,19 +133,25 @@ def _inside(name: str, archive: Path) -> PurePosixPath:
     return path
 
 
-def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path) -> None:
+def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path) -> bool:
+    """Copy a member, unless it is larger than MAX_FILE; whether it was."""
     allowance.files -= 1
+    size = 0
     with target.open("xb") as file:
-        while True:
-            chunk = content.read(CHUNK)
-            allowance.size -= len(chunk)
-            if allowance.files < 0 or allowance.size < 0:
-                raise ArchiveError(
-                    f"{archive.name} is too large: more than {MAX_FILES} files or {MAX_BYTES} bytes, unpacked"
-                )
-            if not chunk:
-                return
+        for chunk in iter(partial(content.read, CHUNK), b""):
+            size += len(chunk)
+            if size > MAX_FILE:
+                target.unlink()
+                return False
+            if size > allowance.size:
+                break
             file.write(chunk)
+    allowance.size -= size
+    if allowance.files < 0 or allowance.size < 0:
+        raise ArchiveError(
+            f"{archive.name} is too large: more than {MAX_FILES} files or {MAX_BYTES} bytes, unpacked"
+        )
+    return True
 
 
 def _zip_members(archive: Path) -> Iterator[_Member]:

@@ -16,6 +16,7 @@ from xml.sax.saxutils import escape
 
 from catkin_pkg.package import parse_package
 
+from husky_highlevel_controller.grading.hand_in.archives import MAX_BYTES, MAX_FILE, large_files_note
 from husky_highlevel_controller.grading.hand_in.packages import BUILT, NotMarkableError, Package
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
@@ -34,7 +35,7 @@ from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
 APT_DEADLINE = 20.0  # [s] of wall time
 RETRIES = 2  # of a build that fails
-MAX_LAUNCH = 1_000_000  # [bytes]
+MAX_TEXT = 1_000_000  # [bytes] of a launch file or CMakeLists.txt
 MAX_MISSING = 10  # packages that CMake misses one after the other
 LESS_COLLECTION = "--param ggc-min-heapsize=500000"  # [kB] before GCC collects garbage, a tenth of its time
 # header before each C++ source; a repair changes it, so CMake need not run again
@@ -59,7 +60,7 @@ PLAIN_PUBLISH_NOTE = (
 )
 _DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")  # of a ROS package in Debian
 _HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
-_COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^)]*)\)", re.IGNORECASE)
+_COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^()]*)\)", re.IGNORECASE)
 _NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]+)"')
 _ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
@@ -113,12 +114,20 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
     """Copy packages into a new workspace, without links, special files and what was built; and notes."""
     remove_tree(root)
     notes: List[str] = []
+    large: List[str] = []
+    room = MAX_BYTES
     copies: Dict[str, Path] = {}
     for package in packages:
         target = copies[package.name] = root / "src" / package.name
         scripts: List[str] = []
         target.mkdir(parents=True)
-        for path in walk(package.path, BUILT):
+        # not its blocks on the disk: a sparse file would be written as the zeros that it stands for
+        sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
+        for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
+            if size > min(MAX_FILE, room):
+                large.append(path.name)
+                continue
+            room -= size
             copy = target / path.relative_to(package.path)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, copy)
@@ -130,6 +139,7 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
         if scripts:
             notes.append(f"made executable, which a copy through an archive may undo: {', '.join(scripts)}")
         notes += _repair_manifest(target, package)
+    notes += large_files_note(large)
     paths = [words for folder in copies.values() for words in _repair_paths(folder, copies)]
     if paths:
         notes.append(f"paths of another computer, read in the hand-in: {', '.join(dict.fromkeys(paths))}")
@@ -155,7 +165,7 @@ def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
         return match.group()
 
     for path in walk(folder):
-        if ".launch" in path.suffixes and path.stat().st_size <= MAX_LAUNCH:
+        if ".launch" in path.suffixes and path.stat().st_size <= MAX_TEXT:
             text = path.read_bytes().decode("utf-8", "surrogateescape")
             path.write_bytes(_HOME.sub(local_path, text).encode("utf-8", "surrogateescape"))
     return paths
@@ -187,7 +197,7 @@ def missing_packages(folders: Folders, needed: Set[str], env: Dict[str, str]) ->
     components: Set[str] = set()
     for name in needed:
         try:
-            text = re.sub(r"#.*", "", read_text(folders.packages[name] / "CMakeLists.txt"))
+            text = re.sub(r"#.*", "", read_text(folders.packages[name] / "CMakeLists.txt", MAX_TEXT))
         except UnreadableFileError:
             continue
         for arguments in _COMPONENTS.findall(text):

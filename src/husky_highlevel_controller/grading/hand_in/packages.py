@@ -111,21 +111,21 @@ def open_hand_in(hand_in: HandIn, scratch: Path) -> Contents:
     Raises:
         NotMarkableError: it cannot be read.
     """
-    allowance, notes = Allowance(), []
+    allowance = Allowance()
+    notes: List[str] = []
     try:
         root = hand_in.path
         if root.is_file():
             root = scratch / "hand_in"
             root.mkdir()
-            if unpack(hand_in.path, root, allowance):
-                notes.append(f"{hand_in.path.name} holds links, which are left out")
+            notes += unpack(hand_in.path, root, allowance)
         places = {root: PurePosixPath(".")}
         inner = [path for path in walk(root, BUILT) if suffix_of(path.name)]
         for number, archive in enumerate(inner[:MAX_ARCHIVES]):
             unpacked = scratch / str(number)
             unpacked.mkdir()
             try:
-                unpack(archive, unpacked, allowance)
+                notes += unpack(archive, unpacked, allowance)
             except ArchiveError as error:
                 notes.append(str(error))
             places[unpacked] = PurePosixPath(archive.relative_to(root).as_posix())
