@@ -117,7 +117,8 @@ def main(archive: str, folder: str, files: str, size: str) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (DEADLINE, DEADLINE))
     allowance, words = Allowance(int(files), int(size)), ""
-    left_out, large = 0, []  # type: Tuple[int, List[str]]
+    left_out = 0
+    large: List[str] = []
     try:
         left_out, large = _unpack(Path(archive), Path(folder), allowance)
     except ArchiveError as error:
