@@ -34,7 +34,7 @@ grade_ros_packages=(
   # what hand-ins of the courses use
   libactionlib-dev libangles-dev liblaser-geometry-dev libmessage-filters-dev libmove-base-msgs-dev libroslib-dev
   libshape-msgs-dev libtf-conversions-dev libtf-dev libtf2-eigen-dev libtf2-geometry-msgs-dev libtf2-sensor-msgs-dev
-  libtrajectory-msgs-dev
+  libtrajectory-msgs-dev tf-tools
   python3-actionlib python3-angles python3-laser-geometry python3-message-filters python3-tf
   python3-tf2-geometry-msgs python3-tf2-sensor-msgs
 )

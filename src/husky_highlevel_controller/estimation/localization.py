@@ -78,7 +78,7 @@ class Localization:
         return due + self._estimates(horizon + SAME_TIME)
 
     def _horizon(self) -> float:
-        """Time that every sensor has reported beyond; a silent one is waited for, but not for ever [s]."""
+        """Time that every sensor has reported beyond; a silent one is waited for up to PATIENCE [s]."""
         newest = max(self._last.values())
         if len(self._last) < len(self._sensors) and newest - self._first < PATIENCE:
             return -inf

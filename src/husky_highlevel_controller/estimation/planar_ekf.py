@@ -2,9 +2,9 @@
 
 In: measurements of some of the states, in the order of their stamps. Out: state and covariance.
 
-Model and rules are those of robot_localization's EKF with two_d_mode (T. Moore, D. Stouch: A Generalized
-Extended Kalman Filter Implementation for the Robot Operating System, IAS-13, 2014), without its seven states
-off the plane.
+Model and rules are those of robot_localization's EKF with two_d_mode, without its seven states off the plane
+(T. Moore, D. Stouch: A Generalized Extended Kalman Filter Implementation for the Robot Operating System,
+IAS-13, 2014).
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def transition_jacobian(state: np.ndarray, step: float) -> np.ndarray:
 
 
 def correct(estimate: MotionEstimate, measurement: Measurement) -> MotionEstimate:
-    """An estimate corrected by a measurement at its time; the covariance in Joseph's form stays positive."""
+    """An estimate corrected by a measurement at its time; Joseph's form keeps the covariance positive."""
     _, measured, values, noise = measurement
     stamp, state, covariance = estimate
     noise = noise.copy()

@@ -1,0 +1,213 @@
+"""Node of the planar filter, in place of robot_localization's ekf_localization_node where that is missing."""
+
+from __future__ import annotations
+
+import threading
+from math import hypot, inf, isqrt
+from typing import Any, Dict, List, Optional, Sequence
+
+import numpy as np
+import rospy
+import tf2_ros
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu
+from tf2_msgs.msg import TFMessage
+
+from husky_highlevel_controller.datatypes import Odometry as PlanarOdometry
+from husky_highlevel_controller.datatypes import Pose, Pose2D, Quaternion, Twist2D, Vector3
+from husky_highlevel_controller.estimation.filter_config import read_filter_config
+from husky_highlevel_controller.estimation.localization import Localization
+from husky_highlevel_controller.estimation.planar_ekf import VX, MotionEstimate
+from husky_highlevel_controller.estimation.readings import ON_PLANE, Mounting, Reading, ReadingError
+from husky_highlevel_controller.geometry import yaw_from_quat
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.node import publish, run_node
+from husky_highlevel_controller.ros.transforms import lookup_transform
+
+QUEUE = 1000  # messages, at least: a bag that is played fast comes in bursts, and each message counts
+MAX_AHEAD = 10.0  # [s], of a stamp before the clock
+CLOCK_BACK = 1.0  # [s]; a clock that goes back by more is another run
+REPORT_PERIOD = 5.0  # [s] between two complaints about a topic
+OFF_PLANE = 1e-6  # variance of z, roll, pitch and their rates
+PLANE = np.ix_(ON_PLANE, ON_PLANE)
+
+
+class LocalizationNode:
+    """Wheel odometry and IMU in, odometry/filtered and the transform of odom to base_link out."""
+
+    def __init__(self) -> None:
+        """Raises ConfigError where the parameters ask for what the filter does not do."""
+        self._config, remarks = read_filter_config(rospy.get_param("~", {}), rospy.get_name() + "/")
+        for remark in remarks:
+            rospy.logerr(remark)
+        options = self._config.options
+        self._base = options.base_link_frame_output or options.base_link_frame
+        self._lock = threading.Lock()
+        self._reported: Dict[str, float] = {}  # [s], of the last complaint about an input
+        self._begin()
+        self._transforms = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._transforms)
+        self._odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=QUEUE)
+        self._tf = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
+        rospy.Subscriber("set_pose", PoseWithCovarianceStamped, self._on_set_pose)
+        for name, item in self._config.inputs.items():
+            kind = Imu if name.startswith("imu") else Odometry
+            rospy.Subscriber(item.topic, kind, self._on_message, name, max(item.queue_size, QUEUE))
+        rospy.Timer(rospy.Duration(REPORT_PERIOD), self._report_silence, oneshot=True, reset=True)
+
+    def run(self) -> None:
+        """Work until the node is shut down."""
+        rospy.spin()
+
+    def _begin(self) -> None:
+        self._now, self._filter = 0.0, Localization(self._config)
+        self._held: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
+        self._silent = set(self._config.inputs)
+
+    def _on_message(self, msg: Any, name: str) -> None:
+        now, stamp = rospy.get_time(), msg.header.stamp.to_sec()
+        with self._lock:
+            if now < self._now - CLOCK_BACK:
+                rospy.logwarn(
+                    f"the clock went back from {self._now:.3f} to {now:.3f} s: the filter begins anew"
+                )
+                self._begin()
+            self._now = max(now, self._now)
+            self._silent.discard(name)
+            if stamp > now + MAX_AHEAD:
+                self._complain(name, f"its stamp is {stamp:.3f} s at {now:.3f} s: it is left out")
+                return
+            held = self._held[name]
+            held.append(msg)
+            mounting = self._mounting(msg, name)
+            if mounting is None:
+                del held[:-QUEUE]
+                return
+            self._held[name] = []
+            for message in held:
+                self._add(name, message, mounting)
+
+    def _add(self, name: str, msg: Any, mounting: Mounting) -> None:
+        try:
+            estimates = self._filter.add(name, reading_from_msg(msg), mounting)
+        except ReadingError as error:
+            self._complain(name, f"{error}: it is left out")
+            return
+        for estimate in estimates:
+            msg = estimate_to_msg(estimate, self._config.options.odom_frame, self._base)
+            publish(self._odometry, msg)
+            if self._config.options.publish_tf:
+                pose, frame = conversions.pose_from_msg(msg.pose.pose), msg.header.frame_id
+                publish(self._tf, conversions.tree_to_msg([(frame, self._base, pose)], estimate.stamp))
+
+    def _mounting(self, msg: Any, name: str) -> Optional[Mounting]:
+        """Frames of a message; None, with a complaint, where TF does not know them."""
+        options, item = self._config.options, self._config.inputs[name]
+        sensor = msg.header.frame_id if isinstance(msg, Imu) else msg.child_frame_id
+        frames = [(options.base_link_frame, sensor)]
+        if isinstance(msg, Odometry) and any(item.config[:6]) and not item.differential:
+            frames.append((options.odom_frame, msg.header.frame_id))
+        poses = []
+        for parent, child in frames:
+            if child.lstrip("/") in ("", parent):
+                poses.append(Pose())
+                continue
+            stamped = lookup_transform(self._transforms, parent, child)
+            if stamped is None:
+                self._complain(name, f"TF has no transform from '{child}' to '{parent}'")
+                return None
+            poses.append(conversions.pose_from_transform(stamped))
+        return Mounting(*poses)
+
+    def _on_set_pose(self, msg: PoseWithCovarianceStamped) -> None:
+        place, quat = msg.pose.pose.position, _unit(msg.pose.pose.orientation) or Pose().quat_xyzw
+        pose, covariance = [place.x, place.y, yaw_from_quat(quat)], _square(msg.pose.covariance)[PLANE]
+        if not np.isfinite([*pose, *covariance.ravel()]).all():
+            rospy.logwarn(f"set_pose: {pose} with covariance {covariance.tolist()} is no pose")
+        elif msg.header.frame_id.lstrip("/") not in ("", self._config.options.odom_frame):
+            rospy.logwarn(
+                f"set_pose: a pose in '{msg.header.frame_id}', not in '{self._config.options.odom_frame}'"
+            )
+        else:
+            with self._lock:
+                stamp = (msg.header.stamp or rospy.Time.now()).to_sec()
+                self._filter.set_pose(stamp, np.array(pose), covariance)
+
+    def _complain(self, name: str, sentence: str) -> None:
+        if abs(self._now - self._reported.get(name, -inf)) >= REPORT_PERIOD:
+            self._reported[name] = self._now
+            rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: {sentence}")
+
+    def _report_silence(self, _event: Any) -> None:
+        for name in sorted(self._silent):
+            rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: no message yet ({name})")
+
+
+def reading_from_msg(msg: Any) -> Reading:
+    """Reading of a nav_msgs/Odometry or sensor_msgs/Imu, which may measure only some of it (REP 145)."""
+    stamp = msg.header.stamp.to_sec()
+    if isinstance(msg, Odometry):
+        place, twist = conversions.pose_from_msg(msg.pose.pose).position, msg.twist.twist
+        return Reading(
+            stamp,
+            Pose(place, _unit(msg.pose.pose.orientation) or Pose().quat_xyzw),
+            _square(msg.pose.covariance),
+            np.array([*_numbers(twist.linear), *_numbers(twist.angular)]),
+            _square(msg.twist.covariance),
+        )
+    attitude = _unit(msg.orientation) if msg.orientation_covariance[0] != -1.0 else None
+    turns, pushes = (
+        covariance[0] != -1.0
+        for covariance in (msg.angular_velocity_covariance, msg.linear_acceleration_covariance)
+    )
+    return Reading(
+        stamp,
+        Pose(quat_xyzw=attitude) if attitude else None,
+        _of_angles(msg.orientation_covariance),
+        np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)]) if turns else None,
+        _of_angles(msg.angular_velocity_covariance),
+        np.array(_numbers(msg.linear_acceleration)) if pushes else None,
+        _square(msg.linear_acceleration_covariance),
+    )
+
+
+def estimate_to_msg(estimate: MotionEstimate, odom: str, base: str) -> Odometry:
+    """Pose in odom and twist in base, with their covariances."""
+    x, y, yaw, vx, vy, yaw_rate = estimate.state[:6].tolist()
+    msg = conversions.odometry_to_msg(
+        PlanarOdometry(Pose2D(x, y, yaw), Twist2D(vx, yaw_rate)), estimate.stamp, odom, base
+    )
+    msg.twist.twist.linear.y = vy
+    for part, first in ((msg.pose, 0), (msg.twist, VX)):
+        covariance = OFF_PLANE * np.eye(6)
+        covariance[PLANE] = estimate.covariance[first : first + 3, first : first + 3]
+        part.covariance = covariance.ravel().tolist()
+    return msg
+
+
+def _numbers(vector: Any) -> Vector3:
+    return vector.x, vector.y, vector.z
+
+
+def _unit(quat: Any) -> Optional[Quaternion]:
+    """A quaternion at length 1; None where it is hardly one: drivers send zeros for what they do not know."""
+    length = hypot(quat.x, quat.y, quat.z, quat.w)
+    return None if length < 0.5 else (quat.x / length, quat.y / length, quat.z / length, quat.w / length)
+
+
+def _square(numbers: Sequence[float]) -> np.ndarray:
+    side = isqrt(len(numbers))
+    return np.array(numbers).reshape(side, side)
+
+
+def _of_angles(numbers: Sequence[float]) -> np.ndarray:
+    """Covariance of three angles as one of a pose or a twist, (6, 6)."""
+    covariance = np.zeros((6, 6))
+    covariance[3:, 3:] = _square(numbers)
+    return covariance
+
+
+def main() -> None:
+    """Run the node."""
+    run_node("ekf_localization", LocalizationNode)
