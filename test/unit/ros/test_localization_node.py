@@ -16,12 +16,13 @@ def test_a_part_that_an_imu_does_not_measure_is_none():
     msg = Imu(angular_velocity=Vector3(0.1, 0.2, 0.3), angular_velocity_covariance=np.arange(9.0).tolist())
     msg.orientation_covariance = msg.linear_acceleration_covariance = [-1.0] + [0.0] * 8
     reading = reading_from_msg(msg)
-    assert reading.pose is None and reading.specific_force is None
+    assert reading.pose is None
+    assert reading.specific_force is None
     assert reading.velocity.tolist() == [0.0, 0.0, 0.0, 0.1, 0.2, 0.3]
     assert reading.velocity_covariance[3:, 3:].ravel().tolist() == np.arange(9.0).tolist()
 
 
-@pytest.mark.parametrize("quaternion, expected", [((0, 0, 0, 0), None), ((0, 0, 0, 2), (0, 0, 0, 1))])
+@pytest.mark.parametrize(("quaternion", "expected"), [((0, 0, 0, 0), None), ((0, 0, 0, 2), (0, 0, 0, 1))])
 def test_a_quaternion_of_zeros_is_no_attitude_and_a_long_one_is_shortened(quaternion, expected):
     pose = reading_from_msg(Imu(orientation=Quaternion(*quaternion))).pose
     assert (pose and pose.quat_xyzw) == expected
