@@ -1,6 +1,7 @@
 """./dev before it installs anything: what it refuses at once, and the packages it would ask for."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -52,6 +53,34 @@ def test_a_folder_with_a_space_in_its_name_is_refused_at_once(tmp_path):
     assert done.returncode == 1
     assert f"the folder '{copy}' has a space or a colon in its name" in done.stderr
     assert not (copy / ".dev").exists()
+
+
+def test_each_example_of_the_help_works():
+    text = subprocess.run([ROOT / "dev", "help"], capture_output=True, text=True, check=True).stdout
+    examples = re.findall(r"e\.g\. (\./dev .+)", text)
+    assert examples == ["./dev test -k timeout", "./dev run rostopic list"]
+    ends = {
+        "test": ("--collect-only -q", "tests collected"),
+        "run": ("", "Unable to communicate with master"),
+    }
+    env = {**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1"}
+    for example in examples:
+        more, said = ends[example.split()[1]]
+        done = subprocess.run(
+            ["bash", "-c", f"{example} {more} 2>&1"],
+            cwd=ROOT,
+            env=env,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert said in done.stdout, example
+
+
+def test_test_files_have_names_of_their_own():
+    """Pytest takes two files of one name, in folders that are no packages, for one module."""
+    names = [path.name for path in (ROOT / "test").rglob("test_*.py") if "submissions" not in path.parts]
+    assert sorted(names) == sorted(set(names))
 
 
 def test_launching_asks_for_no_packages_of_tests_or_marking():
