@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -75,6 +76,18 @@ def test_each_example_of_the_help_works():
             check=False,
         )
         assert said in done.stdout, example
+
+
+def test_the_workflow_runs_what_ci_runs_on_every_debian_with_ros_and_keeps_the_results():
+    (job,) = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"].values()
+    supported, _ = bash("echo ${ros_in_archive[*]}")
+    assert set(job["strategy"]["matrix"]["debian"]) == {"bookworm", "trixie"} <= set(supported.split())
+    assert job["container"]["image"] == "debian:${{ matrix.debian }}"
+    (step,) = [step for step in job["steps"] if step.get("run") == ".ci/run"]
+    assert os.access(ROOT / step["run"], os.X_OK)
+    (upload,) = [step for step in job["steps"] if "upload-artifact" in step.get("uses", "")]
+    assert upload["with"]["path"] == f"{step['env']['JUNIT']}/"
+    assert '"$JUNIT/core.xml"' in (ROOT / "dev").read_text()
 
 
 def test_test_files_have_names_of_their_own():
