@@ -76,16 +76,19 @@ class Rules:
         return replace(item, points=round(item.points * weight / item.max_points, 1), max_points=weight)
 
 
+_SECONDS = {"min": 0.1, "max": 3600.0}
+
+
 @dataclass(frozen=True)
 class MarkingConfig:
     """Settings of a marking, the same for every submission."""
 
     exercise: int = 3
-    robot: str = AUTO  # or a key of ROBOT_VERSIONS
-    seed: int = 0  # of starts, pillars and noise
-    trials: int = 3  # drives
-    deadline: float = 120.0  # [s], simulated, of each drive
-    pace: float = 5.0  # simulated seconds a second, at most
+    robot: str = field(default=AUTO, metadata={"choices": (AUTO, *ROBOT_VERSIONS)})
+    seed: int = field(default=0, metadata={"min": 0, "max": 2**31})  # of starts, pillars and noise
+    trials: int = field(default=3, metadata={"min": 1, "max": 1000})  # drives
+    deadline: float = field(default=120.0, metadata=_SECONDS)  # [s], simulated, of each drive
+    pace: float = field(default=5.0, metadata=_SECONDS)  # simulated seconds a second, at most
     rules: Rules = field(default_factory=Rules)
     scans: str = ""  # topic of the scans that the submission subscribes to; empty: the robot's
 

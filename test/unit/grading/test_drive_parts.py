@@ -3,6 +3,8 @@
 import json
 import socket
 import subprocess
+import threading
+import time
 from math import inf
 from pathlib import Path
 
@@ -25,6 +27,7 @@ from husky_highlevel_controller.grading.drive.rviz_setup import find_setup
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Launchable
+from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 
 
 def end_of(states, abandoned_at=inf):
@@ -120,6 +123,8 @@ def test_each_state_is_answered_once_it_is_read(tmp_path):
         simulator.settimeout(20.0)
         simulator.connect(str(tmp_path / "truth"))
         for stamp in (0.02, 0.04):
+            for broken in (b"{]\n", b"[1]\n", b'{"trith": [1]}{\n'):
+                simulator.sendall(broken)
             for line in ({"changed": "moved"}, {"truth": [stamp, 0, 0, 0, 0, 0, 0, 1, 0, 0]}):
                 simulator.sendall((json.dumps(line) + "\n").encode())
             assert simulator.recv(10) == READ
@@ -227,3 +232,24 @@ def test_files_of_a_copy_are_found_but_what_starts_a_simulator_is_left_out(tmp_p
     assert planned.nodes == ("p/t",), planned
     assert planned.left_out == ("gazebo_ros/gzserver", "gazebo_ros/spawn_model")
     assert planned.notes == ()
+
+
+def test_lines_of_the_truth_are_whole_when_threads_write_at_once(tmp_path, monkeypatch):
+    class Socket:
+        """Sends byte by byte, as a full buffer does."""
+
+        sent = bytearray()
+
+        def sendall(self, content):
+            for each in content:
+                self.sent.append(each)
+                time.sleep(0)
+
+    log = TruthLog()
+    log._socket = Socket()
+    threads = [threading.Thread(target=log.write_line, args=("changed", "x" * 2000)) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [json.loads(line) for line in bytes(Socket.sent).splitlines()] == [{"changed": "x" * 2000}] * 8

@@ -73,6 +73,7 @@ from husky_highlevel_controller.grading.records import (
     Result,
     Rules,
     RvizView,
+    load,
     to_json,
 )
 from husky_highlevel_controller.grading.reports.files import write_result
@@ -977,6 +978,15 @@ def test_a_marking_that_dies_is_a_problem_of_its_hand_in(job, monkeypatch, shows
     assert result.problem.startswith("marking has failed on ")
     assert words in result.problem
     assert not Path(job.out, FINGERPRINT).exists()
+
+
+@pytest.mark.parametrize(
+    "setting", [{"trials": -3}, {"pace": 0.0}, {"robot": "xy"}, {"deadline": float("nan")}, {"seed": -1}]
+)
+def test_a_setting_of_a_job_that_is_out_of_range_is_named(job, setting, tmp_path):
+    wrong = put(tmp_path / "job.json", to_json(replace(job, config=replace(job.config, **setting))))
+    with pytest.raises(ConfigError, match=f"config/{next(iter(setting))} = "):
+        load(Job, wrong)
 
 
 @pytest.mark.parametrize("folder", [".", "out"])

@@ -1,20 +1,23 @@
 """Untrusted programs: what they may see, write and use up, and that none of them is left."""
 
+import contextlib
 import errno
 import os
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 import types
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
 
-from husky_highlevel_controller.grading.isolation import limits, ros_network, sandbox
+from husky_highlevel_controller.grading.isolation import forked, limits, ros_network, sandbox
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_regular,
@@ -23,6 +26,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     walk,
     write_whole,
 )
+from husky_highlevel_controller.grading.isolation.forked import MASTER
 from husky_highlevel_controller.grading.isolation.process import LOG_HEAD, LOG_TAIL, Process, end_all, wait
 from husky_highlevel_controller.grading.isolation.sandbox import (
     BUBBLEWRAP,
@@ -170,6 +174,23 @@ def test_forked_programs_end_when_marking_is_killed_and_run_no_script_of_it_agai
     printed = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False).stdout
     assert len(printed.split()) == 1
     assert wait(lambda: not psutil.pid_exists(int(printed)), 30.0)
+
+
+def test_programs_may_be_forked_by_several_threads(tmp_path, monkeypatch):
+    """Each start hides the script of this program from the child, and shows it again."""
+    meeting, script = threading.Barrier(2), sys.modules["__main__"]
+
+    def start():
+        with contextlib.suppress(threading.BrokenBarrierError):
+            meeting.wait(0.5)  # both are in here, where nothing keeps them apart
+
+    made = types.SimpleNamespace(start=start, pid=1, exitcode=0)
+    monkeypatch.setattr(forked, "import_early", lambda: None)
+    monkeypatch.setattr(forked, "_CONTEXT", types.SimpleNamespace(Process=lambda **_: made))
+    with ThreadPoolExecutor(2) as pool:
+        for child in pool.map(lambda _: forked._Child([MASTER], {}, tmp_path), range(2)):
+            child.stdout.close()
+    assert sys.modules["__main__"] is script
 
 
 # ---------------------------------------------------------------------------- what it may see and write

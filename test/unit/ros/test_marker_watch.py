@@ -65,12 +65,15 @@ CLEAR = ColorRGBA(1.0, 0.0, 0.0, 0.0)
             for address in (
                 "pillar.dae",
                 "file:///no/such.dae",
+                "file:///etc/passwd",
+                "package://husky_highlevel_controller/../../../../../../../../../../../etc/passwd",
                 "package://no_such_package/pillar.dae",
                 "package://husky_highlevel_controller/no_such.dae",
                 "http://127.0.0.1/pillar.dae",
             )
         ],
         ({"type": Marker.MESH_RESOURCE, "mesh_resource": f"package://{MESH}"}, ""),
+        ({"type": Marker.MESH_RESOURCE, "mesh_resource": f"file://{Path(__file__)}"}, ""),
         ({"type": Marker.SPHERE_LIST, "points": POINTS}, ""),
         ({"type": Marker.CUBE, "colors": [CLEAR]}, ""),
         ({"type": Marker.TEXT_VIEW_FACING, "text": "pillar"}, ""),

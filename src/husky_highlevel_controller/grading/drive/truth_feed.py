@@ -41,10 +41,12 @@ class TruthFeed:
         self._path.unlink()
         with connection, connection.makefile("r", buffering=BUFFER) as lines:
             for line in lines:
-                for key, value in json.loads(line).items():
-                    if key == "truth":
-                        self._on_truth(TrueState.from_numbers(value))
-                        with contextlib.suppress(OSError):
-                            connection.sendall(READ)
-                    else:
-                        self._on_event(key, str(value))
+                with contextlib.suppress(ValueError, TypeError, AttributeError):  # a broken line
+                    for key, value in json.loads(line).items():
+                        if key == "truth":
+                            self._on_truth(TrueState.from_numbers(value))
+                        else:
+                            self._on_event(key, str(value))
+                if "truth" in line:  # the simulator waits for it
+                    with contextlib.suppress(OSError):
+                        connection.sendall(READ)

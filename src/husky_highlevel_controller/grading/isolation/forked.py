@@ -25,6 +25,7 @@ MASTER, RECORDER = _ROS + "grading.master", _ROS + "grading.recorder"
 RVIZ_LOADER = _ROS + "grading.rviz_loader"
 SIMULATOR, SIMULATOR_SETUP = _ROS + "simulator.node", _ROS + "grading.simulator_setup"
 MODULES = (MASTER, RECORDER, RVIZ_LOADER, SIMULATOR, SIMULATOR_SETUP)  # each has a main()
+_SCRIPT_LOCK = threading.Lock()  # several threads may start programs
 _CONTEXT = multiprocessing.get_context("forkserver")
 
 
@@ -50,12 +51,13 @@ class _Child:
         self.stdout = open(end, "rb", buffering=0)  # noqa: SIM115 - the pump closes it
         with Connection(begin) as output:
             self._process = _CONTEXT.Process(target=_run, args=(command, env, folder, output), daemon=True)
-            script = sys.modules["__main__"]
-            sys.modules["__main__"] = ModuleType("__main__")  # or the child would run this program's script
-            try:
-                self._process.start()
-            finally:
-                sys.modules["__main__"] = script
+            with _SCRIPT_LOCK:
+                script = sys.modules["__main__"]
+                sys.modules["__main__"] = ModuleType("__main__")  # or the child would run our script
+                try:
+                    self._process.start()
+                finally:
+                    sys.modules["__main__"] = script
         self.pid = self._process.pid or 0
 
     def poll(self) -> Optional[int]:

@@ -19,7 +19,7 @@ from husky_highlevel_controller.datatypes import Pose, Quaternion
 from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.grading.drive.marker_shape import LINES, LISTS, MAX_POINTS, draw
 from husky_highlevel_controller.grading.drive.recording import ADD, DELETE, DELETE_ALL, MarkerSample
-from husky_highlevel_controller.grading.isolation.files import is_regular
+from husky_highlevel_controller.grading.isolation.files import is_below, is_regular
 from husky_highlevel_controller.ros import conversions
 
 BASE = "base_link"
@@ -116,15 +116,18 @@ class MarkerWatch:
         return True
 
     def _has(self, mesh: str) -> bool:
-        """Whether RViz finds a mesh, file://PATH or package://NAME/PATH; for http there is no network."""
+        """Whether RViz finds a mesh, file://PATH or package://NAME/PATH; for http there is no network.
+
+        Only packages are looked into: a submission is told nothing of other files of this machine.
+        """
         scheme, _, place = mesh.partition("://")
         if scheme == "file":
-            return is_regular(Path(place))
+            return any(_is_file_of(Path(folder), place) for folder in self._packages)
         package, _, path = place.partition("/")
         folders = [Path(folder, package) for folder in self._packages]
         with suppress(rospkg.ResourceNotFound):
             folders.append(Path(_installed().get_path(package)))
-        return scheme == "package" and any(is_regular(folder / path) for folder in folders)
+        return scheme == "package" and any(_is_file_of(folder, path) for folder in folders)
 
     def samples(
         self, times: np.ndarray, poses: Sequence[Pose], pillar: Tuple[float, float]
@@ -189,6 +192,13 @@ class MarkerWatch:
     def _lookup(self, frame: str, moment: float) -> Pose:
         transform = self._buffer.lookup_transform_core(BASE, frame, rospy.Time.from_sec(moment))
         return conversions.pose_from_transform(transform)
+
+
+def _is_file_of(folder: Path, place: str) -> bool:
+    """Whether a place, absolute or in a folder, is a file below it, also by way of links."""
+    with suppress(OSError, ValueError):  # a loop of links, a NUL
+        return is_below(folder / place, folder) and is_regular(folder / place)
+    return False
 
 
 def _frame(marker: Marker) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import threading
 from typing import Any, Optional
 
 import rospy
@@ -25,6 +26,7 @@ class TruthLog:
     def __init__(self) -> None:
         path = os.environ.get(VARIABLE)
         self._socket: Optional[socket.socket] = None
+        self._lock = threading.Lock()  # services answer in threads of their own
         if path:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             self._socket.settimeout(SEND_TIMEOUT)
@@ -60,6 +62,7 @@ class TruthLog:
         if self._socket is None:
             return
         try:
-            self._socket.sendall((json.dumps({key: value}) + "\n").encode())
+            with self._lock:
+                self._socket.sendall((json.dumps({key: value}) + "\n").encode())
         except OSError as error:
             self._give_up(error)
