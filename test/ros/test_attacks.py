@@ -36,6 +36,7 @@ STATES = {
     "escapes": "for a person",
     "escapes_too": "for a person",
     "forges_events": "for a person",
+    "forks": "for a person",
     "hides": "for a person",
     "hooks_the_setup": "marked",
     "links_out": "could not be marked: its build puts links in place of src or devel/setup.bash",
@@ -147,6 +148,8 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
     for text in (printed, *(path.read_text() for path in pages)):
         assert not [letter for letter in text if not letter.isprintable() and letter not in "\n\r\t"]
         assert "<script>alert" not in text or "<html" not in text
+    if not os.getuid():  # the kernel refuses them to others
+        assert "it started more than 1000 processes and threads" in rows["forks"]["notes"]
     recording = json.loads((out / "hand_ins" / "hides" / "drive_1" / "recording.json").read_text())
     assert {marker["problem"].replace("77", "") for marker in recording["markers"]} == {
         "it has no points", "its alpha is 0", "its mesh does not exist", "its text is empty",
@@ -169,6 +172,7 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
         assert not list(Path("/var/tmp").glob("husky_*"))
     running = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if path.exists()]
     assert b"sleep\0" + b"86399\0" not in running, "what an environment hook started"
+    assert b"forked_sleeper\0" + b"600\0" not in running
 
 
 @pytest.fixture

@@ -31,6 +31,7 @@ LOG = "memcheck."  # and the process's number; `ros/grading/submission.py` names
 CPU, WALL = 2.0, 8.0  # [s] that the node computes beneath valgrind once it listens, and at most waits
 ELF = b"\x7fELF"
 SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
+MAX_NESTED = 20  # parentheses in each other
 DEPTH = 4  # frames of the standard library between the read and the line of the hand-in
 
 _FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (.*) \(([^()]+):(\d+)\)$")
@@ -46,7 +47,7 @@ _VARIABLE = re.compile(
     re.DOTALL,
 )
 _MEMORY = re.compile(r"\b(?:struct|union|enum|new|malloc|alloca)\b")
-_IGNORED = re.compile(r"//[^\n]*|/\*.*?\*/|\#[^\n]*", re.DOTALL)
+_IGNORED = re.compile(r"//[^\n]*|/\*.*?(?:\*/|\Z)|\#[^\n]*", re.DOTALL)
 
 
 class Place(NamedTuple):
@@ -115,9 +116,9 @@ def _text(path: Path) -> str:
 
 def may_be_unwritten(text: str) -> bool:
     """Whether C++ declares a variable without a value, or may: then valgrind's seconds are spent on it."""
-    text, count = _IGNORED.sub("", text), 1
-    while count:
-        text, count = re.subn(r"\([^()]+\)", "()", text)
+    text = _IGNORED.sub("", text)
+    for _ in range(MAX_NESTED):
+        text = re.sub(r"\([^()]+\)", "()", text)
     declarations = filter(None, map(_VARIABLE.search, re.split(r"[;{}]", text)))
     names = [name for declaration in declarations for name in declaration["names"].split(",")]
     return bool(_MEMORY.search(text)) or any("=" not in name and "()" not in name for name in names)

@@ -142,8 +142,8 @@ def read_events(path: Path) -> List[Event]:
 
 _CALLBACK = re.compile(
     r"(?:\[ERROR\] \[[\d.]+(?:, (?P<at>[\d.]+))?\]: "
-    r"bad callback: <(?:function|bound method) (?P<name>[\w.]+)[^\n]*"
-    r"|Exception in thread (?P<thread>[^\n]*):)\n"
+    r"bad callback: <(?:function|bound method) (?P<name>[\w.]{1,200})[^\n]{0,500}"
+    r"|Exception in thread (?P<thread>[^\n]{0,200}):)\n"
     r"Traceback \(most recent call last\):\n(?P<lines>(?:[ \t][^\n]*\n)*)(?P<error>\w[^\n]*)"
 )
 _LINE = re.compile(r'File "[^"\n]*?([^/"\n]+)", line (\d+)')
@@ -176,10 +176,10 @@ def notes_on(events: Sequence[Event], output: str) -> List[str]:
         for event in events
         if event.event == "prefix"
     ]
-    for node in re.findall(r"ERROR: cannot launch node of type \[([^\]]+)\]", output):
+    for node in re.findall(r"ERROR: cannot launch node of type \[([^\]\n]{1,200})\]", output):
         notes.append(f"node {node} cannot be started: no such package or program, or it is not executable")
     notes += exceptions_in(output)
-    errors = re.findall(r"^\W*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
+    errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
     for event in events:
         if event.event == "died":
             code = event.exit_code

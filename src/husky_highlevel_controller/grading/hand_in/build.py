@@ -48,7 +48,7 @@ PLAIN_TYPES = "\n".join(
     + ["#endif\n"]
 )
 OLD_BOOST = "#define BOOST_BIND_GLOBAL_PLACEHOLDERS\n#include <boost/bind.hpp>\n"
-NEEDS_OLD_BOOST = re.compile(r"error:.*\b_[1-9]\b|\b_[1-9]\b.*was not declared", re.MULTILINE)
+_PLACEHOLDER = re.compile(r"\b_[1-9]\b")
 OLD_BOOST_NOTE = (
     "_1 of boost::bind is made to compile; newer versions of Boost call it boost::placeholders::_1"
 )
@@ -276,9 +276,9 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         if not code:
             break
         # headers may have been generated too late, and hide the error that the repair is for
-        repair = OLD_BOOST if NEEDS_OLD_BOOST.search(output) else ""
+        repair = OLD_BOOST if needs_old_boost(output) else ""
         output, code = _catkin_make(folders, needed, underlay, repair)
-        if repair or not NEEDS_OLD_BOOST.search(output):
+        if repair or not needs_old_boost(output):
             break
     notes += [OLD_BOOST_NOTE] * bool(repair)
     notes += [PLAIN_PUBLISH_NOTE] * _publishes_plain_values(folders.root / "devel" / "lib")
@@ -293,6 +293,12 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     setups = (*underlay.setups, *places[1:])
     workspace = Workspace(underlay.env, setups, (places[0],), underlay.hidden, own_modules=False)
     return Build(workspace, tuple(notes))
+
+
+def needs_old_boost(output: str) -> bool:
+    """Whether an error of a build's output is about _1 and its like."""
+    errors = [line for line in output.splitlines() if "error:" in line or "was not declared" in line]
+    return any(map(_PLACEHOLDER.search, errors))
 
 
 def _publishes_plain_values(libraries: Path) -> bool:

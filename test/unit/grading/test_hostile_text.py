@@ -1,0 +1,45 @@
+"""Texts of a hand-in that a regular expression could take hours for are read at once."""
+
+import subprocess
+import sys
+
+import pytest
+
+SIZE = 1_000_000  # letters; at the square of it a machine is busy for minutes
+DEADLINE = 60.0  # [s]
+CASES = {
+    "build.needs_old_boost": ("error: ", "_1 was ", "a:1: error: "),
+    "read_components": ("find_package(catkin ",),
+    "build.build_error": ("a:1: error: ", "CMake Error at ", "\n"),
+    "plan.exceptions_in": ("Exception in thread ", "[ERROR] [1.1]: bad callback: <function a"),
+    "notes_on": ("\n", "ERROR: cannot launch node of type [", "a."),
+    "memcheck.may_be_unwritten": ("(a", "/* ", "double a, ", "a)"),
+}
+CODE = """
+import sys, tempfile
+from pathlib import Path
+from husky_highlevel_controller.grading.drive import memcheck, plan
+from husky_highlevel_controller.grading.hand_in import build
+
+def read_components(text):
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "CMakeLists.txt").write_text(text)
+        build.missing_packages(build.Folders(Path(folder), {"a": Path(folder)}), {"a"}, {})
+
+def notes_on(text):
+    plan.notes_on([], text)
+
+read, piece, size = eval(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+arguments = [Path("/")] if read is build.build_error else []
+text = (piece * size)[:size - 1] + ")"
+read(text, *arguments)
+"""
+
+
+@pytest.mark.parametrize(("name", "piece"), [(name, piece) for name in CASES for piece in CASES[name]])
+def test_no_text_takes_the_square_of_its_length(name, piece):
+    command = [sys.executable, "-c", CODE, name, piece, str(SIZE)]
+    try:
+        subprocess.run(command, check=True, timeout=DEADLINE)
+    except subprocess.TimeoutExpired:
+        pytest.fail(f"{name} of {SIZE} letters {piece!r} takes more than {DEADLINE:g} s")
