@@ -53,7 +53,7 @@ PROGRAM = "husky_highlevel_controller.grading.mark"
 CLEANUP_DEADLINE = 10.0  # [s] of wall time from Ctrl-C until the marking program is killed
 MAX_RETURNED = 50_000_000  # [bytes] of a file that a cluster sends back
 # folders that are made of the hand-in, or by it
-NOT_RETURNED = frozenset({"unpacked", "ws", "stand_ins", SUBMISSION_FOLDER})
+NOT_RETURNED = frozenset({"unpacked", "ws", "copies", "stand_ins", SUBMISSION_FOLDER})
 Files = Dict[str, bytes]  # content by place in the folder of results
 
 

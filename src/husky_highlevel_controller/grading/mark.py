@@ -61,7 +61,7 @@ PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
 # of this program and of each that it forks: bytes; descriptors, since every connection costs a thread
 LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 OLD = (
-    "drive_*", "plan", "rviz", "robot", "memcheck", "stand_ins", "build.log", EVIDENCE, FINGERPRINT,
+    "drive_*", "plan", "rviz", "robot", "memcheck", "copies", "stand_ins", "build.log", EVIDENCE, FINGERPRINT,
     "result.json", "*.png",
 )  # fmt: skip
 

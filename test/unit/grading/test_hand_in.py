@@ -494,6 +494,10 @@ def test_a_copy_has_no_links_and_nothing_built_and_scripts_that_run(tmp_path):
     assert 'email="a@b.org"' in (folders.packages["husky"] / "package.xml").read_text()
 
 
+def test_a_workspace_may_be_empty(tmp_path):
+    assert copy_packages([], tmp_path / "copies") == (Folders(tmp_path / "copies"), [])
+
+
 def test_large_and_sparse_files_cost_a_note(tmp_path, monkeypatch):
     monkeypatch.setattr(build_module, "MAX_FILE", 1000)
     monkeypatch.setattr(build_module, "MAX_BYTES", 2000)

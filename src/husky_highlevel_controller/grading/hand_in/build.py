@@ -113,6 +113,7 @@ class Folders:
 def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, List[str]]:
     """Copy packages into a new workspace, without links, special files and what was built; and notes."""
     remove_tree(root)
+    (root / "src").mkdir(parents=True)
     notes: List[str] = []
     large: List[str] = []
     room = MAX_BYTES
@@ -120,7 +121,7 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
     for package in packages:
         target = copies[package.name] = root / "src" / package.name
         scripts: List[str] = []
-        target.mkdir(parents=True)
+        target.mkdir()
         # not its blocks on the disk: a sparse file would be written as the zeros that it stands for
         sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
         for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
