@@ -201,6 +201,7 @@ set_up() {
   { mkdir -p "$state" 2>/dev/null && [ -w "$state" ]; } \
     || die "cannot write to $here: put the repository where you may write"
   touch "$state/CATKIN_IGNORE"
+  local callers_packages=${ROS_PACKAGE_PATH:-}
   exec 9>"$state/lock"
   if command -v flock >/dev/null && ! flock -n 9; then
     say "waiting for another ./dev, which is installing or building"
@@ -227,6 +228,7 @@ set_up() {
     *":$workspace/src"*) ;;
     *) export ROS_PACKAGE_PATH=$workspace/src:${ROS_PACKAGE_PATH:-/usr/share} ;;   # Debian 13's catkin sets none
   esac
+  if [ -n "$callers_packages" ]; then export ROS_PACKAGE_PATH=$ROS_PACKAGE_PATH:$callers_packages; fi
   export PATH=$venv/bin:$PATH
   if [ -z "$ROS_IP$ROS_HOSTNAME" ] && ! getent hosts "$(uname -n)" >/dev/null; then
     export ROS_IP=127.0.0.1                  # a host name that does not resolve stops every node

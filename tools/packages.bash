@@ -38,11 +38,14 @@ grade_ros_packages=(
   python3-actionlib python3-angles python3-laser-geometry python3-message-filters python3-tf
   python3-tf2-geometry-msgs python3-tf2-sensor-msgs
 )
+# `run rostest`
+rostest_packages=()
+rostest_ros_packages=(python3-rostest librostest-dev)
 # `test`, which also marks hand-ins
 test_packages=("${grade_packages[@]}" openbox)
 # Ubuntu has Chromium as a snap only; without it the tests of the page are skipped
 if grep -qx 'ID=debian' /etc/os-release; then test_packages+=(chromium-headless-shell fonts-dejavu-core); fi
-test_ros_packages=("${grade_ros_packages[@]}" python3-rostest librostest-dev)
+test_ros_packages=("${grade_ros_packages[@]}" "${rostest_ros_packages[@]}")
 lint_packages=()
 lint_ros_packages=(catkin-lint)
 

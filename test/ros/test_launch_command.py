@@ -1,9 +1,11 @@
 """`./dev launch`: arguments are checked before anything starts, and a failed drive is a failed command."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from network import PACKAGE
@@ -96,8 +98,9 @@ def test_an_argument_with_one_sign_too_few_is_refused_with_the_right_one(launch)
 
 
 def test_a_display_that_does_not_answer_is_one_sentence(launch):
-    launched = launch("controller.launch", "real_time_factor:=0", DISPLAY=":7654")
-    launched.says("arrived after")
+    launched = launch("controller.launch", "real_time_factor:=0", "exit_on_arrival:=true", DISPLAY=":7654")
+    assert launched.wait() == 0
+    assert "arrived after" in launched.output
     assert "warning: display :7654 does not answer" in launched.output
     assert "husky_rviz" not in launched.output
 
@@ -168,6 +171,48 @@ def test_a_terminal_that_cannot_open_is_left_away(launch, tmp_path):
         launched.says(f"[{node}] process has finished cleanly")
     assert "node noterm starts without launch-prefix 'noterm -e': noterm is not installed" in launched.output
     assert "node xterm starts without launch-prefix 'xterm -e'" in launched.output
+
+
+def test_a_drive_without_arrival_ends_with_1_at_the_deadline(launch):
+    launched = launch(
+        "controller.launch", "gui:=false", "real_time_factor:=0", "exit_on_arrival:=true", "deadline:=5"
+    )
+    assert launched.wait() == 1
+    reason = "no arrival within 5 s of simulated time; last: driving"
+    assert launched.output.splitlines()[-1] == f"[dev] error: arrival_exit: {reason}"
+
+
+def test_a_drive_that_is_stopped_on_its_way_ends_with_1(launch, ros):
+    launched = launch("controller.launch", "gui:=false", "exit_on_arrival:=true")
+    launched.says("driving to the pillar")
+    ros.call("/husky_highlevel_controller/start_stop", "false")
+    launched.says("stopped on its way")
+    assert launched.wait() == 1
+
+
+STUDENTS_TEST = """<launch>
+  <include file="$(find husky_highlevel_controller)/launch/simulator.launch">
+    <arg name="world_name" value="$(find course_worlds)/pillar.world"/>"""
+
+
+def test_rostest_finds_the_package_of_its_file_and_those_of_the_caller(ros, tmp_path):
+    package, worlds = tmp_path / "src" / "my_husky", tmp_path / "elsewhere" / "course_worlds"
+    example = share_folder() / "examples" / "ci"
+    shutil.copytree(example, package)
+    worlds.mkdir(parents=True)
+    (worlds / "package.xml").write_text(
+        (example / "package.xml").read_text().replace("my_husky", worlds.name)
+    )
+    shutil.copy(share_folder() / "worlds" / "singlePillar.world", worlds / "pillar.world")
+    test = package / "test" / "reaches_the_pillar.test"
+    head, _, rest = test.read_text().partition("""simulator.launch">\n""")
+    test.write_text(STUDENTS_TEST + rest)
+    assert head
+    dev = Path(COMMAND[1]).resolve().parents[1] / "dev"
+    results = {"ROS_TEST_RESULTS_DIR": str(tmp_path / "results"), "ROS_PACKAGE_PATH": str(worlds.parent)}
+    tested = ros.start(str(dev), "run", "rostest", str(test), **results)
+    assert tested.wait() == 0, tested.output
+    assert "TESTS: 1" in tested.output
 
 
 INTERRUPTED = """

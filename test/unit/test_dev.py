@@ -124,6 +124,7 @@ def function_of_dev(name):
         ("groups_of_command rosrun husky_highlevel_controller grade --all there", ":0", "rviz grade page"),
         ("groups_of_command python examples/rollout", "", "page"),
         ("groups_of_command pytest -q", "", "test page"),
+        ("groups_of_command rostest mine.test", "", "rostest"),
     ],
 )
 def test_a_command_pulls_in_the_groups_that_it_may_need(call, display, groups):
