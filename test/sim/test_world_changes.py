@@ -316,6 +316,28 @@ def test_what_is_only_drawn_is_listed_and_deleted_but_does_not_move(simulate):
     assert set(simulation.bodies) == {"ground", "lines"}
 
 
+SLAB = Box((8.0, 8.0, 0.1))
+
+
+def test_the_robot_starts_moves_and_resets_on_top_of_a_slab(simulate):
+    # Clearpath's playpen: half of its asphalt, 0.1 m thick, is in the ground
+    simulation, level = simulate(body("asphalt", SLAB, mass=0.0)), simulate()
+    height = level.step().robot.pose_in_world.position[2] + 0.05
+    for act in (
+        lambda: None,
+        simulation.reset,
+        lambda: simulation.move("husky", Pose((1.0, 1.0, 0.0), UPRIGHT)),
+        simulation.reset_poses,
+    ):
+        act()
+        drive(simulation, 0.5)
+        assert simulation.step().robot.pose_in_world.position[2] == pytest.approx(height, abs=1e-3)
+    simulation.move("husky", Pose((6.0, 0.0, 0.0), UPRIGHT))
+    assert simulation.step().robot.pose_in_world.position[2] == pytest.approx(height - 0.05, abs=1e-3)
+    with pytest.raises(PlacementError, match="'husky' would stand inside 'asphalt'"):
+        simulation.move("husky", Pose((4.0, 0.0, 0.0), UPRIGHT))  # half on it
+
+
 WORLDS = sorted((Path(__file__).parents[2] / "worlds").glob("*.world"))
 
 

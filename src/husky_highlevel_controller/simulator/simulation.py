@@ -25,6 +25,7 @@ from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.bullet.world import ROBOT, PlacementError
 from husky_highlevel_controller.simulator.chassis import Chassis
 from husky_highlevel_controller.simulator.equipment import POINTS_STREAM, equip
+from husky_highlevel_controller.simulator.ground import slab_height
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 from husky_highlevel_controller.simulator.odometry import Odometer
 from husky_highlevel_controller.simulator.sensors.raycast import cast_rays
@@ -106,8 +107,13 @@ class Simulation:
         self._equipment.base.reset()
         self._bullet.clear(self._world.gravity)
         self._objects.load(self._world.bodies)
-        self._chassis.place(self._chassis.on_ground(pose_from_2d(self._start)), self._world.gravity)
+        self._chassis.place(self._standing(pose_from_2d(self._start)), self._world.gravity)
         self._odometer.reset(self._chassis.wheels())
+
+    def _standing(self, pose: Pose) -> Pose:
+        """Pose of base_link when the wheels stand on the xy plane of a pose, or on a slab that lies there."""
+        height = slab_height(self._objects.scene(), pose)
+        return self._chassis.on_ground(compose(pose, Pose((0.0, 0.0, height))) if height else pose)
 
     def load_world(self, world: World) -> None:
         """Begin anew in another world.
@@ -219,7 +225,7 @@ class Simulation:
 
     def _move_robot(self, pose_in_world: Pose) -> None:
         world_in_odom = self.pose_world_in_odom
-        self._chassis.move(self._chassis.on_ground(pose_in_world))
+        self._chassis.move(self._standing(pose_in_world))
         self._equipment.imu.restart()
         self._equipment.base.reset()
         self._odometer.relocate(pose_to_2d(compose(world_in_odom, self._chassis.state.pose_in_world)))
@@ -231,8 +237,6 @@ class Simulation:
             PlacementError: something stands at the robot's start; then nothing changes.
         """
         start = pose_from_2d(self._start)
-        self._bullet.check_moves(
-            {**self._objects.initial_poses, ROBOT: self._chassis.on_ground(start)}, ROBOT
-        )
+        self._bullet.check_moves({**self._objects.initial_poses, ROBOT: self._standing(start)}, ROBOT)
         self._objects.reset_poses()
         self._move_robot(start)

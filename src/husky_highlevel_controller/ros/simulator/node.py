@@ -7,8 +7,7 @@ import sys
 import time
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
-from typing import Any, Callable, List, Optional, Tuple
+from typing import Any, Callable, Optional, Tuple
 
 import rosgraph
 import rospy
@@ -17,7 +16,6 @@ from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Vector3, World
-from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
@@ -288,7 +286,7 @@ class SimulatorNode:
 
     def _read_world(self, name: str) -> World:
         start = Pose2D(self._start.x, self._start.y, self._start.yaw)
-        return with_ground(load_world(find_world(name, _world_folders())), start)
+        return with_ground(load_world(find_world(name)), start)
 
     def _load_world(self, name: str) -> str:
         world = self._read_world(name)
@@ -325,13 +323,6 @@ class SimulatorNode:
         return LoadWorldResponse(
             *ask(self._calls, lambda: self._load_world(request.world_name), between_steps=True)
         )
-
-
-def _world_folders() -> List[Path]:
-    """Folders searched for a world without an absolute path: this package's, then Gazebo's."""
-    share = share_folder()
-    gazebo = os.environ.get("GAZEBO_RESOURCE_PATH", "").split(os.pathsep)
-    return [share / "worlds", share, *(Path(folder) for folder in gazebo if folder)]
 
 
 def main() -> None:

@@ -9,13 +9,15 @@ Elements that are not supported are named in one warning per kind; invalid ones 
 from __future__ import annotations
 
 import logging
+import os
 from dataclasses import dataclass, field
 from math import hypot
 from pathlib import Path
-from typing import Iterator, List, Sequence, Union
+from typing import Iterator, List, Union
 
 from husky_highlevel_controller.datatypes import IDENTITY, Body, Geometry, Pose, Vector3, World
 from husky_highlevel_controller.geometry import compose, inverse
+from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.models.sdf_frames import FrameScope, frame_of
 from husky_highlevel_controller.simulator.models.sdf_geometry import rgba_of, shape_of
@@ -63,14 +65,16 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
     return bodies
 
 
-def find_world(name: str, folders: Sequence[Path]) -> Path:
-    """Resolve the name of a world file: an absolute path, or relative to one of `folders`.
+def find_world(name: str) -> Path:
+    """Resolve the name of a world file: an absolute path, or one in this package or GAZEBO_RESOURCE_PATH.
 
     A path that is not there, such as of a world of Gazebo's, is looked up by its last part, with a warning.
 
     Raises:
         WorldError: there is no such file.
     """
+    gazebo = filter(None, os.environ.get("GAZEBO_RESOURCE_PATH", "").split(os.pathsep))
+    folders = [share_folder() / "worlds", share_folder(), *map(Path, gazebo)]
     for folder in folders:
         path = folder / name  # an absolute name stays as it is
         if path.is_file():
