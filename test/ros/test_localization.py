@@ -62,12 +62,18 @@ def write_bag(path):
 
 def play(ros, bag, rate, recorded):
     """Play a bag; rows of stamp, x, y of the filter's path."""
+
+    def listeners():
+        return set(dict(ros.master("getSystemState")[1]).get("/odometry/filtered", ()))
+
+    others = listeners()
     recorder = ros.start("rosbag", "record", "-O", str(recorded), "/odometry/filtered", "/tf")
-    wait_until(lambda: "/odometry/filtered" in dict(ros.master("getSystemState")[1]), "it is recorded")
+    wait_until(lambda: listeners() - others, "the recorder listens")
     player = ros.start("rosbag", "play", "--clock", "-d", "3", "-r", str(rate), str(bag))
     assert player.wait() == 0, player.output
     recorder.popen.send_signal(signal.SIGINT)
     assert recorder.wait() == 0, recorder.output
+    wait_until(recorded.exists, "the recorder has ended")
     with rosbag.Bag(str(recorded)) as path:
         messages = [msg for _, msg, _ in path.read_messages(topics=["/odometry/filtered"])]
         sent = [frame for _, msg, _ in path.read_messages(topics=["/tf"]) for frame in msg.transforms]

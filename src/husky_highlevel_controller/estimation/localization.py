@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import heapq
 from math import ceil, inf
-from typing import Dict, List, Tuple
+from typing import Collection, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from husky_highlevel_controller.estimation.filter_config import FilterConfig
 from husky_highlevel_controller.estimation.planar_ekf import YAW_RATE, MotionEstimate, PlanarEkf
 from husky_highlevel_controller.estimation.readings import MotionSensor, Mounting, Reading, ReadingError
 
-PATIENCE = 1.0  # [s], by which a sensor may fall behind the others before they go on without it
+PATIENCE = 1.0  # [s], by which a silent sensor falls behind before the others go on without it
 MAX_PAUSE = 10.0  # [s], without a reading, over which there are estimates
 SAME_TIME = 1e-6  # [s]; a stamp of today has seven digits after the point
 
@@ -55,8 +55,16 @@ class Localization:
         for sensor in self._sensors.values():
             sensor.forget()
 
-    def add(self, name: str, reading: Reading, mounting: Mounting) -> List[MotionEstimate]:
+    def add(
+        self, name: str, reading: Reading, mounting: Mounting, silent: Optional[Collection[str]] = None
+    ) -> List[MotionEstimate]:
         """Take a sensor's reading; the estimates that are due by it.
+
+        Args:
+            name: of the sensor.
+            reading: later than its last one.
+            mounting: frames of its numbers.
+            silent: sensors that are not waited for once they are PATIENCE behind; None: any.
 
         Raises:
             ReadingError: it is no later than the one before, or a number that counts is none.
@@ -69,7 +77,7 @@ class Localization:
         self._last[name] = reading.stamp
         if reading.stamp > self._set_at:
             heapq.heappush(self._waiting, (reading.stamp, name, reading, mounting))
-        horizon = self._horizon()
+        horizon = self._horizon(self._sensors if silent is None else silent)
         due = []
         while self._waiting and self._waiting[0][0] <= horizon:
             stamp, name, reading, mounting = heapq.heappop(self._waiting)
@@ -77,12 +85,11 @@ class Localization:
             self._process(name, reading, mounting)
         return due + self._estimates(horizon + SAME_TIME)
 
-    def _horizon(self) -> float:
-        """Time that every sensor has reported beyond; a silent one is waited for up to PATIENCE [s]."""
-        newest = max(self._last.values())
-        if len(self._last) < len(self._sensors) and newest - self._first < PATIENCE:
-            return -inf
-        return min(stamp for stamp in self._last.values() if stamp > newest - PATIENCE)
+    def _horizon(self, silent: Collection[str]) -> float:
+        """Time that every sensor has reported beyond, but those that are given up [s]."""
+        behind = max(self._last.values()) - PATIENCE
+        given_up = {name for name in silent if self._last.get(name, self._first) < behind}
+        return min(self._last.get(name, -inf) for name in self._sensors if name not in given_up)
 
     def _process(self, name: str, reading: Reading, mounting: Mounting) -> None:
         started, yaw_rate = self._ekf.started, float(self._ekf.estimate.state[YAW_RATE])

@@ -85,6 +85,17 @@ def test_a_sensor_that_dies_or_never_comes_is_not_waited_for():
     assert path(localization(), died)[-1, 0] > 3.9
 
 
+def test_a_sensor_that_is_late_but_not_silent_is_waited_for():
+    readings, filter_ = drive(), localization()
+    due = [e for name, reading in readings if name == "imu0" for e in filter_.add(name, reading, AT_BASE, ())]
+    assert due == []
+    due = [
+        e for name, reading in readings if name == "odom0" for e in filter_.add(name, reading, AT_BASE, ())
+    ]
+    rows = np.array([(estimate.stamp, *estimate.state) for estimate in due])
+    assert rows.tobytes() == path(localization(), readings).tobytes()
+
+
 def test_without_prediction_an_estimate_is_of_the_last_measurement():
     stamps = path(localization(predict_to_current_time=False, sensor_timeout=0.5), drive())[:, 0]
     assert set(np.round(stamps * 1000).astype(int) % 20) <= {0, 3}

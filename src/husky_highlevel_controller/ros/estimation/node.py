@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from math import hypot, inf, isqrt
 from typing import Any, Dict, List, Optional, Sequence
 
@@ -26,7 +27,8 @@ from husky_highlevel_controller.ros.node import publish, run_node
 from husky_highlevel_controller.ros.transforms import lookup_transform
 
 QUEUE = 1000  # messages, at least: a bag that is played fast comes in bursts, and each message counts
-MAX_AHEAD = 10.0  # [s], of a stamp before the clock
+MAX_AHEAD = 60.0  # [s], of a stamp before the clock, which may lag behind a bag that is played fast
+SILENCE = 1.0  # [s] of wall time: a thread that waits its turn is no silent sensor
 CLOCK_BACK = 1.0  # [s]; a clock that goes back by more is another run
 REPORT_PERIOD = 5.0  # [s] between two complaints about a topic
 OFF_PLANE = 1e-6  # variance of z, roll, pitch and their rates
@@ -63,7 +65,8 @@ class LocalizationNode:
     def _begin(self) -> None:
         self._now, self._filter = 0.0, Localization(self._config)
         self._held: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
-        self._silent = set(self._config.inputs)
+        self._first_heard = 0.0  # [s] of wall time
+        self._heard: Dict[str, float] = {}  # [s] of wall time, by input
 
     def _on_message(self, msg: Any, name: str) -> None:
         now, stamp = rospy.get_time(), msg.header.stamp.to_sec()
@@ -74,7 +77,8 @@ class LocalizationNode:
                 )
                 self._begin()
             self._now = max(now, self._now)
-            self._silent.discard(name)
+            self._heard[name] = time.monotonic()
+            self._first_heard = self._first_heard or self._heard[name]
             if stamp > now + MAX_AHEAD:
                 self._complain(name, f"its stamp is {stamp:.3f} s at {now:.3f} s: it is left out")
                 return
@@ -82,6 +86,7 @@ class LocalizationNode:
             held.append(msg)
             mounting = self._mounting(msg, name)
             if mounting is None:
+                self._heard[name] = 0.0  # the others go on without it
                 del held[:-QUEUE]
                 return
             self._held[name] = []
@@ -89,8 +94,10 @@ class LocalizationNode:
                 self._add(name, message, mounting)
 
     def _add(self, name: str, msg: Any, mounting: Mounting) -> None:
+        since = time.monotonic() - SILENCE
+        silent = {other for other in self._config.inputs if self._heard.get(other, self._first_heard) < since}
         try:
-            estimates = self._filter.add(name, reading_from_msg(msg), mounting)
+            estimates = self._filter.add(name, reading_from_msg(msg), mounting, silent)
         except ReadingError as error:
             self._complain(name, f"{error}: it is left out")
             return
@@ -140,7 +147,7 @@ class LocalizationNode:
             rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: {sentence}")
 
     def _report_silence(self, _event: Any) -> None:
-        for name in sorted(self._silent):
+        for name in sorted(set(self._config.inputs) - set(self._heard)):
             rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: no message yet ({name})")
 
 
