@@ -30,7 +30,7 @@ QUICK = ["--trials", "1", "--pace", "8", "--robot", "husky"]
 
 # state of each hand-in; attacks beside those of the package `attacks`
 STATES = {
-    "blocks_readers": "for a person",
+    "blocks_readers": "marked",
     "breaks_readers": "marked",
     "drives_by_chance": "for a person",
     "escapes": "for a person",

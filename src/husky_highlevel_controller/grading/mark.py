@@ -107,9 +107,10 @@ def _gather(job: Job, out: Path) -> Result:
     """Build, drive and look at RViz; recordings, evidence, record, pictures, and what they are worth."""
     submission, notes = _submission(job, out)
     planned = plan(submission, out / "plan")
+    starts = bool(planned.nodes) and not submission.problem
     config = replace(job.config, robot=job.override.robot or job.config.robot)
     recordings: List[Recording] = []
-    if config.robot == AUTO and planned.nodes and names_the_husky_s_scans(planned):
+    if config.robot == AUTO and starts and names_the_husky_s_scans(planned):
         husky = replace(config, robot=DEFAULT)
         recordings = _drives(submission, planned, replace(job, config=husky))
         if recordings[0].subscribed:  # else it listens elsewhere, whatever its files name
@@ -120,7 +121,7 @@ def _gather(job: Job, out: Path) -> Result:
     if not recordings or config.scan_topic != ROBOT_VERSIONS[DEFAULT][0]:
         recordings = _drives(submission, planned, replace(job, config=config))
     (trial, *_) = draw_trials(1, config.seed)
-    chance = uninitialised(submission, planned, trial, config, out / "memcheck") if planned.nodes else ""
+    chance = uninitialised(submission, planned, trial, config, out / "memcheck") if starts else ""
     view, pixels = look(submission, planned, config, out / "rviz")
     network = "loopback only" if private_network.is_private() else "not kept apart"
     evidence = Evidence(
@@ -156,8 +157,9 @@ def _drives(submission: Submission, planned: Plan, job: Job) -> List[Recording]:
     for trial in trials:
         trial = replace(trial, driver=exercise.driver, ends_at_pillar=exercise.random_starts)
         folder = Path(job.out, f"drive_{trial.number}")
-        if not planned.nodes:
-            recording = empty_recording(trial.pillar, config.deadline, planned.notes)
+        if submission.problem or not planned.nodes:
+            cause = (submission.problem,) if submission.problem else planned.notes
+            recording = empty_recording(trial.pillar, config.deadline, cause)
             recording = replace(recording, robot=config.robot_name)
             folder.mkdir()
             write_whole(folder / RECORDING, recording_to_json(recording))

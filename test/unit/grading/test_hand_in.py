@@ -29,11 +29,13 @@ from husky_highlevel_controller.grading.batch import (
     run_there,
     write_outputs,
 )
+from husky_highlevel_controller.grading.drive.plan import Submission
 from husky_highlevel_controller.grading.drive.recording import empty_recording
 from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.hand_in import archives, launch_choice
 from husky_highlevel_controller.grading.hand_in import build as build_module
 from husky_highlevel_controller.grading.hand_in import packages as packages_module
+from husky_highlevel_controller.grading.hand_in import prepare as prepare_module
 from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, unpack
 from husky_highlevel_controller.grading.hand_in.build import (
     OLD_BOOST,
@@ -68,6 +70,7 @@ from husky_highlevel_controller.grading.records import (
     GivenPoints,
     Item,
     Job,
+    Launchable,
     MarkingConfig,
     Override,
     Result,
@@ -315,6 +318,51 @@ def test_of_two_packages_with_one_name_the_exercise_s_is_taken(tmp_path):
         _, (taken,), notes = chosen(tmp_path / "class", place, exercise)
         assert str(taken.place) == f"course{exercise}/husky"
         assert f"package husky is taken from course{exercise}/husky" in notes[0]
+
+
+def test_of_equal_copies_the_one_with_a_launch_file_that_starts_its_node_is_taken(tmp_path):
+    package(tmp_path / "class" / "ann" / "Input" / "husky", "husky")
+    put(tmp_path / "class" / "ann" / "Input" / "husky" / "src" / "many.cpp")
+    solved = package(tmp_path / "class" / "ann" / "Solution" / "husky", "husky")
+    launch(solved / "launch" / "any.launch", NODE.format("husky"))
+    _, (taken,), notes = chosen(tmp_path / "class", tmp_path)
+    assert taken.path == solved
+    assert "package husky is taken from Solution/husky; left aside: Input/husky" in notes
+    put(solved / "launch" / "any.launch", f"<launch><!-- {NODE.format('husky')} --></launch>")
+    (hand_in,) = find_hand_ins(tmp_path / "class")
+    (taken,), _ = choose_packages(open_hand_in(hand_in, tmp_path).packages, 3)
+    assert taken.path == tmp_path / "class" / "ann" / "Input" / "husky", "it has more files"
+
+
+def test_a_copy_that_does_not_build_gives_way_to_the_next(tmp_path, monkeypatch):
+    for name in ("first", "second", "third"):
+        folder = package(tmp_path / "class" / "ann" / name / "husky", "husky")
+        launch(folder / "launch" / "a.launch", NODE.format("husky"))
+    put(folder / "scripts" / "controller", "#!/bin/sh\n")
+
+    def build(folders, *_):
+        works = (folders.packages["husky"] / "scripts").exists()
+
+        return build_module.Build(Workspace(), (), "" if works else "it does not build: a.cpp:1: error: x")
+
+    monkeypatch.setattr(prepare_module, "build", build)
+    (tmp_path / "out").mkdir()
+    ann, out = tmp_path / "class" / "ann", tmp_path / "out"
+    submission, notes = prepare_module.prepare(ann, Override(), 3, Workspace(), out)
+    assert not submission.problem
+    assert any("package husky is taken from third/husky" in note for note in notes)
+    shutil.rmtree(tmp_path / "class" / "ann" / "third")
+    submission, notes = prepare_module.prepare(ann, Override(), 3, Workspace(), out)
+    assert submission.problem == "it does not build: a.cpp:1: error: x"
+    assert any("package husky is taken from first/husky" in note for note in notes)
+
+
+def test_which_copy_was_taken_is_told_where_nothing_starts(tmp_path):
+    for name in ("first", "second"):
+        package(tmp_path / "class" / "ann" / name / "husky", "husky")
+    (tmp_path / "out").mkdir()
+    with pytest.raises(NotMarkableError, match=r"no launch file starts .*taken from first/husky; left aside"):
+        prepare_module.prepare(tmp_path / "class" / "ann", Override(), 3, Workspace(), tmp_path / "out")
 
 
 def test_an_archive_with_the_exercise_s_number_is_the_real_hand_in(tmp_path):
@@ -740,6 +788,21 @@ def test_a_hand_in_has_a_result_whatever_goes_wrong_and_is_marked_again(
     assert result.problem == problem
     assert not (tmp_path / "ann" / FINGERPRINT).exists(), "nothing that a resume takes for done"
     assert "could not be marked" in (tmp_path / "ann" / "feedback.html").read_text()
+
+
+def test_what_does_not_build_is_told_in_every_item_that_needs_it_and_is_not_driven(tmp_path, monkeypatch):
+    error = "it does not build: controller.cpp:3:1: error: expected ';'"
+    launchable = Launchable("launch", "husky", str(launch(tmp_path / "a.launch", NODE.format("husky"))))
+    submission = Submission(launchable, Workspace(packages=(tmp_path,)), problem=error)
+    monkeypatch.setattr(mark_module, "prepare", lambda *_: (submission, [error]))
+    monkeypatch.setattr(mark_module, "drive", None)
+    result = mark(Job("ann", str(tmp_path / "ann"), MarkingConfig(), hand_in=str(tmp_path)))
+    assert not result.problem
+    approach, arrival, _, place, _ = result.items
+    for item in (approach, arrival, place):
+        assert error in item.evidence
+        assert "mend this error first" in item.hint
+    assert result.cause == approach
 
 
 def test_a_hand_in_that_cannot_be_marked_is_not_tried_again(tmp_path):

@@ -36,6 +36,7 @@ class Submission:
     workspace: Workspace = field(default_factory=Workspace)
     root: Optional[Path] = None  # folder of its built workspace; None: it was not built here
     package_path: Optional[Path] = None  # of the launchable's package, if it was built here
+    problem: str = ""  # why nothing of it can be started: it does not build
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[s
     words = _names_of_the_smb(planned)
     if words:
         return "smb", "", f"the simulated robot is the SMB: {words}"
-    if not planned.nodes:
+    if submission.problem or not planned.nodes:
         mention = _named(planned, SCANS)
         version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
         words = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"

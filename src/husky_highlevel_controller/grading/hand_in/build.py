@@ -85,6 +85,7 @@ class Build:
 
     workspace: Workspace
     notes: Tuple[str, ...] = ()
+    error: str = ""  # why something was not built
 
 
 @dataclass(frozen=True)
@@ -283,17 +284,18 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
             break
     notes += [OLD_BOOST_NOTE] * bool(repair)
     notes += [PLAIN_PUBLISH_NOTE] * _publishes_plain_values(folders.root / "devel" / "lib")
+    error = ""
     if code is None:
-        notes.append(f"it does not build within {BUILD_DEADLINE:g} s")
+        error = f"it does not build within {BUILD_DEADLINE:g} s"
     elif code:
-        notes.append(f"it does not build: {build_error(output, folders.root)}")
+        error = f"it does not build: {build_error(output, folders.root)}"
     places = [folders.root / "src", *[folders.setup] * folders.setup.exists()]
     # the sandbox would show a link's target, and marking would write into it
     if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
         raise NotMarkableError("its build puts links in place of src or devel/setup.bash")
     setups = (*underlay.setups, *places[1:])
     workspace = Workspace(underlay.env, setups, (places[0],), underlay.hidden, own_modules=False)
-    return Build(workspace, tuple(notes))
+    return Build(workspace, (*notes, *[error] * bool(error)), error)
 
 
 def needs_old_boost(output: str) -> bool:

@@ -6,15 +6,21 @@ import hashlib
 import os
 import re
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import Dict, FrozenSet, List, Mapping, Sequence, Set, Tuple
+from typing import Any, Dict, FrozenSet, List, Mapping, Sequence, Set, Tuple
 
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, suffix_of, unpack
-from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_regular, walk
+from husky_highlevel_controller.grading.isolation.files import (
+    UnreadableFileError,
+    read_regular,
+    read_text,
+    walk,
+)
 
 MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # inside of one hand-in
 MAX_NAME, KEPT_NAME = 200, 40  # [bytes] of a name that becomes a folder, letters kept of a longer one
@@ -196,11 +202,14 @@ def fits_exercise(place: PurePosixPath, exercise: int) -> int:
     return 1
 
 
-def choose_packages(packages: Sequence[Package], exercise: int) -> Tuple[List[Package], List[str]]:
+def choose_packages(
+    packages: Sequence[Package], exercise: int, attempt: int = 0
+) -> Tuple[List[Package], List[str]]:
     """The packages that belong to an exercise, each name once; and notes on what is left aside.
 
-    Known packages are left aside; of several with the same name the one of the exercise stays; packages of
-    other exercises stay only if one that stays depends on them.
+    Known packages are left aside; of several with the same name the one of the exercise stays, of equals the
+    one with a launch file that starts its node, then the one with more files; at a further attempt the next
+    one. Packages of other exercises stay only if one that stays depends on them.
     """
     notes: List[str] = []
     by_name: Dict[str, List[Package]] = {}
@@ -211,13 +220,13 @@ def choose_packages(packages: Sequence[Package], exercise: int) -> Tuple[List[Pa
         notes.append(f"left aside, because not the student's own: {', '.join(known_names)}")
     package_by_name: Dict[str, Package] = {}
     for name in sorted(set(by_name) - KNOWN):
-        namesakes = sorted(
-            by_name[name], key=lambda each: (-fits_exercise(each.place, exercise), _depth(each))
-        )
-        package_by_name[name] = namesakes[0]
+        namesakes = by_name[name]
         if len(namesakes) > 1:
+            namesakes = sorted(namesakes, key=partial(_rank, exercise=exercise))
+            namesakes.insert(0, namesakes.pop(min(attempt, len(namesakes) - 1)))
             places = ", ".join(str(each.place) for each in namesakes[1:])
             notes.append(f"package {name} is taken from {namesakes[0].place}; left aside: {places}")
+        package_by_name[name] = namesakes[0]
     names = {name for name, package in package_by_name.items() if fits_exercise(package.place, exercise)}
     names = with_dependencies(names or set(package_by_name), package_by_name)
     aside = sorted(set(package_by_name) - names)
@@ -241,7 +250,18 @@ def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]
     return members
 
 
-def _depth(package: Package) -> Tuple[bool, int, str]:
-    """Folders before archives, outer before inner."""
+def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
+    """Smaller is better: folders come before archives, outer ones before inner."""
     in_archive = any(suffix_of(part) for part in package.place.parts)
-    return in_archive, len(package.place.parts), str(package.place)
+    fits, files = fits_exercise(package.place, exercise), list(walk(package.path, BUILT))
+    starts = any(_starts_node(path, package.name) for path in files if path.suffix == ".launch")
+    return -fits, not starts, in_archive, -len(files), len(package.place.parts), str(package.place)
+
+
+def _starts_node(path: Path, package: str) -> bool:
+    """Whether a launch file names a package as a node's."""
+    try:
+        text = re.sub(r"<!--.*?(?:-->|\Z)", "", read_text(path, MAX_MANIFEST), flags=re.DOTALL)
+    except UnreadableFileError:
+        return False
+    return bool(re.search(rf"""\bpkg\s*=\s*["']{package}["']""", text))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 from husky_highlevel_controller.grading.drive.plan import Submission
-from husky_highlevel_controller.grading.hand_in.build import build, copy_packages, is_built
+from husky_highlevel_controller.grading.hand_in.build import Folders, build, copy_packages, is_built
 from husky_highlevel_controller.grading.hand_in.launch_choice import (
     LaunchFile,
     choose_launch_files,
@@ -51,8 +51,31 @@ def prepare(
     remove_tree(unpacked)
     unpacked.mkdir()
     contents = open_hand_in(HandIn(out.name, path), unpacked)
-    exercise = override.exercise or exercise
-    packages, aside = choose_packages(contents.packages, exercise)
+    override = replace(override, exercise=override.exercise or exercise)
+    underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent))
+    names = [package.name for package in contents.packages]
+    copies = max(map(names.count, names), default=1)  # of one package
+    problems: Dict[int, str] = {}  # by attempt
+    for attempt in range(min(copies, MAX_TRIED)):
+        try:
+            submission, notes = _prepare_copy(contents, attempt, override, underlay, out)
+        except NotMarkableError as error:
+            problems[attempt] = str(error)
+        else:
+            if not submission.problem or copies == 1:
+                return submission, notes
+    unbuilt = [attempt for attempt in range(min(copies, MAX_TRIED)) if attempt not in problems]
+    if not unbuilt:
+        raise NotMarkableError(problems[0])
+    return _prepare_copy(contents, unbuilt[0], override, underlay, out)
+
+
+def _prepare_copy(
+    contents: Contents, attempt: int, override: Override, underlay: Workspace, out: Path
+) -> Tuple[Submission, List[str]]:
+    """Choose and build the packages of one attempt, see `choose_packages`."""
+    exercise = override.exercise or 0
+    packages, aside = choose_packages(contents.packages, exercise, attempt)
     if not packages:
         raise NotMarkableError("; ".join(["no catkin package in it", *contents.notes, *aside]))
     notes = [*contents.notes, *aside]
@@ -62,19 +85,21 @@ def prepare(
         candidates = [named_launch_file(contents, packages, override.launch)]
         notes.append(f"launch file {candidates[0].place}, by marking.yaml")
     elif not override.node:
-        candidates = choose_launch_files(contents, packages, exercise)
+        try:
+            candidates = choose_launch_files(contents, packages, exercise)
+        except NotMarkableError as error:
+            raise NotMarkableError("; ".join([str(error), *notes])) from error
     launch = candidates[0] if candidates else None
     needed = set(launch.uses if launch else ()) or set(by_name)
     folders, repairs = copy_packages(packages, out / "ws")
     notes += repairs
-    underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent))
     built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
     for other in candidates[1:MAX_TRIED]:
-        if launch is None or any(is_built(node, folders) for node in launch.nodes):
+        if launch is None or _is_any_built(launch.nodes, folders):
             break
         needed |= set(other.uses)
         rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
-        if any(is_built(node, folders) for node in other.nodes):
+        if _is_any_built(other.nodes, folders):
             notes.append(f"launch file {launch.place} is passed over: {', '.join(launch.nodes)} is not built")
             launch, built = other, rebuilt
     copies, _ = copy_packages(copies_of_known(contents.packages), out / "copies")
@@ -93,7 +118,14 @@ def prepare(
         file = launch_file_in(launch, by_name[package].path, folders.packages[package], folders.root)
         title = " ".join([str(launch.place), *override.arguments])
         launchable = Launchable("launch", package, str(file), override.arguments, title)
-    return Submission(launchable, built.workspace, folders.root, folders.packages.get(package)), notes
+    nodes = launch.nodes if launch else (f"{package}/{node}",)
+    problem = "" if _is_any_built(nodes, folders) else built.error
+    package_path = folders.packages.get(package)
+    return Submission(launchable, built.workspace, folders.root, package_path, problem), notes
+
+
+def _is_any_built(nodes: Sequence[str], folders: Folders) -> bool:
+    return any(is_built(node, folders) for node in nodes)
 
 
 def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:

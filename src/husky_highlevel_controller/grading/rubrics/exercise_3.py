@@ -72,7 +72,7 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     item = Item(ITEMS[1], 0.0, 30.0, "")
     gaps, times = recording.hull_gaps, recording.times
     if not len(times):
-        return replace(item, evidence="there was no drive", hint=LOGS)
+        return no_drive(item, recording)
     nearest = int(np.argmin(gaps))
     if gaps[nearest] > rules.reached:
         at = float(times[nearest])
@@ -112,6 +112,8 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
 def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     """The marker is at the pillar: 20, by how near it is and how much of the time."""
     item = Item(ITEMS[3], 0.0, 20.0, "", hint=MARKER)
+    if not len(recording.times) and causes(recording):
+        return no_drive(item, recording)
     if not recording.marker_topics:
         words = "no topic of type visualization_msgs/Marker or MarkerArray"
         return replace(item, evidence=words, hint="publish a visualization_msgs/Marker")
@@ -124,6 +126,12 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     points = round(20.0 * best.score, 1)
     hint = MIRRORED if best.mirrored else MARKER
     return replace(item, points=points, evidence=best.evidence, at=best.at, hint=hint)
+
+
+def no_drive(item: Item, recording: Recording) -> Item:
+    """The item of a submission of which nothing was started."""
+    cause = first_cause(recording)
+    return replace(item, evidence=f"there was no drive: {cause}", hint=hint_on(cause))
 
 
 def first_touch(recording: Recording) -> float:
@@ -178,6 +186,7 @@ MIRRORED = (
     "transform the point by TF, and change no sign"
 )
 HINTS = (
+    ("does not build", "mend this error first: nothing can be started without it; others may follow from it"),
     ("listens to", "compare your topic's name with `rostopic list`, and look for a missing remap"),
     ("does not subscribe", "subscribe to the scans, in the constructor"),
     ("advertises no", "make a publisher of geometry_msgs/Twist on /cmd_vel, in the constructor"),
