@@ -35,6 +35,7 @@ from husky_highlevel_controller.controller.search import (
     near_points,
     search_on,
 )
+from husky_highlevel_controller.controller.sensor_faults import MAX_OFFSET, frame_sentence
 from husky_highlevel_controller.controller.tracking import Estimate, Track, Visibility, aged, follow
 from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Scan, Twist2D
 from husky_highlevel_controller.footprint import Footprint
@@ -65,6 +66,7 @@ class Observation:
     laser_in_base: Optional[Pose]  # None where TF does not know
     base_in_odom: Optional[Pose2D]  # at the scan's stamp; None where TF does not know
     outline: Footprint = field(default_factory=lambda: load_robot().footprint)  # of the robot
+    ahead_of_odometry: float = 0.0  # [s], by which the scan's clock is ahead of that of `base_in_odom`
 
     @cached_property
     def laser_in_odom(self) -> Optional[Pose]:
@@ -242,8 +244,10 @@ def _act(
     if not enabled:
         return State.STOPPED, STOP, "stopped by its start/stop service", None
     if observation.laser_in_base is None:
-        missing = f"no transform from '{observation.scan.frame}' to base_link"
-        return State.WAITING, STOP, f"{missing}: standing still; is robot_state_publisher running?", None
+        return State.WAITING, STOP, f"standing still: {frame_sentence(observation.scan.frame)}", None
+    if observation.ahead_of_odometry > MAX_OFFSET:
+        reason = "standing still until the clocks are set: scans are stamped too far ahead of odometry"
+        return State.WAITING, STOP, reason, None
     measured = pillar_seen or observation.scan.valid.any()
     if not measured and not (observation.scan.returns == inf).any():  # no beam, or too close for all
         reason = "no pillar in the scan (it has no valid range): standing still; is the lidar covered?"

@@ -34,6 +34,15 @@ def lookup_transform(
     return stamped if is_pose(stamped.transform) else None
 
 
+def latest_stamp(transforms: tf2_ros.BufferCore, parent: str, child: str) -> float:
+    """Stamp of the newest transform between two frames [s]; 0 where TF knows none, or one that is fixed."""
+    try:
+        stamp: float = transforms.get_latest_common_time(parent, child).to_sec()
+    except tf2_ros.TransformException:
+        return 0.0
+    return stamp
+
+
 def is_pose(transform: Transform) -> bool:
     """Whether all numbers of a transform are finite, and its translation within MAX_COORDINATE."""
     t, r = transform.translation, transform.rotation

@@ -419,9 +419,18 @@ def test_without_the_lidar_s_place_it_waits():
     toy = Toy([(6.0, 0.0, 0.2)], laser_in_base=None)
     output = toy.step().output
     assert (output.state, output.twist) == (State.WAITING, STOP)
-    assert "no transform from 'front_laser' to base_link" in output.reason
+    assert "no transform from 'front_laser' to 'base_link'" in output.reason
     assert output.pillar is not None
     assert isnan(output.distance_error)
+
+
+@pytest.mark.parametrize(("ahead", "drives"), [(0.5, True), (0.6, False), (3600.0, False)])
+def test_scans_more_than_half_a_second_ahead_of_odometry_make_it_stand(ahead, drives):
+    toy = Toy([(6.0, 0.0, 0.2)])
+    observation = Observation(toy.scan(), UPSIDE_DOWN, Pose2D(), ahead_of_odometry=ahead)
+    _, output = decide(ControllerState(), observation, True, ControlConfig(), PillarConfig())
+    assert (output.twist != STOP, output.state is State.DRIVING) == (drives, drives)
+    assert drives or "ahead of odometry" in output.reason
 
 
 def test_without_odometry_it_drives_to_what_it_sees_and_waits_where_it_sees_none():

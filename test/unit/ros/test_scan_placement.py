@@ -168,3 +168,36 @@ def test_without_any_transform_the_first_scan_is_answered_at_a_deadline_and_the_
     fixture.scan(2.0)
     assert fixture.answers() == [(1.0, None), (2.0, None)]
     assert fixture.observations[0].laser_in_base is None
+
+
+@pytest.mark.parametrize("ahead", [0.1, 0.3, 0.5, 2.0, 3600.0])
+def test_scans_stamped_by_a_clock_that_is_ahead_are_answered_at_ten_hertz(ahead):
+    """Scans at 20 Hz, odometry at 50 Hz, as on a robot whose lidar has a clock of its own."""
+    fixture = Fixture()
+    fixture.mount()
+    answered = {}  # wall time by stamp
+    for step in range(600):
+        fixture.now = 1000.0 + 0.01 * step
+        if step % 2 == 0:
+            fixture.pose(fixture.now, fixture.now)
+        if step % 5 == 0:
+            fixture.scan(fixture.now + ahead)
+        fixture.placement.refresh()
+        answered.update((stamp, fixture.now) for stamp, _ in fixture.answers() if stamp not in answered)
+    assert len([at for at in answered.values() if 1002.0 <= at < 1006.0]) >= 40
+    assert fixture.placement.ahead == pytest.approx(ahead, abs=0.021)
+    last = fixture.observations[-1]
+    assert last.ahead_of_odometry == fixture.placement.ahead
+    assert last.base_in_odom.x == pytest.approx(last.scan.stamp - ahead, abs=0.05), "where the robot was then"
+
+
+def test_clocks_alike_are_waited_for_to_the_last_even_where_every_pose_is_late():
+    fixture = Fixture()
+    fixture.mount()
+    for step in range(300):
+        fixture.now = 1000.0 + 0.02 * step
+        fixture.scan(fixture.now)
+        fixture.now += 0.01
+        fixture.pose(1000.0 + 0.02 * step, float(step))
+    assert fixture.answers() == [(pytest.approx(1000.0 + 0.02 * step), step) for step in range(300)]
+    assert fixture.placement.ahead == 0.0

@@ -9,36 +9,51 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from husky_highlevel_controller.controller.behaviour import State
+from husky_highlevel_controller.controller.sensor_faults import MAX_OFFSET, clock_sentence, frame_sentence
 from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 PERIOD = 1.0  # [s] of ROS time
+OUR_CLOCK = "this computer's clock"
 OLD, TOO_OLD = 0.5, 2.0  # [s], age of a scan or of odom's transform that is worth a warning, an error
+STILL_POLLS = 5  # calls of update() without a change of ROS time: the world is paused
 
 
 @dataclass(frozen=True)
 class Health:
     """Figures that the status is judged by."""
 
-    scan_age: Optional[float]  # [s], None before the first scan
+    paused: bool  # does simulated time stand still?
+    scan_silence: Optional[float]  # [s], since the last scan came; None before the first
+    scan_age: float  # [s], of the last scan when it came, by its stamp
+    scan_stamp: float  # [s], of the last scan
     scan_rate: Optional[float]  # [Hz], by the stamps of the last scans; None for fewer than two
-    tf_age: Optional[float]  # [s], of the latest odom -> base_link; None where there is none
+    scan_fault: str  # sentence on what the last scan was refused for; empty: it was not
+    scan_frame: str
     mounted: bool  # does TF know where the lidar is?
+    tf_silence: Optional[float]  # [s], since odom -> base_link changed; None where there is none
+    tf_age: float  # [s], of the latest odom -> base_link, by its stamp
+    ahead: float  # [s], by which the scans' clock is ahead of odometry's
     state: State
     pillar: str  # "seen", "remembered" or "unknown"
 
 
 def judge(health: Health) -> Tuple[int, str]:
     """Level of the status, and a message with the remedy."""
-    if health.scan_age is None or health.scan_age > TOO_OLD:
-        return DiagnosticStatus.ERROR, "no scans: is the lidar on, and ~scan_topic_name its topic?"
-    if not health.mounted:
+    if health.paused:
+        return DiagnosticStatus.OK, "simulated time stands still: the world is paused"
+    error = _error(health)
+    if error is not None:
+        return DiagnosticStatus.ERROR, error
+    if health.ahead > 0.0:
+        return DiagnosticStatus.WARN, clock_sentence("scans are", health.ahead, "odometry")
+    if health.scan_stamp == 0.0 and health.scan_age > OLD:
         return (
-            DiagnosticStatus.ERROR,
-            "no transform from lidar to base_link: is robot_state_publisher on?",
+            DiagnosticStatus.WARN,
+            "scans are stamped 0, so their poses are guessed: set the driver's stamps",
         )
-    if health.tf_age is None or health.tf_age > TOO_OLD:
-        return DiagnosticStatus.ERROR, "no transform from odom to base_link: is odometry on?"
-    if health.scan_age > OLD:
+    if health.scan_age < -OLD:
+        return DiagnosticStatus.WARN, clock_sentence("scans are", -health.scan_age, OUR_CLOCK)
+    if health.scan_age > OLD or (health.scan_silence or 0.0) > OLD:
         return DiagnosticStatus.WARN, "scans come late"
     if health.tf_age > OLD:
         return DiagnosticStatus.WARN, "odometry comes late"
@@ -47,29 +62,53 @@ def judge(health: Health) -> Tuple[int, str]:
     return DiagnosticStatus.OK, health.state.value
 
 
+def _error(health: Health) -> Optional[str]:
+    """Sentence on the first cause why the robot does not drive rightly, with the remedy; None: none."""
+    if health.scan_silence is None or health.scan_silence > TOO_OLD:
+        return "no scans: is the lidar on, and ~scan_topic_name its topic?"
+    if health.scan_fault:
+        return f"{health.scan_fault}: standing still; is the lidar's driver right?"
+    if not health.mounted:
+        return frame_sentence(health.scan_frame)
+    if health.tf_silence is None or health.tf_silence > TOO_OLD:
+        return "no transform from odom to base_link: is odometry on?"
+    if health.ahead > MAX_OFFSET:
+        return f"standing still: {clock_sentence('scans are', health.ahead, 'odometry')}"
+    if health.scan_age > TOO_OLD and health.scan_stamp != 0.0:
+        return clock_sentence("scans are", -health.scan_age, OUR_CLOCK)
+    if health.tf_age > TOO_OLD:
+        return clock_sentence("odometry is", -health.tf_age, OUR_CLOCK)
+    return None
+
+
 class Diagnostics:
     """Publisher of the status; polled, since a rospy.Timer would wake at every message on /clock."""
 
-    def __init__(self, examine: Callable[[], Health]) -> None:
+    def __init__(self, examine: Callable[[bool], Health]) -> None:
+        """Publish what `examine` tells; it gets whether simulated time stands still."""
         self._examine = examine
         self._new_subscribers = NewSubscribers()
         self._publisher = rospy.Publisher(
             "/diagnostics", DiagnosticArray, self._new_subscribers, queue_size=10
         )
         self._published_at = 0.0
+        self._now, self._still_polls = 0.0, 0
 
     def update(self) -> None:
         """Publish if a period is over or a node has subscribed; to be called several times a period."""
         now = rospy.get_time()
+        self._still_polls = self._still_polls + 1 if now == self._now else 0
+        self._now = now
         is_early = 0.0 <= now - self._published_at < PERIOD  # less: the simulator was started again
-        if not self._new_subscribers.take() and is_early:
+        pauses = self._still_polls == STILL_POLLS
+        if not self._new_subscribers.take() and is_early and not pauses:
             return
         self._published_at = now
         if self._publisher.get_num_connections():
             self._publish()
 
     def _publish(self) -> None:
-        health = self._examine()
+        health = self._examine(self._still_polls >= STILL_POLLS or self._now == 0.0)
         level, message = judge(health)
         status = DiagnosticStatus(
             level=level, name=rospy.get_name().strip("/"), message=message, hardware_id="husky"
@@ -86,6 +125,8 @@ def _values(health: Health) -> List[KeyValue]:
 
     return [
         KeyValue("scan age", number(health.scan_age, "s")),
+        KeyValue("since the last scan", number(health.scan_silence, "s")),
+        KeyValue("scans ahead of odometry", number(health.ahead, "s")),
         KeyValue("scan rate", number(health.scan_rate, "Hz")),
         KeyValue("TF age", number(health.tf_age, "s")),
         KeyValue("state", health.state.value),

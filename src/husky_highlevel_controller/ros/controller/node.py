@@ -29,6 +29,7 @@ from husky_highlevel_controller.controller.behaviour import (
 )
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import Pillar, PillarConfig
+from husky_highlevel_controller.controller.sensor_faults import clock_sentence
 from husky_highlevel_controller.datatypes import STOP, Scan, Twist2D
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
@@ -95,7 +96,10 @@ class ControllerNode:
         self._arrived: Optional[bool] = None
         self._seen, self._reason = "unknown", ""
         self._stamps: Deque[float] = deque(maxlen=RATE_SCANS)
-        self._laser_frame = ""
+        self._scan_frame, self._scan_fault = "", ""
+        self._scan_stamp = self._scan_age = self._tf_stamp = 0.0  # [s]
+        self._scan_seen: Optional[float] = None  # [s] of ROS time, when the last scan came
+        self._tf_seen: Optional[float] = None  # [s] of ROS time, when a new odom -> base_link was seen
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._announcement = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
         self._display = Display()
@@ -149,14 +153,17 @@ class ControllerNode:
         return SetBoolResponse(True, message)
 
     def _on_scan(self, msg: LaserScan) -> None:
+        self._scan_seen, self._scan_stamp = rospy.get_time(), msg.header.stamp.to_sec()
+        self._scan_age = self._scan_seen - self._scan_stamp
         try:
             scan = conversions.scan_from_msg(msg)
         except conversions.ScanError as error:
+            self._scan_fault = str(error)
             self._placement.discard()
             self._stop()
             rospy.logwarn_throttle(REPORT_PERIOD, f"{error}: standing still; is the lidar's driver right?")
             return
-        self._laser_frame = scan.frame
+        self._scan_frame, self._scan_fault = scan.frame, ""
         self._placement.add(scan, msg.header.stamp)
 
     def _answer(self, observation: Observation) -> None:
@@ -178,6 +185,10 @@ class ControllerNode:
     ) -> None:
         """Log what a scan holds at DEBUG level, and what changed at INFO level, or WARN with the remedy."""
         scan, pillar, state = observation.scan, output.pillar, output.state
+        if observation.ahead_of_odometry > 0.0:
+            rospy.logwarn_throttle(
+                REPORT_PERIOD, clock_sentence("scans are", observation.ahead_of_odometry, "odometry")
+            )
         self._seen = "seen" if pillar else "remembered" if output.estimate else "unknown"
         if LOG.isEnabledFor(logging.DEBUG):
             twist = output.twist
@@ -213,16 +224,28 @@ class ControllerNode:
             publish(self._announcement, Bool(arrived))
         self._arrived = arrived
 
-    def _examine(self) -> Health:
+    def _examine(self, paused: bool) -> Health:
         """Figures for /diagnostics."""
         now, stamps = rospy.get_time(), list(self._stamps)
         latest = self._placement.lookup(ODOM, BASE)
+        tf_stamp = latest.header.stamp.to_sec() if latest else now
+        if latest is None or tf_stamp == 0.0:  # 0: fixed
+            self._tf_seen, tf_stamp = now if latest else None, now
+        elif tf_stamp != self._tf_stamp:
+            self._tf_seen, self._tf_stamp = now, tf_stamp
         span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
         return Health(
-            scan_age=now - stamps[-1] if stamps else None,
+            paused=paused,
+            scan_silence=None if self._scan_seen is None else now - self._scan_seen,
+            scan_age=self._scan_age,
+            scan_stamp=self._scan_stamp,
             scan_rate=(len(stamps) - 1) / span if span > 0.0 else None,
-            tf_age=now - latest.header.stamp.to_sec() if latest else None,
-            mounted=self._placement.lookup(BASE, self._laser_frame) is not None,
+            scan_fault=self._scan_fault,
+            scan_frame=self._scan_frame,
+            mounted=self._placement.lookup(BASE, self._scan_frame) is not None,
+            tf_silence=None if self._tf_seen is None else now - self._tf_seen,
+            tf_age=now - tf_stamp,
+            ahead=self._placement.ahead,
             state=self._controller_state.state,
             pillar=self._seen,
         )

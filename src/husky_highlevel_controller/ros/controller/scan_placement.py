@@ -16,15 +16,17 @@ import tf2_ros
 from geometry_msgs.msg import TransformStamped
 
 from husky_highlevel_controller.controller.behaviour import Observation
+from husky_highlevel_controller.controller.sensor_faults import ClockOffset, frame_sentence
 from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan
 from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.display import BASE, ODOM
-from husky_highlevel_controller.ros.transforms import lookup_transform
+from husky_highlevel_controller.ros.transforms import latest_stamp, lookup_transform
 
 START_TIMEOUT = 4.0  # [s] of wall time that the first scan waits for TF, so that lockstep runs start alike
 TRANSFORM_TIMEOUT = 2.0  # [s] of wall time that the transform of a later scan's stamp may be late
+MIN_OFFSET = 0.05  # [s] between the clocks of scans and odometry that is worth a warning
 MAX_AGE = 2.0  # [s] of ROS time by which a pose may be older than the scan that it is taken for
 REPORT_PERIOD = 5.0  # [s] between two warnings about a missing transform
 MAX_UNPLACED_SCANS = 50  # in a row without the lidar's transform before that is worth a warning
@@ -82,6 +84,7 @@ class ScanPlacement:
         self._next: Optional[_PendingScan] = None
         self._started = False  # has the first scan been handed on?
         self._overdue_after: Optional[rospy.Time] = None  # the latest transform when a wait ended without one
+        self._clocks = ClockOffset(MIN_OFFSET)
         self._unplaced_scans = 0
         self._fixed: Optional[Tuple[str, Pose]] = None  # a lidar's frame, and its pose by /tf_static alone
 
@@ -93,6 +96,7 @@ class ScanPlacement:
             stamp: the same as `scan.stamp`, exact to the nanosecond.
         """
         with self._lock:
+            self._clocks.add(scan.stamp, self._clock())
             pending = self._pending
             if pending is None or stamp < pending.stamp:  # earlier: the simulator was started again
                 self._pending, self._next = _PendingScan(scan, stamp, self._clock()), None
@@ -102,6 +106,9 @@ class ScanPlacement:
 
     def update(self) -> None:
         """Hand on the pending scan if it can be placed or is overdue. Any thread, after TF has changed."""
+        stamp = latest_stamp(self._transforms, ODOM, BASE)
+        if stamp > 0.0:
+            self._clocks.add_reference(stamp)
         if self._pending is None:  # mostly; a scan that is added at this moment looks TF up itself
             return
         with self._lock:
@@ -129,6 +136,11 @@ class ScanPlacement:
         """The transform at a stamp or (None) the latest; None where TF does not know it. Never waits."""
         return lookup_transform(self._transforms, parent, child, stamp)
 
+    @property
+    def ahead(self) -> float:
+        """Time by which the scans' clock is ahead of odometry's [s]; 0: it is not."""
+        return max(self._clocks.seconds, 0.0)
+
     def _place(self, pending: _PendingScan) -> Optional[Observation]:
         """The observation that a scan makes; None while its transform may still come."""
         frame = pending.scan.frame
@@ -142,10 +154,13 @@ class ScanPlacement:
         base_in_odom: Optional[Pose2D] = None
         if transform is not None:
             base_in_odom = pose_to_2d(conversions.pose_from_transform(transform))
-        return Observation(pending.scan, self._laser_in_base(frame), base_in_odom, self._outline)
+        return Observation(pending.scan, self._laser_in_base(frame), base_in_odom, self._outline, self.ahead)
 
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
-        """Whether to wait for the transform of a stamp; if not, that or else the latest, unless it is old."""
+        """Whether to wait for the transform of a stamp; if not, that or else the latest, unless it is old.
+
+        Where the scans' clock is ahead, the latest is the pose of the scan, and no other comes in time.
+        """
         # the latest is mostly that of the stamp; a lookup of a stamp that is not there yet costs more
         latest = self.lookup(ODOM, BASE)
         if latest is None or latest.header.stamp == stamp:
@@ -158,8 +173,10 @@ class ScanPlacement:
         if overdue:
             self._overdue_after = latest.header.stamp
         # odometry that stands still is waited for only once, and driving on by its last pose is driving blind
-        is_old = not latest.header.stamp.is_zero() and (stamp - latest.header.stamp).to_sec() > MAX_AGE
-        return latest.header.stamp != self._overdue_after, None if is_old else latest
+        age = (stamp - latest.header.stamp).to_sec() - self.ahead
+        is_old = not latest.header.stamp.is_zero() and age > MAX_AGE
+        waits = not self.ahead and latest.header.stamp != self._overdue_after
+        return waits, None if is_old else latest
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
         fixed = self._fixed
@@ -168,11 +185,7 @@ class ScanPlacement:
         transform = self.lookup(BASE, frame)
         self._unplaced_scans = 0 if transform else self._unplaced_scans + 1
         if self._unplaced_scans > MAX_UNPLACED_SCANS:
-            rospy.logwarn_throttle(
-                REPORT_PERIOD,
-                f"no transform from '{frame}' to '{BASE}', so the robot stands still; "
-                "is robot_state_publisher running?",
-            )
+            rospy.logwarn_throttle(REPORT_PERIOD, f"the robot stands still: {frame_sentence(frame)}")
         if transform is None:
             return None
         pose = conversions.pose_from_transform(transform)

@@ -1,0 +1,89 @@
+"""Faults of a sensor's stamps and frames: clocks that differ, frames that TF does not know.
+
+In: stamps as messages come, names of frames. Out: the offset between two clocks, sentences with the remedy.
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Optional
+
+WINDOW, MIN_MESSAGES = 0.5, 5  # [s] of wall time, messages: an offset of all of them is one of the clocks
+MAX_WINDOW = 2.0  # [s] of wall time without a message of the reference, which has ended
+MAX_OFFSET = 0.55  # [s], half a second and a period of odometry: with more the robot stands
+
+
+class ClockOffset:
+    """Offset between the clocks that stamp two streams of messages, where it lasts.
+
+    Each message is compared with the newest stamp of the reference. One that comes late makes a difference
+    as well, but not every one in WINDOW does: the smallest (ahead) or largest (behind) counts.
+    """
+
+    def __init__(self, tolerance: float) -> None:
+        """Begin without an offset; one below `tolerance` [s] is none."""
+        self.seconds = 0.0  # by which the messages' clock is ahead of the reference's
+        self._tolerance = tolerance
+        self._reference: Optional[float] = None  # [s], newest stamp
+        self._references = self._count = 0
+        self._begin = (0.0, 0.0, 0.0)  # [s] of the window: wall time, stamp, the reference's stamp
+        self._smallest, self._largest = inf, -inf  # [s], differences of the window
+
+    def add_reference(self, stamp: float) -> None:
+        """Take a stamp [s] of the reference, known ones too."""
+        if self._reference is not None and stamp < self._reference:
+            self._count = 0  # a new run
+        self._references += stamp != self._reference
+        self._reference = stamp
+
+    def add(self, stamp: float, now: float) -> None:
+        """Take the stamp [s] of a message that comes at a wall time [s]."""
+        if self._reference is None:
+            return
+        if self._count == 0:
+            self._begin, self._references = (now, stamp, self._reference), 0
+            self._smallest, self._largest = inf, -inf
+        self._count += 1
+        difference = stamp - self._reference
+        self._smallest, self._largest = min(self._smallest, difference), max(self._largest, difference)
+        age = now - self._begin[0]
+        if (age >= WINDOW and self._count >= MIN_MESSAGES and self._references) or age >= MAX_WINDOW:
+            self.seconds = self._judge(stamp, now)
+            self._count = 0
+
+    def _judge(self, stamp: float, now: float) -> float:
+        begin, first, first_reference = self._begin
+        progress = (self._reference or 0.0) - first_reference
+        if progress <= 0.0 or not self._references or self._count < 2:
+            return 0.0
+        period = progress / self._references
+        # the newest reference is up to a period old, but not always where messages come more often
+        slack = min(period, abs(stamp - first) / (self._count - 1))
+        # simulated time may pass faster, and so do seconds of lateness
+        tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
+        if self._smallest > tolerance:
+            return self._smallest
+        behind = self._largest - period
+        return behind if behind < -tolerance else 0.0
+
+
+def clock_sentence(who: str, seconds: float, reference: str) -> str:
+    """Sentence on an offset between clocks.
+
+    Args:
+        who: the messages, with their verb ("scans are").
+        seconds: by which they are stamped ahead of the reference; negative: behind it.
+        reference: whose clock it is.
+    """
+    way = "ahead of" if seconds > 0.0 else "behind"
+    return f"{who} stamped {abs(seconds):.2f} s {way} {reference}: set the clocks (chrony)"
+
+
+def frame_sentence(frame: str) -> str:
+    """Sentence on scans whose frame TF does not connect with base_link."""
+    if not frame:
+        return "scans have no frame_id: set it in the lidar's driver"
+    return (
+        f"no transform from '{frame}' to 'base_link': is robot_state_publisher running, "
+        f"and '{frame}' a frame of its robot?"
+    )

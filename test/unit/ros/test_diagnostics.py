@@ -1,0 +1,60 @@
+"""The controller's status names the cause, and the remedy, of what is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("rospy")
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from husky_highlevel_controller.controller.behaviour import State
+from husky_highlevel_controller.ros.controller.diagnostics import Health, judge
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+WELL = Health(
+    paused=False, scan_silence=0.01, scan_age=0.02, scan_stamp=1000.0, scan_rate=50.0, scan_fault="",
+    scan_frame="front_laser", mounted=True, tf_silence=0.01, tf_age=0.02, ahead=0.0, state=State.DRIVING,
+    pillar="seen",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "level", "message"),
+    [
+        ({}, OK, "driving"),
+        ({"scan_silence": None}, ERROR, "no scans"),
+        ({"scan_silence": 2.5}, ERROR, "no scans"),
+        ({"scan_stamp": 0.0, "scan_age": 1e9}, WARN, "scans are stamped 0"),
+        ({"scan_age": 5.0}, ERROR, "scans are stamped 5.00 s behind this computer's clock: set the clocks"),
+        ({"scan_age": 5.0, "tf_age": 5.0}, ERROR, "scans are stamped 5.00 s behind this computer's clock"),
+        ({"scan_age": 3600.0}, ERROR, "scans are stamped 3600.00 s behind this computer's clock"),
+        ({"scan_age": -5.0, "tf_age": -5.0}, WARN, "scans are stamped 5.00 s ahead of this computer's clock"),
+        ({"tf_age": 5.0}, ERROR, "odometry is stamped 5.00 s behind this computer's clock"),
+        ({"tf_age": 5.0, "tf_silence": 5.0}, ERROR, "no transform from odom to base_link: is odometry on?"),
+        ({"ahead": 0.3}, WARN, "scans are stamped 0.30 s ahead of odometry: set the clocks (chrony)"),
+        (
+            {"ahead": 2.0, "scan_age": -2.0},
+            ERROR,
+            "standing still: scans are stamped 2.00 s ahead of odometry",
+        ),
+        ({"mounted": False, "scan_frame": ""}, ERROR, "scans have no frame_id: set it in the lidar's driver"),
+        ({"mounted": False, "scan_frame": "laser"}, ERROR, "no transform from 'laser' to 'base_link'"),
+        (
+            {"scan_fault": "a scan has range_max = 0.0 m"},
+            ERROR,
+            "a scan has range_max = 0.0 m: standing still",
+        ),
+        ({"scan_age": 0.7}, WARN, "scans come late"),
+        ({"tf_age": 0.7}, WARN, "odometry comes late"),
+        ({"pillar": "unknown", "state": State.SEARCHING}, WARN, "searching: no pillar"),
+    ],
+)
+def test_each_cause_has_its_sentence(changes, level, message):
+    got_level, got = judge(replace(WELL, **changes))
+    assert got.startswith(message)
+    assert got_level == level
+    assert "no scans" not in got or message == "no scans"
+    assert judge(replace(WELL, paused=True, **changes))[0] == OK, "nothing is an error in a paused world"
