@@ -101,22 +101,21 @@ fingerprint() { { printf '%s\n' "$here"; cat "$@"; } | cksum; }
 done_before() { local name=$1; shift; [ "$(cat "$state/$name.done" 2>/dev/null)" = "$(fingerprint "$@")" ]; }
 mark_done() { local name=$1; shift; fingerprint "$@" >"$state/$name.done"; }
 
-# Print the lines of requirements files without comments, and without those for other Pythons, which pip names one by one.
+# Print what lock files hold for this Python: of those for others pip names one by one that it ignores them.
 requirements_here() {
   "$venv/bin/python" - "$@" <<'PYTHON'
-import operator, re, sys
+import re, sys
+from pip._vendor.packaging.markers import Marker  # as pip itself judges
 
-compare = {"<": operator.lt, "==": operator.eq, ">=": operator.ge}
 for file in sys.argv[1:]:
-    for line in open(file, encoding="utf-8"):
-        line = re.sub(r"(^|\s)#.*", "", line).strip()
-        marker = re.search(r';\s*python_version (<|==|>=) "3\.(\d+)"$', line)
-        if line and not line.startswith("-r") and (not marker or compare[marker[1]](sys.version_info[1], int(marker[2]))):
-            print(line)
+    for entry in re.findall(r"^\w.*(?:\n .*)*", open(file, encoding="utf-8").read(), re.MULTILINE):
+        marker = re.search(r";([^\\\n]+)", entry)
+        if not marker or Marker(marker[1].strip()).evaluate():
+            print(entry)
 PYTHON
 }
 
-# Install the files of requirements $2... into the virtual environment; $1 says what they are.
+# Install the lock files $2... into the virtual environment; $1 says what they are.
 pip_install() {
   local what=$1 log=$state/pip.log
   shift
@@ -127,28 +126,21 @@ pip_install() {
   # it says nothing while it unpacks, which takes minutes on a slow disk
   (while sleep 20 && kill -0 $$ 2>/dev/null; do say "pip is at work"; done) &
   local beat=$!
-  "$venv/bin/pip" install --disable-pip-version-check --log "$log" -r "$state/requirements.txt" >&2 \
+  "$venv/bin/pip" install --disable-pip-version-check --require-hashes --log "$log" -r "$state/requirements.txt" >&2 \
     || { kill "$beat"; die_of_log pip "$log"; }
   kill "$beat"
 }
 
-venv_requirements=(requirements/launch.txt requirements/python3.12.txt)
-
 make_venv() {
-  local site
-  done_before venv-launch "${venv_requirements[@]}" && [ -x "$venv/bin/python" ] && return
+  local site file=requirements/launch.txt
+  done_before venv-launch "$file" && [ -x "$venv/bin/python" ] && return
   # Debian's own python3, because rospy is built for it; what is there already is not fetched again
   if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
     [ ! -L "$venv" ] || die ".dev/venv is a link to an environment that is not whole: remove the link"
     /usr/bin/python3 -m venv --clear "$venv"
   fi
   rm -f "$state"/venv-*.done
-  if "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info < (3, 12))'; then
-    pip_install "PyBullet for this Python (0.1 GB)" requirements/python3.12.txt
-    pip_install "NumPy (20 MB)" requirements/launch.txt
-  else
-    pip_install "NumPy and PyBullet (0.12 GB)" requirements/launch.txt
-  fi
+  pip_install "NumPy and PyBullet (0.12 GB)" "$file"
   # rospy comes from Debian. A path rather than --system-site-packages: Debian's own .pth files and /usr/local
   # stay out, which put another matplotlib and another NumPy in front of those that belong together.
   site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
@@ -156,7 +148,7 @@ make_venv() {
   # matplotlib brings a namespace package; Debian's, which has an __init__.py, would be taken in its place
   mkdir -p "$site/mpl_toolkits"
   touch "$site/mpl_toolkits/__init__.py"
-  mark_done venv-launch "${venv_requirements[@]}"
+  mark_done venv-launch "$file"
 }
 
 # Add what the commands GROUP... need to the virtual environment: none of it is needed to launch.

@@ -132,14 +132,27 @@ def test_a_command_pulls_in_the_groups_that_it_may_need(call, display, groups):
     assert output.split() == groups.split()
 
 
-def test_pip_gets_the_lines_for_this_python_only(tmp_path):
+def test_pip_gets_what_is_locked_for_this_python_only(tmp_path):
     file = tmp_path / "r.txt"
     file.write_text(
-        '-r launch.txt\n# why\nold==1; python_version < "3.8"   # no more\nnew==2; python_version >= "3.8"\n'
+        "# by ./dev lock\nold==1 ; python_full_version < '3.8' \\\n    --hash=sha256:1\n"
+        "new==2 ; python_full_version >= '3.8' \\\n    --hash=sha256:2\nplain==3 \\\n    --hash=sha256:3\n"
     )
-    output, _ = bash(f"venv={sys.prefix}; requirements_here {file} requirements/python3.12.txt")
-    assert output.split("\n")[:2] == ['new==2; python_version >= "3.8"', "pybullet_arm64==3.2.8 \\"]
-    assert output.count("--hash=sha256:") == 2
+    output, _ = bash(f"venv={sys.prefix}; requirements_here {file}")
+    assert re.findall(r"^(\w+)==|sha256:(\d)", output, re.MULTILINE) == [
+        ("new", ""), ("", "2"), ("plain", ""), ("", "3")
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("group", ["launch", "run", "test", "cluster"])
+def test_what_is_depended_on_is_locked_with_hashes_and_names_no_host(group):
+    text = (ROOT / "requirements" / f"{group}.txt").read_text()
+    entries = re.findall(r"^([\w.-]+)==.*(?:\n .*)*", text, re.MULTILINE)
+    blocks = re.findall(r"^\w.*(?:\n .*)*", text, re.MULTILINE)
+    assert all("--hash=sha256:" in block for block in blocks)
+    wanted = re.findall(r"^([\w-]+)", (ROOT / "requirements" / f"{group}.in").read_text(), re.MULTILINE)
+    assert {name.lower().replace("_", "-") for name in wanted} <= {name.lower() for name in entries}
+    assert "://" not in text
 
 
 def test_with_ros_in_opt_nothing_of_ros_is_asked_of_apt():
