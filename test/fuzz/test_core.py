@@ -33,7 +33,14 @@ from husky_highlevel_controller.simulator.spawn_request import checked, checked_
 
 ROOT = Path(__file__).parents[2]
 WORLDS = [
-    (ROOT / "worlds" / name).read_text() for name in ("singlePillar.world", "ramp.world", "empty.world")
+    (ROOT / name).read_text()
+    for name in (
+        "worlds/singlePillar.world",
+        "worlds/ramp.world",
+        "worlds/empty.world",
+        "test/data/saved.world",
+        "test/data/frames.world",
+    )
 ]
 EMPTY = parse_world(WORLDS[2], "empty.world")
 STEPS = 12  # of physics; the third scan is the last

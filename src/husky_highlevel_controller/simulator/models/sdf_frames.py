@@ -5,6 +5,7 @@ In: the `Node` of a world or model. Out: poses in it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Dict, List, Optional, Tuple
 
@@ -14,40 +15,32 @@ from husky_highlevel_controller.simulator.models.sdf_include import Model, model
 from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
 
+@dataclass
 class FrameScope:
     """Frames of a world or model by name, each as a pose in that world or model."""
 
-    def __init__(
-        self,
-        holder: Node,
-        name: str = "world",
-        outer: Optional[FrameScope] = None,
-        pose: Optional[Pose] = None,
-    ) -> None:
-        """Frames of `holder`: a world, or the model called `name`, at `pose` in `outer`."""
-        self._holder, self._name, self._outer, self._pose = holder, name, outer, pose
-        self._known: Dict[str, Pose] = {}
-        self._open: List[str] = []  # frames being resolved, the first asked for first
-
-    def inner(self, model: Model, pose: Optional[Pose] = None) -> FrameScope:
-        """Frames of a model in this world or model; `pose` in it, if that is known."""
-        return FrameScope(model.node, model.name, self, pose)
+    holder: Node  # the world or model
+    name: str = "world"  # of the model
+    outer: Optional[FrameScope] = None  # of the world or model around it
+    pose_in_outer: Optional[Pose] = None  # None: to be found out
+    _known: Dict[str, Pose] = field(default_factory=dict)
+    _open: List[str] = field(default_factory=list)  # frames being resolved, the first asked for first
 
     @cached_property
-    def _models(self) -> List[Model]:
-        return list(models_in(self._holder))[::-1]  # the first of a name is the last to enter a dictionary
-
-    @cached_property
-    def _inner(self) -> Dict[str, FrameScope]:
-        return {model.name: self.inner(model) for model in self._models}
+    def _models(self) -> Dict[str, Model]:
+        return {model.name: model for model in reversed(list(models_in(self.holder)))}  # the first of a name
 
     @cached_property
     def _members(self) -> Dict[str, Tuple[Optional[Node], str]]:
         """<pose> of each link, model and frame, and what it is relative to unless it says so."""
-        members = {model.name: (model.child("pose"), "") for model in self._models}
-        for node in (*self._holder.children("link"), *self._holder.children("frame")):
+        members = {name: (model.child("pose"), "") for name, model in self._models.items()}
+        for node in (*self.holder.children("link"), *self.holder.children("frame")):
             members[node.named()] = node.child("pose"), node.element.get("attached_to", "")
         return members
+
+    @cached_property
+    def _inner(self) -> Dict[str, FrameScope]:
+        return {name: FrameScope(model.node, name, self) for name, model in self._models.items()}
 
     def pose_of(self, pose: Optional[Node], usual: str = "") -> Pose:
         """Pose of an element in this world or model.
@@ -60,42 +53,42 @@ class FrameScope:
             WorldError: broken numbers, or frames that are relative to each other.
         """
         frame = (frame_of(pose) if pose else "") or usual
-        origin = self._find(frame, pose or self._holder)
+        origin = self._find(frame)
         if origin is None and pose:
             pose.note("a <pose> relative to a frame that is not there is read relative to the parent", frame)
-            origin = self._find(usual, pose)
+            origin = self._find(usual)
         own = pose.pose() if pose else IDENTITY
         return own if origin is None or origin == IDENTITY else compose(origin, own)
 
-    def _find(self, name: str, asker: Node) -> Optional[Pose]:
+    def _find(self, name: str) -> Optional[Pose]:
         """Pose of a frame in this world or model; None if there is none of that name."""
         if name in ("", "__model__"):
             return IDENTITY
         if name in self._members:
-            return self._resolve(name, asker)
-        if name == self._name:
+            return self._resolve(name)
+        if name == self.name:
             return IDENTITY
         if name == "world":
-            return inverse(self._pose_in_world(asker))
+            return inverse(self._pose_in_world())
         model, _, part = name.partition("::")
-        pose_in_model = self._inner[model]._find(part, asker) if model in self._inner else None
-        return compose(self._resolve(model, asker), pose_in_model) if pose_in_model else None
+        pose_in_model = self._inner[model]._find(part) if model in self._inner else None
+        return compose(self._resolve(model), pose_in_model) if pose_in_model else None
 
-    def _resolve(self, name: str, asker: Node) -> Pose:
+    def _resolve(self, name: str) -> Pose:
+        pose, usual = self._members[name]
         if name in self._open:
             circle = " > ".join((*self._open[self._open.index(name) :], name))
-            raise asker.error(f"frames are relative to each other: {circle}")
+            raise (pose or self.holder).error(f"frames are relative to each other: {circle}")
         if name not in self._known:
             self._open.append(name)
-            self._known[name] = self.pose_of(*self._members[name])
+            self._known[name] = self.pose_of(pose, usual)
             self._open.pop()
         return self._known[name]
 
-    def _pose_in_world(self, asker: Node) -> Pose:
-        if self._outer is None:
+    def _pose_in_world(self) -> Pose:
+        if self.outer is None:
             return IDENTITY
-        pose = self._pose if self._pose is not None else self._outer._resolve(self._name, asker)
-        return compose(self._outer._pose_in_world(asker), pose)
+        return compose(self.outer._pose_in_world(), self.pose_in_outer or self.outer._resolve(self.name))
 
 
 def frame_of(pose: Node) -> str:

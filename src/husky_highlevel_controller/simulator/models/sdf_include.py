@@ -105,16 +105,10 @@ def _find_model(include: Node, uri: str) -> Path:
 
 def _newest_file(config: Path, plain: Path) -> Path:
     """File of a model.config in the newest version that is read whole, else in the oldest."""
-    root = read_xml(read_bytes(config), str(config))
-    offers = [(sdf.get("version", ""), (sdf.text or "").strip()) for sdf in root.iter("sdf")]
+    offers = list(read_xml(read_bytes(config), str(config)).iter("sdf"))
     if not offers:
         return plain
-    minors = {
-        minor_version(str(config), version) if version else 0: file
-        for version, file in offers
-        if version in ("", *VERSIONS)
-    }
-    if not minors:
-        minor_version(str(config), max(offers)[0])
+    where, readable = str(config), [sdf for sdf in offers if sdf.get("version", VERSIONS[0]) in VERSIONS]
+    minors = {minor_version(where, sdf.get("version", VERSIONS[0])): sdf.text for sdf in readable or offers}
     best = min(minors, key=lambda minor: (minor > NEWEST, abs(minor - NEWEST)))
-    return config.parent / minors[best]
+    return config.parent / (minors[best] or "").strip()

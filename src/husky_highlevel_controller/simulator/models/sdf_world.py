@@ -186,7 +186,7 @@ def _read_model(model: Model, parent: _Place) -> Iterator[Body]:
     pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
     static = model.child("static")
     me = _Place(
-        parent.frames.inner(model, pose),
+        FrameScope(node, model.name, parent.frames, pose),
         state,
         full_name,
         state.pose_in_world or compose(parent.pose_in_world, pose),
