@@ -14,7 +14,7 @@ import rospy
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.robot import Robot, load_robot
-from husky_highlevel_controller.ros.transport import send_promptly
+from husky_highlevel_controller.ros.transport import replace_transport
 
 
 def named_robot() -> Tuple[Dict[str, Any], Robot]:
@@ -91,7 +91,7 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
     debug = "--debug" in rospy.myargv()
     if debug:
         faulthandler.enable()
-    send_promptly()
+    replace_transport()
     level = rospy.DEBUG if debug else rospy.INFO
     # argv: else rospy takes the remappings that stood there when it was imported, before a program was forked
     rospy.init_node(

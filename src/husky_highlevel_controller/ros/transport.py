@@ -1,12 +1,18 @@
-"""Transport of topics: sends a message directly if the socket has room, and queues it otherwise.
+"""Transport of topics and services, where rospy's own is slow, or waits for a peer that says nothing.
 
-rospy hands every message of a publisher with a queue to a thread of each subscriber, and waking that thread
-takes four times as long as sending. Here the queue is used only while a subscriber is busy, so that one that
-hangs delays no other.
+Sending: directly if the socket has room, by a queue otherwise. rospy hands every message of a publisher with
+a queue to a thread of each subscriber, and waking that thread takes four times as long as sending. Here the
+queue is used only while a subscriber is busy, so that one that hangs delays no other.
 
 Replacing rospy's class is worth it. Without it, median of four pairs of runs on a busy machine: simulator
 +16 % and controller +12 % of CPU time at real time, +28 % and +20 % in lockstep; scan to cmd_vel +8 % (p50),
-+11 % (p99). test_transport.py pins what is used of rospy.
++11 % (p99).
+
+Accepting: each connection has a thread and a deadline. rospy reads the header of a connection in the thread
+that accepts them, without a deadline: with one TCP connection that says nothing, measured, no service of the
+node answered and no subscriber got in for as long as it was open, `start_stop` among them.
+
+test_transport.py pins what is used of rospy.
 """
 
 from __future__ import annotations
@@ -16,7 +22,10 @@ import threading
 from typing import Any, List
 
 import rospy.topics
+from rospy.impl import tcpros_base
 from rospy.impl.tcpros_pubsub import QueuedConnection
+
+HEADER_TIMEOUT = 10.0  # [s] of wall time without a byte of a connection's header
 
 
 class PromptConnection(QueuedConnection):
@@ -74,6 +83,24 @@ class PromptConnection(QueuedConnection):
                             self._error = error
 
 
-def send_promptly() -> None:
-    """Let every publisher of this process do so; call it before the first is made."""
+def _read_header(sock: socket.socket, buffer: Any, size: int) -> Any:
+    """Header of a connection of TCPROS, within a deadline."""
+    sock.settimeout(HEADER_TIMEOUT)
+    header = _READ_HEADER(sock, buffer, size)
+    sock.settimeout(None)
+    return header
+
+
+def _accept(server: tcpros_base.TCPROSServer, sock: socket.socket, address: Any) -> None:
+    """Serve a connection in a thread of its own."""
+    threading.Thread(target=_SERVE, args=(server, sock, address), name="accepted", daemon=True).start()
+
+
+_READ_HEADER, _SERVE = tcpros_base.read_ros_handshake_header, tcpros_base.TCPROSServer._tcp_server_callback
+
+
+def replace_transport() -> None:
+    """Let every publisher and server of this process work so; call it before the first is made."""
     rospy.topics.QueuedConnection = PromptConnection
+    tcpros_base.read_ros_handshake_header = _read_header
+    tcpros_base.TCPROSServer._tcp_server_callback = _accept

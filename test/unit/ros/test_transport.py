@@ -1,4 +1,4 @@
-"""Messages reach a subscriber at once and whole, in order; one that hangs holds nobody up."""
+"""Messages reach a subscriber at once, whole, in order; a peer that hangs or is silent holds nobody up."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ import pytest
 pytest.importorskip("rospy")
 
 import rospy.topics
+from rosgraph.network import encode_ros_handshake_header
 from rospy.exceptions import TransportTerminated
+from rospy.impl import tcpros_base
 from rospy.impl.tcpros_base import TCPROSTransport
 from rospy.impl.tcpros_pubsub import TCPROSPub
 from std_msgs.msg import String
 
-from husky_highlevel_controller.ros.transport import PromptConnection, send_promptly
+from husky_highlevel_controller.ros import transport as transport_module
+from husky_highlevel_controller.ros.transport import PromptConnection, replace_transport
 
 TIMEOUT = 20.0  # [s] of wall time, for anything that hangs
 SIZE = 200_000  # [bytes] of a message, more than a socket's buffer takes at once
@@ -106,9 +109,18 @@ def test_a_subscriber_that_has_gone_is_an_error_that_rospy_knows(ends):
     assert transport.done
 
 
-def test_every_publisher_with_a_queue_sends_so(ends, monkeypatch):
+@pytest.fixture
+def replaced(monkeypatch):
+    """rospy with the transport of this package, until the test ends."""
     monkeypatch.setattr(rospy.topics, "QueuedConnection", rospy.topics.QueuedConnection)
-    send_promptly()
+    monkeypatch.setattr(tcpros_base, "read_ros_handshake_header", tcpros_base.read_ros_handshake_header)
+    monkeypatch.setattr(
+        tcpros_base.TCPROSServer, "_tcp_server_callback", tcpros_base.TCPROSServer._tcp_server_callback
+    )
+    replace_transport()
+
+
+def test_every_publisher_with_a_queue_sends_so(ends, replaced):
     publisher = rospy.topics._PublisherImpl("/scan", String)
     publisher.set_queue_size(1)
     transport, theirs = ends
@@ -117,3 +129,39 @@ def test_every_publisher_with_a_queue_sends_so(ends, monkeypatch):
     assert isinstance(connection, PromptConnection)
     connection.write_data(b"scan")
     assert theirs.recv(100, socket.MSG_DONTWAIT) == b"scan"
+
+
+@pytest.fixture
+def server(replaced):
+    """A running server of rospy's whose services say yes, with what it was asked for."""
+    server = tcpros_base.TCPROSServer()
+    server.calls = []
+
+    def serve(sock, _address, header):
+        server.calls.append((header["service"], sock.gettimeout()))
+        sock.sendall(b"yes")
+
+    server.service_connection_handler = serve
+    server.start_server()
+    yield server
+    server.shutdown()
+
+
+def connected(server):
+    return socket.create_connection(("127.0.0.1", server.get_address()[1]), TIMEOUT)
+
+
+def test_a_connection_that_says_nothing_keeps_no_service_from_answering(server, monkeypatch):
+    monkeypatch.setattr(transport_module, "HEADER_TIMEOUT", 10.0 * TIMEOUT)
+    with connected(server), connected(server) as client:
+        client.sendall(encode_ros_handshake_header({"service": "/start_stop"}))
+        assert client.recv(100) == b"yes"
+        assert server.calls == [("/start_stop", None)], "a call may take as long as it likes"
+
+
+@pytest.mark.parametrize("begin", [b"", b"\x40\x00"])
+def test_a_connection_that_says_too_little_is_closed(server, monkeypatch, begin):
+    monkeypatch.setattr(transport_module, "HEADER_TIMEOUT", 0.1)
+    with connected(server) as silent:
+        silent.sendall(begin)
+        assert silent.recv(100) == b""
