@@ -13,7 +13,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 
 
 def share_folder() -> Path:
-    """The package's folder of data files: its source tree, or share/ beside the installed module's lib/.
+    """The package's folder of data files: its source tree, pip's share/ in it, or catkin's beside its lib/.
 
     Catkin's devel space runs the modules of the source tree, so it needs no case of its own.
 
@@ -21,7 +21,8 @@ def share_folder() -> Path:
         HuskyError: neither has a folder urdf/.
     """
     module = Path(__file__).resolve()
-    candidates = (module.parents[2], module.parents[4] / "share" / module.parent.name)
+    package = module.parent
+    candidates = (module.parents[2], package / "share", module.parents[4] / "share" / package.name)
     for candidate in candidates:
         if (candidate / "urdf").is_dir():
             return candidate

@@ -1,0 +1,95 @@
+"""`pip install .`: the library and its commands in a virtual environment without ROS or catkin."""
+
+import ast
+import re
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = ROOT / "src" / "husky_highlevel_controller"
+COMMANDS = ("compare", "evaluate", "sweep", "tune")
+NAMES = {"yaml": "pyyaml"}  # of a module and of the package that brings it, where they differ
+ROS_OF_A_HAND_IN = {"catkin_pkg", "rospy", "roslib", "rosgraph", "roslaunch", "rospkg", "genpy"}
+
+
+def run(folder, *command):
+    done = subprocess.run(
+        [folder / "bin" / "python", *command],
+        cwd=folder, env={"PATH": "/usr/bin"}, capture_output=True, text=True, timeout=300.0, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    """A virtual environment that sees this one's packages, but no ROS; the library is in it."""
+    pytest.importorskip("hatchling", reason="./dev test installs it")
+    folder = tmp_path_factory.mktemp("bare")
+    venv.create(folder)
+    # what it names is no place for .pth files, Debian's among them
+    (purelib,) = folder.glob("lib/python3*/site-packages")
+    (purelib / "packages.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    pip = [sys.executable, "-m", "pip", "install", "-q", "--no-index", "--no-deps", "--no-build-isolation"]
+    subprocess.run(
+        [*pip, "--prefix", folder, "--ignore-installed", ROOT], check=True, cwd=folder, timeout=100.0
+    )
+    return folder
+
+
+def test_the_environment_has_no_ros(bare):
+    run(bare, "-c", "from importlib.util import find_spec as f; assert not (f('rospy') or f('catkin_pkg'))")
+
+
+def test_rollout_of_the_readme_arrives(bare):
+    assert re.search(r"arrived after 23\.\d\d s", run(bare, ROOT / "examples" / "rollout"))
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_is_there(bare, command):
+    assert f"usage: {command}" in run(bare, bare / "bin" / command, "--help")
+
+
+def test_compare_drives_two_functions(bare):
+    (bare / "mine.py").write_text("from husky_highlevel_controller.controller.behaviour import decide\n")
+    output = run(
+        bare, bare / "bin" / "compare", "--scenes", "1",
+        "husky_highlevel_controller.controller.behaviour:decide", "mine.py:decide",
+    )  # fmt: skip
+    assert "B is not worse than A" in output
+
+
+@pytest.mark.slow
+def test_pip_fetches_all_that_it_needs(tmp_path):
+    venv.create(tmp_path, with_pip=True)
+    subprocess.run([tmp_path / "bin" / "pip", "install", "-q", ROOT], check=True, cwd=tmp_path, timeout=600.0)
+    assert re.search(r"arrived after 23\.\d\d s", run(tmp_path, ROOT / "examples" / "rollout"))
+    run(tmp_path, tmp_path / "bin" / "sweep", "p_gain_vel=0.5,1", "--scenes", "1")
+    few = ("--trials", "1", "--scenes", "1", "--fresh", "1")
+    run(tmp_path, tmp_path / "bin" / "tune", "p_gain_vel=0.5:1", *few)
+
+
+def imported(path):
+    """Names of the libraries that a file imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module.split(".")[0]
+
+
+def test_pyproject_declares_what_is_imported_and_the_version_of_package_xml():
+    tomllib = pytest.importorskip("tomllib")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert f"<version>{project['version']}</version>" in (ROOT / "package.xml").read_text()
+    requirements = [*project["dependencies"], *project["optional-dependencies"]["cluster"]]
+    declared = {re.match(r"[\w-]+", text).group().lower() for text in requirements}
+    files = [path for path in SOURCES.rglob("*.py") if (SOURCES / "ros") not in path.parents]
+    libraries = {name for path in files for name in imported(path)} - set(sys.stdlib_module_names)
+    libraries -= {"husky_highlevel_controller", "pybullet_data", "pyarrow", *ROS_OF_A_HAND_IN}
+    assert {NAMES.get(name, name).lower() for name in libraries} <= declared
