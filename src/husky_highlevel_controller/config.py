@@ -155,6 +155,8 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
             return _items(args, value, name, metadata, parameters_only)
         return _items([args[0]] * len(_listed(value, name, metadata)), value, name, metadata, parameters_only)
     if origin in (dict, abc.Mapping):
+        if value is None and not parameters_only:
+            value = {}  # likewise
         if not isinstance(value, abc.Mapping):
             raise ConfigError(f"{name} = {_short(value)} is not a mapping")
         return {

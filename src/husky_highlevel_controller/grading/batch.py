@@ -35,10 +35,11 @@ from husky_highlevel_controller.grading.isolation.files import (
 )
 from husky_highlevel_controller.grading.isolation.process import Process, StoppedError, end_all, wait
 from husky_highlevel_controller.grading.judge import EVIDENCE, FINGERPRINT, judge_recordings, settings_of
-from husky_highlevel_controller.grading.records import Job, MarkingConfig, Override, Result, to_json
+from husky_highlevel_controller.grading.records import Job, MarkingConfig, Override, Result, load, to_json
 from husky_highlevel_controller.grading.reports.files import (
     HAND_INS,
     JOB,
+    RESULT,
     load_result,
     write_class,
     write_result,
@@ -48,7 +49,6 @@ from husky_highlevel_controller.tasks.fingerprint import code_version
 from husky_highlevel_controller.tasks.workers import Workers
 
 DEADLINE = 3600.0  # [s] of wall time for one hand-in, beside its drives
-RESULT = "result.json"
 PROGRAM = "husky_highlevel_controller.grading.mark"
 CLEANUP_DEADLINE = 10.0  # [s] of wall time from Ctrl-C until the marking program is killed
 MAX_RETURNED = 50_000_000  # [bytes] of a file that a cluster sends back
@@ -154,16 +154,22 @@ def _earlier(job: Job) -> Optional[Result]:
         if (out / FINGERPRINT).read_text() != job.fingerprint:
             return None
         result = load_result(out / RESULT)
-        was_driven = (out / EVIDENCE).exists()
-        judged = judge_recordings(job) if was_driven else result
+        is_as_before = not (out / EVIDENCE).exists() or _settings_before(out) == (job.config, job.override)
+        judged = None if is_as_before else judge_recordings(job)
     except Exception:  # of whatever kind: it is marked again, and then that is its result
         return None
-    if was_driven:
-        judged = with_override(judged, job.override)
-    write_whole(out / JOB, to_json(job))  # for the review: the class may lie elsewhere by now
-    if judged != result:
+    if judged is not None and (judged := with_override(judged, job.override)) != result:
         write_result(judged, out)
-    return judged
+    write_whole(out / JOB, to_json(job))  # the class may lie elsewhere by now
+    return judged or result
+
+
+def _settings_before(out: Path) -> Optional[Tuple[MarkingConfig, Override]]:
+    """Settings by which the result in a folder was judged; None: they are not known."""
+    with contextlib.suppress(HuskyError):
+        job: Job = load(Job, out / JOB)
+        return job.config, job.override
+    return None
 
 
 def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterator[Result]:

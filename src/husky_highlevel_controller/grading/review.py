@@ -6,11 +6,11 @@ address holds a token, so that no other page of the browser and no other user of
 
 from __future__ import annotations
 
+import fcntl
 import json
 import re
 import secrets
 import sys
-import threading
 from contextlib import suppress
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -36,6 +36,7 @@ from husky_highlevel_controller.grading.reports.files import (
     JOB,
     PICTURES,
     REPLAY,
+    RESULT,
     load_result,
     replays,
 )
@@ -45,6 +46,7 @@ from husky_highlevel_controller.grading.settings import FILE, read_overrides
 from husky_highlevel_controller.tasks.command import exit_codes
 from husky_highlevel_controller.templates import render
 
+LOCK = f".{FILE}.lock"  # beside it; a lock of the file itself would end where it is replaced
 KEYS = 9  # 1 gives nothing, 9 all points
 MAX_BODY = 10_000  # [bytes] of a request
 MAX_CODE = 200_000  # [bytes] of a source file that is looked into
@@ -54,7 +56,7 @@ SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h", ".launch"}
 # the code that an item is about, by a word of its name
 CODE = (
     ("RViz", r"pkg=.rviz|</launch>"),
-    ("marker", r"Marker[^A]*\w+\s*[;(=]"),
+    ("marker", r"Marker(?!Array)[^A;(=]{0,80}[;(=]"),
     ("stop", r"SetBool"),
     ("start", r"SetBool"),
     ("pillar", r"linear\.x"),
@@ -129,8 +131,12 @@ class Review:
         self.items: List[OpenItem] = []
         self.students: List[str] = []
         folders = set()
-        for path in sorted((out / HAND_INS).glob("*/result.json")):
-            result, job = load_result(path), load(Job, path.with_name(JOB))
+        for path in sorted((out / HAND_INS).glob(f"*/{RESULT}")):
+            try:
+                result, job = load_result(path), load(Job, path.with_name(JOB))
+            except ConfigError as error:
+                print(f"left out: {error}", file=sys.stderr)
+                continue
             if not Path(job.hand_in).exists():
                 continue  # a student who is gone
             self.students.append(result.name)
@@ -142,7 +148,6 @@ class Review:
                 f"{out}: no results of one class, as `grade --all FOLDER --out {out}` writes them"
             )
         self.folder = folders.pop()
-        self._lock = threading.Lock()
 
     @property
     def given(self) -> List[bool]:
@@ -166,19 +171,25 @@ class Review:
         each = self.items[number]
         if not 0.0 <= points <= each.item.max_points:
             raise ConfigError(f"{each.item.name}: {points!r} is not in 0..{each.item.max_points:g}")
-        with self._lock:
+        path = self.folder / FILE
+        with (self.folder / LOCK).open("a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # another review of this class may write
             read_overrides(self.folder, self.students)  # or its error, before anything is written
-            path = self.folder / FILE
             before = path.read_text(encoding="utf-8") if path.exists() else ""
-            content = yaml.safe_load(before) or {}
-            student = content.setdefault("students", {}).setdefault(each.student, {})
-            student.setdefault("points", {})[each.item.name] = {
-                "points": points,
-                "word": word or "seen by a person",
-            }
+            content: Any = yaml.safe_load(before) or {}
+            given = {"points": points, "word": word or "seen by a person"}
+            _below(content, "students", each.student, "points")[each.item.name] = given
             if "#" in before and not path.with_suffix(".yaml.before").exists():
                 write_whole(path.with_suffix(".yaml.before"), before)
             write_whole(path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
+
+
+def _below(content: Any, *keys: str) -> Any:
+    """The mapping at a path of keys, made where there is none or nothing after a key."""
+    for key in keys:
+        content[key] = content.get(key) or {}
+        content = content[key]
+    return content
 
 
 def make_server(review: Review) -> Tuple[ThreadingHTTPServer, str]:

@@ -1,6 +1,7 @@
 """Exercise 3's rubric on drives made of numbers: who deserves what, and which sentence."""
 
 import hashlib
+import sys
 from dataclasses import replace
 from math import nan
 
@@ -30,7 +31,7 @@ from husky_highlevel_controller.grading.drive.ros_graph import (
     unread_topics,
 )
 from husky_highlevel_controller.grading.drive.rviz_check import judged_by_end
-from husky_highlevel_controller.grading.records import Rules, RvizView, total
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Rules, RvizView, total
 from husky_highlevel_controller.grading.rubrics.exercise_3 import (
     ITEMS,
     judge_approach,
@@ -83,6 +84,14 @@ def markers(recording, position, stamp=None, problem="", every=5):
         if row % every == 0
     )
     return replace(recording, markers=shown, marker_topics=("/marker",))
+
+
+def shown(view, recording, rules=DEFAULT_RULES):
+    return judge_shown(view, [recording], [judge_place(recording, rules)], rules)
+
+
+def over_arrivals(recordings, other_worlds):
+    return over_trials(list(map(judge_arrival, recordings)), other_worlds)
 
 
 TO_PILLAR = 10.0 - 0.2 - NOSE - 0.2  # [m], 0.2 m from the surface
@@ -235,7 +244,7 @@ def test_who_is_on_its_way_at_the_deadline_is_for_a_person(legs, points):
     item = judge_arrival(drive(*legs))
     assert item.points == points
     assert ("on its way, at the deadline of 60 s" in item.evidence) == (points is None)
-    assert over_trials([drive((TO_PILLAR, 0.5)), drive(*legs)], judge_arrival, 0.3).points == (
+    assert over_arrivals([drive((TO_PILLAR, 0.5)), drive(*legs)], 0.3).points == (
         None if points is None else 14.0
     )
 
@@ -426,11 +435,41 @@ def test_each_display_has_its_points(change, points):
     assert judge_rviz(replace(FULL_VIEW, **change), SCAN).points == points
 
 
+def lines_run(function):
+    """Number of Python lines that a call runs."""
+    count, before = 0, sys.gettrace()
+
+    def trace(_frame, event, _argument):
+        nonlocal count
+        count += event == "line"
+        return trace
+
+    sys.settrace(trace)
+    try:
+        function()
+    finally:
+        sys.settrace(before)
+    return count
+
+
+@pytest.mark.parametrize("until", [20.0, np.inf])
+def test_twice_the_markers_take_twice_the_work_also_where_they_live_long_or_are_deleted(until):
+    def work(count):
+        row = range(count)
+        samples = [sample(0.02 * (n + 1), (10.0, 0.0, 0.5), n, until=0.02 * n + until) for n in row]
+        deleted = [replace(each, action="delete all", topic=f"/{n % 20}") for n, each in enumerate(samples)]
+        recording = replace(GOOD, markers=(*samples, *deleted), marker_topics=("/marker",))
+        return lines_run(lambda: judge_exercise_3([recording], FULL_VIEW, SCAN))
+
+    work(100)  # fills caches
+    assert work(800) < 2.5 * work(400)
+
+
 def test_the_marker_in_rviz_counts_only_where_it_is_right():
     right, wrong = markers(GOOD, (10.0, 0.0, 0.0)), markers(GOOD, (0.0, 0.0, 0.0))
-    assert judge_shown(FULL_VIEW, [right]).points == 10.0
-    assert judge_shown(FULL_VIEW, [wrong]).points == 0.0
-    deaf = judge_shown(replace(FULL_VIEW, topics=(SCAN,)), [right])
+    assert shown(FULL_VIEW, right).points == 10.0
+    assert shown(FULL_VIEW, wrong).points == 0.0
+    deaf = shown(replace(FULL_VIEW, topics=(SCAN,)), right)
     assert (deaf.points, deaf.evidence) == (0.0, "RViz does not subscribe to /marker")
 
 
@@ -448,14 +487,14 @@ def test_all_of_it_is_100_points_and_nothing_is_none():
 
 def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():
     short, third = drive((3.0, 0.0)), 1.0 / 3.0
-    item = over_trials([GOOD, short, GOOD], judge_arrival, third)
+    item = over_arrivals([GOOD, short, GOOD], third)
     assert item.points == 25.0
     assert item.evidence.endswith("(drive 2; of 30 points 30 in the course's world, 15 in 2 others)")
     assert item.drive == 2
-    assert over_trials([GOOD, short, short], judge_arrival, third).points == 20.0
-    assert over_trials([short, GOOD, GOOD], judge_arrival, third).points == 10.0
-    assert over_trials([GOOD, short, short], judge_arrival, 0.0).points == 30.0
-    assert over_trials([short], judge_arrival, third).points == 0.0
+    assert over_arrivals([GOOD, short, short], third).points == 20.0
+    assert over_arrivals([short, GOOD, GOOD], third).points == 10.0
+    assert over_arrivals([GOOD, short, short], 0.0).points == 30.0
+    assert over_arrivals([short], third).points == 0.0
 
 
 @pytest.mark.parametrize(
@@ -465,8 +504,8 @@ def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():
 def test_a_teacher_says_what_a_hand_in_without_rviz_s_configuration_gets(no_rviz_config, started, points):
     rules, view = Rules(no_rviz_config=no_rviz_config), RvizView(started=started)
     assert judge_rviz(view, SCAN, rules).points == points
-    shown = judge_shown(view, [markers(GOOD, (10.0, 0.0, 0.0))], rules)
-    assert shown.points == (points if points is None else points / 2.0)
+    in_rviz = shown(view, markers(GOOD, (10.0, 0.0, 0.0)), rules)
+    assert in_rviz.points == (points if points is None else points / 2.0)
 
 
 @pytest.mark.parametrize(

@@ -886,6 +886,14 @@ def test_another_rubric_or_points_by_hand_judge_again_without_a_drive(marked):
     assert not (out / "mark.log").exists(), "nothing was started"
 
 
+def test_what_has_not_changed_is_not_judged_again(marked, monkeypatch):
+    batch, out = marked
+    (first,) = mark_all(MarkingConfig(), batch)
+    monkeypatch.setattr(batch_module, "judge_recordings", None)
+    assert mark_all(MarkingConfig(), batch) == [first]
+    assert not (out / "mark.log").exists(), "nothing was started"
+
+
 def test_a_class_is_marked_whatever_its_folders_and_files_are_called(tmp_path, capsys):
     for name in (b"M\xfcller", b"index.html", b"results.csv", b"bell\x1b[31m\x07"):
         (tmp_path / "class" / os.fsdecode(name)).mkdir(parents=True)

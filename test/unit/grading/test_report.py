@@ -32,6 +32,13 @@ def test_the_table_has_item_points_evidence_moment_and_total():
     assert max(map(len, lines)) <= 110
 
 
+def test_a_late_penalty_is_a_number_for_a_teachers_sum():
+    late = Item("late", -4.0, 0.0, "10 % of 40 points: a day")
+    row = list(csv.reader(io.StringIO(to_csv([replace(RESULT, items=(*ITEMS, late))]))))[1]
+    assert float(row[4]) == -4.0
+    assert float(row[5]) == 28.5
+
+
 def test_full_marks_are_all_that_a_machine_can_give():
     assert not RESULT.full
     assert Result("a", "", {}, (ITEMS[0], ITEMS[2])).full

@@ -1,6 +1,7 @@
 """Review page in a real browser: keys give points, which marking.yaml then holds; no other page writes it."""
 
 import json
+import multiprocessing
 import shutil
 import threading
 from contextlib import contextmanager
@@ -123,6 +124,54 @@ def test_a_line_without_end_of_a_student_s_code_is_cut(review):
     place, code = item.code
     assert place == "husky/a.cpp:2"
     assert max(map(len, code.splitlines())) < 1000
+
+
+def test_code_is_found_in_a_time_that_grows_with_its_length(review):
+    item = replace(review.items[1], item=Item("marker at the pillar", None, 20.0, ""))
+    source = item.out / "ws" / "src" / "husky" / "a.cpp"
+    source.write_text(("Marker" * 83 + "\n") * 400)  # once two minutes
+    assert item.code == ("", "")
+    for line in ("visualization_msgs::Marker marker;", "self.marker = Marker()", "Marker m = {};"):
+        source.write_text(f"MarkerArray array_;\n{line}\n")
+        assert item.code[0] == "husky/a.cpp:2"
+
+
+def test_two_reviews_of_one_class_lose_no_points(review):
+    again = Review(review.items[0].out.parents[1])
+    context = multiprocessing.get_context("fork")
+    writers = [
+        context.Process(target=give_often, args=(each, number))
+        for each, number in ((review, 0), (again, 1), (review, 2))
+    ]
+    for writer in writers:
+        writer.start()
+    for writer in writers:
+        writer.join(60.0)
+        assert writer.exitcode == 0
+    given = read_overrides(review.folder, ["ann", "bob"])
+    assert [given["ann"].points[RVIZ].word, given["ann"].points[MARKER].word] == ["24", "24"]
+    assert given["bob"].points[RVIZ].word == "24"
+    assert given["bob"].late.percent == 10.0
+
+
+def give_often(review, number):
+    for word in range(25):
+        review.give(number, 10.0, str(word))
+
+
+@pytest.mark.parametrize("text", ["students:", "students: {ann: }", "students: {ann: {points: }}"])
+def test_an_empty_entry_is_one_without_keys(review, text):
+    (review.folder / "marking.yaml").write_text(text)
+    assert not any(review.given)
+    review.give(0, 10.0, "")
+    assert review.given == [True, False, False]
+
+
+@pytest.mark.parametrize("name", ["job.json", "result.json"])
+def test_an_unreadable_file_of_one_student_leaves_the_others(review, name, capsys):
+    (review.items[0].out / name).write_text('{"schema": 1}')
+    assert {item.student for item in Review(review.items[0].out.parents[1]).items} == {"bob"}
+    assert f"ann/{name}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

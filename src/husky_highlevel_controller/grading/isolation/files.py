@@ -9,6 +9,7 @@ import itertools
 import os
 import stat
 import subprocess
+import threading
 from pathlib import Path
 from typing import Any, BinaryIO, Iterator, Optional
 
@@ -117,7 +118,7 @@ def write_whole(path: Path, content: str) -> None:
     Raises:
         OSError: it cannot be written; what was there before stays.
     """
-    partial = path.with_name(path.name + ".partial")
+    partial = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.partial")  # two may write
     try:
         with partial.open("w", encoding="utf-8", errors="backslashreplace") as file:
             file.write(content)

@@ -22,6 +22,7 @@ from husky_highlevel_controller.robot import load_robot
 PICTURES = ("drive.png", "rviz.png")
 LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
 HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
+RESULT = "result.json"  # of a student
 JOB = "job.json"  # of the marking program, in the folder of a student's result
 MAX_LOG = 5000  # letters of a log in the feedback
 COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of rospy's warnings and errors
@@ -42,7 +43,7 @@ def write_result(result: Result, out: Path) -> None:
     write_whole(out / "feedback.html", feedback_page(result, _pictures(out), pages, _logs(out)))
     write_exports(result, out)
     sums = {name: getattr(result, name) for name in SUMS}
-    write_whole(out / "result.json", to_json(result, **sums))
+    write_whole(out / RESULT, to_json(result, **sums))
 
 
 def load_result(path: Path) -> Result:

@@ -80,11 +80,11 @@ def to_csv(results: Sequence[Result]) -> str:
         marks = ["" if points_by_name.get(name) is None else f"{points_by_name[name]:g}" for name in names]
         total = ["", ""] if result.problem else [f"{result.points:g}", f"{result.max_points:g}"]
         state = f"{result.state}: {result.problem}" if result.problem else result.state
-        words = [result.name, *marks, *total, state, " | ".join(result.notes)]
-        writer.writerow([_harmless(word) for word in words])
+        notes = _harmless(" | ".join(result.notes))
+        writer.writerow([_harmless(result.name), *marks, *total, _harmless(state), notes])
     return text.getvalue()
 
 
 def _harmless(cell: str) -> str:
-    """A spreadsheet runs what begins like a formula."""
+    """A text that no spreadsheet runs as a formula."""
     return "'" + cell if cell[:1] in ("=", "+", "-", "@") else cell

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import List, Optional, Sequence
 
 import numpy as np
@@ -277,15 +276,17 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
     return replace(item, points=points, evidence=f"{view.source}: {'; '.join(words)}")
 
 
-def judge_shown(view: RvizView, recordings: Sequence[Recording], rules: Rules = DEFAULT_RULES) -> Item:
-    """RViz shows the marker: 10, if it is at the pillar at least at times."""
+def judge_shown(
+    view: RvizView, recordings: Sequence[Recording], places: Sequence[Item], rules: Rules = DEFAULT_RULES
+) -> Item:
+    """RViz shows the marker: 10, if it is at the pillar at least at times; `places` by judge_place."""
     item = Item(ITEMS[4], 0.0, 10.0, "")
     if not view.judged:
         return replace(item, points=None, evidence=f"not judged: {view.problem}")
-    drives = [recording for recording in recordings if judge_place(recording, rules).points]
+    drives = [recording for recording, place in zip(recordings, places) if place.points]
     topics = {marker.topic for drive in drives for marker in drive.markers if not marker.problem}
     if not topics:
-        hint = judge_place(recordings[0], rules).hint if recordings else MARKER
+        hint = places[0].hint if places else MARKER
         return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
         return without_config(item, view, rules)
@@ -301,11 +302,13 @@ def judge_exercise_3(
     recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
     """Items of exercise 3: 20, 30, 20, and 20 and 10 for the marker."""
+    arrivals = [judge_arrival(recording, rules) for recording in recordings]
+    places = [judge_place(recording, rules) for recording in recordings]
     items = [
-        over_trials(recordings, judge_approach, rules.other_worlds),
-        over_trials(recordings, partial(judge_arrival, rules=rules), rules.other_worlds),
+        over_trials([judge_approach(recording) for recording in recordings], rules.other_worlds),
+        over_trials(arrivals, rules.other_worlds),
         judge_rviz(view, scan_topic, rules),
-        over_trials(recordings, partial(judge_place, rules=rules), rules.other_worlds),
-        judge_shown(view, recordings, rules),
+        over_trials(places, rules.other_worlds),
+        judge_shown(view, recordings, places, rules),
     ]
     return rules.apply(forfeited(items, recordings))

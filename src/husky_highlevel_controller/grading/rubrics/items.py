@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Callable, List, Sequence
+from typing import List, Sequence
 
 import numpy as np
 
@@ -11,17 +11,13 @@ from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.records import Item
 
 
-def over_trials(
-    recordings: Sequence[Recording], judge: Callable[[Recording], Item], other_worlds: float
-) -> Item:
+def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
     """Points of all drives together, with the evidence of the worst; a person's where one drive is.
 
     Args:
-        recordings: the first is of the course's world.
-        judge: of one drive.
+        items: of each drive; the first is in the course's world.
         other_worlds: what the further drives weigh together, 0 to 1.
     """
-    items = [judge(recording) for recording in recordings]
     scores = [-1.0 if item.points is None else item.points for item in items]
     number = scores.index(min(scores))
     worst = items[number]

@@ -5,8 +5,9 @@ from __future__ import annotations
 from bisect import bisect_left, insort
 from collections import defaultdict
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
 from itertools import groupby
-from math import atan2, ceil, cos, hypot, remainder, sin, tau
+from math import atan2, ceil, cos, hypot, inf, remainder, sin, tau
 from typing import Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
@@ -47,28 +48,32 @@ class Placement:
 
 @dataclass
 class _Drawn:
-    """Markers of a namespace that RViz draws: the latest of each id until it is deleted or too old."""
+    """Markers that RViz draws: the latest of each topic, namespace and id, until it is deleted or too old."""
 
-    scores: Dict[Key, Tuple[float, float]] = field(default_factory=dict)  # (score, end of life [s])
+    scores: Dict[str, Dict[Key, Tuple[float, float]]] = field(default_factory=lambda: defaultdict(dict))
     ordered: List[float] = field(default_factory=list)  # the scores
+    ends: List[Tuple[float, Key]] = field(default_factory=list)  # heap of ends of life [s]
 
     def put(self, key: Key, score: float, until: float) -> None:
         self.remove(key)
-        self.scores[key] = (score, until)
+        self.scores[key[0]][key] = (score, until)
         insort(self.ordered, score)
+        if until < inf:
+            heappush(self.ends, (until, key))
 
     def remove(self, key: Key) -> None:
-        if key in self.scores:
-            score, _ = self.scores.pop(key)
+        score, _ = self.scores[key[0]].pop(key, (None, inf))
+        if score is not None:
             del self.ordered[bisect_left(self.ordered, score)]
 
     def clear(self, topic: str) -> None:
-        for key in [key for key in self.scores if key[0] == topic]:
+        for key in list(self.scores[topic]):
             self.remove(key)
 
-    def expire(self, now: float, mortal: Sequence[Key]) -> None:
-        for key in mortal:
-            if key in self.scores and self.scores[key][1] <= now:
+    def expire(self, now: float) -> None:
+        while self.ends and self.ends[0][0] <= now:
+            until, key = heappop(self.ends)
+            if self.scores[key[0]].get(key, (0.0, inf))[1] == until:  # it has not been sent again
                 self.remove(key)
 
     @property
@@ -134,23 +139,19 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
 def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[Tuple[float, float]]:
     """(when [s], score of all that is drawn), for each moment at which something came."""
     display, moments = _Drawn(), []
-    mortal: List[Key] = []  # markers with a lifetime
     for at, group in groupby(markers, key=lambda marker: marker.at):
-        display.expire(at, mortal)
-        mortal = [key for key in mortal if key in display.scores]
+        display.expire(at)
         came = False
         for marker in group:
             key = (marker.topic, marker.namespace, marker.id)
             if marker.action == ADD:
                 came = True
                 display.put(key, scores[id(marker)], marker.until)
-                if marker.until < np.inf:
-                    mortal.append(key)
             elif marker.action == DELETE:
                 display.remove(key)
             else:
                 display.clear(marker.topic)
-        if came and display.scores:
+        if came and display.ordered:
             moments.append((at, display.score))
     return moments
 
