@@ -79,6 +79,11 @@ def clock_sentence(who: str, seconds: float, reference: str) -> str:
     return f"{who} stamped {abs(seconds):.2f} s {way} {reference}: set the clocks (chrony)"
 
 
+def zero_sentence(who: str) -> str:
+    """Sentence on messages ("scans are") without stamps."""
+    return f"{who} stamped 0: set the stamps in their driver"
+
+
 def frame_sentence(frame: str) -> str:
     """Sentence on scans whose frame TF does not connect with base_link."""
     if not frame:

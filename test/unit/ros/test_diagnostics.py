@@ -27,7 +27,7 @@ WELL = Health(
         ({}, OK, "driving"),
         ({"scan_silence": None}, ERROR, "no scans"),
         ({"scan_silence": 2.5}, ERROR, "no scans"),
-        ({"scan_stamp": 0.0, "scan_age": 1e9}, WARN, "scans are stamped 0"),
+        ({"scan_stamp": 0.0, "scan_age": 1e9}, WARN, "scans are stamped 0: set the stamps in their driver"),
         ({"scan_age": 5.0}, ERROR, "scans are stamped 5.00 s behind this computer's clock: set the clocks"),
         ({"scan_age": 5.0, "tf_age": 5.0}, ERROR, "scans are stamped 5.00 s behind this computer's clock"),
         ({"scan_age": 3600.0}, ERROR, "scans are stamped 3600.00 s behind this computer's clock"),

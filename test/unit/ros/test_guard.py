@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import re
 import threading
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rospy")
 
 import rospy
+import tf2_ros
 from nav_msgs.msg import Odometry
 
+from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.safety import ProximityConfig
-from husky_highlevel_controller.datatypes import Twist2D
+from husky_highlevel_controller.datatypes import ImuSample, Pose, Scan, Twist2D
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.safety import proximity_stop, stop_request
+from husky_highlevel_controller.ros.safety import crash_stop, proximity_stop, stop_request
+from husky_highlevel_controller.ros.safety import guard as guard_module
 from husky_highlevel_controller.ros.safety.guard import Guard, ServiceConfig
 from husky_highlevel_controller.ros.safety.stop_request import StopRequest
 
@@ -31,31 +36,112 @@ def odometry(stamp, twist):
     ("age", "fresh"), [(0.0, True), (0.4, True), (-0.4, True), (0.6, False), (-0.6, False)]
 )
 def test_a_velocity_older_than_half_a_second_is_unknown(age, fresh):
-    guard = Guard(lambda _: None)
+    guard = Guard(lambda _: None, 0.3)
     assert guard.twist(10.0) is None
     guard.on_odometry(odometry(10.0, Twist2D(0.5, 0.1)))
     assert guard.twist(10.0 + age) == (Twist2D(0.5, 0.1) if fresh else None)
 
 
+class Robot:
+    """A guard's node without a network: its topics are called by hand, at a wall time that is set by hand."""
+
+    def __init__(self, monkeypatch, make, config):
+        self.queues, self.callbacks, self.warnings, self.stops, self.now = {}, {}, [], [], 5000.0
+        parameters = {**vars(ServiceConfig()), **vars(config)}
+        monkeypatch.setattr(rospy, "Subscriber", self.subscribe)
+        monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
+        monkeypatch.setattr(rospy, "get_param", lambda *_: parameters)
+        monkeypatch.setattr(rospy, "get_time", lambda: self.now)
+        monkeypatch.setattr(rospy, "logwarn_throttle", lambda _, text: self.warnings.append(text))
+        monkeypatch.setattr(guard_module.time, "monotonic", lambda: self.now)
+        monkeypatch.setattr(StopRequest, "start", lambda _, danger: self.stops.append(danger))
+        monkeypatch.setattr(tf2_ros, "Buffer", object)
+        monkeypatch.setattr(tf2_ros, "TransformListener", lambda _: None)
+        make()
+
+    def subscribe(self, topic, _kind, callback, queue_size, **_how):
+        name = topic.lstrip("/")
+        self.queues[name], self.callbacks[name] = queue_size, callback
+
+    def drive(self, sensor, message, ahead, accelerations, lost=0.0):
+        """Odometry at 50 Hz, messages at 100 Hz stamped `ahead` of it; accelerations of 10 ms each [m/s^2].
+
+        `lost` is a speed that the robot loses within 80 ms at the end, and not the wheels [m/s].
+        """
+        speed = 0.0
+        for step, acceleration in enumerate(accelerations):
+            self.now += 0.01
+            speed += 0.01 * acceleration
+            if step % 2 == 0:
+                self.callbacks["odometry/filtered"](odometry(self.now, Twist2D(speed, 0.0)))
+            braked = lost / 0.08 if len(accelerations) - step in range(50, 58) else 0.0
+            self.callbacks[sensor](message(self.now + ahead, acceleration - braked))
+
+
+def imu(stamp, acceleration):
+    return conversions.imu_to_msg(
+        ImuSample(stamp, (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), (acceleration, 0.0, 9.8)), "base_link"
+    )
+
+
+SMOOTH = [0.0] * 300 + [3.0] * 33 + [0.0] * 200 + [-3.0] * 33 + [0.0] * 100  # to 1 m/s, and back to standing
+
+
+@pytest.mark.parametrize("ahead", [0.5, 1.0, 2.5, -0.5, -1.0, -2.5])
+def test_a_smooth_drive_is_no_crash_where_imu_and_odometry_have_clocks_of_their_own(monkeypatch, ahead):
+    robot = Robot(monkeypatch, crash_stop.CrashStopNode, CrashConfig())
+    robot.drive("imu/data", imu, ahead, SMOOTH)
+    assert robot.stops == []
+    way = "ahead of" if ahead > 0.0 else "behind"
+    told = re.compile(
+        rf"IMU samples are stamped (\d\.\d\d) s {way} odometry: set the clocks \(chrony\); until then"
+    )
+    assert float(told.match(robot.warnings[-1]).group(1)) == pytest.approx(abs(ahead), abs=0.03)
+    assert all(map(told.match, robot.warnings)), "and no other cause is named"
+
+
+def test_with_clocks_alike_a_crash_is_felt_and_nothing_is_said(monkeypatch):
+    robot = Robot(monkeypatch, crash_stop.CrashStopNode, CrashConfig())
+    robot.drive("imu/data", imu, 0.0, SMOOTH)
+    assert (robot.stops, robot.warnings) == ([], [])
+    robot.drive("imu/data", imu, 0.0, [3.0] * 33 + [0.0] * 200, lost=0.4)
+    assert [stop[:6] for stop in robot.stops] == ["crash:"]
+
+
+def scan_of_a_wall(stamp, _):
+    scan = Scan(stamp, "base_link", -1.5, 1.5, 0.1, 30.0, np.full(100, 0.8))
+    return conversions.scan_to_msg(scan)
+
+
+@pytest.mark.parametrize(
+    ("ahead", "told"),
+    [
+        (0.0, None),
+        (0.5, r"scans are stamped 0.5\d s ahead of odometry: set the clocks \(chrony\)"),
+        (2.5, r"scans are stamped 2.5\d s ahead of odometry"),
+        (-3600.0, r"scans are stamped 3600.\d\d s behind odometry"),
+        (None, "scans are stamped 0: set the stamps in their driver"),
+    ],
+)
+def test_proximity_stop_guards_by_the_newest_odometry_where_the_clocks_differ(monkeypatch, ahead, told):
+    robot = Robot(monkeypatch, proximity_stop.ProximityStopNode, ProximityConfig())
+    monkeypatch.setattr(proximity_stop.ProximityStopNode, "_laser_in_base", lambda *_: Pose())
+    stamp = (lambda now: 0.0) if ahead is None else (lambda now: now + ahead)
+    robot.drive("front/scan", lambda _, a: scan_of_a_wall(stamp(robot.now), a), 0.0, SMOOTH[:400])
+    assert [stop[:9] for stop in robot.stops] == ["something"]
+    assert bool(robot.warnings) is (told is not None)
+    assert all(re.match(told, warning) for warning in robot.warnings)
+
+
 def test_only_the_newest_odometry_and_scan_are_judged(monkeypatch):
     """A queue would let a guard that is late stop the robot for where it was."""
-    queues = {}
-
-    def subscribe(topic, _kind, _callback, queue_size, **_how):
-        queues[topic] = queue_size
-
-    monkeypatch.setattr(rospy, "Subscriber", subscribe)
-    monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: None)
-    monkeypatch.setattr(rospy, "get_param", lambda *_: {**vars(ServiceConfig()), **vars(ProximityConfig())})
-    monkeypatch.setattr(proximity_stop.tf2_ros, "Buffer", object)
-    monkeypatch.setattr(proximity_stop.tf2_ros, "TransformListener", lambda _: None)
-    proximity_stop.ProximityStopNode()
-    assert queues == {"odometry/filtered": 1, "front/scan": 1}
+    robot = Robot(monkeypatch, proximity_stop.ProximityStopNode, ProximityConfig())
+    assert robot.queues == {"odometry/filtered": 1, "front/scan": 1}
 
 
 def test_one_danger_is_one_request():
     requests = []
-    guard = Guard(requests.append)
+    guard = Guard(requests.append, 0.3)
     guard.on_odometry(odometry(10.0, Twist2D(0.5, 0.0)))
     for step in range(20):
         guard.judge(10.0 + 0.02 * step, "a wall")

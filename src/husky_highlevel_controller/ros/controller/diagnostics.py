@@ -9,7 +9,12 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from husky_highlevel_controller.controller.behaviour import State
-from husky_highlevel_controller.controller.sensor_faults import MAX_OFFSET, clock_sentence, frame_sentence
+from husky_highlevel_controller.controller.sensor_faults import (
+    MAX_OFFSET,
+    clock_sentence,
+    frame_sentence,
+    zero_sentence,
+)
 from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 PERIOD = 1.0  # [s] of ROS time
@@ -47,10 +52,7 @@ def judge(health: Health) -> Tuple[int, str]:
     if health.ahead > 0.0:
         return DiagnosticStatus.WARN, clock_sentence("scans are", health.ahead, "odometry")
     if health.scan_stamp == 0.0 and health.scan_age > OLD:
-        return (
-            DiagnosticStatus.WARN,
-            "scans are stamped 0, so their poses are guessed: set the driver's stamps",
-        )
+        return DiagnosticStatus.WARN, zero_sentence("scans are")
     if health.scan_age < -OLD:
         return DiagnosticStatus.WARN, clock_sentence("scans are", -health.scan_age, OUR_CLOCK)
     if health.scan_age > OLD or (health.scan_silence or 0.0) > OLD:

@@ -18,7 +18,8 @@ from husky_highlevel_controller.ros.transforms import lookup_transform
 
 BASE = "base_link"
 QUEUE = 1000  # messages
-LONG_DELAY = 0.5  # [s] of samples that wait for odometry, from which on there is a warning
+CLOCK_TOLERANCE = 0.1  # [s], more between the clocks of IMU and odometry makes a crash of braking
+LONG_DELAY = 0.6  # [s] of samples that wait for odometry, from which on there is a warning
 
 
 class CrashStopNode:
@@ -32,7 +33,7 @@ class CrashStopNode:
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
         self._stop = StopService(service, robot)
-        self._guard = Guard(self._stop.request, self._on_odometry)
+        self._guard = Guard(self._stop.request, CLOCK_TOLERANCE, self._on_odometry)
         self._odometry_topic = rospy.resolve_name(robot.topics.odometry)
         # queued, because every message counts: velocities are sums
         self._guard.follow(self._odometry_topic, QUEUE)
@@ -48,6 +49,10 @@ class CrashStopNode:
 
     def _on_imu(self, msg: Imu) -> None:
         sample, mount = conversions.imu_from_msg(msg), self._imu_in_base(msg.header.frame_id)
+        stamp = self._guard.time_of(sample.stamp, "IMU samples are", "no crash is felt")
+        if self._guard.clocks.seconds != 0.0:
+            self._guard.judge(stamp, None)
+            return
         with self._detecting:
             loss = self._detector.add_sample(sample, mount)
             delay = self._detector.delay
@@ -57,7 +62,7 @@ class CrashStopNode:
                 f"no odometry on {self._odometry_topic} for the last {delay:.1f} s: crashes are felt late",
             )
         danger = None if loss is None else f"crash: {loss:.2f} m/s lost that the wheels do not explain"
-        self._guard.judge(sample.stamp, danger)
+        self._guard.judge(stamp, danger)
 
     def _imu_in_base(self, frame: str) -> Quaternion:
         """Mounting of the IMU in base_link; as base_link where TF does not know."""

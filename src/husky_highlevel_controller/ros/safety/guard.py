@@ -7,6 +7,7 @@ motion, and is then ready to stop it again.
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import dataclass, field
 from typing import Callable, Optional
 
@@ -16,6 +17,7 @@ from nav_msgs.msg import Odometry
 from std_srvs.srv import SetBool
 
 from husky_highlevel_controller.controller.safety import Latch, advance_latch, is_moving
+from husky_highlevel_controller.controller.sensor_faults import ClockOffset, clock_sentence, zero_sentence
 from husky_highlevel_controller.datatypes import STOP, Twist2D
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros import conversions
@@ -42,18 +44,21 @@ class Guard:
     def __init__(
         self,
         request_stop: Callable[[str], None],
+        clock_tolerance: float,
         on_odometry: Optional[Callable[[float, Twist2D], None]] = None,
     ) -> None:
         """Set up without odometry.
 
         Args:
             request_stop: gets the danger, put in words; must not wait.
+            clock_tolerance: offset between the clocks of a sensor and odometry that is none [s].
             on_odometry: also called with stamp [s] and twist of every odometry message.
         """
         self._request_stop = request_stop
         self._latch = Latch()
         self._odometry: Optional[Odometry] = None
         self._pass_on = on_odometry
+        self.clocks = ClockOffset(clock_tolerance)
 
     def follow(self, topic: str, queue_size: int = 1) -> None:
         """Subscribe to odometry; with a queue of one message only the newest counts."""
@@ -62,8 +67,25 @@ class Guard:
     def on_odometry(self, msg: Odometry) -> None:
         """Take the robot's measured velocity."""
         self._odometry = msg
+        self.clocks.add_reference(msg.header.stamp.to_sec())
         if self._pass_on is not None:
             self._pass_on(msg.header.stamp.to_sec(), conversions.twist_from_msg(msg.twist.twist))
+
+    def time_of(self, stamp: float, who: str, effect: str) -> float:
+        """Time of a message by odometry's clock [s]: its stamp, or that of the newest odometry.
+
+        Args:
+            stamp: of the message that has just come [s].
+            who: messages of this kind, with their verb ("scans are").
+            effect: of clocks that differ, for the log.
+        """
+        self.clocks.add(stamp, time.monotonic())
+        if self.clocks.seconds == 0.0 or self._odometry is None:
+            return stamp
+        sentence = clock_sentence(who, self.clocks.seconds, "odometry") if stamp else zero_sentence(who)
+        rospy.logwarn_throttle(REPORT_PERIOD, f"{sentence}; until then {effect}")
+        newest: float = self._odometry.header.stamp.to_sec()
+        return newest
 
     def twist(self, stamp: float) -> Optional[Twist2D]:
         """Velocity at a time [s]; None where odometry is missing or not fresh."""

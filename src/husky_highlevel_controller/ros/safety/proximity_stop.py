@@ -11,6 +11,7 @@ from sensor_msgs.msg import LaserScan
 
 from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.controller.safety import ProximityConfig, too_close
+from husky_highlevel_controller.controller.sensor_faults import frame_sentence
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import named_robot, run_node
@@ -18,6 +19,7 @@ from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, Se
 from husky_highlevel_controller.ros.transforms import lookup_transform
 
 BASE = "base_link"
+CLOCK_TOLERANCE = 0.3  # [s]; a slow lidar's scans are stamped up to 0.2 s before odometry's last
 STARTING_TIME = 1.0  # [s] of scans that may lack odometry or transforms without a warning
 
 
@@ -47,7 +49,7 @@ class ProximityStopNode:
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
         self._stop = StopService(service, self._robot)
-        self._guard = Guard(self._stop.request)
+        self._guard = Guard(self._stop.request, CLOCK_TOLERANCE)
         self._blindness = Blindness()
         self._guard.follow(self._robot.topics.odometry)
         rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
@@ -62,14 +64,15 @@ class ProximityStopNode:
         except conversions.ScanError as error:
             rospy.logwarn_throttle(REPORT_PERIOD, f"{error}, so nothing stops the robot")
             return
-        twist = self._guard.twist(scan.stamp)
+        stamp = self._guard.time_of(scan.stamp, "scans are", "the newest odometry is taken for theirs")
+        twist = self._guard.twist(stamp)
         laser_in_base = self._laser_in_base(scan.frame)
         if twist is None or laser_in_base is None:
-            missing = "fresh odometry" if twist is None else f"transform from '{scan.frame}' to '{BASE}'"
-            if self._blindness.lasts(scan.stamp):
-                rospy.logwarn_throttle(
-                    REPORT_PERIOD, f"no {missing}, so nothing stops the robot; is the robot running?"
-                )
+            reason = frame_sentence(scan.frame)
+            if twist is None:
+                reason = "no odometry younger than 0.5 s: is the robot running?"
+            if self._blindness.lasts(rospy.get_time()):  # stamps may stand still
+                rospy.logwarn_throttle(REPORT_PERIOD, f"nothing stops the robot: {reason}")
             return
         self._blindness.end()
         clearance = too_close(scan, laser_in_base, twist, self._config, self._robot)
@@ -81,7 +84,7 @@ class ProximityStopNode:
                 f"something is {clearance:.2f} m away, and the robot moves towards it at "
                 f"{twist.linear:.2f} m/s, {twist.angular:.2f} rad/s"
             )
-        self._guard.judge(scan.stamp, danger)
+        self._guard.judge(stamp, danger)
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
         transform = lookup_transform(self._transforms, BASE, frame)
