@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import difflib
 import os
 import re
 import shlex
 import shutil
 import signal
+import socket
 import sys
 import tempfile
 import threading
@@ -28,19 +28,22 @@ if sys.version_info < (3, 12):  # rosclean imports distutils: Python's own, or h
 
 import gazebo_packages
 import rosgraph.names
+import rosgraph.network
 import roslaunch
-import roslaunch.arg_dump
+import roslaunch.core
 import roslaunch.nodeprocess
 import roslaunch.parent
 import roslaunch.pmon
 import rospkg
-import yaml
+from launch_arguments import check_arguments
+from launch_output import FoldedOutput
 from roslaunch import substitution_args
 
 from husky_highlevel_controller.ros.restart import display_problem
 
 PACKAGE = "husky_highlevel_controller"
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
+MASTER_TIMEOUT = 3.0  # [s] of wall time for a connection to a master elsewhere
 OWN_RVIZ = {"husky_rviz", "gazebo_gui"}  # RViz nodes of this package's launch files
 # programs that open a window of their own around a node, as in launch-prefix="xterm -e"
 TERMINALS = {
@@ -69,60 +72,24 @@ def find_launch_file(name: str) -> Path:
     return path.absolute()
 
 
-def declared_arguments(file: Path) -> Optional[Set[str]]:
-    """Names of the arguments that a launch file takes; None if that cannot be said before it runs.
-
-    An include with pass_all_args hands down what the file itself does not declare.
-    """
+def check_master() -> None:
+    """Refuse a ROS_MASTER_URI that names another machine where no master answers; roslaunch would raise."""
+    uri = rosgraph.get_master_uri()
+    address = re.fullmatch(r"http://([^:/]+):(\d+)/?", uri)
+    if address is None:
+        raise SystemExit(f"[dev] error: ROS_MASTER_URI='{uri}' is not of the form http://HOST:PORT")
+    host = address[1]
     try:
-        names = set(roslaunch.arg_dump.get_args([str(file)]))
-        for include in ElementTree.parse(file).iter("include"):
-            if include.get("pass_all_args", "").lower() in ("1", "true"):
-                context = {"filename": str(file), "arg": {}}
-                inner = declared_arguments(
-                    Path(substitution_args.resolve_args(include.get("file"), context=context))
-                )
-                if inner is None:
-                    return None
-                names |= inner
-    except Exception:  # roslaunch reports what is wrong with the file, with more words
-        return None
-    return names
-
-
-def check_arguments(file: Path, given: List[str]) -> None:
-    """Refuse an argument that the launch file does not take; roslaunch would ignore it in silence."""
-    declared = declared_arguments(file)
-    for argument in given:
-        name, assigned, value = argument.partition(":=")
-        mistyped = re.fullmatch(r"(\w+)(?:=|:)(.*)", argument)
-        if mistyped and not assigned:
-            raise SystemExit(f"[dev] error: {argument!r}: write {mistyped[1]}:={mistyped[2]}")
-        if assigned and declared is not None and not name.startswith("_") and name not in declared:
-            near = difflib.get_close_matches(name, declared, n=1)
-            hint = f"did you mean '{near[0]}'? " if near else ""
-            known = ", ".join(sorted(declared)) or "none"
-            raise SystemExit(f"[dev] error: {file.name} has no argument '{name}'; {hint}It takes: {known}")
-        if name in ("parameters", "simulator_parameters") and assigned:
-            check_yaml(name, value)
-
-
-def check_yaml(argument: str, name: str) -> None:
-    """Refuse a parameter file that cannot be read; roslaunch would end in a traceback."""
-    try:
-        values = yaml.safe_load(Path(name).read_text())
-    except OSError as error:
-        raise SystemExit(
-            f"[dev] error: {argument}:={name}: {error.strerror} (looked for in {Path.cwd()})"
-        ) from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"{name}:{mark.line + 1}" if mark else name
-        raise SystemExit(
-            f"[dev] error: {where}: no YAML: {getattr(error, 'problem', None) or error}"
-        ) from None
-    if not isinstance(values, dict):
-        raise SystemExit(f"[dev] error: {name}: expected lines 'parameter: value'")
+        socket.getaddrinfo(host, None)
+    except OSError:
+        problem = f"the host '{host}' of ROS_MASTER_URI is not known to this machine: /etc/hosts"
+        raise SystemExit(f"[dev] error: {problem}") from None
+    if not rosgraph.network.is_local_address(host):
+        socket.setdefaulttimeout(MASTER_TIMEOUT)
+        online = rosgraph.is_master_online()
+        socket.setdefaulttimeout(None)
+        if not online:
+            raise SystemExit(f"[dev] error: no ROS master at {uri}: start roscore on '{host}'")
 
 
 def check_display() -> None:
@@ -253,8 +220,19 @@ def last_fatal(process_name: str, log_folder: Path) -> Optional[str]:
     return None
 
 
-def launch(file: Path, options: List[str]) -> int:
+def tell_end(text: str) -> None:
+    """Print roslaunch's words on a node; of a required one that has ended, one line."""
+    required = re.search(r"REQUIRED process \[(.*)-\d+\] has died", text)
+    if required:
+        say(f"{required[1]} has ended, and the launch with it")
+    else:
+        roslaunch.core.printerrlog(text)
+
+
+def launch(file: Path, options: List[str], output: FoldedOutput) -> int:
     """Run roslaunch; 0, or 1 if a required node failed."""
+    roslaunch.pmon.printlog = lambda _: None  # a line for each node that is ended
+    roslaunch.pmon.printerrlog = tell_end
     failures = Failures()
     run: Dict[str, Any] = {"started": False, "forking": False, "signal": 0}
     end = roslaunch.pmon.rl_signal
@@ -287,6 +265,7 @@ def launch(file: Path, options: List[str]) -> int:
         end(number, frame)
         if not run["started"]:  # or roslaunch would wait for the master that it has ended
             sys.stdout.flush()
+            output.close()
             os._exit(128 + signal.SIGINT)  # an exception could be raised where Python ignores it
 
     def start_process(process: Any) -> Any:
@@ -317,9 +296,14 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # ./dev has it ignored, which nodes must not inherit
     file = find_launch_file(sys.argv[1])
     file = find_packages_for(file)
+    check_master()
     check_display()
-    check_arguments(file, sys.argv[2:])
-    return launch(file, sys.argv[2:])
+    options = check_arguments(file, sys.argv[2:])
+    output = FoldedOutput()
+    try:
+        return launch(file, options, output)
+    finally:
+        output.close()
 
 
 if __name__ == "__main__":

@@ -190,6 +190,75 @@ def test_a_drive_that_is_stopped_on_its_way_ends_with_1(launch, ros):
     assert launched.wait() == 1
 
 
+def test_a_program_that_is_not_there_is_one_sentence(ros, tmp_path):
+    node = tmp_path / "node.py"
+    node.write_text("import rospy\n")
+    dev = str(Path(COMMAND[1]).resolve().parents[1] / "dev")
+    for program, words in (
+        ("nosuch", "no command 'nosuch' in "),
+        (str(node), f"'{node}' is not executable: "),
+    ):
+        ran = ros.start(dev, "run", program)
+        assert ran.wait() == 1
+        assert ran.output.startswith(f"[dev] error: {words}")
+        assert ran.output.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("uri", "words"),
+    [
+        (
+            "http://no-such-host.invalid:11311",
+            "the host 'no-such-host.invalid' of ROS_MASTER_URI is not known",
+        ),
+        ("http://192.0.2.1:11311", "no ROS master at http://192.0.2.1:11311: start roscore on '192.0.2.1'"),
+        ("localhost", "ROS_MASTER_URI='localhost' is not of the form http://HOST:PORT"),
+    ],
+)
+def test_a_master_that_cannot_be_reached_is_one_sentence(uri, words, launch):
+    launched = launch("controller.launch", "gui:=false", ROS_MASTER_URI=uri)
+    assert launched.wait() == 1
+    assert words in launched.output
+    assert launched.output.count("\n") == 1
+
+
+FAULTY = """#!/usr/bin/env python3
+import rospy
+from std_msgs.msg import String
+rospy.init_node("faulty")
+publisher = rospy.Publisher("words", String, queue_size=1000)
+rospy.Subscriber("words", String, lambda message: message.nothing)
+while publisher.get_num_connections() == 0:
+    rospy.sleep(0.01)
+for number in range(313):
+    publisher.publish("word")
+while not rospy.is_shutdown():
+    rospy.sleep(0.1)
+"""
+
+
+def test_an_own_launch_file_s_simulator_takes_arguments_and_repeated_tracebacks_are_counted(
+    launch, ros, tmp_path
+):
+    package = tmp_path / "src" / "mine"
+    package.mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>mine</name></package>")
+    (package / "faulty").write_text(FAULTY)
+    (package / "faulty").chmod(0o755)
+    (package / "mine.launch").write_text(
+        """<launch><include file="$(find husky_highlevel_controller)/launch/simulator.launch">
+          <arg name="gui" value="true"/></include><node name="faulty" pkg="mine" type="faulty"/></launch>"""
+    )
+    wrong = launch(package / "mine.launch", "guy:=false")
+    assert wrong.wait() == 1
+    assert "mine.launch has no argument 'guy'; did you mean 'gui'?" in wrong.output
+    launched = launch(package / "mine.launch", "gui:=false", "x:=3.5")
+    launched.says("has no attribute 'nothing'")
+    launched.says("312 times more: AttributeError: 'String' object has no attribute 'nothing'")
+    assert launched.output.count("Traceback") == 1
+    assert ros.master("getParam", "/husky_simulator/x") == 3.5
+
+
 STUDENTS_TEST = """<launch>
   <include file="$(find husky_highlevel_controller)/launch/simulator.launch">
     <arg name="world_name" value="$(find course_worlds)/pillar.world"/>"""
@@ -228,6 +297,7 @@ def interrupt():
 
 os.register_at_fork(after_in_parent=interrupt)
 sys.argv.pop(0)
+sys.path[0] = os.path.dirname(sys.argv[0])
 runpy.run_path(sys.argv[0], run_name="__main__")
 """
 

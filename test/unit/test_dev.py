@@ -132,6 +132,14 @@ def test_a_command_pulls_in_the_groups_that_it_may_need(call, display, groups):
     assert output.split() == groups.split()
 
 
+def test_an_unknown_command_is_one_sentence_with_the_nearest_one():
+    for name, hint in (("lauch", '; did you mean "launch"?'), ("qqq", "")):
+        done = subprocess.run([ROOT / "dev", name], capture_output=True, text=True, check=False)
+        assert done.returncode == 1
+        sentence = f"unknown command '{name}'{hint}; ./dev help lists the commands"
+        assert (done.stdout, done.stderr) == ("", f"[dev] error: {sentence}\n")
+
+
 def test_pip_gets_what_is_locked_for_this_python_only(tmp_path):
     file = tmp_path / "r.txt"
     file.write_text(

@@ -1,0 +1,121 @@
+"""Arguments of a launch file: checked before it runs, and passed on to the files that it includes."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import re
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Optional, Set, Tuple
+from xml.etree import ElementTree
+
+import roslaunch.arg_dump
+import roslaunch.loader
+import yaml
+from roslaunch import substitution_args
+
+PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
+OF_CONTROLLER = {"naive", "parameters", "exit_on_arrival", "deadline"}  # simulator.launch only hands them on
+
+
+def declared_arguments(file: Path) -> Optional[Set[str]]:
+    """Names of the arguments that a launch file takes; None if that cannot be said before it runs.
+
+    An include with pass_all_args hands down what the file itself does not declare.
+    """
+    try:
+        names = set(roslaunch.arg_dump.get_args([str(file)]))
+        for included, passes_all in included_files(file):
+            inner = declared_arguments(included) if passes_all else set()
+            if inner is None:
+                return None
+            names |= inner
+    except Exception:  # roslaunch reports what is wrong with the file, with more words
+        return None
+    return names
+
+
+def included_files(file: Path) -> Iterator[Tuple[Path, bool]]:
+    """The files that a launch file includes, and whether they get all its arguments."""
+    for include in ElementTree.parse(file).iter("include"):
+        context = {"filename": str(file), "arg": {}}
+        passes_all = include.get("pass_all_args", "").lower() in ("1", "true")
+        try:
+            yield Path(substitution_args.resolve_args(include.get("file"), context=context)), passes_all
+        except Exception:  # it has an argument in its name
+            if passes_all:
+                raise
+
+
+def own_arguments(file: Path) -> Set[str]:
+    """Names of the arguments that files of this package take which a launch file includes."""
+    names: Set[str] = set()
+    with contextlib.suppress(Exception):  # as above
+        for included, _ in included_files(file):
+            own = PACKAGE_FOLDER in included.resolve().parents
+            names |= (declared_arguments(included) or set()) if own else own_arguments(included)
+            if included.name == "simulator.launch":
+                names -= OF_CONTROLLER
+    return names
+
+
+def pass_on(values: Dict[str, str]) -> None:
+    """Give arguments to the launch files of this package that take them, wherever they are included."""
+    process_include_args = roslaunch.loader.process_include_args
+
+    def process(context: Any) -> None:
+        file = Path(context.filename)
+        if PACKAGE_FOLDER in file.resolve().parents:
+            arguments = context.include_resolve_dict.setdefault("arg", {})
+            taken = declared_arguments(file) or set()
+            arguments.update({name: value for name, value in values.items() if name in taken})
+        process_include_args(context)
+
+    roslaunch.loader.process_include_args = process
+
+
+def check_arguments(file: Path, given: List[str]) -> List[str]:
+    """Refuse an argument that the launch file does not take; roslaunch would ignore it in silence.
+
+    Returns:
+        The arguments without those that only a file takes which it includes from this package.
+    """
+    declared, own = declared_arguments(file), own_arguments(file)
+    passed_on: Dict[str, str] = {}
+    for argument in given:
+        name, assigned, value = argument.partition(":=")
+        mistyped = re.fullmatch(r"(\w+)(?:=|:)(.*)", argument)
+        if mistyped and not assigned:
+            raise SystemExit(f"[dev] error: {argument!r}: write {mistyped[1]}:={mistyped[2]}")
+        if assigned and declared is not None and not name.startswith("_") and name not in declared:
+            if name not in own:
+                near = difflib.get_close_matches(name, declared | own, n=1)
+                hint = f"did you mean '{near[0]}'? " if near else ""
+                known = ", ".join(sorted(declared)) or "none"
+                raise SystemExit(
+                    f"[dev] error: {file.name} has no argument '{name}'; {hint}It takes: {known}"
+                )
+            passed_on[name] = value
+        if name in ("parameters", "simulator_parameters") and assigned:
+            check_yaml(name, value)
+    if passed_on:
+        pass_on(passed_on)
+    return [argument for argument in given if argument.partition(":=")[0] not in passed_on]
+
+
+def check_yaml(argument: str, name: str) -> None:
+    """Refuse a parameter file that cannot be read; roslaunch would end in a traceback."""
+    try:
+        values = yaml.safe_load(Path(name).read_text())
+    except OSError as error:
+        raise SystemExit(
+            f"[dev] error: {argument}:={name}: {error.strerror} (looked for in {Path.cwd()})"
+        ) from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{name}:{mark.line + 1}" if mark else name
+        raise SystemExit(
+            f"[dev] error: {where}: no YAML: {getattr(error, 'problem', None) or error}"
+        ) from None
+    if not isinstance(values, dict):
+        raise SystemExit(f"[dev] error: {name}: expected lines 'parameter: value'")
