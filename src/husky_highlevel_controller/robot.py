@@ -96,6 +96,11 @@ class RobotTopics:
         metadata={"help": "geometry_msgs/Twist, inputs of twist_mux, the strongest first"}
     )
 
+    def __post_init__(self) -> None:
+        """Raises ValueError where a guard has no input above the controller's."""
+        if len(self.velocity) < 2:
+            raise ValueError(f"velocity has {len(self.velocity)} inputs; guard and controller need one each")
+
 
 @dataclass(frozen=True)
 class Robot:

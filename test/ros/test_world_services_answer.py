@@ -164,7 +164,11 @@ class WorldServicesAnswer(RosTest):
 
     def test_another_world_is_loaded_whole_or_not_at_all(self):
         self.box("crate", 3.0)
-        for name, words in (("none.world", "none.world"), ("../package.xml", "package.xml")):
+        for name, words in (
+            ("none.world", "none.world"),
+            ("../package.xml", "package.xml"),
+            ("x" * 10_000, "no world"),
+        ):
             self.refuses(self.load_world(name), words)
         self.assertIn("crate", self.names())
         self.says(self.load_world("empty.world"), "'")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from stage import GROUND
 
-from husky_highlevel_controller.datatypes import Pose2D, Twist2D, World
+from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Twist2D, World
 from husky_highlevel_controller.evaluation.rollout import model_of
 from husky_highlevel_controller.simulator.profile import RobotProfile
 from husky_highlevel_controller.simulator.simulation import Simulation
@@ -159,3 +159,10 @@ def test_more_than_the_limit_is_felt_where_a_turn_ends(simulate):
     assert peak(simulate(quiet), (1.0, 0.0)) == pytest.approx(3.0, abs=0.01)
     assert 3.5 < peak(simulate(quiet), (0.0, 1.0), (1.0, 0.0)) < 4.0
     assert peak(simulate(quiet), (0.5, 0.0), (1.0, 0.0)) == pytest.approx(3.0, abs=0.01)
+
+
+@pytest.mark.parametrize("rate", [100, 200])
+def test_scans_faster_than_a_sweep_of_the_lidar_are_refused_by_name(simulate, rate):
+    # the first stamp would be before time begins
+    with pytest.raises(HuskyError, match=f"scan_rate = {rate} Hz is faster than a sweep.*15.0 ms"):
+        simulate(replace(HARD, scan_rate=rate))

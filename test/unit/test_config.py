@@ -19,6 +19,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS, setup_of
 from husky_highlevel_controller.grading.rubrics.exercise_3 import ITEMS
 from husky_highlevel_controller.grading.settings import load_rules
+from husky_highlevel_controller.robot import RobotTopics, load_robot
 from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
 from husky_highlevel_controller.simulator.power import PowerConfig
 from husky_highlevel_controller.simulator.profile import RobotProfile
@@ -276,3 +277,9 @@ def test_a_lidar_without_a_valid_range_is_refused_by_both_parameters():
 def test_the_rubric_of_2021_weighs_the_items_of_exercise_3():
     rules = load_rules(CONFIG_FOLDER / "rubric_2021.yaml", ITEMS)
     assert dict(rules.weights) == {"marker at the pillar": 15.0, "marker in RViz": 15.0}
+
+
+def test_a_robot_without_an_input_for_its_guards_is_refused_by_name():
+    values = {**vars(load_robot().topics), "velocity": ["cmd_vel"]}
+    with pytest.raises(ConfigError, match="robot/topics/velocity has 1 inputs; guard and controller"):
+        read_config(values, "robot/topics/", RobotTopics)

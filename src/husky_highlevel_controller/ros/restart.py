@@ -60,17 +60,21 @@ def run(command: Sequence[str]) -> int:
     Returns:
         Its exit code; negative where a signal ended it.
     """
-    stopping = False
-    for attempt in (1, 2):
-        process = subprocess.Popen(list(command))
+    stopping = 0  # number of the signal
+    process: Optional[subprocess.Popen] = None
 
-        def pass_on(number: int, _frame: Any, process: subprocess.Popen = process) -> None:
-            nonlocal stopping
-            stopping = True
+    def pass_on(number: int, _frame: Any) -> None:
+        nonlocal stopping
+        stopping = number
+        if process is not None:
             process.send_signal(number)
 
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, pass_on)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, pass_on)  # before the program starts: no signal is lost
+    for attempt in (1, 2):
+        process = subprocess.Popen(list(command))
+        if stopping:  # by a signal that came before `process` was known
+            process.send_signal(stopping)
         code = process.wait()
         if code not in CRASHES or stopping or attempt == 2:
             break

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, Callable, List, NamedTuple, Optional, Union
 
-from husky_highlevel_controller.datatypes import Vector3, WheelState
+from husky_highlevel_controller.datatypes import HuskyError, Vector3, WheelState
 from husky_highlevel_controller.robot import DriveConfig
 from husky_highlevel_controller.simulator.diff_drive import Drive, IdealBase
 from husky_highlevel_controller.simulator.husky_base import HuskyBase, as_encoded
@@ -61,7 +61,7 @@ def equip(
         gravity: in the world [m/s^2].
 
     Raises:
-        HuskyError: a period is not a multiple of the physics step.
+        HuskyError: a period is not a multiple of the physics step, or shorter than a sweep of the lidar.
     """
     rate, real, mount = config.physics_rate, config.real, config.robot.imu_mount
     dt = 1.0 / rate
@@ -81,6 +81,11 @@ def equip(
             points = PointLidar(config.points, cast, pose)
         lidar: Union[Lidar, Lms1xx] = Lidar(config.lidar, cast, frame, pose)
         if real:
+            if real.lidar.sweep_time > scan_steps * dt:
+                raise HuskyError(
+                    f"scan_rate = {config.scan_rate} Hz is faster than a sweep of robot_profile/lidar, which "
+                    f"takes {1000.0 * real.lidar.sweep_time:.1f} ms"
+                )
             lidar = Lms1xx(real.lidar, cast, frame, pose, scan_steps * dt)
         sensors.append(Sensor(scan_steps, lidar, "scan", LIDAR_STREAM))
     if config.gps_rate:

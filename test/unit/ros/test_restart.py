@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.ros import restart
 
 CRASH_ONCE = """
 import os, sys
@@ -53,6 +54,22 @@ def test_an_interrupt_reaches_the_program_and_ends_both(tmp_path):
     process.send_signal(signal.SIGINT)
     process.stdout.close()
     assert process.wait(60.0) == 7
+
+
+def test_an_interrupt_while_the_program_starts_reaches_it(monkeypatch):
+    start = subprocess.Popen
+
+    def interrupted(command):
+        os.kill(os.getpid(), signal.SIGINT)
+        return start(command)
+
+    monkeypatch.setattr(restart.subprocess, "Popen", interrupted)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        assert restart.run(["sleep", "60"]) == -signal.SIGINT
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def test_without_a_display_that_answers_nothing_is_started():

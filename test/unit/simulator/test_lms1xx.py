@@ -108,3 +108,9 @@ def test_the_same_seed_gives_the_same_scan():
     assert (first == second).all()
     with pytest.raises(ValueError, match="read-only"):
         first[0] = 1.0
+
+
+@pytest.mark.parametrize("beams", [2, 3, 4])
+def test_a_lidar_of_few_beams_measures_from_a_driving_robot(beams):
+    driving = RobotState(Pose(), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert len(sample(WALL, config=replace(EXACT, beams=beams), state=driving).ranges) == beams

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import pytest
 
 from husky_highlevel_controller.datatypes import Cylinder, Plane, Pose, RobotState
 from husky_highlevel_controller.geometry import quat_from_rpy
@@ -55,3 +56,8 @@ def test_what_is_too_near_or_too_far_is_left_out():
     assert np.isnan(points_of(near)[8, 0]).all(), "0.29 m"
     assert np.isfinite(points_of(near, config=replace(QUIET, range_min=0.2))[8, 0]).all()
     assert np.isnan(points_of(config=replace(QUIET, range_max=30.0))[7]).all(), "37 m"
+
+
+def test_an_odd_number_of_columns_is_refused_by_name():
+    with pytest.raises(ValueError, match="columns = 5 is not even"):
+        replace(simulator_config("smb").points, columns=5)

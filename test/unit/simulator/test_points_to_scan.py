@@ -32,3 +32,8 @@ def test_no_point_and_no_direction():
     assert np.isinf(flatten(np.zeros((0, 3)), COURSE)).all()
     with pytest.raises(ConfigError, match=r"angle_min = 2.0 is not below angle_max = 1.0"):
         read_config({**vars(COURSE), "angle_min": 2.0, "angle_max": 1.0}, "~", FlattenConfig)
+
+
+def test_directions_without_number_are_refused_by_name():
+    with pytest.raises(ValueError, match=r"angle_increment = 0\.0001 makes 2000000"):
+        FlattenConfig(angle_min=-100.0, angle_max=100.0, angle_increment=1e-4)

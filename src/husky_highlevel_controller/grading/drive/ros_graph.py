@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple
 from xmlrpc.client import Error as XmlRpcError
-from xmlrpc.client import ServerProxy, Transport
+
+from husky_highlevel_controller.xml_rpc import server
 
 ANSWER_DEADLINE = 20.0  # [s] of wall time; a submission may end the master and listen in its place
 CALLER = "/marking"
@@ -49,17 +50,10 @@ def topics_subscribed(uri: str) -> Tuple[str, ...]:
     return tuple(topic for topic, nodes in state[1] if nodes) if state else ()
 
 
-class _Transport(Transport):
-    def make_connection(self, host: Any) -> Any:
-        connection = super().make_connection(host)
-        connection.timeout = ANSWER_DEADLINE
-        return connection
-
-
 def _ask(uri: str, method: str, *arguments: Any) -> Any:
     """The master's answer; None where it has none."""
     try:
-        with ServerProxy(uri, _Transport()) as master:
+        with server(uri, ANSWER_DEADLINE) as master:
             code, _, value = getattr(master, method)(CALLER, *arguments)
     except (OSError, XmlRpcError, ValueError):
         return None

@@ -40,13 +40,15 @@ class StopRequest:
         self._on_failure, self._on_success = on_failure, on_success
         self._dangers: queue.Queue[str] = queue.Queue(maxsize=1)
         self._hung = threading.Semaphore(MAX_HUNG_CALLS)
+        self._turn = threading.Lock()
         self.pending = False
 
     def start(self, danger: str) -> None:
         """Ask for a stop because of a danger, put in words; ignored while one is pending. Any thread."""
-        if not self.pending:
-            self.pending = True
-            self._dangers.put_nowait(danger)
+        with self._turn:  # sensors have a thread for each publisher
+            if not self.pending:
+                self.pending = True
+                self._dangers.put_nowait(danger)
 
     def run(self, is_shutdown: Callable[[], bool]) -> None:
         """Serve stops until the node is shut down."""

@@ -14,14 +14,17 @@ import threading
 from typing import Any, Callable, List, Optional
 from xmlrpc.client import Error, ServerProxy
 
+from husky_highlevel_controller.xml_rpc import server
+
 NODE = "husky_simulator"
+DEADLINE = 5.0  # [s] of wall time for one answer
 WATCH_PERIOD = 10.0  # [s] of wall time between two looks at who publishes /clock
 
 
 def publishers_of_clock(master_uri: str) -> List[str]:
     """Names of the nodes that publish /clock and answer; empty without a master."""
     try:
-        with ServerProxy(master_uri) as master:
+        with server(master_uri, DEADLINE) as master:
             state: Any = master.getSystemState("/one_simulator")
             published = dict(state[2][0])
             return [name for name in published.get("/clock", ()) if _answers(master, name)]
@@ -33,7 +36,7 @@ def _answers(master: ServerProxy, name: str) -> bool:
     """Whether a node that the master knows is still there; one that was killed is not."""
     try:
         answer: Any = master.lookupNode("/one_simulator", name)
-        with ServerProxy(answer[2]) as node:
+        with server(answer[2], DEADLINE) as node:
             node.getPid("/one_simulator")
     except (OSError, Error):
         return False
@@ -50,7 +53,7 @@ def refusal(name: str, master_uri: str) -> str:
     """Reason why a second simulator does not start, and what to do, in a sentence."""
     return (
         f"{name} simulates already on {master_uri}; end it first, "
-        "or give this one a master of its own: roslaunch -p 11312 ..."
+        "or give this one a master of its own: ROS_MASTER_URI=http://localhost:11312 roslaunch ..."
     )
 
 

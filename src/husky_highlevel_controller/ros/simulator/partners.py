@@ -6,11 +6,14 @@ In: the topics they share with the simulator, the ROS master. Out: whether they 
 from __future__ import annotations
 
 from typing import Any, Callable, Sequence, Set
-from xmlrpc.client import Error, ServerProxy
+from xmlrpc.client import Error
 
 import rosgraph
 import rospy
 
+from husky_highlevel_controller.xml_rpc import server
+
+DEADLINE = 5.0  # [s] of wall time for one answer
 # roslaunch's own processes, and the nodes of simulator.launch: none of them drives the robot
 NODES = {"master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web"}
 
@@ -51,7 +54,7 @@ def launched_beside() -> Set[str]:
     names: Set[str] = set()
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
         try:
-            with ServerProxy(uri) as launcher:
+            with server(uri, DEADLINE) as launcher:
                 answer: Any = launcher.list_processes()
         except (OSError, Error):
             continue  # it has ended

@@ -77,16 +77,16 @@ def find_world(name: str) -> Path:
     folders = [share_folder() / "worlds", share_folder(), *map(Path, gazebo)]
     for folder in folders:
         path = folder / name  # an absolute name stays as it is
-        if path.is_file():
+        if os.path.isfile(path):  # false for a name that is too long, too
             return path
     for folder in folders:
         path = folder / Path(name).name
-        if path.is_file():
+        if os.path.isfile(path):
             log.warning("there is no world %s; taking %s of the same name", name, path)
             return path
     names = sorted({path.name for folder in folders for path in folder.glob("*.world")})
     raise WorldError(
-        f"no world '{name}'; there are {', '.join(names) or 'none'} in {', '.join(map(str, folders))}"
+        f"no world '{name:.200}'; there are {', '.join(names) or 'none'} in {', '.join(map(str, folders))}"
     )
 
 

@@ -143,7 +143,7 @@ def _pieces(config: Lms1xxConfig, count: int) -> List[_Piece]:
     step = float(increment) / SAMPLES
     half = int(WIDEST_SPOT / step) + 1
     pieces = []
-    for beams in np.array_split(np.arange(config.beams), count):
+    for beams in np.array_split(np.arange(config.beams), min(count, config.beams)):
         age = (config.beams - 1 - (beams[0] + beams[-1]) / 2.0) * config.time_increment
         rays = angles[beams[0]] + step * np.arange(-half, (len(beams) - 1) * SAMPLES + half + 1)
         pieces.append(_Piece(len(beams), age, beams_at(rays), step * np.arange(-half, half + 1)))

@@ -32,6 +32,11 @@ class PointsConfig:
     range_max: float = field(metadata={"min": 0.1, "max": 1000.0, "help": "farther is left out [m]"})
     noise: float = field(metadata={"min": 0.0, "max": 1.0, "help": "standard deviation [m]"})
 
+    def __post_init__(self) -> None:
+        """Raises ValueError where opposite columns are not in one plane."""
+        if self.columns % 2:
+            raise ValueError(f"columns = {self.columns} is not even")
+
 
 class PointLidar:
     """A 3D lidar on base_link."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 FAR = 1e6  # [m], beyond any point
+MAX_DIRECTIONS = 100_000
 
 
 def _number(default: Any, help_text: str, minimum: float = -FAR) -> Any:
@@ -37,9 +38,19 @@ class FlattenConfig:
     queue_size: int = _number(1, "without effect")
 
     def __post_init__(self) -> None:
-        """Raises ValueError where there is no direction."""
+        """Raises ValueError where there is no direction, or too many."""
         if self.angle_min >= self.angle_max:
             raise ValueError(f"angle_min = {self.angle_min} is not below angle_max = {self.angle_max}")
+        if self.directions > MAX_DIRECTIONS:
+            raise ValueError(
+                f"angle_increment = {self.angle_increment} makes {self.directions} directions "
+                f"from angle_min to angle_max, more than {MAX_DIRECTIONS}"
+            )
+
+    @property
+    def directions(self) -> int:
+        """Number of directions."""
+        return ceil((self.angle_max - self.angle_min) / self.angle_increment)
 
 
 def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
@@ -49,7 +60,7 @@ def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
         points: (N, 3) [m], finite, in the scan's frame.
         config: heights, directions and ranges.
     """
-    count = ceil((config.angle_max - config.angle_min) / config.angle_increment)
+    count = config.directions
     ranges = np.full(count, np.inf if config.use_inf else config.range_max + config.inf_epsilon)
     x, y, z = points.T
     distance, angle = np.hypot(x, y), np.arctan2(y, x)

@@ -1,0 +1,25 @@
+"""XML-RPC client with a deadline, for ROS masters and nodes that may not answer.
+
+Only the standard library, because every launch waits for it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+from xmlrpc.client import ServerProxy, Transport
+
+
+class _Transport(Transport):
+    def __init__(self, deadline: float) -> None:
+        super().__init__()
+        self._deadline = deadline
+
+    def make_connection(self, host: Any) -> Any:
+        connection = super().make_connection(host)
+        connection.timeout = self._deadline
+        return connection
+
+
+def server(uri: str, deadline: float) -> ServerProxy:
+    """Client of an XML-RPC server whose calls raise OSError after `deadline` [s] without an answer."""
+    return ServerProxy(uri, _Transport(deadline))
