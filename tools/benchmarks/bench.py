@@ -42,15 +42,15 @@ def machine() -> Dict[str, object]:
 
 def table(rows: List[Row]) -> str:
     """The rows as Markdown, which reads well on a terminal too."""
-    cells = [("figure", "ours", "yardstick", "ratio", "reach", "")]
+    cells = [("figure", "ours", "yardstick", "ratio", "goal", "reached")]
     cells += [
         (
             row.what,
             f"{row.ours:.3g} {row.unit}",
             f"{row.yardstick:.3g} ({row.against})",
             f"{row.ratio:.2f}",
-            row.reach,
-            "" if row.met is None else "yes" if row.met else "NO",
+            row.goal,
+            reached(row),
         )
         for row in rows
     ]
@@ -58,6 +58,13 @@ def table(rows: List[Row]) -> str:
     lines = ["| " + " | ".join(map(str.ljust, line, widths)) + " |" for line in cells]
     lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
     return "\n".join(lines)
+
+
+def reached(row: Row) -> str:
+    """How near a figure is to its goal, and what limits it."""
+    if row.near is None or row.near >= 1.0:
+        return "" if row.near is None else "yes"
+    return f"{row.near:.0%}" + (f": {row.limit}" if row.limit else "")
 
 
 def main() -> None:
@@ -84,7 +91,7 @@ def main() -> None:
         rows += found[name]
         print(f"{name}: {time.monotonic() - begin:.0f} s", file=sys.stderr)
     print(", ".join(f"{key} {value}" for key, value in host.items()) + "\n")
-    print(table([replace(row, met=None) for row in rows] if wanted.short else rows))
+    print(table([replace(row, near=None) for row in rows] if wanted.short else rows))
     if wanted.short:
         print("\nA short run: it works, but its figures mean nothing.")
     figures = {name: [asdict(row) for row in each] for name, each in found.items()}

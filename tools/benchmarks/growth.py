@@ -29,7 +29,7 @@ def growth(effort: Effort) -> List[Row]:
             continue
         row = _scan_cost(kind, count, beams, effort.repeats)
         if (kind, count, beams) == ("mixed", 1000, 720):
-            row = reaching(row, "<= 0.5 where rayTestBatch takes 9", row.ratio, most=0.5 / 9.0)
+            row = reaching(row, "<= 0.5 where rayTestBatch takes 9", row.ratio, maximum=0.5 / 9.0)
         rows.append(row)
     return rows
 

@@ -32,7 +32,7 @@ def marking(effort: Effort) -> List[Row]:
         for number, unit in enumerate(("CPU s", "s")):
             runs = [(ours[number], other[number]) for ours, other in pairs]
             row = compare(f"marking {name}", unit, runs, effort.against.name)
-            rows.append(reaching(row, "<= 0.5", row.ratio, most=0.5))
+            rows.append(reaching(row, "<= 0.5", row.ratio, maximum=0.5))
     return rows
 
 

@@ -1,8 +1,8 @@
-"""Rows of the benchmark's table: one figure, its baseline, their ratio, and the target."""
+"""Rows of the benchmark's table: one figure, its baseline, their ratio, and the goal."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import median
 from typing import List, Optional, Sequence, Tuple
@@ -37,8 +37,9 @@ class Row:
     yardstick: float
     against: str  # what the yardstick is
     ratio: float  # the median of the runs' own ratios, ours to the yardstick
-    reach: str = ""  # the target
-    met: Optional[bool] = None  # whether it was reached
+    goal: str = ""
+    near: Optional[float] = None  # share of the goal; 1.0 and more: reached
+    limit: str = ""  # what keeps it from the goal
     runs: List[Tuple[float, float]] = field(default_factory=list)  # (ours, yardstick), in the order measured
 
 
@@ -49,6 +50,9 @@ def compare(what: str, unit: str, runs: Sequence[Tuple[float, float]], against: 
     return Row(what, unit, median(ours), median(baselines), against, ratio, runs=list(runs))
 
 
-def reaching(row: Row, text: str, value: float, least: float = -np.inf, most: float = np.inf) -> Row:
-    """The row, and whether `value` meets the target."""
-    return Row(**{**row.__dict__, "reach": text, "met": bool(least <= value <= most)})
+def reaching(
+    row: Row, goal: str, value: float, minimum: float = 0.0, maximum: float = np.inf, limit: str = ""
+) -> Row:
+    """The row with a goal, how near `value` is to its minimum or maximum, and what keeps it from it."""
+    near = value / minimum if minimum else maximum / value
+    return replace(row, goal=goal, near=near, limit=limit)
