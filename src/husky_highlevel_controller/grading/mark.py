@@ -22,10 +22,10 @@ from husky_highlevel_controller.grading.drive.plan import Plan, Submission, plan
 from husky_highlevel_controller.grading.drive.recording import RECORDING, Recording, empty_recording
 from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.drive.robot_version import (
-    DEFAULT,
-    detect_robot,
-    names_the_husky_s_scans,
-    subscribes_to,
+    SMB,
+    OtherRobotError,
+    guess_robot,
+    listens_to,
 )
 from husky_highlevel_controller.grading.drive.run import drive
 from husky_highlevel_controller.grading.drive.rviz_check import look
@@ -46,7 +46,6 @@ from husky_highlevel_controller.grading.judge import (
 )
 from husky_highlevel_controller.grading.records import (
     AUTO,
-    ROBOT_VERSIONS,
     Job,
     MarkingConfig,
     Result,
@@ -109,17 +108,18 @@ def _gather(job: Job, out: Path) -> Result:
     planned = plan(submission, out / "plan")
     starts = bool(planned.nodes) and not submission.problem
     config = replace(job.config, robot=job.override.robot or job.config.robot)
-    recordings: List[Recording] = []
-    if config.robot == AUTO and starts and names_the_husky_s_scans(planned):
-        husky = replace(config, robot=DEFAULT)
-        recordings = _drives(submission, planned, replace(job, config=husky))
-        if recordings[0].subscribed:  # else it listens elsewhere, whatever its files name
-            config, notes = husky, [*notes, subscribes_to(DEFAULT)]
-    if config.robot == AUTO:
-        robot, scans, why = detect_robot(submission, planned, out / "robot")
-        config, notes = replace(config, robot=robot, scans=scans), [*notes, why]
-    if not recordings or config.scan_topic != ROBOT_VERSIONS[DEFAULT][0]:
-        recordings = _drives(submission, planned, replace(job, config=config))
+    is_guess, why = config.robot == AUTO, ""
+    if is_guess:
+        robot, why = guess_robot(planned)
+        config, is_guess = replace(config, robot=robot), robot != SMB
+    try:
+        recordings = _drives(submission, planned, replace(job, config=config), is_guess)
+    except OtherRobotError as other:
+        config = replace(config, robot=other.robot, scans=other.scans)
+        recordings = _drives(submission, planned, replace(job, config=config), False)
+    if is_guess and recordings[0].subscribed:
+        why = listens_to(config)
+    notes += [why] * bool(why)
     (trial, *_) = draw_trials(1, config.seed)
     chance = uninitialised(submission, planned, trial, config, out / "memcheck") if starts else ""
     view, pixels = look(submission, planned, config, out / "rviz")
@@ -147,8 +147,12 @@ def _submission(job: Job, out: Path) -> Tuple[Submission, List[str]]:
     return prepare(Path(job.hand_in), job.override, job.config.exercise, workspace, out)
 
 
-def _drives(submission: Submission, planned: Plan, job: Job) -> List[Recording]:
-    """Recordings of the drives; further drives only where the first one moved."""
+def _drives(submission: Submission, planned: Plan, job: Job, is_guess: bool) -> List[Recording]:
+    """Recordings of the drives; further drives only where the first one moved.
+
+    Raises:
+        OtherRobotError: the job's robot is a guess, and the submission listens to another one's scans.
+    """
     config, exercise = job.config, EXERCISES[job.config.exercise]
     for earlier in Path(job.out).glob("drive_*"):
         remove_tree(earlier)
@@ -165,7 +169,7 @@ def _drives(submission: Submission, planned: Plan, job: Job) -> List[Recording]:
             write_whole(folder / RECORDING, recording_to_json(recording))
         else:
             with _bar(trial, len(trials), config) as bar:
-                recording = drive(submission, trial, config, folder, partial(_advance, bar))
+                recording = drive(submission, trial, config, folder, partial(_advance, bar), is_guess)
             write_replay(recording, f"{job.name}, drive {trial.number}", folder)
         recordings.append(recording)
         if not recording.moving.any():

@@ -7,15 +7,14 @@ import pytest
 
 from husky_highlevel_controller.course import PILLARS
 from husky_highlevel_controller.datatypes import Pose2D
-from husky_highlevel_controller.grading.drive.plan import Plan, Submission
+from husky_highlevel_controller.grading.drive import ros_graph
+from husky_highlevel_controller.grading.drive.plan import Plan
 from husky_highlevel_controller.grading.drive.recording import empty_recording, from_json, hull_gaps, to_json
-from husky_highlevel_controller.grading.drive.robot_version import detect_robot
+from husky_highlevel_controller.grading.drive.robot_version import OtherRobotError, check_robot, guess_robot
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
-from husky_highlevel_controller.grading.records import ROBOT_VERSIONS, Launchable
+from husky_highlevel_controller.grading.records import ROBOT_VERSIONS
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.models.sdf_world import parse_world
-
-NODE = Submission(Launchable("node", "p", "n"))
 
 
 @pytest.mark.parametrize(
@@ -24,17 +23,18 @@ NODE = Submission(Launchable("node", "p", "n"))
         ("a.launch", '<include file="$(find smb_gazebo)/launch/smb_gazebo.launch"/>', "smb_gazebo"),
         ("a.cpp", 'lookupTransform("odom", "rslidar", ros::Time(0))', "rslidar"),
         ("node", '"/imu0"', "/imu0"),
+        ("view.rviz", "Topic: /rslidar_points", "/rslidar_points"),
     ],
 )
 def test_what_a_package_names_tells_the_smb(name, text, word, tmp_path):
     (tmp_path / name).write_text(text)
-    robot, _, why = detect_robot(NODE, Plan(nodes=("p/n",), package_path=tmp_path), tmp_path)
+    robot, why = guess_robot(Plan(nodes=("p/n",), package_path=tmp_path))
     assert robot == "smb"
     assert why == f"the simulated robot is the SMB: {name} names {word}"
 
 
-def test_a_node_of_the_smb_that_is_left_out_tells_it_too(tmp_path):
-    robot, _, why = detect_robot(NODE, Plan(nodes=("p/n",), left_out=("smb_gazebo/spawn",)), tmp_path)
+def test_a_node_of_the_smb_that_is_left_out_tells_it_too():
+    robot, why = guess_robot(Plan(nodes=("p/n",), left_out=("smb_gazebo/spawn",)))
     assert (robot, "the SMB" in why) == ("smb", True)
 
 
@@ -43,15 +43,41 @@ def test_a_node_of_the_smb_that_is_left_out_tells_it_too(tmp_path):
     [
         ("Topic: /scan", "husky_melodic", "view.rviz names /scan"),
         ("Topic: /front/scan", "husky", "view.rviz names front/scan"),
-        ("Topic: /rslidar_points", "smb", "view.rviz names /rslidar_points"),
         ("Topic: ''", "husky", "it names no topic of scans"),
     ],
 )
-def test_where_nothing_starts_the_names_in_its_files_tell_the_robot(text, robot, why, tmp_path):
+def test_the_names_in_its_files_give_a_first_guess(text, robot, why, tmp_path):
     (tmp_path / "view.rviz").write_text(text)
-    told, scans, words = detect_robot(NODE, Plan(package_path=tmp_path), tmp_path)
-    assert (told, scans) == (robot, "")
+    guess, words = guess_robot(Plan(package_path=tmp_path))
+    assert guess == robot
     assert words.endswith(f": {why}")
+
+
+@pytest.mark.parametrize(
+    ("topics", "guess", "told"),
+    [
+        (("/front/scan", "/scan"), "/front/scan", None),
+        (("/front/scan", "/scan"), "/scan", None),
+        (("/front/scan",), "/scan", ("husky", "")),
+        (("/scan",), "/front/scan", ("husky_melodic", "")),
+        (("/laser",), "/front/scan", ("husky", "/laser")),
+        (("/laser", "/rear"), "/front/scan", None),
+        ((), "/front/scan", None),
+    ],
+)
+def test_what_it_subscribes_to_decides(topics, guess, told, monkeypatch):
+    listeners = [[topic, ["/controller"]] for topic in topics] + [["/scan", ["/rosout"]]] * (
+        "/scan" not in topics
+    )
+    types = [[topic, "sensor_msgs/LaserScan"] for topic in topics]
+    answers = {"getSystemState": [[], listeners, []], "getTopicTypes": types}
+    monkeypatch.setattr(ros_graph, "_ask", lambda _, method: answers[method])
+    if told is None:
+        check_robot("", ["/rosout"], guess)
+    else:
+        with pytest.raises(OtherRobotError) as other:
+            check_robot("", ["/rosout"], guess)
+        assert (other.value.robot, other.value.scans) == told
 
 
 @pytest.mark.parametrize("robot", ROBOTS)

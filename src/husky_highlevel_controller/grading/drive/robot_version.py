@@ -5,85 +5,78 @@ from __future__ import annotations
 import re
 from contextlib import suppress
 from pathlib import Path
-from typing import Match, Optional, Pattern, Tuple
+from typing import Collection, Match, Optional, Pattern, Tuple
 
-from husky_highlevel_controller.grading.drive.plan import Plan, Submission, start
-from husky_highlevel_controller.grading.drive.progress import settles
-from husky_highlevel_controller.grading.drive.ros_graph import (
-    is_up,
-    scan_topics,
-    set_parameters,
-    topics_subscribed,
-)
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.drive.plan import Plan
+from husky_highlevel_controller.grading.drive.ros_graph import scan_topics, topics_subscribed
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text, walk
-from husky_highlevel_controller.grading.isolation.ros_network import Network
-from husky_highlevel_controller.grading.records import ROBOT_VERSIONS
+from husky_highlevel_controller.grading.records import ROBOT_VERSIONS, MarkingConfig
 
-DEFAULT = "husky"
+DEFAULT, SMB = "husky", "smb"
 TITLES = {"husky": "Husky", "husky_melodic": "Husky of ROS Melodic"}
 MAX_TEXT = 200_000  # [bytes] of a file that is read
 # in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
-SMB = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
+SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
 # where no node can be asked: its topic of scans
 SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 
 
-def names_the_husky_s_scans(planned: Plan) -> bool:
-    """Whether its package names the Husky's topic of scans, and nothing of the SMB."""
-    mention = _named(planned, SCANS)
-    return bool(mention and mention[1]["husky"]) and not _names_of_the_smb(planned)
+class OtherRobotError(HuskyError):
+    """A submission that listens to the scans of another robot than it was started with."""
+
+    def __init__(self, robot: str, scans: str) -> None:
+        super().__init__(robot)
+        self.robot, self.scans = (
+            robot,
+            scans,
+        )  # key of ROBOT_VERSIONS; topic, if it is another than the robot's
 
 
-def detect_robot(submission: Submission, planned: Plan, folder: Path) -> Tuple[str, str, str]:
-    """The robot, the topic of the scans if it is another than the robot's, and a sentence that says why.
+def guess_robot(planned: Plan) -> Tuple[str, str]:
+    """Robot that a submission names, a key of ROBOT_VERSIONS; and a sentence that says why.
 
-    Args:
-        submission: what to start.
-        planned: what it would start.
-        folder: for logs.
-
-    Raises:
-        MarkingError: no ROS master can be started.
+    It is certain for the SMB; else the topic that the submission subscribes to decides.
     """
+    mention = _named(planned, SCANS)
     words = _names_of_the_smb(planned)
     if words:
-        return "smb", "", f"the simulated robot is the SMB: {words}"
-    if submission.problem or not planned.nodes:
-        mention = _named(planned, SCANS)
-        version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
-        words = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
-        return version, "", f"the simulated robot is the {TITLES[version]}: {words}"
-    topics = {version: topic for version, (topic, _) in ROBOT_VERSIONS.items() if version != "smb"}
-    with Network(folder) as network:
-        set_parameters(network.uri, {"/run_id": "marking"})  # roslaunch waits for it
-        process, _ = start(network, submission)
+        return SMB, f"the simulated robot is the SMB: {words}"
+    version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
+    words = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
+    return version, f"the simulated robot is the {TITLES[version]}: {words}"
 
-        def subscribed() -> str:
-            subscriptions = topics_subscribed(network.uri)
-            return next((version for version, topic in topics.items() if topic in subscriptions), "")
 
-        settles(process, lambda: bool(subscribed()), lambda: is_up(network.uri, ()))
-        version, scans = subscribed(), scan_topics(network.uri)
-    if version:
-        return version, "", subscribes_to(version)
+def check_robot(uri: str, our_nodes: Collection[str], scan_topic: str) -> None:
+    """Compare the scans' topic of a guess with those that a submission subscribes to.
+
+    Raises:
+        OtherRobotError: it subscribes to another robot's topic, or to a single other topic of scans.
+    """
+    topics = topics_subscribed(uri, our_nodes)
+    if scan_topic in topics:
+        return
+    for version, (topic, _) in ROBOT_VERSIONS.items():
+        if version != SMB and topic in topics:
+            raise OtherRobotError(version, "")
+    scans = scan_topics(uri, our_nodes)
     if len(scans) == 1:
-        why = f"scans are sent on {scans[0]}, the only topic of scans that it subscribes to"
-        return DEFAULT, scans[0], why
-    why = f"it subscribes neither to {' nor to '.join(topics.values())}"
-    return DEFAULT, "", f"the simulated robot is the {TITLES[DEFAULT]}: {why}"
+        raise OtherRobotError(DEFAULT, scans[0])
 
 
-def subscribes_to(version: str) -> str:
-    """A sentence that says why the robot is this version of the Husky."""
-    return f"the simulated robot is the {TITLES[version]}: it subscribes to {ROBOT_VERSIONS[version][0]}"
+def listens_to(config: MarkingConfig) -> str:
+    """A sentence that says why the robot is that of a configuration, by what the submission subscribes to."""
+    if config.scans:
+        return f"scans are sent on {config.scans}, the only topic of scans that it subscribes to"
+    return f"the simulated robot is the {TITLES[config.robot]}: it subscribes to {config.scan_topic}"
 
 
 def _names_of_the_smb(planned: Plan) -> str:
     """Parts of the SMB that a submission includes or names, in words; empty: none."""
     if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
         return "its launch file starts the SMB's nodes"
-    mention = _named(planned, SMB)
+    mention = _named(planned, SMB_NAMES)
     return f"{mention[0].name} names {mention[1].group()}" if mention else ""
 
 

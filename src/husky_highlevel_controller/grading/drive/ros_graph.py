@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, Sequence, Set, Tuple
+from typing import Any, Collection, Dict, List, Mapping, Sequence, Set, Tuple
 from xmlrpc.client import Error as XmlRpcError
 
 from husky_highlevel_controller.xml_rpc import server
@@ -38,16 +38,16 @@ def set_parameters(uri: str, values: Mapping[str, Any]) -> None:
         _ask(uri, "setParam", name, value)
 
 
-def scan_topics(uri: str) -> Tuple[str, ...]:
-    """Topics of scans that a node subscribes to."""
+def scan_topics(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, ...]:
+    """Topics of scans that a node which is not ours subscribes to."""
     types = dict(_ask(uri, "getTopicTypes") or ())
-    return tuple(topic for topic in topics_subscribed(uri) if types.get(topic) == SCAN)
+    return tuple(topic for topic in topics_subscribed(uri, our_nodes) if types.get(topic) == SCAN)
 
 
-def topics_subscribed(uri: str) -> Tuple[str, ...]:
-    """Topics that any node subscribes to."""
+def topics_subscribed(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, ...]:
+    """Topics that a node which is not ours subscribes to."""
     state = _ask(uri, "getSystemState")
-    return tuple(topic for topic, nodes in state[1] if nodes) if state else ()
+    return tuple(topic for topic, nodes in state[1] if set(nodes) - set(our_nodes)) if state else ()
 
 
 def _ask(uri: str, method: str, *arguments: Any) -> Any:

@@ -31,6 +31,7 @@ from husky_highlevel_controller.grading.drive.recording import (
     load,
     to_json,
 )
+from husky_highlevel_controller.grading.drive.robot_version import check_robot
 from husky_highlevel_controller.grading.drive.ros_graph import (
     has_service,
     is_up,
@@ -116,11 +117,13 @@ def drive(
     config: MarkingConfig,
     folder: Path,
     on_time: Callable[[float], None] = lambda _: None,
+    is_guess: bool = False,
 ) -> Recording:
     """Let the submission drive once, and bring back what was seen; `on_time` gets simulated times [s].
 
     Raises:
         MarkingError: our own part of it does not work.
+        OtherRobotError: the robot is a guess, and it listens to another one's scans; it has not driven.
     """
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
         output, assignment = folder / RECORDING, folder / "assignment.json"
@@ -144,6 +147,8 @@ def drive(
         submitted, events = start(network, submission)
         our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
         joined = settles(submitted, lambda: told("joined"), lambda: is_up(network.uri, our_nodes))
+        if is_guess and not joined:
+            check_robot(network.uri, our_nodes, config.scan_topic)
         if recorder.running and not joined:
             recorder.popen.send_signal(signal.SIGUSR1)  # lockstep would wait for the submission
 
