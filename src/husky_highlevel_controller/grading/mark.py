@@ -29,6 +29,7 @@ from husky_highlevel_controller.grading.drive.robot_version import (
 )
 from husky_highlevel_controller.grading.drive.run import drive
 from husky_highlevel_controller.grading.drive.rviz_check import look
+from husky_highlevel_controller.grading.drive.rviz_setup import files_of_others
 from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
 from husky_highlevel_controller.grading.exercises import EXERCISES
 from husky_highlevel_controller.grading.hand_in.packages import NotMarkableError
@@ -123,6 +124,8 @@ def _gather(job: Job, out: Path) -> Result:
     (trial, *_) = draw_trials(1, config.seed)
     chance = uninitialised(submission, planned, trial, config, out / "memcheck") if starts else ""
     view, pixels = look(submission, planned, config, out / "rviz")
+    if not view.source:
+        notes += files_of_others(planned, Path(submission.launchable.name).name)
     network = "loopback only" if private_network.is_private() else "not kept apart"
     evidence = Evidence(
         submission.launchable.summary, config.robot, kind_of_sandbox(), network, view,

@@ -23,7 +23,7 @@ from husky_highlevel_controller.grading.drive.plan import (
     plan,
 )
 from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH, SIMULATOR_NODES
-from husky_highlevel_controller.grading.drive.rviz_setup import find_setup
+from husky_highlevel_controller.grading.drive.rviz_setup import files_of_others, find_setup
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Launchable
@@ -179,7 +179,12 @@ def test_an_rviz_file_that_another_launch_file_names_is_that_one_s(tmp_path):
     (tmp_path / "slam.launch").write_text('<launch><node pkg="rviz" args="-d $(find a)/slam.rviz"/></launch>')
     (tmp_path / "husky.launch").write_text('<launch><node pkg="rviz"/></launch>')
     bare = Plan(("a/b",), rviz=(RvizNode("rviz", "", ()),), package_path=tmp_path)
-    assert find_setup(bare, None, "/ws/src/a/launch/husky.launch") is None
+    only = find_setup(bare, None, "/ws/src/a/launch/husky.launch")
+    assert only.source == "slam.rviz, the package's only one, of slam.launch"
+    bag = '<launch><node pkg="rosbag"/><node pkg="rviz" args="-d $(find a)/slam.rviz"/></launch>'
+    (tmp_path / "slam.launch").write_text(bag)
+    assert find_setup(bare, None, "husky.launch") is None
+    assert files_of_others(bare, "husky.launch") == ["slam.rviz belongs to slam.launch, and is not looked at"]
     (tmp_path / "mine.rviz").write_text("{}")
     assert find_setup(bare, None, "husky.launch").source == "mine.rviz"
     assert find_setup(bare, None, "slam.launch").source == "slam.rviz"

@@ -47,7 +47,8 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
     """The configuration of the first rviz node; else the package's .rviz file with most of the displays.
 
     A file that only another launch file than `launch_file` names is that one's; where `launch_file` starts no
-    RViz, those of launch files without recordings and nodes of the package belong to it.
+    RViz, those of launch files without recordings and nodes of the package belong to it, and where it starts
+    one without a configuration, the package's only file does, unless it shows recordings.
 
     None where no configuration was handed in: a node without one shows what is in the student's ~/.rviz.
     A hand-in's configuration lies below `root`, whatever its launch file names.
@@ -62,6 +63,10 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
     if folder and launch_file:
         elsewhere = _named_by_others(folder, Path(launch_file).name, not planned.rviz)
+        owner = elsewhere.get(files[0].name) if planned.rviz and len(files) == 1 else None
+        if owner and "rosbag" not in _NODE.findall(read_text(owner)):
+            source = f"{files[0].name}, the package's only one, of {owner.name}"
+            return RvizSetup(source, _read(files[0]), remaps)
         files = [path for path in files if path.name not in elsewhere]
     if not files:
         return None
@@ -69,15 +74,22 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
     return RvizSetup(best.name, _read(best), remaps)
 
 
-def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Set[str]:
-    """Names of .rviz files in launch files of a package other than one of this name, and than viewers."""
-    names: Set[str] = set()
+def files_of_others(planned: Plan, launch_file: str) -> List[str]:
+    """Sentences on .rviz files of a package that belong to other launch files than this one."""
+    folder = planned.package_path
+    named = _named_by_others(folder, launch_file, not planned.rviz) if folder else {}
+    return [f"{name} belongs to {path.name}, and is not looked at" for name, path in named.items()]
+
+
+def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Dict[str, Path]:
+    """Launch file by name of the .rviz file in it, of those other than one of this name, and than viewers."""
+    names: Dict[str, Path] = {}
     for path in walk(folder):
         if path.suffix == ".launch" and path.name != launch_file:
             with contextlib.suppress(UnreadableFileError):
                 text = read_text(path)
                 if not but_viewers or {"rosbag", folder.name} & set(_NODE.findall(text)):
-                    names |= set(re.findall(r"([\w.-]+\.rviz)\b", text))
+                    names.update(dict.fromkeys(re.findall(r"([\w.-]{1,200}\.rviz)\b", text), path))
     return names
 
 
