@@ -381,6 +381,30 @@ def test_files_in_memory_count_too(tmp_path, monkeypatch):
     end_all([process])
 
 
+SEGMENTS = """
+import ctypes, time
+libc = ctypes.CDLL(None)
+libc.shmat.restype = ctypes.c_void_p
+libc.shmdt.argtypes = [ctypes.c_void_p]
+for _ in range(3):
+    place = libc.shmat(libc.shmget(0, 80_000_000, 0o1600), None, 0)
+    ctypes.memset(place, 1, 80_000_000)
+    libc.shmdt(place)
+time.sleep(1000)
+"""
+
+
+@needs_bubblewrap
+def test_shared_memory_that_nothing_is_attached_to_counts_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(limits, "MEMORY", 200_000_000)
+    process = run(tmp_path, SEGMENTS)
+    try:
+        assert wait(lambda: not process.running, 60.0), process.output
+        assert process.problem == "it was ended: it used more than 0.2 GB of memory"
+    finally:
+        end_all([process])
+
+
 SLEEPERS = """
 import os, time
 for _ in range(1500):

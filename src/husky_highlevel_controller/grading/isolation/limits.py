@@ -6,6 +6,7 @@ Rlimits count neither shared mappings nor files, and the kernel lets uid 0 have 
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import os
 import stat
 import threading
@@ -21,6 +22,7 @@ THREADS = 1000  # of all processes of a program together
 DISK = 3_000_000_000  # [bytes] of all files in its folder
 MEMORY_POLL_PERIOD = 0.25  # [s]
 FILES = 200_000  # files and folders in its folder
+CLONE_NEWIPC = 0x08000000  # of setns(2)
 BLOCK = 512  # [bytes] of st_blocks, stat(2)
 DISK_POLLS = 8  # memory polls for each look at the folders
 
@@ -57,7 +59,8 @@ class SizeWatch:
                 break
             if thread_count(processes) > THREADS:
                 return f"it was ended: it started more than {THREADS} processes and threads"
-            if memory_of(processes) + temporary_files(processes) > MEMORY:
+            hidden = temporary_files(processes) + detached_segments(processes)
+            if memory_of(processes) + hidden > MEMORY:
                 return f"it was ended: it used more than {MEMORY / 1e9:g} GB of memory"
             if polls % DISK_POLLS == 0:
                 size, files = disk_usage(self._folder)
@@ -100,6 +103,24 @@ def temporary_files(processes: Sequence[psutil.Process]) -> int:
                         size += (status.f_blocks - status.f_bfree) * status.f_frsize
                 return size
     return size
+
+
+def detached_segments(processes: Sequence[psutil.Process]) -> int:
+    """Size of System V shared memory that no process of a sandbox is attached to any more [bytes].
+
+    The calling thread enters the sandbox's namespace of them, and stays in it.
+    """
+    own_segments, setns = os.readlink("/proc/thread-self/ns/ipc"), ctypes.CDLL(None).setns
+    for process in processes:
+        namespace = f"/proc/{process.pid}/ns/ipc"
+        with contextlib.suppress(OSError):  # it has ended
+            if os.readlink(namespace) != own_segments:
+                with open(namespace) as file:
+                    setns(file.fileno(), CLONE_NEWIPC)
+                break
+    rows = [line.split() for line in Path("/proc/sysvipc/shm").read_text().splitlines()[1:]]
+    is_sandbox = os.readlink("/proc/thread-self/ns/ipc") != os.readlink("/proc/self/ns/ipc")
+    return sum(int(row[14]) for row in rows if row[6] == "0") if is_sandbox else 0
 
 
 def memory_of(processes: Sequence[psutil.Process]) -> int:
