@@ -353,6 +353,21 @@ def test_a_loaded_world_is_as_if_begun_in_and_time_runs_on(path, simulate):
     begun.close()
 
 
+def felt(simulation):
+    """What the IMU feels upwards after a second [m/s^2]."""
+    return [s.imu.specific_force[2] for s in drive(simulation, 1.0) if s.imu is not None][-1]
+
+
+def test_another_worlds_gravity_is_loaded_with_it(simulate):
+    # Gazebo writes -9.8 or -9.81, by its version
+    simulation, world = simulate(), World("moon", (GROUND,), (0.0, 0.0, -1.62))
+    drive(simulation, 1.0)
+    simulation.load_world(world)
+    begun = Simulation(world, HUSKY, EXACT, Pose2D(), 1)
+    assert felt(simulation) == felt(begun) == pytest.approx(1.62, abs=0.2)
+    begun.close()
+
+
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.8), (0.0, 0.0, -1.6)])
 def test_a_world_that_is_refused_changes_nothing(gravity, simulate):
     simulation = simulate()

@@ -24,7 +24,7 @@ from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, 
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.bullet.world import ROBOT, PlacementError
 from husky_highlevel_controller.simulator.chassis import Chassis
-from husky_highlevel_controller.simulator.equipment import POINTS_STREAM, equip
+from husky_highlevel_controller.simulator.equipment import POINTS_STREAM, Equipment, equip
 from husky_highlevel_controller.simulator.ground import slab_height
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 from husky_highlevel_controller.simulator.odometry import Odometer
@@ -63,7 +63,7 @@ class Simulation:
         self._odometry_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         self._world, self._robot, self._config = world, robot, config
         self._start, self._seed = start, seed
-        self._equipment = equip(config, self._drive_config, robot, self._cast, world.gravity)
+        self._equipment = self._equip()
         self._odometer = Odometer(self._drive_config, self.dt)
         self._bullet = RobotWorld(self.dt)
         self._objects = WorldObjects(self._bullet)
@@ -74,6 +74,9 @@ class Simulation:
         except Exception:
             self.close()  # nothing else frees the engine's 35 MB
             raise
+
+    def _equip(self) -> Equipment:
+        return equip(self._config, self._drive_config, self._robot, self._cast, self._world.gravity)
 
     def _cast(self, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
         return cast_rays(self._objects.scene(), pose_laser_in_world, beams, max_range)
@@ -121,10 +124,9 @@ class Simulation:
         Raises:
             HuskyError: it cannot be simulated, or something stands at the start; then nothing changes.
         """
-        if world.gravity != self._world.gravity:
-            raise PlacementError(f"gravity of '{world.name}' is not that of '{self._world.name}'")
         Simulation(world, self._robot, self._config, self._start, self._seed).close()
         self._world = world
+        self._equipment = self._equip()
         self.reset()
 
     @property
