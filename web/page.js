@@ -15,9 +15,12 @@
   if (location.search.includes("playbackPath=")) return; // a replay drives nothing
   const PERIOD = 50; // [ms] between two commands while something is held
   const KEYS = { KeyW: [1, 0], KeyS: [-1, 0], KeyA: [0, 1], KeyD: [0, -1] };
+  const LOST = "Connection lost: the simulator has ended, or the network has. Start ./dev launch again; this page waits for it.";
+  const PENDING = "Connection lost: the emergency stop has NOT been sent. It is sent as soon as the connection is back.";
   const held = new Set();
   let pad = null; // [linear, angular], each -1..1, while the pad is dragged
   let socket = null;
+  let stopIsPending = false; // the emergency stop was pressed while the connection was away
   let timer = null;
 
   const root = document.documentElement;
@@ -74,14 +77,23 @@
 
   const connect = () => {
     socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/drive`);
-    socket.onopen = () => say("");
+    socket.onopen = () => {
+      say(stopIsPending ? "The emergency stop that was pressed meanwhile has been sent." : "");
+      if (stopIsPending) setTimeout(() => say(socket.readyState === WebSocket.OPEN ? "" : LOST), 6000);
+      if (stopIsPending) send({ e_stop: true });
+      stopIsPending = false;
+    };
     socket.onclose = () => {
-      say("Connection lost: the simulator has ended, or the network has. Start ./dev launch again; this page waits for it.");
+      say(stopIsPending ? PENDING : LOST);
       setTimeout(connect, 1000);
     };
   };
   const send = (message) => {
     if (socket !== null && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
+    else if (message.e_stop) { // a release is not: who knows what has happened meanwhile
+      stopIsPending = true;
+      say(PENDING);
+    }
   };
   const command = () => {
     if (pad !== null) return pad;

@@ -14,7 +14,7 @@ import viser
 from husky_highlevel_controller.datatypes import HuskyError
 
 NOTICE_TIME = 6.0  # [s] that a sentence stays in the page
-CALL_TIMEOUT = 5.0  # [s] of wall time for one service call
+CALL_TIMEOUT, LONG_TIMEOUT = 5.0, 60.0  # [s] of wall time for a service call, and for one with much to do
 Work = Callable[[], Optional[str]]  # returns a sentence for the page; None: nothing worth saying
 
 
@@ -55,8 +55,8 @@ def notify(client: viser.ClientHandle, title: str, sentence: str, is_good: bool 
     )
 
 
-def answer_of(service: str, kind: Any, *args: Any) -> Any:
-    """Answer of a service, which gets CALL_TIMEOUT to give it.
+def answer_of(service: str, kind: Any, *args: Any, timeout: Optional[float] = None) -> Any:
+    """Answer of a service, which gets `timeout` [s], by default CALL_TIMEOUT, to give it.
 
     Raises:
         HuskyError: it is not there, fails, or does not answer in time.
@@ -70,22 +70,23 @@ def answer_of(service: str, kind: Any, *args: Any) -> Any:
             answers.put((None, error))
 
     threading.Thread(target=ask, name=service, daemon=True).start()
+    seconds = timeout or CALL_TIMEOUT
     try:
-        answer, error = answers.get(timeout=CALL_TIMEOUT)
+        answer, error = answers.get(timeout=seconds)
     except queue.Empty:
-        raise HuskyError(f"{service} does not answer within {CALL_TIMEOUT:g} s") from None
+        raise HuskyError(f"{service} has not answered for {seconds:g} s; it may still do it") from None
     if error is not None:
         raise HuskyError(f"{service}: {error}") from None
     return answer
 
 
-def call(service: str, kind: Any, *args: Any) -> str:
+def call(service: str, kind: Any, *args: Any, timeout: Optional[float] = None) -> str:
     """Sentence of a service that answers success and a sentence.
 
     Raises:
         HuskyError: it is not there, refuses, or does not answer in time.
     """
-    answer = answer_of(service, kind, *args)
+    answer = answer_of(service, kind, *args, timeout=timeout)
     sentence = getattr(answer, "status_message", getattr(answer, "message", ""))
     if not getattr(answer, "success", True):
         raise HuskyError(str(sentence) or f"{service} says no")

@@ -33,9 +33,13 @@ class LeftOut:
         try:
             yield
         except Exception as error:  # whatever a message holds, the page goes on
-            if source not in self._warned:
-                self._warned.add(source)
-                rospy.logwarn(f"{source} is not shown: {type(error).__name__}: {error}")
+            self.warn(source, f"{type(error).__name__}: {error}")
+
+    def warn(self, source: str, reason: str) -> None:
+        """Log that something of a source is not shown, once for each source."""
+        if source not in self._warned:
+            self._warned.add(source)
+            rospy.logwarn(f"{source} is not shown: {reason}")
 
 
 def wxyz(quat_xyzw: Quaternion) -> Tuple[float, float, float, float]:

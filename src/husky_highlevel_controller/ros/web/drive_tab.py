@@ -11,7 +11,7 @@ import viser
 from std_srvs.srv import SetBool, Trigger
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.ros.web.actions import Actions, call
+from husky_highlevel_controller.ros.web.actions import LONG_TIMEOUT, Actions, call
 from husky_highlevel_controller.ros.web.plots import fixed, set_html
 from husky_highlevel_controller.ros.web.state_bar import LEVELS
 from husky_highlevel_controller.ros.web.teleop import SLOWEST, Teleop, set_speed
@@ -24,7 +24,7 @@ or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd></span>. Let go to st
 <span class="husky-has-keys"><kbd>Space</kbd> is the emergency stop.</span></div></div>"""
 # label, limit of Teleop and highest value of each slider [m/s], [rad/s]
 SPEEDS = (("speed [m/s]", "max_linear", 1.0), ("turning [rad/s]", "max_angular", 2.0))
-MAX_LIGHTS = 100  # diagnostics that are shown
+MAX_LIGHTS, MAX_LETTERS = 50, 200  # diagnostics that are shown, and of a name or a message
 PRIMARY = '<i class="husky-choice-0" hidden></i>'  # fills the first button of the group that follows
 
 
@@ -43,6 +43,7 @@ class DriveTab:
         self, server: viser.ViserServer, actions: Actions, teleop: Teleop, controller: str, simulator: str
     ) -> None:
         self._actions, self._teleop = actions, teleop
+        self._stops = Actions()  # a stop waits for no other button's call
         self._controller, self._simulator = controller, simulator
         self._lights: Dict[str, Tuple[int, str]] = {}
         gui = server.gui
@@ -69,8 +70,9 @@ class DriveTab:
         """Show new readings; `diagnostics` are messages of /diagnostics."""
         for array in diagnostics:
             for item in array.status:
-                if item.name in self._lights or len(self._lights) < MAX_LIGHTS:
-                    self._lights[item.name] = (item.level, item.message)
+                name = item.name[:MAX_LETTERS]
+                if name in self._lights or len(self._lights) < MAX_LIGHTS:
+                    self._lights[name] = (item.level, item.message[:MAX_LETTERS])
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
         set_html(self._readings, readings_html(readings, lights))
 
@@ -84,7 +86,7 @@ class DriveTab:
 
     def stop(self) -> None:
         """Stop the controller, so that it stands still when the emergency stop is released."""
-        self._actions.do(lambda: self._start_stop(False), None, "Controller")
+        self._stops.do(lambda: self._start_stop(False), None, "Controller")
 
     def again(self, client: Any) -> None:
         """Bring back the world and the robot as they were at the start, and start the controller."""
@@ -103,7 +105,7 @@ class DriveTab:
 
     def _start_stop(self, starts: bool) -> str:
         if starts and self._teleop.is_locked:
-            raise HuskyError("the emergency stop is on, and no command is obeyed: release it first")
+            raise HuskyError("the emergency stop is on: release it first")
         name = rospy.get_param(f"{self._controller}/start_stop_service_name", "~start_stop")
         service = f"{self._controller}/{name[1:]}" if name.startswith("~") else rospy.resolve_name(name)
         return call(service, SetBool, starts)
@@ -112,7 +114,9 @@ class DriveTab:
         name = event.target.value.lower()
         if name == "step":
             self._actions.do(
-                lambda: call(f"{self._simulator}/step", StepWorld, 20), event.client, "Simulation"
+                lambda: call(f"{self._simulator}/step", StepWorld, 20, timeout=LONG_TIMEOUT),
+                event.client,
+                "Simulation",
             )
         else:
             self._trigger(name, event.client)

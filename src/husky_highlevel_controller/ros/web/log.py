@@ -8,12 +8,14 @@ from __future__ import annotations
 from collections import deque
 from datetime import datetime, timezone
 from html import escape
+from itertools import accumulate
 from typing import Any, Deque, Iterable, List, NamedTuple
 
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "error": 8, "fatal": 16}  # rosgraph_msgs/Log
 CAPACITY = 2000  # lines kept
 DAY_ONE = 1e9  # [s]; a stamp from here on (2001) is no simulated time
-SHOWN = 150  # lines of one page
+SHOWN, SHOWN_LETTERS = 150, 30_000  # lines of one page, and letters of all: a browser with more stays behind
+MAX_LETTERS = 5000  # of a line
 
 
 class Line(NamedTuple):
@@ -50,13 +52,15 @@ class LogBuffer:
 
     def add(self, msg: Any) -> None:
         """Keep a message of /rosout."""
-        self._lines.append(Line(msg.level, msg.header.stamp.to_sec(), msg.name, msg.msg))
+        text = msg.msg if len(msg.msg) <= MAX_LETTERS else f"{msg.msg[:MAX_LETTERS]} ..."
+        self._lines.append(Line(msg.level, msg.header.stamp.to_sec(), msg.name[:MAX_LETTERS], text))
         self.count += 1
 
     def select(self, condition: Filter) -> List[Line]:
-        """The newest lines that pass, newest first."""
-        passing = [line for line in reversed(list(self._lines)) if condition.passes(line)]
-        return passing[:SHOWN]
+        """The newest lines that pass, newest first, as many as a page can show."""
+        passing = [line for line in reversed(list(self._lines)) if condition.passes(line)][:SHOWN]
+        letters = accumulate(len(line.text) for line in passing)
+        return [line for line, total in zip(passing, letters) if total <= SHOWN_LETTERS]
 
 
 def to_html(lines: Iterable[Line]) -> str:

@@ -20,6 +20,10 @@ from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.shapes import Mesh
 
 MAX_COPIES = 2000  # of a cube or sphere that a list draws; a page with more does not turn smoothly
+# by what a browser takes to draw them: in points of a cloud. With more, its emergency stop comes late
+MAX_POINTS, MAX_COST = 100_000, 300_000  # of one marker, of all
+COPY_COST, SOLID_COST, TEXT_COST = 30, 150, 600
+MAX_LETTERS = 500  # of a text
 ARROW_HEAD = 0.23  # of an arrow that is given by its length
 PATH_COLOR, PATH_WIDTH = ColorRGBA(0.1, 0.8, 0.1, 1.0), 0.03  # [m], of a nav_msgs/Path; green, as in RViz
 Key = Tuple[str, str, int]  # topic, namespace, id
@@ -157,19 +161,36 @@ def pose_of(marker: Marker) -> Optional[Pose]:
     return Pose(position, (x, y, z, w))
 
 
+def cost(marker: Marker) -> int:
+    """Cost of drawing a marker, in points of a cloud."""
+    if marker.type in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
+        return COPY_COST * min(len(marker.points), MAX_COPIES)
+    if marker.type == Marker.TEXT_VIEW_FACING:
+        return TEXT_COST
+    return max(SOLID_COST, len(marker.points))
+
+
 class Markers:
-    """The markers in force: added, replaced, deleted, and gone after their lifetime."""
+    """Markers in force: added, replaced, deleted, gone after their lifetime; bounded in their cost."""
 
     def __init__(self) -> None:
         self.shown: Dict[Key, Marker] = {}
+        self.is_full = False  # a marker was left out, for those shown cost MAX_COST
+        self._cost = 0
         self._ends: Dict[Key, float] = {}  # [s]
 
     def apply(self, topic: str, marker: Marker, now: float) -> None:
         """Do what a message says; `now` [s] is any clock that `expire` uses as well."""
         key = (topic, marker.ns, marker.id)
         if marker.action in (Marker.ADD, Marker.MODIFY):
+            self._remove(key)
+            del marker.points[MAX_POINTS:], marker.colors[MAX_POINTS:]
+            marker.text = marker.text[:MAX_LETTERS]
+            if self._cost + cost(marker) > MAX_COST:
+                self.is_full = True
+                return
             self.shown[key] = marker
-            self._ends.pop(key, None)
+            self._cost += cost(marker)
             lifetime = marker.lifetime.to_sec()
             if lifetime > 0.0:
                 self._ends[key] = now + lifetime
@@ -188,9 +209,11 @@ class Markers:
         """Take all away."""
         self.shown.clear()
         self._ends.clear()
+        self._cost, self.is_full = 0, False
 
     def _remove(self, key: Key) -> None:
-        self.shown.pop(key, None)
+        if key in self.shown:
+            self._cost -= cost(self.shown.pop(key))
         self._ends.pop(key, None)
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import gc
 import threading
 import time
 from dataclasses import dataclass, field
 from functools import partial
-from math import inf
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Tuple
 
+import rosgraph
 import rospy
 import viser
 from geometry_msgs.msg import PointStamped, TwistStamped, Vector3Stamped
@@ -18,32 +21,32 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool
 
 from husky_highlevel_controller.config import read_config
-from husky_highlevel_controller.datatypes import Vector3
-from husky_highlevel_controller.geometry import transform_point
 from husky_highlevel_controller.robot import load_robot
-from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.web.actions import Actions
 from husky_highlevel_controller.ros.web.camera import FIELD_OF_VIEW
 from husky_highlevel_controller.ros.web.drawing import LeftOut
-from husky_highlevel_controller.ros.web.drive_tab import DriveTab, Readings
+from husky_highlevel_controller.ros.web.drive_tab import DriveTab
 from husky_highlevel_controller.ros.web.log import LogBuffer
 from husky_highlevel_controller.ros.web.mouse import Mouse
+from husky_highlevel_controller.ros.web.numbers import Numbers
 from husky_highlevel_controller.ros.web.objects import Objects
 from husky_highlevel_controller.ros.web.page_server import serve
 from husky_highlevel_controller.ros.web.pages import Page, theme, wants_dark
-from husky_highlevel_controller.ros.web.plots import Plots, Rate
+from husky_highlevel_controller.ros.web.plots import Plots
 from husky_highlevel_controller.ros.web.recorder import Recorder
 from husky_highlevel_controller.ros.web.scene import Scene
-from husky_highlevel_controller.ros.web.state_bar import NO_NEWS_TIME, RobotStatus, StateBar
+from husky_highlevel_controller.ros.web.state_bar import RobotStatus, StateBar
 from husky_highlevel_controller.ros.web.teleop import Teleop
 from husky_highlevel_controller.ros.web.topics import Topics
 from husky_highlevel_controller.ros.web.tuning import Tuning
 from husky_highlevel_controller.ros.web.world_tab import WorldTab
+from husky_highlevel_controller.xml_rpc import server
 
 READINGS_PERIOD = 0.2  # [s] between two updates of numbers and diagnostics
 CURVES_PERIOD = 1.0  # [s]
 NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
+MASTER_DEADLINE = 2.0  # [s] for its answer: the view waits for it
 IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
 
 
@@ -83,28 +86,21 @@ class WebNode:
         self._came = threading.Event()
         self._clients_changed = threading.Lock()
         self._arrivals: List[Tuple[viser.ClientHandle, bool]] = []
-        self._leavers: List[int] = []
         self._log = LogBuffer()
         self._topics = Topics(_topic_names(config))
         self._actions, self._teleop = Actions(), Teleop()
-        self._server, address = serve(
+        self._server, address, has_token = serve(
             config.address, config.port, self._teleop.on_message, self._teleop.on_leave
         )
         self._build(config)
-        self._scan_rate, self._clock_rate = Rate(), Rate()
         self._left_out = LeftOut()
         self._is_paused = self._is_master_gone = False
         self._was_master_silent = False  # at the last look at the network
-        self._heard_at = -inf  # [s] of the monotonic clock, the last odometry
-        self._time: Optional[float] = None
-        self._error: Optional[Tuple[float, float]] = None
-        self._speeds: Dict[str, Tuple[float, float]] = {}
-        self._pillar: Optional[Vector3] = None
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
         rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
         self._server.on_client_connect(self._on_connect)
-        self._server.on_client_disconnect(self._on_disconnect)
-        rospy.loginfo(f"the page; open it in a browser: {address}")
+        # a token is for who sees this terminal: logs can be read by everybody
+        (print if has_token else rospy.loginfo)(f"the page; open it in a browser: {address}")
 
     def _build(self, config: WebConfig) -> None:
         server = self._server
@@ -122,12 +118,13 @@ class WebNode:
         self._state_bar.on_again = self._drive.again
         with self._tabs["World"]:
             world = WorldTab(server, self._actions, config.simulator, config.fixed_frame)
-        self._state_bar.on_elsewhere = lambda client: world.move_away(client, self._pillar)
+        self._state_bar.on_elsewhere = lambda client: world.move_away(client, self._numbers.pillar)
         self._mouse = Mouse(server, self._scene, self._objects, world, self._pages)
         with self._tabs["Tune"]:
             self._tuning = Tuning(server, self._actions, self._tabs["Tune"])
         with self._tabs["Curves"]:
             self._plots = Plots(server.gui)
+        self._numbers = Numbers(self._plots.curves)
         self._tuning.on_change = self._on_parameter
         with self._tabs["View"]:
             with server.gui.add_folder("Layers, for every page"):
@@ -143,7 +140,10 @@ class WebNode:
         while not rospy.is_shutdown():
             self._admit_clients()
             if not self._pages:
-                self._idle_until_client_connects()
+                with self._left_out.item("the end of the last page"):
+                    self._forget()
+                self._came.wait(IDLE_PERIOD)
+                self._came.clear()
                 readings_due = curves_due = network_due = 0.0
                 continue
             now = time.monotonic()
@@ -165,7 +165,8 @@ class WebNode:
             time.sleep(max(0.0, period - (time.monotonic() - now)))
         self._server.stop()
 
-    def _idle_until_client_connects(self) -> None:
+    def _forget(self) -> None:
+        """Drop what was kept for pages."""
         if self._topics.is_open:
             self._topics.close()
             self._tuning.close()
@@ -173,13 +174,17 @@ class WebNode:
             self._objects.clear()
             self._scene.forget()
             self._drive.forget()
-        self._came.wait(IDLE_PERIOD)
-        self._came.clear()
+            give_memory_back()
 
     def _follow_network(self) -> None:
         try:
-            published = [(topic, kind) for topic, kind in rospy.get_published_topics()]
-            is_master_gone = not self._teleop.is_registered()
+            with server(rosgraph.get_master_uri(), MASTER_DEADLINE) as master:
+                answers: Any = [
+                    master.getPublishedTopics(rospy.get_name(), ""),
+                    master.getSystemState(rospy.get_name()),
+                ]
+            (_, _, published), (_, _, (publishers, _, _)) = answers
+            is_master_gone = not self._teleop.is_registered(dict(publishers))
         except OSError as error:
             self._is_master_gone = self._was_master_silent = True
             rospy.logwarn_throttle(60.0, f"the ROS master does not answer: {error}")
@@ -212,77 +217,50 @@ class WebNode:
         self._objects.update(self._topics.take_all("objects"))
         base = self._scene.base
         for page in self._pages.values():
-            page.update(base, self._pillar)
+            page.update(base, self._numbers.pillar)
         self._recorder.tick(now, None if base is None else base.position)
 
-    def _take_numbers(self) -> None:
-        odometry = self._topics.take("truth") or self._topics.take("odometry")
-        if odometry is not None:
-            self._heard_at = time.monotonic()
-            self._speeds["measured"] = conversions.twist_from_msg(odometry.twist.twist)
-            self._time = odometry.header.stamp.to_sec()
-        command = self._topics.take("command")
-        if command is not None:
-            self._speeds["commanded"] = conversions.twist_from_msg(command.twist)
-        error = self._topics.take("error")
-        if error is not None:
-            self._error = (error.vector.x, error.vector.y)
-            for name, value in zip(("distance", "bearing"), self._error):
-                self._plots.curves[name].add(error.header.stamp.to_sec(), value)
-        pillar = self._topics.take("pillar")
-        if pillar is not None:
-            frame = self._scene.frames.pose(pillar.header.frame_id, self._config.fixed_frame)
-            point = (pillar.point.x, pillar.point.y, pillar.point.z)
-            self._pillar = None if frame is None else transform_point(frame, point)
-        if odometry is not None and self._time is not None:
-            nothing = (float("nan"), float("nan"))
-            commanded, measured = (self._speeds.get(name, nothing) for name in ("commanded", "measured"))
-            self._plots.curves["speed"].add(self._time, commanded[0], measured[0])
-            self._plots.curves["turning"].add(self._time, commanded[1], measured[1])
-
     def _update_readings(self, now: float) -> None:
-        self._take_numbers()
-        if self._time is not None:
-            self._clock_rate.add(self._time, now)
-        scan = self._topics.newest.get("scan")
-        if scan is not None and scan.count:
-            self._scan_rate.add(scan.count, self._scene.scan_stamp)
-        measured = self._speeds.get("measured")
-        distance, bearing = self._error or (None, None)
-        speed = None if measured is None else measured[0]
-        readings = Readings(bearing, self._clock_rate.value, self._scan_rate.value)
+        numbers = self._numbers
+        numbers.take(self._topics, self._scene, now)
         level, activity = self._drive.activity()
         self._state_bar.update(
             RobotStatus(
                 self._teleop.is_locked,
+                self._teleop.has_listener,
                 self._is_master_gone,
                 self._is_paused,
-                time.monotonic() - self._heard_at > NO_NEWS_TIME,
+                numbers.is_silent(now),
                 level,
                 activity,
-                distance,
-                speed,
-                self._time,
+                numbers.distance,
+                numbers.speed,
+                numbers.time,
             )
         )
-        self._drive.update(readings, [received.msg for received in self._topics.take_all("diagnostics")])
+        diagnostics = [received.msg for received in self._topics.take_all("diagnostics")]
+        self._drive.update(numbers.readings, diagnostics)
 
     # ------------------------------------------------------------------ pages come and go
 
     def _admit_clients(self) -> None:
         with self._clients_changed:
             arrivals, self._arrivals = self._arrivals, []
-            leavers, self._leavers = self._leavers, []
+        clients = self._server.get_clients()
+        leavers = self._pages.keys() - clients
         for client, is_dark in arrivals:
-            tabs = (self._tabs["View"], self._tabs["Log"])
-            page = Page(client, tabs, self._log, self._mouse.bind, is_dark)
-            page.make_tools(self._tabs["World"])
-            self._pages[client.client_id] = page
+            if client.client_id not in clients:
+                continue  # it has left while its storage was asked
+            with self._left_out.item("a page that comes"):
+                tabs = (self._tabs["View"], self._tabs["Log"])
+                page = Page(client, tabs, self._log, self._mouse.bind, is_dark)
+                page.make_tools(self._tabs["World"])
+                self._pages[client.client_id] = page
         for number in leavers:
-            self._pages.pop(number, None)
-            self._mouse.release(number)
-        if leavers:
-            self._mouse.bind()
+            self._pages.pop(number)
+            with self._left_out.item("a page that goes"):
+                self._mouse.release(number)
+                self._mouse.bind()
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
         is_dark = wants_dark(client)
@@ -290,19 +268,22 @@ class WebNode:
             self._arrivals.append((client, is_dark))
         self._came.set()
 
-    def _on_disconnect(self, client: viser.ClientHandle) -> None:
-        with self._clients_changed:
-            self._leavers.append(client.client_id)
-
     def _on_parameter(self, change: str) -> None:
-        if self._time is not None:
-            self._plots.mark(self._time, change)
+        if self._numbers.time is not None:
+            self._plots.mark(self._numbers.time, change)
 
     def _on_paused(self, msg: Bool) -> None:
         self._is_paused = msg.data
 
     def _on_layer(self, layer: str, event: Any) -> None:
         self._scene.layers[layer] = event.target.value
+
+
+def give_memory_back() -> None:
+    """Give freed memory back to the system, which glibc keeps otherwise."""
+    gc.collect()
+    with contextlib.suppress(AttributeError, OSError):  # another C library
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _topic_names(config: WebConfig) -> Dict[str, str]:

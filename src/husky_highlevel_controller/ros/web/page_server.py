@@ -58,6 +58,7 @@ class Served(NamedTuple):
 
     server: PageServer
     address: str
+    has_token: bool  # in the address
 
 
 def serve(
@@ -86,7 +87,7 @@ def serve(
     suffix = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
     # no other machine knows a container's host name; its published port is this machine's
     elsewhere = f" (from another machine: http://{socket.gethostname()}{suffix})" if everywhere else ""
-    return Served(server, f"http://{visible_host}{suffix}{elsewhere}")
+    return Served(server, f"http://{visible_host}{suffix}{elsewhere}", token is not None)
 
 
 def _is_loopback(host: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, Callable, Optional, Tuple
 
 import viser
@@ -14,6 +15,7 @@ from husky_highlevel_controller.ros.web.log import LEVELS, Filter, LogBuffer, to
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
 BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}  # by day and by night: text of 4.5 times the contrast
 DARK, IS_DARK = "dark", "is-dark"  # of the browser's storage: the choice, and what page.js makes of it
+LOG_PERIOD = 0.5  # [s] between two pictures of the log
 STORAGE_TIMEOUT = 30.0  # [s]; a browser that draws by software answers late
 
 
@@ -39,7 +41,7 @@ class Page:
         """
         self.client, self.tool, self._log = client, LOOK, log
         self._camera = Camera(client)
-        self._filter, self._log_count = Filter(), -1
+        self._filter, self._log_count, self._log_due = Filter(), -1, 0.0
         self._on_tool = on_tool
         self._make_view(tabs[0], is_dark)
         self._make_log(tabs[1])
@@ -49,8 +51,9 @@ class Page:
     def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
         """Move the camera with what it looks at [m, fixed frame], and show new lines of the log."""
         self._camera.update(base, pillar)
-        if self._log_count != self._log.count:
-            self._log_count = self._log.count
+        now = time.monotonic()
+        if self._log_count != self._log.count and now >= self._log_due:
+            self._log_count, self._log_due = self._log.count, now + LOG_PERIOD
             self._show_log()
 
     # ------------------------------------------------------------------ fields

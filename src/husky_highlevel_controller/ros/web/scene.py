@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker
 from husky_highlevel_controller.datatypes import HuskyError, Pose, Vector3
 from husky_highlevel_controller.geometry import compose, transform_points
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.clouds import points_from_msg, points_from_scan
+from husky_highlevel_controller.ros.clouds import MAX_POINTS, points_from_msg, points_from_scan
 from husky_highlevel_controller.ros.transforms import is_pose
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, Backdrop, contact_shadow
@@ -48,6 +48,7 @@ GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m], of th
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
 MAX_SCAN_AGE = 0.3  # [s] behind the newest pose; where scans are older or none, the view does not wait
 LOOKS_PERIOD = 0.2  # [s] between two changes of what a marker looks like
+MAX_AXES = 200  # frames that are shown
 BASE, FOOTPRINT = "base_link", "base_footprint"
 # namespaces of the controller's markers: the trail begins with its path, its state stands in the state bar
 TARGET, PATH, STATE = "target", "path", "state"
@@ -179,6 +180,9 @@ class Scene:
         """Begin anew: the trail, and markers whose deletion may have been missed."""
         self._trail.clear()
         self.markers.clear()
+        for drawing in self._drawn.values():
+            drawing.node.remove()
+        self._drawn.clear()
 
     def _show(self, node: Any, pose: Optional[Pose], is_on: bool = True) -> None:
         is_visible = is_on and pose is not None
@@ -195,6 +199,7 @@ class Scene:
         pose = self.frames.pose(scan.frame, self.fixed_frame, scan.stamp)
         if pose is not None and self.layers["scan"]:
             points = transform_points(pose, points_from_scan(scan)).astype(np.float32)
+            points = points[:: -(-len(points) // MAX_POINTS) or 1]
             hits = points[:: -(-len(points) // RAYS) or 1]
             self._scan.points = points
             lidar = np.array(pose.position, np.float32)
@@ -264,6 +269,8 @@ class Scene:
                         self._begin_trail(marker)
                     elif not (is_ours and marker.ns == STATE):
                         self.markers.apply(topic, marker, now)
+        if self.markers.is_full:
+            self._left_out.warn("a part of the markers", "there are more than a browser draws in time")
         self.markers.expire(now)
         shown = self.markers.shown if self.layers["markers"] else {}
         for key in self._drawn.keys() - shown.keys():
@@ -304,7 +311,7 @@ class Scene:
             drawing.parts = draw(self._scene, drawing.name, shapes_of_marker, Pose())
 
     def _update_axes(self) -> None:
-        names = self.frames.names if self.layers["frames"] else []
+        names = self.frames.names[:MAX_AXES] if self.layers["frames"] else []
         for name in set(self._axes) - set(names):
             for node in self._axes.pop(name):
                 node.remove()

@@ -16,6 +16,8 @@ MASTER_GONE = (
     "end the launch of this page and start it again"
 )
 LOCKED = "emergency stop: no command is obeyed"
+UNHEARD = "emergency stop, but nobody listens to e_stop: this page cannot stop the robot"
+UNCERTAIN = "emergency stop, but no news from the robot: whether it obeys is not known"
 PHRASES = {
     "stopped": "standing still until Start is pressed",
     "driving": "driving to the pillar",
@@ -23,16 +25,16 @@ PHRASES = {
     ARRIVED: "arrived at the pillar",
 }
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
-NO_NEWS_TIME = 2.0  # [s] of wall time without a message of the robot until the page says so
 
 
 class RobotStatus(NamedTuple):
     """Numbers and words of the state bar."""
 
     is_locked: bool = False  # by the emergency stop
+    has_listener: bool = True  # a node besides this one subscribes to the emergency stop
     is_master_gone: bool = False  # or started anew
     is_paused: bool = False  # the simulated world
-    is_silent: bool = False  # no odometry has come for NO_NEWS_TIME
+    is_silent: bool = False  # no odometry has come for a while
     level: int = 0  # of the controller's diagnostics
     activity: str = ""  # of the controller, in its own words
     distance: Optional[float] = None  # [m] to go
@@ -58,7 +60,7 @@ class StateBar:
 
     def update(self, status: RobotStatus) -> None:
         """Show a new state."""
-        set_html(self._e_stop, e_stop_html(status.is_locked))
+        set_html(self._e_stop, e_stop_html(status.is_locked, status.has_listener))
         set_html(self._state, state_html(status))
         has_arrived = status.activity == ARRIVED and not status.is_locked
         if self._next.visible != has_arrived:
@@ -68,10 +70,11 @@ class StateBar:
         (self.on_again if event.target.value == AGAIN else self.on_elsewhere)(event.client)
 
 
-def e_stop_html(is_locked: bool) -> str:
+def e_stop_html(is_locked: bool, has_listener: bool = True) -> str:
     """Button of the emergency stop, whose clicks the page's script sends on."""
     if is_locked:
-        return _button("locked", "false", "STOPPED &mdash; RELEASE")
+        state = "STOPPED" if has_listener else "NOT HEARD"
+        return _button("locked", "false", f"{state} &mdash; RELEASE")
     return _button("", "true", "EMERGENCY STOP")
 
 
@@ -79,6 +82,10 @@ def state_html(status: RobotStatus) -> str:
     """State bar as one line of HTML; texts of nodes are escaped."""
     if status.is_master_gone:
         level, sentence = "error", MASTER_GONE
+    elif status.is_locked and not status.has_listener:
+        level, sentence = "error", UNHEARD
+    elif status.is_locked and status.is_silent and not status.is_paused:
+        level, sentence = "error", UNCERTAIN
     elif status.is_locked:
         level, sentence = "error", LOCKED
     elif status.is_paused:

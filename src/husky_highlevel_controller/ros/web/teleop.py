@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from math import inf
-from typing import Any, Callable, Dict, Optional
+from typing import Any, Callable, Dict, Mapping, Optional, Sequence
 
 import rospy
 from geometry_msgs.msg import Twist
@@ -107,20 +107,19 @@ class Teleop:
             self._hold.release(page)
         self._wake.set()
 
+    @property
+    def has_listener(self) -> bool:
+        """Whether another node subscribes to the emergency stop."""
+        return self._e_stop.get_num_connections() > 1  # this node does
+
     def lock(self, locked: bool) -> None:
         """Stop the robot and refuse its commands, or let it go."""
         self.is_locked = locked
         publish(self._e_stop, Bool(locked))
 
-    def is_registered(self) -> bool:
-        """Whether the ROS master knows the emergency stop's publisher; one that was started anew does not.
-
-        Raises:
-            OSError: the ROS master does not answer.
-        """
-        _, _, (publishers, _, _) = rospy.get_master().getSystemState()
-        nodes = dict(publishers).get(self._e_stop.resolved_name, ())
-        return rospy.get_name() in nodes
+    def is_registered(self, publishers: Mapping[str, Sequence[str]]) -> bool:
+        """Whether a master's publishers, by topic, include the emergency stop's; a new master's do not."""
+        return rospy.get_name() in publishers.get(self._e_stop.resolved_name, ())
 
     def _on_e_stop(self, msg: Bool) -> None:
         self.is_locked = msg.data

@@ -14,7 +14,7 @@ from husky_highlevel_controller.datatypes import HuskyError, Pose, Vector3
 from husky_highlevel_controller.geometry import pose_from_2d, pose_to_2d
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.web.actions import Actions, answer_of, call
+from husky_highlevel_controller.ros.web.actions import LONG_TIMEOUT, Actions, answer_of, call
 from husky_highlevel_controller.srv import DeleteObject, ListObjects, LoadWorld, MoveObject, SpawnObject
 
 ROBOT = "husky"  # what the simulator's services call the robot
@@ -128,7 +128,7 @@ class WorldTab:
         return dict(zip(answer.model_names, map(conversions.pose_from_msg, answer.poses)))
 
     def _load(self) -> str:
-        return call(f"{self._simulator}/load_world", LoadWorld, self._worlds.value)
+        return call(f"{self._simulator}/load_world", LoadWorld, self._worlds.value, timeout=LONG_TIMEOUT)
 
     def _on_shape(self, event: Any) -> None:
         self._size.value = SIZES[event.target.value]

@@ -202,3 +202,26 @@ def test_visuals_hang_on_the_link_that_moves_them():
 def test_a_broken_description_is_an_error_in_words(text):
     with pytest.raises(HuskyError, match="robot description"):
         rigid_groups(text)
+
+
+@pytest.mark.parametrize(
+    ("kind", "points", "drawn"),
+    [
+        (Marker.TEXT_VIEW_FACING, 0, 500),
+        (Marker.CUBE, 0, 2000),
+        (Marker.POINTS, 1_000_000, 3),
+        (Marker.SPHERE_LIST, 1_000_000, 5),
+    ],
+)
+def test_what_a_browser_could_not_draw_in_time_is_left_out(kind, points, drawn):
+    markers = Markers()
+    for number in range(5000 if points == 0 else 6):
+        marker = Marker(type=kind, id=number, text="x" * 10_000, points=[Point()] * points)
+        markers.apply("/flood", marker, 0.0)
+    assert len(markers.shown) == drawn
+    assert markers.is_full
+    assert max(len(marker.points) for marker in markers.shown.values()) <= 100_000
+    assert max(len(marker.text) for marker in markers.shown.values()) <= 500
+    markers.apply("/flood", Marker(action=Marker.DELETEALL), 1.0)
+    markers.apply("/flood", Marker(type=kind, id=1), 1.0)
+    assert markers.shown, "there is room again"

@@ -173,6 +173,13 @@ def test_the_log_is_filtered_newest_first_and_capped():
     assert log.select(Filter(text="line 3 ")) == []
 
 
+def test_huge_lines_of_the_log_are_cut_and_few():
+    log = LogBuffer()
+    for _ in range(20):
+        log.add(line("x" * 200_000))
+    assert len(to_html(log.select(Filter()))) < 40_000
+
+
 def test_a_line_of_the_log_is_never_markup():
     log = LogBuffer()
     log.add(line("<script>alert(1)</script>", node="/<b>"))
@@ -314,7 +321,7 @@ def test_a_service_that_hangs_is_given_up_with_a_sentence(monkeypatch):
     monkeypatch.setattr(actions, "CALL_TIMEOUT", 0.2)
     monkeypatch.setattr(actions.rospy, "ServiceProxy", lambda *_: lambda *_: release.wait(20.0))
     results = action_results(monkeypatch, lambda: actions.call("/reset", None), lambda: "done")
-    assert results == [("/reset does not answer within 0.2 s", False), ("done", True)]
+    assert results == [("/reset has not answered for 0.2 s; it may still do it", False), ("done", True)]
     release.set()
 
 
@@ -341,6 +348,9 @@ def test_a_cloud_whose_points_are_too_short_has_none(step):
     ("status", "level", "words"),
     [
         (RobotStatus(is_locked=True, activity="driving"), "error", "emergency stop: no command is obeyed"),
+        (RobotStatus(is_locked=True, has_listener=False, is_silent=True), "error", state_bar.UNHEARD),
+        (RobotStatus(is_locked=True, is_silent=True), "error", state_bar.UNCERTAIN),
+        (RobotStatus(is_locked=True, is_silent=True, is_paused=True), "error", state_bar.LOCKED),
         (RobotStatus(is_paused=True, activity="driving"), "warn", "PAUSED"),
         (RobotStatus(activity="<driving>", distance=1.0), "ok", "&lt;driving&gt;"),
         (RobotStatus(is_silent=True), "error", "no news from the robot"),

@@ -1,0 +1,82 @@
+"""Numbers of the drive as the page shows them: time, speeds, errors, rates, and where the pillar is."""
+
+from __future__ import annotations
+
+from math import inf, nan
+from typing import Dict, Optional, Tuple
+
+from husky_highlevel_controller.datatypes import Vector3
+from husky_highlevel_controller.geometry import transform_point
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.web.drive_tab import Readings
+from husky_highlevel_controller.ros.web.plots import Curve, Rate
+from husky_highlevel_controller.ros.web.scene import Scene
+from husky_highlevel_controller.ros.web.topics import Topics
+
+NO_NEWS_TIME = 2.0  # [s] of wall time without a message of the robot until the page says so
+UNKNOWN = (nan, nan)
+
+
+class Numbers:
+    """The newest numbers; each sample goes to its curve as well."""
+
+    def __init__(self, curves: Dict[str, Curve]) -> None:
+        """Begin without numbers; `curves` by the names of `plots.CHARTS`."""
+        self._curves = curves
+        self._scan_rate, self._clock_rate = Rate(), Rate()
+        self._heard_at = -inf  # [s] of `now`, the last odometry
+        self._error: Optional[Tuple[float, float]] = None
+        self._speeds: Dict[str, Tuple[float, float]] = {}
+        self.time: Optional[float] = None  # [s]
+        self.pillar: Optional[Vector3] = None  # [m], fixed frame
+
+    def take(self, topics: Topics, scene: Scene, now: float) -> None:
+        """Take in what has come on the topics; `now` [s] of any clock."""
+        odometry = topics.take("truth") or topics.take("odometry")
+        if odometry is not None:
+            self._heard_at = now
+            self._speeds["measured"] = conversions.twist_from_msg(odometry.twist.twist)
+            self.time = odometry.header.stamp.to_sec()
+        command = topics.take("command")
+        if command is not None:
+            self._speeds["commanded"] = conversions.twist_from_msg(command.twist)
+        error = topics.take("error")
+        if error is not None:
+            self._error = (error.vector.x, error.vector.y)
+            for name, value in zip(("distance", "bearing"), self._error):
+                self._curves[name].add(error.header.stamp.to_sec(), value)
+        pillar = topics.take("pillar")
+        if pillar is not None:
+            frame = scene.frames.pose(pillar.header.frame_id, scene.fixed_frame)
+            point = (pillar.point.x, pillar.point.y, pillar.point.z)
+            self.pillar = None if frame is None else transform_point(frame, point)
+        if odometry is not None and self.time is not None:
+            commanded, measured = (self._speeds.get(name, UNKNOWN) for name in ("commanded", "measured"))
+            self._curves["speed"].add(self.time, commanded[0], measured[0])
+            self._curves["turning"].add(self.time, commanded[1], measured[1])
+        if self.time is not None:
+            self._clock_rate.add(self.time, now)
+        scan = topics.newest.get("scan")
+        if scan is not None and scan.count:
+            self._scan_rate.add(scan.count, scene.scan_stamp)
+
+    def is_silent(self, now: float) -> bool:
+        """Whether no odometry has come for NO_NEWS_TIME."""
+        return now - self._heard_at > NO_NEWS_TIME
+
+    @property
+    def distance(self) -> Optional[float]:
+        """Distance to go [m]."""
+        return None if self._error is None else self._error[0]
+
+    @property
+    def speed(self) -> Optional[float]:
+        """Measured speed [m/s]."""
+        measured = self._speeds.get("measured")
+        return None if measured is None else measured[0]
+
+    @property
+    def readings(self) -> Readings:
+        """Numbers of the Drive tab."""
+        bearing = None if self._error is None else self._error[1]
+        return Readings(bearing, self._clock_rate.value, self._scan_rate.value)
