@@ -83,13 +83,20 @@ def imported(path):
             yield node.module.split(".")[0]
 
 
-def test_pyproject_declares_what_is_imported_and_the_version_of_package_xml():
+def test_pyproject_declares_what_is_imported():
     tomllib = pytest.importorskip("tomllib")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert f"<version>{project['version']}</version>" in (ROOT / "package.xml").read_text()
     requirements = [*project["dependencies"], *project["optional-dependencies"]["cluster"]]
     declared = {re.match(r"[\w-]+", text).group().lower() for text in requirements}
     files = [path for path in SOURCES.rglob("*.py") if (SOURCES / "ros") not in path.parents]
     libraries = {name for path in files for name in imported(path)} - set(sys.stdlib_module_names)
     libraries -= {"husky_highlevel_controller", "pybullet_data", "pyarrow", *ROS_OF_A_HAND_IN}
     assert {NAMES.get(name, name).lower() for name in libraries} <= declared
+
+
+def test_the_changelog_begins_with_the_version_of_package_xml():
+    version = re.search(r"<version>([^<]+)</version>", (ROOT / "package.xml").read_text())[1]
+    first = re.search(
+        r"^(Forthcoming|\d+\.\d+\.\d+) ?.*\n-+$", (ROOT / "CHANGELOG.rst").read_text(), re.MULTILINE
+    )[1]
+    assert first in ("Forthcoming", version)
