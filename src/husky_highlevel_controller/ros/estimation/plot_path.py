@@ -1,0 +1,96 @@
+"""Command plot_path: x and y of nav_msgs/Odometry, of bags and of topics that are published, as a PNG.
+
+In: bags and topics. Out: a picture, and a line about each path.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import threading
+from pathlib import Path
+from typing import Dict, List, Tuple
+
+import numpy as np
+import rosbag
+import rospy
+from nav_msgs.msg import Odometry
+
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.estimation.plots import draw_paths
+
+KIND = "nav_msgs/Odometry"
+Points = List[Tuple[float, float]]
+
+
+def paths_of_bag(file: Path) -> Dict[str, Points]:
+    """Places [m] of every topic of odometry in a bag.
+
+    Raises:
+        HuskyError: it cannot be read, or has no such topic.
+    """
+    paths: Dict[str, Points] = {}
+    try:
+        with rosbag.Bag(str(file)) as bag:
+            kinds = {topic: info.msg_type for topic, info in bag.get_type_and_topic_info().topics.items()}
+            topics = [topic for topic, kind in kinds.items() if kind == KIND]
+            for topic, msg, _ in bag.read_messages(topics=topics) if topics else ():
+                paths.setdefault(topic, []).append(_place(msg))
+    except (OSError, rosbag.ROSBagException) as error:
+        raise HuskyError(f"{file}: {error}") from None
+    if not paths:
+        raise HuskyError(f"{file} has no {KIND}; its topics: {', '.join(sorted(kinds)) or 'none'}")
+    return paths
+
+
+def paths_of_topics(topics: List[str]) -> Dict[str, Points]:
+    """Places [m] that are published until Ctrl-C."""
+    paths: Dict[str, Points] = {topic: [] for topic in topics}
+    rospy.init_node("plot_path", anonymous=True, disable_signals=True)
+    for topic in topics:
+        rospy.Subscriber(topic, Odometry, lambda msg, path: path.append(_place(msg)), paths[topic])
+    print(f"listening to {', '.join(topics)}: Ctrl-C draws", flush=True)
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        rospy.signal_shutdown("drawn")
+    return paths
+
+
+def _place(msg: Odometry) -> Tuple[float, float]:
+    return msg.pose.pose.position.x, msg.pose.pose.position.y
+
+
+def main() -> None:
+    """Draw the paths; exit with 2 where there is nothing to draw."""
+    parser = argparse.ArgumentParser(prog="plot_path", description=f"Draws x and y of {KIND} as a PNG.")
+    parser.add_argument(
+        "sources", nargs="+", metavar="FILE.bag|TOPIC", help="all odometry of a bag, or a topic until Ctrl-C"
+    )
+    parser.add_argument("-o", "--output", type=Path, default=Path("path.png"), help="default path.png")
+    options = parser.parse_args(rospy.myargv()[1:])
+    try:
+        paths = _paths(options.sources)
+        options.output.write_bytes(draw_paths(paths))
+    except (HuskyError, OSError) as error:
+        print(f"plot_path: {error}", file=sys.stderr)
+        sys.exit(2)
+    for name, path in paths.items():
+        length, (x, y) = np.hypot(*np.diff(path, axis=0).T).sum(), path[-1]
+        print(f"{name}: {length:.2f} m, ends at x {x:.3f} m, y {y:.3f} m")
+    print(options.output)
+
+
+def _paths(sources: List[str]) -> Dict[str, np.ndarray]:
+    """Paths (N, 2) by name; a bag's come first, so that a live one is drawn over them."""
+    paths: Dict[str, Points] = {}
+    files = [source for source in sources if source.endswith(".bag")]
+    for file in files:
+        for topic, path in paths_of_bag(Path(file)).items():
+            paths[topic if topic not in paths else f"{topic} of {file}"] = path
+    topics = [source for source in sources if source not in files]
+    for topic, path in (paths_of_topics(topics) if topics else {}).items():
+        if not path:
+            raise HuskyError(f"nothing came on {topic}")
+        paths[topic if topic not in paths else f"{topic} now"] = path
+    return {name: np.array(path) for name, path in paths.items()}

@@ -1,0 +1,155 @@
+"""The bag of exercise 4: a drive of the simulated robot, written by one process without a ROS master.
+
+In: robot, ground, seed, folder. Out: NAME_navigation.bag with the sensors, NAME_navigation_truth.bag with the
+true poses: the same arguments give the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import rosbag
+import rospy
+
+from husky_highlevel_controller.datatypes import STOP, HuskyError, Pose2D, Twist2D
+from husky_highlevel_controller.geometry import wrap_angle, yaw_from_quat
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.robot import ROBOTS
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.simulator.models.description import robot_description
+from husky_highlevel_controller.simulator.models.robot_model import robot_model
+from husky_highlevel_controller.simulator.models.sdf_world import load_world
+from husky_highlevel_controller.simulator.profile import GROUNDS, RobotProfile
+from husky_highlevel_controller.simulator.simulation import Simulation
+from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, simulator_config
+
+WORLD_FILE = share_folder() / "compat" / "husky_gazebo" / "worlds" / "clearpath_playpen.world"
+DURATION = 90.0  # [s]
+STANDING = 3.0  # [s], before and after the drive
+SPEED = 0.33  # [m/s]
+STEERING_GAIN = 2.0  # [1/s]
+IMU_RATE, POINTS_RATE = 50, 1  # [Hz]; a cloud is as large as all else of ten seconds
+COMMAND_PERIOD = 0.1  # [s]
+WORLD, ODOM, BASE = "world", "odom", "base_link"  # frames
+POINTS_TOPIC, IMU_TOPIC = "/rslidar_points", "/imu/data"  # of both courses' bags
+
+
+def command_at(stamp: float, yaw: float) -> Twist2D:
+    """The command of a driver who steers a figure of eight by looking, first to the left.
+
+    Args:
+        stamp: since the start [s].
+        yaw: the true heading [rad].
+    """
+    lap, middle = DURATION / 2.0 - STANDING, DURATION / 2.0
+    if not STANDING <= stamp < DURATION - STANDING:
+        return STOP
+    rate = 2.0 * pi / lap * (1.0 if stamp < middle else -1.0)
+    return Twist2D(SPEED, rate + STEERING_GAIN * wrap_angle(rate * (stamp - middle) - yaw))
+
+
+class BagWriter:
+    """A bag with the topics of one robot."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises HuskyError where there is such a file, or none can be written."""
+        self.path = path
+        if path.exists():
+            raise HuskyError(f"there is a {path} already: move it away, or give another folder")
+        try:
+            self._bag = rosbag.Bag(str(path), "w", compression=rosbag.Compression.BZ2)
+        except OSError as error:
+            raise HuskyError(f"{path}: {error.strerror}") from None
+
+    def write(self, topic: str, msg: Any, stamp: float) -> None:
+        """Add a message that was received when it was stamped [s]."""
+        header = {
+            "topic": topic,
+            "type": msg._type,
+            "md5sum": msg._md5sum,
+            "message_definition": msg._full_text,
+            "callerid": "/husky_simulator",
+            "latching": "1"
+            if topic == "/tf_static"
+            else "0",  # rosbag play keeps it for those that come late
+        }
+        self._bag.write(topic, msg, conversions.time_to_msg(stamp), connection_header=header)
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._bag.close()
+
+
+def record(name: str, ground: str, seed: int, folder: Path) -> None:
+    """Drive a robot and write both bags.
+
+    Args:
+        name: one of ROBOTS; the Husky drives by its profile `robot`.
+        ground: one of GROUNDS, for that profile.
+        seed: of all noise.
+        folder: for the bags.
+
+    Raises:
+        HuskyError: a file is there already, or cannot be written.
+    """
+    config = replace(simulator_config(name), imu_rate=IMU_RATE, points_rate=POINTS_RATE)
+    profile = config.robot.profiles[-1]
+    if profile == "robot":
+        config = replace(config, real=RobotProfile().on(ground))
+    robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
+    simulation = Simulation(load_world(WORLD_FILE), robot, config, Pose2D(), seed)
+    rate = config.physics_rate
+    steps = {
+        "wheels": rate // (config.real.base.control_rate if config.real else ODOMETRY_RATE),
+        "points": rate // POINTS_RATE,
+        "command": round(rate * COMMAND_PERIOD),
+    }
+    wheel_topic, imu_frame = f"/{config.robot.topics.wheel_odometry}", config.robot.imu_mount.frame
+    sensors, truth = (BagWriter(folder / f"{name}_navigation{kind}.bag") for kind in ("", "_truth"))
+    try:
+        sensors.write("/tf_static", conversions.tree_to_msg(robot.fixed_joints, 1.0 / rate), 1.0 / rate)
+        for _ in range(round(DURATION * rate)):
+            snapshot = simulation.step()
+            stamp, step, odometry = snapshot.stamp, snapshot.step, snapshot.odometry
+            if step % steps["command"] == 0:
+                simulation.command(command_at(stamp, yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)))
+            if odometry is not None and step % (rate // ODOMETRY_RATE) == 0:
+                truth.write(
+                    "/ground_truth/odom", conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE), stamp
+                )
+            if odometry is not None and step % steps["wheels"] == 0:
+                sensors.write("/joint_states", conversions.wheels_to_msg(odometry.wheels, stamp), stamp)
+                sensors.write(
+                    wheel_topic, conversions.odometry_to_msg(odometry.from_wheels, stamp, ODOM, BASE), stamp
+                )
+            if snapshot.imu is not None:
+                sensors.write(IMU_TOPIC, conversions.imu_to_msg(snapshot.imu, imu_frame), stamp)
+            if step % steps["points"] == 0:
+                cloud = conversions.points_to_msg(simulation.points(), stamp, robot.laser_frame)
+                sensors.write(POINTS_TOPIC, cloud, stamp)
+    finally:
+        for bag in (sensors, truth):
+            bag.close()
+        simulation.close()
+    for bag in (sensors, truth):
+        print(f"{bag.path}: {bag.path.stat().st_size / 1e6:.1f} MB", flush=True)
+
+
+def main() -> None:
+    """Write the bags; exit with 1 where that fails."""
+    parser = argparse.ArgumentParser(prog="record_bag", description="Writes the bag of exercise 4.")
+    parser.add_argument("--robot", choices=ROBOTS, default="husky", help="which robot (default husky)")
+    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="under the Husky (default hard)")
+    parser.add_argument("--seed", type=int, default=0, help="of all noise (default 0)")
+    parser.add_argument("--folder", type=Path, default=Path(), help="for the bags (default: here)")
+    options = parser.parse_args(rospy.myargv()[1:])
+    try:
+        record(options.robot, options.ground, options.seed, options.folder)
+    except HuskyError as error:
+        print(f"record_bag: {error}", file=sys.stderr)
+        sys.exit(1)
