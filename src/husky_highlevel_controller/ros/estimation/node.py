@@ -69,8 +69,9 @@ class LocalizationNode:
         self._heard: Dict[str, float] = {}  # [s] of wall time, by input
 
     def _on_message(self, msg: Any, name: str) -> None:
-        now, stamp = rospy.get_time(), msg.header.stamp.to_sec()
+        stamp = msg.header.stamp.to_sec()
         with self._lock:
+            now = rospy.get_time()  # not before: another thread may have had the lock for seconds of a fast bag
             if now < self._now - CLOCK_BACK:
                 rospy.logwarn(
                     f"the clock went back from {self._now:.3f} to {now:.3f} s: the filter begins anew"
