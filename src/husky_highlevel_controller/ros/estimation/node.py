@@ -71,7 +71,7 @@ class LocalizationNode:
     def _on_message(self, msg: Any, name: str) -> None:
         stamp = msg.header.stamp.to_sec()
         with self._lock:
-            now = rospy.get_time()  # not before: another thread may have had the lock for seconds of a fast bag
+            now = rospy.get_time()  # not before: a fast bag goes on by seconds while this thread waits
             if now < self._now - CLOCK_BACK:
                 rospy.logwarn(
                     f"the clock went back from {self._now:.3f} to {now:.3f} s: the filter begins anew"
