@@ -124,6 +124,7 @@ def function_of_dev(name):
         ("groups_of_command rosrun husky_highlevel_controller grade --all there", ":0", "rviz grade page"),
         ("groups_of_command python examples/rollout", "", "page"),
         ("groups_of_command pytest -q", "", "test page"),
+        ("groups_of_command catkin_make", "", "grade rostest page"),
         ("groups_of_command rostest mine.test", "", "rostest"),
     ],
 )
@@ -244,3 +245,61 @@ def test_doctor_names_problems_and_fails_for_them(tmp_path):
     assert "PROBLEM  nodes give their address as 'no.such.host'" in done.stdout
     assert "PROBLEM  the workspace in .dev/ws is not built: ./dev setup" in done.stdout
     assert not (tmp_path / ".dev").exists(), "doctor changes nothing"
+
+
+def new(folder, *arguments):
+    """`./dev new` of a copy of the commands, in that copy; its output and exit code."""
+    copy = folder / "clone"
+    if not copy.exists():
+        copy.mkdir()
+        shutil.copy(ROOT / "dev", copy)
+        for name in ("tools", "examples", "compat"):
+            shutil.copytree(ROOT / name, copy / name)
+    done = subprocess.run(
+        [copy / "dev", "new", *arguments], cwd=copy, capture_output=True, text=True, check=False
+    )
+    return done.stdout + done.stderr, done.returncode
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("", "new what? e.g. ./dev new my_husky"),
+        ("2nd", "'2nd' is no name for a ROS package"),
+        ("My", "'My' is no name for a ROS package"),
+        ("../my", "'../my' is no name for a ROS package"),
+        ("husky_gazebo", "ROS has a package 'husky_gazebo' already"),
+        ("husky_highlevel_controller", "is the simulator's package"),
+        ("my_husky yours", "one package at a time: 'my_husky' or 'yours'"),
+        ("my_husky --c", "new has no option '--c'"),
+    ],
+)
+def test_new_refuses_a_name_that_ros_would_not_take(arguments, words, tmp_path):
+    output, code = new(tmp_path, *arguments.split())
+    assert code == 1
+    assert words in output
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["clone"]
+
+
+def test_new_writes_beside_the_clone_and_over_nothing(tmp_path):
+    assert new(tmp_path, "my_husky")[1] == 0
+    launch = tmp_path / "my_husky" / "launch" / "drive.launch"
+    assert 'pkg="my_husky"' in launch.read_text()
+    assert os.access(tmp_path / "my_husky" / "scripts" / "drive", os.X_OK)
+    launch.write_text("mine")
+    output, code = new(tmp_path, "my_husky")
+    assert code == 1
+    assert "my_husky is there already; nothing is written over" in output
+    assert launch.read_text() == "mine"
+    assert new(tmp_path, "my_husky", "--cpp")[1] == 0
+    package = tmp_path / "my_husky_ws" / "src" / "my_husky"
+    assert (package / "src" / "drive.cpp").is_file()
+    assert not (package / "scripts").exists()
+    assert not [path for path in tmp_path.rglob("my_husky/**/*") if "first_node" in path.name]
+
+
+@pytest.mark.parametrize("file", ["package.xml", "scripts/drive", "launch/drive.launch"])
+def test_exercises_show_what_new_writes(file):
+    text = (ROOT / "examples" / "first_node" / file).read_text().replace("first_node", "my_husky")
+    kind = "python" if "scripts" in file else "xml"
+    assert f"```{kind}\n{text}```" in (ROOT / "docs" / "exercises.md").read_text()
