@@ -42,8 +42,8 @@ from husky_highlevel_controller.grading.hand_in.build import (
     Folders,
     build_error,
     copy_packages,
-    missing_packages,
 )
+from husky_highlevel_controller.grading.hand_in.dependencies import missing_packages
 from husky_highlevel_controller.grading.hand_in.launch_choice import (
     choose_launch_files,
     named_launch_file,
@@ -594,7 +594,7 @@ def test_all_packages_that_are_not_installed_are_found_at_once(tmp_path):
     )
     _, packages, _ = chosen(tmp_path / "class", tmp_path)
     folders, _ = copy_packages(packages, tmp_path / "ws")
-    missing = missing_packages(folders, {"husky"}, dict(os.environ))
+    missing = missing_packages(folders.packages, {"husky"}, dict(os.environ))
     assert missing - {"roscpp"} == {"no_such_one", "no_such_two"}
 
 

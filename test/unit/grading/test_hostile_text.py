@@ -24,7 +24,7 @@ from husky_highlevel_controller.grading.hand_in import build
 def read_components(text):
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "CMakeLists.txt").write_text(text)
-        build.missing_packages(build.Folders(Path(folder), {"a": Path(folder)}), {"a"}, {})
+        build.missing_packages({"a": Path(folder)}, {"a"}, {})
 
 def notes_on(text):
     plan.notes_on([], text)

@@ -6,24 +6,26 @@ import contextlib
 import os
 import re
 import shutil
-import subprocess
 import sys
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
-from typing import Collection, Dict, FrozenSet, List, Match, Optional, Sequence, Set, Tuple
+from typing import Dict, FrozenSet, List, Match, Optional, Sequence, Set, Tuple
 from xml.sax.saxutils import escape
 
 from catkin_pkg.package import parse_package
 
 from husky_highlevel_controller.grading.hand_in.archives import MAX_BYTES, MAX_FILE, large_files_note
+from husky_highlevel_controller.grading.hand_in.dependencies import (
+    debian_packages,
+    missing_note,
+    missing_packages,
+)
 from husky_highlevel_controller.grading.hand_in.packages import BUILT, NotMarkableError, Package
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     is_below,
     is_regular,
     read_regular,
-    read_text,
     remove_tree,
     walk,
     write_whole,
@@ -33,9 +35,8 @@ from husky_highlevel_controller.grading.isolation.process import Process, end_al
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 
 BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
-APT_DEADLINE = 20.0  # [s] of wall time
 RETRIES = 2  # of a build that fails
-MAX_TEXT = 1_000_000  # [bytes] of a launch file or CMakeLists.txt
+MAX_TEXT = 1_000_000  # [bytes] of a launch file
 MAX_MISSING = 10  # packages that CMake misses one after the other
 LESS_COLLECTION = "--param ggc-min-heapsize=500000"  # [kB] before GCC collects garbage, a tenth of its time
 # header before each C++ source; a repair changes it, so CMake need not run again
@@ -58,9 +59,7 @@ PLAIN_PUBLISH_NOTE = (
     "publish(true) and its like are made to compile; newer versions of ROS want a message, such as "
     "std_msgs::Bool"
 )
-_DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")  # of a ROS package in Debian
 _HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
-_COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^()]*)\)", re.IGNORECASE)
 _NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]+)"')
 _ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
@@ -191,61 +190,6 @@ def _repair_manifest(folder: Path, package: Package) -> List[str]:
     return [f"catkin refuses the package.xml of {package.name} ({reason}); marked with a corrected copy"]
 
 
-# ---------------------------------------------------------------------------- what is not installed
-
-
-def missing_packages(folders: Folders, needed: Set[str], env: Dict[str, str]) -> Set[str]:
-    """Catkin components that the packages' CMakeLists.txt ask for, and that are nowhere."""
-    components: Set[str] = set()
-    for name in needed:
-        try:
-            text = re.sub(r"#.*", "", read_text(folders.packages[name] / "CMakeLists.txt", MAX_TEXT))
-        except UnreadableFileError:
-            continue
-        for arguments in _COMPONENTS.findall(text):
-            components |= set(re.findall(r"(?<![\w$])[a-z][\w-]*", arguments))
-    prefixes = [Path(prefix) for prefix in env.get("CMAKE_PREFIX_PATH", "").split(os.pathsep) if prefix]
-    return {name for name in components - set(folders.packages) if not _is_installed(name, prefixes)}
-
-
-def _is_installed(name: str, prefixes: Sequence[Path]) -> bool:
-    for prefix in [*prefixes, Path("/usr"), Path("/usr/local")]:
-        for pattern in (
-            f"share/{name}/cmake",
-            f"lib/cmake/{name}",
-            f"lib/*/cmake/{name}",
-            f"share/cmake/{name}*",
-        ):
-            if next(prefix.glob(pattern.format(name)), None) is not None:
-                return True
-    return False
-
-
-def debian_packages(names: Collection[str]) -> Dict[str, str]:
-    """Debian packages that have ROS packages for building, by the ROS package's name, where one is known."""
-    candidates = {
-        name: [pattern.format(name.replace("_", "-")) for pattern in _DEBIAN_NAMES] for name in names
-    }
-    command = ["apt-cache", "show", "--no-all-versions", *chain.from_iterable(candidates.values())]
-    try:
-        answer = subprocess.run(command, capture_output=True, text=True, timeout=APT_DEADLINE, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return {}
-    known = set(re.findall(r"^Package: (.*)$", answer.stdout, re.MULTILINE))
-    matches = {name: [each for each in candidates[name] if each in known] for name in names}
-    return {name: packages[0] for name, packages in matches.items() if packages}
-
-
-def missing_note(names: Set[str]) -> str:
-    """A sentence on packages that are not installed, all at once."""
-    debian = debian_packages(names)
-    words = [
-        f"{name} ({f'apt install {debian[name]}' if name in debian else 'not in Debian'})"
-        for name in sorted(names)
-    ]
-    return f"not installed: {', '.join(words)}; what needs them may not build"
-
-
 # ---------------------------------------------------------------------------- the build
 
 
@@ -262,7 +206,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     """
     import_early()  # while the compiler waits for the disk
     notes: List[str] = []
-    missing = missing_packages(folders, set(needed), underlay.env)
+    missing = missing_packages(folders.packages, needed, underlay.env)
     output, code = "", None
     for _ in range(MAX_MISSING):
         _write_stand_ins(folders, missing)
@@ -284,18 +228,16 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
             break
     notes += [OLD_BOOST_NOTE] * bool(repair)
     notes += [PLAIN_PUBLISH_NOTE] * _publishes_plain_values(folders.root / "devel" / "lib")
-    error = ""
+    error = f"it does not build: {build_error(output, folders.root)}" if code else ""
     if code is None:
         error = f"it does not build within {BUILD_DEADLINE:g} s"
-    elif code:
-        error = f"it does not build: {build_error(output, folders.root)}"
     places = [folders.root / "src", *[folders.setup] * folders.setup.exists()]
     # the sandbox would show a link's target, and marking would write into it
     if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
         raise NotMarkableError("its build puts links in place of src or devel/setup.bash")
     setups = (*underlay.setups, *places[1:])
     workspace = Workspace(underlay.env, setups, (places[0],), underlay.hidden, own_modules=False)
-    return Build(workspace, (*notes, *[error] * bool(error)), error)
+    return Build(workspace, tuple(filter(None, (*notes, error))), error)
 
 
 def needs_old_boost(output: str) -> bool:
