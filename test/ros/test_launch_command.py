@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from network import PACKAGE
+from network import PACKAGE, wait_until
 from test_rviz import Screen
 
 from husky_highlevel_controller.grading.drive.plan import Submission, plan
@@ -257,6 +257,31 @@ def test_an_own_launch_file_s_simulator_takes_arguments_and_repeated_tracebacks_
     launched.says("312 times more: AttributeError: 'String' object has no attribute 'nothing'")
     assert launched.output.count("Traceback") == 1
     assert ros.master("getParam", "/husky_simulator/x") == 3.5
+
+
+def master_answers(ros):
+    try:
+        return ros.master("getPid") > 0
+    except OSError:
+        return False
+
+
+def test_a_node_without_parameters_names_its_launch_file(ros):
+    ros.start("rosmaster", "--core", "-p", str(ros.port))
+    wait_until(lambda: master_answers(ros), "there is a master")
+    launch_files = {
+        "husky_controller": "controller", "husky_simulator": "simulator", "husky_web": "web",
+        "crash_stop": "crash_stop", "proximity_stop": "proximity_stop", "arrival_exit": "controller",
+    }  # fmt: skip
+    started = {node: ros.start("rosrun", PACKAGE, node) for node in launch_files}
+    for node, file in launch_files.items():
+        assert (share_folder() / "launch" / f"{file}.launch").is_file()
+        assert started[node].wait() == 1
+        assert " is missing" in started[node].output
+        assert f"; start it by roslaunch husky_highlevel_controller {file}.launch" in started[node].output
+    naive = ros.start("rosrun", PACKAGE, "naive_controller")
+    wait_until(lambda: "/front/scan" in ros.subscriptions("/naive_controller"), "it runs with its defaults")
+    assert naive.popen.poll() is None
 
 
 STUDENTS_TEST = """<launch>

@@ -16,6 +16,11 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.robot import Robot, load_robot
 from husky_highlevel_controller.ros.transport import replace_transport
 
+LAUNCH_FILES = {  # that load the parameters of nodes
+    "husky_highlevel_controller": "controller", "arrival_exit": "controller", "husky_simulator": "simulator",
+    "husky_web": "web", "crash_stop": "crash_stop", "proximity_stop": "proximity_stop",
+}  # fmt: skip
+
 
 def named_robot() -> Tuple[Dict[str, Any], Robot]:
     """The node's private parameters but `~robot_name`, and the robot of that name; the Husky without one.
@@ -101,6 +106,8 @@ def run_node(name: str, make: Callable[[], Runnable], listen_to_clock: bool = Tr
     try:
         make().run()
     except HuskyError as error:
-        rospy.logfatal(str(error))
+        hint = f"; start it by roslaunch husky_highlevel_controller {LAUNCH_FILES.get(name)}.launch"
+        unset = name in LAUNCH_FILES and not rospy.get_param("~", {})
+        rospy.logfatal(str(error) + hint * unset)
         rospy.signal_shutdown("bad input")
         sys.exit(1)
