@@ -12,9 +12,9 @@ from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 import viser
-from viser import _messages
 
 from husky_highlevel_controller.datatypes import Vector3
+from husky_highlevel_controller.ros.web.viser_private import show_in_page
 
 SIDES = 48  # of the ground's disc and of the sky's dome
 RADIUS = 400.0  # [m] from the origin to the horizon
@@ -85,9 +85,8 @@ class Backdrop:
 
 def show_backdrop(client: viser.ClientHandle, is_dark: bool) -> None:
     """Show the backdrop of the night, or of the day, to one page."""
-    queue = client._websock_connection.queue_message  # viser has no visibility for one page
     for name in LOOKS:
-        queue(_messages.SetSceneNodeVisibilityMessage(f"/{name}", is_dark == (name == "night")))
+        show_in_page(client, f"/{name}", is_dark == (name == "night"))
 
 
 def contact_shadow(scene: viser.SceneApi, name: str, size: Sequence[float], center: Vector3) -> Any:

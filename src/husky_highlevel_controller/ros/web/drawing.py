@@ -8,15 +8,14 @@ from typing import Any, Iterator, List, Optional, Sequence, Set, Tuple
 import numpy as np
 import rospy
 import viser
-from viser import _messages
 
-from husky_highlevel_controller.datatypes import Pose, Quaternion, Rgba, Vector3
+from husky_highlevel_controller.datatypes import Pose, Rgba
 from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_highlevel_controller.ros.web import meshes
 from husky_highlevel_controller.ros.web.markers import Label, Lines, MeshFile, Piece, Points, Solid
+from husky_highlevel_controller.ros.web.viser_private import wxyz
 
 LETTER_SCALE = 1.0  # of a text marker: 12 px whatever its size in the scene, sharp at any distance
-INVISIBLE = 5e-4  # [m], and of a quaternion (1 mrad): what moves less stays
 LINE_WIDTH = 0.01  # [m], of a line without a width
 MIN_OPACITY = 0.02  # what is fainter is not drawn: RViz shows nothing either
 
@@ -40,40 +39,6 @@ class LeftOut:
         if source not in self._warned:
             self._warned.add(source)
             rospy.logwarn(f"{source} is not shown: {reason}")
-
-
-def wxyz(quat_xyzw: Quaternion) -> Tuple[float, float, float, float]:
-    """Viser's order of a quaternion."""
-    x, y, z, w = quat_xyzw
-    return (w, x, y, z)
-
-
-def place(node: Any, pose: Pose) -> None:
-    """Put a node somewhere, if it is not there already: every change is sent to every page.
-
-    Its message is queued without viser's setter, which compares by numpy.allclose: 6 instead of 39 us each.
-    """
-    inside, position, rotation = node._impl, pose.position, wxyz(pose.quat_xyzw)
-    if _differ(inside.position.tolist(), position):
-        inside.position[:] = position
-        inside.api._queue_scene_message(_messages.SetPositionMessage(inside.name, position))
-    if _differ(inside.wxyz.tolist(), rotation):
-        inside.wxyz[:] = rotation
-        inside.api._queue_scene_message(_messages.SetOrientationMessage(inside.name, rotation))
-
-
-def look(camera: viser.CameraHandle, position: Vector3, look_at: Vector3) -> None:
-    """Put a page's camera somewhere; its handle keeps telling what the page has reported.
-
-    Not by viser's setters, which calculate its rotation as well: a seventh of the page's thread.
-    """
-    queue = camera._state.client._websock_connection.queue_message
-    queue(_messages.SetCameraPositionMessage(position))
-    queue(_messages.SetCameraLookAtMessage(look_at))
-
-
-def _differ(a: Sequence[float], b: Sequence[float]) -> bool:
-    return any(abs(p - q) > INVISIBLE for p, q in zip(a, b))
 
 
 def draw(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose: Pose) -> List[Any]:

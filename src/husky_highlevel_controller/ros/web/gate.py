@@ -7,24 +7,19 @@ token where there is one, adds the package's own script to the page, and answers
 
 from __future__ import annotations
 
-import base64
 import hmac
 import http
 import json
-import logging
-from contextlib import contextmanager
 from http.cookies import CookieError, SimpleCookie
-from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, Mapping, Optional
+from typing import Any, Callable, ContextManager, Dict, Mapping, Optional
 from urllib.parse import parse_qs, urlsplit
 
-import viser
-import websockets.asyncio.server
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.ros.web.viser_private import embed_recording, page_html, started_behind
 
 DRIVE_PATH = "/drive"
 COOKIE = "husky_token"
@@ -66,28 +61,18 @@ def _shows(token: str, headers: Mapping[str, str], path: str) -> bool:
     return any(hmac.compare_digest(item.encode(), token.encode()) for item in tokens)
 
 
-def _viser_page() -> str:
-    html = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text()
-    return html.replace("<title>Viser</title>", "<title>Husky</title>")
-
-
 def replay_page(recording: bytes) -> bytes:
-    """Viser's page as a player of one recording, which it holds: it needs no server.
+    """Viser's page as a player of one recording, as serialized by viser, without a server."""
+    return embed_recording(_page_html(), recording).encode()
 
-    Args:
-        recording: as serialized by viser.
-    """
-    html = _viser_page()
-    at = html.index("</head>")
-    data = base64.b64encode(recording).decode()
-    # the names that viser's own StateSerializer.as_html gives them; that cannot be called a second time
-    script = f'window.__VISER_EMBED_DATA__="{data}";window.__VISER_EMBED_CONFIG__={{darkMode:false}};'
-    return f"{html[:at]}<script>{script}</script>{html[at:]}".encode()
+
+def _page_html() -> str:
+    return page_html().replace("<title>Viser</title>", "<title>Husky</title>")
 
 
 def page() -> bytes:
     """Viser's page with the package's script and style."""
-    html, folder = _viser_page(), share_folder() / "web"
+    html, folder = _page_html(), share_folder() / "web"
     script, style = (folder / "page.js").read_text(), (folder / "page.css").read_text()
     at = html.index("<head>") + len("<head>")
     additions = f"<script>{script}</script><style>{style}</style>"
@@ -108,25 +93,9 @@ class Gate:
         self._is_loopback, self._token, self._page = is_loopback, token, page()
         self._on_message, self._on_leave = on_message, on_leave
 
-    @contextmanager
-    def guards(self) -> Iterator[None]:
-        """Whatever server is started meanwhile by `websockets` stands behind this gate.
-
-        viser 1.1 has no hook for a check of its requests, so the function that starts the server is wrapped.
-        """
-        original: Any = websockets.asyncio.server.serve
-        logger = logging.getLogger("husky_web.websockets")
-        logger.setLevel(logging.CRITICAL)  # a plain page request is no failed handshake
-
-        def serve(handler: Any, *args: Any, **kwargs: Any) -> Any:
-            kwargs.update(process_request=self._answer, logger=logger)
-            return original(self._with_drive_channel(handler), *args, **kwargs)
-
-        websockets.asyncio.server.serve = serve  # type: ignore
-        try:
-            yield
-        finally:
-            websockets.asyncio.server.serve = original  # type: ignore
+    def guards(self) -> ContextManager[None]:
+        """A server of viser's that is started meanwhile stands behind this gate."""
+        return started_behind(self._answer, self._with_drive_channel)
 
     def _answer(self, _connection: Any, request: Request) -> Optional[Response]:
         """An HTTP response, or None for a WebSocket that may be opened."""

@@ -20,10 +20,11 @@ from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, contact_shadow
-from husky_highlevel_controller.ros.web.drawing import LeftOut, bounds, clickable, draw, place
+from husky_highlevel_controller.ros.web.drawing import LeftOut, bounds, clickable, draw
 from husky_highlevel_controller.ros.web.frames import Frames
 from husky_highlevel_controller.ros.web.markers import Piece, Solid, pose_of, primitives
 from husky_highlevel_controller.ros.web.topics import Received
+from husky_highlevel_controller.ros.web.viser_private import place
 
 Key = Tuple[str, str]  # server's topic, name of the marker
 WIDEST = 50.0  # [m]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import io
 import ipaddress
@@ -13,7 +12,6 @@ from typing import Any, Callable, Dict, NamedTuple, Optional
 
 import rospy
 import viser
-from viser.infra import _infra
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.ros.web.gate import Gate
@@ -26,31 +24,6 @@ class PageServer(viser.ViserServer):
         """Refused, whichever page asks for it."""
         rospy.logwarn("a page asked to be shared through another host; refused")
         return None
-
-
-class LoopEvent(asyncio.Event):
-    """An event that only its loop's thread sets.
-
-    viser 1.1 sets the event of a message buffer twice for each message: at once, in whichever thread the
-    message comes from, and again in its loop. The first is a race with the loop that ends the caller with
-    "deque mutated during iteration" (seen within a minute on a busy machine); the second is enough.
-    """
-
-    def set(self) -> None:
-        """Set it, if this is a loop's thread."""
-        try:
-            asyncio.get_running_loop()
-        except RuntimeError:
-            return
-        super().set()
-
-
-class MessageBuffer(_infra.AsyncMessageBuffer):
-    """viser's buffer of messages to send, with an event that is safe to set from any thread."""
-
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
-        self.message_event = LoopEvent()
 
 
 class Served(NamedTuple):
@@ -77,7 +50,6 @@ def serve(
     """
     is_loopback = _is_loopback(host)
     token = None if is_loopback else secrets.token_urlsafe(16)
-    _infra.AsyncMessageBuffer = MessageBuffer  # type: ignore
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # a page may leave at any moment
     gate = Gate(is_loopback, token, on_message, on_leave)
     with gate.guards(), contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of its own

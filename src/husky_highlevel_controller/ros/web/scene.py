@@ -20,7 +20,7 @@ from husky_highlevel_controller.ros.clouds import MAX_POINTS, points_from_msg, p
 from husky_highlevel_controller.ros.transforms import is_pose
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, Backdrop, contact_shadow
-from husky_highlevel_controller.ros.web.drawing import LeftOut, bounds, clickable, draw, place, redraw
+from husky_highlevel_controller.ros.web.drawing import LeftOut, bounds, clickable, draw, redraw
 from husky_highlevel_controller.ros.web.frames import Frames
 from husky_highlevel_controller.ros.web.markers import (
     Key,
@@ -34,6 +34,7 @@ from husky_highlevel_controller.ros.web.markers import (
 )
 from husky_highlevel_controller.ros.web.robot import rigid_groups
 from husky_highlevel_controller.ros.web.topics import Topics
+from husky_highlevel_controller.ros.web.viser_private import place
 
 SCAN_COLOR, RAY_COLOR, CLOUD_COLOR = (235, 30, 250), (205, 130, 215), (60, 170, 160)
 TRAIL_COLOR, PLAN_COLOR = (20, 120, 255), (255, 120, 0)

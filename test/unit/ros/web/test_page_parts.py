@@ -17,12 +17,12 @@ from husky_highlevel_controller.ros.web import actions, drawing, state_bar
 from husky_highlevel_controller.ros.web.gate import _parse, refusal, replay_page
 from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, LogBuffer, to_html
 from husky_highlevel_controller.ros.web.mouse import Drag, Mouse, point_on_level
-from husky_highlevel_controller.ros.web.page_server import LoopEvent, MessageBuffer
 from husky_highlevel_controller.ros.web.pages import MOVE
 from husky_highlevel_controller.ros.web.plots import CHARTS, Curve, Mark, Rate, chart_html, fixed, nice_ticks
 from husky_highlevel_controller.ros.web.state_bar import RobotStatus, state_html
 from husky_highlevel_controller.ros.web.teleop import EXPIRY, HoldToDrive, clamp_axis, set_speed
 from husky_highlevel_controller.ros.web.tuning import from_yaml, parameters, shown_value, to_yaml
+from husky_highlevel_controller.ros.web.viser_private import LoopEvent
 
 AHEAD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.8)
 
@@ -269,7 +269,6 @@ def test_a_message_of_another_thread_wakes_the_pages_by_their_own_loop():
         return before, event.is_set()
 
     assert asyncio.run(scenario()) == (False, True)
-    assert isinstance(MessageBuffer(None, True).message_event, LoopEvent)
 
 
 def test_a_number_that_rounds_to_nothing_has_no_sign():

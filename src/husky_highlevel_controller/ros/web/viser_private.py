@@ -1,0 +1,123 @@
+"""Private names of viser 1.1 that the page needs; test_viser_private.py tells which one an update breaks."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import logging
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Callable, Iterator, Sequence, Tuple
+
+import viser
+import websockets.asyncio.server
+from viser import _messages
+from viser.infra import _infra
+
+from husky_highlevel_controller.datatypes import Pose, Quaternion, Vector3
+
+INVISIBLE = 5e-4  # [m], and of a quaternion (1 mrad): what moves less stays
+
+
+class LoopEvent(asyncio.Event):
+    """An event that only its loop's thread sets.
+
+    viser sets the event of a message buffer twice for each message: at once, in whichever thread the message
+    comes from, and again in its loop. The first is a race with the loop that ends the caller with
+    "deque mutated during iteration" (seen within a minute on a busy machine); the second is enough.
+    """
+
+    def set(self) -> None:
+        """Set it, if this is a loop's thread."""
+        try:
+            asyncio.get_running_loop()
+        except RuntimeError:
+            return
+        super().set()
+
+
+class MessageBuffer(_infra.AsyncMessageBuffer):
+    """viser's buffer of messages to send, with an event that is safe to set from any thread."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.message_event = LoopEvent()
+
+
+@contextmanager
+def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator[None]:
+    """Let a server that is started meanwhile ask for each request, and wrap its handler.
+
+    viser has no hook for a check of its requests: the function of `websockets` that starts its server is
+    replaced, and so is its message buffer.
+
+    Args:
+        process_request: as of `websockets.asyncio.server.serve`.
+        wrap: gets the handler of connections, and returns another.
+    """
+    original: Any = websockets.asyncio.server.serve
+    logger = logging.getLogger("husky_web.websockets")
+    logger.setLevel(logging.CRITICAL)  # a plain page request is no failed handshake
+
+    def serve(handler: Any, *args: Any, **kwargs: Any) -> Any:
+        kwargs.update(process_request=process_request, logger=logger)
+        return original(wrap(handler), *args, **kwargs)
+
+    _infra.AsyncMessageBuffer = MessageBuffer  # type: ignore
+    websockets.asyncio.server.serve = serve  # type: ignore
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = original  # type: ignore
+
+
+def page_html() -> str:
+    """Page of viser's client, which is one file."""
+    return (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text()
+
+
+def embed_recording(html: str, recording: bytes) -> str:
+    """Page that plays a recording; StateSerializer.as_html has the same names, but works only once."""
+    at = html.index("</head>")
+    data = base64.b64encode(recording).decode()
+    script = f'window.__VISER_EMBED_DATA__="{data}";window.__VISER_EMBED_CONFIG__={{darkMode:false}};'
+    return f"{html[:at]}<script>{script}</script>{html[at:]}"
+
+
+def place(node: Any, pose: Pose) -> None:
+    """Put a node somewhere, if it is not there already: every change is sent to every page.
+
+    Its message is queued without viser's setter, which compares by numpy.allclose: 6 instead of 39 us each.
+    """
+    inside, position, rotation = node._impl, pose.position, wxyz(pose.quat_xyzw)
+    if _differ(inside.position.tolist(), position):
+        inside.position[:] = position
+        inside.api._queue_scene_message(_messages.SetPositionMessage(inside.name, position))
+    if _differ(inside.wxyz.tolist(), rotation):
+        inside.wxyz[:] = rotation
+        inside.api._queue_scene_message(_messages.SetOrientationMessage(inside.name, rotation))
+
+
+def look(camera: viser.CameraHandle, position: Vector3, look_at: Vector3) -> None:
+    """Put a page's camera somewhere; its handle keeps telling what the page has reported.
+
+    Not by viser's setters, which calculate its rotation as well: a seventh of the page's thread.
+    """
+    queue = camera._state.client._websock_connection.queue_message
+    queue(_messages.SetCameraPositionMessage(position))
+    queue(_messages.SetCameraLookAtMessage(look_at))
+
+
+def show_in_page(client: viser.ClientHandle, name: str, is_visible: bool) -> None:
+    """Show or hide a node of the scene in one page; viser has no visibility for one page."""
+    client._websock_connection.queue_message(_messages.SetSceneNodeVisibilityMessage(name, is_visible))
+
+
+def wxyz(quat_xyzw: Quaternion) -> Tuple[float, float, float, float]:
+    """Viser's order of a quaternion."""
+    x, y, z, w = quat_xyzw
+    return (w, x, y, z)
+
+
+def _differ(a: Sequence[float], b: Sequence[float]) -> bool:
+    return any(abs(p - q) > INVISIBLE for p, q in zip(a, b))

@@ -1,0 +1,92 @@
+"""viser has the private names that the page uses: an update that drops one says here which."""
+
+import ast
+import inspect
+from pathlib import Path
+
+import pytest
+import viser
+from viser import _messages
+from viser.infra import _infra
+
+from husky_highlevel_controller.datatypes import Pose
+from husky_highlevel_controller.ros.web import viser_private
+from husky_highlevel_controller.ros.web.viser_private import (
+    LoopEvent,
+    MessageBuffer,
+    embed_recording,
+    page_html,
+)
+
+FOLDER = Path(viser_private.__file__).parent
+POSE = Pose((1.0, 2.0, 3.0), (0.0, 0.0, 1.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def server():
+    with viser_private.started_behind(None, lambda handler: handler):
+        server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    yield server
+    server.stop()
+
+
+def test_the_server_s_messages_wait_in_our_buffer(server):
+    assert isinstance(server._websock_server._broadcast_buffer, MessageBuffer)
+    assert isinstance(MessageBuffer(None, True).message_event, LoopEvent)
+
+
+def test_a_node_is_placed_and_stays_where_it_hardly_moves(server):
+    node = server.scene.add_frame("/node")
+    viser_private.place(node, POSE)
+    assert (node.position.tolist(), node.wxyz.tolist()) == ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 1.0])
+    viser_private.place(node, POSE._replace(position=(1.0, 2.0, 3.0001)))
+    assert node.position.tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("message", "fields"),
+    [
+        (_messages.SetPositionMessage, ["name", "position"]),
+        (_messages.SetOrientationMessage, ["name", "wxyz"]),
+        (_messages.SetCameraPositionMessage, ["position"]),
+        (_messages.SetCameraLookAtMessage, ["look_at"]),
+        (_messages.SetSceneNodeVisibilityMessage, ["name", "visible"]),
+    ],
+)
+def test_a_message_has_these_fields_in_this_order(message, fields):
+    assert list(inspect.signature(message).parameters)[: len(fields)] == fields
+
+
+def test_a_page_s_connection_is_found_and_queues_messages():
+    assert "client" in viser._viser._CameraHandleState.__annotations__
+    assert "self._websock_connection = " in inspect.getsource(viser.ClientHandle.__init__)
+    assert "self._state = " in inspect.getsource(viser.CameraHandle.__init__)
+    assert callable(_infra.WebsockClientConnection.queue_message)
+
+
+def test_the_client_is_one_page_that_plays_what_it_holds():
+    assert "<title>Viser</title>" in page_html()
+    assert "</head>" in page_html()
+    for name in ("__VISER_EMBED_DATA__", "__VISER_EMBED_CONFIG__"):
+        assert name in inspect.getsource(viser.infra.StateSerializer)
+        assert name in embed_recording(page_html(), b"recorded")
+
+
+def test_no_other_module_uses_private_names_of_viser():
+    private = {
+        "_messages",
+        "_infra",
+        "_impl",
+        "_websock_connection",
+        "_queue_scene_message",
+        "_websock_server",
+    }
+
+    def used(path):
+        nodes = list(ast.walk(ast.parse(path.read_text())))
+        names = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+        names |= {alias.name for node in nodes if isinstance(node, ast.ImportFrom) for alias in node.names}
+        return names & private
+
+    modules = [path for path in FOLDER.glob("*.py") if path.name != "viser_private.py"]
+    assert {path.name: used(path) for path in modules if used(path)} == {}
