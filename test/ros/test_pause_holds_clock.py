@@ -1,10 +1,18 @@
 #!/usr/bin/env python3
 """Launched with paused:=true the world waits for gazebo/unpause_physics; gazebo/pause_physics holds it."""
 
+from math import isfinite
+
 import rospy
 from harness import RosTest, run
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Empty
+from tf2_msgs.msg import TFMessage
+
+
+def children(messages):
+    return {transform.child_frame_id for msg in list(messages) for transform in msg.transforms}
 
 
 class PauseHoldsClock(RosTest):
@@ -19,6 +27,13 @@ class PauseHoldsClock(RosTest):
 
         self.wait_until(lambda: len(clock) >= 10, "a paused clock is told all the same")
         self.assertEqual(set(times()), {0.0}, "paused from the start")
+        scans, transforms = self.remember("front/scan", LaserScan), self.remember("tf", TFMessage)
+        self.wait_until(lambda: scans, "a scan of the beginning")
+        self.assertGreater(sum(isfinite(distance) for distance in scans[0].ranges), 0, "of the pillar")
+        self.wait_until(lambda: len(children(transforms)) == 5, "base_link and the wheels are told")
+        count = len(clock)
+        self.wait_until(lambda: len(clock) > count + 10, "the held clock is told")
+        self.assertEqual([msg.header.stamp.to_sec() for msg in list(scans)], [0.0], "one scan")
         unpause()
         self.wait_until(lambda: times()[-1] > 1.0, "time goes on")
         pause()

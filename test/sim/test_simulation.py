@@ -25,6 +25,7 @@ from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.simulator.bullet.world import PlacementError
 from husky_highlevel_controller.simulator.diff_drive import CommandError
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
+from husky_highlevel_controller.simulator.profile import RobotProfile
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import simulator_config, steps_per
 
@@ -338,6 +339,18 @@ def test_the_same_seed_gives_the_same_run_to_the_last_bit(simulate):
     first, second = (trace(simulate(box, robot=HUSKY, seed=5)) for _ in range(2))
     assert first == second
     assert trace(simulate(box, robot=HUSKY, seed=6)) != first
+
+
+@pytest.mark.parametrize("is_real", [False, True])
+def test_a_look_before_the_first_step_shows_the_pillar_and_changes_nothing(is_real, simulate):
+    config = replace(simulator_config(), real=RobotProfile().on("hard") if is_real else None)
+    pillar = body("pillar", Cylinder(0.2, 2.0), x=3.0, z=1.0)
+    first, second = (simulate(pillar, robot=HUSKY, seed=5, config=config) for _ in range(2))
+    look = first.at_start()
+    assert look.scan.stamp == look.stamp == 0.0
+    assert look.scan.ranges[look.scan.valid].min() == pytest.approx(3.0 - 0.2 - 0.337, abs=0.1)
+    assert look.odometry.filtered.pose_base_in_odom == Pose2D()
+    assert trace(first) == trace(second)
 
 
 def test_a_reset_gives_the_first_run_again_to_the_last_bit(simulate):

@@ -5,6 +5,7 @@ In: a `World`, a robot description, velocity commands, a seed. Out: a `Snapshot`
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
@@ -168,6 +169,17 @@ class Simulation:
         if equipment.power and wheels_due:
             samples["power"] = self._measure_power((left, right))
         return Snapshot(stamp, step, state, command, contacts, **samples)
+
+    def at_start(self) -> Snapshot:
+        """Snapshot before the first step, with odometry and scan; what follows stays the same to the bit."""
+        odometer, samples = copy(self._odometer), {}
+        for sensor in self._equipment.sensors:
+            if sensor.field == "scan":
+                lidar = copy(sensor.device)  # draws from a generator of its own
+                lidar.reset(np.random.default_rng(self._seed))
+                samples["scan"] = replace(lidar.sample(self._chassis.state, self.stamp), stamp=self.stamp)
+        odometry = odometer.sample(None, 0.0, 0)
+        return Snapshot(self.stamp, 0, self._chassis.state, Twist2D(), (), odometry=odometry, **samples)
 
     def points(self) -> np.ndarray:
         """The 3D lidar's points now, (rings, columns, 3) [m] in its frame; NaN where there is none."""

@@ -154,11 +154,15 @@ class SimulatorNode:
             self._lockstep.wait_for_partners(partners, self._hold_time)
         elif self._start.real_time_factor == 0.0 and not self._paused:
             self._wait_for_launch(partners)
+        if self._paused:
+            self._publishers.keep(simulation.at_start())
         self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
         while not rospy.is_shutdown():
             self._calls.process(PAUSE_POLL_PERIOD if self._paused else 0.0)
             if self._paused:
                 publishers.publish_clock(simulation.stamp)  # for nodes that start during the pause
+                if simulation.stamp == 0.0 and not self._start.lockstep:  # where each scan wants an answer
+                    publishers.send_kept_scan()
                 self._pacer.restart(simulation.stamp, time.monotonic())
                 if self._display:
                     self._display.refresh()

@@ -7,7 +7,7 @@ message (1.15.2), and together they took as much CPU time as half a simulator.
 from __future__ import annotations
 
 from math import gcd
-from typing import Any, Callable, List, Optional, Set, Tuple
+from typing import Any, Callable, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import rospy
@@ -53,6 +53,7 @@ class Publishers:
         self.clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
         self._last: Optional[Tuple[float, OdometrySample]] = None
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
+        self._kept_scan: Optional[Scan] = None
         self._transform_connections: List[Any] = []  # those of the last look
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
@@ -128,13 +129,29 @@ class Publishers:
         self._transform_connections = connections
         stamp, odometry = self._last
         trees = [[(ODOM, BASE, pose_from_2d(odometry.filtered.pose_base_in_odom))]]
-        if not self._has_state_publisher():
+        if stamp == 0.0 or not self._has_state_publisher():  # which publishes nothing of the time 0
             angles = odometry.wheels.angles
             trees.append([(BASE, w.link, w.pose_at(angle)) for w, angle in zip(self._wheels, angles)])
-        for connection in connections:
-            if connection.stat_num_msg == 0:  # TF warns of a transform that comes twice
-                for tree in trees:
-                    publish(publisher, conversions.tree_to_msg(tree, stamp), connection_override=connection)
+        # TF warns of a transform that comes twice
+        self._send_to_new(publisher, [conversions.tree_to_msg(tree, stamp) for tree in trees])
+
+    @staticmethod
+    def _send_to_new(publisher: Any, messages: Sequence[Any]) -> None:
+        for connection in publisher.connections:
+            if connection.stat_num_msg == 0:
+                for message in messages:
+                    publish(publisher, message, connection_override=connection)
+
+    def keep(self, snapshot: Snapshot) -> None:
+        """Keep what is sent to new subscribers while time has not begun."""
+        if snapshot.odometry is not None:
+            self._last = snapshot.stamp, snapshot.odometry
+        self._kept_scan = snapshot.scan
+
+    def send_kept_scan(self) -> None:
+        """Send the scan that was kept to new subscribers, in the thread that publishes."""
+        if self._kept_scan is not None:
+            self._send_to_new(self.scan.impl, [conversions.scan_to_msg(self._kept_scan)])
 
     def publish_scan(self, scan: Scan) -> None:
         """Publish a scan."""
