@@ -5,18 +5,16 @@ from __future__ import annotations
 import os
 import sys
 import time
-from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Callable, Optional, Tuple
+from typing import Any, Callable, Optional
 
 import rosgraph
 import rospy
 from std_msgs.msg import Bool
 from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
-from husky_highlevel_controller.config import ConfigError, read_config
-from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Vector3, World
-from husky_highlevel_controller.robot import Robot
+from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.datatypes import HuskyError, Vector3, World
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
@@ -26,6 +24,7 @@ from husky_highlevel_controller.ros.simulator.lead_limit import LeadLimit
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
 from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERIOD, Lockstep
 from husky_highlevel_controller.ros.simulator.one_simulator import refusal, running_simulator, watch_clock
+from husky_highlevel_controller.ros.simulator.parameters import read_parameters, read_robot_description
 from husky_highlevel_controller.ros.simulator.partners import Partners, launched_beside
 from husky_highlevel_controller.ros.simulator.publishers import Publishers
 from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
@@ -36,7 +35,6 @@ from husky_highlevel_controller.simulator.models.description import variables_wi
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
 from husky_highlevel_controller.simulator.models.sdf_world import find_world, load_world
 from husky_highlevel_controller.simulator.pacing import Pacer
-from husky_highlevel_controller.simulator.profile import GROUNDS, RobotProfile
 from husky_highlevel_controller.simulator.sensors.depth_camera import CameraSetup
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, steps_per
@@ -55,40 +53,20 @@ PAUSE_POLL_PERIOD = 0.05  # between two checks for the end of a pause
 LAUNCH_TIMEOUT = 10.0  # for the nodes launched with this one, as fast as it goes
 
 
-@dataclass(frozen=True)
-class StartConfig:
-    """World, start pose, seed and pace of the simulation."""
-
-    laser_frame: str = field(metadata={"help": "where the lidar's beams start"})
-    world_name: str = field(default="", metadata={"help": "a .world file"})
-    x: float = field(default=0.0, metadata={"min": -1e4, "max": 1e4, "help": "start pose in the world [m]"})
-    y: float = field(default=0.0, metadata={"min": -1e4, "max": 1e4, "help": "start pose in the world [m]"})
-    yaw: float = field(default=0.0, metadata={"min": -7.0, "max": 7.0, "help": "start heading [rad]"})
-    seed: int = field(default=0, metadata={"min": 0, "max": 2**31 - 1, "help": "of all noise"})
-    real_time_factor: float = field(
-        default=1.0, metadata={"min": 0.0, "max": 1000.0, "help": "pace; 0 = as fast as it goes"}
-    )
-    paused: bool = field(default=False, metadata={"help": "wait for gazebo/unpause_physics"})
-    lockstep: bool = field(default=False, metadata={"help": "wait for the command that answers a scan"})
-    kinect_enabled: bool = field(default=False, metadata={"help": "with a depth camera"})
-    profile: str = field(default="gazebo", metadata={"help": "whose drivers: gazebo or robot"})
-    ground: str = field(default="hard", metadata={"help": "with profile robot: hard or soft"})
-
-
 class SimulatorNode:
     """Owns the simulation in the thread that calls `run`; callbacks queue commands and calls for it."""
 
     def __init__(self) -> None:
-        start, config, camera = self._read_parameters()
+        start, config, camera = read_parameters()
         self._start, self._paused = start, start.paused
         self._paused_topic = rospy.Publisher("~paused", Bool, queue_size=1, latch=True)
         self._paused_topic.publish(start.paused)
-        robot = robot_model(self._robot_description(), config.robot, start.laser_frame)
+        robot = robot_model(read_robot_description(), config.robot, start.laser_frame)
         self._publishers = Publishers(config, robot)
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
         world = self._read_world(start.world_name)
         self._fallen = False
-        self._simulation = Simulation(world, robot, config, Pose2D(start.x, start.y, start.yaw), start.seed)
+        self._simulation = Simulation(world, robot, config, start.pose, start.seed)
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
             start.lockstep,
@@ -105,36 +83,6 @@ class SimulatorNode:
             "simulating '%s' with %d bodies, physics at %d Hz%s",
             world.name, len(world.bodies), config.physics_rate, ", paused" if start.paused else "",
         )  # fmt: skip
-
-    @staticmethod
-    def _read_parameters() -> Tuple[StartConfig, SimulatorConfig, CameraSetup]:
-        values, source = dict(rospy.get_param("~", {})), rospy.get_name() + "/"
-        profile = values.pop("robot_profile", {}) if values.get("profile") == "robot" else {}
-        described = values.pop("robot", None)
-        if not isinstance(described, dict):
-            raise ConfigError(
-                f"{source}robot is missing; load config/robots/husky.yaml or config/robots/smb.yaml"
-            )
-        (robot,) = read_config(described, source + "robot/", Robot)
-        values.setdefault("laser_frame", robot.lidar_mount.frame)
-        start, config, camera = read_config(values, source, StartConfig, SimulatorConfig, CameraSetup)
-        config = replace(config, robot=robot)
-        for name, choices in (("profile", robot.profiles), ("ground", GROUNDS)):
-            if getattr(start, name) not in choices:
-                raise ConfigError(f"{source}{name} = '{getattr(start, name)}' is not {' or '.join(choices)}")
-        if start.profile == "robot":
-            (real,) = read_config(profile, source + "robot_profile/", RobotProfile)
-            config = replace(config, real=real.on(start.ground))
-        return start, config, camera
-
-    @staticmethod
-    def _robot_description() -> str:
-        name = rospy.search_param("robot_description")
-        if name is None:
-            raise ConfigError(
-                f"{rospy.resolve_name('robot_description')} is missing (URDF text of the robot)"
-            )
-        return str(rospy.get_param(name))
 
     def _make_camera(self, setup: CameraSetup, robot: RobotModel, config: SimulatorConfig) -> DepthCamera:
         if FRAME not in robot.fixed_poses:
@@ -289,8 +237,7 @@ class SimulatorNode:
         return f"the world is as it was at the start; time runs on from {self._simulation.stamp:.3f} s"
 
     def _read_world(self, name: str) -> World:
-        start = Pose2D(self._start.x, self._start.y, self._start.yaw)
-        return with_ground(load_world(find_world(name)), start)
+        return with_ground(load_world(find_world(name)), self._start.pose)
 
     def _load_world(self, name: str) -> str:
         world = self._read_world(name)
