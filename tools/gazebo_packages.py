@@ -14,7 +14,8 @@ from typing import List
 import rospkg
 
 COMPAT = Path(__file__).resolve().parents[1] / "compat"
-COURSE_PACKAGES = ("husky_gazebo", "smb_gazebo")  # that courses hand out copies of
+# that workspaces have copies of, with launch files that need Gazebo or other missing packages
+COURSE_PACKAGES = ("husky_description", "husky_gazebo", "smb_description", "smb_gazebo")
 OURS_FIRST = ("launch", "scripts")  # folders whose files need Gazebo
 
 

@@ -87,6 +87,22 @@ def test_a_copy_keeps_its_own_files_and_gets_launch_files_that_run_here(tmp_path
     assert path_beside(tmp_path)[0] == joined  # and once more
 
 
+def test_a_copy_of_a_description_keeps_its_urdf(tmp_path):
+    files = ("urdf/husky.urdf.xacro", "launch/description.launch", "launch/mine.launch")
+    copy = package(tmp_path, "husky_description", *files)
+    (joined, *_) = path_beside(tmp_path)
+    sources = {file: (joined / file).resolve() for file in files}
+    assert sources["urdf/husky.urdf.xacro"] == copy / "urdf" / "husky.urdf.xacro"
+    assert sources["launch/mine.launch"] == copy / "launch" / "mine.launch"
+    own = COMPAT / "husky_description" / "launch" / "description.launch"
+    assert sources["launch/description.launch"] == own
+
+
+@pytest.mark.parametrize("file", sorted(COMPAT.glob("*/launch/*.launch")), ids=lambda file: file.stem)
+def test_a_joined_launch_file_names_no_place_outside_of_its_package(file):
+    assert "$(dirname)/../.." not in file.read_text() or file.parents[1].name == "gazebo_ros"
+
+
 def test_only_what_is_missing_is_added(tmp_path):
     package(tmp_path, "pointcloud_to_laserscan")
     path = path_beside(tmp_path)
