@@ -11,6 +11,7 @@ import sys
 import typing
 from collections import abc
 from dataclasses import MISSING, Field, fields, is_dataclass, replace
+from enum import Enum
 from functools import lru_cache
 from typing import Any, Dict, List, Mapping, Set, Type, TypeVar
 
@@ -101,6 +102,8 @@ def to_plain(value: Any) -> Any:
         return np.round(value, 4).tolist()
     if isinstance(value, abc.Mapping):
         return {key: to_plain(each) for key, each in value.items()}
+    if isinstance(value, Enum):
+        return value.value
     return [to_plain(each) for each in value] if isinstance(value, (list, tuple)) else value
 
 
@@ -163,6 +166,8 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
             str(key): _value(args[1], each, f"{name}/{key}", metadata, parameters_only)
             for key, each in value.items()
         }
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return kind(_plain_value(str, value, name, {"choices": [each.value for each in kind]}, False))
     if kind is np.ndarray:
         return _array(value, name, metadata["shape"])
     return _plain_value(kind, value, name, metadata, parameters_only)

@@ -17,6 +17,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     open_hand_in,
     read_manifest,
 )
+from husky_highlevel_controller.grading.notes import Note
 from husky_highlevel_controller.grading.reports.files import load_result
 from husky_highlevel_controller.grading.settings import read_overrides
 
@@ -119,7 +120,7 @@ def test_events_are_taken_only_as_they_are_written(cases, tmp_path):
         path = put(tmp_path / "events.jsonl", damaged(rng, text) if rng.random() < 0.3 else text)
         events = read_events(path)
         assert all(
-            isinstance(note, str) for note in notes_on(events, damaged(rng, "ERROR: cannot launch node of"))
+            isinstance(note, Note) for note in notes_on(events, damaged(rng, "ERROR: cannot launch node of"))
         )
 
 

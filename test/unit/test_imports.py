@@ -27,11 +27,11 @@ MAY_IMPORT = {
     "evaluation": {"evaluation", "simulator", "controller", "tasks"},
     "grading": {"grading", "tasks"},
     "grading/hand_in": {"grading/hand_in", "grading/drive/plan", "grading/isolation", "grading/records"},
-    "grading/drive": {"grading/drive", "grading/isolation", "grading/records"},
+    "grading/drive": {"grading/drive", "grading/isolation", "grading/notes", "grading/records"},
     "grading/rubrics": {
         "grading/rubrics",
         "grading/drive/recording",
-        "grading/drive/ros_graph",
+        "grading/notes",
         "grading/records",
     },
     "grading/reports": {"grading/reports", "grading/drive/recording", "grading/isolation", "grading/records"},

@@ -31,6 +31,7 @@ from husky_highlevel_controller.evaluation.setup import Setup, load_setup
 from husky_highlevel_controller.grading.drive.plan import Submission, plan
 from husky_highlevel_controller.grading.drive.run import drive
 from husky_highlevel_controller.grading.drive.trials import Trial
+from husky_highlevel_controller.grading.notes import texts
 from husky_highlevel_controller.grading.records import Launchable, MarkingConfig
 from husky_highlevel_controller.robot import Robot, load_robot
 
@@ -169,9 +170,10 @@ def _launched(contestant: Contestant, launch: Launchable, scenario: Scenario) ->
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
         recording = drive(Submission(launch), trial, config, Path(folder))
     if not len(recording.times):
-        raise HuskyError(f"{contestant.name} in {scenario.name}: {'; '.join(recording.notes) or 'no drive'}")
+        why = "; ".join(texts(recording.notes)) or "no drive"
+        raise HuskyError(f"{contestant.name} in {scenario.name}: {why}")
     judged = outcome(scenario.name, recording.times, recording.poses, trial.pillar, load_robot())
-    return replace(judged, notes=recording.notes)
+    return replace(judged, notes=tuple(texts(recording.notes)))
 
 
 @lru_cache(maxsize=4)
@@ -179,7 +181,7 @@ def _launch_problem(launch: Launchable) -> str:
     """Reason why a launch file cannot drive; empty: it starts some node."""
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
         planned = plan(Submission(launch), Path(folder))
-    return "" if planned.nodes else "; ".join(planned.notes) or "it starts no node"
+    return "" if planned.nodes else "; ".join(texts(planned.notes)) or "it starts no node"
 
 
 def outcome(

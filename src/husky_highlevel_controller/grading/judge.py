@@ -9,6 +9,7 @@ from typing import Any, Tuple
 from husky_highlevel_controller.grading.drive.recording import RECORDING, drive_number
 from husky_highlevel_controller.grading.drive.recording import load as load_recording
 from husky_highlevel_controller.grading.exercises import EXERCISES
+from husky_highlevel_controller.grading.notes import Note, texts
 from husky_highlevel_controller.grading.records import (
     DEFAULT_RULES,
     Job,
@@ -31,7 +32,7 @@ class Evidence:
     sandbox: str
     network: str
     view: RvizView
-    notes: Tuple[str, ...]
+    notes: Tuple[Note, ...]
     scans: str = ""  # topic of the scans, if it is another than the robot's
     uninitialised: str = ""  # a variable of it that is read before it is written, in a sentence
 
@@ -52,7 +53,7 @@ def judge_recordings(job: Job) -> Result:
         items = left_to_chance(items, evidence.uninitialised)
     notes = [*evidence.notes, *(note for recording in recordings for note in recording.notes)]
     settings = {**settings_of(job.config), "sandbox": evidence.sandbox, "network": evidence.network}
-    return Result(job.name, evidence.what, settings, tuple(items), tuple(dict.fromkeys(notes)))
+    return Result(job.name, evidence.what, settings, tuple(items), tuple(texts(notes)))
 
 
 def settings_of(config: MarkingConfig) -> Any:

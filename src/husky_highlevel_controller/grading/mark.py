@@ -45,6 +45,7 @@ from husky_highlevel_controller.grading.judge import (
     judge_recordings,
     settings_of,
 )
+from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import (
     AUTO,
     Job,
@@ -129,7 +130,7 @@ def _gather(job: Job, out: Path) -> Result:
     network = "loopback only" if private_network.is_private() else "not kept apart"
     evidence = Evidence(
         submission.launchable.summary, config.robot, kind_of_sandbox(), network, view,
-        (*notes, *planned.notes), config.scans, chance,
+        (*(Note(Kind.HAND_IN, each) for each in notes), *planned.notes), config.scans, chance,
     )  # fmt: skip
     write_whole(out / EVIDENCE, to_json(evidence))
     result = judge_recordings(job)
@@ -165,7 +166,7 @@ def _drives(submission: Submission, planned: Plan, job: Job, is_guess: bool) -> 
         trial = replace(trial, driver=exercise.driver, ends_at_pillar=exercise.random_starts)
         folder = Path(job.out, f"drive_{trial.number}")
         if submission.problem or not planned.nodes:
-            cause = (submission.problem,) if submission.problem else planned.notes
+            cause = (Note(Kind.BUILD, submission.problem),) if submission.problem else planned.notes
             recording = empty_recording(trial.pillar, config.deadline, cause)
             recording = replace(recording, robot=config.robot_name)
             folder.mkdir()

@@ -12,6 +12,7 @@ from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.config import ConfigError, from_plain, to_plain
 from husky_highlevel_controller.course import REACHED
+from husky_highlevel_controller.grading.notes import Subject
 
 # topic of the scans, and launch arguments of the simulator, of each robot that submissions are written for
 ROBOT_VERSIONS = {
@@ -208,6 +209,7 @@ class Item:
     at: Optional[float] = None  # [s], simulated: the moment the evidence is about
     hint: str = ""  # what to look at, where points are lost
     drive: int = 1  # number of the drive that the evidence is about
+    subject: Subject = Subject.CODE
 
     @property
     def full(self) -> bool:

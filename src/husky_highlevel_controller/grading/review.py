@@ -30,6 +30,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     walk,
     write_whole,
 )
+from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.records import Item, Job, load
 from husky_highlevel_controller.grading.reports.files import (
     HAND_INS,
@@ -53,15 +54,15 @@ MAX_CODE = 200_000  # [bytes] of a source file that is looked into
 MAX_LINE = 500  # letters of a line that are looked at
 BEFORE, AFTER = 6, 18  # lines of an excerpt around the line that fits
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h", ".launch"}
-# the code that an item is about, by a word of its name
-CODE = (
-    ("RViz", r"pkg=.rviz|</launch>"),
-    ("marker", r"Marker(?!Array)[^A;(=]{0,80}[;(=]"),
-    ("stop", r"SetBool"),
-    ("start", r"SetBool"),
-    ("pillar", r"linear\.x"),
-    ("style", r"NodeHandle|init_node"),
-)
+# the code that an item is about
+CODE = {
+    Subject.DISPLAYS: r"pkg=.rviz|</launch>",
+    Subject.MARKER_DISPLAY: r"pkg=.rviz|</launch>",
+    Subject.MARKER: r"Marker(?!Array)[^A;(=]{0,80}[;(=]",
+    Subject.SERVICE: r"SetBool",
+    Subject.DRIVE: r"linear\.x",
+    Subject.CODE: r"NodeHandle|init_node",
+}
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class OpenItem:
     @property
     def code(self) -> Tuple[str, str]:
         """Place and lines of the code that the item is about; empty: there is none."""
-        pattern = next((pattern for word, pattern in CODE if word in self.item.name), CODE[-1][1])
+        pattern = CODE[self.item.subject]
         sources = self.out / "ws" / "src"
         for path in walk(sources) if sources.is_dir() else ():
             if path.suffix in SOURCES and path.name != "CMakeLists.txt":

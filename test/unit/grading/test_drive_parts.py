@@ -26,6 +26,7 @@ from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH, SIMUL
 from husky_highlevel_controller.grading.drive.rviz_setup import files_of_others, find_setup
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import Launchable
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 
@@ -37,7 +38,7 @@ def end_of(states, abandoned_at=inf):
         end.update(TrueState(stamp, Pose((x, 0.0, 0.1)), speed, 0.0))
         reason = end.reason(stamp >= abandoned_at)
         if reason:
-            return stamp, reason
+            return stamp, reason.text
     return None, ""
 
 
@@ -89,12 +90,12 @@ def test_calls_come_four_seconds_after_the_last_answer_from_a_second_after_it_dr
         value = plan.due(now, 0.5 if now > 3.0 else 0.0)
         if value is not None:
             made.append((round(now, 1), value))
-            assert plan.reason(now + 10.0, offered=True) == "", "the call is not answered"
+            assert plan.reason(now + 10.0, offered=True) is None, "the call is not answered"
     assert [value for _, value in made] == [False, True, False, True]
     assert made[0][0] in (4.1, 4.2)
     assert all(4.9 <= b[0] - a[0] <= 5.2 for a, b in zip(made, made[1:]))
-    assert plan.reason(30.0, offered=True) == "all calls are made"
-    assert CallPlan().reason(26.0, offered=False) == "no start/stop service for 25 s"
+    assert plan.reason(30.0, offered=True).kind is Kind.PLAN_DONE
+    assert CallPlan().reason(26.0, offered=False).text == "no start/stop service for 25 s"
 
 
 def test_a_robot_that_waits_for_a_call_is_called_after_eight_seconds():
@@ -170,7 +171,7 @@ def test_an_exception_in_a_callback_is_named_with_its_line():
     (note,) = notes_on([], RAISES * 7)
     said = "callback on_scan raises NameError: name 'minimum' is not defined (controller:23), "
     said += "first at 0.34 s, 7 times"
-    assert note == said
+    assert note == Note(Kind.EXCEPTION, said, 0.34)
     assert notes_on([], "all is well\nTraceback of a path\n") == []
 
 
@@ -212,7 +213,7 @@ def test_aliases_in_a_parameter_file_are_refused(tmp_path):
     launchable = Launchable("launch", "aliases", str(package / "a.launch"))
     planned = plan(Submission(launchable, Workspace(packages=(package,))), tmp_path / "plan")
     assert not planned.nodes
-    assert "YAML aliases are refused" in planned.notes[0]
+    assert "YAML aliases are refused" in planned.notes[0].text
 
 
 def test_files_of_a_copy_are_found_but_what_starts_a_simulator_is_left_out(tmp_path):

@@ -1,9 +1,11 @@
 """Exercise 3's rubric on drives made of numbers: who deserves what, and which sentence."""
 
+import ast
 import hashlib
 import sys
 from dataclasses import replace
 from math import nan
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +33,9 @@ from husky_highlevel_controller.grading.drive.ros_graph import (
     unread_topics,
 )
 from husky_highlevel_controller.grading.drive.rviz_check import judged_by_end
+from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Rules, RvizView, total
+from husky_highlevel_controller.grading.rubrics import exercise_3
 from husky_highlevel_controller.grading.rubrics.exercise_3 import (
     ITEMS,
     judge_approach,
@@ -41,7 +45,7 @@ from husky_highlevel_controller.grading.rubrics.exercise_3 import (
     judge_rviz,
     judge_shown,
 )
-from husky_highlevel_controller.grading.rubrics.items import over_trials
+from husky_highlevel_controller.grading.rubrics.items import left_to_chance, over_trials
 from husky_highlevel_controller.grading.settings import load_rules
 
 PILLAR = (10.0, 0.0)  # [m]
@@ -157,7 +161,7 @@ def test_who_spins_gets_nothing_and_is_told_how_often():
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"notes": ("node x ends",)}, "never moves: node x ends"),
+        ({"notes": (Note(Kind.NODE_FAILED, "node x ends"),)}, "never moves: node x ends"),
         ({"subscribed": False}, "it does not subscribe to the scans"),
         ({"subscribed": False, "silent_topics": ("/scan",)}, "it listens to /scan, where nothing is sent"),
         ({"zero_count": 250}, "all 250 commands were zero"),
@@ -167,7 +171,7 @@ def test_who_spins_gets_nothing_and_is_told_how_often():
         ),
         ({"command_count": 0}, "nothing came on cmd_vel"),
         ({}, "in spite of 250 commands"),
-        ({"zero_count": 250, "notes": ("launch-prefix 'xterm -e' of node n is dropped",)}, "were zero"),
+        ({"zero_count": 250, "notes": (Note(Kind.LAUNCH_PREFIX, "dropped"),)}, "were zero"),
     ],
 )
 def test_who_never_moves_is_told_why(more, words):
@@ -480,7 +484,9 @@ def test_all_of_it_is_100_points_and_nothing_is_none():
     items = judge_exercise_3([markers(GOOD, (10.0, 0.0, 0.0))], FULL_VIEW, SCAN)
     assert total(items) == (100.0, 100.0)
     assert all(item.full for item in items)
-    nothing = judge_exercise_3([empty_recording(PILLAR, 60.0, ("no such file",))], RvizView(), SCAN)
+    nothing = judge_exercise_3(
+        [empty_recording(PILLAR, 60.0, (Note(Kind.LAUNCH_FILE, "no such file"),))], RvizView(), SCAN
+    )
     assert total(nothing) == (0.0, 80.0)
     assert "no such file" in nothing[0].evidence
 
@@ -515,7 +521,7 @@ def test_a_teacher_says_what_a_hand_in_without_rviz_s_configuration_gets(no_rviz
         ({}, "nothing came on cmd_vel", "publish the velocity"),
         ({"command_count": 9, "zero_count": 9}, "all 9 commands were zero", "a gain of 0"),
         (
-            {"notes": ("callback f raises NameError: x (a.py:3), 9 times",)},
+            {"notes": (Note(Kind.EXCEPTION, "callback f raises NameError: x (a.py:3), 9 times"),)},
             "callback f raises",
             "the line named",
         ),
@@ -536,12 +542,60 @@ def test_a_robot_that_stands_has_a_cause_and_a_hint(change, cause, hint):
 
 @pytest.mark.parametrize(
     ("ended", "cause"),
-    [("it did not move for 20 s", "nothing came on cmd_vel"), (NODES_ENDED, "node n ends during the drive")],
+    [
+        (Note(Kind.NEVER_MOVED, "it stood"), "nothing came on cmd_vel"),
+        (NODES_ENDED, "node n ends during the drive"),
+    ],
 )
 def test_a_node_that_ends_without_an_error_is_a_cause_where_no_other_runs(ended, cause):
-    notes = ("node n ends during the drive (exit code 0)",)
+    notes = (Note(Kind.NODE_ENDED, "node n ends during the drive (exit code 0)"),)
     stands = drive((5.0, 0.0), command_count=0, notes=notes, ended=ended)
     assert cause in judge_approach(stands).evidence
+
+
+ENDED = (Note(Kind.NODE_ENDED, "ends (exit code 0)"), Note(Kind.UNANSWERED_SCANS, "does not answer"))
+
+
+@pytest.mark.parametrize(
+    "recording",
+    [
+        markers(GOOD, (10.0, 0.0, 0.0)),
+        drive((5.0, 0.0), command_count=0, notes=ENDED, ended=Note(Kind.STOOD_STILL, "it stood")),
+        drive((5.0, 0.0), notes=ENDED, ended=Note(Kind.DEADLINE, "the deadline")),
+        drive((2.0, 0.5), (9.0, 0.0), notes=(Note(Kind.FLOOD, "floods"), Note(Kind.EXCEPTION, "raises"))),
+        drive((2.0, 0.5), notes=(Note(Kind.BUILD, "it does not build"),), violations=("it teleports",)),
+    ],
+)
+def test_other_sentences_get_the_same_marks_and_hints(recording):
+    reworded = replace(
+        recording,
+        notes=tuple(replace(note, text="listens to what raises, then none") for note in recording.notes),
+        ended=recording.ended and replace(recording.ended, text="it ends during the drive"),
+        violations=tuple("other words" for _ in recording.violations),
+    )
+    assert from_json(to_json(reworded)).notes == reworded.notes
+    both = [judge_exercise_3([each], FULL_VIEW, SCAN) for each in (recording, reworded)]
+    marks = [
+        [(item.points, item.hint, item.at) for item in judge]
+        for items in both
+        for judge in (items, left_to_chance(items, "chance"))
+    ]
+    assert marks[:2] == marks[2:]
+
+
+def test_no_rule_of_marking_searches_a_sentence():
+    folder = Path(exercise_3.__file__).parents[1]
+    for path in (
+        *folder.glob("rubrics/*.py"),
+        *folder.glob("reports/*.py"),
+        folder / "judge.py",
+        folder / "review.py",
+    ):
+        for node in ast.walk(ast.parse(path.read_text())):
+            assert not (isinstance(node, ast.Attribute) and node.attr in ("startswith", "endswith")), path
+            if isinstance(node, ast.Compare) and isinstance(node.left, ast.Constant):
+                found = isinstance(node.ops[0], (ast.In, ast.NotIn)) and isinstance(node.left.value, str)
+                assert not found or node.left.value == "#", f"{path}:{node.lineno}"
 
 
 def test_a_callback_that_hangs_is_named():

@@ -7,6 +7,7 @@ import pytest
 
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.drive.recording import Call, Recording
+from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import Rules, RvizView, total
 from husky_highlevel_controller.grading.rubrics.exercise_2 import (
     judge_exercise_2,
@@ -140,7 +141,7 @@ def test_a_robot_that_waits_for_its_first_start_is_judged():
 
 
 def test_no_service_is_told():
-    items = judge_calls(recording(notes=("node x ends",)))
+    items = judge_calls(recording(notes=(Note(Kind.NODE_FAILED, "node x ends"),)))
     assert [item.evidence for item in items] == ["no std_srvs/SetBool service: node x ends"] * 2
 
 
@@ -152,8 +153,8 @@ def test_a_service_of_another_type_is_left_to_a_person(speed):
 
 
 def test_that_it_sleeps_is_no_reason_to_have_no_service():
-    slow = "it does not answer every scan with a command: scans go on while it sleeps"
-    items = judge_calls(recording(notes=(slow, "it floods cmd_vel: 9000 commands in 25 simulated seconds")))
+    slow = Note(Kind.UNANSWERED_SCANS, "it does not answer every scan with a command")
+    items = judge_calls(recording(notes=(slow, Note(Kind.FLOOD, "it floods cmd_vel"))))
     assert [item.evidence for item in items] == ["no std_srvs/SetBool service"] * 2
     assert "does not subscribe to the scans" in judge_output(recording(notes=(slow,))).evidence
 

@@ -66,6 +66,7 @@ from husky_highlevel_controller.grading.isolation.process import StoppedError
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.judge import EVIDENCE, FINGERPRINT, Evidence, judge_recordings
 from husky_highlevel_controller.grading.mark import mark
+from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import (
     GivenPoints,
     Item,
@@ -823,9 +824,12 @@ def marked(tmp_path):
     batch = Batch(tmp_path / "class", tmp_path / "out")
     job = job_of(HandIn("ann", tmp_path / "class" / "ann"), Override(), MarkingConfig(), batch)
     out = Path(job.out)
-    recording = empty_recording((20.0, 5.0), 120.0, ("it starts no node of its own",))
+    recording = empty_recording((20.0, 5.0), 120.0, (Note(Kind.LAUNCH_FILE, "it starts no node of its own"),))
     put(out / "drive_1" / "recording.json", recording_to_json(recording))
-    put(out / EVIDENCE, to_json(Evidence("a.launch", "husky", "none", "none", RvizView(), ("a note",))))
+    put(
+        out / EVIDENCE,
+        to_json(Evidence("a.launch", "husky", "none", "none", RvizView(), (Note(Kind.HAND_IN, "a note"),))),
+    )
     write_result(judge_recordings(job), out)
     put(out / FINGERPRINT, job.fingerprint)
     return batch, out

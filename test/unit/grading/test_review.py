@@ -17,6 +17,7 @@ from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Scan
 from husky_highlevel_controller.grading.drive.recording import MarkerSample, Recording, scan_hits
 from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
+from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.records import Item, Job, MarkingConfig, Result, to_json
 from husky_highlevel_controller.grading.reports.files import write_result
 from husky_highlevel_controller.grading.review import Review, make_server
@@ -50,7 +51,7 @@ def review(tmp_path):
         )
         (out / "drive_1").mkdir()
         (out / "drive_1" / "recording.json").write_text(recording_to_json(DRIVE))
-        left = [Item(item, None, 20.0, "for a person: no RViz configuration") for item in items]
+        left = [Item(item, None, 20.0, "for a person: none", subject=Subject.DISPLAYS) for item in items]
         write_result(
             Result(name, "a.launch", {}, (Item("reaches the pillar", 30.0, 30.0, "stands"), *left)), out
         )
@@ -119,7 +120,7 @@ def test_a_student_who_is_gone_has_no_open_items(review):
 
 
 def test_a_line_without_end_of_a_student_s_code_is_cut(review):
-    item = replace(review.items[1], item=Item("marker at the pillar", None, 20.0, ""))
+    item = replace(review.items[1], item=Item("marker", None, 20.0, "", subject=Subject.MARKER))
     (item.out / "ws" / "src" / "husky" / "a.cpp").write_text("Marker" * 30_000 + "\n" + "Marker marker;\n")
     place, code = item.code
     assert place == "husky/a.cpp:2"
@@ -127,7 +128,7 @@ def test_a_line_without_end_of_a_student_s_code_is_cut(review):
 
 
 def test_code_is_found_in_a_time_that_grows_with_its_length(review):
-    item = replace(review.items[1], item=Item("marker at the pillar", None, 20.0, ""))
+    item = replace(review.items[1], item=Item("marker", None, 20.0, "", subject=Subject.MARKER))
     source = item.out / "ws" / "src" / "husky" / "a.cpp"
     source.write_text(("Marker" * 83 + "\n") * 400)  # once two minutes
     assert item.code == ("", "")

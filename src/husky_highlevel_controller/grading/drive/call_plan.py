@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Optional
 
+from husky_highlevel_controller.grading.notes import Kind, Note
+
 FORWARD, SERVICE = "forward", "service"  # drivers: command the robot, call the start/stop service
 EX2_SPEED, EX2_FROM, EX2_SECONDS = 0.5, 2.0, 10.0  # [m/s], [s], [s]
 CALM = 4.0  # [s], simulated, from one call's answer to the next call
@@ -48,10 +50,10 @@ class CallPlan:
         """Call when the last call has been answered, or will not be; time in s."""
         self.answered_at = now
 
-    def reason(self, now: float, offered: bool) -> str:
-        """Reason why the drive is over; empty: it is not."""
+    def reason(self, now: float, offered: bool) -> Optional[Note]:
+        """Reason why the drive is over; None: it is not."""
         if not offered and now > NO_SERVICE:
-            return f"no start/stop service for {NO_SERVICE:g} s"
+            return Note(Kind.NO_SERVICE, f"no start/stop service for {NO_SERVICE:g} s")
         if self.made >= len(CALLS) and now >= self.answered_at + CALM:
-            return "all calls are made"
-        return ""
+            return Note(Kind.PLAN_DONE, "all calls are made")
+        return None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import inf
-from typing import Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 
@@ -11,13 +11,14 @@ from husky_highlevel_controller.course import REACHED, STANDS, TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.grading.drive.recording import hull_gaps
+from husky_highlevel_controller.grading.notes import Kind, Note
 
 AT_PILLAR = 3.0  # [s], simulated: so long at the pillar, it is over
 ABANDONED = 3.0  # [s], simulated: so long still with no node left to drive it, it is over
 STILL = 15.0  # [s], simulated: so long still after a drive, it is over
 NEVER = 12.0  # [s], simulated: so long still from the start, it is over; some sleep for 10 s at first
-NODES_ENDED = f"its nodes had ended, and it stood still for {ABANDONED:g} s"
-NO_COMMAND = "its nodes had ended without a command"
+NODES_ENDED = Note(Kind.NODES_ENDED, f"its nodes had ended, and it stood still for {ABANDONED:g} s")
+NO_COMMAND = Note(Kind.NODES_ENDED, "its nodes had ended without a command")
 
 
 class DriveEnd:
@@ -45,16 +46,18 @@ class DriveEnd:
         if gap <= TOUCH:
             self._touched_at = min(self._touched_at, now)
 
-    def reason(self, abandoned: bool = False) -> str:
-        """Reason why the drive is over; empty: it is not. Abandoned: no node of the submission runs."""
+    def reason(self, abandoned: bool = False) -> Optional[Note]:
+        """Reason why the drive is over; None: it is not. Abandoned: no node of the submission runs."""
         still = self._now - self._moved_at
         if self._now >= self._touched_at + AT_PILLAR:
-            return "it reached the pillar and touched it"
+            return Note(Kind.TOUCHES, "it reached the pillar and touched it")
         at_pillar = min(self._now - self._drove_at, self._now - self._reached_at) >= AT_PILLAR
         if at_pillar and self._first_moved < inf:
-            return "it stands at the pillar"
+            return Note(Kind.AT_PILLAR, "it stands at the pillar")
         if abandoned and still >= ABANDONED:
             return NODES_ENDED
-        if self._first_moved == inf:
-            return f"it did not move for {NEVER:g} s" if self._now >= NEVER else ""
-        return f"it stood still for {STILL:g} s" if still >= STILL else ""
+        if self._first_moved == inf and self._now >= NEVER:
+            return Note(Kind.NEVER_MOVED, f"it did not move for {NEVER:g} s")
+        if self._first_moved < inf and still >= STILL:
+            return Note(Kind.STOOD_STILL, f"it stood still for {STILL:g} s")
+        return None

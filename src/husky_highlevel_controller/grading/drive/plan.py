@@ -17,6 +17,7 @@ from husky_highlevel_controller.grading.isolation.files import UnreadableFileErr
 from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
 from husky_highlevel_controller.grading.isolation.ros_network import Network
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import Launchable
 from husky_highlevel_controller.paths import share_folder
 
@@ -74,7 +75,7 @@ class Plan:
     left_out: Tuple[str, ...] = ()  # package/type, of simulators and drivers
     rviz: Tuple[RvizNode, ...] = ()
     package_path: Optional[Path] = None  # folder of its package
-    notes: Tuple[str, ...] = ()  # what is wrong with it
+    notes: Tuple[Note, ...] = ()  # what is wrong with it
 
 
 def starter(events: Path, action: str, submission: Submission) -> List[str]:
@@ -112,9 +113,9 @@ def plan(submission: Submission, folder: Path) -> Plan:
     planned = next((event for event in events if event.event == "plan"), None)
     if planned is None and not notes:
         words = process.output.strip()[-300:] if in_time else f"no end after {LOAD_DEADLINE:g} s"
-        notes = [f"the launch file cannot be read: {words}"]
+        notes = [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {words}")]
     if planned is not None and not planned.nodes:
-        notes.append("it starts no node of its own")
+        notes.append(Note(Kind.LAUNCH_FILE, "it starts no node of its own"))
     package = submission.package_path
     if submission.root is None:
         package = package_path(events, submission.workspace)
@@ -141,6 +142,7 @@ def read_events(path: Path) -> List[Event]:
     return events
 
 
+EVENTS = [Kind.LAUNCH_FILE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX]  # before a start, the worst first
 _CALLBACK = re.compile(
     r"(?:\[ERROR\] \[[\d.]+(?:, (?P<at>[\d.]+))?\]: "
     r"bad callback: <(?:function|bound method) (?P<name>[\w.]{1,200})[^\n]{0,500}"
@@ -150,46 +152,51 @@ _CALLBACK = re.compile(
 _LINE = re.compile(r'File "[^"\n]*?([^/"\n]+)", line (\d+)')
 
 
-def exceptions_in(output: str) -> List[str]:
-    """Sentences on exceptions in callbacks and threads, after which rospy goes on, from what was printed."""
+def exceptions_in(output: str) -> List[Note]:
+    """Exceptions in callbacks and threads, after which rospy goes on, from what was printed."""
     count: Dict[str, int] = {}
-    first: Dict[str, str] = {}
+    first: Dict[str, Optional[float]] = {}
     for match in _CALLBACK.finditer(output):
         places = _LINE.findall(match["lines"])
         line = f" ({places[-1][0]}:{places[-1][1]})" if places else ""
         source = f"callback {match['name']}" if match["name"] else "a thread"
         words = f"{source} raises {match['error'][:200]}{line}"
         count[words] = count.get(words, 0) + 1
-        first.setdefault(words, f", first at {float(match['at']):.2f} s" if match["at"] else "")
-    return [f"{words}{first[words]}, {number} times" for words, number in count.items()]
+        first.setdefault(words, float(match["at"]) if match["at"] else None)
+    notes = []
+    for words, at in first.items():
+        moment = "" if at is None else f", first at {at:.2f} s"
+        notes.append(Note(Kind.EXCEPTION, f"{words}{moment}, {count[words]} times", at))
+    return notes
 
 
-def notes_on(events: Sequence[Event], output: str) -> List[str]:
-    """Sentences on what went wrong, each once, from events and from what was printed."""
-    notes = [f"the launch file cannot be loaded: {e.error}" for e in events if e.event == "unloadable"]
-    notes += [
-        f"package '{event.package}' is missing; the <{event.tag}> that needs it is left out"
-        for event in events
-        if event.event == "missing"
-    ]
-    notes += [
-        f"launch-prefix '{event.prefix}' of node {event.node} is dropped"
-        for event in events
-        if event.event == "prefix"
-    ]
+def notes_on(events: Sequence[Event], output: str) -> List[Note]:
+    """Notes on what went wrong, each once, from events and from what was printed."""
+    notes = []
+    for event in events:
+        if event.event == "unloadable":
+            notes.append(Note(Kind.LAUNCH_FILE, f"the launch file cannot be loaded: {event.error}"))
+        elif event.event == "missing":
+            words = f"package '{event.package}' is missing; the <{event.tag}> that needs it is left out"
+            notes.append(Note(Kind.MISSING_PACKAGE, words))
+        elif event.event == "prefix":
+            words = f"launch-prefix '{event.prefix}' of node {event.node} is dropped"
+            notes.append(Note(Kind.LAUNCH_PREFIX, words))
+    notes.sort(key=lambda note: EVENTS.index(note.kind))
     for node in re.findall(r"ERROR: cannot launch node of type \[([^\]\n]{1,200})\]", output):
-        notes.append(f"node {node} cannot be started: no such package or program, or it is not executable")
+        words = f"node {node} cannot be started: no such package or program, or it is not executable"
+        notes.append(Note(Kind.NOT_STARTED, words))
     notes += exceptions_in(output)
     errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
     for event in events:
         if event.event == "died":
             code = event.exit_code
+            how = f"exit code {code}"
             if code is not None and code < 0:
                 how = f"signal {-code}" + (f", {signal.Signals(-code).name}" if -code < 32 else "")
-            else:
-                how = f"exit code {code}"
             lines = _LINE.findall(output)
             line = f" ({lines[-1][0]}:{lines[-1][1]})" if lines else ""
             why = f": {errors[-1][:200]}{line}" if errors and code else ""
-            notes.append(f"node {event.node} ends during the drive ({how}){why}")
+            kind = Kind.NODE_ENDED if code == 0 else Kind.NODE_FAILED
+            notes.append(Note(kind, f"node {event.node} ends during the drive ({how}){why}"))
     return list(dict.fromkeys(notes))

@@ -7,13 +7,14 @@ import json
 from dataclasses import dataclass, field
 from math import inf, nan
 from pathlib import Path
-from typing import List, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.config import ConfigError, from_plain, to_plain
 from husky_highlevel_controller.course import PILLARS, STANDS, PillarSize
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Scan
+from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.robot import load_robot
 
 ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker message
@@ -107,8 +108,8 @@ class Recording:
     silent_topics: Tuple[str, ...] = ()  # that the submission subscribes to and nothing publishes
     unread_topics: Tuple[str, ...] = ()  # geometry_msgs/Twist that it publishes and nothing subscribes to
     violations: Tuple[str, ...] = ()  # that end the claim to points, in sentences
-    notes: Tuple[str, ...] = ()  # what went wrong, in sentences
-    ended: str = ""  # why the drive ended
+    notes: Tuple[Note, ...] = ()  # what went wrong
+    ended: Optional[Note] = None  # why the drive ended
     output: str = ""  # what the submission printed, shortened
     robot: str = "husky"  # one of ROBOTS
 
@@ -133,7 +134,7 @@ class Recording:
         return np.abs(self.speeds[:, 0]) > STANDS
 
 
-def empty_recording(pillar: Tuple[float, float], deadline: float, notes: Tuple[str, ...]) -> Recording:
+def empty_recording(pillar: Tuple[float, float], deadline: float, notes: Tuple[Note, ...]) -> Recording:
     """Recording of a drive that never began."""
     nothing = np.zeros(0)
     return Recording(
@@ -142,7 +143,7 @@ def empty_recording(pillar: Tuple[float, float], deadline: float, notes: Tuple[s
 
 
 RECORDING = "recording.json"  # file in the folder of a drive
-CUT_OFF = "it was cut off"  # why a drive ended that the recorder did not end
+CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")  # why a drive ended that the recorder did not end
 
 
 def drive_number(folder: Path) -> int:

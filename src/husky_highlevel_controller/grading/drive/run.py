@@ -9,7 +9,7 @@ import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.grading.drive.plan import (
     SIMULATOR_LAUNCH,
@@ -42,6 +42,7 @@ from husky_highlevel_controller.grading.isolation.files import write_whole
 from husky_highlevel_controller.grading.isolation.forked import RECORDER, SIMULATOR, SIMULATOR_SETUP
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
+from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import MarkingConfig
 from husky_highlevel_controller.grading.records import to_json as record_to_json
 
@@ -165,18 +166,18 @@ def drive(
                 recorder.popen.send_signal(signal.SIGUSR2)  # no node is left to drive it
             return stalled or not (recorder.running and simulator.running)
 
-        ended = ""
+        ended = None
         if not wait(is_over, config.wall_limit, PROGRESS_PERIOD):
-            ended = f"it took longer than {config.wall_limit:.0f} s"
+            ended = Note(Kind.SLOW, f"it took longer than {config.wall_limit:.0f} s")
         elif recorder.running and simulator.running:
-            ended = f"the simulation made no progress for {STALL_DEADLINE:g} s"
+            ended = Note(Kind.STALLED, f"the simulation made no progress for {STALL_DEADLINE:g} s")
         elif recorder.running:
-            ended = "the simulator was ended"
+            ended = Note(Kind.STALLED, "the simulator was ended")
         if ended:
             recorder.interrupt()
             wait(lambda: not recorder.running, START_DEADLINE)
         notes = notes_on(read_events(events), submitted.output)
-        notes += [submitted.problem] * bool(submitted.problem)
+        notes += [Note(Kind.LIMIT, submitted.problem)] * bool(submitted.problem)
     recording = _finish(output, recorder, trial, config, notes, ended, submitted.output)
     write_whole(output, to_json(recording))
     return recording
@@ -192,25 +193,27 @@ def _finish(
     recorder: Process,
     trial: Trial,
     config: MarkingConfig,
-    notes: Sequence[str],
-    ended: str,
+    notes: Sequence[Note],
+    ended: Optional[Note],
     output: str,
 ) -> Recording:
     """The recording that the recorder wrote, with notes, the end, and what was printed."""
     try:
         recording = load(path, "".join(_told(recorder, r"sha256 (\w{64})")))
     except ExchangedError as error:
-        recording = empty_recording(trial.pillar, config.deadline, (str(error),))
+        recording = empty_recording(trial.pillar, config.deadline, (Note(Kind.CUT_OFF, str(error)),))
         recording = replace(recording, violations=(str(error),))
     except RecordingError as error:
         raise MarkingError(f"{error}; the recorder said: {recorder.output.strip()[-500:]}") from error
     if len(output) > KEPT_OUTPUT:
         output = output[: KEPT_OUTPUT // 2] + "\n[...]\n" + output[-KEPT_OUTPUT // 2 :]
-    died = any("ends during" in note for note in notes)
+    died = any(note.kind in (Kind.NODE_ENDED, Kind.NODE_FAILED) for note in notes)
     notes = [*notes, *([] if died else recording.notes)]
     seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
     if recording.command_count / seconds > FLOOD:
-        notes.append(f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s")
+        words = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s"
+        notes.append(Note(Kind.FLOOD, words))
     if ended or recording.ended == CUT_OFF:
-        notes.append(f"the drive was cut off at {seconds:.2f} s: {ended or 'the recorder was ended'}")
+        why = ended.text if ended else "the recorder was ended"
+        notes.append(Note(Kind.CUT_OFF, f"the drive was cut off at {seconds:.2f} s: {why}", seconds))
     return replace(recording, notes=tuple(notes), ended=ended or recording.ended, output=output)

@@ -82,7 +82,7 @@ def write_replay(recording: Recording, title: str, folder: Path) -> None:
     page = to_html(
         Replay(
             title=title,
-            summary=recording.ended or "no end was recorded",
+            summary=recording.ended.text if recording.ended else "no end was recorded",
             times=recording.times,
             poses=recording.poses,
             pillars=np.array([recording.pillar]),

@@ -36,7 +36,9 @@ def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
     end = max([float(recording.times[-1]) for recording in recordings if len(recording.times)], default=1.0)
     for number, (recording, axis) in enumerate(zip(recordings, axes), 1):
         dots = _draw(recording, axis, end)
-        axis.set_title(plain(f"drive {number}: {recording.ended or 'no drive'}"), fontsize=10)
+        axis.set_title(
+            plain(f"drive {number}: {recording.ended.text if recording.ended else 'no drive'}"), fontsize=10
+        )
     bar = figure.add_axes((1 - 0.8 / width, 0.15, 0.18 / width, 0.65))
     figure.colorbar(dots, cax=bar, label="simulated time [s]")
     figure.suptitle(plain(title), fontsize=11)

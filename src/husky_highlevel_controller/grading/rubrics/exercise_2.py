@@ -9,8 +9,10 @@ from typing import List, Sequence
 import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import Recording
+from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
-from husky_highlevel_controller.grading.rubrics.exercise_3 import DISPLAYS, causes, hint_on, without_config
+from husky_highlevel_controller.grading.rubrics.causes import NO_SCANS, causes, hint_on
+from husky_highlevel_controller.grading.rubrics.exercise_3 import DISPLAYS, without_config
 from husky_highlevel_controller.grading.rubrics.items import forfeited
 
 ITEMS = (
@@ -39,8 +41,8 @@ def judge_output(recording: Recording) -> Item:
     item = Item(ITEMS[0], 0.0, 40.0, "")
     truth = recording.nearest[np.isfinite(recording.nearest[:, 1]), 1]
     if not recording.subscribed or not len(truth):
-        why = (causes(recording) or ["it does not subscribe to the scans"])[0]
-        return replace(item, evidence=f"nothing to print: {why}", hint=hint_on(why))
+        cause = (causes(recording) or [NO_SCANS])[0]
+        return replace(item, evidence=f"nothing to print: {cause.text}", hint=hint_on(cause))
     low, high = float(truth.min()), float(truth.max())
     printed = [value for line in recording.output.splitlines() for value in _ranges_in(line, low, high)]
     if len(printed) < LEAST_LINES:
@@ -68,7 +70,7 @@ def judge_parameters(recording: Recording) -> Item:
 
 def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
     """RViz shows the scan (10) in odom (5)."""
-    item = Item(ITEMS[3], 0.0, 15.0, "", hint=DISPLAYS)
+    item = Item(ITEMS[3], 0.0, 15.0, "", hint=DISPLAYS, subject=Subject.DISPLAYS)
     if not view.judged:
         return replace(item, points=None, evidence=f"not judged: {view.problem}")
     if not view.source:

@@ -9,7 +9,15 @@ import numpy as np
 
 from husky_highlevel_controller.course import TOUCH
 from husky_highlevel_controller.grading.drive.recording import Recording
+from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
+from husky_highlevel_controller.grading.rubrics.causes import (
+    behind,
+    cause_of_stop,
+    causes,
+    first_cause,
+    hint_on,
+)
 from husky_highlevel_controller.grading.rubrics.items import forfeited, over_trials
 from husky_highlevel_controller.grading.rubrics.markers import judge_namespaces
 
@@ -19,7 +27,6 @@ FIRST_STEPS = 0.1  # of the way: who has come that far has begun to
 STOPPED = 1.0  # [s], so long it must stand in the end to have stopped
 PERIOD, LATELY = 0.1, 1.0  # [s], between two scans at most, and over which it is judged to come nearer
 NEARLY = 0.1  # [m], farther than the nearest point of the drive is still the nearest
-SILENT = 5.0  # [s], simulated: so long without a command, it has ceased to send any
 ITEMS = (
     "drives towards the pillar",
     "reaches the pillar",
@@ -35,11 +42,11 @@ NO_VIEW = "no RViz configuration was handed in"
 
 def judge_approach(recording: Recording) -> Item:
     """The Husky drives towards the pillar: 20."""
-    item = Item(ITEMS[0], 0.0, 20.0, "")
+    item = Item(ITEMS[0], 0.0, 20.0, "", subject=Subject.DRIVE)
     gaps, times = recording.hull_gaps, recording.times
     if not recording.moving.any():
-        cause = first_cause(recording)
-        return replace(item, evidence=f"the robot never moves: {cause}", hint=hint_on(cause))
+        first = first_cause(recording)
+        return replace(item, evidence=f"the robot never moves: {first.text}", hint=hint_on(first))
     way = max(gaps[0], 1e-6)
     nearest = int(np.argmin(gaps))
     nearer, distance = way - gaps[nearest], f"of the {way:.2f} m to the pillar"
@@ -63,12 +70,12 @@ def judge_approach(recording: Recording) -> Item:
         words = f"comes only {max(nearer, 0.0):.2f} m nearer, {distance}"
     cause = cause_of_stop(recording)
     hint = hint_on(cause) if cause else TURNS
-    return replace(item, points=points, evidence=words + cause, at=at, hint=hint)
+    return replace(item, points=points, evidence=words + behind(cause), at=at, hint=hint)
 
 
 def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     """The Husky reaches the pillar, by standing at it or by touching it at any speed: 30."""
-    item = Item(ITEMS[1], 0.0, 30.0, "")
+    item = Item(ITEMS[1], 0.0, 30.0, "", subject=Subject.DRIVE)
     gaps, times = recording.hull_gaps, recording.times
     if not len(times):
         return no_drive(item, recording)
@@ -84,7 +91,8 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
         if not recording.moving.any():
             return replace(item, evidence=words, at=at, hint=hint_on(first_cause(recording)))
         cause = cause_of_stop(recording)
-        return replace(item, evidence=words + cause, at=at, hint=hint_on(cause) if cause else STOPS)
+        hint = hint_on(cause) if cause else STOPS
+        return replace(item, evidence=words + behind(cause), at=at, hint=hint)
     reached = float(times[np.argmax(gaps <= rules.reached)])
     touches = np.flatnonzero(gaps <= TOUCH)
     if len(touches):
@@ -110,7 +118,7 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
 
 def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     """The marker is at the pillar: 20, by how near it is and how much of the time."""
-    item = Item(ITEMS[3], 0.0, 20.0, "", hint=MARKER)
+    item = Item(ITEMS[3], 0.0, 20.0, "", hint=MARKER, subject=Subject.MARKER)
     if not len(recording.times) and causes(recording):
         return no_drive(item, recording)
     if not recording.marker_topics:
@@ -130,7 +138,7 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
 def no_drive(item: Item, recording: Recording) -> Item:
     """The item of a submission of which nothing was started."""
     cause = first_cause(recording)
-    return replace(item, evidence=f"there was no drive: {cause}", hint=hint_on(cause))
+    return replace(item, evidence=f"there was no drive: {cause.text}", hint=hint_on(cause))
 
 
 def first_touch(recording: Recording) -> float:
@@ -157,21 +165,7 @@ def _stands_since(recording: Recording) -> Optional[float]:
     return float(recording.times[row])
 
 
-def cause_of_stop(recording: Recording) -> str:
-    """Cause for which a robot stops on its way: its node ends, raises, or is silent; empty: not known."""
-    reasons = causes(recording)
-    if reasons:
-        return f"; {reasons[0]}"
-    if not len(recording.commands) or recording.times[-1] - recording.commands[-1] < SILENT:
-        return ""
-    return (
-        f"; {recording.command_count} commands, the last at {recording.commands[-1]:.2f} s, then none: its "
-        "callback waits (for a service, in a loop or a sleep), takes a branch without one, or gets no scan"
-    )
-
-
 # what a student looks at, by where points are lost
-LOGS = "read what your node prints, and see whether your launch file starts it"
 STOPS = "compare the velocities that you send at this moment with the distance that you compute"
 SLOW = "drive faster while the pillar is far away"
 TURNS = "check the sign of angular.z: positive turns left, and the angle is in the lidar's own frame"
@@ -184,52 +178,6 @@ MIRRORED = (
     "x = r cos(angle) and y = r sin(angle) hold in the scan's header.frame_id: publish the marker in it, or "
     "transform the point by TF, and change no sign"
 )
-HINTS = (
-    ("does not build", "mend this error first: nothing can be started without it; others may follow from it"),
-    ("listens to", "compare your topic's name with `rostopic list`, and look for a missing remap"),
-    ("does not subscribe", "subscribe to the scans, in the constructor"),
-    ("advertises no", "make a publisher of geometry_msgs/Twist on /cmd_vel, in the constructor"),
-    ("nothing came on", "publish the velocity in the scans' callback, before any service is called"),
-    ("sends its commands to", "publish on /cmd_vel, or remap your topic to it"),
-    ("were zero", "a gain of 0, a parameter that is not loaded, or a service that must be called first"),
-    ("raises", "the line named is where it happens"),
-    ("ends during the drive", "the last line of its output says why"),
-    ("then none", "the branch that your callback takes at that moment, and what it waits for"),
-)
-
-
-def hint_on(cause: str) -> str:
-    """Hint for a cause that `first_cause` names."""
-    return next((hint for words, hint in HINTS if words in cause), LOGS)
-
-
-def causes(recording: Recording) -> List[str]:
-    """Notes on what went wrong; that it sleeps, sends too much or starts without a terminal is no cause."""
-    harmless = ["does not answer", "it floods", "launch-prefix"]
-    if recording.ended.startswith("it "):  # another of its nodes ran until then
-        harmless.append("(exit code 0)")
-    return [note for note in recording.notes if not any(words in note for words in harmless)]
-
-
-def first_cause(recording: Recording) -> str:
-    """Cause for which the robot stands: the first broken link of the chain node, scan, command."""
-    silent, unread = ", ".join(recording.silent_topics), ", ".join(recording.unread_topics)
-    reasons = causes(recording)
-    if not recording.subscribed and silent and not reasons:
-        return f"it listens to {silent}, where nothing is sent"
-    if reasons:
-        return reasons[0]
-    if not recording.subscribed:
-        return "it does not subscribe to the scans"
-    if not recording.command_count:
-        if unread:
-            return f"it sends its commands to {unread}, which has no subscriber"
-        return "nothing came on cmd_vel" if recording.advertised else "it advertises no cmd_vel"
-    if recording.zero_count == recording.command_count:
-        return f"all {recording.command_count} commands were zero"
-    return f"in spite of {recording.command_count} commands"
-
-
 # ---------------------------------------------------------------------------- the whole submission
 
 
@@ -253,7 +201,7 @@ DISPLAYS = "add the displays that are missing, with the fixed frame odom, and sa
 
 def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
     """RViz shows TF, robot model and laser scan: 6, 7 and 7."""
-    item = Item(ITEMS[2], 0.0, 20.0, "")
+    item = Item(ITEMS[2], 0.0, 20.0, "", subject=Subject.DISPLAYS)
     if not view.judged:
         return replace(item, points=None, evidence=f"not judged: {view.problem}")
     if not view.source:
@@ -280,7 +228,7 @@ def judge_shown(
     view: RvizView, recordings: Sequence[Recording], places: Sequence[Item], rules: Rules = DEFAULT_RULES
 ) -> Item:
     """RViz shows the marker: 10, if it is at the pillar at least at times; `places` by judge_place."""
-    item = Item(ITEMS[4], 0.0, 10.0, "")
+    item = Item(ITEMS[4], 0.0, 10.0, "", subject=Subject.MARKER_DISPLAY)
     if not view.judged:
         return replace(item, points=None, evidence=f"not judged: {view.problem}")
     drives = [recording for recording, place in zip(recordings, places) if place.points]

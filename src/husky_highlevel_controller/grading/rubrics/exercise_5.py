@@ -8,8 +8,9 @@ from typing import List, Sequence
 import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import Call, Recording
+from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
-from husky_highlevel_controller.grading.rubrics.exercise_3 import causes, first_cause, hint_on
+from husky_highlevel_controller.grading.rubrics.causes import causes, first_cause, hint_on
 from husky_highlevel_controller.grading.rubrics.items import forfeited
 
 ITEMS = (
@@ -43,15 +44,17 @@ class Effect:
 
 def judge_calls(recording: Recording) -> List[Item]:
     """The service stops (50) and starts (50) the robot, again and again; half for once only."""
-    stop, start = Item(ITEMS[0], 0.0, 50.0, "", hint=STOP), Item(ITEMS[1], 0.0, 50.0, "", hint=START)
+    stop = Item(ITEMS[0], 0.0, 50.0, "", hint=STOP, subject=Subject.SERVICE)
+    start = replace(stop, name=ITEMS[1], hint=START)
     if not recording.calls:
         services = recording.services
         why = f"{services[0]} was not called" if services else "no std_srvs/SetBool service"
         if not services and recording.other_services:
             why += f", but {', '.join(recording.other_services)}: for a person"
             return [replace(stop, points=None, evidence=why), replace(start, points=None, evidence=why)]
-        why += "".join(f": {cause}" for cause in causes(recording)[:1])
-        hint = hint_on(why) if causes(recording) else SERVICE
+        cause = next(iter(causes(recording)), None)
+        why += f": {cause.text}" if cause else ""
+        hint = hint_on(cause) if cause else SERVICE
         return [replace(item, evidence=why, hint=hint) for item in (stop, start)]
     name = recording.services[0] if recording.services else "its service"
     effects = [Effect(call, *_speeds(recording, call)) for call in recording.calls]
@@ -110,7 +113,7 @@ def _judge_starts_from_rest(item: Item, name: str, recording: Recording, effects
         return replace(item, points=None, evidence=words)
     if not (np.abs(recording.speeds[:, 0]) >= FAST).any():
         cause = first_cause(recording)
-        return replace(item, evidence=f"{name}: it never drives: {cause}", hint=hint_on(cause))
+        return replace(item, evidence=f"{name}: it never drives: {cause.text}", hint=hint_on(cause))
     words = f"{name}: not judged, it had stopped by itself before the first call: for a person"
     return replace(item, points=None, evidence=words)
 
@@ -134,11 +137,11 @@ def judge_exercise_5(
     drives = (np.abs(recordings[0].speeds[:, 0]) > FAST).any()
     if not drives and (recordings[0].services or not recordings[0].other_services):
         cause = first_cause(recordings[0])
-        why = f"it never drives, so it cannot be stopped: {cause}"
+        why = f"it never drives, so it cannot be stopped: {cause.text}"
         hint = hint_on(cause)
         items = [
             replace(items[0], points=0.0, evidence=why, hint=hint),
             replace(items[1], points=0.0, hint=hint),
         ]
-    items += [Item(name, None, 25.0, by_hand) for name in ITEMS[2:]]
+    items += [Item(name, None, 25.0, by_hand, subject=Subject.SERVICE) for name in ITEMS[2:]]
     return rules.apply(forfeited(items, recordings))

@@ -8,6 +8,7 @@ from typing import List, Sequence
 import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import Recording
+from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.records import Item
 
 
@@ -52,7 +53,7 @@ def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
     """Items of a submission whose behaviour is chance: a person judges what was driven."""
     return [
         item
-        if item.points is None or item.name.startswith("RViz shows")
+        if item.points is None or item.subject is Subject.DISPLAYS
         else replace(
             item,
             points=None,

@@ -20,6 +20,7 @@ from husky_highlevel_controller.grading.drive.call_plan import (
     exercise_2_speed,
 )
 from husky_highlevel_controller.grading.drive.recording import Call
+from husky_highlevel_controller.grading.notes import Kind, Note
 
 ANSWER_DEADLINE = 10.0  # [s] of wall time
 
@@ -66,21 +67,20 @@ class ExerciseDriver:
         except (rosservice.ROSServiceException, OSError):
             self._probed.discard(name)
 
-    def work(self, now: float, speed: float) -> str:
+    def work(self, now: float, speed: float) -> Optional[Note]:
         """Do what is due at this simulated time [s] and true speed [m/s]; why the drive is over, if it is."""
         if self._driver == FORWARD:
-            return "the drive of the marking" if exercise_2_over(now) else ""
-        if self._driver != SERVICE:
-            return ""
-        if self._calling and not self._collect(now):
-            return ""
+            over = Note(Kind.PLAN_DONE, "the drive of the marking")
+            return over if exercise_2_over(now) else None
+        if self._driver != SERVICE or (self._calling and not self._collect(now)):
+            return None
         if self.services:
             value = self._plan.due(now, speed)
             if value is not None:
                 self._calling = True
                 name = sorted(self.services)[0]
                 threading.Thread(target=self._call, args=(name, value, now), daemon=True).start()
-                return ""
+                return None
         return self._plan.reason(now, bool(self.services))
 
     def _collect(self, now: float) -> bool:

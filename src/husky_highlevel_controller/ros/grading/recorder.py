@@ -9,7 +9,7 @@ import threading
 import time
 from math import inf
 from pathlib import Path
-from typing import Any, Dict, List, Set, Tuple
+from typing import Any, Dict, List, Optional, Set, Tuple
 
 import numpy as np
 import rosgraph
@@ -37,6 +37,7 @@ from husky_highlevel_controller.grading.drive.ros_graph import (
     unread_topics,
 )
 from husky_highlevel_controller.grading.drive.truth_feed import TruthFeed
+from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import load
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros import conversions
@@ -87,8 +88,8 @@ class DriveRecorder:
 
     def run(self) -> None:
         """Record until the drive is over."""
-        cause = ""
-        while not cause and not rospy.is_shutdown():
+        cause: Optional[Note] = None
+        while cause is None and not rospy.is_shutdown():
             self._look_at_graph()
             tell(f"now {self._now}")
             cause = self._driver.work(self._now, self._speed) or self._over()
@@ -181,18 +182,18 @@ class DriveRecorder:
 
     # ------------------------------------------------------------------------ the end
 
-    def _over(self) -> str:
+    def _over(self) -> Optional[Note]:
         if self._now >= self._task.deadline:
-            return f"the deadline of {self._task.deadline:g} s"
+            return Note(Kind.DEADLINE, f"the deadline of {self._task.deadline:g} s")
         if not self._task.ends_at_pillar:
-            return ""
+            return None
         if self._listens and not self._advertises and self._now >= SILENT:
-            return f"it had no publisher of velocity commands for {SILENT:g} s"
+            return Note(Kind.NO_PUBLISHER, f"it had no publisher of velocity commands for {SILENT:g} s")
         if self._abandoned.is_set() and not self._command_count:
             return NO_COMMAND
         return self._end.reason(self._abandoned.is_set())
 
-    def _write(self, cause: str) -> None:
+    def _write(self, cause: Optional[Note]) -> None:
         with self._lock:
             if self._written:
                 return
@@ -227,7 +228,9 @@ class DriveRecorder:
             silent_topics=tuple(self._silent),
             unread_topics=tuple(self._unread),
             violations=(*self._violations, *pose_jumps(times, poses)),
-            notes=(self._unanswered,) if self._unanswered and self._command_count else (),
+            notes=(Note(Kind.UNANSWERED_SCANS, self._unanswered),)
+            if self._unanswered and self._command_count
+            else (),
             ended=cause,
             robot=self._task.robot,
         )

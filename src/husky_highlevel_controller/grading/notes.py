@@ -1,0 +1,72 @@
+"""Findings of a marking: kinds, by which hints and causes go, and sentences, which are for people."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Iterable, List, Optional
+
+
+class Kind(Enum):
+    """Kind of a finding."""
+
+    # of the hand-in, before anything is started
+    HAND_IN = "hand-in"  # its archive, packages and robot
+    BUILD = "build"
+    LAUNCH_FILE = "launch file"  # cannot be loaded, or starts nothing
+    MISSING_PACKAGE = "missing package"
+    LAUNCH_PREFIX = "launch prefix"
+    # of its nodes
+    NOT_STARTED = "not started"
+    EXCEPTION = "exception"  # in a callback or thread, after which the node goes on
+    NODE_FAILED = "node failed"
+    NODE_ENDED = "node ended"  # without an error
+    LIMIT = "limit"  # of memory, processes or files
+    # of the chain from scan to command
+    SILENT_TOPIC = "silent topic"
+    NO_SCANS = "no scans"
+    UNREAD_COMMANDS = "unread commands"
+    NO_PUBLISHER = "no publisher"
+    NO_COMMANDS = "no commands"
+    ZERO_COMMANDS = "zero commands"
+    IN_SPITE_OF_COMMANDS = "in spite of commands"
+    COMMANDS_CEASE = "commands cease"
+    UNANSWERED_SCANS = "unanswered scans"
+    FLOOD = "flood"
+    # ends of a drive
+    TOUCHES = "touches"
+    AT_PILLAR = "at pillar"
+    NEVER_MOVED = "never moved"
+    STOOD_STILL = "stood still"
+    NODES_ENDED = "nodes ended"
+    DEADLINE = "deadline"
+    SLOW = "slow"  # on the wall clock
+    PLAN_DONE = "plan done"  # every call is made, or the robot driven
+    NO_SERVICE = "no service"
+    STALLED = "stalled"
+    CUT_OFF = "cut off"
+
+
+class Subject(Enum):
+    """Subject of an item: what it looks at, whatever its name says."""
+
+    CODE = "code"
+    DRIVE = "drive"
+    SERVICE = "service"
+    MARKER = "marker"
+    DISPLAYS = "displays"  # of RViz, by its configuration alone
+    MARKER_DISPLAY = "marker display"
+
+
+@dataclass(frozen=True)
+class Note:
+    """Finding of one kind."""
+
+    kind: Kind
+    text: str
+    at: Optional[float] = None  # [s], simulated
+
+
+def texts(notes: Iterable[Note]) -> List[str]:
+    """The sentences of notes, each once, in order."""
+    return list(dict.fromkeys(note.text for note in notes))
