@@ -50,6 +50,8 @@ ARGUMENTS = [
     "web:=false",
     "web_address:=localhost",
     "web_port:=8090",
+    "exit_on_arrival:=false",
+    "deadline:=60",
     "rviz:=false",
 ]
 
