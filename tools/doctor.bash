@@ -50,12 +50,20 @@ check_installation() {
 # shellcheck disable=SC2016  # bash -c expands them
 listens() { timeout 3 bash -c 'exec 3<>"/dev/tcp/$0/$1"' "$1" "$2" 2>/dev/null; }
 
+# Topics on master $1 that are probably mistaken.
+check_topics() {
+  local sentence
+  while read -r sentence; do bad "$sentence"; done < <(
+    ROS_MASTER_URI=$1 PYTHONPATH=$here/src timeout 30 python3 -m husky_highlevel_controller.ros.simulator.wrong_topics
+  )
+}
+
 check_network() {
   echo "The network of nodes"
   local uri=${ROS_MASTER_URI:-http://localhost:11311} name master port
   if [[ $uri =~ ^http://([^:/]+):([0-9]+)/?$ ]]; then
     master=${BASH_REMATCH[1]} port=${BASH_REMATCH[2]}
-    if listens "$master" "$port"; then good "a ROS master answers at $uri"
+    if listens "$master" "$port"; then good "a ROS master answers at $uri"; check_topics "$uri"
     else note "no ROS master at $uri yet; ./dev launch starts one if that is this machine"; fi
     getent hosts "$master" >/dev/null || bad "the host '$master' of ROS_MASTER_URI is not known to this machine: /etc/hosts"
   else

@@ -6,7 +6,9 @@ Only the standard library, because every launch waits for it.
 from __future__ import annotations
 
 from typing import Any
-from xmlrpc.client import ServerProxy, Transport
+from xmlrpc.client import Error, ServerProxy, Transport
+
+DEADLINE = 5.0  # [s] of wall time for one answer
 
 
 class _Transport(Transport):
@@ -23,3 +25,13 @@ class _Transport(Transport):
 def server(uri: str, deadline: float) -> ServerProxy:
     """Client of an XML-RPC server whose calls raise OSError after `deadline` [s] without an answer."""
     return ServerProxy(uri, _Transport(deadline))
+
+
+def ask(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) -> Any:
+    """Value of a method of a master, node or roslaunch; None where it fails or does not answer in time."""
+    try:
+        with server(uri, deadline) as api:
+            code, _, value = getattr(api, method)(*arguments)
+    except (OSError, Error, ValueError, TypeError):
+        return None
+    return value if code == 1 else None

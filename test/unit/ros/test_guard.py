@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ class Robot:
         monkeypatch.setattr(rospy, "get_param", lambda *_: parameters)
         monkeypatch.setattr(rospy, "get_time", lambda: self.now)
         monkeypatch.setattr(rospy, "logwarn_throttle", lambda _, text: self.warnings.append(text))
-        monkeypatch.setattr(guard_module.time, "monotonic", lambda: self.now)
+        monkeypatch.setattr(guard_module, "time", SimpleNamespace(monotonic=lambda: self.now))
         monkeypatch.setattr(StopRequest, "start", lambda _, danger: self.stops.append(danger))
         monkeypatch.setattr(tf2_ros, "Buffer", object)
         monkeypatch.setattr(tf2_ros, "TransformListener", lambda _: None)

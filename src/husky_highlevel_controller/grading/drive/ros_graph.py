@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from typing import Any, Collection, Dict, List, Mapping, Sequence, Set, Tuple
-from xmlrpc.client import Error as XmlRpcError
 
-from husky_highlevel_controller.xml_rpc import server
+from husky_highlevel_controller.xml_rpc import ask
 
 ANSWER_DEADLINE = 20.0  # [s] of wall time; a submission may end the master and listen in its place
 CALLER = "/marking"
@@ -51,13 +50,7 @@ def topics_subscribed(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, .
 
 
 def _ask(uri: str, method: str, *arguments: Any) -> Any:
-    """The master's answer; None where it has none."""
-    try:
-        with server(uri, ANSWER_DEADLINE) as master:
-            code, _, value = getattr(master, method)(CALLER, *arguments)
-    except (OSError, XmlRpcError, ValueError):
-        return None
-    return value if code == 1 else None
+    return ask(uri, method, CALLER, *arguments, deadline=ANSWER_DEADLINE)
 
 
 def listens(subscribers: Nodes, our_nodes: Set[str]) -> bool:

@@ -20,10 +20,11 @@ from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.commands import Commands
 from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCamera
+from husky_highlevel_controller.ros.simulator.graph_watch import GraphWatch
 from husky_highlevel_controller.ros.simulator.lead_limit import LeadLimit
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
 from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERIOD, Lockstep
-from husky_highlevel_controller.ros.simulator.one_simulator import refusal, running_simulator, watch_clock
+from husky_highlevel_controller.ros.simulator.one_simulator import refusal, running_simulator
 from husky_highlevel_controller.ros.simulator.parameters import read_parameters, read_robot_description
 from husky_highlevel_controller.ros.simulator.partners import Partners, launched_beside
 from husky_highlevel_controller.ros.simulator.publishers import Publishers
@@ -95,7 +96,7 @@ class SimulatorNode:
     def run(self) -> None:
         """Simulate until the node is shut down."""
         publishers, simulation = self._publishers, self._simulation
-        watch_clock(rospy.get_name(), rosgraph.get_master_uri(), rospy.logwarn)
+        GraphWatch(lambda: simulation.stamp, rospy.logwarn).start()
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
         if self._start.lockstep:

@@ -10,37 +10,27 @@ from __future__ import annotations
 
 import os
 import sys
-import threading
-from typing import Any, Callable, List, Optional
-from xmlrpc.client import Error, ServerProxy
+from typing import List, Mapping, Optional, Sequence
 
-from husky_highlevel_controller.xml_rpc import server
+from husky_highlevel_controller.xml_rpc import ask
 
-NODE = "husky_simulator"
-DEADLINE = 5.0  # [s] of wall time for one answer
-WATCH_PERIOD = 10.0  # [s] of wall time between two looks at who publishes /clock
+NODE, CALLER = "husky_simulator", "/one_simulator"
 
 
 def publishers_of_clock(master_uri: str) -> List[str]:
     """Names of the nodes that publish /clock and answer; empty without a master."""
-    try:
-        with server(master_uri, DEADLINE) as master:
-            state: Any = master.getSystemState("/one_simulator")
-            published = dict(state[2][0])
-            return [name for name in published.get("/clock", ()) if _answers(master, name)]
-    except (OSError, Error):
-        return []
+    state = ask(master_uri, "getSystemState", CALLER)
+    return clock_publishers(master_uri, dict(state[0])) if state else []
 
 
-def _answers(master: ServerProxy, name: str) -> bool:
-    """Whether a node that the master knows is still there; one that was killed is not."""
-    try:
-        answer: Any = master.lookupNode("/one_simulator", name)
-        with server(answer[2], DEADLINE) as node:
-            node.getPid("/one_simulator")
-    except (OSError, Error):
-        return False
-    return True
+def clock_publishers(master_uri: str, publishers: Mapping[str, Sequence[str]]) -> List[str]:
+    """Names of the nodes that publish /clock by what the master knows, and have not been killed."""
+
+    def answers(name: str) -> bool:
+        node_uri = ask(master_uri, "lookupNode", CALLER, name)
+        return node_uri is not None and ask(node_uri, "getPid", CALLER) is not None
+
+    return [name for name in publishers.get("/clock", ()) if answers(name)]
 
 
 def running_simulator(master_uri: str) -> Optional[str]:
@@ -55,25 +45,6 @@ def refusal(name: str, master_uri: str) -> str:
         f"{name} simulates already on {master_uri}; end it first, "
         "or give this one a master of its own: ROS_MASTER_URI=http://localhost:11312 roslaunch ..."
     )
-
-
-def watch_clock(own_name: str, master_uri: str, warn: Callable[[str], None]) -> None:
-    """Warn once of each other node that publishes /clock; in a thread, until the process ends."""
-    reported = {own_name}
-
-    def look() -> None:
-        names = set(publishers_of_clock(master_uri)) - reported
-        reported.update(names)
-        for name in sorted(names):
-            warn(f"{name} publishes /clock too: time will jump; end it, or this simulator")
-        start()
-
-    def start() -> None:
-        timer = threading.Timer(WATCH_PERIOD, look)
-        timer.daemon = True
-        timer.start()
-
-    look()
 
 
 def main() -> None:

@@ -5,15 +5,13 @@ In: the topics they share with the simulator, the ROS master. Out: whether they 
 
 from __future__ import annotations
 
-from typing import Any, Callable, Sequence, Set
-from xmlrpc.client import Error
+from typing import Callable, Sequence, Set
 
 import rosgraph
 import rospy
 
-from husky_highlevel_controller.xml_rpc import server
+from husky_highlevel_controller.xml_rpc import ask
 
-DEADLINE = 5.0  # [s] of wall time for one answer
 # roslaunch's own processes, and the nodes of simulator.launch: none of them drives the robot
 NODES = {"master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web"}
 
@@ -35,15 +33,15 @@ class Partners:
         """
         self._scans, self._others = scans, others
         self.command_topics, self._has_sender = command_topics, has_sender
-        self._master = rosgraph.Master(rospy.get_name())
         self.scan_topic = scans.resolved_name
 
     def joined(self) -> bool:
         """Whether all are connected."""
         if not self._has_sender() or not self._scans.get_num_connections():
             return False
-        subscribed = {topic: len(nodes) for topic, nodes in self._master.getSystemState()[1]}
-        return all(
+        state = ask(rosgraph.get_master_uri(), "getSystemState", rospy.get_name())
+        subscribed = {topic: len(nodes) for topic, nodes in state[1]} if state else {}
+        return bool(state) and all(
             publisher.get_num_connections() >= subscribed.get(publisher.resolved_name, 0)
             for publisher in (self._scans, *self._others)
         )
@@ -53,11 +51,7 @@ def launched_beside() -> Set[str]:
     """Names of the nodes, besides the simulator's own, that a roslaunch on this master has started."""
     names: Set[str] = set()
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
-        try:
-            with server(uri, DEADLINE) as launcher:
-                answer: Any = launcher.list_processes()
-        except (OSError, Error):
-            continue  # it has ended
+        processes = ask(uri, "list_processes")  # None: it has ended
         # "NODE-COUNT" of each process that lives, and how often it was started
-        names.update(name.rsplit("-", 1)[0] for name, _ in answer[2][0])
+        names.update(name.rsplit("-", 1)[0] for name, _ in (processes or [[]])[0])
     return names - NODES

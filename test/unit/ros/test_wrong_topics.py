@@ -1,0 +1,103 @@
+"""A topic that is written wrongly is told, with the one that was meant; other robots and tools are none."""
+
+from __future__ import annotations
+
+import pytest
+
+from husky_highlevel_controller.ros.simulator.wrong_topics import Graph, sentence, wrong_topics
+
+TWIST, SCAN, ODOMETRY = "geometry_msgs/Twist", "sensor_msgs/LaserScan", "nav_msgs/Odometry"
+
+
+def graph(*others, namespace=""):
+    """The simulator's topics, and those of (node, topic, type, whether it publishes)."""
+    publishers, subscribers, types = {}, {}, {}
+    simulator = [
+        ("/husky_simulator", f"{namespace}/front/scan", SCAN, True),
+        ("/husky_simulator", f"{namespace}/husky_velocity_controller/odom", ODOMETRY, True),
+        ("/husky_simulator", f"{namespace}/cmd_vel", TWIST, False),
+        ("/husky_simulator", f"{namespace}/joy_teleop/cmd_vel", TWIST, False),
+    ]
+    for node, topic, kind, publishes in [*simulator, *others]:
+        (publishers if publishes else subscribers).setdefault(topic, []).append(node)
+        types[topic] = kind
+    return Graph(publishers, subscribers, types)
+
+
+@pytest.mark.parametrize(
+    ("topic", "kind", "publishes", "meant"),
+    [
+        ("/cmd_vell", TWIST, True, "/cmd_vel"),
+        ("/cmd_val", TWIST, True, "/cmd_vel"),
+        ("/cmdvel", TWIST, True, "/cmd_vel"),
+        ("/joy_telop/cmd_vel", TWIST, True, "/joy_teleop/cmd_vel"),
+        ("/fron/scan", SCAN, False, "/front/scan"),
+        ("/scan", SCAN, False, "/front/scan"),
+        ("/front_scan", SCAN, False, "/front/scan"),
+        ("/odom", ODOMETRY, False, "/husky_velocity_controller/odom"),
+    ],
+)
+def test_a_slip_is_told_with_the_topic_that_was_meant(topic, kind, publishes, meant):
+    (finding,) = wrong_topics(graph(("/walker", topic, kind, publishes)))
+    assert finding == ("/walker", topic, kind, publishes, meant)
+
+
+def test_the_sentences():
+    findings = wrong_topics(
+        graph(("/walker", "/cmd_vell", TWIST, True), ("/walker", "/fron/scan", SCAN, False))
+    )
+    assert list(map(sentence, findings)) == [
+        "/walker publishes geometry_msgs/Twist on /cmd_vell, which nobody reads: did you mean /cmd_vel?",
+        "/walker subscribes to /fron/scan, which nobody publishes: did you mean /front/scan?",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("node", "topic", "kind", "publishes"),
+    [
+        ("/walker", "/cmd_vel", TWIST, True),  # right
+        ("/walker", "/cmd_vell", "std_msgs/String", True),  # of another type
+        ("/walker", "/cmd_vell", "*", True),
+        ("/walker", "/robot2/cmd_vel", TWIST, True),  # of another robot
+        ("/walker", "/cmd_vel2", TWIST, True),
+        ("/walker", "/robot2/front/scan", SCAN, False),
+        ("/walker", "/cmd_vel_raw", TWIST, True),  # for a node that has not come yet
+        ("/walker", "/walker/debug", TWIST, True),
+        ("/walker", "/laser/scan", SCAN, False),  # remapped
+        ("/rqt_gui_py_node_1234", "/cmd_vell", TWIST, True),
+        ("/rviz_1234", "/scan", SCAN, False),
+        ("/record_1234", "/scan", SCAN, False),
+        ("/rostopic_1234_5678", "/cmd_vell", TWIST, True),
+    ],
+)
+def test_what_is_no_slip(node, topic, kind, publishes):
+    assert wrong_topics(graph((node, topic, kind, publishes))) == []
+
+
+def test_a_topic_with_its_other_side_is_none():
+    pair = [("/walker", "/cmd_vell", TWIST, True), ("/smoother", "/cmd_vell", TWIST, False)]
+    assert wrong_topics(graph(*pair)) == []
+
+
+def test_a_robot_in_a_namespace_is_found_by_who_forgets_it():
+    (finding,) = wrong_topics(graph(("/walker", "/cmd_vel", TWIST, True), namespace="/robot1"))
+    assert finding.meant == "/robot1/cmd_vel"
+    assert wrong_topics(graph(("/walker", "/robot2/cmd_vel", TWIST, True), namespace="/robot1")) == []
+
+
+def test_the_watch_warns_once_and_five_simulated_seconds_after_the_node_has_joined():
+    pytest.importorskip("rospy")
+    from husky_highlevel_controller.ros.simulator.graph_watch import GraphWatch
+
+    now, warnings = [100.0], []
+    watch = GraphWatch(lambda: now[0], warnings.append)
+    wrong = graph(("/walker", "/cmd_vell", TWIST, True))
+    for moment, count in ((100.0, 0), (104.9, 0), (105.1, 1), (110.0, 1)):
+        now[0] = moment
+        watch.look(wrong)
+        assert len(warnings) == count
+    watch.look(graph())
+    watch.look(wrong)
+    now[0] = 200.0
+    watch.look(wrong)
+    assert len(warnings) == 1, "once for each"
