@@ -6,14 +6,15 @@ In: URDF text and its XML elements. Out: values; a `DescriptionError` names the 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections import defaultdict
 from math import atan2, hypot, isfinite
-from typing import Dict, Mapping, Optional, Sequence, Tuple
+from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import defusedxml
 import defusedxml.ElementTree
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose
-from husky_highlevel_controller.geometry import matrix_from_quat, quat_from_rpy
+from husky_highlevel_controller.geometry import compose, inverse, matrix_from_quat, quat_from_rpy
 
 MAX_NUMBER = 1e6  # in metres, kilograms or their products: a robot's are far smaller, and physics needs room
 SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1), "mesh": ("scale", 3)}
@@ -118,6 +119,29 @@ def origin_of(element: ET.Element, where: str) -> Pose:
     x, y, z = numbers_of(origin, "xyz", where, 3, (0.0, 0.0, 0.0))
     roll, pitch, yaw = numbers_of(origin, "rpy", where, 3, (0.0, 0.0, 0.0))
     return Pose((x, y, z), quat_from_rpy(roll, pitch, yaw))
+
+
+def joined_links(
+    links: Mapping[str, ET.Element], joints: Iterable[ET.Element]
+) -> Tuple[Tuple[str, str, Pose], ...]:
+    """Parent, child, and the child's pose in the parent, of joints that are at zero."""
+    return tuple((*ends_of(joint, links), origin_of(joint, label_of(joint))) for joint in joints)
+
+
+def poses_of_links(root: str, joined: Iterable[Tuple[str, str, Pose]]) -> Dict[str, Pose]:
+    """Poses in a link of those that joints tie to it, whether they hang below or above it."""
+    neighbours: Dict[str, List[Tuple[str, Pose]]] = defaultdict(list)
+    for parent, child, pose_child_in_parent in joined:
+        neighbours[parent].append((child, pose_child_in_parent))
+        neighbours[child].append((parent, inverse(pose_child_in_parent)))
+    poses = {root: Pose()}
+    queue = [root]
+    for link in queue:
+        for neighbour, pose_in_link in neighbours[link]:
+            if neighbour not in poses:
+                poses[neighbour] = compose(poses[link], pose_in_link)
+                queue.append(neighbour)
+    return poses
 
 
 def write_origin(element: ET.Element, pose: Pose) -> None:

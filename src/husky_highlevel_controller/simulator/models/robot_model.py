@@ -7,17 +7,15 @@ from __future__ import annotations
 
 import copy
 import xml.etree.ElementTree as ET
-from collections import defaultdict
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.geometry import (
     compose,
-    inverse,
     matrix_from_quat,
     quat_from_rpy,
     quat_multiply,
@@ -29,11 +27,13 @@ from husky_highlevel_controller.urdf import (
     DescriptionError,
     Elements,
     ends_of,
+    joined_links,
     label_of,
     name_of,
     number_of,
     numbers_of,
     origin_of,
+    poses_of_links,
     read_urdf,
     shape_of,
     write_origin,
@@ -113,8 +113,8 @@ def robot_model(
         if name not in joints:
             raise DescriptionError(f"no joint '{name}'; wheels are {', '.join(wheel_joints)}")
 
-    fixed_joints = _fixed_joints(links, joints)
-    poses = _fixed_poses(fixed_joints)
+    fixed_joints = joined_links(links, [joint for joint in joints.values() if joint.get("type") == "fixed"])
+    poses = poses_of_links("base_link", fixed_joints)
     physics = ET.Element("robot", name=urdf.get("name", "robot"))
     cluster = [(links[name], pose) for name, pose in poses.items()]
     body = _require_solid(_merge([_inertial(link, pose) for link, pose in cluster]), "base_link's rigid body")
@@ -144,30 +144,6 @@ def robot_model(
         wheels=wheels,
         physics_urdf=ET.tostring(physics, encoding="unicode"),
     )
-
-
-def _fixed_joints(links: Elements, joints: Elements) -> Tuple[Tuple[str, str, Pose], ...]:
-    return tuple(
-        (*ends_of(joint, links), origin_of(joint, label_of(joint)))
-        for joint in joints.values()
-        if joint.get("type") == "fixed"
-    )
-
-
-def _fixed_poses(fixed_joints: Iterable[Tuple[str, str, Pose]]) -> Dict[str, Pose]:
-    """Poses in base_link of the links that fixed joints tie to it, whether they hang below or above it."""
-    neighbours: Dict[str, List[Tuple[str, Pose]]] = defaultdict(list)
-    for parent, child, pose_child_in_parent in fixed_joints:
-        neighbours[parent].append((child, pose_child_in_parent))
-        neighbours[child].append((parent, inverse(pose_child_in_parent)))
-    poses = {"base_link": Pose()}
-    queue = ["base_link"]
-    for link in queue:
-        for neighbour, pose_in_link in neighbours[link]:
-            if neighbour not in poses:
-                poses[neighbour] = compose(poses[link], pose_in_link)
-                queue.append(neighbour)
-    return poses
 
 
 def _write_wheel(

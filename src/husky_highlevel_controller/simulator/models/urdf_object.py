@@ -7,20 +7,20 @@ from __future__ import annotations
 
 import logging
 import xml.etree.ElementTree as ET
-from typing import Dict, List, Optional, Tuple
+from typing import List, Optional
 
 from husky_highlevel_controller.datatypes import Body, Box, Cylinder, Geometry, Pose, Shape, Sphere
 from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.urdf import (
     DescriptionError,
-    Elements,
-    ends_of,
+    joined_links,
     label_of,
     number_of,
     origin_of,
+    poses_of_links,
     read_urdf,
     shape_of,
-)  # fmt: skip
+)
 
 log = logging.getLogger(__name__)
 
@@ -37,9 +37,14 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
         DescriptionError: the text is broken, or nothing in it has a collision shape.
     """
     robot, links, joints = read_urdf(text)
+    joined = joined_links(links, joints.values())
+    roots = set(links) - {child for _, child, _ in joined}
+    if len(roots) != 1:
+        names = ", ".join(sorted(roots)) or "none"
+        raise DescriptionError(f"one link must be no joint's child; here it is: {names}")
     geometries: List[Geometry] = []
     mass = 0.0
-    for link_name, pose in _poses(links, joints).items():
+    for link_name, pose in poses_of_links(roots.pop(), joined).items():
         link = links[link_name]
         for collision in link.findall("collision"):
             shape = _shape(collision, label_of(link))
@@ -52,27 +57,6 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
     static = any((item.text or "").strip() in ("true", "1") for item in robot.iterfind("gazebo/static"))
     shapes = tuple(geometries)
     return Body(name, pose_in_world, shapes, shapes, 0.0 if static else mass)
-
-
-def _poses(links: Elements, joints: Elements) -> Dict[str, Pose]:
-    """Poses of all links in the one that is no joint's child."""
-    children: Dict[str, List[Tuple[str, ET.Element]]] = {name: [] for name in links}
-    for joint in joints.values():
-        parent, child = ends_of(joint, links)
-        children[parent].append((child, joint))
-    roots = set(links) - {child for joined in children.values() for child, _ in joined}
-    if len(roots) != 1:
-        names = ", ".join(sorted(roots)) or "none"
-        raise DescriptionError(f"one link must be no joint's child; here it is: {names}")
-    poses = {name: Pose() for name in roots}
-    queue = list(roots)
-    for name in queue:
-        for child, joint in children[name]:
-            if child in poses:
-                raise DescriptionError(f"link '{child}' is the child of two joints")
-            poses[child] = compose(poses[name], origin_of(joint, label_of(joint)))
-            queue.append(child)
-    return poses
 
 
 def _shape(collision: ET.Element, where: str) -> Optional[Shape]:
