@@ -671,10 +671,12 @@ def test_an_entity_behind_a_comment_is_refused():
     assert "entities are refused" in refusal(entities + sdf('<model name="&b;"/>'))
 
 
-def test_models_without_end_are_refused():
+def test_models_and_frames_without_end_are_refused():
     depth = 5000
     nested = "".join(f'<model name="{i}">' for i in range(depth)) + "</model>" * depth
     assert "too deeply" in refusal(sdf(nested))
+    chain = "".join(f'<frame name="{i}" attached_to="{i + 1}"/>' for i in range(depth))
+    assert "too deeply" in refusal(sdf(chain, posed_model("m", "0"), version="1.7"))
 
 
 def numeric_places():

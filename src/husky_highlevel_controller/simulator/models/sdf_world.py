@@ -58,7 +58,7 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
         model.element.set("name", name)
         bodies = list(_read_model(Model(model), _Place(FrameScope(root), pose_in_world=pose_in_world)))
     except RecursionError:
-        raise WorldError(f"model_xml of '{name}': models are nested too deeply") from None
+        raise WorldError(f"model_xml of '{name}': models or frames are nested too deeply") from None
     _tell_notes(load)
     if not any(body.collisions or (body.visuals and body.mass == 0.0) for body in bodies):
         raise WorldError(f"model_xml of '{name}': nothing in it has a collision shape, and it is not static")
@@ -105,7 +105,7 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
         bodies = [body for holder in (world, *state.insertions) for body in _bodies_in(holder, place)]
         result = World(world.named(), tuple(bodies), _gravity(world))
     except RecursionError:
-        raise WorldError(f"{source}: models are nested too deeply") from None
+        raise WorldError(f"{source}: models or frames are nested too deeply") from None
     _tell_notes(load)
     _check_bounds(result, source)
     return result

@@ -6,8 +6,9 @@ In: bytes or text. Out: elements that know their line.
 from __future__ import annotations
 
 import re
+from codecs import BOM_UTF8
 from pathlib import Path
-from typing import Any, Match, Union
+from typing import Any, Match, Optional, Union
 from xml.etree import ElementTree
 
 from defusedxml import DefusedXmlException
@@ -22,7 +23,6 @@ _LOOSE = re.compile(
 )
 _DECLARATION = re.compile(rb"(\s+)(<\?xml\s[^>]*\?>)")
 _OTHER_ENCODING = re.compile(rb"<\?xml\s[^>]*?encoding\s*=\s*[\"'](?!utf-?8[\"'])", re.IGNORECASE)
-_UTF_8_MARK = b"\xef\xbb\xbf"
 _UTF_16 = re.compile(rb"\xff\xfe|\xfe\xff|<\0|\0<")
 
 
@@ -79,8 +79,8 @@ def _strict(data: bytes) -> bytes:
 
     That is whatever precedes the declaration or follows a NUL, `--` in comments, and a bare &.
     """
-    data = data[len(_UTF_8_MARK) :] if data.startswith(_UTF_8_MARK) else data
-    data = _LOOSE.sub(_strict_part, data.partition(b"\0")[0])
+    text = data[len(BOM_UTF8) :] if data.startswith(BOM_UTF8) else data
+    data = _LOOSE.sub(_strict_part, text.partition(b"\0")[0])
     return _DECLARATION.sub(rb"\2\1", data, count=1) if _DECLARATION.match(data) else data
 
 
@@ -91,7 +91,7 @@ def _strict_part(part: Match[bytes]) -> bytes:
     return b"&amp;" if text == b"&" else text
 
 
-def _encoding_of(data: bytes) -> Any:
+def _encoding_of(data: bytes) -> Optional[str]:
     """Encoding of bytes: None as they declare it; Latin-1 for what is not the UTF-8 it ought to be."""
     try:
         data.decode()
