@@ -1041,6 +1041,22 @@ def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(tmp_path)
     assert (Path(job.out) / FINGERPRINT).read_text() == job.fingerprint
 
 
+def test_files_that_a_hand_in_made_while_driving_stay_where_they_are(tmp_path, monkeypatch):
+    put(tmp_path / "class" / "ann" / "readme.txt")
+    batch = Batch(tmp_path / "class", tmp_path / "out")
+    job = job_of(HandIn("ann", tmp_path / "class" / "ann"), Override(), MarkingConfig(), batch)
+
+    def marked(job):
+        for number in range(30):
+            put(Path(job.out, "drive_1", "submission", str(number)))
+        put(Path(job.out, "result.json"), to_json(Result("ann", "w", {}, ())))
+
+    monkeypatch.setattr(batch_module, "run_program", marked)
+    monkeypatch.setattr(files_module, "MAX_ENTRIES", 10)
+    files = run_there(pickle.loads(pickle.dumps((job, PackedPath(tmp_path / "class" / "ann")))))
+    assert list(files) == ["result.json"]
+
+
 @pytest.fixture
 def job(tmp_path):
     """The job of a hand-in that holds no package."""

@@ -20,7 +20,7 @@ import sysconfig
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Dict, Iterator, List, Sequence, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 import husky_highlevel_controller
 from husky_highlevel_controller.grading.isolation.limits import TEMPORARY, TEMPORARY_FILES, THREADS
@@ -138,7 +138,7 @@ def _system() -> List[str]:
             arguments += ["--symlink", os.readlink(path), str(path)]
         elif path.is_dir():
             arguments += ["--ro-bind", str(path), str(path)]
-    for path in _secrets(Path("/etc")):
+    for path in _secrets("/etc"):
         empty = ["--tmpfs", str(path), "--remount-ro"] if path.is_dir() else ["--ro-bind", os.devnull]
         arguments += [*empty, str(path)]
     for folder in TEMPORARY:
@@ -146,16 +146,20 @@ def _system() -> List[str]:
     return [*arguments, "--remount-ro", "/dev"]
 
 
-def _secrets(folder: Path) -> Iterator[Path]:
+def _secrets(folder: str) -> List[Path]:
     """Files and folders below one that not every user may read."""
-    with contextlib.suppress(OSError):  # it is gone, or not even this user may read it
-        for path in sorted(folder.iterdir()):
-            mode = path.lstat().st_mode
-            readable = stat.S_IROTH | (stat.S_IXOTH if stat.S_ISDIR(mode) else 0)
-            if not stat.S_ISLNK(mode) and mode & readable != readable:
-                yield path
-            elif stat.S_ISDIR(mode):
-                yield from _secrets(path)
+    secrets, waiting = [], [folder]
+    while waiting:
+        # it is gone, or not even this user may read it
+        with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                mode = entry.stat(follow_symlinks=False).st_mode
+                readable = stat.S_IROTH | (stat.S_IXOTH if stat.S_ISDIR(mode) else 0)
+                if not stat.S_ISLNK(mode) and mode & readable != readable:
+                    secrets.append(Path(entry.path))
+                elif stat.S_ISDIR(mode):
+                    waiting.append(entry.path)
+    return secrets
 
 
 def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str]:
