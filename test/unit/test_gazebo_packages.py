@@ -30,6 +30,10 @@ ARGUMENTS = {
     "husky_gazebo/base.urdf.gazebo": "gps_enabled imu_enabled lidar_enabled",
     "husky_gazebo/spawn_husky": f"{LIDAR} {ARMS} robot_namespace x y z yaw urdf_extras joystick multimaster"
     " simulation multimaster_enabled robot_initial_pose husky_gazebo_description ur5_control_yaml_file",
+    "husky_description/description": "robot_namespace laser_enabled kinect_enabled realsense_enabled"
+    " ur5_enabled urdf_extras",
+    "smb_description/load": "description_file description_name wheel_joint_type simulation use_ros_skid_steer"
+    " use_ros_control robot_namespace lidar publish_tf control_namespace tracking_camera",
     "smb_gazebo/sim": "description_name robot_namespace control_namespace launch_rviz launch_gazebo_gui lidar"
     " tracking_camera mpc keyboard_teleop world enable_ekf",
     "smb_gazebo/smb_gazebo": "model_path robot_model_name world world_file x y z roll pitch yaw paused debug"
@@ -101,6 +105,24 @@ def test_a_copy_of_a_description_keeps_its_urdf(tmp_path):
 @pytest.mark.parametrize("file", sorted(COMPAT.glob("*/launch/*.launch")), ids=lambda file: file.stem)
 def test_a_joined_launch_file_names_no_place_outside_of_its_package(file):
     assert "$(dirname)/../.." not in file.read_text() or file.parents[1].name == "gazebo_ros"
+
+
+def test_xacro_finds_packages_by_the_package_path(tmp_path):
+    include = (
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="{}"/></robot>'
+    )
+    package(tmp_path, "their_description")
+    (tmp_path / "their_description" / "part.xacro").write_text('<robot><link name="theirs"/></robot>')
+    (tmp_path / "r.xacro").write_text(include.format("$(find their_description)/part.xacro"))
+    for program in ("xacro", "xacro.py"):  # the second in hand-ins of 2017
+        printed = subprocess.run(
+            [str(COMPAT / "xacro" / program), str(tmp_path / "r.xacro")],
+            env={**os.environ, "ROS_PACKAGE_PATH": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert '<link name="theirs"/>' in printed.stdout
 
 
 def test_only_what_is_missing_is_added(tmp_path):

@@ -90,3 +90,13 @@ def test_a_set_pose_is_where_it_stands():
     ekf.process(measured(0.0, {VX: 1.0}))
     ekf.set_pose(5.0, np.array([1.0, 2.0, 0.5]), 0.01 * np.eye(3))
     assert ekf.predicted(6.0).state[:4] == pytest.approx((1.0, 2.0, 0.5, 0.0))
+
+
+@pytest.mark.parametrize("variance", [0.0, -1e-4])
+def test_a_measurement_without_a_variance_can_come_twice(variance):
+    ekf = PlanarEkf()
+    ekf.process(measured(1.0, {VX: 0.5}))
+    for _ in range(5):
+        ekf.process(measured(1.0, {VX: 0.5}, variance))
+    assert ekf.estimate.state[VX] == pytest.approx(0.5)
+    assert ekf.estimate.covariance[VX, VX] > 0.0

@@ -15,6 +15,7 @@ from husky_highlevel_controller.ros.estimation.node import estimate_to_msg, read
 def test_a_part_that_an_imu_does_not_measure_is_none():
     msg = Imu(angular_velocity=Vector3(0.1, 0.2, 0.3), angular_velocity_covariance=np.arange(9.0).tolist())
     msg.orientation_covariance = msg.linear_acceleration_covariance = [-1.0] + [0.0] * 8
+    msg.orientation.w = 1.0
     reading = reading_from_msg(msg)
     assert reading.pose is None
     assert reading.specific_force is None

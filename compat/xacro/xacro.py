@@ -1,0 +1,17 @@
+#!/usr/bin/env python3
+"""The program xacro of PyPI, which asks ROS 2 for $(find PACKAGE): here rospkg answers."""
+
+import sys
+import types
+
+import rospkg
+
+sys.path.pop(0)  # where this file would be taken for the library
+packages = types.ModuleType("ament_index_python.packages")
+packages.get_package_share_directory = rospkg.RosPack().get_path
+sys.modules["ament_index_python"] = types.ModuleType("ament_index_python")
+sys.modules["ament_index_python.packages"] = packages
+
+import xacro  # noqa: E402 - after what it asks
+
+xacro.main()
