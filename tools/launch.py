@@ -220,6 +220,12 @@ def last_fatal(process_name: str, log_folder: Path) -> Optional[str]:
     return None
 
 
+def tell(text: str) -> None:
+    """Print roslaunch's words on a process, but for those that it ends itself."""
+    if not text.endswith("killing on exit"):
+        roslaunch.core.printlog(text)
+
+
 def tell_end(text: str) -> None:
     """Print roslaunch's words on a node; of a required one that has ended, one line."""
     required = re.search(r"REQUIRED process \[(.*)-\d+\] has died", text)
@@ -231,8 +237,7 @@ def tell_end(text: str) -> None:
 
 def launch(file: Path, options: List[str], output: FoldedOutput) -> int:
     """Run roslaunch; 0, or 1 if a required node failed."""
-    roslaunch.pmon.printlog = lambda _: None  # a line for each node that is ended
-    roslaunch.pmon.printerrlog = tell_end
+    roslaunch.pmon.printlog, roslaunch.pmon.printerrlog = tell, tell_end
     failures = Failures()
     run: Dict[str, Any] = {"started": False, "forking": False, "signal": 0}
     end = roslaunch.pmon.rl_signal
