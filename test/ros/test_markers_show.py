@@ -82,7 +82,10 @@ class MarkersShow(Player):
         self.assertEqual((state.header.frame_id, state.type), ("base_link", Marker.TEXT_VIEW_FACING))
         self.assertIn("driving", state.text)
         self.assertRegex(state.text, r"\d\.\d\d m to go")
-        self.assertGreater(state.pose.position.z, 0.5)
+        above = state.pose.position
+        self.assertLess(hypot(x - above.x, y - above.y), 0.1, "above the pillar")
+        self.assertGreater(above.z, 1.0)
+        self.assertLess(state.scale.z, 0.03 * (hypot(x, y) + 8.0), "small, as seen from behind the robot")
 
     def test_2_the_pillar_is_on_the_single_topic_and_nothing_is_shown_twice(self):
         shown = self.drive()

@@ -126,22 +126,30 @@ def press(page, name):
     page.get_by_role("button", name=name, exact=True).click()
 
 
+def filled(page, names):
+    """The one among these buttons that is filled; None where none is."""
+    colors = page.evaluate(
+        "names => names.map(name => getComputedStyle("
+        "[...document.querySelectorAll('button')].find(item => item.textContent === name)).backgroundColor)",
+        names,
+    )
+    return next((name for name, color in zip(names, colors) if colors.count(color) == 1), None)
+
+
 def test_the_chosen_camera_is_filled(page):
     show(page, "View")
-    colors = (
-        "() => ['Follow', 'Pillar', 'Above', 'Free'].map(name => getComputedStyle("
-        "[...document.querySelectorAll('button')].find(item => item.textContent === name)).backgroundColor)"
-    )
+    cameras = ["Follow", "Pillar", "Above", "Free"]
+    for name in ("Above", "Follow"):
+        press(page, name)
+        wait_until(lambda name=name: filled(page, cameras) == name, f"{name} is filled")
 
-    def chosen():
-        shown = page.evaluate(colors)
-        return [number for number, color in enumerate(shown) if shown.count(color) == 1]
 
-    press(page, "Above")
-    wait_until(lambda: chosen() == [2], "Above is filled")
-    press(page, "Follow")
-    wait_until(lambda: chosen() == [0], "Follow is filled")
+def test_a_filled_button_says_whether_the_controller_is_started_and_the_world_runs(page, network):
     show(page, "Drive")
+    wait_until(lambda: filled(page, ["Pause", "Step", "Resume"]) == "Resume", "the world runs")
+    for request, name in (("false", "Stop"), ("true", "Start")):
+        network.call("/husky_highlevel_controller/start_stop", request)
+        wait_until(lambda name=name: filled(page, ["Start", "Stop", "Step"]) == name, f"{name} is filled")
 
 
 def test_every_control_that_the_keyboard_reaches_has_a_name(page):
@@ -217,7 +225,7 @@ def test_the_log_is_filtered_by_text(page, network):
 
 
 def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, robot):
-    arrived = ".husky-state:has-text('arrived at the pillar')"
+    arrived = ".husky-state:has-text('at the pillar'):not(:has-text('to go'))"
     page.wait_for_selector(arrived)
     before = robot.objects["unit_cylinder"]
     page.evaluate(NOTE_DRIVING)
@@ -234,11 +242,13 @@ def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, 
 
 def test_another_world_is_loaded_and_the_first_again(page, robot):
     show(page, "World")
+    page.wait_for_selector("text=loaded: singlePillar.world")
     for world, has_pillar in (("ramp.world", False), ("singlePillar.world", True)):
         page.locator("input[aria-label=File]").click()
         page.get_by_role("option", name=world).click()
         press(page, "Load")
         wait_until(lambda has=has_pillar: ("unit_cylinder" in robot.objects) == has, f"{world} is there")
+        page.wait_for_selector(f"text=loaded: {world}")
     show(page, "Drive")
 
 

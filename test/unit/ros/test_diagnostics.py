@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from husky_highlevel_controller.controller.behaviour import State
 from husky_highlevel_controller.ros.controller.diagnostics import Health, judge
+from husky_highlevel_controller.ros.controller.display import next_step
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 WELL = Health(
@@ -58,3 +59,15 @@ def test_each_cause_has_its_sentence(changes, level, message):
     assert got_level == level
     assert "no scans" not in got or message == "no scans"
     assert judge(replace(WELL, paused=True, **changes))[0] == OK, "nothing is an error in a paused world"
+
+
+@pytest.mark.parametrize(
+    ("viewers", "way"),
+    [
+        (["/husky_web"], "press Drive again in the page;"),
+        (["/husky_rviz", "/husky_web"], "in the page or put the robot elsewhere with RViz"),
+        (["/recorder"], "rosservice call /husky_simulator/reset;"),
+    ],
+)
+def test_the_hint_at_arrival_names_what_is_there(viewers, way):
+    assert way in next_step(viewers)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from math import hypot, inf
-from typing import Deque, Dict, List, Optional, Set, Tuple
+from typing import Deque, Dict, List, Optional, Sequence, Set, Tuple
 
 import rospy
 from geometry_msgs.msg import Point, PointStamped, Vector3, Vector3Stamped
@@ -40,8 +40,9 @@ COLORS = {
 ARRAY_PERIOD = 0.099  # [s] of scan stamps between two arrays; a hair less than 10 Hz, for rounding
 PATH_STEP = 0.1  # [m] between two points of the path
 PATH_POINTS = 1000  # at most; the oldest go first
-TEXT_ABOVE = 1.2  # [m], of base_link
-TEXT_HEIGHT = 0.5  # [m], of its letters: readable from across the course's 20 m
+ABOVE_PILLAR, ABOVE_ROBOT = 2.3, 1.0  # [m] of the text above base_link
+# of the letters: [rad] as seen by a camera so far [m] behind the robot, as rviz/controller.rviz has it
+TEXT_ANGLE, CAMERA_BEHIND = 0.022, 8.0
 COLLAR = 1.5  # times the pillar's radius
 MIN_SPREAD = 0.05  # [m], of the estimate's rim beyond the pillar, or it would not be visible
 
@@ -75,6 +76,11 @@ class Display:
         with self._turn:
             self._last = (observation, output, stop_distance)
             self._show(*self._last)
+
+    @property
+    def listeners(self) -> List[str]:
+        """Names of the nodes that show the markers."""
+        return [link.endpoint_id for link in self._marker.impl.connections]
 
     def update(self) -> None:
         """Show the last scan again to a new subscriber: a paused world has no other. Call it often."""
@@ -148,6 +154,17 @@ def _pillar_markers(observation: Observation, output: ControlOutput) -> List[Mar
     return markers
 
 
+def next_step(viewers: Sequence[str]) -> str:
+    """Sentence on how to drive again, by the names of the nodes that show the robot."""
+    ways = []
+    if any("husky_web" in name for name in viewers):
+        ways.append("press Drive again in the page")
+    if any("rviz" in name for name in viewers):
+        ways.append("put the robot elsewhere with RViz's 2D Pose Estimate")
+    way = " or ".join(ways) or "rosservice call /husky_simulator/reset"
+    return f"to drive again: {way}; Ctrl-C ends the launch"
+
+
 def _state_markers(observation: Observation, output: ControlOutput, stop_distance: float) -> List[Marker]:
     """Markers of the estimate, of the stop point and of the state."""
     stamp = observation.scan.stamp
@@ -163,8 +180,11 @@ def _state_markers(observation: Observation, output: ControlOutput, stop_distanc
             markers.append(ball_to_marker(goal, 0.08, stamp, BASE, TARGET, COLORS[TARGET]))
     if output.target_in_base is not None and output.state is not State.ARRIVED:
         text += f", {output.distance_error:.2f} m to go"
-    above = Point(0.0, 0.0, TEXT_ABOVE)
-    markers.append(text_to_marker(text, above, TEXT_HEIGHT, stamp, BASE, STATE, COLORS[STATE]))
+    above = Point(0.0, 0.0, ABOVE_ROBOT)
+    if output.target_in_base is not None:
+        above = Point(*output.target_in_base, ABOVE_PILLAR)
+    height = TEXT_ANGLE * (CAMERA_BEHIND + hypot(above.x, above.y))
+    markers.append(text_to_marker(text, above, height, stamp, BASE, STATE, COLORS[STATE]))
     return markers
 
 

@@ -34,7 +34,7 @@ from husky_highlevel_controller.datatypes import STOP, Scan, Twist2D
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, Health
-from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Display
+from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Display, next_step
 from husky_highlevel_controller.ros.controller.reconfigure import ReconfigureServer
 from husky_highlevel_controller.ros.controller.scan_placement import Listener, ScanPlacement
 from husky_highlevel_controller.ros.node import named_robot, publish, run_node
@@ -42,10 +42,6 @@ from husky_highlevel_controller.ros.node import named_robot, publish, run_node
 LOG = logging.getLogger("rosout")  # rospy's own; its level is checked before a DEBUG line is formatted
 REPORT_PERIOD = 5.0  # [s] between two complaints about the same
 RATE_SCANS = 50  # whose stamps give the rate of the scans
-NEXT_STEP = (
-    "to drive again: press Drive again in the page, or put the robot elsewhere with RViz's 2D Pose Estimate; "
-    "Ctrl-C ends the launch"
-)
 POLL_PERIOD = 0.1  # [s] of wall time between two checks whether a transform is overdue or /diagnostics is due
 
 
@@ -209,7 +205,7 @@ class ControllerNode:
                 f"arrived after {duration:.2f} s of simulated time, {pillar.distance:.3f} m from the pillar "
                 f"(stop_distance {control.stop_distance:g} m)"
             )
-            rospy.loginfo(NEXT_STEP)
+            rospy.loginfo(next_step(self._display.listeners))
         elif state is State.DRIVING:
             remaining_distance = f"{output.distance_error:.2f} m to go"
             rospy.loginfo(f"{output.reason}, {remaining_distance}; {_seen(scan, pillar)}")

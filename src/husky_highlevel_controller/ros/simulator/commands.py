@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from functools import partial
-from typing import Deque, Dict, List, Tuple
+from typing import Deque, Dict, List, Set, Tuple
 
 import rospy
 from geometry_msgs.msg import Twist
@@ -30,6 +30,7 @@ class Commands:
         self._lockstep, self._lead_limit = lockstep, lead_limit
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
         self._senders: Dict[str, Tuple[str, float]] = {}  # of each topic: the last, and when it sent [s]
+        self._doubled: Set[str] = set()  # senders of a second command for one scan
         self._mux = CommandMux(topics.velocity)
         self._passed = rospy.Publisher(topics.wheel_command, Twist, queue_size=QUEUE)
         subscribers = {
@@ -76,6 +77,9 @@ class Commands:
             return  # published by take()
         self._warn_of_two_senders(topic, sender)
         if self._lockstep.drops(topic):
+            if sender not in self._doubled:  # the stop of a controller that ends is no mistake
+                self._doubled.add(sender)
+                return
             rospy.logwarn_throttle(
                 10.0,
                 f"{rospy.resolve_name(topic)}: {sender} sends several commands for one scan; lockstep obeys"

@@ -272,9 +272,12 @@ class SimulatorNode:
         return StepWorldResponse(*ask(self._calls, lambda: self._step(request.steps), between_steps=True))
 
     def _on_load_world(self, request: LoadWorldRequest) -> LoadWorldResponse:
-        return LoadWorldResponse(
-            *ask(self._calls, lambda: self._load_world(request.world_name), between_steps=True)
+        is_loaded, sentence = ask(
+            self._calls, lambda: self._load_world(request.world_name), between_steps=True
         )
+        if is_loaded:
+            rospy.set_param("~world_name", request.world_name)  # for those who ask which one it is
+        return LoadWorldResponse(is_loaded, sentence)
 
 
 def main() -> None:

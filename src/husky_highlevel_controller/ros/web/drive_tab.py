@@ -12,8 +12,8 @@ from std_srvs.srv import SetBool, Trigger
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.ros.web.actions import LONG_TIMEOUT, Actions, call
-from husky_highlevel_controller.ros.web.plots import fixed, set_html
-from husky_highlevel_controller.ros.web.state_bar import LEVELS
+from husky_highlevel_controller.ros.web.plots import choice_html, fixed, set_html
+from husky_highlevel_controller.ros.web.state_bar import LEVELS, STOPPED
 from husky_highlevel_controller.ros.web.teleop import SLOWEST, Teleop, set_speed
 from husky_highlevel_controller.srv import StepWorld
 
@@ -25,7 +25,6 @@ or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd></span>. Let go to st
 # label, limit of Teleop and highest value of each slider [m/s], [rad/s]
 SPEEDS = (("speed [m/s]", "max_linear", 1.0), ("turning [rad/s]", "max_angular", 2.0))
 MAX_LIGHTS, MAX_LETTERS = 50, 200  # diagnostics that are shown, and of a name or a message
-PRIMARY = '<i class="husky-choice-0" hidden></i>'  # fills the first button of the group that follows
 
 
 class Readings(NamedTuple):
@@ -46,9 +45,10 @@ class DriveTab:
         self._stops = Actions()  # a stop waits for no other button's call
         self._controller, self._simulator = controller, simulator
         self._lights: Dict[str, Tuple[int, str]] = {}
+        self._state = ""  # of the controller, by its diagnostics
         gui = server.gui
         self._readings = gui.add_html(readings_html(Readings(), []))
-        gui.add_html(PRIMARY)
+        self._chosen_start = gui.add_html(choice_html(None))
         start = gui.add_button_group("Controller", ("Start", "Stop"))
         start.on_click(self._on_start_stop)
         with gui.add_folder("Drive by hand"):
@@ -57,6 +57,7 @@ class DriveTab:
                 slider = gui.add_slider(label, SLOWEST, high, 0.05, getattr(teleop, limit))
                 slider.on_update(partial(set_speed, teleop, limit, high))
         with gui.add_folder("Simulation"):
+            self._chosen_time = gui.add_html(choice_html(None))
             time = gui.add_button_group(
                 "Time", ("Pause", "Step", "Resume"), hint="Step: 0.1 s of a paused world"
             )
@@ -66,19 +67,31 @@ class DriveTab:
             )
             again.on_click(self._on_again)
 
-    def update(self, readings: Readings, diagnostics: List[Any]) -> None:
-        """Show new readings; `diagnostics` are messages of /diagnostics."""
+    def update(self, readings: Readings, diagnostics: List[Any], is_paused: Optional[bool]) -> None:
+        """Show new readings and states.
+
+        Args:
+            readings: numbers.
+            diagnostics: messages of /diagnostics.
+            is_paused: whether the simulated world is; None: there is none.
+        """
         for array in diagnostics:
             for item in array.status:
                 name = item.name[:MAX_LETTERS]
                 if name in self._lights or len(self._lights) < MAX_LIGHTS:
                     self._lights[name] = (item.level, item.message[:MAX_LETTERS])
+                if name.startswith(self._controller.strip("/")):
+                    self._state = next((pair.value for pair in item.values if pair.key == "state"), "")
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
         set_html(self._readings, readings_html(readings, lights))
+        started = self._state != STOPPED if self._state else None
+        set_html(self._chosen_start, choice_html(None if started is None else int(not started)))
+        set_html(self._chosen_time, choice_html(None if is_paused is None else 0 if is_paused else 2))
 
     def forget(self) -> None:
         """Drop the lights of nodes that may be gone."""
         self._lights.clear()
+        self._state = ""
 
     def _on_start_stop(self, event: Any) -> None:
         starts = event.target.value == "Start"

@@ -9,7 +9,7 @@ import threading
 import time
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Dict, List, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import rosgraph
 import rospy
@@ -94,7 +94,9 @@ class WebNode:
         )
         self._build(config)
         self._left_out = LeftOut()
-        self._is_paused = self._is_master_gone = False
+        self._is_master_gone = False
+        self._is_paused: Optional[bool] = None  # without a simulator
+        self._world_name = ""  # of the simulator's world
         self._was_master_silent = False  # at the last look at the network
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
         rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
@@ -117,7 +119,7 @@ class WebNode:
         self._teleop.on_lock = self._drive.stop
         self._state_bar.on_again = self._drive.again
         with self._tabs["World"]:
-            world = WorldTab(server, self._actions, config.simulator, config.fixed_frame)
+            self._world = world = WorldTab(server, self._actions, config.simulator, config.fixed_frame)
         self._state_bar.on_elsewhere = lambda client: world.move_away(client, self._numbers.pillar)
         self._mouse = Mouse(server, self._scene, self._objects, world, self._pages)
         with self._tabs["Tune"]:
@@ -204,6 +206,7 @@ class WebNode:
         self._topics.listen("pillar", PointStamped, self._topics.name("pillar") in offered)
         self._topics.listen("cloud", PointCloud2, self._scene.layers["depth"])
         self._tuning.follow(published)
+        self._world_name = str(rospy.get_param(f"{self._config.simulator}/world_name", ""))
         description = str(rospy.get_param(rospy.search_param("robot_description") or "robot_description", ""))
         if description and description != self._description:
             self._description = description
@@ -229,7 +232,7 @@ class WebNode:
                 self._teleop.is_locked,
                 self._teleop.has_listener,
                 self._is_master_gone,
-                self._is_paused,
+                bool(self._is_paused),
                 numbers.is_silent(now),
                 level,
                 activity,
@@ -239,7 +242,8 @@ class WebNode:
             )
         )
         diagnostics = [received.msg for received in self._topics.take_all("diagnostics")]
-        self._drive.update(numbers.readings, diagnostics)
+        self._drive.update(numbers.readings, diagnostics, self._is_paused)
+        self._world.show_loaded(self._world_name)
 
     # ------------------------------------------------------------------ pages come and go
 

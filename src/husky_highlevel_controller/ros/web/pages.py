@@ -11,6 +11,7 @@ from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.ros.web.backdrop import show_backdrop
 from husky_highlevel_controller.ros.web.camera import CAMERAS, Camera
 from husky_highlevel_controller.ros.web.log import LEVELS, Filter, LogBuffer, to_html
+from husky_highlevel_controller.ros.web.plots import choice_html
 
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
 BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}  # by day and by night: text of 4.5 times the contrast
@@ -124,11 +125,6 @@ _HINTS = {
     MOVE: "**Drag** an object, or the robot, over the ground.",
     DELETE: "**Click** an object to delete it.",
 }
-
-
-def choice_html(number: int) -> str:
-    """Mark by which page.css fills one button of the group that follows."""
-    return f'<i class="husky-choice-{number}" hidden></i>'
 
 
 def wants_dark(client: viser.ClientHandle) -> bool:

@@ -210,6 +210,11 @@ def fixed(value: float, digits: int) -> str:
     return text.lstrip("-") if float(text) == 0.0 else text
 
 
+def choice_html(number: Optional[int]) -> str:
+    """Mark by which page.css fills one button of the group that follows; None: none of them."""
+    return f'<i class="husky-choice-{"none" if number is None else number}" hidden></i>'
+
+
 def set_html(element: Any, content: str) -> None:
     """Change an element's HTML if it differs: every change is sent to every page."""
     if element.content != content:

@@ -10,7 +10,7 @@ import viser
 from husky_highlevel_controller.ros.web.plots import fixed, set_html
 
 LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
-ARRIVED = "arrived"  # the controller's word
+ARRIVED, STOPPED = "arrived", "stopped"  # the controller's states
 MASTER_GONE = (
     "the ROS master has ended, and the emergency stop of this page reaches no robot: "
     "end the launch of this page and start it again"
@@ -19,10 +19,10 @@ LOCKED = "emergency stop: no command is obeyed"
 UNHEARD = "emergency stop, but nobody listens to e_stop: this page cannot stop the robot"
 UNCERTAIN = "emergency stop, but no news from the robot: whether it obeys is not known"
 PHRASES = {
-    "stopped": "standing still until Start is pressed",
+    STOPPED: "standing still until Start is pressed",
     "driving": "driving to the pillar",
     "searching": "searching for the pillar",
-    ARRIVED: "arrived at the pillar",
+    ARRIVED: "at the pillar",
 }
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 
@@ -98,7 +98,7 @@ def state_html(status: RobotStatus) -> str:
     numbers = [
         f"{fixed(value, digits)}&nbsp;{unit}"
         for value, digits, unit in (
-            (status.distance, 2, "m to go"),
+            (None if status.activity == ARRIVED else status.distance, 2, "m to go"),
             (status.speed, 2, "m/s"),
             (status.time, 1, "s"),
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from html import escape
 from math import cos, dist, pi, sin
 from pathlib import Path
 from random import uniform
@@ -50,11 +51,20 @@ class WorldTab:
             self._mass = gui.add_number("Mass [kg]", 5.0, min=0.0, step=0.5, hint="0: never moves")
         self._shape.on_update(self._on_shape)
         with gui.add_folder("World"):
-            self._worlds = gui.add_dropdown("File", self._files())
+            self._loaded = gui.add_html("")
+            self._worlds: Any = gui.add_dropdown("File", self._files())
             load = gui.add_button(
                 "Load", hint="the robot begins anew in this world; Reset leads back to its beginning"
             )
         load.on_click(lambda event: actions.do(self._load, event.client, "World"))
+
+    def show_loaded(self, name: str) -> None:
+        """Show the name or path of the world that is loaded, and choose its file when it is another one."""
+        content = f'<div class="husky-block">loaded: <b>{escape(Path(name).name)}</b></div>' if name else ""
+        if content != self._loaded.content:
+            self._loaded.content = content
+            if Path(name).name in self._worlds.options:
+                self._worlds.value = Path(name).name
 
     # ------------------------------------------------------------------ what pages ask for
 

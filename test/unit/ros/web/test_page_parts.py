@@ -361,6 +361,12 @@ def test_the_state_bar_says_first_what_keeps_the_robot_from_driving(status, leve
     assert f"<b>{words}</b>" in state_html(status)
 
 
+def test_at_the_pillar_nothing_is_to_go():
+    html = state_html(RobotStatus(activity="arrived", distance=0.01, speed=0.0))
+    assert "<b>at the pillar</b>" in html
+    assert "to go" not in html
+
+
 class Drags:
     """A mouse with one object that page 7 drags."""
 
