@@ -45,7 +45,7 @@ from husky_highlevel_controller.robot import load_robot
 TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0  # [m], [m/s]: a robot farther from its last place was put there
 RESUME_ERROR = 0.10  # [m], further than this from where it should stand an arrived robot drives again
 TOUCH_GAP = 0.003  # [m], a gap that noise may make of a touch; from here on it creeps for TOUCH_CREEP_TIME
-TOUCH_CREEP_TIME = 0.2  # [s], at control.TOUCH_LEAST_SPEED: 8 mm, so that it does touch, and hardly pushes
+TOUCH_CREEP_TIME = 0.2  # [s], at control.MIN_TOUCH_SPEED: 8 mm, so that it does touch, and hardly pushes
 
 
 class State(Enum):

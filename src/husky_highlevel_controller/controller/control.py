@@ -15,7 +15,7 @@ from husky_highlevel_controller.datatypes import Pose, Twist2D
 from husky_highlevel_controller.footprint import Footprint
 
 TOUCH_SPEED = 0.1  # [m/s], fastest towards something that is going to be touched
-TOUCH_LEAST_SPEED = 0.04  # [m/s], a proportional law alone would never quite get there
+MIN_TOUCH_SPEED = 0.04  # [m/s], a proportional law alone would never quite get there
 TOUCH_SLOW_FROM = 0.25  # [m] before the touch; room to brake from 1.0 m/s at 3.0 m/s^2
 
 
@@ -118,7 +118,7 @@ def steer(target: Target, config: ControlConfig) -> Twist2D:
     """
     speed = config.p_gain_vel * remaining_distance(target, config)
     if config.p_gain_vel > 0.0 and to_be_touched(target, config):
-        speed = max(speed, TOUCH_LEAST_SPEED)
+        speed = max(speed, MIN_TOUCH_SPEED)
         if target.gap < TOUCH_SLOW_FROM:
             speed = min(speed, TOUCH_SPEED)
     return heading_twist(target.bearing, min(max(speed, 0.0), config.max_linear), config)

@@ -90,8 +90,8 @@ class Change(NamedTuple):
         return rough + config.vibration_factor * vibration
 
 
-class _Push(NamedTuple):
-    """Sample without gravity, along the ground in the directions of base_link, and upwards."""
+class _Increment(NamedTuple):
+    """Velocity increment of a sample without gravity, along the ground as base_link points, and upwards."""
 
     stamp: float  # [s]
     ahead: float  # [m/s], change of velocity since the last sample
@@ -114,7 +114,7 @@ class CrashDetector:
         self._levelling = 0.0  # [s], time constant of `_up`, which is a mean at first
         self._stamp = -inf  # [s]
         self._period, self._same_stamp = 0.0, 1  # [s] before, and number of samples of the last stamp
-        self._pushes: Deque[_Push] = deque()
+        self._increments: Deque[_Increment] = deque()
         self._ground: Deque[Tuple[float, float]] = deque()  # stamp [s]; squared sideways and vertical change
         self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s], vibration of a window [m/s]
         self.change: Optional[Change] = None  # that the last sample judged completed
@@ -177,22 +177,22 @@ class CrashDetector:
             self._stamp, self._up = sample.stamp, unit(sample.specific_force)
             return None
         if duration <= 0.0:  # stamped by a clock slower than the IMU, or late
-            if duration == 0.0 and self._pushes:
+            if duration == 0.0 and self._increments:
                 self._average_into_last(sample, imu_in_base)
             return None
         self._stamp, self._period, self._same_stamp = sample.stamp, duration, 1
         self._levelling = min(self._levelling + duration, LEVELLING_TIME)
         self._level(sample, duration, imu_in_base)
-        self._pushes.append(self._push(sample, duration, imu_in_base))
+        self._increments.append(self._increment(sample, duration, imu_in_base))
         return self._judge()
 
     def _average_into_last(self, sample: ImuSample, imu_in_base: Quaternion) -> None:
         """Make the last velocity change the mean over all samples of its stamp."""
         self._same_stamp += 1
-        last, push = self._pushes.pop(), self._push(sample, self._period, imu_in_base)
+        last, increment = self._increments.pop(), self._increment(sample, self._period, imu_in_base)
         share = 1.0 / self._same_stamp
-        self._pushes.append(
-            _Push(last.stamp, *(old + share * (new - old) for old, new in zip(last[1:], push[1:])))
+        self._increments.append(
+            _Increment(last.stamp, *(old + share * (new - old) for old, new in zip(last[1:], increment[1:])))
         )
 
     def _level(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> None:
@@ -226,12 +226,12 @@ class CrashDetector:
         assert self._up is not None
         return (self._speed_at(sample.stamp) or 0.0) * dot(sample.angular_velocity, self._up)
 
-    def _push(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> _Push:
+    def _increment(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> _Increment:
         assert self._up is not None
         ahead, left = self._axes(imu_in_base)
         force = sample.specific_force
         vertical = dot(force, self._up) - GRAVITY
-        return _Push(
+        return _Increment(
             sample.stamp,
             _damped(dot(force, ahead), vertical) * duration,
             (_clamped(dot(force, left), SIDEWAYS * SHOCK) - self._curve(sample)) * duration,
@@ -242,21 +242,21 @@ class CrashDetector:
         """Judge the change of velocity that ended LATENESS ago."""
         window, end = self._config.window, self._stamp - LATENESS
         longest = AFTER + window + BEFORE
-        while self._pushes and self._pushes[0].stamp <= end - longest:
-            self._pushes.popleft()
+        while self._increments and self._increments[0].stamp <= end - longest:
+            self._increments.popleft()
         ahead = left = up = struck = lasting = 0.0
-        for stamp, push_ahead, push_left, push_up in self._pushes:
+        for stamp, ahead_by, left_by, up_by in self._increments:
             age = end - stamp
             if age < -1e-6:
                 break
             weight = self._weight(age)
-            ahead += weight * push_ahead
-            lasting += weight * push_left
+            ahead += weight * ahead_by
+            lasting += weight * left_by
             if age < window - 1e-6:
-                left += push_left
-                up += push_up
+                left += left_by
+                up += up_by
             elif AFTER - 1e-6 < age < AFTER + window - 1e-6:
-                struck += push_left
+                struck += left_by
         self._ground.append((end, left * left + up * up))
         while end - self._ground[0][0] > MEMORY:
             self._ground.popleft()

@@ -73,39 +73,39 @@ def too_close(
     if not (abs(twist_in_base.linear) <= FASTEST and abs(twist_in_base.angular) <= FASTEST):
         return 0.0  # nothing is known of the way to standstill
     outline = robot.footprint
-    way = _way_to_standstill(twist_in_base, config, robot.drive)
+    path = _braking_path(twist_in_base, config, robot.drive)
     points_in_base = _points(scan, pose_laser_in_base)
     now = _clearance(points_in_base, Pose2D(), outline)
-    within = now < config.margin + _longest_move(way, outline)
+    within = now < config.margin + _longest_move(path, outline)
     points_in_base, now = points_in_base[within], now[within]
     nearest = now
-    for pose in way:
+    for pose in path:
         nearest = np.minimum(nearest, _clearance(points_in_base, pose, outline))
     threats = now[(nearest < config.margin) & (nearest < now - APPROACH)]
     return float(threats.min()) if len(threats) else None
 
 
-def _way_to_standstill(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -> List[Pose2D]:
+def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -> List[Pose2D]:
     """Poses in base_link, first with the twist kept up, then with both its parts braked."""
     braking = min(config.braking, drive.max_linear_acceleration)
     angular_braking = drive.max_angular_acceleration
     braking_time = max(abs(twist.linear) / braking, abs(twist.angular) / angular_braking)
     duration = (config.reaction_time + braking_time) / PATH_STEPS
-    way, pose = [], Pose2D()
+    path, pose = [], Pose2D()
     for step in range(PATH_STEPS):
         braked = max((step + 0.5) * duration - config.reaction_time, 0.0)
         linear = max(abs(twist.linear) - braking * braked, 0.0)
         angular = max(abs(twist.angular) - angular_braking * braked, 0.0)
         slower = Twist2D(copysign(linear, twist.linear), copysign(angular, twist.angular))
         pose = advance(pose, slower, duration)
-        way.append(pose)
-    return way
+        path.append(pose)
+    return path
 
 
-def _longest_move(way: List[Pose2D], outline: Footprint) -> float:
+def _longest_move(path: List[Pose2D], outline: Footprint) -> float:
     """Bound on how far any point of the outline moves [m]."""
     reach = hypot(outline.half_length, outline.half_width)
-    return max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in way)
+    return max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in path)
 
 
 def _points(scan: Scan, pose_laser_in_base: Pose) -> np.ndarray:

@@ -162,10 +162,10 @@ def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
     """
     sockets: Dict[str, Ports] = {}
     for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
-        words = line.split()
-        pair = int(words[1].split(":")[1], 16), int(words[2].split(":")[1], 16)
+        fields = line.split()
+        pair = int(fields[1].split(":")[1], 16), int(fields[2].split(":")[1], 16)
         if pair in ports:
-            sockets[f"socket:[{words[9]}]"] = pair
+            sockets[f"socket:[{fields[9]}]"] = pair
     owners: Dict[Ports, int] = {}
     for folder in Path("/proc").glob("[0-9]*/fd"):
         try:
