@@ -105,7 +105,7 @@ def mark(job: Job) -> Result:
 
 
 def _gather(job: Job, out: Path) -> Result:
-    """Build, drive and look at RViz; recordings, evidence, record, pictures, and what they are worth."""
+    """Build, drive and look at RViz; recordings, evidence, pictures, and what they are worth."""
     submission, notes = _submission(job, out)
     planned = plan(submission, out / "plan")
     starts = bool(planned.nodes) and not submission.problem

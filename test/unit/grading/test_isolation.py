@@ -390,15 +390,21 @@ for _ in range(3):
     place = libc.shmat(libc.shmget(0, 80_000_000, 0o1600), None, 0)
     ctypes.memset(place, 1, 80_000_000)
     libc.shmdt(place)
+print("detached", flush=True)
 time.sleep(1000)
 """
 
 
 @needs_bubblewrap
 def test_shared_memory_that_nothing_is_attached_to_counts_too(tmp_path, monkeypatch):
-    monkeypatch.setattr(limits, "MEMORY", 200_000_000)
     process = run(tmp_path, SEGMENTS)
     try:
+        assert wait(lambda: "detached" in process.output, 60.0)
+        with ThreadPoolExecutor(1) as watch:  # as often as it is asked
+            processes = limits.processes_below(process.popen.pid)
+            sizes = [watch.submit(limits.detached_segments, processes).result() for _ in range(3)]
+        assert min(sizes) >= 240_000_000
+        monkeypatch.setattr(limits, "MEMORY", 200_000_000)
         assert wait(lambda: not process.running, 60.0), process.output
         assert process.problem == "it was ended: it used more than 0.2 GB of memory"
     finally:

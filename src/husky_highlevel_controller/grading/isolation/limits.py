@@ -110,17 +110,18 @@ def detached_segments(processes: Sequence[psutil.Process]) -> int:
 
     The calling thread enters the sandbox's namespace of them, and stays in it.
     """
-    own_segments, setns = os.readlink("/proc/thread-self/ns/ipc"), ctypes.CDLL(None).setns
+    marking, own = os.readlink("/proc/self/ns/ipc"), os.readlink("/proc/thread-self/ns/ipc")
     for process in processes:
         namespace = f"/proc/{process.pid}/ns/ipc"
         with contextlib.suppress(OSError):  # it has ended
-            if os.readlink(namespace) != own_segments:
+            if own == marking != os.readlink(namespace):
                 with open(namespace) as file:
-                    setns(file.fileno(), CLONE_NEWIPC)
-                break
+                    ctypes.CDLL(None).setns(file.fileno(), CLONE_NEWIPC)
+                own = os.readlink("/proc/thread-self/ns/ipc")
+    if own == marking:
+        return 0
     rows = [line.split() for line in Path("/proc/sysvipc/shm").read_text().splitlines()[1:]]
-    is_sandbox = os.readlink("/proc/thread-self/ns/ipc") != os.readlink("/proc/self/ns/ipc")
-    return sum(int(row[14]) for row in rows if row[6] == "0") if is_sandbox else 0
+    return sum(int(row[14]) for row in rows if row[6] == "0")
 
 
 def memory_of(processes: Sequence[psutil.Process]) -> int:
