@@ -92,7 +92,7 @@ def test_the_parameters_of_scans_are_told():
 
 
 def test_every_topic_of_the_husky_has_a_row():
-    topics = vars(load_robot().topics)
+    topics = dict(vars(load_robot().topics))
     for name in {*topics.pop("velocity"), *topics.values()} - {""}:
         assert f"`{name}`" in REFERENCE, name
 
