@@ -65,8 +65,10 @@
     document.querySelectorAll(".mantine-ActionIcon-root:not([aria-label])").forEach((button) => {
       if (button.textContent === "") button.setAttribute("aria-label", "Connection and settings");
     });
-    document.querySelectorAll(".mantine-Notification-root").forEach((notice) => { // it would stay in the view for ever
-      if (notice.textContent.startsWith("Software WebGL")) setTimeout(() => notice.querySelector("button")?.click(), 4000);
+    document.querySelectorAll(".mantine-Notification-root").forEach((notice) => { // it covers the scene; View says it
+      if (!notice.textContent.startsWith("Software WebGL")) return;
+      root.classList.add("husky-draws-by-software");
+      notice.querySelector("button")?.click();
     });
   };
 

@@ -49,6 +49,11 @@ NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
 MASTER_DEADLINE = 2.0  # [s] for its answer: the view waits for it
 IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
 
+SOFTWARE = (  # shown by page.js in place of viser's warning, which covers the scene
+    '<div class="husky-block husky-software">This browser draws without a graphics card: '
+    "fewer pictures a second.</div>"
+)
+
 
 @dataclass(frozen=True)
 class WebConfig:
@@ -129,10 +134,12 @@ class WebNode:
         self._numbers = Numbers(self._plots.curves)
         self._tuning.on_change = self._on_parameter
         with self._tabs["View"]:
-            with server.gui.add_folder("Layers, for every page"):
+            with server.gui.add_folder("Layers"):
                 for layer, is_shown in self._scene.layers.items():
-                    box = server.gui.add_checkbox(layer, is_shown)
+                    box = server.gui.add_checkbox(layer, is_shown, hint="for every page")
                     box.on_update(partial(self._on_layer, layer))
+            self._depth_box = box  # the last
+            server.gui.add_html(SOFTWARE)
             self._recorder = Recorder(server, self._actions)
 
     def run(self) -> None:
@@ -205,6 +212,9 @@ class WebNode:
         self._topics.listen("error", Vector3Stamped, self._topics.name("error") in offered)
         self._topics.listen("pillar", PointStamped, self._topics.name("pillar") in offered)
         self._topics.listen("cloud", PointCloud2, self._scene.layers["depth"])
+        has_camera = self._topics.name("cloud") in offered
+        if self._depth_box.visible != has_camera:
+            self._depth_box.visible = has_camera
         self._tuning.follow(published)
         self._world_name = str(rospy.get_param(f"{self._config.simulator}/world_name", ""))
         description = str(rospy.get_param(rospy.search_param("robot_description") or "robot_description", ""))
