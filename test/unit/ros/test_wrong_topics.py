@@ -81,7 +81,7 @@ def test_a_topic_with_its_other_side_is_none():
 
 def test_a_robot_in_a_namespace_is_found_by_who_forgets_it():
     (finding,) = wrong_topics(graph(("/walker", "/cmd_vel", TWIST, True), namespace="/robot1"))
-    assert finding.meant == "/robot1/cmd_vel"
+    assert finding.suggestion == "/robot1/cmd_vel"
     assert wrong_topics(graph(("/walker", "/robot2/cmd_vel", TWIST, True), namespace="/robot1")) == []
 
 

@@ -94,8 +94,8 @@ class ControllerNode:
         self._stamps: Deque[float] = deque(maxlen=RATE_SCANS)
         self._scan_frame, self._scan_fault = "", ""
         self._scan_stamp = self._scan_age = self._tf_stamp = 0.0  # [s]
-        self._scan_seen: Optional[float] = None  # [s] of ROS time, when the last scan came
-        self._tf_seen: Optional[float] = None  # [s] of ROS time, when a new odom -> base_link was seen
+        self._scan_time: Optional[float] = None  # [s] of ROS time, when the last scan came
+        self._tf_time: Optional[float] = None  # [s] of ROS time, when a new odom -> base_link was seen
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._announcement = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
         self._display = Display()
@@ -149,8 +149,8 @@ class ControllerNode:
         return SetBoolResponse(True, message)
 
     def _on_scan(self, msg: LaserScan) -> None:
-        self._scan_seen, self._scan_stamp = rospy.get_time(), msg.header.stamp.to_sec()
-        self._scan_age = self._scan_seen - self._scan_stamp
+        self._scan_time, self._scan_stamp = rospy.get_time(), msg.header.stamp.to_sec()
+        self._scan_age = self._scan_time - self._scan_stamp
         try:
             scan = conversions.scan_from_msg(msg)
         except conversions.ScanError as error:
@@ -226,20 +226,20 @@ class ControllerNode:
         latest = self._placement.lookup(ODOM, BASE)
         tf_stamp = latest.header.stamp.to_sec() if latest else now
         if latest is None or tf_stamp == 0.0:  # 0: fixed
-            self._tf_seen, tf_stamp = now if latest else None, now
+            self._tf_time, tf_stamp = now if latest else None, now
         elif tf_stamp != self._tf_stamp:
-            self._tf_seen, self._tf_stamp = now, tf_stamp
+            self._tf_time, self._tf_stamp = now, tf_stamp
         span = stamps[-1] - stamps[0] if len(stamps) > 1 else 0.0
         return Health(
             paused=paused,
-            scan_silence=None if self._scan_seen is None else now - self._scan_seen,
+            scan_silence=None if self._scan_time is None else now - self._scan_time,
             scan_age=self._scan_age,
             scan_stamp=self._scan_stamp,
             scan_rate=(len(stamps) - 1) / span if span > 0.0 else None,
             scan_fault=self._scan_fault,
             scan_frame=self._scan_frame,
             mounted=self._placement.lookup(BASE, self._scan_frame) is not None,
-            tf_silence=None if self._tf_seen is None else now - self._tf_seen,
+            tf_silence=None if self._tf_time is None else now - self._tf_time,
             tf_age=now - tf_stamp,
             ahead=self._placement.ahead,
             state=self._controller_state.state,

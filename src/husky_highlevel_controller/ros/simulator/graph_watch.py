@@ -28,9 +28,9 @@ class GraphWatch:
         """Set up; `simulated_time` [s] and `warn` are called in the thread."""
         self._simulated_time, self._warn = simulated_time, warn
         self._master_uri = rosgraph.get_master_uri()
-        self._told_clocks = {rospy.get_name()}
-        self._since: Dict[WrongTopic, float] = {}  # [s] of simulated time
-        self._told: Set[WrongTopic] = set()
+        self._clock_nodes = {rospy.get_name()}
+        self._first_times: Dict[WrongTopic, float] = {}  # [s] of simulated time
+        self._warnings: Set[WrongTopic] = set()
 
     def start(self) -> None:
         """Look now, and every PERIOD."""
@@ -43,14 +43,14 @@ class GraphWatch:
 
     def look(self, graph: Graph) -> None:
         """Warn of what is new in a graph."""
-        if set(graph.publishers.get("/clock", ())) - self._told_clocks:
-            names = set(clock_publishers(self._master_uri, graph.publishers)) - self._told_clocks
-            self._told_clocks |= names
+        if set(graph.publishers.get("/clock", ())) - self._clock_nodes:
+            names = set(clock_publishers(self._master_uri, graph.publishers)) - self._clock_nodes
+            self._clock_nodes |= names
             for name in sorted(names):
                 self._warn(f"{name} publishes /clock too: time will jump; end it, or this simulator")
         now = self._simulated_time()
-        self._since = {finding: self._since.get(finding, now) for finding in wrong_topics(graph)}
-        for finding, since in self._since.items():
-            if now - since >= JOINING_TIME and finding not in self._told:
-                self._told.add(finding)
+        self._first_times = {finding: self._first_times.get(finding, now) for finding in wrong_topics(graph)}
+        for finding, first_time in self._first_times.items():
+            if now - first_time >= JOINING_TIME and finding not in self._warnings:
+                self._warnings.add(finding)
                 self._warn(sentence(finding))

@@ -30,13 +30,13 @@ class Graph(NamedTuple):
 
 
 class WrongTopic(NamedTuple):
-    """Topic that only one side uses, and the one that was probably meant."""
+    """Topic that only one side uses, and the one that its node probably means."""
 
     node: str
     topic: str
     kind: str  # type of its messages
     publishes: bool  # else the node subscribes
-    meant: str
+    suggestion: str
 
 
 def wrong_topics(graph: Graph) -> List[WrongTopic]:
@@ -47,13 +47,13 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
     """
     sides = ((True, graph.publishers, graph.subscribers), (False, graph.subscribers, graph.publishers))
     return [
-        WrongTopic(node, topic, graph.types[topic], publishes, meant)
+        WrongTopic(node, topic, graph.types[topic], publishes, suggestion)
         for publishes, own, others in sides
         for topic in sorted(own)
         if not others.get(topic) and graph.types.get(topic, "*") != "*"
         for node in sorted(own[topic])
         if not TOOLS.match(node)
-        for meant in _meant(topic, node, others, graph.types)
+        for suggestion in _suggestions(topic, node, others, graph.types)
     ]
 
 
@@ -63,7 +63,7 @@ def sentence(finding: WrongTopic) -> str:
         does = f"publishes {finding.kind} on {finding.topic}, which nobody reads"
     else:
         does = f"subscribes to {finding.topic}, which nobody publishes"
-    return f"{finding.node} {does}: did you mean {finding.meant}?"
+    return f"{finding.node} {does}: did you mean {finding.suggestion}?"
 
 
 def read_graph(master_uri: str) -> Optional[Graph]:
@@ -73,7 +73,7 @@ def read_graph(master_uri: str) -> Optional[Graph]:
     return None if state is None or types is None else Graph(dict(state[0]), dict(state[1]), dict(types))
 
 
-def _meant(topic: str, node: str, others: Nodes, types: Mapping[str, str]) -> Iterator[str]:
+def _suggestions(topic: str, node: str, others: Nodes, types: Mapping[str, str]) -> Iterator[str]:
     """The topic of the other side that is nearest to a wrong one, if any is near."""
     candidates = [
         (distance, other)
