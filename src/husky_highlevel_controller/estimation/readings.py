@@ -2,8 +2,8 @@
 
 In: poses, velocities and accelerations with their frames. Out: `Measurement`s of base_link on the plane.
 
-Which numbers count, how they turn with the sensor's mounting, and what a differential pose is: as in
-robot_localization, in the docstrings here.
+Which numbers count, how they turn with the sensor's mounting, and what a differential pose is: by the rules
+of robot_localization's ros_filter.cpp.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class MotionSensor:
                     raise ReadingError(f"its {kind} is {numbers.tolist()}")
 
     def measurements(self, reading: Reading, mounting: Mounting, yaw_rate: float) -> List[Measurement]:
-        """Measurements of base_link on the plane that a reading is.
+        """Planar measurements of base_link in a reading.
 
         Args:
             reading: of this sensor.
