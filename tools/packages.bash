@@ -18,7 +18,7 @@ launch_ros_packages=(
   ros-diagnostic-msgs ros-geometry-msgs ros-nav-msgs ros-rosgraph-msgs ros-sensor-msgs ros-std-msgs ros-std-srvs
   ros-visualization-msgs
 )
-# where there is a display, and for marking
+# where there is a display
 rviz_packages=()
 # RViz on Qt 6 draws none of its icons without it, and complains of each
 if grep -qx 'VERSION_CODENAME=trixie' /etc/os-release; then rviz_packages+=(qt6-svg-plugins); fi
@@ -26,10 +26,9 @@ rviz_ros_packages=(rviz)
 # the page in the browser needs PyPI's packages only
 page_packages=()
 page_ros_packages=()
-# `run ... grade` and `run catkin_make`: builds hand-ins, looks at them in RViz, keeps them in namespaces
-grade_packages=("${rviz_packages[@]}" bubblewrap g++ procps util-linux valgrind libc6-dbg xvfb)
+# `run ... grade` and `run catkin_make`: builds hand-ins, keeps them in namespaces
+grade_packages=(bubblewrap g++ procps util-linux valgrind libc6-dbg)
 grade_ros_packages=(
-  "${rviz_ros_packages[@]}"
   libroscpp-dev
   # what hand-ins of the courses use
   libactionlib-dev libangles-dev liblaser-geometry-dev libmessage-filters-dev libmove-base-msgs-dev libroslib-dev
@@ -42,10 +41,10 @@ grade_ros_packages=(
 rostest_packages=()
 rostest_ros_packages=(python3-rostest librostest-dev)
 # `test`, which also marks hand-ins
-test_packages=("${grade_packages[@]}" openbox)
+test_packages=("${grade_packages[@]}" "${rviz_packages[@]}" openbox xvfb)
 # Ubuntu has Chromium as a snap only; without it the tests of the page are skipped
 if grep -qx 'ID=debian' /etc/os-release; then test_packages+=(chromium-headless-shell fonts-dejavu-core); fi
-test_ros_packages=("${grade_ros_packages[@]}" "${rostest_ros_packages[@]}")
+test_ros_packages=("${grade_ros_packages[@]}" "${rviz_ros_packages[@]}" "${rostest_ros_packages[@]}")
 lint_packages=()
 lint_ros_packages=(catkin-lint)
 

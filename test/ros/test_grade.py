@@ -149,7 +149,7 @@ def test_the_reference_gets_100_from_several_starts(tmp_path):
     assert (result["points"], result["max_points"], result["full"]) == (100.0, 100.0, True)
     (suite,) = ElementTree.parse(tmp_path / "junit.xml").getroot()
     assert (suite.get("tests"), suite.get("failures")) == ("5", "0")
-    for picture in ("drive.png", "rviz.png"):
+    for picture in ("drive.png", "moment.png"):
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
     feedback = (tmp_path / "feedback.html").read_text()
     for number in (1, 2):

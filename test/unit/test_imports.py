@@ -27,7 +27,13 @@ MAY_IMPORT = {
     "evaluation": {"evaluation", "simulator", "controller", "tasks"},
     "grading": {"grading", "tasks"},
     "grading/hand_in": {"grading/hand_in", "grading/drive/plan", "grading/isolation", "grading/records"},
-    "grading/drive": {"grading/drive", "grading/isolation", "grading/notes", "grading/records"},
+    "grading/drive": {
+        "grading/drive",
+        "grading/displays",
+        "grading/isolation",
+        "grading/notes",
+        "grading/records",
+    },
     "grading/rubrics": {
         "grading/rubrics",
         "grading/drive/recording",

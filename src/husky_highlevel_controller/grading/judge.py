@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Tuple
 
+from husky_highlevel_controller.grading.displays import STANDING, FrameTree, RvizConfig, view_of
 from husky_highlevel_controller.grading.drive.recording import RECORDING, drive_number
 from husky_highlevel_controller.grading.drive.recording import load as load_recording
 from husky_highlevel_controller.grading.exercises import EXERCISES
@@ -15,7 +16,6 @@ from husky_highlevel_controller.grading.records import (
     Job,
     MarkingConfig,
     Result,
-    RvizView,
     load,
 )
 from husky_highlevel_controller.grading.rubrics.items import left_to_chance
@@ -31,7 +31,7 @@ class Evidence:
     robot: str  # a key of ROBOT_VERSIONS
     sandbox: str
     network: str
-    view: RvizView
+    rviz: RvizConfig
     notes: Tuple[Note, ...]
     scans: str = ""  # topic of the scans, if it is another than the robot's
     uninitialised: str = ""  # a variable of it that is read before it is written, in a sentence
@@ -48,7 +48,9 @@ def judge_recordings(job: Job) -> Result:
     paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: drive_number(path.parent))
     recordings = [load_recording(path, "") for path in paths]
     config = replace(job.config, robot=evidence.robot, scans=evidence.scans)
-    items = EXERCISES[config.exercise].judge(recordings, evidence.view, config.scan_topic, config.rules)
+    tree = FrameTree(recordings[0].frames, recordings[0].descriptions) if recordings[0].frames else STANDING
+    view = view_of(evidence.rviz, tree)
+    items = EXERCISES[config.exercise].judge(recordings, view, config.scan_topic, config.rules)
     if evidence.uninitialised:
         items = left_to_chance(items, evidence.uninitialised)
     notes = [*evidence.notes, *(note for recording in recordings for note in recording.notes)]

@@ -28,8 +28,7 @@ from husky_highlevel_controller.grading.drive.robot_version import (
     listens_to,
 )
 from husky_highlevel_controller.grading.drive.run import drive
-from husky_highlevel_controller.grading.drive.rviz_check import look
-from husky_highlevel_controller.grading.drive.rviz_setup import files_of_others
+from husky_highlevel_controller.grading.drive.rviz_setup import files_of_others, find_setup
 from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
 from husky_highlevel_controller.grading.exercises import EXERCISES
 from husky_highlevel_controller.grading.hand_in.packages import NotMarkableError
@@ -124,19 +123,22 @@ def _gather(job: Job, out: Path) -> Result:
     notes += [why] * bool(why)
     (trial, *_) = draw_trials(1, config.seed)
     chance = uninitialised(submission, planned, trial, config, out / "memcheck") if starts else ""
-    view, pixels = look(submission, planned, config, out / "rviz")
-    if not view.source:
+    launchable = submission.launchable
+    launch_file = launchable.name if launchable.kind == "launch" else ""
+    rviz = find_setup(planned, submission.root, launch_file)
+    if not rviz.source:
         notes += files_of_others(planned, Path(submission.launchable.name).name)
     network = "loopback only" if private_network.is_private() else "not kept apart"
     evidence = Evidence(
-        submission.launchable.summary, config.robot, kind_of_sandbox(), network, view,
+        submission.launchable.summary, config.robot, kind_of_sandbox(), network, rviz,
         (*(Note(Kind.HAND_IN, each) for each in notes), *planned.notes), config.scans, chance,
     )  # fmt: skip
     write_whole(out / EVIDENCE, to_json(evidence))
     result = judge_recordings(job)
     (out / "drive.png").write_bytes(plots.draw_drives(recordings, job.name))
-    if pixels is not None:
-        (out / "rviz.png").write_bytes(plots.draw_pixels(pixels))
+    if len(recordings[0].times):
+        middle = float(recordings[0].times[-1]) / 2.0
+        (out / "moment.png").write_bytes(plots.draw_moment(recordings[0], middle))
     return result
 
 

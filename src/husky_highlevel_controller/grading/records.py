@@ -219,17 +219,17 @@ class Item:
 
 @dataclass(frozen=True)
 class RvizView:
-    """Displays that the submission's RViz showed."""
+    """Displays that the submission's RViz shows."""
 
     source: str = ""  # of its configuration; empty: there is none
-    topics: Tuple[str, ...] = ()  # it subscribes to
+    topics: Tuple[str, ...] = ()  # of its displays of scans and markers
     tf: bool = False  # frames are to be seen
     robot: bool = False  # the robot model is to be seen
     scan: bool = False  # the laser's points are to be seen
-    problem: str = ""  # why there was nothing to look at
-    judged: bool = True  # False: RViz is not on this machine, or crashes on it
+    problem: str = ""  # why there is nothing to look at
     fixed_frame: str = ""
     started: bool = False  # its launch file starts RViz
+    hidden: Tuple[Tuple[str, str], ...] = ()  # (topic, namespace) of markers that are switched off
 
 
 @dataclass(frozen=True)

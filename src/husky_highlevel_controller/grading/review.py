@@ -83,14 +83,14 @@ class OpenItem:
 
     @property
     def pictures(self) -> List[bytes]:
-        """PNGs: robot, scan and marker at the item's moment, else in mid-drive; the drives; RViz."""
+        """PNGs: robot, scan and marker at the item's moment, else in mid-drive; the drives."""
         moment = []
         with suppress(HuskyError):
             recording = load_recording(self.out / f"drive_{self.item.drive}" / RECORDING, "")
             if len(recording.times):
                 at = recording.times[-1] / 2.0 if self.item.at is None else self.item.at
                 moment = [draw_moment(recording, at)]
-        paths = [self.out / name for name in PICTURES]
+        paths = [self.out / PICTURES[0]]
         return moment + [path.read_bytes() for path in paths if path.is_file()]
 
     @property

@@ -184,7 +184,7 @@ def test_an_rviz_file_that_another_launch_file_names_is_that_one_s(tmp_path):
     assert only.source == "slam.rviz, the package's only one, of slam.launch"
     bag = '<launch><node pkg="rosbag"/><node pkg="rviz" args="-d $(find a)/slam.rviz"/></launch>'
     (tmp_path / "slam.launch").write_text(bag)
-    assert find_setup(bare, None, "husky.launch") is None
+    assert not find_setup(bare, None, "husky.launch").source
     assert files_of_others(bare, "husky.launch") == ["slam.rviz belongs to slam.launch, and is not looked at"]
     (tmp_path / "mine.rviz").write_text("{}")
     assert find_setup(bare, None, "husky.launch").source == "mine.rviz"
@@ -201,7 +201,7 @@ def test_a_launch_file_without_rviz_takes_the_configuration_of_one_that_only_sho
     )
     (folder / "show.launch").write_text(show)
     setup = find_setup(Plan(("a/b",), package_path=folder), None, "husky.launch")
-    assert (setup is not None) is taken
+    assert bool(setup.source) is taken
 
 
 def test_aliases_in_a_parameter_file_are_refused(tmp_path):

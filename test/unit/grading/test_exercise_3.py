@@ -32,7 +32,6 @@ from husky_highlevel_controller.grading.drive.ros_graph import (
     topics_of_truth,
     unread_topics,
 )
-from husky_highlevel_controller.grading.drive.rviz_check import judged_by_end
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Rules, RvizView, total
 from husky_highlevel_controller.grading.rubrics import exercise_3
@@ -432,7 +431,6 @@ def test_no_marker_topic_and_no_marker_are_told_apart():
         ({"topics": ("/scan",)}, 13.0),  # points of another topic
         ({"problem": "RViz ends"}, 0.0),
         ({"source": ""}, None),  # for a person
-        ({"judged": False}, None),
     ],
 )
 def test_each_display_has_its_points(change, points):
@@ -475,6 +473,9 @@ def test_the_marker_in_rviz_counts_only_where_it_is_right():
     assert shown(FULL_VIEW, wrong).points == 0.0
     deaf = shown(replace(FULL_VIEW, topics=(SCAN,)), right)
     assert (deaf.points, deaf.evidence) == (0.0, "RViz does not subscribe to /marker")
+    hidden = shown(replace(FULL_VIEW, hidden=(("/marker", "pillar"),)), right)
+    assert (hidden.points, "switched off" in hidden.evidence) == (0.0, True)
+    assert shown(replace(FULL_VIEW, hidden=(("/marker", "other"),)), right).points == 10.0
 
 
 # ---------------------------------------------------------------------------- everything
@@ -604,21 +605,8 @@ def test_a_callback_that_hangs_is_named():
     assert "then none" not in judge_arrival(GOOD).evidence
 
 
-@pytest.mark.parametrize(
-    ("end", "problem", "judged"),
-    [
-        (None, "", True),
-        ((-11, "free(): invalid next size"), "RViz ends (exit code -11): free(): invalid next size", False),
-        ((139, "core dumped"), "RViz ends (exit code 139): core dumped", False),
-        ((1, "no such option"), "RViz ends (exit code 1): no such option", True),
-    ],
-)
-def test_an_rviz_that_crashes_is_for_a_person(end, problem, judged):
-    assert judged_by_end(FULL_VIEW, end) == replace(FULL_VIEW, problem=problem, judged=judged)
-
-
 def test_what_is_not_judged_is_not_counted():
-    items = judge_exercise_3([markers(GOOD, (10.0, 0.0, 0.0))], replace(FULL_VIEW, judged=False), SCAN)
+    items = judge_exercise_3([markers(GOOD, (10.0, 0.0, 0.0))], RvizView(), SCAN)
     assert total(items) == (70.0, 70.0)
 
 

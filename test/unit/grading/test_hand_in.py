@@ -29,6 +29,7 @@ from husky_highlevel_controller.grading.batch import (
     run_there,
     write_outputs,
 )
+from husky_highlevel_controller.grading.displays import RvizConfig
 from husky_highlevel_controller.grading.drive.plan import Submission
 from husky_highlevel_controller.grading.drive.recording import empty_recording
 from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
@@ -76,7 +77,6 @@ from husky_highlevel_controller.grading.records import (
     Override,
     Result,
     Rules,
-    RvizView,
     load,
     to_json,
 )
@@ -828,7 +828,7 @@ def marked(tmp_path):
     put(out / "drive_1" / "recording.json", recording_to_json(recording))
     put(
         out / EVIDENCE,
-        to_json(Evidence("a.launch", "husky", "none", "none", RvizView(), (Note(Kind.HAND_IN, "a note"),))),
+        to_json(Evidence("a.launch", "husky", "none", "none", RvizConfig(), (Note(Kind.HAND_IN, "a note"),))),
     )
     write_result(judge_recordings(job), out)
     put(out / FINGERPRINT, job.fingerprint)

@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass, field
 from math import inf, nan
 from pathlib import Path
-from typing import List, Optional, Sequence, Tuple
+from typing import List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -112,6 +112,8 @@ class Recording:
     ended: Optional[Note] = None  # why the drive ended
     output: str = ""  # what the submission printed, shortened
     robot: str = "husky"  # one of ROBOTS
+    frames: Mapping[str, str] = field(default_factory=dict)  # parent of each frame of TF
+    descriptions: Tuple[str, ...] = ()  # parameters with a robot whose links are frames of TF
 
     @property
     def hull_gaps(self) -> np.ndarray:

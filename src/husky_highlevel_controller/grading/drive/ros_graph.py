@@ -19,12 +19,6 @@ def has_service(uri: str, name: str) -> bool:
     return bool(_ask(uri, "lookupService", name))
 
 
-def subscriptions(uri: str, node: str) -> Tuple[str, ...]:
-    """Topics that a node subscribes to."""
-    state = _ask(uri, "getSystemState")
-    return tuple(sorted(topic for topic, nodes in state[1] if node in nodes)) if state else ()
-
-
 def is_up(uri: str, our_nodes: Sequence[str]) -> bool:
     """Whether a node that is not ours subscribes to a topic other than the clock."""
     state = _ask(uri, "getSystemState")

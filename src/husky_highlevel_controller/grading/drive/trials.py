@@ -13,7 +13,6 @@ from husky_highlevel_controller.datatypes import Pose2D
 
 NEAREST, FARTHEST = 8.0, 20.0  # [m], base_link to the pillar's centre at the start
 SIDE = 1.0  # [rad], the pillar is at most so far to either side: exercise 3 does not ask for a search
-POSTS = 8  # around the robot in the world for RViz, so that its scan is to be seen from anywhere
 _POSE, _SIZE = "<pose>20 5 0.5 0 0 0</pose>", "<radius>0.2</radius> <length>2</length>"
 
 
@@ -49,18 +48,3 @@ def trial_world(trial: Trial, robot: str) -> str:
     assert _SIZE in text
     text = text.replace(_SIZE, f"<radius>{size.radius:g}</radius> <length>{size.height:g}</length>")
     return text.replace(_POSE, f"<pose>{trial.pillar[0]} {trial.pillar[1]} 0.5 0 0 0</pose>")
-
-
-def rviz_world() -> str:
-    """The course's world with posts in a spiral about the start, as SDF."""
-    posts = []
-    for number in range(POSTS):
-        angle, distance = 2.0 * pi * number / POSTS, 1.5 + 0.5 * number
-        posts.append(
-            f'<model name="post_{number}"><static>true</static>'
-            f"<pose>{distance * cos(angle):.2f} {distance * sin(angle):.2f} 0.5 0 0 0</pose>"
-            '<link name="link"><collision name="collision"><geometry><cylinder><radius>0.2</radius>'
-            "<length>1</length></cylinder></geometry></collision></link></model>"
-        )
-    text = course_world().read_text()
-    return text.replace("</world>", "\n".join([*posts, "</world>"]))

@@ -22,9 +22,8 @@ from husky_highlevel_controller.grading.isolation.process import Process
 
 _ROS = "husky_highlevel_controller.ros."
 MASTER, RECORDER = _ROS + "grading.master", _ROS + "grading.recorder"
-RVIZ_LOADER = _ROS + "grading.rviz_loader"
 SIMULATOR, SIMULATOR_SETUP = _ROS + "simulator.node", _ROS + "grading.simulator_setup"
-MODULES = (MASTER, RECORDER, RVIZ_LOADER, SIMULATOR, SIMULATOR_SETUP)  # each has a main()
+MODULES = (MASTER, RECORDER, SIMULATOR, SIMULATOR_SETUP)  # each has a main()
 _SCRIPT_LOCK = threading.Lock()  # several threads may start programs
 _CONTEXT = multiprocessing.get_context("forkserver")
 

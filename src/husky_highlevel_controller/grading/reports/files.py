@@ -19,7 +19,7 @@ from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_
 from husky_highlevel_controller.replay import Replay, to_html
 from husky_highlevel_controller.robot import load_robot
 
-PICTURES = ("drive.png", "rviz.png")
+PICTURES = ("drive.png", "moment.png")
 LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
 HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
 RESULT = "result.json"  # of a student

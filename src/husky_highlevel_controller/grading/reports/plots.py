@@ -10,7 +10,6 @@ from matplotlib.collections import LineCollection
 
 from husky_highlevel_controller.grading.drive.recording import ADD, MarkerSample, Recording
 from husky_highlevel_controller.plots import (
-    DPI,
     DRIVEN,
     MARKER,
     draw_robot,
@@ -85,14 +84,6 @@ def _near(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerS
         and all(map(isfinite, marker.position))
         and hypot(marker.position[0] - start.x, marker.position[1] - start.y) < REACH
     ]
-
-
-def draw_pixels(pixels: np.ndarray) -> bytes:
-    """(height, width, 3) of 0 to 255, as they are."""
-    height, width = pixels.shape[:2]
-    figure = new_figure(width / DPI, height / DPI)
-    figure.figimage(pixels.astype(np.uint8))
-    return png(figure)
 
 
 def draw_moment(recording: Recording, at: float) -> bytes:

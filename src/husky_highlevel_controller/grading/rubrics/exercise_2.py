@@ -71,8 +71,6 @@ def judge_parameters(recording: Recording) -> Item:
 def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
     """RViz shows the scan (10) in odom (5)."""
     item = Item(ITEMS[3], 0.0, 15.0, "", hint=DISPLAYS, subject=Subject.DISPLAYS)
-    if not view.judged:
-        return replace(item, points=None, evidence=f"not judged: {view.problem}")
     if not view.source:
         return without_config(item, view, rules)
     if view.problem:

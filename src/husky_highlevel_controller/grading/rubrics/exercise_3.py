@@ -202,8 +202,6 @@ DISPLAYS = "add the displays that are missing, with the fixed frame odom, and sa
 def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
     """RViz shows TF, robot model and laser scan: 6, 7 and 7."""
     item = Item(ITEMS[2], 0.0, 20.0, "", subject=Subject.DISPLAYS)
-    if not view.judged:
-        return replace(item, points=None, evidence=f"not judged: {view.problem}")
     if not view.source:
         return without_config(item, view, rules)
     item = replace(item, hint=DISPLAYS)
@@ -229,18 +227,22 @@ def judge_shown(
 ) -> Item:
     """RViz shows the marker: 10, if it is at the pillar at least at times; `places` by judge_place."""
     item = Item(ITEMS[4], 0.0, 10.0, "", subject=Subject.MARKER_DISPLAY)
-    if not view.judged:
-        return replace(item, points=None, evidence=f"not judged: {view.problem}")
     drives = [recording for recording, place in zip(recordings, places) if place.points]
-    topics = {marker.topic for drive in drives for marker in drive.markers if not marker.problem}
+    markers = [marker for drive in drives for marker in drive.markers if not marker.problem]
+    topics = {marker.topic for marker in markers}
     if not topics:
         hint = places[0].hint if places else MARKER
         return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
         return without_config(item, view, rules)
-    shown_topics = sorted(topics & set(view.topics))
+    drawn = {each.topic for each in markers if (each.topic, each.namespace) not in view.hidden}
+    shown_topics = sorted(drawn & set(view.topics))
+    if not shown_topics and topics & set(view.topics):
+        words = f"the namespace of the marker is switched off in its display of {', '.join(sorted(topics))}"
+        return replace(item, evidence=words, hint="switch it on, and save the configuration")
     if not shown_topics:
         words = f"RViz does not subscribe to {', '.join(sorted(topics))}"
+        words += f": {view.problem}" * bool(view.problem)
         hint = "add a Marker display of this topic, and save the configuration"
         return replace(item, evidence=words, hint=hint)
     return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown_topics)}")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import threading
+from contextlib import suppress
 from dataclasses import replace
-from typing import Any, List, Optional, Sequence, Set, Tuple
+from typing import Any, Collection, List, Optional, Sequence, Set, Tuple
 
 import rosgraph
 import rospy
@@ -23,6 +25,8 @@ from husky_highlevel_controller.grading.drive.recording import Call
 from husky_highlevel_controller.grading.notes import Kind, Note
 
 ANSWER_DEADLINE = 10.0  # [s] of wall time
+MAX_DESCRIPTION = 2_000_000  # letters of a URDF
+_LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
 
 
 class ExerciseDriver:
@@ -126,6 +130,17 @@ class ExerciseDriver:
         except (OSError, rospy.ROSException):
             pass
         return tuple(sorted(topics)), tuple(sorted(queues))
+
+    def descriptions(self, frames: Collection[str]) -> Tuple[str, ...]:
+        """Parameters with the URDF of a robot, any of whose links is among these frames."""
+        names = []
+        with suppress(OSError, rospy.ROSException):
+            for name in rospy.get_param_names():
+                if name.endswith("robot_description"):
+                    text = str(rospy.get_param(name, ""))[:MAX_DESCRIPTION]
+                    if set(_LINK.findall(text)) & set(frames):
+                        names.append(name)
+        return tuple(sorted(names))
 
 
 def _internal(name: str) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -31,8 +32,11 @@ MAX_SAMPLES = 50_000  # of a drive
 MAX_ALL_POINTS = 500_000  # of all markers of a drive
 MAX_MESSAGE = 2_000_000  # [bytes]
 MAX_TOPICS = 50
+MAX_FRAMES = 5000
 MAX_NAME = 200  # letters of a namespace or frame
 RETRY_STEP, RETRY_END = 0.05, 1.0  # [s], simulated: a frame that appears later counts from then on
+
+_FRAME = re.compile(r"^(\S[^\n]*?): *\n  parent: '([^\n']*)'$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,12 @@ class MarkerWatch:
     def topics(self) -> Tuple[str, ...]:
         """Topics of markers that were published."""
         return tuple(sorted(self._topics))
+
+    @property
+    def frames(self) -> Dict[str, str]:
+        """Parent of each frame of TF."""
+        pairs = _FRAME.findall(self._buffer.all_frames_as_yaml())
+        return {frame[:MAX_NAME]: parent[:MAX_NAME] for frame, parent in pairs[:MAX_FRAMES]}
 
     def follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic, if its type is one of markers."""

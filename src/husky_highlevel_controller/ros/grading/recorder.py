@@ -204,6 +204,7 @@ class DriveRecorder:
         ).reshape(-1, 6)
         times, poses = table[:, 0], table[:, 1:4]
         topic_parameters, queue_parameters = self._driver.parameters()
+        frames = self._watch.frames
         recording = Recording(
             start=self._task.start,
             pillar=self._task.pillar,
@@ -232,6 +233,8 @@ class DriveRecorder:
             if self._unanswered and self._command_count
             else (),
             ended=cause,
+            frames=frames,
+            descriptions=self._driver.descriptions(frames),
             robot=self._task.robot,
         )
         text = to_json(recording)

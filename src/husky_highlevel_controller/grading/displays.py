@@ -1,0 +1,163 @@
+"""Displays of an RViz configuration, and what RViz shows by them and by the frames of a drive.
+
+In: the content of an .rviz file, frames and robot descriptions of a recording. Out: records. No ROS.
+The saved camera counts for nothing: it is wherever its owner looked last.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from math import isfinite
+from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
+
+from husky_highlevel_controller.grading.records import RvizView
+
+TF, ROBOT, SCAN = "rviz/TF", "rviz/RobotModel", "rviz/LaserScan"
+MARKERS = {"rviz/Marker", "rviz/MarkerArray"}
+BASE = "base_link"
+MAX_TEXT = 200  # letters of a topic, frame or namespace
+MAX_DISPLAYS = 500
+
+
+@dataclass(frozen=True)
+class RvizDisplay:
+    """Display that is switched on, and drawn large and opaque enough to be seen."""
+
+    kind: str  # its class
+    source: str = ""  # its topic, or the parameter of its robot description
+    hidden: Tuple[str, ...] = ()  # namespaces of markers that are switched off
+
+
+@dataclass(frozen=True)
+class RvizConfig:
+    """Configuration with which a submission would start RViz."""
+
+    source: str = ""  # of it, in words; empty: there is none
+    fixed_frame: str = ""
+    displays: Tuple[RvizDisplay, ...] = ()
+    problem: str = ""  # why there is nothing to look at
+    started: bool = False  # its launch file starts RViz
+
+
+@dataclass(frozen=True)
+class FrameTree:
+    """Frames and robot descriptions of a drive."""
+
+    parents: Mapping[str, str] = field(default_factory=dict)  # by frame
+    descriptions: Tuple[str, ...] = ()  # parameters with a robot whose links are frames
+
+    def connects(self, frame: str) -> bool:
+        """Whether transforms connect a frame with base_link."""
+        return self._root(frame) == self._root(BASE) and frame in {*self.parents, *self.parents.values()}
+
+    def _root(self, frame: str) -> str:
+        seen = set()
+        while frame in self.parents and frame not in seen:
+            seen.add(frame)
+            frame = self.parents[frame]
+        return frame
+
+
+# of the simulator alone, for a submission that was not started
+STANDING = FrameTree({BASE: "odom", "base_footprint": BASE}, ("/robot_description",))
+
+
+def read_config(source: str, content: Any, remaps: Sequence[Tuple[str, str]] = ()) -> RvizConfig:
+    """The configuration in an .rviz file's content, with the topics of a node's remaps (old, new)."""
+    manager = _mapping(content, "Visualization Manager")
+    if not manager:
+        return RvizConfig(source, problem="the file is not RViz's")
+    names = {_resolved(old): _resolved(new) for old, new in remaps}
+    displays = []
+    for entry in _switched_on(manager.get("Displays")):
+        display = _display(entry)
+        displays.append(replace(display, source=names.get(display.source, display.source)))
+    frame = str(_mapping(manager, "Global Options").get("Fixed Frame", "map"))[:MAX_TEXT]
+    return RvizConfig(source, frame.lstrip("/"), tuple(displays))
+
+
+def _mapping(content: Any, key: str) -> Dict[str, Any]:
+    """The mapping behind a key, whatever is in its place."""
+    value = content.get(key) if isinstance(content, dict) else None
+    return value if isinstance(value, dict) else {}
+
+
+def _switched_on(displays: Any) -> Iterator[Dict[str, Any]]:
+    """Displays that are switched on and to be seen, also those in groups."""
+    waiting: List[Any] = list(displays) if isinstance(displays, list) else []
+    for _ in range(MAX_DISPLAYS):
+        entry = waiting.pop(0) if waiting else None
+        if isinstance(entry, dict) and entry.get("Enabled", True):
+            if isinstance(entry.get("Displays"), list):
+                waiting += entry["Displays"]
+            elif _is_visible(entry):
+                yield entry
+
+
+def _display(entry: Mapping[str, Any]) -> RvizDisplay:
+    kind = str(entry.get("Class"))[:MAX_TEXT]
+    key = {ROBOT: "Robot Description", **dict.fromkeys(MARKERS, "Marker Topic")}.get(kind, "Topic")
+    default = "robot_description" if kind == ROBOT else ""
+    namespaces = _mapping(entry, "Namespaces")
+    hidden = tuple(str(name)[:MAX_TEXT] for name, is_on in namespaces.items() if is_on is False)
+    return RvizDisplay(kind, _resolved(str(entry.get(key, default))), hidden)
+
+
+def _is_visible(entry: Mapping[str, Any]) -> bool:
+    """Whether a display has a size and is not transparent."""
+    kind, numbers = entry.get("Class"), [_number(entry.get("Alpha", 1.0))]
+    if kind == TF:
+        numbers = [_number(entry.get("Marker Scale", 1.0))]
+        parts = [entry.get(f"Show {part}", True) for part in ("Axes", "Names", "Arrows")]
+        return numbers[0] > 0.0 and any(parts) and _any_part(_mapping(entry, "Frames"), "All Enabled")
+    if kind == ROBOT:
+        if not (entry.get("Visual Enabled", True) or entry.get("Collision Enabled", False)):
+            return False
+        return numbers[0] > 0.0 and _any_part(_mapping(entry, "Links"), "All Links Enabled")
+    if kind == SCAN:
+        numbers.append(
+            _number(entry.get("Size (Pixels)" if entry.get("Style") == "Points" else "Size (m)", 1))
+        )
+    return min(numbers) > 0.0
+
+
+def _any_part(parts: Mapping[str, Any], key_of_all: str) -> bool:
+    """Whether any frame or link of a display is switched on."""
+    switches = [part.get("Value", True) for part in parts.values() if isinstance(part, dict)]
+    return any(switches) or (not switches and bool(parts.get(key_of_all, True)))
+
+
+def _number(value: Any) -> float:
+    """A number; what is none is RViz's own default, which is to be seen."""
+    return float(value) if isinstance(value, (int, float)) and isfinite(value) else 1.0
+
+
+def _resolved(topic: str) -> str:
+    """A topic's full name."""
+    return "/" + topic[:MAX_TEXT].strip("/")
+
+
+def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
+    """Displays that RViz shows with a configuration, where a drive has these frames."""
+    view = RvizView(
+        config.source, problem=config.problem, fixed_frame=config.fixed_frame, started=config.started
+    )
+    if not config.source or config.problem:
+        return view
+    if not tree.connects(config.fixed_frame):
+        words = (
+            f"no transform connects the fixed frame '{config.fixed_frame}' with {BASE}, so nothing is shown"
+        )
+        return replace(view, problem=words)
+    by_kind = {kind: [each for each in config.displays if each.kind == kind] for kind in (TF, ROBOT, SCAN)}
+    markers = [display for display in config.displays if display.kind in MARKERS]
+    # a display of single markers listens to arrays, too, on a topic beside its own
+    topics = [each.source + end for each in markers for end in ("", "_array" * (each.kind == "rviz/Marker"))]
+    return replace(
+        view,
+        topics=tuple(dict.fromkeys([*(each.source for each in by_kind[SCAN]), *topics])),
+        hidden=tuple((each.source, name) for each in markers for name in each.hidden),
+        tf=bool(by_kind[TF]),
+        robot=any(each.source in tree.descriptions for each in by_kind[ROBOT]),
+        scan=bool(by_kind[SCAN]),
+    )
