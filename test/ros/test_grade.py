@@ -54,7 +54,7 @@ DESERVED = {
     "rams": ((20, 30, None, 0, 0), ["reaches it, at 1.0"]),  # the sheet's "hits the pillar"
     "marks_the_origin": (
         (20, 30, 20, 0, 0),
-        ["right 0 % of", ", 0.13), the pillar at (20.00, 5.00): x off by "],
+        ["right 0 % of", ", 0.13), the pillar at (20.00, 5.00): "],
     ),
     "imports_what_is_missing": (
         (0, 0, None, 0, 0),
@@ -67,7 +67,8 @@ DESERVED = {
     # traps: what students do that a person would not mark down, and the first cause in the chain
     "sleeps_by_simulated_time": ((20, 30, None, 20, None), ["front_laser, stamp 0: right "]),
     "marks_in_base_link": (
-        (20, 30, None, pytest.approx(10.1, abs=0.3), None), ["0.54 m from the pillar's axis", "x off by "],
+        (20, 30, None, pytest.approx(10.1, abs=0.3), None),
+        ["0.54 m from the pillar's axis", "m too near, seen from the robot"],
     ),
     "commands_zero": ((0, 0, None, 0, 0), ["the robot never moves: all ", "commands were zero"]),
     "listens_elsewhere": ((0, 0, None, 0, 0), ["it listens to /scan, where nothing is sent"]),

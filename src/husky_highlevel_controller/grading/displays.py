@@ -151,6 +151,8 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
         return replace(view, problem=words)
     by_kind = {kind: [each for each in config.displays if each.kind == kind] for kind in (TF, ROBOT, SCAN)}
     markers = [display for display in config.displays if display.kind in MARKERS]
+    # the SMB's own launch file, in whose place ours runs, calls its parameter so
+    descriptions = {*tree.descriptions, *["/smb_description"] * ("/robot_description" in tree.descriptions)}
     # a display of single markers listens to arrays, too, on a topic beside its own
     topics = [each.source + end for each in markers for end in ("", "_array" * (each.kind == "rviz/Marker"))]
     return replace(
@@ -158,6 +160,6 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
         topics=tuple(dict.fromkeys([*(each.source for each in by_kind[SCAN]), *topics])),
         hidden=tuple((each.source, name) for each in markers for name in each.hidden),
         tf=bool(by_kind[TF]),
-        robot=any(each.source in tree.descriptions for each in by_kind[ROBOT]),
+        robot=any(each.source in descriptions for each in by_kind[ROBOT]),
         scan=bool(by_kind[SCAN]),
     )

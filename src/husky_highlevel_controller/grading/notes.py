@@ -33,6 +33,14 @@ class Kind(Enum):
     COMMANDS_CEASE = "commands cease"
     UNANSWERED_SCANS = "unanswered scans"
     FLOOD = "flood"
+    # of markers
+    MIRRORED = "mirrored"
+    SWAPPED = "swapped"
+    Y_IS_ZERO = "y is zero"
+    WHOLE_METRES = "whole metres"
+    OTHER_BEAM = "other beam"
+    IN_BASE_LINK = "in base_link"
+    NOT_A_NUMBER = "not a number"
     # ends of a drive
     TOUCHES = "touches"
     AT_PILLAR = "at pillar"

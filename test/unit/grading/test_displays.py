@@ -34,6 +34,11 @@ def test_our_own_configuration_shows_everything():
     assert not view.problem
 
 
+def test_the_smbs_own_description_is_the_simulators():
+    assert shown({**MODEL, "Robot Description": "/smb_description"}).robot
+    assert not shown(MODEL, tree=FrameTree({"base_link": "odom"})).robot
+
+
 def test_displays_in_groups_count_where_the_group_is_on():
     group = {"Class": "rviz/Group", "Displays": [SCAN, {"Class": "rviz/Group", "Displays": [MODEL, TF]}]}
     assert parts(shown(group)) == (True, True, True)

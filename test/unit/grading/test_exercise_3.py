@@ -266,9 +266,9 @@ def test_a_marker_on_the_pillar_is_right(error):
 @pytest.mark.parametrize(
     ("position", "fault"),
     [
-        ((0.0, 0.0, 0.0), "x off by 10.00 m"),
-        ((10.0, 2.0, 0.0), "y off by 2.00 m"),
-        ((9.0, 1.0, 0.0), "x and y off by 1.00 m and 1.00 m"),
+        ((0.0, 0.0, 0.0), "10.00 m too near"),
+        ((10.0, 2.0, 0.0), "2.00 m too far left"),
+        ((9.0, 1.0, 0.0), "1.00 m too near and 1.00 m too far left"),
         ((10.0, 0.0, 3.4), "z is wrong, it is drawn from 3.20 to 3.60 m"),
     ],
 )
@@ -301,7 +301,7 @@ def test_a_marker_in_base_link_without_the_lidar_s_place_gets_half():
     assert judge_place(markers(far, (20.0 - 0.54, 0.0, 0.0))).points == pytest.approx(10.0, abs=1.0)
 
 
-def turning(mirrored):
+def turning(place_of, frame="odom", every=5):
     """A drive that turns 25 degrees to the pillar in 4 s and drives there; markers by base_link."""
     straight = drive((4.0, 0.0), (TO_PILLAR, 0.5))
     yaw = np.clip(-0.44 + 0.44 * straight.times / 4.0, -0.44, 0.0)
@@ -310,23 +310,91 @@ def turning(mirrored):
 
     def place(row):
         x, y, yaw = poses[row]
-        bearing = np.arctan2(-y, 10.0 - x) - yaw
-        distance = np.hypot(10.0 - x, y)
-        angle = yaw + (-bearing if mirrored else bearing)
-        return (x + distance * np.cos(angle), y + distance * np.sin(angle), 0.0)
+        dx, dy = 10.0 - x, -y
+        ahead, left = place_of(dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw))
+        return (
+            x + ahead * np.cos(yaw) - left * np.sin(yaw), y + ahead * np.sin(yaw) + left * np.cos(yaw), 0.0,
+        )  # fmt: skip
 
-    return markers(seen, place)
+    marked = markers(seen, place, every=every)
+    return replace(marked, markers=tuple(replace(each, frame=frame) for each in marked.markers))
+
+
+def right(x, y):
+    return x, y
+
+
+def mirrored(x, y):
+    return x, -y
 
 
 def test_a_mirrored_marker_gets_half_at_most_and_is_named():
-    assert judge_place(turning(mirrored=False)).points == 20.0
-    item = judge_place(turning(mirrored=True))
+    assert judge_place(turning(right)).points == 20.0
+    item = judge_place(turning(mirrored))
     assert 9.0 <= item.points <= 10.0
     assert item.evidence.startswith("mirrored: y has the wrong sign, for this laser hangs upside down; ")
-    assert "0 % off the robot's axis, 100 % on it" in item.evidence
+    assert "0 % with the pillar to the side, 100 % with it ahead" in item.evidence
     assert "change no sign" in item.hint
-    upright = replace(turning(mirrored=True), robot="smb")
+    upright = replace(turning(mirrored), robot="smb")
     assert "upside down" not in judge_place(upright).evidence
+
+
+@pytest.mark.parametrize(
+    ("place_of", "frame", "evidence", "hint"),
+    [
+        (lambda x, y: (y, x), "front_laser", "x and y are swapped", "x is ahead"),
+        (lambda x, y: (x, 0.0), "base_link", "y is always 0", "r sin(angle)"),
+        (lambda x, y: (np.trunc(x), np.trunc(y)), "base_link", "whole metres", "in double"),
+        (
+            lambda x, y: (0.9 * x - 0.43 * y, 0.43 * x + 0.9 * y),
+            "odom",
+            "its angle is not",
+            "angle_increment",
+        ),
+        (lambda x, y: (x - 1.5, y), "base_link", "m too near, seen", "not in base_link's origin"),
+        (lambda x, y: (x - 1.5, y), "front_laser", "m too near, seen", "check header.frame_id"),
+        (lambda x, y: (nan, y), "front_laser", "", "inf or NaN"),
+    ],
+)
+def test_the_fault_of_a_marker_is_named_as_it_is_in_the_code(place_of, frame, evidence, hint):
+    recording = turning(place_of, frame)
+    if np.isnan(recording.markers[0].position[0]):
+        lost = tuple(replace(each, problem="its position is not a number") for each in recording.markers)
+        recording = replace(recording, markers=lost)
+    item = judge_place(recording)
+    assert evidence in item.evidence
+    assert hint in item.hint
+    assert ("base_link" in item.hint) is (frame == "base_link" and "too near" in evidence)
+
+
+@pytest.mark.parametrize(("sign", "hint"), [(1.0, "too slowly for 1.0 m/s"), (-1.0, "check the sign")])
+def test_a_robot_that_turns_too_slowly_is_told_so(sign, hint):
+    times = np.round(PERIOD * np.arange(1, 1500), 2)
+    yaw = sign * 0.02 * times
+    xs, ys = np.cumsum(np.cos(yaw)) * PERIOD, np.cumsum(np.sin(yaw)) * PERIOD
+    speeds = np.column_stack([np.ones(len(times)), np.full(len(times), sign * 0.02)])
+    passing = replace(
+        GOOD,
+        pillar=(10.0, 4.0),
+        times=times,
+        poses=np.column_stack([xs, ys, yaw]),
+        speeds=speeds,
+        commands=times,
+    )
+    item = judge_approach(passing)
+    assert item.points == 10.0
+    assert hint in item.hint
+
+
+def test_chance_is_told_once_and_the_second_fault_keeps_its_hint():
+    items = left_to_chance(judge_exercise_3([turning(mirrored)], FULL_VIEW, SCAN), "`gain` is read first")
+    approach, arrival, displays, place, _ = items
+    assert approach.evidence.startswith(
+        "for a person: `gain` is read first, so that it drives by chance; in our"
+    )
+    assert "`gain`" not in arrival.evidence + place.evidence
+    assert displays.points == 20.0
+    assert place.hint.startswith("give each member a value in the constructor; then x = r cos(angle)")
 
 
 def test_a_wide_marker_that_touches_the_pillar_gets_half_the_points():

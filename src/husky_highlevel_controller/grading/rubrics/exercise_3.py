@@ -19,11 +19,14 @@ from husky_highlevel_controller.grading.rubrics.causes import (
     hint_on,
 )
 from husky_highlevel_controller.grading.rubrics.items import forfeited, over_trials
+from husky_highlevel_controller.grading.rubrics.marker_faults import CHECK
+from husky_highlevel_controller.grading.rubrics.marker_faults import HINTS as MARKER_HINTS
 from husky_highlevel_controller.grading.rubrics.markers import judge_namespaces
 
 HALF_WAY = 0.5  # of the way to the pillar: who has come that far drives towards it
 PAST, MIN_PAST = 0.1, 1.0  # of the way, and [m]: who passes farther away does not drive towards it
 FIRST_STEPS = 0.1  # of the way: who has come that far has begun to
+ASIDE, MOSTLY = 0.1, 0.6  # sine of the bearing, from which on turning is asked for; share of the right sign
 STOPPED = 1.0  # [s], so long it must stand in the end to have stopped
 PERIOD, LATELY = 0.1, 1.0  # [s], between two scans at most, and over which it is judged to come nearer
 NEARLY = 0.1  # [m], farther than the nearest point of the drive is still the nearest
@@ -55,7 +58,9 @@ def judge_approach(recording: Recording) -> Item:
         words = f"half {distance} are behind it after {half:.2f} s"
         if gaps[nearest] > max(PAST * way, MIN_PAST) and gaps[-1] > gaps[nearest] + MIN_PAST:
             words += f", but it drives past the pillar, {gaps[nearest]:.2f} m away"
-            return replace(item, points=10.0, evidence=words, at=float(times[nearest]), hint=TURNS)
+            return replace(
+                item, points=10.0, evidence=words, at=float(times[nearest]), hint=_turning_hint(recording)
+            )
         return replace(item, points=20.0, evidence=words, at=half)
     at, end, points = float(times[nearest]), float(times[-1]), 0.0
     turns = float(np.abs(np.diff(np.unwrap(recording.poses[:, 2]))).sum()) / (2.0 * np.pi)
@@ -69,8 +74,21 @@ def judge_approach(recording: Recording) -> Item:
     else:
         words = f"comes only {max(nearer, 0.0):.2f} m nearer, {distance}"
     cause = cause_of_stop(recording)
-    hint = hint_on(cause) if cause else TURNS
+    hint = hint_on(cause) if cause else _turning_hint(recording)
     return replace(item, points=points, evidence=words + behind(cause), at=at, hint=hint)
+
+
+def _turning_hint(recording: Recording) -> str:
+    """Hint for a robot that misses the pillar: the sign of its turns, or their speed."""
+    dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
+    bearings = np.arctan2(dy, dx) - recording.poses[:, 2]
+    aside = recording.moving & (np.abs(np.sin(bearings)) > ASIDE)
+    right = np.sign(np.sin(bearings[aside])) == np.sign(recording.speeds[aside, 1])
+    if not len(right) or float(np.mean(right)) <= MOSTLY:
+        return TURNS
+    speed = float(np.median(np.abs(recording.speeds[aside, 0])))
+    words = f"it turns towards the pillar, but too slowly for {speed:.1f} m/s"
+    return f"{words}: a larger gain, or slower while the angle is large"
 
 
 def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
@@ -118,7 +136,7 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
 
 def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     """The marker is at the pillar: 20, by how near it is and how much of the time."""
-    item = Item(ITEMS[3], 0.0, 20.0, "", hint=MARKER, subject=Subject.MARKER)
+    item = Item(ITEMS[3], 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
     if not len(recording.times) and causes(recording):
         return no_drive(item, recording)
     if not recording.marker_topics:
@@ -131,7 +149,7 @@ def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
         return replace(item, evidence=words, hint="publish the marker in the scans' callback")
     best = max(placements, key=lambda placement: placement.score)
     points = round(20.0 * best.score, 1)
-    hint = MIRRORED if best.mirrored else MARKER
+    hint = MARKER_HINTS.get(best.fault, CHECK) if best.fault else CHECK
     return replace(item, points=points, evidence=best.evidence, at=best.at, hint=hint)
 
 
@@ -170,14 +188,6 @@ STOPS = "compare the velocities that you send at this moment with the distance t
 SLOW = "drive faster while the pillar is far away"
 TURNS = "check the sign of angular.z: positive turns left, and the angle is in the lidar's own frame"
 SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pillar"
-MARKER = (
-    "check header.frame_id and header.stamp, and the pillar's position in that frame: the lidar is not in "
-    "base_link's origin"
-)
-MIRRORED = (
-    "x = r cos(angle) and y = r sin(angle) hold in the scan's header.frame_id: publish the marker in it, or "
-    "transform the point by TF, and change no sign"
-)
 # ---------------------------------------------------------------------------- the whole submission
 
 
@@ -231,7 +241,7 @@ def judge_shown(
     markers = [marker for drive in drives for marker in drive.markers if not marker.problem]
     topics = {marker.topic for marker in markers}
     if not topics:
-        hint = places[0].hint if places else MARKER
+        hint = places[0].hint if places else CHECK
         return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
     if not view.source:
         return without_config(item, view, rules)

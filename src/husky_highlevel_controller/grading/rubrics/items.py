@@ -11,6 +11,8 @@ from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.records import Item
 
+INITIALISE = "give each member a value in the constructor"
+
 
 def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
     """Points of all drives together, with the evidence of the worst; a person's where one drive is.
@@ -51,14 +53,12 @@ def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[It
 
 def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
     """Items of a submission whose behaviour is chance: a person judges what was driven."""
-    return [
-        item
-        if item.points is None or item.subject is Subject.DISPLAYS
-        else replace(
-            item,
-            points=None,
-            evidence=f"for a person: {cause}: it drives by chance; here {item.points:g}: {item.evidence}",
-            hint="give each member a value in the constructor",
-        )
-        for item in items
-    ]
+    judged, reason = [], f"{cause}, so that it drives by chance"
+    for item in items:
+        if item.points is not None and item.subject is not Subject.DISPLAYS:
+            words = f"for a person: {reason}; in our drive: {item.evidence} ({item.points:g} points)"
+            hint = "; then ".join([INITIALISE, *[item.hint] * bool(item.hint)])
+            item = replace(item, points=None, evidence=words, hint=hint)
+            reason = "by chance, as above"
+        judged.append(item)
+    return judged

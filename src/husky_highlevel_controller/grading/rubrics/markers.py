@@ -7,8 +7,8 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from itertools import groupby
-from math import atan2, ceil, cos, hypot, inf, remainder, sin, tau
-from typing import Dict, List, Mapping, Sequence, Tuple
+from math import ceil, inf, isnan
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,19 +20,26 @@ from husky_highlevel_controller.grading.drive.recording import (
     MarkerSample,
     Recording,
 )
+from husky_highlevel_controller.grading.notes import Kind
 from husky_highlevel_controller.grading.records import Rules
+from husky_highlevel_controller.grading.rubrics.marker_faults import (
+    FAULTS,
+    distance_to_pillar,
+    fault_text,
+    find_fault,
+    height_score,
+    is_off_axis,
+    pillar_from_robot,
+    slack_of,
+)
 from husky_highlevel_controller.robot import load_robot
 
-HEIGHT_MARGIN = 0.3  # [m], above and below the pillar, for all points
-HEIGHT_FADE = 0.7  # [m] beyond the margin, for none
 LARGEST = 1.0  # [m], the middle of a shape that touches the pillar is no farther away
 TOUCHING = 0.5  # score of such a shape
 MOST = 0.5  # of what is drawn in a namespace must be right at a moment
 MAX_SERIES = 6  # topics and namespaces that are judged apart; where more came, all that is drawn is judged
 ALWAYS, NEVER = 0.8, 0.2  # of the time, for all points and for none; linear in between
 FEW = 3  # moments that make no group yet
-MIRRORED = 0.8  # of the wrong markers off the axis must be where the pillar's mirror image is
-IMAGE_SLOPE = 0.1  # [m] of error for each metre of distance, at which a marker is still at the mirror image
 Key = Tuple[str, str, int]  # topic, namespace, id
 
 
@@ -43,7 +50,7 @@ class Placement:
     score: float  # 0 to 1
     evidence: str
     at: float  # [s], when it was first right, or first wrong
-    mirrored: bool = False  # y has the wrong sign
+    fault: Optional[Kind] = None  # of the markers that were wrong
 
 
 @dataclass
@@ -108,32 +115,37 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     name = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
     invisible = [marker for marker in added if marker.problem]
     if len(invisible) == len(added):
-        return Placement(0.0, f"{name}: not to be seen: {invisible[0].problem}", invisible[0].at)
+        words = f"{name}: not to be seen: {invisible[0].problem}"
+        fault = Kind.NOT_A_NUMBER if any(map(isnan, invisible[0].position)) else None
+        return Placement(0.0, words, invisible[0].at, fault)
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _moments(markers, scores)
     groups = _by_axis(recording, moments, rules)
     score = _score(groups)
     full = sum(moment >= 1.0 for _, moment in moments) / len(moments)
-    distances = [_distance(recording, marker) for marker in added if not marker.problem]
+    distances = [distance_to_pillar(recording, marker) for marker in added if not marker.problem]
     words = f"{name}: right {100.0 * full:.0f} % of the time"
     words += f", {np.median(distances):.2f} m from the pillar's axis (median)"
     wrong = next((marker for marker in added if scores[id(marker)] < 1.0), None)
     if wrong is None:
         return Placement(score, words, added[0].at)
     if len(groups) > 1:
-        words += "; " + ", ".join(f"{100.0 * _share(group):.0f} % {axis}" for axis, group in groups.items())
-    mirrored = _is_mirrored(recording, [marker for marker in added if scores[id(marker)] < 1.0], rules)
-    if mirrored:
+        parts = [f"{100.0 * _share(group):.0f} % {axis}" for axis, group in groups.items()]
+        words += f"; near enough for points: {', '.join(parts)}"
+    fault = find_fault(recording, [marker for marker in added if scores[id(marker)] < 1.0], rules)
+    if fault is Kind.MIRRORED:
         score = min(score, 0.5)
         hangs = ", for this laser hangs upside down" * load_robot(recording.robot).lidar_mount.upside_down
         words = f"mirrored: y has the wrong sign{hangs}; {words}"
-    words += f"; at {wrong.at:.2f} s {_fault(recording, wrong)}"
+    elif fault in FAULTS:
+        words = f"{FAULTS[fault]}; {words}"
+    words += f"; at {wrong.at:.2f} s {fault_text(recording, wrong)}"
     crowd = len({(marker.topic, marker.namespace, marker.id) for marker in added})
     series = len({(marker.topic, marker.namespace) for marker in added})
     if crowd > 1:
         holder = f"namespace '{first.namespace}'" if series == 1 else f"{series} topics and namespaces"
         words += f"; {crowd} markers in {holder}, half of those drawn must be right"
-    return Placement(score, words, wrong.at, mirrored)
+    return Placement(score, words, wrong.at, fault)
 
 
 def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[Tuple[float, float]]:
@@ -160,18 +172,13 @@ def _by_axis(
     recording: Recording, moments: Sequence[Tuple[float, float]], rules: Rules
 ) -> Dict[str, List[float]]:
     """Scores of the moments with the pillar off the robot's axis, and on it; a few make no group."""
-    groups: Dict[str, List[float]] = {"off the robot's axis": [], "on it": []}
+    aside: List[float] = []
+    ahead: List[float] = []
     for at, score in moments:
-        groups["off the robot's axis" if _is_off_axis(recording, at, rules) else "on it"].append(score)
+        (aside if is_off_axis(recording, at, rules) else ahead).append(score)
+    groups = {"with the pillar to the side": aside, "with it ahead": ahead}
     large = {where: group for where, group in groups.items() if len(group) >= FEW}
     return large or {"": [score for _, score in moments]}
-
-
-def _is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
-    """Whether the pillar is so far off the robot's x axis that a marker with the wrong sign of y scores 0."""
-    distance, bearing = _pillar_from_robot(recording, at)
-    nothing = 2.0 * rules.marker_half - rules.marker_full  # [m] from the axis of a thin, near pillar
-    return 2.0 * distance * abs(sin(bearing)) > nothing + _slack(recording, distance, rules)
 
 
 def _share(scores: Sequence[float]) -> float:
@@ -188,73 +195,14 @@ def _score(groups: Mapping[str, Sequence[float]]) -> float:
     return float(scores[scores > 0.0].mean()) * min(max((share - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
 
 
-def _is_mirrored(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) -> bool:
-    """Whether wrong markers are at the pillar's mirror image, seen from the robot: y has the wrong sign."""
-    near = []
-    for marker in wrong:
-        if marker.problem or not _is_off_axis(recording, marker.at, rules):
-            continue
-        distance, bearing = _pillar_from_robot(recording, marker.at)
-        x, y, yaw = recording.poses[_row(recording, marker.at)]
-        image = x + distance * cos(yaw - bearing), y + distance * sin(yaw - bearing)
-        error = hypot(marker.position[0] - image[0], marker.position[1] - image[1])
-        slack = _slack(recording, distance, rules) + IMAGE_SLOPE * distance
-        near.append(error <= rules.marker_half + slack)
-    return len(near) >= FEW and float(np.mean(near)) >= MIRRORED
-
-
 def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
     """Score of one marker, 0 to 1: 1 at the pillar, 0.5 at `marker_half`, linear in between and beyond."""
     if marker.problem:
         return 0.0
     size = recording.pillar_size
-    slack = _slack(recording, _pillar_from_robot(recording, marker.at)[0], rules)
-    distance, fade = _distance(recording, marker), max(rules.marker_half - rules.marker_full, 1e-6)
+    slack = slack_of(recording, pillar_from_robot(recording, marker.at)[0], rules)
+    distance, fade = distance_to_pillar(recording, marker), max(rules.marker_half - rules.marker_full, 1e-6)
     score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / fade
     if marker.reach <= size.radius and distance <= LARGEST + size.radius - PILLAR_RADIUS:
         score = max(score, TOUCHING)
-    return min(max(score, 0.0), 1.0) * _height_score(marker, size.height)
-
-
-def _slack(recording: Recording, distance: float, rules: Rules) -> float:
-    """Tolerance [m] that a robot's distance [m] and a thick pillar add: its near side is as right."""
-    return rules.marker_per_metre * distance + recording.pillar_size.radius - PILLAR_RADIUS
-
-
-def _height_score(marker: MarkerSample, height: float) -> float:
-    """1 for a marker at the pillar's height, less above it and below the ground."""
-    gap = max(marker.low - height, -marker.high, 0.0)
-    return 1.0 - min(max(gap - HEIGHT_MARGIN, 0.0) / HEIGHT_FADE, 1.0)
-
-
-def _distance(recording: Recording, marker: MarkerSample) -> float:
-    x, y = recording.pillar
-    return hypot(marker.position[0] - x, marker.position[1] - y)
-
-
-def _row(recording: Recording, at: float) -> int:
-    return min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
-
-
-def _pillar_from_robot(recording: Recording, at: float) -> Tuple[float, float]:
-    """Distance [m] and bearing [rad] of the pillar in base_link at a moment [s]."""
-    x, y, yaw = map(float, recording.poses[_row(recording, at)])
-    dx, dy = recording.pillar[0] - x, recording.pillar[1] - y
-    return hypot(dx, dy), remainder(atan2(dy, dx) - yaw, tau)
-
-
-def _fault(recording: Recording, marker: MarkerSample) -> str:
-    """Fault of a marker: the coordinate that is wrong."""
-    if marker.problem:
-        return f"not to be seen: {marker.problem}"
-    x, y = recording.pillar
-    px, py, pz = marker.position
-    words = f"at ({px:.2f}, {py:.2f}, {pz:.2f}), the pillar at ({x:.2f}, {y:.2f})"
-    height = recording.pillar_size.height
-    if _height_score(marker, height) < 1.0:
-        words += f": z is wrong, it is drawn from {marker.low:.2f} to {marker.high:.2f} m"
-        return f"{words}, the pillar from 0 to {height:g} m"
-    dx, dy = px - x, py - y
-    if 0.5 * abs(dy) <= abs(dx) <= 2.0 * abs(dy):
-        return f"{words}: x and y off by {abs(dx):.2f} m and {abs(dy):.2f} m"
-    return f"{words}: {'x' if abs(dx) > abs(dy) else 'y'} off by {max(abs(dx), abs(dy)):.2f} m"
+    return min(max(score, 0.0), 1.0) * height_score(marker, size.height)

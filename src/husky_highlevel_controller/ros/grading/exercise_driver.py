@@ -136,7 +136,7 @@ class ExerciseDriver:
         names = []
         with suppress(OSError, rospy.ROSException):
             for name in rospy.get_param_names():
-                if name.endswith("robot_description"):
+                if name.endswith("_description"):
                     text = str(rospy.get_param(name, ""))[:MAX_DESCRIPTION]
                     if set(_LINK.findall(text)) & set(frames):
                         names.append(name)

@@ -1,0 +1,162 @@
+"""Faults of wrong markers: which way they are off, seen from the robot, and what in the code does that."""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, remainder, sin, tau
+from typing import NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.course import PILLAR_RADIUS
+from husky_highlevel_controller.grading.drive.recording import MarkerSample, Recording
+from husky_highlevel_controller.grading.notes import Kind
+from husky_highlevel_controller.grading.records import Rules
+from husky_highlevel_controller.robot import load_robot
+
+FEW = 3  # markers that show no fault yet
+MOSTLY = 0.8  # of the wrong markers off the axis must have a fault
+IMAGE_SLOPE = (
+    0.1  # [m] of error for each metre of distance, at which a marker is still at an image of the pillar
+)
+EXACT = 0.05  # [m], of a coordinate that is 0, or a whole number of metres
+ALONG = 0.35  # [m], of a distance that is right
+HEIGHT_MARGIN = 0.3  # [m], above and below the pillar, for all points
+HEIGHT_FADE = 0.7  # [m] beyond the margin, for none
+FAULTS = {
+    Kind.Y_IS_ZERO: "y is always 0",
+    Kind.WHOLE_METRES: "its coordinates are whole metres",
+    Kind.SWAPPED: "x and y are swapped",
+    Kind.OTHER_BEAM: "its distance is right, its angle is not",
+}
+CHECK = "check header.frame_id and header.stamp, and the pillar's position in that frame"
+HINTS = {
+    Kind.MIRRORED: "x = r cos(angle) and y = r sin(angle) hold in the scan's header.frame_id: publish the "
+    "marker in it, or transform the point by TF, and change no sign",
+    Kind.Y_IS_ZERO: "give the marker a y, too: y = r sin(angle)",
+    Kind.WHOLE_METRES: "compute the position in double: a whole number cuts the metres",
+    Kind.SWAPPED: "x = r cos(angle) and y = r sin(angle): x is ahead, y to the left",
+    Kind.OTHER_BEAM: "angle = angle_min + index * angle_increment, with the index of the nearest valid range",
+    Kind.IN_BASE_LINK: f"{CHECK}: the lidar is not in base_link's origin",
+    Kind.NOT_A_NUMBER: "leave out ranges that are inf or NaN before you compute the position",
+}
+
+
+class Seen(NamedTuple):
+    """Wrong marker, seen from base_link."""
+
+    x: float  # [m], ahead
+    y: float  # [m], to the left
+    distance: float  # [m], of the pillar
+    bearing: float  # [rad], of the pillar
+    slack: float  # [m]
+
+    def is_near(self, x: float, y: float) -> bool:
+        """Whether it is at a place [m]."""
+        return hypot(self.x - x, self.y - y) <= self.slack
+
+
+def find_fault(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) -> Optional[Kind]:
+    """The kind of fault that most wrong markers have; None: none that is known."""
+    seen = [
+        _seen(recording, marker, rules)
+        for marker in wrong
+        if not marker.problem and is_off_axis(recording, marker.at, rules)
+    ]
+    if len(seen) >= FEW:
+        mount = load_robot(recording.robot).lidar_mount
+        ahead = 0.0 if wrong[0].frame == "base_link" else mount.x
+        turned = wrong[0].frame != "odom"
+        tests = {
+            Kind.Y_IS_ZERO: lambda each: turned and abs(each.y) <= EXACT and each.x > 0.0,
+            Kind.WHOLE_METRES: lambda each: turned and max(map(_fraction, (each.x - ahead, each.y))) <= EXACT,
+            Kind.MIRRORED: lambda each: each.is_near(
+                each.distance * cos(each.bearing), -each.distance * sin(each.bearing)
+            ),
+            Kind.SWAPPED: lambda each: each.is_near(
+                each.distance * sin(each.bearing), each.distance * cos(each.bearing)
+            ),
+            Kind.OTHER_BEAM: lambda each: abs(hypot(each.x, each.y) - each.distance) <= ALONG,
+        }
+        for kind, test in tests.items():
+            if float(np.mean([test(each) for each in seen])) >= MOSTLY:
+                return kind
+    mount_is_away = abs(load_robot(recording.robot).lidar_mount.x) > EXACT
+    return Kind.IN_BASE_LINK if wrong[0].frame == "base_link" and mount_is_away else None
+
+
+def _seen(recording: Recording, marker: MarkerSample, rules: Rules) -> Seen:
+    at = marker.stamp or marker.at
+    distance, bearing = pillar_from_robot(recording, at)
+    slack = rules.marker_half + slack_of(recording, distance, rules) + IMAGE_SLOPE * distance
+    return Seen(*_from_robot(recording, marker.position, at), distance, bearing, slack)
+
+
+def _from_robot(recording: Recording, position: Sequence[float], at: float) -> Tuple[float, float]:
+    """A place in the world (x, y) in base_link at a moment [s]."""
+    x, y, yaw = map(float, recording.poses[row_at(recording, at)])
+    dx, dy = position[0] - x, position[1] - y
+    return dx * cos(yaw) + dy * sin(yaw), dy * cos(yaw) - dx * sin(yaw)
+
+
+def _fraction(coordinate: float) -> float:
+    return abs(coordinate - round(coordinate))
+
+
+def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
+    """Whether the pillar is so far off the robot's x axis that a marker with the wrong sign of y scores 0."""
+    distance, bearing = pillar_from_robot(recording, at)
+    nothing = 2.0 * rules.marker_half - rules.marker_full  # [m] from the axis of a thin, near pillar
+    return 2.0 * distance * abs(sin(bearing)) > nothing + slack_of(recording, distance, rules)
+
+
+def slack_of(recording: Recording, distance: float, rules: Rules) -> float:
+    """Tolerance [m] that a robot's distance [m] and a thick pillar add: its near side is as right."""
+    return rules.marker_per_metre * distance + recording.pillar_size.radius - PILLAR_RADIUS
+
+
+def height_score(marker: MarkerSample, height: float) -> float:
+    """1 for a marker at the pillar's height, less above it and below the ground."""
+    gap = max(marker.low - height, -marker.high, 0.0)
+    return 1.0 - min(max(gap - HEIGHT_MARGIN, 0.0) / HEIGHT_FADE, 1.0)
+
+
+def distance_to_pillar(recording: Recording, marker: MarkerSample) -> float:
+    """Distance of a marker from the pillar's axis [m]."""
+    x, y = recording.pillar
+    return hypot(marker.position[0] - x, marker.position[1] - y)
+
+
+def row_at(recording: Recording, at: float) -> int:
+    """Row of a recording at a moment [s]."""
+    return min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
+
+
+def pillar_from_robot(recording: Recording, at: float) -> Tuple[float, float]:
+    """Distance [m] and bearing [rad] of the pillar in base_link at a moment [s]."""
+    x, y, yaw = map(float, recording.poses[row_at(recording, at)])
+    dx, dy = recording.pillar[0] - x, recording.pillar[1] - y
+    return hypot(dx, dy), remainder(atan2(dy, dx) - yaw, tau)
+
+
+def fault_text(recording: Recording, marker: MarkerSample) -> str:
+    """Fault of a marker in words: which way it is off, seen from the robot."""
+    if marker.problem:
+        return f"not to be seen: {marker.problem}"
+    x, y = recording.pillar
+    px, py, pz = marker.position
+    words = f"at ({px:.2f}, {py:.2f}, {pz:.2f}), the pillar at ({x:.2f}, {y:.2f})"
+    height = recording.pillar_size.height
+    if height_score(marker, height) < 1.0:
+        words += f": z is wrong, it is drawn from {marker.low:.2f} to {marker.high:.2f} m"
+        return f"{words}, the pillar from 0 to {height:g} m"
+    at = marker.stamp or marker.at
+    distance, bearing = pillar_from_robot(recording, at)
+    ahead, left = _from_robot(recording, marker.position, at)
+    along = ahead * cos(bearing) + left * sin(bearing) - distance
+    across = left * cos(bearing) - ahead * sin(bearing)
+    parts = []
+    if 2.0 * abs(along) >= abs(across):
+        parts.append(f"{abs(along):.2f} m too {'far' if along > 0.0 else 'near'}")
+    if 2.0 * abs(across) >= abs(along):
+        parts.append(f"{abs(across):.2f} m too far {'left' if across > 0.0 else 'right'}")
+    return f"{words}: {' and '.join(parts)}, seen from the robot"
