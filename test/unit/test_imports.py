@@ -37,6 +37,7 @@ MAY_IMPORT = {
     "grading/rubrics": {
         "grading/rubrics",
         "grading/drive/recording",
+        "grading/displays",
         "grading/notes",
         "grading/records",
     },

@@ -132,7 +132,7 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
     )  # fmt: skip
     driven = replace(job, config=replace(config, rules=type(config.rules)()))
     driven = replace(driven, out="", hand_in="", hidden=(), time_limit=0.0)
-    driven = replace(driven, override=replace(override, points={}, late=None))
+    driven = replace(driven, override=replace(override, points={}, late=None, hold=False))
     # a class is marked by one version of the simulator
     digest = hashlib.sha256((code_version() + to_json(driven)).encode())
     with contextlib.suppress(UnreadableFileError, OSError):  # too many files, or one is gone: marking says so

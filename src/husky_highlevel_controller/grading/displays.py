@@ -10,8 +10,6 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 
-from husky_highlevel_controller.grading.records import RvizView
-
 TF, ROBOT, SCAN = "rviz/TF", "rviz/RobotModel", "rviz/LaserScan"
 MARKERS = {"rviz/Marker", "rviz/MarkerArray"}
 BASE = "base_link"
@@ -37,6 +35,21 @@ class RvizConfig:
     displays: Tuple[RvizDisplay, ...] = ()
     problem: str = ""  # why there is nothing to look at
     started: bool = False  # its launch file starts RViz
+
+
+@dataclass(frozen=True)
+class RvizView:
+    """Displays that the submission's RViz shows."""
+
+    source: str = ""  # of its configuration; empty: there is none
+    topics: Tuple[str, ...] = ()  # of its displays of scans and markers
+    tf: bool = False  # frames are to be seen
+    robot: bool = False  # the robot model is to be seen
+    scan: bool = False  # the laser's points are to be seen
+    problem: str = ""  # why there is nothing to look at
+    fixed_frame: str = ""
+    started: bool = False  # its launch file starts RViz
+    hidden: Tuple[Tuple[str, str], ...] = ()  # (topic, namespace) of markers that are switched off
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Callable, Dict, List, Sequence, Tuple
 
+from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.drive.call_plan import FORWARD, SERVICE
 from husky_highlevel_controller.grading.drive.recording import Recording
-from husky_highlevel_controller.grading.records import Item, Rules, RvizView
+from husky_highlevel_controller.grading.records import Item, Rules
 from husky_highlevel_controller.grading.rubrics import exercise_2, exercise_3, exercise_5
 
 # of drives, what RViz showed, topic of the scans, rules

@@ -54,7 +54,8 @@ def judge_recordings(job: Job) -> Result:
     if evidence.uninitialised:
         items = left_to_chance(items, evidence.uninitialised)
     notes = [*evidence.notes, *(note for recording in recordings for note in recording.notes)]
-    settings = {**settings_of(job.config), "sandbox": evidence.sandbox, "network": evidence.network}
+    found = {"sandbox": evidence.sandbox, "network": evidence.network, "simulated": evidence.robot}
+    settings = {**settings_of(job.config), **found}
     return Result(job.name, evidence.what, settings, tuple(items), tuple(texts(notes)))
 
 

@@ -16,6 +16,7 @@ class Kind(Enum):
     LAUNCH_FILE = "launch file"  # cannot be loaded, or starts nothing
     MISSING_PACKAGE = "missing package"
     LAUNCH_PREFIX = "launch prefix"
+    NO_RVIZ_FILE = "no RViz file"
     # of its nodes
     NOT_STARTED = "not started"
     EXCEPTION = "exception"  # in a callback or thread, after which the node goes on

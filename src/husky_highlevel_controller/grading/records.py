@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from pathlib import Path
-from typing import Any, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Mapping, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.config import ConfigError, from_plain, to_plain
 from husky_highlevel_controller.course import REACHED
-from husky_highlevel_controller.grading.notes import Subject
+from husky_highlevel_controller.grading.notes import Kind, Subject
 
 # topic of the scans, and launch arguments of the simulator, of each robot that submissions are written for
 ROBOT_VERSIONS = {
@@ -60,21 +61,6 @@ class Rules:
     def rams(self, speed: float) -> bool:
         """Whether touching the pillar at this speed [m/s] is ramming that costs points."""
         return self.ramming_costs > 0.0 and speed > self.gentle + RAMMING_MARGIN
-
-    def apply(self, items: Sequence[Item]) -> List[Item]:
-        """Items with the teacher's weights, and without points where a person judges."""
-        weighted = [self._weighted(item) for item in items]
-        return [
-            replace(item, hint="") if item.full and item.points is not None else item for item in weighted
-        ]
-
-    def _weighted(self, item: Item) -> Item:
-        weight = self.weights.get(item.name, item.max_points)
-        if item.name in self.by_person:
-            return replace(item, points=None, max_points=weight, evidence=f"for a person: {item.evidence}")
-        if item.points is None or weight == item.max_points:
-            return replace(item, max_points=weight)
-        return replace(item, points=round(item.points * weight / item.max_points, 1), max_points=weight)
 
 
 _SECONDS = {"min": 0.1, "max": 3600.0}
@@ -169,6 +155,7 @@ class Override:
     exercise: Optional[int] = field(default=None, metadata={"min": 1, "max": 99})  # number in names
     points: Mapping[str, GivenPoints] = field(default_factory=dict)  # by item
     late: Optional[Late] = None
+    hold: bool = False  # feedback is kept back
 
     def __post_init__(self) -> None:
         """Refuse what does not go together."""
@@ -210,6 +197,7 @@ class Item:
     hint: str = ""  # what to look at, where points are lost
     drive: int = 1  # number of the drive that the evidence is about
     subject: Subject = Subject.CODE
+    reason: Optional[Kind] = None  # why a person has to judge it, where many hand-ins are alike
 
     @property
     def full(self) -> bool:
@@ -217,19 +205,12 @@ class Item:
         return self.points is None or self.points >= self.max_points - 1e-9
 
 
-@dataclass(frozen=True)
-class RvizView:
-    """Displays that the submission's RViz shows."""
+class ResultState(Enum):
+    """ResultState of a result."""
 
-    source: str = ""  # of its configuration; empty: there is none
-    topics: Tuple[str, ...] = ()  # of its displays of scans and markers
-    tf: bool = False  # frames are to be seen
-    robot: bool = False  # the robot model is to be seen
-    scan: bool = False  # the laser's points are to be seen
-    problem: str = ""  # why there is nothing to look at
-    fixed_frame: str = ""
-    started: bool = False  # its launch file starts RViz
-    hidden: Tuple[Tuple[str, str], ...] = ()  # (topic, namespace) of markers that are switched off
+    MARKED = "marked"
+    FOR_A_PERSON = "for a person"
+    NOT_MARKED = "could not be marked"
 
 
 @dataclass(frozen=True)
@@ -242,6 +223,7 @@ class Result:
     items: Tuple[Item, ...]
     notes: Tuple[str, ...] = ()  # what went wrong, in sentences
     problem: str = ""  # why it could not be marked, in a sentence; empty: it was marked
+    held: bool = False  # the student's feedback is kept back
 
     def __post_init__(self) -> None:
         """Make every text printable."""
@@ -264,11 +246,15 @@ class Result:
         return next((item for item in self.items if not item.full), None)
 
     @property
-    def state(self) -> str:
+    def state(self) -> ResultState:
         """Marked, or left to a person at least in part, or not marked at all."""
         if self.problem:
-            return "could not be marked"
-        return "for a person" if any(item.points is None for item in self.items) else "marked"
+            return ResultState.NOT_MARKED
+        return (
+            ResultState.FOR_A_PERSON
+            if any(item.points is None for item in self.items)
+            else ResultState.MARKED
+        )
 
     @property
     def full(self) -> bool:

@@ -163,7 +163,15 @@ class Review:
             for each in self.items
         ]
 
-    def give(self, number: int, points: float, word: str) -> None:
+    def alike(self, number: int) -> List[OpenItem]:
+        """The item, and the open ones of its name that are open for the same reason."""
+        each = self.items[number]
+        if each.item.reason is None:
+            return [each]
+        subject = each.item.name, each.item.reason
+        return [other for other in self.items if (other.item.name, other.item.reason) == subject]
+
+    def give(self, number: int, points: float, word: str, to_all_alike: bool = False) -> None:
         """Write the points of an item into marking.yaml; its other entries stay, comments do not.
 
         Raises:
@@ -179,7 +187,8 @@ class Review:
             before = path.read_text(encoding="utf-8") if path.exists() else ""
             content: Any = yaml.safe_load(before) or {}
             given = {"points": points, "word": word or "seen by a person"}
-            _below(content, "students", each.student, "points")[each.item.name] = given
+            for other in self.alike(number) if to_all_alike else [each]:
+                _below(content, "students", other.student, "points")[other.item.name] = dict(given)
             if "#" in before and not path.with_suffix(".yaml.before").exists():
                 write_whole(path.with_suffix(".yaml.before"), before)
             write_whole(path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
@@ -263,6 +272,7 @@ def make_server(review: Review) -> Tuple[ThreadingHTTPServer, str]:
                 HTTPStatus.OK,
                 render(
                     "review.html", each=each, index=number, count=len(flags), given=sum(flags),
+                    alike=len(review.alike(number)) if each else 0,
                     base=f"/{token}", file=str(review.folder / FILE),
                 ),
             )  # fmt: skip
@@ -272,7 +282,9 @@ def make_server(review: Review) -> Tuple[ThreadingHTTPServer, str]:
             if not 0 < length <= MAX_BODY:
                 raise ValueError(f"a request of {length} bytes")
             body = json.loads(self.rfile.read(length))
-            review.give(int(parts[0]), float(body["points"]), str(body["word"])[:200])
+            review.give(
+                int(parts[0]), float(body["points"]), str(body["word"])[:200], body.get("alike") is True
+            )
             self.answer(HTTPStatus.OK, "{}", "application/json")
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)

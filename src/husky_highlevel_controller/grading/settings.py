@@ -80,4 +80,4 @@ def with_override(result: Result, override: Override) -> Result:
         before = sum(item.points or 0.0 for item in items.values())
         words = f"{override.late.percent:g} % of {before:g} points: {override.late.word}"
         penalty = [Item("late", -round(before * override.late.percent / 100.0, 1), 0.0, words)]
-    return replace(result, items=(*items.values(), *penalty))
+    return replace(result, items=(*items.values(), *penalty), held=override.hold)

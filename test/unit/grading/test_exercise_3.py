@@ -13,6 +13,7 @@ import yaml
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.drive.drive_end import NODES_ENDED
 from husky_highlevel_controller.grading.drive.recording import (
     ExchangedError,
@@ -33,7 +34,7 @@ from husky_highlevel_controller.grading.drive.ros_graph import (
     unread_topics,
 )
 from husky_highlevel_controller.grading.notes import Kind, Note
-from husky_highlevel_controller.grading.records import DEFAULT_RULES, Rules, RvizView, total
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Rules, total
 from husky_highlevel_controller.grading.rubrics import exercise_3
 from husky_highlevel_controller.grading.rubrics.exercise_3 import (
     ITEMS,

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.drive.recording import Call, Recording
 from husky_highlevel_controller.grading.notes import Kind, Note
-from husky_highlevel_controller.grading.records import Rules, RvizView, total
+from husky_highlevel_controller.grading.records import Rules, total
 from husky_highlevel_controller.grading.rubrics.exercise_2 import (
     judge_exercise_2,
     judge_output,

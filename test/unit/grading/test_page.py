@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,6 +41,21 @@ def test_the_class_is_sorted_and_each_has_points_sum_and_state():
     assert "could not be marked: it does not build: no &#39;foo.h&#39;" in page
     for state, count in (("marked", 1), ("for a person", 1), ("could not be marked", 1)):
         assert f"<b>{count}</b><span>{state}</span>" in page
+
+
+def test_the_headline_is_what_is_decided_and_another_robot_is_coloured():
+    husky, melodic = (
+        replace(
+            result(name, 25.0, open_points=20.0), settings={**SETTINGS, "robot": "auto", "simulated": robot}
+        )
+        for name, robot in (("a", "husky"), ("b", "husky_melodic"))
+    )
+    page = class_page([husky, melodic], {}, {})
+    assert "<b>100 of 140</b><span>points decided</span>" in page
+    assert '<td class="">husky</td>' in page
+    assert '<td class="person">husky_melodic</td>' in page
+    nothing = class_page([replace(husky, items=(Item("style", None, 30.0, "for a person"),))], {}, {})
+    assert 'full">0 / 0' not in nothing
 
 
 def test_the_median_and_the_histogram_are_of_those_that_were_marked():

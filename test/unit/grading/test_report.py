@@ -10,9 +10,10 @@ import pytest
 from defusedxml import ElementTree
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.records import Item, Result, to_json
+from husky_highlevel_controller.grading.records import Item, Override, Result, to_json
 from husky_highlevel_controller.grading.reports.files import load_result, write_result
-from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_junit
+from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_junit, to_moodle
+from husky_highlevel_controller.grading.settings import with_override
 
 ITEMS = (
     Item("drives", 20.0, 20.0, "half of the way after 10.20 s", 10.2),
@@ -37,6 +38,20 @@ def test_a_late_penalty_is_a_number_for_a_teachers_sum():
     row = list(csv.reader(io.StringIO(to_csv([replace(RESULT, items=(*ITEMS, late))]))))[1]
     assert float(row[4]) == -4.0
     assert float(row[5]) == 28.5
+
+
+def test_moodle_gets_what_is_decided_and_not_held_back(tmp_path):
+    done = replace(RESULT, name="Ann Lee_4711_assignsubmission_file_", items=ITEMS[:2])
+    held = with_override(replace(done, name="Bob"), Override(hold=True))
+    rows = list(csv.DictReader(io.StringIO(to_moodle([RESULT, done, held]))))
+    assert [(row["Identifier"], row["Full name"], row["Grade"]) for row in rows] == [
+        ("Participant 4711", "Ann Lee", "32.5")
+    ]
+    write_result(done, tmp_path)
+    assert (tmp_path / "feedback.html").exists()
+    write_result(held, tmp_path)
+    assert not (tmp_path / "feedback.html").exists()
+    assert load_result(tmp_path / "result.json").held
 
 
 def test_full_marks_are_all_that_a_machine_can_give():

@@ -17,7 +17,7 @@ from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Scan
 from husky_highlevel_controller.grading.drive.recording import MarkerSample, Recording, scan_hits
 from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
-from husky_highlevel_controller.grading.notes import Subject
+from husky_highlevel_controller.grading.notes import Kind, Subject
 from husky_highlevel_controller.grading.records import Item, Job, MarkingConfig, Result, to_json
 from husky_highlevel_controller.grading.reports.files import write_result
 from husky_highlevel_controller.grading.review import Review, make_server
@@ -153,6 +153,15 @@ def test_two_reviews_of_one_class_lose_no_points(review):
     assert [given["ann"].points[RVIZ].word, given["ann"].points[MARKER].word] == ["24", "24"]
     assert given["bob"].points[RVIZ].word == "24"
     assert given["bob"].late.percent == 10.0
+
+
+def test_one_key_gives_the_points_to_all_hand_ins_that_lack_the_same(review):
+    alike = [replace(each, item=replace(each.item, reason=Kind.NO_RVIZ_FILE)) for each in review.items]
+    review.items = alike
+    review.give(0, 0.0, "no file", to_all_alike=True)
+    assert review.given == [True, False, True], "another item of the same student is another thing"
+    given = read_overrides(review.folder, ["ann", "bob"])
+    assert given["ann"].points[RVIZ] == given["bob"].points[RVIZ]
 
 
 def give_often(review, number):

@@ -98,7 +98,7 @@ def to_step_summary(results: Sequence[Result]) -> str:
     lines = ["| student | points | state |", "|---|---|---|"]
     for result in results:
         sum_of = "" if result.problem else f"{result.points:g} / {result.max_points:g}"
-        lines.append(f"| {_plain(result.name)} | {sum_of} | {result.state} |")
+        lines.append(f"| {_plain(result.name)} | {sum_of} | {result.state.value} |")
     for result in results:
         lines += ["", f"### {_plain(result.name)}", ""]
         if result.problem:

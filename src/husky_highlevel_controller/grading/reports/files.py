@@ -15,7 +15,7 @@ from husky_highlevel_controller.grading.isolation.files import UnreadableFileErr
 from husky_highlevel_controller.grading.records import Result, load, printable, to_json
 from husky_highlevel_controller.grading.reports.exports import to_step_summary, write_exports
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page
-from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_junit
+from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_junit, to_moodle
 from husky_highlevel_controller.replay import Replay, to_html
 from husky_highlevel_controller.robot import load_robot
 
@@ -40,7 +40,11 @@ def write_result(result: Result, out: Path) -> None:
     write_whole(out / "table.txt", table(result) + "\n")
     write_whole(out / "junit.xml", to_junit([result]))
     pages = {number: path.read_text(encoding="utf-8") for number, path in replays(out).items()}
-    write_whole(out / "feedback.html", feedback_page(result, _pictures(out), pages, _logs(out)))
+    feedback = out / "feedback.html"
+    if result.held:
+        feedback.unlink(missing_ok=True)
+    else:
+        write_whole(feedback, feedback_page(result, _pictures(out), pages, _logs(out)))
     write_exports(result, out)
     sums = {name: getattr(result, name) for name in SUMS}
     write_whole(out / RESULT, to_json(result, **sums))
@@ -68,6 +72,7 @@ def write_class(results: Sequence[Result], out: Path) -> None:
     files = {result.name: _files(Path(HAND_INS, result.name), out) for result in results}
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / "results.csv", to_csv(results))
+    write_whole(out / "moodle.csv", to_moodle(results))
     write_whole(out / "junit.xml", to_junit(results))
     write_whole(out / "index.html", class_page(results, pictures, files))
     write_whole(out / "summary.md", to_step_summary(results))

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 from urllib.parse import quote
 
-from husky_highlevel_controller.grading.records import Item, Result
+from husky_highlevel_controller.grading.records import AUTO, Item, Result, ResultState
 from husky_highlevel_controller.templates import render
 
+COURSE_ROBOT = "husky"  # of the sheets
 LEAD = 1.0  # [s], simulated: a replay begins so long before the moment of an evidence
 BARS = 10  # of the histogram
 BAR_HEIGHT = 60  # [pixels], the highest
-COLOURS = {"marked": "ok", "for a person": "person", "could not be marked": "unmarked"}
+COLOURS = {ResultState.MARKED: "ok", ResultState.FOR_A_PERSON: "person", ResultState.NOT_MARKED: "unmarked"}
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,10 @@ def class_page(
         rows=rows,
         columns=columns,
         settings=ordered[0].settings if ordered else {},
-        counts=[(state, n) for state in COLOURS if (n := sum(r.state == state for r in ordered))],
+        counts=[(state.value, n) for state in COLOURS if (n := sum(r.state == state for r in ordered))],
+        decided=sum(result.max_points for result in ordered),
+        possible=sum(item.max_points for result in ordered for item in result.items),
+        course_robot=_course_robot(ordered),
         median=round(100.0 * statistics.median(shares), 1) if shares else None,
         bars=histogram(shares),
         grade=_grade,
@@ -131,5 +135,13 @@ def moment_of(item: Item) -> float:
     return max((item.at or 0.0) - LEAD, 0.0)
 
 
+def _course_robot(results: Sequence[Result]) -> str:
+    """The robot that a teacher asked for, else the sheets': one that is another's is coloured."""
+    robot = str(results[0].settings.get("robot", AUTO)) if results else AUTO
+    return COURSE_ROBOT if robot == AUTO else robot
+
+
 def _grade(points: float, max_points: float) -> str:
+    if not max_points:
+        return "none" if points < 0.0 else ""
     return "full" if points >= max_points - 1e-9 else "some" if points > 0.0 else "none"

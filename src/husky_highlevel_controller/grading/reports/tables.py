@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import textwrap
 import xml.etree.ElementTree as ET
 from typing import Sequence
 
-from husky_highlevel_controller.grading.records import Item, Result
+from husky_highlevel_controller.grading.records import Item, Result, ResultState
 
 WIDTH = 110  # letters of the table
 
@@ -79,9 +80,30 @@ def to_csv(results: Sequence[Result]) -> str:
         points_by_name = {item.name: item.points for item in result.items}
         marks = ["" if points_by_name.get(name) is None else f"{points_by_name[name]:g}" for name in names]
         total = ["", ""] if result.problem else [f"{result.points:g}", f"{result.max_points:g}"]
-        state = f"{result.state}: {result.problem}" if result.problem else result.state
+        state = result.state.value + f": {result.problem}" * bool(result.problem)
         notes = _harmless(" | ".join(result.notes))
         writer.writerow([_harmless(result.name), *marks, *total, _harmless(state), notes])
+    return text.getvalue()
+
+
+MOODLE = re.compile(
+    r"^(.+)_(\d+)_assignsubmission_"
+)  # name of a folder that Moodle packs: student and number
+
+
+def to_moodle(results: Sequence[Result]) -> str:
+    """Moodle's grading worksheet: a line for each result that is decided as a whole and not held back."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["Identifier", "Full name", "Grade", "Maximum Grade", "Feedback comments"])
+    for result in results:
+        if result.state is ResultState.MARKED and not result.held:
+            name = MOODLE.match(result.name)
+            identifier = f"Participant {name[2]}" if name else ""
+            comments = "; ".join(f"{item.name} {points(item)}: {item.evidence}" for item in result.items)
+            marks = [f"{result.points:g}", f"{result.max_points:g}"]
+            student = _harmless(name[1] if name else result.name)
+            writer.writerow([identifier, student, *marks, _harmless(comments)])
     return text.getvalue()
 
 

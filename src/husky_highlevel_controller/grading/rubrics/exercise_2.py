@@ -8,12 +8,13 @@ from typing import List, Sequence
 
 import numpy as np
 
+from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.notes import Subject
-from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules
 from husky_highlevel_controller.grading.rubrics.causes import NO_SCANS, causes, hint_on
 from husky_highlevel_controller.grading.rubrics.exercise_3 import DISPLAYS, without_config
-from husky_highlevel_controller.grading.rubrics.items import forfeited
+from husky_highlevel_controller.grading.rubrics.items import forfeited, weighted
 
 ITEMS = (
     "prints the smallest range",
@@ -91,4 +92,4 @@ def judge_exercise_2(
         judge_parameters(recordings[0]),
         judge_view(view, scan_topic, rules),
     ]
-    return rules.apply(forfeited(items, recordings))
+    return weighted(forfeited(items, recordings), rules)

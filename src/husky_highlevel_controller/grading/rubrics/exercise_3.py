@@ -8,9 +8,10 @@ from typing import List, Optional, Sequence
 import numpy as np
 
 from husky_highlevel_controller.course import TOUCH
+from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.drive.recording import Recording
-from husky_highlevel_controller.grading.notes import Subject
-from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
+from husky_highlevel_controller.grading.notes import Kind, Subject
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules
 from husky_highlevel_controller.grading.rubrics.causes import (
     behind,
     cause_of_stop,
@@ -18,7 +19,7 @@ from husky_highlevel_controller.grading.rubrics.causes import (
     first_cause,
     hint_on,
 )
-from husky_highlevel_controller.grading.rubrics.items import forfeited, over_trials
+from husky_highlevel_controller.grading.rubrics.items import forfeited, over_trials, weighted
 from husky_highlevel_controller.grading.rubrics.marker_faults import CHECK
 from husky_highlevel_controller.grading.rubrics.marker_faults import HINTS as MARKER_HINTS
 from husky_highlevel_controller.grading.rubrics.markers import judge_namespaces
@@ -197,7 +198,8 @@ def without_config(item: Item, view: RvizView, rules: Rules) -> Item:
     if rules.no_rviz_config == "zero":
         return replace(item, points=0.0)
     if rules.no_rviz_config == "person":
-        return replace(item, points=None, evidence=f"for a person: {NO_VIEW}")
+        words = f"for a person: {NO_VIEW}"
+        return replace(item, points=None, evidence=words, reason=Kind.NO_RVIZ_FILE)
     does = "starts" if view.started else "does not start"
     words = f"{NO_VIEW}; its launch file {does} RViz"
     return replace(item, points=item.max_points * view.started, evidence=words)
@@ -271,4 +273,4 @@ def judge_exercise_3(
         over_trials(places, rules.other_worlds),
         judge_shown(view, recordings, places, rules),
     ]
-    return rules.apply(forfeited(items, recordings))
+    return weighted(forfeited(items, recordings), rules)

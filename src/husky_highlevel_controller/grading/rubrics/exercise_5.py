@@ -7,11 +7,12 @@ from typing import List, Sequence
 
 import numpy as np
 
+from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.drive.recording import Call, Recording
 from husky_highlevel_controller.grading.notes import Subject
-from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules, RvizView
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules
 from husky_highlevel_controller.grading.rubrics.causes import causes, first_cause, hint_on
-from husky_highlevel_controller.grading.rubrics.items import forfeited
+from husky_highlevel_controller.grading.rubrics.items import forfeited, weighted
 
 ITEMS = (
     "service stops the robot",
@@ -144,4 +145,4 @@ def judge_exercise_5(
             replace(items[1], points=0.0, hint=hint),
         ]
     items += [Item(name, None, 25.0, by_hand, subject=Subject.SERVICE) for name in ITEMS[2:]]
-    return rules.apply(forfeited(items, recordings))
+    return weighted(forfeited(items, recordings), rules)

@@ -9,7 +9,7 @@ import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.notes import Subject
-from husky_highlevel_controller.grading.records import Item
+from husky_highlevel_controller.grading.records import Item, Rules
 
 INITIALISE = "give each member a value in the constructor"
 
@@ -62,3 +62,20 @@ def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
             reason = "by chance, as above"
         judged.append(item)
     return judged
+
+
+def weighted(items: Sequence[Item], rules: Rules) -> List[Item]:
+    """Items with the teacher's weights, without points where a person judges."""
+    return [
+        replace(each, hint="") if each.full and each.points is not None else each
+        for each in (_weighted(item, rules) for item in items)
+    ]
+
+
+def _weighted(item: Item, rules: Rules) -> Item:
+    weight = rules.weights.get(item.name, item.max_points)
+    if item.name in rules.by_person:
+        return replace(item, points=None, max_points=weight, evidence=f"for a person: {item.evidence}")
+    if item.points is None or weight == item.max_points:
+        return replace(item, max_points=weight)
+    return replace(item, points=round(item.points * weight / item.max_points, 1), max_points=weight)
