@@ -15,7 +15,9 @@ import rospkg
 
 COMPAT = Path(__file__).resolve().parents[1] / "compat"
 # that workspaces have copies of, with launch files that need Gazebo or other missing packages
-COURSE_PACKAGES = ("husky_description", "husky_gazebo", "smb_description", "smb_gazebo")
+COURSE_PACKAGES = (
+    "husky_control", "husky_description", "husky_gazebo", "smb_control", "smb_description", "smb_gazebo",
+)  # fmt: skip
 OURS_FIRST = ("launch", "scripts")  # folders whose files need Gazebo
 
 

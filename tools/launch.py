@@ -186,6 +186,9 @@ def adapt(config: Any) -> None:
         node.type == "spawn_husky" or (node.type == "spawn_model" and "-urdf" in node.args)
         for node in config.nodes
     )
+    for node in config.nodes:
+        if (node.package, node.type) == ("gazebo_ros", "spawn_model"):
+            node.output = "screen"  # it refuses a model by a sentence, or becomes the simulator
     if has_world and not has_robot:
         say("warning: the launch file has a world but no robot (husky_gazebo/launch/spawn_husky.launch)")
     if any(node.package == "rviz" and node.name not in OWN_RVIZ for node in config.nodes):

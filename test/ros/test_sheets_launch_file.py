@@ -164,6 +164,25 @@ def test_nodes_of_gazebo_ros_simulate_the_world_and_the_model_of_a_copy(copy, ro
     assert (post["x"], post["y"], post["z"]) == (4.0, -2.0, 1.0)
 
 
+ROBOT = """<launch>
+  <include file="$(find gazebo_ros)/launch/empty_world.launch"/>
+  <include file="$(find husky_control)/launch/control.launch"/>
+  <include file="$(find husky_control)/launch/teleop.launch"/>
+  <node name="spawn" pkg="gazebo_ros" type="spawn_model"
+        args="-x 1.5 -z 0.2 -unpause -urdf -param robot_description -model husky -robot_namespace /"/>
+</launch>"""
+
+
+def test_the_husky_s_urdf_in_spawn_model_is_the_robot(theirs, ros):
+    file = theirs / "launch" / "robot.launch"
+    file.write_text(ROBOT)
+    launched = launch(ros, file)
+    launched.says("simulating 'default' with 1 bodies")
+    assert "ERROR" not in launched.output
+    assert "no robot" not in launched.output
+    assert ros.master("getParam", "/husky_simulator/x") == 1.5
+
+
 def test_a_launch_file_that_needs_gazebo_gives_way_to_the_one_that_does_not(copy, ros):
     launched = launch(ros, copy / "launch" / "spawn_husky.launch", "--nodes")
     assert launched.wait() == 0

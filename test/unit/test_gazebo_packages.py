@@ -39,6 +39,15 @@ ARGUMENTS = {
     "smb_gazebo/smb_gazebo": "model_path robot_model_name world world_file x y z roll pitch yaw paused debug"
     " use_sim_time verbose publishing_time_step run_gui description_name control_namespace tracking_camera",
     "smb_gazebo/smb_gazebo_empty": "world_name laser_enabled kinect_enabled",
+    "husky_control/control": "laser_enabled kinect_enabled config_extras extra_controllers launch_extras"
+    " robot_namespace stopped_controllers urdf_extras enable_ekf multimaster multimaster_enabled simulation"
+    " realsense_enabled",
+    "husky_control/teleop": "joy_dev joystick keyboard",
+    "smb_control/control": "robot_description description_file robot_namespace simulation enable_ekf",
+    "smb_control/smb_control": "description_name description_file robot_namespace control_namespace"
+    " enable_ekf joint_states_topic joystick keyboard_teleop lidar mpc mpc_track_local_plan simulation"
+    " tracking_camera",
+    "smb_control/teleop": "joy_dev joystick_name_space",
     "gazebo_ros/empty_world": f"{WINDOW} world_name respawn_gazebo use_clock_frequency pub_clock_frequency"
     " output enable_ros_network server_required gui_required",
     "gazebo_ros/elevator_world": f"{WINDOW} world_name output",

@@ -81,7 +81,9 @@ def main() -> None:
         raise SystemExit(f"spawn_model: '{given.model}': {error}") from None
     if robot in ROBOTS:
         pose = [f"x:={given.x}", f"y:={given.y}", f"yaw:={given.Y}"]
-        os.execv(SPAWN_HUSKY, ["spawn_husky", f"robot:={robot}", *pose])
+        # the SMB's /scan is made of its cloud, by a node of its launch files
+        scans = ["laser_topic:=husky_simulator/plane_scan"] * (robot == "smb")
+        os.execv(SPAWN_HUSKY, ["spawn_husky", f"robot:={robot}", *pose, *scans])
     rospy.init_node("spawn_model", anonymous=True)
     pose = Pose(Point(given.x, given.y, given.z), Quaternion(*quat_from_rpy(given.R, given.P, given.Y)))
     spawn = rospy.ServiceProxy(find_service(), SpawnObject)

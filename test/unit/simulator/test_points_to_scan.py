@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from husky_highlevel_controller.config import ConfigError, read_config
-from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten
+from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten, parameters_of
 
 COURSE = FlattenConfig(
     min_height=-0.2, max_height=1.0, angle_min=-1.5708, angle_max=1.5708, angle_increment=0.0087,
@@ -37,3 +37,12 @@ def test_no_point_and_no_direction():
 def test_directions_without_number_are_refused_by_name():
     with pytest.raises(ValueError, match=r"angle_increment = 0\.0001 makes 2000000"):
         FlattenConfig(angle_min=-100.0, angle_max=100.0, angle_increment=1e-4)
+
+
+def test_an_argument_that_roslaunch_has_not_put_in_is_the_default():
+    values = parameters_of(
+        {"min_height": "$(arg min)", "max_height": 0.2, "target_frame": "rslidar", "other": 1}
+    )
+    (config,) = read_config(values, "", FlattenConfig)
+    assert (config.min_height, config.max_height) == (FlattenConfig().min_height, 0.2)
+    assert config.target_frame == "rslidar"

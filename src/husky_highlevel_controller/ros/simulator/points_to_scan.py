@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Optional
 
 import rospy
@@ -14,7 +13,7 @@ from husky_highlevel_controller.geometry import transform_points
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_from_msg
 from husky_highlevel_controller.ros.node import publish, run_node
-from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten
+from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten, parameters_of
 
 MAX_POINTS = 1_000_000
 REPORT_PERIOD = 5.0  # [s] between two complaints about the same
@@ -25,8 +24,7 @@ class PointsToScanNode(rospy.SubscribeListener):
 
     def __init__(self) -> None:
         parameters = rospy.get_param("~", {})  # unknown ones are ignored, as there
-        values = {name: parameters.get(name, value) for name, value in asdict(FlattenConfig()).items()}
-        (self._config,) = read_config(values, rospy.get_name() + "/", FlattenConfig)
+        (self._config,) = read_config(parameters_of(parameters), rospy.get_name() + "/", FlattenConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms) if self._config.target_frame else None
         self._clouds: Optional[rospy.Subscriber] = None

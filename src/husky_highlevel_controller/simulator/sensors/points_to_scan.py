@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from math import ceil, pi
-from typing import Any
+from typing import Any, Dict, Mapping
 
 import numpy as np
 
@@ -51,6 +51,16 @@ class FlattenConfig:
     def directions(self) -> int:
         """Number of directions."""
         return ceil((self.angle_max - self.angle_min) / self.angle_increment)
+
+
+def parameters_of(given: Mapping[str, Any]) -> Dict[str, Any]:
+    """Parameters of a FlattenConfig; as there, text in place of a number, or nothing, is the default."""
+    defaults = asdict(FlattenConfig())
+    values = {name: given.get(name, default) for name, default in defaults.items()}
+    return {
+        name: defaults[name] if isinstance(value, str) and not isinstance(defaults[name], str) else value
+        for name, value in values.items()
+    }
 
 
 def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
