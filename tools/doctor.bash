@@ -10,7 +10,7 @@ check_system() {
   echo "This machine"
   if [ -n "$opt_ros" ]; then
     good "$(os_name), with ROS 1 in $opt_ros"
-  elif [[ " ${ros_in_archive[*]} " == *" $(os_codename) "* ]]; then
+  elif in_list_of_releases || apt-cache show python3-rospy >/dev/null 2>&1; then
     good "$(os_name): its archive has ROS 1"
   else
     bad "$(os_name) has no ROS 1 in its archive: use the container (docs/install.md)"

@@ -20,11 +20,26 @@ packages_of() {
   printf '%s\n' "${plain[@]}"
   if [ -z "$opt_ros" ]; then printf '%s\n' "${ros[@]}"; fi
 }
-# Print those of the packages GROUP... that are not installed.
+# Print those of the packages GROUP... that are not installed, without those that the archive has not.
 missing_packages() {
   local group
   comm -23 <(for group in "$@"; do packages_of "$group"; done | sed '/^$/d' | sort -u) \
-    <(dpkg-query -W -f='${Package} ${db:Status-Status}\n' 2>/dev/null | sed -n 's/ installed$//p' | sort -u)
+    <({ dpkg-query -W -f='${Package} ${db:Status-Status}\n' | sed -n 's/ installed$//p'; cat "$state/absent"; } 2>/dev/null | sort -u)
+}
+
+in_list_of_releases() { [[ " ${ros_in_archive[*]} " == *" $(os_codename) "* ]]; }
+
+# Take the packages that the archive of a later release has not out of the array `missing`, and name them.
+leave_out_absent() {
+  local absent
+  apt-cache pkgnames | sort -u >"$state/archive"
+  grep -qx python3-rospy "$state/archive" \
+    || die "$(os_name) has no ROS 1 in its archive: use the container, or install ROS 1 into /opt/ros (docs/install.md)"
+  mapfile -t absent < <(printf '%s\n' "${missing[@]}" | comm -23 - "$state/archive")
+  [ ${#absent[@]} -gt 0 ] || return 0
+  say "the archive of $(os_name) has no ${absent[*]}: going on without (docs/install.md)"
+  printf '%s\n' "${absent[@]}" >>"$state/absent"
+  mapfile -t missing < <(printf '%s\n' "${missing[@]}" | comm -12 - "$state/archive")
 }
 
 # Show how far apt-get is: a line that counts in a terminal, else a line every ten percent. In: its output with
@@ -72,9 +87,6 @@ install_debian_packages() {
   mapfile -t missing < <(missing_packages "$@")
   [ ${#missing[@]} -gt 0 ] || return 0
   command -v apt-get >/dev/null || die "$(os_name) has no apt-get: use the container (docs/install.md)"
-  if [ -z "$opt_ros" ] && ! [[ " ${ros_in_archive[*]} " == *" $(os_codename) "* ]]; then
-    die "$(os_name) has no ROS 1 in its archive: use the container, or install ROS 1 into /opt/ros (docs/install.md)"
-  fi
   if [ "$(id -u)" -ne 0 ]; then
     command -v sudo >/dev/null \
       || die "neither root nor sudo; ask for: apt-get install --no-install-recommends ${missing[*]}"
@@ -85,6 +97,8 @@ install_debian_packages() {
   : >"$log"
   say "reading the archive's list of packages"
   "${apt[@]}" update >>"$log" 2>&1 || true      # a third party's broken source must not stop this one
+  if [ -z "$opt_ros" ] && ! in_list_of_releases; then leave_out_absent; fi
+  [ ${#missing[@]} -gt 0 ] || return 0
   # what an installation that was interrupted has left half done
   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive dpkg --configure -a >>"$log" 2>&1 || true
   local sizes
@@ -140,6 +154,8 @@ make_venv() {
     /usr/bin/python3 -m venv --clear "$venv"
   fi
   rm -f "$state"/venv-*.done
+  "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info >= (3, 14))' || "$venv/bin/python" -c 'import pybullet' 2>/dev/null \
+    || die "PyPI has no wheel of PyBullet for $("$venv/bin/python" --version): use the container or conda-forge, or compile it (docs/install.md)"
   pip_install "NumPy and PyBullet (0.12 GB)" "$file"
   # rospy comes from Debian. A path rather than --system-site-packages: Debian's own .pth files and /usr/local
   # stay out, which put another matplotlib and another NumPy in front of those that belong together.
@@ -206,6 +222,8 @@ set_up() {
   export PYTHONUNBUFFERED=1                  # a log that is piped is seen line by line
   # NumPy's threads spin as each process imports it, 0.1 s of CPU time; no matrix here is large enough for them
   export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}
+  # CMake 4 refuses what says that it was written for CMake before 3.5, as most packages of ROS 1 do
+  export CMAKE_POLICY_VERSION_MINIMUM=${CMAKE_POLICY_VERSION_MINIMUM:-3.5}
   install_debian_packages launch "$@"
   make_venv
   complete_venv "$@"

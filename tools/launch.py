@@ -114,6 +114,14 @@ def drop_missing_terminals(config: Any) -> None:
             node.launch_prefix = None
 
 
+def drop_missing_rviz(config: Any) -> None:
+    """Start no RViz where it is not installed: Debian forky's archive has none."""
+    others = [node for node in config.nodes if node.package != "rviz"]
+    if len(others) < len(config.nodes) and "rviz" not in rospkg.RosPack().list():
+        say("warning: RViz is not installed; web:=true shows the robot in a browser")
+        config.nodes = others
+
+
 def check_integers(config: Any) -> None:
     """Refuse whole numbers that the parameter server cannot take; roslaunch would end in a traceback."""
     for param in config.params.values():
@@ -180,6 +188,7 @@ def adapt(config: Any) -> None:
     """Make the nodes of a launch file for Gazebo and a desktop start here."""
     check_integers(config)
     drop_missing_terminals(config)
+    drop_missing_rviz(config)
     programs = {(node.package, node.type) for node in config.nodes}
     has_world = "/gazebo_world/world_name" in config.params or ("gazebo_ros", "gzserver") in programs
     has_robot = any(

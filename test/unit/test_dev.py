@@ -173,12 +173,38 @@ def test_with_ros_in_opt_nothing_of_ros_is_asked_of_apt():
 
 def test_a_system_without_ros_in_its_archive_is_sent_to_the_container():
     output, code = bash(
-        "opt_ros=; missing_packages() { echo rviz; };"
-        "os_codename() { echo noble; }; os_name() { echo Ubuntu 24.04; };"
-        "state=$(mktemp -d); install_debian_packages launch"
+        "apt-cache() { echo cmake; }; os_name() { echo Ubuntu 24.04; };"
+        "state=$(mktemp -d); missing=(cmake rviz); leave_out_absent"
     )
     assert code == 1
     assert "Ubuntu 24.04 has no ROS 1 in its archive: use the container" in output
+
+
+def test_what_the_archive_of_a_later_debian_has_not_is_named_once_and_left_out(tmp_path):
+    output, code = bash(
+        "apt-cache() { printf '%s\\n' python3-rospy cmake; }; os_name() { echo Debian forky; };"
+        "dpkg-query() { :; }; packages_of() { printf '%s\\n' cmake rviz; };"
+        f"state={tmp_path}; missing=(cmake rviz); leave_out_absent; echo to install: ${{missing[*]}};"
+        "echo then missing: $(missing_packages launch)"
+    )
+    assert code == 0
+    assert output.count("the archive of Debian forky has no rviz: going on without") == 1
+    assert "to install: cmake\n" in output
+    assert "then missing: cmake\n" in output
+
+
+def test_a_python_without_a_wheel_of_pybullet_is_told_the_ways(tmp_path):
+    python = tmp_path / "bin" / "python"
+    python.parent.mkdir()
+    # it has pip, is later than 3.13, has no PyBullet
+    python.write_text(
+        '#!/bin/sh\ncase "$*" in *"import pip"*) ;; --version) echo Python 3.14.7 ;; *) exit 1 ;; esac\n'
+    )
+    python.chmod(0o755)
+    output, code = bash(f"state={tmp_path} venv={tmp_path}; pip_install() {{ echo fetched; }}; make_venv")
+    assert code == 1
+    assert "no wheel of PyBullet for Python 3.14.7: use the container or conda-forge, or compile it" in output
+    assert "fetched" not in output
 
 
 @pytest.mark.parametrize(
@@ -303,3 +329,10 @@ def test_exercises_show_what_new_writes(file):
     text = (ROOT / "examples" / "first_node" / file).read_text().replace("first_node", "my_husky")
     kind = "python" if "scripts" in file else "xml"
     assert f"```{kind}\n{text}```" in (ROOT / "docs" / "exercises.md").read_text()
+
+
+@pytest.mark.parametrize("folder", [".", "examples/first_node", "examples/first_node_cpp"])
+def test_cmake_4_takes_what_is_built_here(folder):
+    text = (ROOT / folder / "CMakeLists.txt").read_text()
+    version = re.match(r"cmake_minimum_required\(VERSION (\d+)\.(\d+)\)", text).groups()
+    assert tuple(map(int, version)) >= (3, 5)
