@@ -172,7 +172,7 @@ def yellow_rows(page):
     return np.flatnonzero(((red > 150) & (green > 120) & (blue < 0.6 * green)).any(axis=1))
 
 
-def test_a_phone_shows_the_robot_above_the_panel(browser, launched):
+def test_a_phone_shows_the_robot_above_the_panel_and_a_wide_window_beside_it(browser, launched):
     phone = browser.new_page(viewport={"width": 390, "height": 844}, device_scale_factor=COARSENESS)
     watch(phone)
     phone.goto(launched)
@@ -183,6 +183,11 @@ def test_a_phone_shows_the_robot_above_the_panel(browser, launched):
     assert yellow_rows(phone).max() < phone.locator(".husky-e-stop").bounding_box()["y"] * COARSENESS
     assert phone.locator(".husky-e-stop").bounding_box()["y"] > 380.0
     assert phone.get_by_role("button", name="Start", exact=True).bounding_box()["height"] >= 44.0
+    phone.set_viewport_size({"width": 1280, "height": 800})
+    phone.wait_for_function(
+        f"{canvas}.every(box => box.height === 800 && 800 < box.width && box.width < 900)"
+    )
+    assert phone.locator(".husky-e-stop").bounding_box()["x"] > 880.0
     phone.close()
 
 
