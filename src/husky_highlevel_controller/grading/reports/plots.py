@@ -28,10 +28,10 @@ SCAN = "#c2185b"
 
 def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
     """Picture of all drives, side by side."""
-    width, height = 5.2 * len(recordings) + 0.8, 5.0
+    width, height = 5.2 * len(recordings) + 1.0, 5.0
     figure = new_figure(width, height, layout=None)
-    edges = {"left": 0.65 / width, "right": 1 - 0.95 / width, "bottom": 0.5 / height, "top": 0.87}
-    axes = figure.subplots(1, len(recordings), squeeze=False, gridspec_kw={**edges, "wspace": 0.16})[0]
+    edges = {"left": 0.85 / width, "right": 1 - 0.95 / width, "bottom": 0.5 / height, "top": 0.87}
+    axes = figure.subplots(1, len(recordings), squeeze=False, gridspec_kw={**edges, "wspace": 0.24})[0]
     end = max([float(recording.times[-1]) for recording in recordings if len(recording.times)], default=1.0)
     for number, (recording, axis) in enumerate(zip(recordings, axes), 1):
         dots = _draw(recording, axis, end)
