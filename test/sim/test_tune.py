@@ -109,7 +109,8 @@ def test_without_optuna_the_message_says_what_to_install(monkeypatch):
         tune._optuna()
 
 
-def test_what_it_writes_is_what_the_launch_file_loads(tmp_path, capsys):
+def test_what_it_writes_is_what_the_launch_file_loads(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")  # a robot may be running
     ranges, scenes = [Range("p_gain_vel", 0.1, 10.0)], random_starts(2, 0)
     with Workers(1) as workers:
         tuned = tune.tune(ranges, Setup(), scenes, Objective(), 8, 0, workers, valley)
