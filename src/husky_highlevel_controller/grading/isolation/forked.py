@@ -30,6 +30,8 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 def import_early() -> None:
     """Begin to import what the programs share, beside whatever this program does next."""
+    # Python 3.14 hands sys.path on, where catkin's devel space has our sources before their messages
+    sys.path.sort(key=str(Path(__file__).parents[3]).__eq__)
     _CONTEXT.set_forkserver_preload(list(MODULES))
     forkserver.ensure_running()
 
