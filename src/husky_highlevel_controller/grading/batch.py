@@ -158,10 +158,14 @@ def _earlier(job: Job) -> Optional[Result]:
         judged = None if is_as_before else judge_recordings(job)
     except Exception:  # of whatever kind: it is marked again, and then that is its result
         return None
-    if judged is not None and (judged := with_override(judged, job.override)) != result:
-        write_result(judged, out)
-    write_whole(out / JOB, to_json(job))  # the class may lie elsewhere by now
-    return judged or result
+    judged = with_override(judged, job.override) if judged else result
+    try:
+        if judged != result:
+            write_result(judged, out)
+        write_whole(out / JOB, to_json(job))  # the class may lie elsewhere by now
+    except OSError:  # as above
+        return None
+    return judged
 
 
 def _settings_before(out: Path) -> Optional[Tuple[MarkingConfig, Override]]:

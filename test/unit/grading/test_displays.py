@@ -124,6 +124,10 @@ def test_only_what_is_switched_on_counts(tmp_path):
     put(tmp_path / "c.rviz", "- no: rviz")
     assert find_setup(Plan(package_path=tmp_path)).source == "b.rviz"
     assert find_setup(Plan()) == RvizConfig()
+    for value in (f"Alpha: 1{'0' * 400}", f"Topic: 0x{'f' * 5000}"):
+        display = f"{{Class: rviz/LaserScan, {value}}}"
+        put(tmp_path / "numbers" / "a.rviz", f"Visualization Manager: {{Displays: [{display}]}}")
+        assert find_setup(Plan(package_path=tmp_path / "numbers")).problem == "the file is not RViz's"
 
 
 def test_the_file_of_the_rviz_node_is_the_one(tmp_path):

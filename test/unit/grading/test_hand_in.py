@@ -358,6 +358,29 @@ def test_a_copy_that_does_not_build_gives_way_to_the_next(tmp_path, monkeypatch)
     assert any("package husky is taken from first/husky" in note for note in notes)
 
 
+def test_what_does_not_build_gives_way_to_no_copy_of_another_exercise_and_is_built_once(
+    tmp_path, monkeypatch
+):
+    ann, out, builds = tmp_path / "ann", tmp_path / "out", []
+    for place in ("ex3", "ex5"):
+        folder = package(ann / place / "husky", "husky")
+        launch(folder / "launch" / "a.launch", NODE.format("husky"))
+    put(folder / "scripts" / "controller", "#!/bin/sh\n")
+    for place in ("a", "b"):
+        package(ann / place / "husky_gazebo", "husky_gazebo")
+
+    def build(folders, *_):
+        builds.append(folders)
+        return build_module.Build(Workspace(), (), "it does not build")
+
+    monkeypatch.setattr(prepare_module, "build", build)
+    out.mkdir()
+    submission, notes = prepare_module.prepare(ann, Override(), 3, Workspace(), out)
+    assert submission.problem == "it does not build"
+    assert "package husky is taken from ex3/husky; left aside: ex5/husky" in notes
+    assert len(builds) == 1
+
+
 def test_which_copy_was_taken_is_told_where_nothing_starts(tmp_path):
     for name in ("first", "second"):
         package(tmp_path / "class" / "ann" / name / "husky", "husky")
@@ -866,6 +889,25 @@ def test_a_typo_in_marking_yaml_that_comes_before_the_drives_costs_no_other_driv
     (result,) = mark_all(MarkingConfig(), batch)
     assert not result.problem
     assert not (out / "mark.log").exists(), "nothing was started"
+
+
+def test_a_picture_that_cannot_be_read_leaves_the_class_its_table(marked):
+    batch, out = marked
+    (out / "drive.png").symlink_to("/proc/self/mem")
+    (result,) = mark_all(MarkingConfig(), batch)
+    assert not result.problem
+    assert "ann" in (batch.out / "results.csv").read_text()
+
+
+def test_a_result_that_cannot_be_written_again_is_that_of_its_hand_in(marked):
+    batch, out = marked
+    (out / "table.txt").unlink()
+    (out / "table.txt").mkdir()
+    put(batch.folder / "bob" / "readme.txt", "no package")
+    put(batch.folder / "marking.yaml", "students: {ann: {late: {percent: 50, word: a day late}}}")
+    ann, bob = mark_all(MarkingConfig(), batch)
+    assert "table.txt" in ann.problem
+    assert "no catkin package in it" in bob.problem
 
 
 def test_a_class_that_was_moved_is_reviewed_where_it_is(marked, tmp_path):

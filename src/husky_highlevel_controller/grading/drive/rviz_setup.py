@@ -88,5 +88,5 @@ def _display_config(arguments: str) -> Optional[Path]:
 def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizConfig:
     try:
         return read_config(source, read_yaml(path), remaps)
-    except UnreadableFileError:
+    except (UnreadableFileError, ValueError, OverflowError):  # numbers of hundreds of digits
         return read_config(source, {})

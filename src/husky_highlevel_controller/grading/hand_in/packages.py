@@ -209,7 +209,8 @@ def choose_packages(
 
     Known packages are left aside; of several with the same name the one of the exercise stays, of equals the
     one with a launch file that starts its node, then the one with more files; at a further attempt the next
-    one. Packages of other exercises stay only if one that stays depends on them.
+    one, unless it is another exercise's. Packages of other exercises stay only if one that stays depends on
+    them.
     """
     notes: List[str] = []
     by_name: Dict[str, List[Package]] = {}
@@ -223,7 +224,8 @@ def choose_packages(
         namesakes = by_name[name]
         if len(namesakes) > 1:
             namesakes = sorted(namesakes, key=partial(_rank, exercise=exercise))
-            namesakes.insert(0, namesakes.pop(min(attempt, len(namesakes) - 1)))
+            fitting = sum(fits_exercise(each.place, exercise) > 0 for each in namesakes) or len(namesakes)
+            namesakes.insert(0, namesakes.pop(min(attempt, fitting - 1)))
             places = ", ".join(str(each.place) for each in namesakes[1:])
             notes.append(f"package {name} is taken from {namesakes[0].place}; left aside: {places}")
         package_by_name[name] = namesakes[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Dict, List, Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 from husky_highlevel_controller.grading.drive.plan import Submission
 from husky_highlevel_controller.grading.hand_in.build import Folders, build, copy_packages, is_built
@@ -19,6 +19,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     Contents,
     HandIn,
     NotMarkableError,
+    Package,
     choose_packages,
     copies_of_known,
     fits_exercise,
@@ -29,7 +30,8 @@ from husky_highlevel_controller.grading.isolation.files import copy, remove_tree
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Launchable, Override
 
-MAX_TRIED = 3  # launch files, the next one where no node of one is built
+MAX_TRIED = 3  # copies of a package, and launch files, the next one where no node of one is built
+Choice = Tuple[List[Package], List[str]]  # packages, and notes
 
 
 def prepare(
@@ -53,29 +55,32 @@ def prepare(
     contents = open_hand_in(HandIn(out.name, path), unpacked)
     override = replace(override, exercise=override.exercise or exercise)
     underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent))
-    names = [package.name for package in contents.packages]
-    copies = max(map(names.count, names), default=1)  # of one package
-    problems: Dict[int, str] = {}  # by attempt
-    for attempt in range(min(copies, MAX_TRIED)):
+    choices: List[Choice] = []
+    for attempt in range(MAX_TRIED):
+        choice = choose_packages(contents.packages, override.exercise or 0, attempt)
+        choices += [choice] * (choice not in choices)
+    problems: List[str] = []
+    unbuilt: List[Choice] = []
+    for choice in choices:
         try:
-            submission, notes = _prepare_copy(contents, attempt, override, underlay, out)
+            submission, notes = _prepare_choice(contents, choice, override, underlay, out)
         except NotMarkableError as error:
-            problems[attempt] = str(error)
+            problems.append(str(error))
         else:
-            if not submission.problem or copies == 1:
+            if not submission.problem or len(choices) == 1:
                 return submission, notes
-    unbuilt = [attempt for attempt in range(min(copies, MAX_TRIED)) if attempt not in problems]
+            unbuilt.append(choice)
     if not unbuilt:
         raise NotMarkableError(problems[0])
-    return _prepare_copy(contents, unbuilt[0], override, underlay, out)
+    return _prepare_choice(contents, unbuilt[0], override, underlay, out)
 
 
-def _prepare_copy(
-    contents: Contents, attempt: int, override: Override, underlay: Workspace, out: Path
+def _prepare_choice(
+    contents: Contents, choice: Choice, override: Override, underlay: Workspace, out: Path
 ) -> Tuple[Submission, List[str]]:
-    """Choose and build the packages of one attempt, see `choose_packages`."""
+    """Choose a launch file of chosen packages, and build them."""
     exercise = override.exercise or 0
-    packages, aside = choose_packages(contents.packages, exercise, attempt)
+    packages, aside = choice
     if not packages:
         raise NotMarkableError("; ".join(["no catkin package in it", *contents.notes, *aside]))
     notes = [*contents.notes, *aside]

@@ -39,7 +39,6 @@ KEPT_VARIABLES = (
     "ROS_DISTRO", "ROS_ETC_DIR", "ROS_PYTHON_VERSION", "ROS_ROOT", "ROS_VERSION", "PYTHONNOUSERSITE",
     "PYTHONDONTWRITEBYTECODE", "OPENBLAS_NUM_THREADS", "CMAKE_POLICY_VERSION_MINIMUM",
 )  # fmt: skip
-DISPLAYS = Path("/tmp/.X11-unix")
 
 # without --cap-drop, bubblewrap called by uid 0 (marking's private network makes it that) leaves all
 # capabilities, and with them the mounts can be undone
@@ -207,7 +206,5 @@ def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
         if prefix.startswith("/"):  # libraries and messages lie beside devel/ in the source space
             folders |= {Path(prefix).parent}
     folders |= {setup.resolve().parents[1] for setup in workspace.setups} | set(workspace.packages)
-    if "DISPLAY" in env:
-        folders.add(DISPLAYS)
     # not Path.exists, which raises for a folder that this user must not enter
     return sorted(path for path in folders if os.path.exists(path))

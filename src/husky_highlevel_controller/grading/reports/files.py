@@ -11,7 +11,12 @@ from typing import Dict, List, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.grading.drive.recording import ADD, Recording, drive_number
-from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text, write_whole
+from husky_highlevel_controller.grading.isolation.files import (
+    UnreadableFileError,
+    read_regular,
+    read_text,
+    write_whole,
+)
 from husky_highlevel_controller.grading.records import Result, load, printable, to_json
 from husky_highlevel_controller.grading.reports.exports import to_step_summary, write_exports
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page
@@ -108,7 +113,11 @@ def add_step_summary(results: Sequence[Result]) -> None:
 
 
 def _pictures(out: Path) -> List[bytes]:
-    return [(out / name).read_bytes() for name in PICTURES if (out / name).is_file()]
+    pictures = []
+    for name in PICTURES:
+        with suppress(UnreadableFileError):
+            pictures.append(read_regular(out / name))
+    return pictures
 
 
 def replays(out: Path) -> Dict[int, Path]:
