@@ -18,7 +18,7 @@ VARIABLES = (
     15  # x, y, z, roll, pitch, yaw, their velocities, and three accelerations: of every `odom0_config`
 )
 PLANAR = [0, 1, 5, 6, 7, 11, 12, 13]  # the states of `planar_ekf` among them
-INPUT = re.compile(r"(odom|imu)\d+")
+INPUT = re.compile(r"((?:odom|imu)\d+)(?:_(\w+))?")
 REFUSED = {  # unless false
     re.compile(r"(pose|twist)\d+\w*"): "inputs are odometry and IMU",
     re.compile(r"\w+_rejection_threshold"): "no measurement is rejected for its distance",
@@ -117,16 +117,15 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
     }
     for key, value in sorted(values.items()):
         reason = next((text for pattern, text in REFUSED.items() if pattern.fullmatch(key)), None)
-        input_name = INPUT.match(key)
+        of_input = INPUT.fullmatch(key)
         if reason and value is not False:
             raise ConfigError(f"{source}{key} = {value!r} is not supported: {reason}")
         if reason or WITHOUT_EFFECT.fullmatch(key):
             continue
         if key in matrices:
             matrices[key] = _matrix(key, value, source, remarks)
-        elif input_name:
-            name = input_name[0]
-            by_input.setdefault(name, {})[key[len(name) + 1 :] or "topic"] = value
+        elif of_input:
+            by_input.setdefault(of_input[1], {})[of_input[2] or "topic"] = value
         elif key in known:
             options[key] = value
         else:

@@ -72,7 +72,7 @@ class Localization:
         last = self._last.get(name, -inf)
         if reading.stamp <= last:
             raise ReadingError(f"its stamp is {reading.stamp:.6f} s, that of the one before {last:.6f} s")
-        self._sensors[name].check(reading)
+        reading = self._sensors[name].checked(reading)
         self._first = min(self._first, reading.stamp)
         self._last[name] = reading.stamp
         if reading.stamp > self._set_at:

@@ -8,7 +8,7 @@ of robot_localization's ros_filter.cpp.
 
 from __future__ import annotations
 
-from typing import List, NamedTuple, Optional, Tuple
+from typing import Any, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -79,13 +79,18 @@ class MotionSensor:
         """Forget all readings."""
         self._first = self._last = None
 
-    def check(self, reading: Reading) -> None:
-        """Raise ReadingError where a number that counts is none."""
-        pose = None
+    def checked(self, reading: Reading) -> Reading:
+        """The reading with zeros in place of NaN and infinity that do not count.
+
+        Raises:
+            ReadingError: a number that counts is NaN or infinity.
+        """
+        pose, pose_used = None, self._pose_used.copy()
+        pose_used[3:] |= self.config.remove_gravitational_acceleration and self._force_used.any()
         if reading.pose is not None:
             pose = np.array([*reading.pose.position, *rpy_from_quat(reading.pose.quat_xyzw)])
         for part, values, covariance, used in (
-            ("pose", pose, reading.pose_covariance, self._pose_used),
+            ("pose", pose, reading.pose_covariance, pose_used),
             ("velocity", reading.velocity, reading.velocity_covariance, self._velocity_used),
             ("acceleration", reading.specific_force, reading.force_covariance, self._force_used),
         ):
@@ -94,6 +99,9 @@ class MotionSensor:
             for kind, numbers in ((part, values[used]), (f"{part}'s covariance", covariance[used][:, used])):
                 if not np.isfinite(numbers).all():
                     raise ReadingError(f"its {kind} is {numbers.tolist()}")
+        stamp, full_pose, *arrays = reading
+        finite: List[Any] = [None if array is None else _finite(array) for array in arrays]
+        return Reading(stamp, full_pose and Pose(*(tuple(_finite(part)) for part in full_pose)), *finite)
 
     def measurements(self, reading: Reading, mounting: Mounting, yaw_rate: float) -> List[Measurement]:
         """Planar measurements of base_link in a reading.
@@ -164,6 +172,11 @@ class MotionSensor:
         kept = [i for i in (0, 1) if np.linalg.norm(axes[i] * self._force_used) >= SAME]
         states = tuple((AX, AY)[i] for i in kept)
         return Measurement(reading.stamp, states, values[kept], covariance[np.ix_(kept, kept)])
+
+
+def _finite(numbers: Any) -> np.ndarray:
+    finite: np.ndarray = np.nan_to_num(numbers, nan=0.0, posinf=0.0, neginf=0.0)
+    return finite
 
 
 def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:

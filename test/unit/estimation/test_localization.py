@@ -227,3 +227,30 @@ def test_a_covariance_of_all_variables_counts_on_the_plane():
     config, remarks = read_filter_config({**HUSKY, "process_noise_covariance": numbers}, "/ekf/")
     assert config.process_noise.diagonal().tolist() == [0, 1, 5, 6, 7, 11, 12, 13]
     assert not remarks
+
+
+def test_nan_that_does_not_count_changes_nothing():
+    nan = float("nan")
+    pose_config = [True, True, F, F, F, True] + [True, True, F, F, F, True] + [F] * 3  # of x, y and yaw
+    covariance, velocity = SMALL.copy(), np.array([1.0, 0, nan, nan, nan, 0.5])
+    covariance[2, :] = covariance[:, 3] = nan
+    broken = Reading(2.0, Pose((0.0, 0.0, nan)), covariance, velocity, covariance)
+    ends = []
+    for middle in (wheels(2.0), broken):
+        filter_ = localization(imu0_config=[F] * 15, odom0_config=pose_config)
+        ends.append(path(filter_, [("odom0", reading) for reading in (wheels(1.0), middle, wheels(3.0))])[-1])
+    assert np.isfinite(ends[0]).all()
+    assert ends[1].tolist() == ends[0].tolist()
+
+
+def test_gravity_is_not_taken_away_by_an_attitude_that_is_none():
+    filter_ = localization(imu0_config=[F] * 12 + [True] * 3)
+    attitude = Pose(quat_xyzw=(float("nan"),) * 4)
+    with pytest.raises(ReadingError, match="its pose is"):
+        filter_.add("imu0", imu(1.0)._replace(pose=attitude), AT_BASE)
+
+
+def test_a_misspelt_parameter_of_an_input_does_not_replace_its_topic():
+    config, remarks = read_filter_config({**HUSKY, "odom0x": "nonsense"}, "/ekf/")
+    assert config.inputs["odom0"].topic == HUSKY["odom0"]
+    assert "/ekf/odom0x is not a parameter" in remarks[0]
