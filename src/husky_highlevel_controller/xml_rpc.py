@@ -5,7 +5,9 @@ Only the standard library, because every launch waits for it.
 
 from __future__ import annotations
 
+from http.client import HTTPException
 from typing import Any
+from xml.parsers.expat import ExpatError
 from xmlrpc.client import Error, ServerProxy, Transport
 
 DEADLINE = 5.0  # [s] of wall time for one answer
@@ -32,6 +34,6 @@ def ask(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) -> A
     try:
         with server(uri, deadline) as api:
             code, _, value = getattr(api, method)(*arguments)
-    except (OSError, Error, ValueError, TypeError):
+    except (OSError, HTTPException, Error, ExpatError, ValueError, TypeError):  # a port may be any program's
         return None
     return value if code == 1 else None

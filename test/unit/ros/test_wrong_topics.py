@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import socket
+import threading
+
 import pytest
 
-from husky_highlevel_controller.ros.simulator.wrong_topics import Graph, sentence, wrong_topics
+from husky_highlevel_controller.ros.simulator.wrong_topics import Graph, read_graph, sentence, wrong_topics
 
 TWIST, SCAN, ODOMETRY = "geometry_msgs/Twist", "sensor_msgs/LaserScan", "nav_msgs/Odometry"
 
@@ -101,3 +104,20 @@ def test_the_watch_warns_once_and_five_simulated_seconds_after_the_node_has_join
     now[0] = 200.0
     watch.look(wrong)
     assert len(warnings) == 1, "once for each"
+
+
+@pytest.mark.parametrize(
+    "answer", [b"SSH-2.0-OpenSSH\r\n", b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\n\r\nhello"]
+)
+def test_a_port_that_is_no_masters_has_no_graph(answer):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            for _ in range(2):
+                connection, _ = server.accept()
+                with connection:
+                    connection.recv(4096)
+                    connection.sendall(answer)
+
+        threading.Thread(target=serve, daemon=True).start()
+        assert read_graph(f"http://127.0.0.1:{server.getsockname()[1]}") is None
