@@ -60,7 +60,7 @@ def run_here(
     A process that is killed is replaced, and its group done again; closing the iterator cancels the rest.
 
     Raises:
-        HuskyError: one group ended its process MAX_DEATHS times.
+        HuskyError: one group ended its process MAX_DEATHS times, without `on_error`.
     """
     todo = deque(range(len(groups)))
     deaths: CounterType[int] = Counter()
@@ -87,7 +87,8 @@ def run_here(
             worst = max(losses, key=lambda number: deaths[number], default=0)
             if deaths[worst] >= MAX_DEATHS:
                 sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
-                raise HuskyError(sentence) from None
+                yield worst, failure(groups[worst], HuskyError(sentence), on_error)
+                losses.remove(worst)
             todo.extendleft(reversed(losses))
         finally:
             _end(executor)

@@ -152,3 +152,12 @@ def test_a_failed_task_may_have_a_result_of_its_own(tmp_path):
         task = partial(note_and_fail, tmp_path)
         results = workers.as_completed(task, list(range(9)), on_error=lambda item, error: f"{item}: {error}")
         assert dict(results) == {**{number: number**2 for number in range(9)}, 6: "6: six is no world"}
+
+
+def test_a_task_that_ends_every_process_may_have_a_result_of_its_own():
+    with Workers(2) as workers:
+        results = dict(
+            workers.as_completed(kill_at_seven, list(range(20)), on_error=lambda _, error: str(error))
+        )
+    assert results[7] == "task 8 of 20 ended its process 3 times"
+    assert sorted(results) == list(range(20))
