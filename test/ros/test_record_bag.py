@@ -30,6 +30,11 @@ def test_the_same_arguments_give_the_same_bytes_and_nothing_is_overwritten(bags)
         assert 10_000 < len(first) < 1_000_000
     with pytest.raises(HuskyError, match="already: move it away"):
         record_bag.record(robot, "hard", 0, folders[0])
+    sensors = folders[0] / f"{robot}_navigation.bag"
+    sensors.unlink()
+    with pytest.raises(HuskyError, match=r"_truth\.bag already: move it away"):
+        record_bag.record(robot, "hard", 0, folders[0])
+    assert not sensors.exists(), "nothing half written is left"
 
 
 def test_a_bag_holds_what_the_sheet_s_has_and_the_truth_lies_beside_it(bags, capsys, monkeypatch):

@@ -7,6 +7,7 @@ true poses: the same arguments give the same bytes.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from dataclasses import replace
 from math import pi
@@ -53,36 +54,17 @@ def command_at(stamp: float, yaw: float) -> Twist2D:
     return Twist2D(SPEED, rate + STEERING_GAIN * wrap_angle(rate * (stamp - middle) - yaw))
 
 
-class BagWriter:
-    """A bag with the topics of one robot."""
-
-    def __init__(self, path: Path) -> None:
-        """Raises HuskyError where there is such a file, or none can be written."""
-        self.path = path
-        if path.exists():
-            raise HuskyError(f"there is a {path} already: move it away, or give another folder")
-        try:
-            self._bag = rosbag.Bag(str(path), "w", compression=rosbag.Compression.BZ2)
-        except OSError as error:
-            raise HuskyError(f"{path}: {error.strerror}") from None
-
-    def write(self, topic: str, msg: Any, stamp: float) -> None:
-        """Add a message that was received when it was stamped [s]."""
-        header = {
-            "topic": topic,
-            "type": msg._type,
-            "md5sum": msg._md5sum,
-            "message_definition": msg._full_text,
-            "callerid": "/husky_simulator",
-            "latching": "1"
-            if topic == "/tf_static"
-            else "0",  # rosbag play keeps it for those that come late
-        }
-        self._bag.write(topic, msg, conversions.time_to_msg(stamp), connection_header=header)
-
-    def close(self) -> None:
-        """Finish the file."""
-        self._bag.close()
+def _write(bag: rosbag.Bag, topic: str, msg: Any, stamp: float) -> None:
+    """Add a message that was received when it was stamped [s]."""
+    header = {
+        "topic": topic,
+        "type": msg._type,
+        "md5sum": msg._md5sum,
+        "message_definition": msg._full_text,
+        "callerid": "/husky_simulator",
+        "latching": str(int(topic == "/tf_static")),  # rosbag play keeps it for those that come late
+    }
+    bag.write(topic, msg, conversions.time_to_msg(stamp), connection_header=header)
 
 
 def record(name: str, ground: str, seed: int, folder: Path) -> None:
@@ -97,6 +79,10 @@ def record(name: str, ground: str, seed: int, folder: Path) -> None:
     Raises:
         HuskyError: a file is there already, or cannot be written.
     """
+    paths = [folder / f"{name}_navigation{kind}.bag" for kind in ("", "_truth")]
+    for path in paths:
+        if path.exists():
+            raise HuskyError(f"there is a {path} already: move it away, or give another folder")
     config = replace(simulator_config(name), imu_rate=IMU_RATE, points_rate=POINTS_RATE)
     profile = config.robot.profiles[-1]
     if profile == "robot":
@@ -110,34 +96,33 @@ def record(name: str, ground: str, seed: int, folder: Path) -> None:
         "command": round(rate * COMMAND_PERIOD),
     }
     wheel_topic, imu_frame = f"/{config.robot.topics.wheel_odometry}", config.robot.imu_mount.frame
-    sensors, truth = (BagWriter(folder / f"{name}_navigation{kind}.bag") for kind in ("", "_truth"))
-    try:
-        sensors.write("/tf_static", conversions.tree_to_msg(robot.fixed_joints, 1.0 / rate), 1.0 / rate)
+    with contextlib.ExitStack() as stack:
+        stack.callback(simulation.close)
+        try:
+            bags = [rosbag.Bag(str(path), "w", compression=rosbag.Compression.BZ2) for path in paths]
+        except OSError as error:
+            raise HuskyError(f"{error.filename}: {error.strerror}") from None
+        sensors, truth = map(stack.enter_context, bags)
+        _write(sensors, "/tf_static", conversions.tree_to_msg(robot.fixed_joints, 1.0 / rate), 1.0 / rate)
         for _ in range(round(DURATION * rate)):
             snapshot = simulation.step()
             stamp, step, odometry = snapshot.stamp, snapshot.step, snapshot.odometry
             if step % steps["command"] == 0:
                 simulation.command(command_at(stamp, yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)))
             if odometry is not None and step % (rate // ODOMETRY_RATE) == 0:
-                truth.write(
-                    "/ground_truth/odom", conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE), stamp
-                )
+                pose = conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE)
+                _write(truth, "/ground_truth/odom", pose, stamp)
             if odometry is not None and step % steps["wheels"] == 0:
-                sensors.write("/joint_states", conversions.wheels_to_msg(odometry.wheels, stamp), stamp)
-                sensors.write(
-                    wheel_topic, conversions.odometry_to_msg(odometry.from_wheels, stamp, ODOM, BASE), stamp
-                )
+                _write(sensors, "/joint_states", conversions.wheels_to_msg(odometry.wheels, stamp), stamp)
+                from_wheels = conversions.odometry_to_msg(odometry.from_wheels, stamp, ODOM, BASE)
+                _write(sensors, wheel_topic, from_wheels, stamp)
             if snapshot.imu is not None:
-                sensors.write(IMU_TOPIC, conversions.imu_to_msg(snapshot.imu, imu_frame), stamp)
+                _write(sensors, IMU_TOPIC, conversions.imu_to_msg(snapshot.imu, imu_frame), stamp)
             if step % steps["points"] == 0:
                 cloud = conversions.points_to_msg(simulation.points(), stamp, robot.laser_frame)
-                sensors.write(POINTS_TOPIC, cloud, stamp)
-    finally:
-        for bag in (sensors, truth):
-            bag.close()
-        simulation.close()
-    for bag in (sensors, truth):
-        print(f"{bag.path}: {bag.path.stat().st_size / 1e6:.1f} MB", flush=True)
+                _write(sensors, POINTS_TOPIC, cloud, stamp)
+    for path in paths:
+        print(f"{path}: {path.stat().st_size / 1e6:.1f} MB", flush=True)
 
 
 def main() -> None:
