@@ -51,7 +51,6 @@ EVENTS = [
     {"event": "missing", "package": "p", "tag": "include"},
     {"event": "unloadable", "error": "e"},
     {"event": "package", "path": "/tmp"},
-    {"event": "started", "pid": 1},
 ]  # fmt: skip
 MARKING = (
     "students: {ann: {launch: a, robot: husky_melodic, "

@@ -1,6 +1,6 @@
 """Marking of one submission: `python -m husky_highlevel_controller.grading.mark JOB.json` writes result.json.
 
-Build, drives and RViz leave recordings and `evidence.json` in the job's folder; a result is judged from these
+Build and drives leave recordings and `evidence.json` in the job's folder; a result is judged from these
 files alone, so that a changed rubric, points by hand or a penalty need no drive.
 """
 
@@ -104,7 +104,7 @@ def mark(job: Job) -> Result:
 
 
 def _gather(job: Job, out: Path) -> Result:
-    """Build, drive and look at RViz; recordings, evidence, pictures, and what they are worth."""
+    """Build and drive; recordings, evidence, pictures, and what they are worth."""
     submission, notes = _submission(job, out)
     planned = plan(submission, out / "plan")
     starts = bool(planned.nodes) and not submission.problem

@@ -29,11 +29,6 @@ class DriveEnd:
         self._now = self._drove_at = self._moved_at = 0.0
         self._first_moved = self._reached_at = self._touched_at = inf
 
-    @property
-    def moved(self) -> bool:
-        """Whether it has moved or turned at all."""
-        return self._first_moved < inf
-
     def update(self, state: TrueState) -> None:
         """Follow the next state."""
         self._now = now = state.stamp

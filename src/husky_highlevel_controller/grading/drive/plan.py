@@ -61,7 +61,6 @@ class Event:
     package: str = ""
     tag: str = ""
     path: str = ""
-    pid: int = 0
     nodes: Tuple[str, ...] = ()  # package/type
     left_out: Tuple[str, ...] = ()  # package/type
     rviz: Tuple[RvizNode, ...] = ()

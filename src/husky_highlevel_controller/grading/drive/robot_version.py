@@ -28,10 +28,8 @@ class OtherRobotError(HuskyError):
 
     def __init__(self, robot: str, scans: str) -> None:
         super().__init__(robot)
-        self.robot, self.scans = (
-            robot,
-            scans,
-        )  # key of ROBOT_VERSIONS; topic, if it is another than the robot's
+        self.robot = robot  # key of ROBOT_VERSIONS
+        self.scans = scans  # topic, if it is another than the robot's
 
 
 def guess_robot(planned: Plan) -> Tuple[str, str]:
@@ -39,10 +37,10 @@ def guess_robot(planned: Plan) -> Tuple[str, str]:
 
     It is certain for the SMB; else the topic that the submission subscribes to decides.
     """
-    mention = _named(planned, SCANS)
     words = _names_of_the_smb(planned)
     if words:
         return SMB, f"the simulated robot is the SMB: {words}"
+    mention = _named(planned, SCANS)
     version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
     words = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
     return version, f"the simulated robot is the {TITLES[version]}: {words}"

@@ -104,9 +104,8 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
     def _param_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         if tag.getAttribute("name").lstrip("/") == "robot_description":
-            return (
-                None  # the marking brings the robot; the hand-in's may need programs that are not installed
-            )
+            # the marking brings the robot; the hand-in's may need programs that are not installed
+            return None
         load = super()._param_tag
         return self._try("param", tag, lambda: load(tag, *arguments, **options))
 
@@ -250,7 +249,6 @@ def main(arguments: List[str]) -> int:
         run_id = roslaunch.rlutil.get_or_generate_uuid(None, True)
         parent = Parent(run_id, config, reporter)
         parent.start()
-        reporter.tell("started", pid=os.getpid())
         parent.spin()
     return 0
 
