@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import sys
+from pathlib import Path
 from typing import List, Mapping, Optional, Sequence
 
 from husky_highlevel_controller.xml_rpc import ask
@@ -47,11 +48,18 @@ def refusal(name: str, master_uri: str) -> str:
     )
 
 
+def has_own_master(command_line: Sequence[str]) -> bool:
+    """Whether a program that reads a launch file starts its own master, whatever $ROS_MASTER_URI says."""
+    is_rostest = "rostest" in (word.rsplit("/", 1)[-1] for word in command_line)
+    return is_rostest and not {"-r", "--reuse-master"} & set(command_line)
+
+
 def main() -> None:
     """Exit with 1 and a sentence if a simulator runs on $ROS_MASTER_URI; print 'none' otherwise."""
     master_uri = os.environ.get("ROS_MASTER_URI", "http://localhost:11311")
     graded = "HUSKY_SIMULATOR_IS_OURS" in os.environ  # the running one belongs to who reads the launch file
-    name = None if graded else running_simulator(master_uri)
+    reader = Path(f"/proc/{os.getppid()}/cmdline").read_text().split("\0")
+    name = None if graded or has_own_master(reader) else running_simulator(master_uri)
     if name is not None:
         print(refusal(name, master_uri), file=sys.stderr)
         raise SystemExit(1)
