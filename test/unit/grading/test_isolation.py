@@ -576,7 +576,17 @@ def test_yaml_aliases_are_refused(text, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["[" * 5000, "a: !!python/name:os.system\n", "a: [1\n", "a: 2020-13-13\n", "- x\n" * 200_000]
+    "text",
+    [
+        "[" * 5000,
+        "a: !!python/name:os.system\n",
+        "a: [1\n",
+        "a: 2020-13-13\n",
+        "- x\n" * 200_000,
+        "a: !!bool x\n",
+        "a: !!int ''\n",
+        "a: !!timestamp x\n",
+    ],
 )
 def test_yaml_that_is_broken_deep_or_long_is_refused_with_its_name(text, tmp_path):
     (tmp_path / "view.rviz").write_text(text)

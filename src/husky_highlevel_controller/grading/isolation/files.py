@@ -78,9 +78,10 @@ def read_yaml(path: Path) -> Any:
     Raises:
         UnreadableFileError: as `read_regular`, or it is no such YAML.
     """
+    text = read_text(path, MAX_YAML)
     try:
-        return yaml.load(read_text(path, MAX_YAML), _PlainLoader)
-    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        return yaml.load(text, _PlainLoader)
+    except Exception as error:  # of whatever kind, as KeyError of `!!bool x`
         raise UnreadableFileError(f"{path}: {' '.join(str(error).split())}") from error
 
 
