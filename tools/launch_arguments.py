@@ -25,6 +25,8 @@ def declared_arguments(file: Path) -> Optional[Set[str]]:
     """
     try:
         names = set(roslaunch.arg_dump.get_args([str(file)]))
+        if file.name == "simulator.launch" and PACKAGE_FOLDER in file.resolve().parents:
+            names -= OF_CONTROLLER
         for included, passes_all in included_files(file):
             inner = declared_arguments(included) if passes_all else set()
             if inner is None:
@@ -54,8 +56,6 @@ def own_arguments(file: Path) -> Set[str]:
         for included, _ in included_files(file):
             own = PACKAGE_FOLDER in included.resolve().parents
             names |= (declared_arguments(included) or set()) if own else own_arguments(included)
-            if included.name == "simulator.launch":
-                names -= OF_CONTROLLER
     return names
 
 

@@ -42,6 +42,15 @@ def test_so_is_one_of_any_other_launch_file(launch, tmp_path):
     assert "theirs.launch has no argument 'spede'; did you mean 'speed'? It takes: speed" in launched.output
 
 
+def test_the_robot_alone_does_not_take_what_only_the_controller_does(launch, tmp_path):
+    file = tmp_path / "mine.launch"
+    simulator = "$(find husky_highlevel_controller)/launch/simulator.launch"
+    file.write_text(f'<launch><include file="{simulator}" pass_all_args="true"/></launch>')
+    launched = launch(file, "exit_on_arrival:=true")
+    assert launched.wait() == 1
+    assert "mine.launch has no argument 'exit_on_arrival'" in launched.output
+
+
 def test_an_argument_for_an_include_that_takes_all_is_none_of_them(launch, tmp_path):
     (tmp_path / "inner.launch").write_text(
         '<launch><arg name="speed"/><param name="speed" value="$(arg speed)"/></launch>'
