@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+import xmlrpc.client
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Collection, List, Optional, Sequence, Set, Tuple
@@ -24,6 +25,8 @@ from husky_highlevel_controller.grading.drive.call_plan import (
 from husky_highlevel_controller.grading.drive.recording import Call
 from husky_highlevel_controller.grading.notes import Kind, Note
 
+# a master that does not answer, or cannot: a submission's parameter may hold what XML-RPC cannot send
+UNANSWERED = (OSError, rospy.ROSException, rosgraph.MasterException, xmlrpc.client.Error)
 ANSWER_DEADLINE = 10.0  # [s] of wall time
 MAX_DESCRIPTION = 2_000_000  # letters of a URDF
 _LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
@@ -114,7 +117,7 @@ class ExerciseDriver:
     def parameters(self) -> Tuple[Tuple[str, ...], Tuple[str, ...]]:
         """Private parameters with the scans' topic, and those that are a queue's size."""
         topics, queues = [], []
-        try:
+        with suppress(*UNANSWERED):
             for name in rospy.get_param_names():
                 if any(name.startswith(node + "/") for node in self._our_nodes):
                     continue
@@ -127,14 +130,12 @@ class ExerciseDriver:
                     topics.append(name)
                 if isinstance(value, int) and "queue" in name.lower():
                     queues.append(name)
-        except (OSError, rospy.ROSException):
-            pass
         return tuple(sorted(topics)), tuple(sorted(queues))
 
     def descriptions(self, frames: Collection[str]) -> Tuple[str, ...]:
         """Parameters with the URDF of a robot, any of whose links is among these frames."""
         names = []
-        with suppress(OSError, rospy.ROSException):
+        with suppress(*UNANSWERED):
             for name in rospy.get_param_names():
                 if name.endswith("_description"):
                     text = str(rospy.get_param(name, ""))[:MAX_DESCRIPTION]

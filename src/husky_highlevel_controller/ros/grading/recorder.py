@@ -41,7 +41,7 @@ from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import load
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.grading.exercise_driver import ExerciseDriver
+from husky_highlevel_controller.ros.grading.exercise_driver import UNANSWERED, ExerciseDriver
 from husky_highlevel_controller.ros.grading.marker_watch import MarkerWatch
 from husky_highlevel_controller.ros.node import run_node
 
@@ -147,7 +147,7 @@ class DriveRecorder:
             publishers, subscribers = dict(published), dict(subscribed)
             if any(self._types.get(topic, "*") == "*" for topic in publishers):  # "*": of a subscriber to any
                 self._types = dict(self._master.getTopicTypes())
-        except (OSError, rosgraph.MasterException):
+        except UNANSWERED:
             return
         for topic, nodes in publishers.items():
             if set(nodes) - self._our_nodes:
