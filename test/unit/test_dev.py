@@ -257,6 +257,13 @@ def test_roscore_listens_where_ros_master_uri_says(uri, arguments, port):
     assert output.strip() == port
 
 
+@pytest.mark.skipif(not (ROOT / ".dev" / "venv-launch.done").exists(), reason="not installed by ./dev")
+def test_doctor_finds_what_dev_has_installed():
+    done = subprocess.run([ROOT / "dev", "doctor"], capture_output=True, text=True, check=False)
+    assert "ok       Python packages in .dev/venv" in done.stdout
+    assert "ok       the workspace in .dev/ws is built" in done.stdout
+
+
 def test_doctor_names_problems_and_fails_for_them(tmp_path):
     for file in ("dev", "package.xml"):
         shutil.copy(ROOT / file, tmp_path)

@@ -175,7 +175,9 @@ def _drives(submission: Submission, planned: Plan, job: Job, is_guess: bool) -> 
             write_whole(folder / RECORDING, recording_to_json(recording))
         else:
             with _bar(trial, len(trials), config) as bar:
-                recording = drive(submission, trial, config, folder, partial(_advance, bar), is_guess)
+                recording = drive(
+                    submission, trial, config, folder, partial(_advance, bar), is_guess and not recordings
+                )
             write_replay(recording, f"{job.name}, drive {trial.number}", folder)
         recordings.append(recording)
         if not recording.moving.any():
