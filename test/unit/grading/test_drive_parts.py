@@ -28,6 +28,7 @@ from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import Launchable
+from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 
 
@@ -173,6 +174,14 @@ def test_an_exception_in_a_callback_is_named_with_its_line():
     said += "first at 0.34 s, 7 times"
     assert note == Note(Kind.EXCEPTION, said, 0.34)
     assert notes_on([], "all is well\nTraceback of a path\n") == []
+
+
+def test_the_view_of_the_simulators_own_launch_file_is_nobody_elses(tmp_path):
+    view = share_folder() / "rviz" / "controller.rviz"
+    node = RvizNode("husky_rviz", f"-d {view}", ())
+    assert not find_setup(Plan(("a/b",), rviz=(node,), package_path=tmp_path)).started
+    own = find_setup(Plan(("a/b",), rviz=(node,), package_path=share_folder()))
+    assert own.source == "its rviz node, controller.rviz"
 
 
 def test_an_rviz_file_that_another_launch_file_names_is_that_one_s(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
@@ -18,6 +19,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     read_yaml,
     walk,
 )
+from husky_highlevel_controller.paths import share_folder
 
 _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
 
@@ -32,6 +34,7 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
     An empty one where none was handed in: a node without one shows what is in the student's ~/.rviz.
     A hand-in's configuration lies below `root`, whatever its launch file names.
     """
+    planned = _without_the_simulators(planned)
     remaps: Sequence[Tuple[str, str]] = ()
     for node in planned.rviz[:1]:
         remaps = node.remap
@@ -49,6 +52,15 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
         files = [path for path in files if path.name not in elsewhere]
     configs = [_config(path.name, path, remaps) for path in files]
     return max(configs, key=_wanted_displays, default=RvizConfig(started=bool(planned.rviz)))
+
+
+def _without_the_simulators(planned: Plan) -> Plan:
+    """A plan without the rviz node of this package's simulator.launch, unless this package is marked."""
+    share = share_folder()
+    if planned.package_path and planned.package_path.resolve() == share:
+        return planned
+    paths = [(node, _display_config(node.args)) for node in planned.rviz]
+    return replace(planned, rviz=tuple(node for node, path in paths if not (path and is_below(path, share))))
 
 
 def _wanted_displays(config: RvizConfig) -> int:
