@@ -48,7 +48,13 @@ class Process:
         self.log = folder / f"{len(list(folder.iterdir()))}.log"
         with self.log.open("w") as file:
             self.popen = subprocess.Popen(
-                command, stdout=file, stderr=subprocess.STDOUT, env=env, start_new_session=True
+                command,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                env=env,
+                start_new_session=True,
+                # a shell's background jobs ignore it, and so would this
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
             )
 
     @property

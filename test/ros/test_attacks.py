@@ -107,9 +107,9 @@ def logs_of(out, name):
 
 
 def assert_without_capabilities(out):
-    """Build, sourcing, node and RViz of `hooks_the_setup`."""
+    """Build, sourcing and node of `hooks_the_setup`."""
     logs = logs_of(out, "hooks_the_setup")
-    for place in ("build.log", "plan/plan.log", "drive_1/submission.log", "rviz/rviz_1.log"):
+    for place in ("build.log", "plan/plan.log", "drive_1/submission.log"):
         assert "CapEff:\t0000000000000000\nCapBnd:\t0000000000000000\n" in logs[place], place
     assert "escaped" not in "".join(logs.values())
 

@@ -1,6 +1,5 @@
 """`./dev launch`: arguments are checked before anything starts, and a failed drive is a failed command."""
 
-import os
 import shutil
 import signal
 import subprocess
@@ -129,7 +128,7 @@ def test_a_launch_file_with_an_rviz_of_its_own_opens_that_one(launch, ros, tmp_p
         ["roslaunch", "--nodes", str(file)],
         capture_output=True,
         text=True,
-        env={**os.environ, "DISPLAY": display},
+        env={**ros.env, "DISPLAY": display},
     )
     assert plain.stdout.split() == ["/husky_simulator", "/husky_rviz", "/rviz"], plain.stderr
     launched = launch(file, DISPLAY=display)
