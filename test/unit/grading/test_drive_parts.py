@@ -180,8 +180,11 @@ def test_the_view_of_the_simulators_own_launch_file_is_nobody_elses(tmp_path):
     view = share_folder() / "rviz" / "controller.rviz"
     node = RvizNode("husky_rviz", f"-d {view}", ())
     assert not find_setup(Plan(("a/b",), rviz=(node,), package_path=tmp_path)).started
-    own = find_setup(Plan(("a/b",), rviz=(node,), package_path=share_folder()))
-    assert own.source == "its rviz node, controller.rviz"
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links" / "package.xml").symlink_to(share_folder() / "package.xml")
+    for place in (share_folder(), tmp_path / "links"):
+        own = find_setup(Plan(("a/b",), rviz=(node,), package_path=place))
+        assert own.source == "its rviz node, controller.rviz"
 
 
 def test_an_rviz_file_that_another_launch_file_names_is_that_one_s(tmp_path):

@@ -57,7 +57,8 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
 def _without_the_simulators(planned: Plan) -> Plan:
     """A plan without the rviz node of this package's simulator.launch, unless this package is marked."""
     share = share_folder()
-    if planned.package_path and planned.package_path.resolve() == share:
+    # by a file: in ./dev's workspace the package is a folder of links
+    if planned.package_path and is_below(planned.package_path / "package.xml", share):
         return planned
     paths = [(node, _display_config(node.args)) for node in planned.rviz]
     return replace(planned, rviz=tuple(node for node, path in paths if not (path and is_below(path, share))))
