@@ -9,7 +9,7 @@ import argparse
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -121,18 +121,12 @@ def _columns(side: str, outcome: Outcome) -> Dict[str, Any]:
     }
 
 
-def compare(
-    a: Contestant,
-    b: Contestant,
-    scenes: Sequence[Scenario],
-    workers: Workers,
-    drive: Callable[[Tuple[Contestant, Scenario]], Outcome] = drive_scene,
-) -> Comparison:
+def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: Workers) -> Comparison:
     """Drive every scene with both."""
     sides = []
     for letter, competitor in (("A", a), ("B", b)):
         items = [(competitor, scene) for scene in scenes]
-        sides.append(tuple(workers.map(drive, items, letter, starts_programs=bool(competitor.launch))))
+        sides.append(tuple(workers.map(drive_scene, items, letter, starts_programs=bool(competitor.launch))))
     return Comparison((a.name, b.name), sides[0], sides[1])
 
 

@@ -13,7 +13,7 @@ from typing import Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tupl
 from husky_highlevel_controller.xml_rpc import ask
 
 CALLER = "/wrong_topics"
-# nodes that publish and subscribe to whatever a person wishes to see, and the simulator with its many topics
+# nodes that publish and subscribe to any topic by request, and the simulator with its many topics
 TOOLS = re.compile(
     r"(.*/)?(rqt|rviz|rosbag|rostopic|record_|play_|rosout|roslaunch|husky_simulator|husky_rviz|husky_web)"
 )
