@@ -233,13 +233,13 @@ def last_fatal(process_name: str, log_folder: Path) -> Optional[str]:
 
 
 def tell(text: str) -> None:
-    """Print roslaunch's words on a process, but for those that it ends itself."""
+    """Print roslaunch's message on a process, unless roslaunch ends it itself."""
     if not text.endswith("killing on exit"):
         roslaunch.core.printlog(text)
 
 
 def tell_end(text: str) -> None:
-    """Print roslaunch's words on a node; of a required one that has ended, one line."""
+    """Print roslaunch's message on a node; one line on a required one that has ended."""
     required = re.search(r"REQUIRED process \[(.*)-\d+\] has died", text)
     if required:
         say(f"{required[1]} has ended, and the launch with it")

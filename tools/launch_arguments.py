@@ -32,7 +32,7 @@ def declared_arguments(file: Path) -> Optional[Set[str]]:
             if inner is None:
                 return None
             names |= inner
-    except Exception:  # roslaunch reports what is wrong with the file, with more words
+    except Exception:  # roslaunch reports what is wrong with the file, in more detail
         return None
     return names
 

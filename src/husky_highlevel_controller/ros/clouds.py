@@ -1,6 +1,6 @@
 """Points of scans and point clouds.
 
-In: a `Scan`, a PointCloud2. Out: arrays (N, 3) [m] in the sensor's frame.
+In: a `Scan`, a PointCloud2, points [m] in the sensor's frame. Out: points, a PointCloud2.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2, PointField
 
 from husky_highlevel_controller.datatypes import Scan
+from husky_highlevel_controller.ros.conversions import header
 
 MAX_POINTS = 5000  # of a cloud; a page that gets more than that ten times a second stays behind
 
@@ -46,3 +47,22 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
     points = np.column_stack([cloud["x"], cloud["y"], cloud["z"]]).astype(np.float32)
     finite: np.ndarray = points[np.isfinite(points).all(axis=1)]
     return finite
+
+
+def points_to_msg(points: np.ndarray, stamp: float, frame: str) -> PointCloud2:
+    """Points (height, width, 3) [m], a row of the cloud for each of the image; NaN where nothing was seen."""
+    height, width, _ = points.shape
+    return PointCloud2(
+        header=header(stamp, frame),
+        height=height,
+        width=width,
+        fields=[
+            PointField(name=axis, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+            for i, axis in enumerate("xyz")
+        ],
+        is_bigendian=False,
+        point_step=12,
+        row_step=12 * width,
+        data=points.astype("<f4").tobytes(),
+        is_dense=False,
+    )

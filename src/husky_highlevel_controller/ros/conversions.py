@@ -28,8 +28,6 @@ from sensor_msgs.msg import (
     MagneticField,
     NavSatFix,
     NavSatStatus,
-    PointCloud2,
-    PointField,
 )
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
@@ -285,25 +283,6 @@ def imu_from_msg(msg: Imu) -> ImuSample:
     level = msg.orientation_covariance[0] == -1.0 or not length > 0.5  # REP 145; zeros and NaN say it as well
     quat = (0.0, 0.0, 0.0, 1.0) if level else (q.x / length, q.y / length, q.z / length, q.w / length)
     return ImuSample(msg.header.stamp.to_sec(), quat, (w.x, w.y, w.z), (f.x, f.y, f.z))
-
-
-def points_to_msg(points: np.ndarray, stamp: float, frame: str) -> PointCloud2:
-    """Points (height, width, 3) [m], a row of the cloud for each of the image; NaN where nothing was seen."""
-    height, width, _ = points.shape
-    return PointCloud2(
-        header=header(stamp, frame),
-        height=height,
-        width=width,
-        fields=[
-            PointField(name=axis, offset=4 * i, datatype=PointField.FLOAT32, count=1)
-            for i, axis in enumerate("xyz")
-        ],
-        is_bigendian=False,
-        point_step=12,
-        row_step=12 * width,
-        data=points.astype("<f4").tobytes(),
-        is_dense=False,
-    )
 
 
 # ---------------------------------------------------------------------------- GPS

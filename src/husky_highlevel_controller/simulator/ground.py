@@ -39,9 +39,8 @@ def with_ground(world: World, start: Pose2D) -> World:
     place = f"({start.x:g}, {start.y:g})"
     log.warning("world '%s' has no ground at %s, where the robot starts: it gets a plane", world.name, place)
     plane = Geometry(Plane((0.0, 0.0, 1.0), (100.0, 100.0)))
-    name = (
-        "ground_plane" if all(body.name != "ground_plane" for body in world.bodies) else "ground_plane::added"
-    )
+    is_taken = any(body.name == "ground_plane" for body in world.bodies)
+    name = "ground_plane::added" if is_taken else "ground_plane"
     return replace(world, bodies=(*world.bodies, Body(name, Pose(), (plane,), (plane,))))
 
 

@@ -10,6 +10,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from husky_highlevel_controller.datatypes import Pose, Snapshot
 from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.clouds import points_to_msg
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.simulator.sensors.depth_camera import (
     CameraConfig,
@@ -71,9 +72,7 @@ class DepthCamera:
         if self._image.get_num_connections():
             publish(self._image, depth_to_msg(image))
         if self._points.get_num_connections():
-            publish(
-                self._points, conversions.points_to_msg(points_of(image, self._config), image.stamp, FRAME)
-            )
+            publish(self._points, points_to_msg(points_of(image, self._config), image.stamp, FRAME))
 
 
 def camera_info_to_msg(image: DepthImage, focal_length: float, center: Tuple[float, float]) -> CameraInfo:

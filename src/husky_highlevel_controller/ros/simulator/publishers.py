@@ -21,6 +21,7 @@ from husky_highlevel_controller.datatypes import OdometrySample, Pose, Scan, Sna
 from husky_highlevel_controller.geometry import pose_from_2d
 from husky_highlevel_controller.msg import Bumps
 from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.clouds import points_to_msg
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
@@ -162,7 +163,7 @@ class Publishers:
         if self._points and snapshot.step % self._points_steps == 0:
             publish_if_subscribed(
                 self._points,
-                lambda: conversions.points_to_msg(measure(), snapshot.stamp, self._points_frame),
+                lambda: points_to_msg(measure(), snapshot.stamp, self._points_frame),
             )
 
     def _publish_state(self, snapshot: Snapshot, odometry: OdometrySample) -> None:

@@ -22,6 +22,7 @@ from husky_highlevel_controller.geometry import wrap_angle, yaw_from_quat
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.clouds import points_to_msg
 from husky_highlevel_controller.simulator.models.description import robot_description
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
@@ -119,7 +120,7 @@ def record(name: str, ground: str, seed: int, folder: Path) -> None:
             if snapshot.imu is not None:
                 _write(sensors, IMU_TOPIC, conversions.imu_to_msg(snapshot.imu, imu_frame), stamp)
             if step % steps["points"] == 0:
-                cloud = conversions.points_to_msg(simulation.points(), stamp, robot.laser_frame)
+                cloud = points_to_msg(simulation.points(), stamp, robot.laser_frame)
                 _write(sensors, POINTS_TOPIC, cloud, stamp)
     for path in paths:
         print(f"{path}: {path.stat().st_size / 1e6:.1f} MB", flush=True)

@@ -14,17 +14,15 @@ import pybullet
 
 from husky_highlevel_controller.datatypes import (
     Body,
-    Box,
-    Cylinder,
     Geometry,
     HuskyError,
     Plane,
     Pose,
     Shape,
-    Sphere,
     Vector3,
 )
 from husky_highlevel_controller.geometry import compose, inverse, rotate, transform_point
+from husky_highlevel_controller.simulator.bullet.shapes import center_of, compound_shape
 
 ROBOT = "husky"  # the robot's name among the bodies
 BASE_INDEX = -1  # Bullet's link index of a body's base
@@ -92,7 +90,7 @@ class BulletWorld:
             else:
                 solids.append(geometry)
         if solids:
-            shape, center = self._shape_of(solids), Pose(_center_of(solids))
+            shape, center = self._shape_of(solids), Pose(center_of(solids))
             body_id = self._create_body(body.name, shape, body.mass, body.pose_in_world, center)
             if body.mass > 0.0:
                 self._lift_out_of_the_ground(body_id)
@@ -286,7 +284,7 @@ class BulletWorld:
         """Collision shape; equal ones share it, because Bullet frees none before the next `clear`."""
         key = tuple((geometry.shape, geometry.pose_in_body) for geometry in solids)
         if key not in self._shapes:
-            self._shapes[key] = _compound(solids, self._client)
+            self._shapes[key] = compound_shape(solids, self._client)
         return self._shapes[key]
 
     def _lift_out_of_the_ground(self, body_id: int) -> None:
@@ -304,39 +302,3 @@ class BulletWorld:
     def step(self) -> None:
         """Advance the physics by one step."""
         pybullet.stepSimulation(physicsClientId=self._client)
-
-
-def _center_of(geometries: Sequence[Geometry]) -> Vector3:
-    """Centre of mass of solid geometries of one density, in their body's frame [m]."""
-    volumes = np.array([_volume(geometry) for geometry in geometries])
-    x, y, z = (
-        volumes / volumes.sum() @ np.array([geometry.pose_in_body.position for geometry in geometries])
-    ).tolist()
-    return (x, y, z)
-
-
-def _volume(geometry: Geometry) -> float:
-    shape = geometry.shape
-    if isinstance(shape, Box):
-        return float(np.prod(shape.size))
-    if isinstance(shape, Cylinder):
-        return np.pi * shape.radius**2 * shape.length
-    if isinstance(shape, Sphere):
-        return 4.0 / 3.0 * np.pi * shape.radius**3
-    raise TypeError(f"{shape} has no volume")
-
-
-def _compound(geometries: Sequence[Geometry], client: int) -> int:
-    """Compound collision shape of several geometries; cylinders are exact, not hulls of polygons."""
-    kinds = {Box: pybullet.GEOM_BOX, Cylinder: pybullet.GEOM_CYLINDER, Sphere: pybullet.GEOM_SPHERE}
-    shapes = [geometry.shape for geometry in geometries]
-    shape: int = pybullet.createCollisionShapeArray(
-        shapeTypes=[kinds[type(shape)] for shape in shapes],
-        radii=[getattr(shape, "radius", 0.0) for shape in shapes],
-        lengths=[getattr(shape, "length", 0.0) for shape in shapes],
-        halfExtents=[[edge / 2.0 for edge in getattr(shape, "size", (0.0, 0.0, 0.0))] for shape in shapes],
-        collisionFramePositions=[geometry.pose_in_body.position for geometry in geometries],
-        collisionFrameOrientations=[geometry.pose_in_body.quat_xyzw for geometry in geometries],
-        physicsClientId=client,
-    )
-    return shape

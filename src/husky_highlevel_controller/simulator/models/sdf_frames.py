@@ -24,7 +24,7 @@ class FrameScope:
     outer: Optional[FrameScope] = None  # of the world or model around it
     pose_in_outer: Optional[Pose] = None  # None: to be found out
     _known: Dict[str, Pose] = field(default_factory=dict)
-    _open: List[str] = field(default_factory=list)  # frames being resolved, the first asked for first
+    _open: List[str] = field(default_factory=list)  # frames being resolved, outermost first
 
     @cached_property
     def _models(self) -> Dict[str, Model]:
