@@ -10,7 +10,7 @@ from typing import Callable, Dict, List, Sequence, Tuple
 
 from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.drive.call_plan import FORWARD, SERVICE
-from husky_highlevel_controller.grading.drive.recording import Recording
+from husky_highlevel_controller.grading.recording import Recording
 from husky_highlevel_controller.grading.records import Item, Rules
 from husky_highlevel_controller.grading.rubrics import exercise_2, exercise_3, exercise_5
 

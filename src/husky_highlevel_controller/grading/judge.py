@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Tuple
 
 from husky_highlevel_controller.grading.displays import STANDING, FrameTree, RvizConfig, view_of
-from husky_highlevel_controller.grading.drive.recording import RECORDING, drive_number
-from husky_highlevel_controller.grading.drive.recording import load as load_recording
 from husky_highlevel_controller.grading.exercises import EXERCISES
 from husky_highlevel_controller.grading.notes import Note, texts
+from husky_highlevel_controller.grading.recording import RECORDING, drive_number
+from husky_highlevel_controller.grading.recording import load as load_recording
 from husky_highlevel_controller.grading.records import (
     DEFAULT_RULES,
     Job,

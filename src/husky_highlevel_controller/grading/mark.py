@@ -19,8 +19,6 @@ from tqdm import tqdm
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.drive.memcheck import uninitialised
 from husky_highlevel_controller.grading.drive.plan import Plan, Submission, plan
-from husky_highlevel_controller.grading.drive.recording import RECORDING, Recording, empty_recording
-from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.drive.robot_version import (
     SMB,
     OtherRobotError,
@@ -45,6 +43,8 @@ from husky_highlevel_controller.grading.judge import (
     settings_of,
 )
 from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.recording import RECORDING, Recording, empty_recording
+from husky_highlevel_controller.grading.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.records import (
     AUTO,
     Job,

@@ -22,8 +22,6 @@ import yaml
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.drive.recording import RECORDING
-from husky_highlevel_controller.grading.drive.recording import load as load_recording
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_text,
@@ -31,6 +29,8 @@ from husky_highlevel_controller.grading.isolation.files import (
     write_whole,
 )
 from husky_highlevel_controller.grading.notes import Subject
+from husky_highlevel_controller.grading.recording import RECORDING
+from husky_highlevel_controller.grading.recording import load as load_recording
 from husky_highlevel_controller.grading.records import Item, Job, load
 from husky_highlevel_controller.grading.reports.files import (
     HAND_INS,

@@ -15,7 +15,14 @@ from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.drive.drive_end import NODES_ENDED
-from husky_highlevel_controller.grading.drive.recording import (
+from husky_highlevel_controller.grading.drive.ros_graph import (
+    forged_topics,
+    silent_topics,
+    topics_of_truth,
+    unread_topics,
+)
+from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.recording import (
     ExchangedError,
     MarkerSample,
     Recording,
@@ -27,13 +34,6 @@ from husky_highlevel_controller.grading.drive.recording import (
     pose_jumps,
     to_json,
 )
-from husky_highlevel_controller.grading.drive.ros_graph import (
-    forged_topics,
-    silent_topics,
-    topics_of_truth,
-    unread_topics,
-)
-from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Rules, total
 from husky_highlevel_controller.grading.rubrics import exercise_3
 from husky_highlevel_controller.grading.rubrics.exercise_3 import (

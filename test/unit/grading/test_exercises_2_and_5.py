@@ -7,8 +7,8 @@ import pytest
 
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.displays import RvizView
-from husky_highlevel_controller.grading.drive.recording import Call, Recording
 from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.recording import Call, Recording
 from husky_highlevel_controller.grading.records import Rules, total
 from husky_highlevel_controller.grading.rubrics.exercise_2 import (
     judge_exercise_2,

@@ -31,8 +31,6 @@ from husky_highlevel_controller.grading.batch import (
 )
 from husky_highlevel_controller.grading.displays import RvizConfig
 from husky_highlevel_controller.grading.drive.plan import Submission
-from husky_highlevel_controller.grading.drive.recording import empty_recording
-from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.hand_in import archives, launch_choice
 from husky_highlevel_controller.grading.hand_in import build as build_module
 from husky_highlevel_controller.grading.hand_in import packages as packages_module
@@ -68,6 +66,8 @@ from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.judge import EVIDENCE, FINGERPRINT, Evidence, judge_recordings
 from husky_highlevel_controller.grading.mark import mark
 from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.recording import empty_recording
+from husky_highlevel_controller.grading.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.records import (
     GivenPoints,
     Item,

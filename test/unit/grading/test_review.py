@@ -15,9 +15,9 @@ import yaml
 
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Scan
-from husky_highlevel_controller.grading.drive.recording import MarkerSample, Recording, scan_hits
-from husky_highlevel_controller.grading.drive.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.notes import Kind, Subject
+from husky_highlevel_controller.grading.recording import MarkerSample, Recording, scan_hits
+from husky_highlevel_controller.grading.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.records import Item, Job, MarkingConfig, Result, to_json
 from husky_highlevel_controller.grading.reports.files import write_result
 from husky_highlevel_controller.grading.review import Review, make_server

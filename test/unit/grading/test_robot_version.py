@@ -9,9 +9,9 @@ from husky_highlevel_controller.course import PILLARS
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.drive import ros_graph
 from husky_highlevel_controller.grading.drive.plan import Plan
-from husky_highlevel_controller.grading.drive.recording import empty_recording, from_json, hull_gaps, to_json
 from husky_highlevel_controller.grading.drive.robot_version import OtherRobotError, check_robot, guess_robot
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
+from husky_highlevel_controller.grading.recording import empty_recording, from_json, hull_gaps, to_json
 from husky_highlevel_controller.grading.records import ROBOT_VERSIONS
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.models.sdf_world import parse_world

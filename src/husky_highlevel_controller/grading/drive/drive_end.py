@@ -10,8 +10,8 @@ import numpy as np
 from husky_highlevel_controller.course import REACHED, STANDS, TOUCH
 from husky_highlevel_controller.datatypes import TrueState
 from husky_highlevel_controller.geometry import pose_to_2d
-from husky_highlevel_controller.grading.drive.recording import hull_gaps
 from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.recording import hull_gaps
 
 AT_PILLAR = 3.0  # [s], simulated: so long at the pillar, it is over
 ABANDONED = 3.0  # [s], simulated: so long still with no node left to drive it, it is over

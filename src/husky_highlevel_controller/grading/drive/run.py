@@ -20,17 +20,6 @@ from husky_highlevel_controller.grading.drive.plan import (
     start,
 )
 from husky_highlevel_controller.grading.drive.progress import settles
-from husky_highlevel_controller.grading.drive.recording import (
-    CUT_OFF,
-    RECORDING,
-    Assignment,
-    ExchangedError,
-    Recording,
-    RecordingError,
-    empty_recording,
-    load,
-    to_json,
-)
 from husky_highlevel_controller.grading.drive.robot_version import check_robot
 from husky_highlevel_controller.grading.drive.ros_graph import (
     has_service,
@@ -43,6 +32,17 @@ from husky_highlevel_controller.grading.isolation.forked import RECORDER, SIMULA
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
 from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.recording import (
+    CUT_OFF,
+    RECORDING,
+    Assignment,
+    ExchangedError,
+    Recording,
+    RecordingError,
+    empty_recording,
+    load,
+    to_json,
+)
 from husky_highlevel_controller.grading.records import MarkingConfig
 from husky_highlevel_controller.grading.records import to_json as record_to_json
 

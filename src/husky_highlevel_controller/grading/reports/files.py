@@ -10,13 +10,13 @@ from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.grading.drive.recording import ADD, Recording, drive_number
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_regular,
     read_text,
     write_whole,
 )
+from husky_highlevel_controller.grading.recording import ADD, Recording, drive_number
 from husky_highlevel_controller.grading.records import Result, load, printable, to_json
 from husky_highlevel_controller.grading.reports.exports import to_step_summary, write_exports
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page

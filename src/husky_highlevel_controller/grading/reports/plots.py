@@ -8,7 +8,7 @@ from typing import Any, List, Sequence
 import numpy as np
 from matplotlib.collections import LineCollection
 
-from husky_highlevel_controller.grading.drive.recording import ADD, MarkerSample, Recording
+from husky_highlevel_controller.grading.recording import ADD, MarkerSample, Recording
 from husky_highlevel_controller.plots import (
     DRIVEN,
     MARKER,

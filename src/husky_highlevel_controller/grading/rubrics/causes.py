@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import List, Optional
 
-from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.recording import Recording
 
 SILENT = 5.0  # [s], simulated: so long without a command, it has ceased to send any
 NO_SCANS = Note(Kind.NO_SCANS, "it does not subscribe to the scans")

@@ -9,8 +9,8 @@ from typing import List, Sequence
 import numpy as np
 
 from husky_highlevel_controller.grading.displays import RvizView
-from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.notes import Subject
+from husky_highlevel_controller.grading.recording import Recording
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules
 from husky_highlevel_controller.grading.rubrics.causes import NO_SCANS, causes, hint_on
 from husky_highlevel_controller.grading.rubrics.exercise_3 import DISPLAYS, without_config

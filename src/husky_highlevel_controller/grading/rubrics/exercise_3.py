@@ -9,8 +9,8 @@ import numpy as np
 
 from husky_highlevel_controller.course import TOUCH
 from husky_highlevel_controller.grading.displays import RvizView
-from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.notes import Kind, Subject
+from husky_highlevel_controller.grading.recording import Recording
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules
 from husky_highlevel_controller.grading.rubrics.causes import (
     behind,

@@ -7,8 +7,8 @@ from typing import List, Sequence
 
 import numpy as np
 
-from husky_highlevel_controller.grading.drive.recording import Recording
 from husky_highlevel_controller.grading.notes import Subject
+from husky_highlevel_controller.grading.recording import Recording
 from husky_highlevel_controller.grading.records import Item, Rules
 
 INITIALISE = "give each member a value in the constructor"

@@ -8,8 +8,8 @@ from typing import NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
-from husky_highlevel_controller.grading.drive.recording import MarkerSample, Recording
 from husky_highlevel_controller.grading.notes import Kind
+from husky_highlevel_controller.grading.recording import MarkerSample, Recording
 from husky_highlevel_controller.grading.records import Rules
 from husky_highlevel_controller.robot import load_robot
 

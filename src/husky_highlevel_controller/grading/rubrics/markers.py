@@ -13,14 +13,14 @@ from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
-from husky_highlevel_controller.grading.drive.recording import (
+from husky_highlevel_controller.grading.notes import Kind
+from husky_highlevel_controller.grading.recording import (
     ADD,
     DELETE,
     DELETE_ALL,
     MarkerSample,
     Recording,
 )
-from husky_highlevel_controller.grading.notes import Kind
 from husky_highlevel_controller.grading.records import Rules
 from husky_highlevel_controller.grading.rubrics.marker_faults import (
     FAULTS,

@@ -22,8 +22,8 @@ from husky_highlevel_controller.grading.drive.call_plan import (
     exercise_2_over,
     exercise_2_speed,
 )
-from husky_highlevel_controller.grading.drive.recording import Call
 from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.recording import Call
 
 # a master that does not answer, or cannot: a submission's parameter may hold what XML-RPC cannot send
 UNANSWERED = (OSError, rospy.ROSException, rosgraph.MasterException, xmlrpc.client.Error)

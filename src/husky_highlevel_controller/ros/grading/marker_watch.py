@@ -19,8 +19,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from husky_highlevel_controller.datatypes import Pose, Quaternion
 from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.grading.drive.marker_shape import LINES, LISTS, MAX_POINTS, draw
-from husky_highlevel_controller.grading.drive.recording import ADD, DELETE, DELETE_ALL, MarkerSample
 from husky_highlevel_controller.grading.isolation.files import is_below, is_regular
+from husky_highlevel_controller.grading.recording import ADD, DELETE, DELETE_ALL, MarkerSample
 from husky_highlevel_controller.ros import conversions
 
 BASE = "base_link"

@@ -20,14 +20,6 @@ from husky_highlevel_controller.datatypes import Scan, TrueState
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.grading.drive.call_plan import FORWARD
 from husky_highlevel_controller.grading.drive.drive_end import NO_COMMAND, DriveEnd
-from husky_highlevel_controller.grading.drive.recording import (
-    CUT_OFF,
-    Assignment,
-    Recording,
-    pose_jumps,
-    scan_hits,
-    to_json,
-)
 from husky_highlevel_controller.grading.drive.ros_graph import (
     TRUTH,
     forged_topics,
@@ -38,6 +30,14 @@ from husky_highlevel_controller.grading.drive.ros_graph import (
 )
 from husky_highlevel_controller.grading.drive.truth_feed import TruthFeed
 from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.recording import (
+    CUT_OFF,
+    Assignment,
+    Recording,
+    pose_jumps,
+    scan_hits,
+    to_json,
+)
 from husky_highlevel_controller.grading.records import load
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros import conversions
