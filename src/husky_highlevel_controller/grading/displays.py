@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any, Dict, Iterator, List, Mapping, Sequence, Tuple
 
-TF, ROBOT, SCAN = "rviz/TF", "rviz/RobotModel", "rviz/LaserScan"
+TF, ROBOT, SCAN, CLOUD = "rviz/TF", "rviz/RobotModel", "rviz/LaserScan", "rviz/PointCloud2"
 MARKERS = {"rviz/Marker", "rviz/MarkerArray"}
 BASE = "base_link"
 MAX_TEXT = 200  # letters of a topic, frame or namespace
@@ -24,6 +24,8 @@ class RvizDisplay:
     kind: str  # its class
     source: str = ""  # its topic, or the parameter of its robot description
     hidden: Tuple[str, ...] = ()  # namespaces of markers that are switched off
+    colouring: str = ""  # of a cloud: transformer and axis
+    size: float = 0.0  # [m], of a cloud's points
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ class RvizView:
     fixed_frame: str = ""
     started: bool = False  # its launch file starts RViz
     hidden: Tuple[Tuple[str, str], ...] = ()  # (topic, namespace) of markers that are switched off
+    clouds: Tuple[RvizDisplay, ...] = ()  # of points, whether or not transforms let them be seen
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,11 @@ def _display(entry: Mapping[str, Any]) -> RvizDisplay:
     default = "robot_description" if kind == ROBOT else ""
     namespaces = _mapping(entry, "Namespaces")
     hidden = tuple(str(name)[:MAX_TEXT] for name, is_on in namespaces.items() if is_on is False)
-    return RvizDisplay(kind, _resolved(str(entry.get(key, default))), hidden)
+    display = RvizDisplay(kind, _resolved(str(entry.get(key, default))), hidden)
+    if kind != CLOUD:
+        return display
+    colouring = f"{entry.get('Color Transformer')} {entry.get('Axis')}"[:MAX_TEXT]
+    return replace(display, colouring=colouring, size=_number(entry.get("Size (m)")))
 
 
 def _is_visible(entry: Mapping[str, Any]) -> bool:
@@ -127,7 +134,7 @@ def _is_visible(entry: Mapping[str, Any]) -> bool:
         if not (entry.get("Visual Enabled", True) or entry.get("Collision Enabled", False)):
             return False
         return numbers[0] > 0.0 and _any_part(_mapping(entry, "Links"), "All Links Enabled")
-    if kind == SCAN:
+    if kind in (SCAN, CLOUD):
         numbers.append(
             _number(entry.get("Size (Pixels)" if entry.get("Style") == "Points" else "Size (m)", 1))
         )
@@ -152,9 +159,11 @@ def _resolved(topic: str) -> str:
 
 def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
     """Displays that RViz shows with a configuration, where a drive has these frames."""
+    clouds = tuple(display for display in config.displays if display.kind == CLOUD)
     view = RvizView(
-        config.source, problem=config.problem, fixed_frame=config.fixed_frame, started=config.started
-    )
+        config.source, problem=config.problem, fixed_frame=config.fixed_frame, started=config.started,
+        clouds=clouds,
+    )  # fmt: skip
     if not config.source or config.problem:
         return view
     if not tree.connects(config.fixed_frame):

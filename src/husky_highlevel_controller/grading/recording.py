@@ -47,6 +47,21 @@ class MarkerSample:
     problem: str = ""  # why RViz would draw nothing
 
 
+@dataclass(frozen=True, eq=False)
+class Playback:
+    """Path and top view of a filter while a bag was played to it, and what its hand-in plays and plots."""
+
+    path: np.ndarray = field(  # (K, 3) [s, m, m], x and y of its odometry by stamps
+        default_factory=lambda: np.zeros((0, 3)), metadata={"shape": (-1, 3)}
+    )
+    topic: str = ""  # of that odometry
+    top_view: np.ndarray = field(  # (M, 4) [s, m, m, m], the frame's place in base_link
+        default_factory=lambda: np.zeros((0, 4)), metadata={"shape": (-1, 4)}
+    )
+    players: Tuple[str, ...] = ()  # arguments of its launch file's rosbag players
+    curves: Tuple[Tuple[str, str], ...] = ()  # of its rqt_multiplot files: /topic/field of x and of y
+
+
 @dataclass(frozen=True)
 class Call:
     """Call of a start/stop service."""
@@ -114,6 +129,7 @@ class Recording:
     robot: str = "husky"  # one of ROBOTS
     frames: Mapping[str, str] = field(default_factory=dict)  # parent of each frame of TF
     descriptions: Tuple[str, ...] = ()  # parameters with a robot whose links are frames of TF
+    playback: Optional[Playback] = None  # where a bag was played
 
     @property
     def hull_gaps(self) -> np.ndarray:

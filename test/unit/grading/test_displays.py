@@ -34,6 +34,16 @@ def test_our_own_configuration_shows_everything():
     assert not view.problem
 
 
+def test_a_cloud_is_known_by_topic_colour_and_size_even_where_no_transform_shows_it():
+    cloud = {"Class": "rviz/PointCloud2", "Topic": "/points", "Color Transformer": "AxisColor", "Axis": "Z"}
+    view = shown({**cloud, "Size (m)": 0.05}, frame="nowhere")
+    assert view.problem
+    (display,) = view.clouds
+    assert (display.source, display.colouring, display.size) == ("/points", "AxisColor Z", 0.05)
+    assert not shown({**cloud, "Size (m)": 0}).clouds
+    assert not shown({**cloud, **OFF}).clouds
+
+
 def test_the_smbs_own_description_is_the_simulators():
     assert shown({**MODEL, "Robot Description": "/smb_description"}).robot
     assert not shown(MODEL, tree=FrameTree({"base_link": "odom"})).robot

@@ -1,0 +1,178 @@
+"""Exercise 4: what a filter's path, its displays and its launch file are worth, by both sheets."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from husky_highlevel_controller.grading.drive.recording import Playback, Recording
+
+from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.grading.displays import RvizDisplay, RvizView
+from husky_highlevel_controller.grading.drive import recording as recordings
+from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.records import Rules, total
+from husky_highlevel_controller.grading.rubrics.exercise_4 import ITEMS, judge_exercise_4
+
+TIMES = np.arange(0.1, 90.0, 0.1)  # [s]
+TRUTH = np.column_stack([0.3 * TIMES, 2.0 * np.sin(0.1 * TIMES), 0.0 * TIMES])  # 29 m
+PATH = np.column_stack([TIMES, TRUTH[:, :2]])
+TOP_VIEW = np.column_stack([TIMES, 0.0 * TIMES, 0.0 * TIMES, 2.0 + 0.0 * TIMES])
+POSITION = "/odometry/filtered/pose/pose/position/"
+PLAYBACK = Playback(
+    PATH, "/odometry/filtered", TOP_VIEW, ("--clock --rate=0.5 x.bag",), ((POSITION + "x", POSITION + "y"),)
+)
+CLOUD = RvizDisplay("rviz/PointCloud2", "/rslidar_points", colouring="AxisColor Z", size=0.05)
+VIEW = RvizView("its rviz node", clouds=(CLOUD,))
+
+
+def recording(playback=PLAYBACK, robot="smb", **more):
+    nothing = np.zeros(0)
+    drive = Recording(Pose2D(), (0, 0), 90.0, TIMES, TRUTH, np.zeros((len(TIMES), 2)), nothing, **more)
+    return replace(drive, robot=robot, playback=playback, subscribed=True)
+
+
+def points(drive, view=VIEW, rules=None):
+    return {item.name: item.points for item in judge_exercise_4([drive], view, "", rules or Rules())}
+
+
+def changed(**more):
+    """The points that a changed playback loses, by the item's name."""
+    right, judged = points(recording()), points(recording(replace(PLAYBACK, **more)))
+    return {name: judged[name] for name in right if judged[name] != right[name]}
+
+
+def test_both_sheets_are_100_points_and_the_smbs_has_a_bonus_of_10():
+    smb, husky = (judge_exercise_4([recording(robot=robot)], VIEW, "") for robot in ("smb", "husky"))
+    assert total(smb) == (90.0, 90.0)
+    assert sum(item.max_points for item in smb) == 110.0
+    assert [item.name for item in smb] == list(ITEMS)
+    assert [item.name for item in smb if item.points is None] == [
+        "explains the filter",
+        "explains its topics",
+    ]
+    assert {item.name: item.points for item in husky} == {
+        "plots the simulated path": 30.0,
+        "recorded path": 40.0,
+        "RViz shows the point cloud": 30.0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("path", "worth"),
+    [
+        (PATH + np.array([0.0, 0.0, 0.9]), 30.0),
+        (PATH + np.array([0.0, 0.0, 1.1]), 15.0),  # it differs
+        (PATH[TIMES > 4.0], 30.0),  # it begins while the robot stands
+        (PATH[TIMES > 6.0], 15.0),
+        (PATH[TIMES < 80.0], 15.0),  # it ends on the way
+        (np.where(np.equal(PATH, PATH[500, 1]), np.nan, PATH), 15.0),
+        (PATH[:5], 0.0),
+        (np.zeros((0, 3)), 0.0),
+    ],
+)
+def test_the_path_must_come_from_start_to_end_and_be_the_robots(path, worth):
+    assert points(recording(replace(PLAYBACK, path=path)))["recorded path"] == worth
+
+
+def test_a_long_way_may_be_off_by_2_percent():
+    long = replace(recording(replace(PLAYBACK, path=PATH * (1, 4, 4) + (0, 0, 1.5))), poses=TRUTH * 4)
+    assert points(long)["recorded path"] == 30.0
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"silent_topics": ("/wrong/odom",)}, "it listens to /wrong/odom, where nothing is sent"),
+        ({"notes": (Note(Kind.NODE_FAILED, "node ekf ends"),), "silent_topics": ("/a",)}, "node ekf ends"),
+        ({}, "nothing listens to the bag's wheel odometry"),
+    ],
+)
+def test_it_is_told_why_no_estimate_came(more, words):
+    items = judge_exercise_4([recording(Playback(), **more)], VIEW, "")
+    assert [item.evidence for item in items if item.name == "recorded path"] == [
+        f"0 estimates on /odometry/filtered: {words}"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("place", "worth"),
+    [((0.0, 0.0, 2.05), 10.0), ((0.0, 0.0, 2.6), 0.0), ((0.2, 0.0, 2.0), 0.0), ((0.0, 0.0, -2.0), 0.0)],
+)
+def test_the_top_view_is_2_metres_above_the_robot(place, worth):
+    playback = replace(PLAYBACK, top_view=np.column_stack([TIMES, np.tile(place, (len(TIMES), 1))]))
+    assert points(recording(playback))["top view moves with the robot"] == worth
+
+
+def test_a_top_view_that_stands_still_or_is_none_earns_nothing():
+    still = np.column_stack([TIMES, -TRUTH[:, :2], TOP_VIEW[:, 3]])
+    lost = {"top view moves with the robot": 0.0}
+    assert changed(top_view=still) == changed(top_view=TOP_VIEW[:0]) == lost
+
+
+@pytest.mark.parametrize(
+    ("curves", "worth"),
+    [
+        ((("/clock/a", "/clock/b"), (POSITION + "x", POSITION + "y")), 20.0),
+        ((("/odom/pose/pose/position/x", "/odom/pose/pose/position/y"),), 10.0),
+        (((POSITION + "y", POSITION + "x"),), 0.0),
+        (((POSITION + "x", "/odom/pose/pose/position/y"),), 0.0),
+        ((), None),
+    ],
+)
+def test_the_plot_is_x_and_y_of_the_filters_odometry(curves, worth):
+    assert points(recording(replace(PLAYBACK, curves=curves)))["plots the simulated path"] == worth
+
+
+@pytest.mark.parametrize(
+    ("arguments", "worth"),
+    [
+        ((), (0.0, 0.0)),
+        (("--clock a.bag",), (5.0, 0.0)),
+        (("-r 0.5 a.bag",), (5.0, 5.0)),
+        (("--clock -r.5 a.bag",), (5.0, 5.0)),
+        (("--rate 0.50 a.bag",), (5.0, 5.0)),
+        (("--rate=2 run-r0.5.bag",), (5.0, 0.0)),
+        (("/bags/0.5/a.bag", "-r 5"), (5.0, 0.0)),
+    ],
+)
+def test_the_bonus_is_for_a_bag_that_the_launch_file_plays_at_half_speed(arguments, worth):
+    judged = points(recording(replace(PLAYBACK, players=arguments)))
+    assert (judged["bonus: plays the bag"], judged["bonus: at half speed"]) == worth
+
+
+@pytest.mark.parametrize(
+    ("view", "worth"),
+    [
+        ({"clouds": (replace(CLOUD, source="/points"),)}, (0.0, 10.0)),
+        ({"clouds": (replace(CLOUD, size=0.01), CLOUD)}, (10.0, 10.0)),
+        ({"clouds": (replace(CLOUD, size=0.01),)}, (10.0, 5.0)),
+        ({"clouds": (replace(CLOUD, colouring="AxisColor X"),)}, (10.0, 5.0)),
+        ({"clouds": (replace(CLOUD, colouring="Intensity Z", size=3),)}, (10.0, 0.0)),
+        ({"clouds": ()}, (0.0, 0.0)),
+        ({"problem": "no transform"}, (0.0, 10.0)),
+        ({"source": ""}, (None, None)),
+    ],
+)
+def test_the_cloud_and_its_style_are_seen_in_rviz(view, worth):
+    judged = points(recording(), replace(VIEW, **view))
+    assert (judged["RViz shows the point cloud"], judged["style of the point cloud"]) == worth
+
+
+def test_a_hand_in_that_never_began_has_no_points_for_what_it_does():
+    never = replace(recordings.empty_recording((0, 0), 90.0, ()), robot="smb")
+    judged = points(never, RvizView())
+    assert [judged[name] for name in ("recorded path", "top view moves with the robot")] == [0.0, 0.0]
+
+
+def test_a_recording_with_its_track_comes_back_from_its_text():
+    back = recordings.from_json(recordings.to_json(recording()))
+    assert back.playback.path == pytest.approx(PATH, abs=1e-4)
+    assert back.playback.top_view.shape == TOP_VIEW.shape
+    assert (back.playback.players, back.playback.curves) == (PLAYBACK.players, PLAYBACK.curves)
+    assert points(back) == points(recording())
+
+
+def test_a_teachers_weights_count():
+    rules = Rules(weights={"recorded path": 60.0}, by_person=("bonus: plays the bag",))
+    judged = points(recording(), rules=rules)
+    assert (judged["recorded path"], judged["bonus: plays the bag"]) == (60.0, None)
