@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 import typing
 from collections import abc
-from dataclasses import MISSING, Field, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, field, fields, is_dataclass, replace
 from enum import Enum
 from functools import lru_cache
 from typing import Any, Dict, List, Mapping, Set, Type, TypeVar
@@ -25,6 +25,16 @@ _WORDS = {str: "text", int: "whole number", float: "number", bool: "truth value"
 
 class ConfigError(HuskyError):
     """A parameter that is missing, unknown, or not allowed."""
+
+
+def setting(help_text: str, default: Any = MISSING, **limits: Any) -> Any:
+    """Field of a record that a user may set; it must be given where it has no default."""
+    return field(default=default, metadata={**limits, "help": help_text})
+
+
+def number(low: float, high: float, help_text: str, default: Any = MISSING) -> Any:
+    """`setting` of a number within limits."""
+    return setting(help_text, default, min=low, max=high)
 
 
 def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[Any]:

@@ -6,13 +6,13 @@ The first section of the file, `robot`, is the record `Robot`; the other entries
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Dict, Tuple
 
 import yaml
 
-from husky_highlevel_controller.config import ConfigError, read_config
+from husky_highlevel_controller.config import ConfigError, number, read_config, setting
 from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.paths import share_folder
 
@@ -23,78 +23,68 @@ ROBOTS = ("husky", "smb")
 class Hull:
     """Body without wheels: a box centred on base_link."""
 
-    length: float = field(metadata={"min": 0.1, "max": 10.0, "help": "along x [m]"})
-    width: float = field(metadata={"min": 0.1, "max": 10.0, "help": "along y [m]"})
-    mass: float = field(metadata={"min": 0.1, "max": 1e4, "help": "without wheels and lidar [kg]"})
+    length: float = number(0.1, 10.0, "along x [m]")
+    width: float = number(0.1, 10.0, "along y [m]")
+    mass: float = number(0.1, 1e4, "without wheels and lidar [kg]")
 
 
 @dataclass(frozen=True)
 class Wheels:
     """Four driven wheels."""
 
-    joints: Tuple[str, ...] = field(
-        metadata={"length": 4, "help": "front left, front right, rear left, rear right"}
-    )
-    base: float = field(metadata={"min": 0.05, "max": 10.0, "help": "from front to rear axle [m]"})
-    height: float = field(metadata={"min": -1.0, "max": 1.0, "help": "of the axles above base_link [m]"})
-    width: float = field(metadata={"min": 0.01, "max": 1.0, "help": "of each [m]"})
-    mass: float = field(metadata={"min": 0.01, "max": 1e3, "help": "of each [kg]"})
+    joints: Tuple[str, ...] = setting("front left, front right, rear left, rear right", length=4)
+    base: float = number(0.05, 10.0, "from front to rear axle [m]")
+    height: float = number(-1.0, 1.0, "of the axles above base_link [m]")
+    width: float = number(0.01, 1.0, "of each [m]")
+    mass: float = number(0.01, 1e3, "of each [kg]")
 
 
 @dataclass(frozen=True)
 class DriveConfig:
     """Limits and geometry of the differential drive, as in diff_drive_controller."""
 
-    max_linear: float = field(metadata={"min": 0.01, "max": 10.0, "help": "[m/s]"})
-    max_linear_acceleration: float = field(metadata={"min": 0.01, "max": 100.0, "help": "[m/s^2]"})
-    max_angular: float = field(metadata={"min": 0.01, "max": 20.0, "help": "[rad/s]"})
-    max_angular_acceleration: float = field(metadata={"min": 0.01, "max": 100.0, "help": "[rad/s^2]"})
-    wheel_separation: float = field(
-        metadata={"min": 0.05, "max": 10.0, "help": "between left and right joints [m]"}
-    )
-    wheel_separation_multiplier: float = field(
-        metadata={"min": 0.1, "max": 10.0, "help": "of the separation, since the wheels skid"}
-    )
-    wheel_radius: float = field(metadata={"min": 0.01, "max": 1.0, "help": "[m]"})
-    timeout: float = field(
-        metadata={"min": 0.01, "max": 10.0, "help": "an older command counts as a stop [s]"}
-    )
+    max_linear: float = number(0.01, 10.0, "[m/s]")
+    max_linear_acceleration: float = number(0.01, 100.0, "[m/s^2]")
+    max_angular: float = number(0.01, 20.0, "[rad/s]")
+    max_angular_acceleration: float = number(0.01, 100.0, "[rad/s^2]")
+    wheel_separation: float = number(0.05, 10.0, "between left and right joints [m]")
+    wheel_separation_multiplier: float = number(0.1, 10.0, "of the separation, since the wheels skid")
+    wheel_radius: float = number(0.01, 1.0, "[m]")
+    timeout: float = number(0.01, 10.0, "an older command counts as a stop [s]")
 
 
 @dataclass(frozen=True)
 class LidarMount:
     """Pose of the planar lidar in base_link."""
 
-    frame: str = field(metadata={"help": "where its beams start"})
-    x: float = field(metadata={"min": -5.0, "max": 5.0, "help": "[m]"})
-    z: float = field(metadata={"min": -5.0, "max": 5.0, "help": "[m]"})
-    upside_down: bool = field(metadata={"help": "angles grow clockwise, seen from above"})
+    frame: str = setting("where its beams start")
+    x: float = number(-5.0, 5.0, "[m]")
+    z: float = number(-5.0, 5.0, "[m]")
+    upside_down: bool = setting("angles grow clockwise, seen from above")
 
 
 @dataclass(frozen=True)
 class ImuMount:
     """Position of the IMU in base_link, whose axes are its own."""
 
-    frame: str = field(metadata={"help": "that its messages name"})
-    x: float = field(metadata={"min": -5.0, "max": 5.0, "help": "[m]"})
-    y: float = field(metadata={"min": -5.0, "max": 5.0, "help": "[m]"})
-    z: float = field(metadata={"min": -5.0, "max": 5.0, "help": "[m]"})
+    frame: str = setting("that its messages name")
+    x: float = number(-5.0, 5.0, "[m]")
+    y: float = number(-5.0, 5.0, "[m]")
+    z: float = number(-5.0, 5.0, "[m]")
 
 
 @dataclass(frozen=True)
 class RobotTopics:
     """Names of the topics, in the robot's namespace."""
 
-    scan: str = field(metadata={"help": "sensor_msgs/LaserScan"})
-    points: str = field(metadata={"help": "sensor_msgs/PointCloud2 of a 3D lidar, if it has one"})
-    imu: str = field(metadata={"help": "sensor_msgs/Imu"})
-    odometry: str = field(metadata={"help": "nav_msgs/Odometry of wheels and gyro"})
-    wheel_odometry: str = field(metadata={"help": "nav_msgs/Odometry of the wheels"})
-    wheel_command: str = field(metadata={"help": "geometry_msgs/Twist, the output of twist_mux"})
-    limited_command: str = field(metadata={"help": "geometry_msgs/TwistStamped within the limits"})
-    velocity: Tuple[str, ...] = field(
-        metadata={"help": "geometry_msgs/Twist, inputs of twist_mux, the strongest first"}
-    )
+    scan: str = setting("sensor_msgs/LaserScan")
+    points: str = setting("sensor_msgs/PointCloud2 of a 3D lidar, if it has one")
+    imu: str = setting("sensor_msgs/Imu")
+    odometry: str = setting("nav_msgs/Odometry of wheels and gyro")
+    wheel_odometry: str = setting("nav_msgs/Odometry of the wheels")
+    wheel_command: str = setting("geometry_msgs/Twist, the output of twist_mux")
+    limited_command: str = setting("geometry_msgs/TwistStamped within the limits")
+    velocity: Tuple[str, ...] = setting("geometry_msgs/Twist, inputs of twist_mux, the strongest first")
 
     def __post_init__(self) -> None:
         """Raises ValueError where a guard has no input above the controller's."""
@@ -106,16 +96,16 @@ class RobotTopics:
 class Robot:
     """Robot: everything that is not the same for all."""
 
-    name: str = field(metadata={"help": "one of ROBOTS"})
-    title: str = field(metadata={"help": "its name in sentences"})
-    description: str = field(metadata={"help": "xacro file in urdf/"})
-    profiles: Tuple[str, ...] = field(metadata={"help": "whose drivers can be simulated: gazebo, robot"})
-    hull: Hull = field(metadata={"help": "the body"})
-    wheels: Wheels = field(metadata={"help": "the wheels"})
-    drive: DriveConfig = field(metadata={"help": "the drive"})
-    lidar_mount: LidarMount = field(metadata={"help": "the lidar"})
-    imu_mount: ImuMount = field(metadata={"help": "the IMU"})
-    topics: RobotTopics = field(metadata={"help": "the topics"})
+    name: str = setting("one of ROBOTS")
+    title: str = setting("its name in sentences")
+    description: str = setting("xacro file in urdf/")
+    profiles: Tuple[str, ...] = setting("whose drivers can be simulated: gazebo, robot")
+    hull: Hull = setting("the body")
+    wheels: Wheels = setting("the wheels")
+    drive: DriveConfig = setting("the drive")
+    lidar_mount: LidarMount = setting("the lidar")
+    imu_mount: ImuMount = setting("the IMU")
+    topics: RobotTopics = setting("the topics")
 
     @cached_property
     def footprint(self) -> Footprint:

@@ -7,10 +7,11 @@ Two proportional laws: forward speed from the distance still to go, turning rate
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import atan2, cos, hypot
 from typing import NamedTuple, Tuple
 
+from husky_highlevel_controller.config import number, setting
 from husky_highlevel_controller.datatypes import Pose, Twist2D
 from husky_highlevel_controller.footprint import Footprint
 
@@ -27,42 +28,21 @@ class ControlConfig:
     the robot's own limits are in config/robots/.
     """
 
-    p_gain_vel: float = field(
-        default=2.0,
-        metadata={"min": 0.0, "max": 10.0, "help": "forward speed for each metre still to go [1/s]"},
+    p_gain_vel: float = number(0.0, 10.0, "forward speed for each metre still to go [1/s]", default=2.0)
+    p_gain_ang: float = number(0.0, 10.0, "turning rate for each radian of bearing [1/s]", default=2.0)
+    stop_distance: float = number(
+        0.0, 10.0, "where to stop, from the lidar to the pillar's surface; 0: touch it [m]", default=0.4
     )
-    p_gain_ang: float = field(
-        default=2.0,
-        metadata={"min": 0.0, "max": 10.0, "help": "turning rate for each radian of bearing [1/s]"},
+    max_linear: float = number(0.0, 1.0, "fastest forward speed [m/s]", default=1.0)
+    max_angular: float = number(0.0, 2.0, "fastest turning rate [rad/s]", default=1.0)
+    arrival_tolerance: float = number(
+        0.001, 0.09, "how near to stop_distance counts as arrived [m]", default=0.01
     )
-    stop_distance: float = field(
-        default=0.4,
-        metadata={
-            "min": 0.0,
-            "max": 10.0,
-            "help": "where to stop, from the lidar to the pillar's surface; 0: touch it [m]",
-        },
+    search: bool = setting(
+        "turn and drive to look for a pillar never seen or lost; false: stand still", default=True
     )
-    max_linear: float = field(
-        default=1.0, metadata={"min": 0.0, "max": 1.0, "help": "fastest forward speed [m/s]"}
-    )
-    max_angular: float = field(
-        default=1.0, metadata={"min": 0.0, "max": 2.0, "help": "fastest turning rate [rad/s]"}
-    )
-    arrival_tolerance: float = field(
-        default=0.01,
-        metadata={"min": 0.001, "max": 0.09, "help": "how near to stop_distance counts as arrived [m]"},
-    )
-    search: bool = field(
-        default=True,
-        metadata={"help": "turn and drive to look for a pillar never seen or lost; false: stand still"},
-    )
-    search_rate: float = field(
-        default=0.5, metadata={"min": 0.05, "max": 2.0, "help": "turning rate of the search [rad/s]"}
-    )
-    search_radius_step: float = field(
-        default=1.5, metadata={"min": 0.1, "max": 10.0, "help": "by which the search widens each round [m]"}
-    )
+    search_rate: float = number(0.05, 2.0, "turning rate of the search [rad/s]", default=0.5)
+    search_radius_step: float = number(0.1, 10.0, "by which the search widens each round [m]", default=1.5)
 
 
 class Target(NamedTuple):

@@ -19,11 +19,12 @@ nor a level mount is needed.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from math import hypot, inf, isfinite, sqrt
 from typing import Deque, NamedTuple, Optional, Tuple
 
+from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import ImuSample, Quaternion, Twist2D, Vector3
 from husky_highlevel_controller.geometry import cross, dot, minus, quat_inverse, rotate, unit
 
@@ -47,26 +48,13 @@ STANDING = 0.02  # [m/s], slower wheels have no direction of travel
 class CrashConfig:
     """Limits of a crash."""
 
-    max_loss: float = field(
-        default=0.12,
-        metadata={"min": 0.01, "max": 5.0, "help": "loss of speed on smooth ground that is no crash [m/s]"},
+    max_loss: float = number(0.01, 5.0, "loss of speed on smooth ground that is no crash [m/s]", default=0.12)
+    window: float = number(0.02, 0.5, "time within which the speed is lost [s]", default=0.1)
+    max_loss_rough: float = number(0.01, 5.0, "the same on ground that shakes the robot [m/s]", default=0.24)
+    vibration_factor: float = number(
+        0.0, 20.0, "times the vibration of a window, added on rough ground", default=1.0
     )
-    window: float = field(
-        default=0.1,
-        metadata={"min": 0.02, "max": 0.5, "help": "time within which the speed is lost [s]"},
-    )
-    max_loss_rough: float = field(
-        default=0.24,
-        metadata={"min": 0.01, "max": 5.0, "help": "the same on ground that shakes the robot [m/s]"},
-    )
-    vibration_factor: float = field(
-        default=1.0,
-        metadata={"min": 0.0, "max": 20.0, "help": "times the vibration of a window, added on rough ground"},
-    )
-    odometry_delay: float = field(
-        default=0.1,
-        metadata={"min": 0.0, "max": 0.5, "help": "by which odometry may be late or early [s]"},
-    )
+    odometry_delay: float = number(0.0, 0.5, "by which odometry may be late or early [s]", default=0.1)
 
 
 class Change(NamedTuple):

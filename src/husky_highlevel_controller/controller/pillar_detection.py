@@ -9,12 +9,13 @@ lets them pass.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import asin, atan2, ceil, cos, floor, hypot, inf, isfinite, log, sin
 from typing import Callable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from husky_highlevel_controller.config import number
 from husky_highlevel_controller.controller.circle_fit import (
     Circle,
     Segment,
@@ -51,23 +52,13 @@ class Pillar(NamedTuple):
 class PillarConfig:
     """Limits of a pillar: size, number of beams, clearance."""
 
-    pillar_radius: float = field(
-        default=0.2, metadata={"min": 0.02, "max": 2.0, "help": "radius of the pillar looked for [m]"}
+    pillar_radius: float = number(0.02, 2.0, "radius of the pillar looked for [m]", default=0.2)
+    radius_tolerance: float = number(0.001, 1.0, "how far a measured radius may be off [m]", default=0.05)
+    max_residual: float = number(
+        0.001, 0.5, "largest root mean square distance from the circle [m]", default=0.05
     )
-    radius_tolerance: float = field(
-        default=0.05, metadata={"min": 0.001, "max": 1.0, "help": "how far a measured radius may be off [m]"}
-    )
-    max_residual: float = field(
-        default=0.05,
-        metadata={"min": 0.001, "max": 0.5, "help": "largest root mean square distance from the circle [m]"},
-    )
-    range_noise: float = field(
-        default=0.003,
-        metadata={"min": 0.0001, "max": 0.2, "help": "differences in range not worth explaining [m]"},
-    )
-    min_beams: int = field(
-        default=2, metadata={"min": 2, "max": 100, "help": "fewest beams that make a pillar"}
-    )
+    range_noise: float = number(0.0001, 0.2, "differences in range not worth explaining [m]", default=0.003)
+    min_beams: int = number(2, 100, "fewest beams that make a pillar", default=2)
 
 
 # By how much a rival shape must explain the ranges better before it wins: logarithm of the ratio of squares,

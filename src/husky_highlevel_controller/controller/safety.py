@@ -7,12 +7,13 @@ A planar lidar sees what is at its own height, and nothing behind the robot beyo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import copysign, hypot
 from typing import List, Optional, Tuple
 
 import numpy as np
 
+from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan, Twist2D
 from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import advance, matrix_from_quat
@@ -29,16 +30,9 @@ STOPPING_TIMEOUT = 1.0  # [s], after a stop was called for the robot stands, or 
 class ProximityConfig:
     """Distances at which something is too close."""
 
-    margin: float = field(
-        default=0.1, metadata={"min": 0.0, "max": 1.0, "help": "clearance to keep when it stands [m]"}
-    )
-    reaction_time: float = field(
-        default=0.2, metadata={"min": 0.0, "max": 2.0, "help": "from a scan to the first braking [s]"}
-    )
-    braking: float = field(
-        default=3.0,
-        metadata={"min": 0.1, "max": 10.0, "help": "deceleration to count on, at most the drive's [m/s^2]"},
-    )
+    margin: float = number(0.0, 1.0, "clearance to keep when it stands [m]", default=0.1)
+    reaction_time: float = number(0.0, 2.0, "from a scan to the first braking [s]", default=0.2)
+    braking: float = number(0.1, 10.0, "deceleration to count on, at most the drive's [m/s^2]", default=3.0)
 
 
 def is_moving(twist: Twist2D) -> bool:

@@ -10,10 +10,11 @@ own limit of 3.0 m/s^2 does both. Its encoders measure speeds in whole cm/s (Bor
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import exp
 from typing import Tuple
 
+from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import STOP, Twist2D, WheelState
 from husky_highlevel_controller.robot import DriveConfig
 from husky_highlevel_controller.simulator.diff_drive import Drive, wheel_speeds
@@ -23,18 +24,11 @@ from husky_highlevel_controller.simulator.diff_drive import Drive, wheel_speeds
 class HuskyBaseConfig:
     """The real drive."""
 
-    control_rate: int = field(
-        default=10, metadata={"min": 1, "max": 200, "help": "commands, wheel odometry and joint states [Hz]"}
-    )
-    max_wheel_speed: float = field(
-        default=1.0, metadata={"min": 0.1, "max": 5.0, "help": "of either side, before both are scaled [m/s]"}
-    )
-    lag: float = field(
-        default=0.29, metadata={"min": 0.0, "max": 5.0, "help": "time constant of the wheels' speed [s]"}
-    )
-    speed_resolution: float = field(
-        default=0.01,
-        metadata={"min": 1e-4, "max": 1.0, "help": "speeds are reported in multiples of this [m/s]"},
+    control_rate: int = number(1, 200, "commands, wheel odometry and joint states [Hz]", default=10)
+    max_wheel_speed: float = number(0.1, 5.0, "of either side, before both are scaled [m/s]", default=1.0)
+    lag: float = number(0.0, 5.0, "time constant of the wheels' speed [s]", default=0.29)
+    speed_resolution: float = number(
+        1e-4, 1.0, "speeds are reported in multiples of this [m/s]", default=0.01
     )
 
 

@@ -14,9 +14,10 @@ bodies that warm with the square of the current.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Tuple
 
+from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import PowerState
 
 STANDING = 0.005  # [m/s], slower wheels draw no current
@@ -32,11 +33,9 @@ DRIVER_HEAT, MOTOR_HEAT = 0.06, 0.15  # [K/A^2], in the end
 class PowerConfig:
     """The battery and the motors."""
 
-    torque_per_ampere: float = field(
-        default=4.4, metadata={"min": 0.1, "max": 100.0, "help": "of one side's two wheels [N m/A]"}
-    )
-    capacity: float = field(default=480.0, metadata={"min": 1.0, "max": 1e4, "help": "of the battery [Wh]"})
-    charge: float = field(default=1.0, metadata={"min": 0.0, "max": 1.0, "help": "at the start, 1: full"})
+    torque_per_ampere: float = number(0.1, 100.0, "of one side's two wheels [N m/A]", default=4.4)
+    capacity: float = number(1.0, 1e4, "of the battery [Wh]", default=480.0)
+    charge: float = number(0.0, 1.0, "at the start, 1: full", default=1.0)
 
 
 class Power:

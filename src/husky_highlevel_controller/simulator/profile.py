@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from husky_highlevel_controller.config import number, setting
 from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
 from husky_highlevel_controller.simulator.power import PowerConfig
 from husky_highlevel_controller.simulator.sensors.lms1xx import Lms1xxConfig
@@ -26,14 +27,10 @@ from husky_highlevel_controller.simulator.sensors.vibration import VibrationConf
 class Ground:
     """Ground under the robot."""
 
-    friction: float = field(metadata={"min": 0.05, "max": 2.0, "help": "of the wheels, lengthwise"})
-    lateral_grip: float = field(
-        metadata={"min": 0.1, "max": 10.0, "help": "sideways over lengthwise friction"}
-    )
-    rolling_current: float = field(
-        metadata={"min": 0.0, "max": 100.0, "help": "of both motors, straight on [A]"}
-    )
-    vibration: VibrationConfig = field(metadata={"help": "vibration that the IMU measures"})
+    friction: float = number(0.05, 2.0, "of the wheels, lengthwise")
+    lateral_grip: float = number(0.1, 10.0, "sideways over lengthwise friction")
+    rolling_current: float = number(0.0, 100.0, "of both motors, straight on [A]")
+    vibration: VibrationConfig = setting("vibration that the IMU measures")
 
 
 PROFILES, GROUNDS = ("gazebo", "robot"), ("hard", "soft")
@@ -62,8 +59,8 @@ class RobotProfile:
     lidar: Lms1xxConfig = field(default_factory=Lms1xxConfig, metadata={"help": "the lidar and its driver"})
     base: HuskyBaseConfig = field(default_factory=HuskyBaseConfig, metadata={"help": "the drive"})
     power: PowerConfig = field(default_factory=PowerConfig, metadata={"help": "battery and motors"})
-    hard: Ground = field(default=HARD, metadata={"help": "floors and asphalt"})
-    soft: Ground = field(default=SOFT, metadata={"help": "loam and snow"})
+    hard: Ground = setting("floors and asphalt", default=HARD)
+    soft: Ground = setting("loam and snow", default=SOFT)
 
     def on(self, ground: str) -> RealHusky:
         """The real Husky on `ground`, one of GROUNDS."""

@@ -7,7 +7,7 @@ from functools import lru_cache
 from math import isclose
 from typing import Optional
 
-from husky_highlevel_controller.config import read_config
+from husky_highlevel_controller.config import number, read_config, setting
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.robot import Robot, load_robot, robot_file
 from husky_highlevel_controller.simulator.profile import RealHusky
@@ -24,17 +24,15 @@ ODOMETRY_RATE = 50  # [Hz], as on both robots; besides, odometry is fresh whenev
 class SimulatorConfig:
     """Rates and sensors of the simulation."""
 
-    physics_rate: int = field(metadata={"min": 50, "max": 2000, "help": "physics steps a second [Hz]"})
-    scan_rate: int = field(metadata={"min": 1, "max": 200, "help": "scans a second [Hz]"})
-    lidar: LidarConfig = field(metadata={"help": "the lidar"})
-    imu_rate: int = field(metadata={"min": 1, "max": 1000, "help": "IMU samples a second [Hz]"})
-    imu: ImuConfig = field(metadata={"help": "the inertial measurement unit"})
-    gps_rate: int = field(metadata={"min": 0, "max": 200, "help": "fixes a second; 0: no receiver [Hz]"})
-    gps: GpsConfig = field(metadata={"help": "the satellite receiver"})
-    points_rate: int = field(
-        metadata={"min": 0, "max": 50, "help": "point clouds a second; 0: no 3D lidar [Hz]"}
-    )
-    points: PointsConfig = field(metadata={"help": "the 3D lidar"})
+    physics_rate: int = number(50, 2000, "physics steps a second [Hz]")
+    scan_rate: int = number(1, 200, "scans a second [Hz]")
+    lidar: LidarConfig = setting("the lidar")
+    imu_rate: int = number(1, 1000, "IMU samples a second [Hz]")
+    imu: ImuConfig = setting("the inertial measurement unit")
+    gps_rate: int = number(0, 200, "fixes a second; 0: no receiver [Hz]")
+    gps: GpsConfig = setting("the satellite receiver")
+    points_rate: int = number(0, 50, "point clouds a second; 0: no 3D lidar [Hz]")
+    points: PointsConfig = setting("the 3D lidar")
     robot: Robot = field(default_factory=load_robot)
     traction: TractionConfig = field(default_factory=TractionConfig)
     real: Optional[RealHusky] = None  # what a real Husky does differently; None: Gazebo's robot

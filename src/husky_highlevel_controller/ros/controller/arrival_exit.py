@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 from std_msgs.msg import Bool
 
-from husky_highlevel_controller.config import read_config
+from husky_highlevel_controller.config import number, read_config
 from husky_highlevel_controller.controller.behaviour import State
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.ros.node import run_node
@@ -22,10 +22,7 @@ POLL_PERIOD = 0.02  # [s] of wall time: half a simulated second of a fast simula
 class ExitConfig:
     """End of a drive that does not arrive."""
 
-    deadline: float = field(
-        default=120.0,
-        metadata={"min": 0.1, "max": 1e6, "help": "simulated time until the drive has failed [s]"},
-    )
+    deadline: float = number(0.1, 1e6, "simulated time until the drive has failed [s]", default=120.0)
 
 
 class ArrivalExit:

@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Deque, Optional, Tuple
 
@@ -19,7 +19,7 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, SetBoolRequest, SetBoolResponse
 
-from husky_highlevel_controller.config import ConfigError, read_config
+from husky_highlevel_controller.config import ConfigError, number, read_config, setting
 from husky_highlevel_controller.controller.behaviour import (
     ControllerState,
     ControlOutput,
@@ -49,22 +49,18 @@ POLL_PERIOD = 0.1  # [s] of wall time between two checks whether a transform is 
 class ScanTopicConfig:
     """Topic and queue of the scans."""
 
-    scan_topic_name: str = field(
-        default=f"/{load_robot().topics.scan}", metadata={"help": "topic of the lidar's scans"}
-    )
-    scan_topic_queue_size: int = field(
-        default=1, metadata={"min": 1, "max": 1000, "help": "scans kept while busy; an old scan is of no use"}
-    )
+    scan_topic_name: str = setting("topic of the lidar's scans", default=f"/{load_robot().topics.scan}")
+    scan_topic_queue_size: int = number(1, 1000, "scans kept while busy; an old scan is of no use", default=1)
 
 
 @dataclass(frozen=True)
 class StartStopConfig:
     """Start/stop service, and whether the robot drives from the start."""
 
-    start_stop_service_name: str = field(
-        default="~start_stop", metadata={"help": "service that starts (true) and stops (false) the robot"}
+    start_stop_service_name: str = setting(
+        "service that starts (true) and stops (false) the robot", default="~start_stop"
     )
-    start_enabled: bool = field(default=True, metadata={"help": "drive from the start, unasked"})
+    start_enabled: bool = setting("drive from the start, unasked", default=True)
 
 
 class ControllerNode:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Callable, Optional
 
 import rospy
@@ -16,6 +16,7 @@ from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from std_srvs.srv import SetBool
 
+from husky_highlevel_controller.config import setting
 from husky_highlevel_controller.controller.safety import Latch, advance_latch, is_moving
 from husky_highlevel_controller.controller.sensor_faults import ClockOffset, clock_sentence, zero_sentence
 from husky_highlevel_controller.datatypes import STOP, Twist2D
@@ -32,9 +33,8 @@ FRESH = 0.5  # [s], an older velocity says nothing about now
 class ServiceConfig:
     """Service that is called in danger."""
 
-    start_stop_service_name: str = field(
-        default="husky_highlevel_controller/start_stop",
-        metadata={"help": "std_srvs/SetBool service that stops the controller"},
+    start_stop_service_name: str = setting(
+        "std_srvs/SetBool service that stops the controller", default="husky_highlevel_controller/start_stop"
     )
 
 

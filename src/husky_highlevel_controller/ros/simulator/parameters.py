@@ -5,12 +5,12 @@ In: the parameter server. Out: typed records, checked.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Tuple
 
 import rospy
 
-from husky_highlevel_controller.config import ConfigError, read_config
+from husky_highlevel_controller.config import ConfigError, number, read_config, setting
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.profile import GROUNDS, RobotProfile
@@ -22,20 +22,18 @@ from husky_highlevel_controller.simulator.simulator_config import SimulatorConfi
 class StartConfig:
     """World, start pose, seed and pace of the simulation."""
 
-    laser_frame: str = field(metadata={"help": "where the lidar's beams start"})
-    world_name: str = field(default="", metadata={"help": "a .world file"})
-    x: float = field(default=0.0, metadata={"min": -1e4, "max": 1e4, "help": "start pose in the world [m]"})
-    y: float = field(default=0.0, metadata={"min": -1e4, "max": 1e4, "help": "start pose in the world [m]"})
-    yaw: float = field(default=0.0, metadata={"min": -7.0, "max": 7.0, "help": "start heading [rad]"})
-    seed: int = field(default=0, metadata={"min": 0, "max": 2**31 - 1, "help": "of all noise"})
-    real_time_factor: float = field(
-        default=1.0, metadata={"min": 0.0, "max": 1000.0, "help": "pace; 0 = as fast as it goes"}
-    )
-    paused: bool = field(default=False, metadata={"help": "wait for gazebo/unpause_physics"})
-    lockstep: bool = field(default=False, metadata={"help": "wait for the command that answers a scan"})
-    kinect_enabled: bool = field(default=False, metadata={"help": "with a depth camera"})
-    profile: str = field(default="gazebo", metadata={"help": "whose drivers: gazebo or robot"})
-    ground: str = field(default="hard", metadata={"help": "with profile robot: hard or soft"})
+    laser_frame: str = setting("where the lidar's beams start")
+    world_name: str = setting("a .world file", default="")
+    x: float = number(-1e4, 1e4, "start pose in the world [m]", default=0.0)
+    y: float = number(-1e4, 1e4, "start pose in the world [m]", default=0.0)
+    yaw: float = number(-7.0, 7.0, "start heading [rad]", default=0.0)
+    seed: int = number(0, 2**31 - 1, "of all noise", default=0)
+    real_time_factor: float = number(0.0, 1000.0, "pace; 0 = as fast as it goes", default=1.0)
+    paused: bool = setting("wait for gazebo/unpause_physics", default=False)
+    lockstep: bool = setting("wait for the command that answers a scan", default=False)
+    kinect_enabled: bool = setting("with a depth camera", default=False)
+    profile: str = setting("whose drivers: gazebo or robot", default="gazebo")
+    ground: str = setting("with profile robot: hard or soft", default="hard")
 
     @property
     def pose(self) -> Pose2D:

@@ -14,19 +14,18 @@ from typing import Tuple
 
 import numpy as np
 
+from husky_highlevel_controller.config import number
+
 
 @dataclass(frozen=True)
 class CameraConfig:
     """Resolution, field of view and range of the depth camera."""
 
-    width: int = field(default=320, metadata={"min": 16, "max": 1280, "help": "columns of the image"})
-    height: int = field(default=240, metadata={"min": 16, "max": 1024, "help": "rows of the image"})
-    field_of_view: float = field(
-        default=60.0,
-        metadata={"min": 10.0, "max": 120.0, "help": "from the left edge to the right one [deg]"},
-    )
-    near: float = field(default=0.05, metadata={"min": 0.01, "max": 1.0, "help": "nearer is not seen [m]"})
-    far: float = field(default=8.0, metadata={"min": 1.0, "max": 100.0, "help": "farther is not seen [m]"})
+    width: int = number(16, 1280, "columns of the image", default=320)
+    height: int = number(16, 1024, "rows of the image", default=240)
+    field_of_view: float = number(10.0, 120.0, "from the left edge to the right one [deg]", default=60.0)
+    near: float = number(0.01, 1.0, "nearer is not seen [m]", default=0.05)
+    far: float = number(1.0, 100.0, "farther is not seen [m]", default=8.0)
 
     def __post_init__(self) -> None:
         """Raises ValueError where nothing could be seen."""
@@ -53,7 +52,7 @@ class CameraConfig:
 class CameraSetup:
     """A camera at work."""
 
-    camera_rate: int = field(default=10, metadata={"min": 1, "max": 50, "help": "depth images a second [Hz]"})
+    camera_rate: int = number(1, 50, "depth images a second [Hz]", default=10)
     camera: CameraConfig = field(default_factory=CameraConfig, metadata={"help": "the depth camera"})
 
 

@@ -9,11 +9,12 @@ up. The radii are WGS 84's.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import cos, degrees, exp, radians, sin, sqrt
 
 import numpy as np
 
+from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import GpsFix, RobotState
 from husky_highlevel_controller.geometry import rotate
 
@@ -25,9 +26,9 @@ DRIFT_TIME = 3600.0  # [s]
 class GpsConfig:
     """Place of the world on Earth, and noise of the receiver; config/robots/ holds the values."""
 
-    latitude: float = field(metadata={"min": -89.0, "max": 89.0, "help": "of the world's origin [deg]"})
-    longitude: float = field(metadata={"min": -180.0, "max": 180.0, "help": "of the world's origin [deg]"})
-    drift: float = field(metadata={"min": 0.0, "max": 100.0, "help": "of the position, on each axis [m]"})
+    latitude: float = number(-89.0, 89.0, "of the world's origin [deg]")
+    longitude: float = number(-180.0, 180.0, "of the world's origin [deg]")
+    drift: float = number(0.0, 100.0, "of the position, on each axis [m]")
 
 
 class Gps:

@@ -8,10 +8,11 @@ The Husky's plugin measures at base_link's origin, and its messages name that fr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
+from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import ImuSample, RobotState, Vector3
 from husky_highlevel_controller.geometry import quat_inverse, rotate
 
@@ -20,12 +21,8 @@ from husky_highlevel_controller.geometry import quat_inverse, rotate
 class ImuConfig:
     """Noise of the IMU; config/robots/ holds the values."""
 
-    acceleration_noise: float = field(
-        metadata={"min": 0.0, "max": 10.0, "help": "standard deviation on each axis [m/s^2]"}
-    )
-    rate_noise: float = field(
-        metadata={"min": 0.0, "max": 10.0, "help": "standard deviation on each axis [rad/s]"}
-    )
+    acceleration_noise: float = number(0.0, 10.0, "standard deviation on each axis [m/s^2]")
+    rate_noise: float = number(0.0, 10.0, "standard deviation on each axis [rad/s]")
 
 
 class Imu:

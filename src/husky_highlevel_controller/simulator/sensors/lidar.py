@@ -7,11 +7,12 @@ Misses and too close returns are as gazebo_ros_laser and REP 117 have them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Callable
 
 import numpy as np
 
+from husky_highlevel_controller.config import number, setting
 from husky_highlevel_controller.datatypes import Beams, Pose, RobotState, Scan, even_beams
 from husky_highlevel_controller.geometry import compose
 
@@ -23,18 +24,12 @@ CastRays = Callable[[Pose, Beams, float], np.ndarray]
 class LidarConfig:
     """Beams, range and noise of the lidar; config/robots/ holds their values."""
 
-    beams: int = field(metadata={"min": 2, "max": 16384, "help": "number of beams"})
-    angle_max: float = field(
-        metadata={"min": 0.01, "max": 3.14159, "help": "last beam's angle; first is minus it [rad]"},
-    )
-    range_min: float = field(
-        metadata={"min": 0.0, "max": 10.0, "help": "nearer reads -inf, see hides_near [m]"}
-    )
-    range_max: float = field(metadata={"min": 0.1, "max": 1000.0, "help": "farther reads +inf [m]"})
-    noise: float = field(metadata={"min": 0.0, "max": 1.0, "help": "standard deviation [m]"})
-    hides_near: bool = field(
-        metadata={"help": "nearer reads +inf, as pointcloud_to_laserscan has it; false: -inf"}
-    )
+    beams: int = number(2, 16384, "number of beams")
+    angle_max: float = number(0.01, 3.14159, "last beam's angle; first is minus it [rad]")
+    range_min: float = number(0.0, 10.0, "nearer reads -inf, see hides_near [m]")
+    range_max: float = number(0.1, 1000.0, "farther reads +inf [m]")
+    noise: float = number(0.0, 1.0, "standard deviation [m]")
+    hides_near: bool = setting("nearer reads +inf, as pointcloud_to_laserscan has it; false: -inf")
 
     def __post_init__(self) -> None:
         """Raises ValueError where no range is valid."""

@@ -15,13 +15,14 @@ seen if its share is large enough for its distance: half a spot on a pillar is e
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from math import inf, pi
 from typing import List, NamedTuple, Tuple
 
 import numpy as np
 
+from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import Beams, Pose, RobotState, Scan, beams_at
 from husky_highlevel_controller.geometry import compose, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays
@@ -40,33 +41,19 @@ INTENSITY_SCALE = 255.0  # of a spot wholly on a surface that returns everything
 class Lms1xxConfig:
     """Beams, angles, range and noise of the lidar."""
 
-    beams: int = field(default=541, metadata={"min": 2, "max": 1082, "help": "number of beams"})
-    angle_max: float = field(
-        default=2.35619,
-        metadata={"min": 0.01, "max": 3.1, "help": "last beam's angle; first is minus it [rad]"},
+    beams: int = number(2, 1082, "number of beams", default=541)
+    angle_max: float = number(0.01, 3.1, "last beam's angle; first is minus it [rad]", default=2.35619)
+    range_min: float = number(0.0, 10.0, "nearer reads 0 [m]", default=0.01)
+    range_max: float = number(0.1, 100.0, "farther reads 0 [m]", default=20.0)
+    resolution: float = number(1e-6, 0.1, "ranges are multiples of this [m]", default=0.001)
+    noise: float = number(0.0, 1.0, "standard deviation [m]", default=0.012)
+    time_increment: float = number(0.0, 3.6e-5, "from one beam to the next [s]", default=2.778e-5)
+    spot: float = number(0.0, 0.1, "diameter of the beam at the lidar [m]", default=0.008)
+    divergence: float = number(0.001, 0.04, "growth of the diameter [rad]", default=0.015)
+    remission: float = number(
+        0.01, 1.0, "share of the light that surfaces return; 0.2: grey card", default=0.2
     )
-    range_min: float = field(default=0.01, metadata={"min": 0.0, "max": 10.0, "help": "nearer reads 0 [m]"})
-    range_max: float = field(default=20.0, metadata={"min": 0.1, "max": 100.0, "help": "farther reads 0 [m]"})
-    resolution: float = field(
-        default=0.001, metadata={"min": 1e-6, "max": 0.1, "help": "ranges are multiples of this [m]"}
-    )
-    noise: float = field(default=0.012, metadata={"min": 0.0, "max": 1.0, "help": "standard deviation [m]"})
-    time_increment: float = field(
-        default=2.778e-5, metadata={"min": 0.0, "max": 3.6e-5, "help": "from one beam to the next [s]"}
-    )
-    spot: float = field(
-        default=0.008, metadata={"min": 0.0, "max": 0.1, "help": "diameter of the beam at the lidar [m]"}
-    )
-    divergence: float = field(
-        default=0.015, metadata={"min": 0.001, "max": 0.04, "help": "growth of the diameter [rad]"}
-    )
-    remission: float = field(
-        default=0.2,
-        metadata={"min": 0.01, "max": 1.0, "help": "share of the light that surfaces return; 0.2: grey card"},
-    )
-    echo_length: float = field(
-        default=0.5, metadata={"min": 0.01, "max": 5.0, "help": "echoes less far apart are one [m]"}
-    )
+    echo_length: float = number(0.01, 5.0, "echoes less far apart are one [m]", default=0.5)
 
     @property
     def sweep_time(self) -> float:

@@ -8,12 +8,13 @@ measures a planar lidar's, in closed form: half as many casts as there are colum
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import pi
 from typing import List
 
 import numpy as np
 
+from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import Pose, RobotState, beams_at
 from husky_highlevel_controller.geometry import compose, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays
@@ -23,14 +24,12 @@ from husky_highlevel_controller.simulator.sensors.lidar import CastRays
 class PointsConfig:
     """Rings, columns, range and noise; config/robots/ holds the values."""
 
-    rings: int = field(metadata={"min": 1, "max": 128, "help": "elevations"})
-    columns: int = field(metadata={"min": 4, "max": 4096, "help": "directions all round; even"})
-    elevation_max: float = field(
-        metadata={"min": 0.01, "max": 1.5, "help": "of the highest ring, the lowest is minus it [rad]"}
-    )
-    range_min: float = field(metadata={"min": 0.0, "max": 10.0, "help": "nearer is left out [m]"})
-    range_max: float = field(metadata={"min": 0.1, "max": 1000.0, "help": "farther is left out [m]"})
-    noise: float = field(metadata={"min": 0.0, "max": 1.0, "help": "standard deviation [m]"})
+    rings: int = number(1, 128, "elevations")
+    columns: int = number(4, 4096, "directions all round; even")
+    elevation_max: float = number(0.01, 1.5, "of the highest ring, the lowest is minus it [rad]")
+    range_min: float = number(0.0, 10.0, "nearer is left out [m]")
+    range_max: float = number(0.1, 1000.0, "farther is left out [m]")
+    noise: float = number(0.0, 1.0, "standard deviation [m]")
 
     def __post_init__(self) -> None:
         """Raises ValueError where opposite columns are not in one plane."""

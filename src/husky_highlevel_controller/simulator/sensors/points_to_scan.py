@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from math import ceil, pi
 from typing import Any, Dict, Mapping
 
 import numpy as np
+
+from husky_highlevel_controller.config import number, setting
 
 FAR = 1e6  # [m], beyond any point
 MAX_DIRECTIONS = 100_000
 
 
 def _number(default: Any, help_text: str, minimum: float = -FAR) -> Any:
-    return field(default=default, metadata={"min": minimum, "max": FAR, "help": help_text})
+    return number(minimum, FAR, help_text, default=default)
 
 
 @dataclass(frozen=True)
 class FlattenConfig:
     """Parameters of pointcloud_to_laserscan 1.4, with its defaults."""
 
-    target_frame: str = field(
-        default="", metadata={"help": "of the scan; empty: the cloud's", "optional": True}
-    )
+    target_frame: str = setting("of the scan; empty: the cloud's", default="", optional=True)
     transform_tolerance: float = _number(0.01, "without effect [s]")
     min_height: float = _number(-FAR, "lower points are left out [m]")
     max_height: float = _number(FAR, "higher points are left out [m]")
@@ -32,7 +32,7 @@ class FlattenConfig:
     scan_time: float = _number(1.0 / 30.0, "from scan to scan, only told [s]")
     range_min: float = _number(0.0, "nearer points are left out [m]")
     range_max: float = _number(FAR, "farther points are left out [m]")
-    use_inf: bool = field(default=True, metadata={"help": "+inf for no point; false: beyond range_max"})
+    use_inf: bool = setting("+inf for no point; false: beyond range_max", default=True)
     inf_epsilon: float = _number(1.0, "how far beyond range_max [m]")
     concurrency_level: int = _number(1, "without effect")
     queue_size: int = _number(1, "without effect")

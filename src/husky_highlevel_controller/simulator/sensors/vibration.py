@@ -19,12 +19,13 @@ measured peaks, 6 to 8 standard deviations, those of Student's distribution with
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import sqrt
 from typing import List
 
 import numpy as np
 
+from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import ImuSample, RobotState
 from husky_highlevel_controller.simulator.sensors.imu import Imu
 
@@ -42,16 +43,10 @@ INNOVATION = sqrt(
 class VibrationConfig:
     """Roughness of the ground."""
 
-    horizontal: float = field(
-        metadata={"min": 0.0, "max": 50.0, "help": "std of ax, ay per speed [(m/s^2)/(m/s)]"}
-    )
-    vertical: float = field(metadata={"min": 0.0, "max": 50.0, "help": "std of az per speed [(m/s^2)/(m/s)]"})
-    rate: float = field(
-        metadata={"min": 0.0, "max": 5.0, "help": "std of the rates per speed [(rad/s)/(m/s)]"}
-    )
-    saturation: float = field(
-        metadata={"min": 0.0, "max": 10.0, "help": "speed beyond which it grows no more [m/s]"}
-    )
+    horizontal: float = number(0.0, 50.0, "std of ax, ay per speed [(m/s^2)/(m/s)]")
+    vertical: float = number(0.0, 50.0, "std of az per speed [(m/s^2)/(m/s)]")
+    rate: float = number(0.0, 5.0, "std of the rates per speed [(rad/s)/(m/s)]")
+    saturation: float = number(0.0, 10.0, "speed beyond which it grows no more [m/s]")
 
 
 class VibratingImu:
