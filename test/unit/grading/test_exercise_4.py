@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from husky_highlevel_controller.grading.drive.recording import Playback, Recording
 
 from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.grading import recording as recordings
 from husky_highlevel_controller.grading.displays import RvizDisplay, RvizView
-from husky_highlevel_controller.grading.drive import recording as recordings
 from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.recording import Playback, Recording
 from husky_highlevel_controller.grading.records import Rules, total
 from husky_highlevel_controller.grading.rubrics.exercise_4 import ITEMS, judge_exercise_4
 

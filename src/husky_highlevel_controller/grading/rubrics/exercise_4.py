@@ -12,8 +12,8 @@ from typing import Callable, Dict, List, Sequence, Tuple
 import numpy as np
 
 from husky_highlevel_controller.grading.displays import RvizView
-from husky_highlevel_controller.grading.drive.recording import Playback, Recording
 from husky_highlevel_controller.grading.notes import Kind, Note, Subject
+from husky_highlevel_controller.grading.recording import Playback, Recording
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules
 from husky_highlevel_controller.grading.rubrics.causes import causes, hint_on
 from husky_highlevel_controller.grading.rubrics.exercise_3 import DISPLAYS, without_config
