@@ -35,13 +35,27 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 def simulate():
     made = []
 
-    def make(*bodies, start=None, config=EXACT):
-        made.append(Simulation(World("w", (GROUND, *bodies)), HUSKY, config, start or Pose2D(), 1))
+    def make(*bodies, start=None, driven=0.0):
+        made.append(Simulation(World("w", (GROUND, *bodies)), HUSKY, EXACT, start or Pose2D(), 1))
+        drive(made[-1], driven)
         return made[-1]
 
     yield make
     for simulation in made:
         simulation.close()
+
+
+POST = body("post", Cylinder(0.1, 1.0), x=3.0, z=0.5)
+
+
+def crate(x=2.0):
+    """A box that can be moved and pushed."""
+    return body("box", Box((0.4, 0.4, 1.0)), x=x, z=0.5, mass=5.0)
+
+
+def refused(words, act, *arguments):
+    with pytest.raises(PlacementError, match=words):
+        act(*arguments)
 
 
 def ahead(simulation):
@@ -70,43 +84,32 @@ def test_a_spawned_thing_is_seen_bumped_into_and_gone_when_deleted(simulate):
 
 
 def test_a_name_is_given_once_and_the_first_stays(simulate):
-    simulation = simulate(body("post", Cylinder(0.1, 1.0), x=3.0, z=0.5))
-    with pytest.raises(PlacementError, match="there is a body named 'post' already"):
-        simulation.spawn([body("post", Cylinder(0.1, 1.0), x=-3.0, z=0.5)])
+    simulation = simulate(POST)
+    refused("there is a body named 'post' already", simulation.spawn, [replace(POST, mass=2.0)])
     assert simulation.pose_of("post").position[0] == pytest.approx(3.0)
-
-
-def test_the_robot_s_name_is_taken(simulate):
-    with pytest.raises(PlacementError, match="named 'husky'"):
-        simulate().spawn([body("husky", Sphere(0.1), x=3.0, z=0.5)])
-    with pytest.raises(PlacementError, match="named 'husky'"):
-        simulate(body("husky", Sphere(0.1), x=3.0, z=0.5))
+    husky = replace(POST, name="husky")
+    refused("named 'husky'", simulation.spawn, [husky])
+    refused("named 'husky'", simulate, husky)
 
 
 @pytest.mark.parametrize("mass", [0.0, 1.0])
 @pytest.mark.parametrize(("x", "other"), [(3.0, "post"), (0.0, "husky"), (0.45, "husky")])
 def test_nothing_is_put_inside_something_else(mass, x, other, simulate):
-    simulation = simulate(body("post", Cylinder(0.1, 1.0), x=3.0, z=0.5))
-    drive(simulation, 0.2)
-    with pytest.raises(PlacementError, match=f"'new' would stand inside '{other}'"):
-        simulation.spawn([body("new", Box((0.2, 0.2, 0.2)), x=x, z=0.15, mass=mass)])
+    simulation = simulate(POST, driven=0.2)
+    new = [body("new", Box((0.2, 0.2, 0.2)), x=x, z=0.15, mass=mass)]
+    refused(f"'new' would stand inside '{other}'", simulation.spawn, new)
     assert "new" not in simulation.bodies
     simulation.spawn([body("new", Box((0.2, 0.2, 0.2)), x=1.5, z=0.15, mass=mass)])
 
 
-def test_of_a_model_that_finds_no_room_nothing_stays(simulate):
-    simulation = simulate(body("post", Cylinder(0.1, 1.0), x=3.0, z=0.5))
-    parts = [body("gate::a", Box((0.2,) * 3), x=2.0, z=0.1), body("gate::b", Box((0.2,) * 3), x=3.0, z=0.1)]
-    with pytest.raises(PlacementError, match="'gate::b' would stand inside 'post'"):
-        simulation.spawn(parts)
+def test_a_model_comes_and_goes_with_all_its_parts_or_not_at_all(simulate):
+    simulation = simulate(POST)
+    gate = [body(f"gate::{x}", Box((0.2,) * 3), x=2.0 + x, z=0.1) for x in range(3)]
+    refused("'gate::1' would stand inside 'post'", simulation.spawn, gate)
     assert set(simulation.bodies) == {"ground", "post"}
-
-
-def test_a_model_is_deleted_with_all_its_parts(simulate):
-    simulation = simulate()
-    simulation.spawn([body(f"gate::{i}", Box((0.2,) * 3), x=2.0 + i, z=0.1) for i in range(3)])
-    with pytest.raises(PlacementError, match="already"):
-        simulation.spawn([body("gate", Box((0.2,) * 3), x=9.0, z=0.1)])
+    simulation.delete("post")
+    simulation.spawn(gate)
+    refused("already", simulation.spawn, [body("gate", Box((0.2,) * 3), x=9.0, z=0.1)])
     simulation.delete("gate")
     assert set(simulation.bodies) == {"ground"}
 
@@ -118,37 +121,24 @@ def test_a_movable_thing_that_is_put_half_into_the_ground_stands_on_it(simulate)
     assert simulation.pose_of("box").position == pytest.approx((2.0, 0.0, 0.2), abs=2e-3)
 
 
-def test_a_moved_thing_stands_still_where_it_was_put_and_is_seen_there(simulate):
-    simulation = simulate(body("box", Box((0.4, 0.4, 1.0)), x=2.0, z=0.5, mass=5.0))
-    drive(simulation, 0.5)
+@pytest.mark.parametrize("mass", [0.0, 5.0])
+def test_a_moved_thing_stands_still_where_it_was_put_and_is_seen_there(mass, simulate):
+    simulation = simulate(replace(crate(), mass=mass), driven=0.5)
     simulation.move("box", Pose((4.0, 0.0, 0.5), UPRIGHT))
     assert ahead(simulation) == pytest.approx(3.8, abs=0.01)
     drive(simulation, 0.5)
     assert simulation.pose_of("box").position == pytest.approx((4.0, 0.0, 0.5), abs=2e-3)
 
 
-def test_a_static_thing_can_be_moved_too(simulate):
-    simulation = simulate(body("wall", Box((0.4, 4.0, 1.0)), x=2.0, z=0.5))
-    drive(simulation, 0.1)
-    simulation.move("wall", Pose((5.0, 0.0, 0.5), UPRIGHT))
-    assert ahead(simulation) == pytest.approx(4.8, abs=0.01)
-
-
 def test_what_cannot_be_moved_there_stays_where_it_is(simulate):
-    box, post = Box((0.4, 0.4, 1.0)), body("post", Cylinder(0.1, 1.0), x=4.0, z=0.5)
-    simulation = simulate(body("box", box, x=2.0, z=0.5, mass=5.0), post)
-    drive(simulation, 0.5)
+    simulation = simulate(crate(), POST, driven=0.5)
     before = simulation.pose_of("box")
-    with pytest.raises(PlacementError, match="'box' would stand inside 'post'"):
-        simulation.move("box", Pose((4.0, 0.1, 0.5), UPRIGHT))
+    refused("'box' would stand inside 'post'", simulation.move, "box", Pose((3.0, 0.1, 0.5), UPRIGHT))
     assert simulation.pose_of("box").position == pytest.approx(before.position, abs=1e-12)
     for name in ("ghost", "ground"):
-        with pytest.raises(PlacementError, match=name):
-            simulation.move(name, Pose())
-    with pytest.raises(PlacementError, match="no body named 'ghost'; there are: box, ground, post"):
-        simulation.delete("ghost")
-    with pytest.raises(PlacementError, match="'husky' is the robot, which stays"):
-        simulation.delete("husky")
+        refused(name, simulation.move, name, Pose())
+    refused("no body named 'ghost'; there are: box, ground, post", simulation.delete, "ghost")
+    refused("'husky' is the robot, which stays", simulation.delete, "husky")
 
 
 # ---------------------------------------------------------------------------- the robot
@@ -173,30 +163,21 @@ def test_the_robot_is_put_down_at_rest_and_odom_stays_where_it_is_in_the_world(s
 
 
 def test_the_robot_is_not_put_into_something_and_drives_on_from_where_it_was(simulate):
-    simulation = simulate(body("post", Cylinder(0.2, 1.0), x=4.0, z=0.5))
+    simulation = simulate(POST)
     drive(simulation, 2.0, 0.5)
-    with pytest.raises(PlacementError, match="'husky' would stand inside 'post'"):
-        simulation.move("husky", Pose((4.0, 0.3, 0.0), UPRIGHT))
-    x, _ = place(simulation)
-    assert x == pytest.approx(0.92, abs=0.1)
+    refused("'husky' would stand inside 'post'", simulation.move, "husky", Pose((3.0, 0.3, 0.0), UPRIGHT))
+    assert place(simulation)[0] == pytest.approx(0.92, abs=0.1)
 
 
-def test_it_does_not_start_inside_something():
-    with pytest.raises(PlacementError, match="'husky' would stand inside 'post'"):
-        Simulation(World("w", (GROUND, body("post", Cylinder(0.2, 1.0), z=0.5))), HUSKY, EXACT, Pose2D(), 0)
-
-
-def test_a_refused_start_frees_the_engine():
+def test_a_start_inside_something_is_refused_and_frees_the_engine(simulate):
     """It holds 35 MB; a sweep over starts would run out of memory."""
-    world = World("w", (GROUND, body("post", Cylinder(0.2, 1.0), z=0.5)))
     before = [client for client in range(64) if pybullet.isConnected(client)]
-    with pytest.raises(PlacementError):
-        Simulation(world, HUSKY, EXACT, Pose2D(), 0)
+    refused("'husky' would stand inside 'post'", simulate, body("post", Cylinder(0.2, 1.0), z=0.5))
     assert [client for client in range(64) if pybullet.isConnected(client)] == before
 
 
 def test_everything_goes_back_to_where_it_was_put(simulate):
-    simulation = simulate(body("box", Box((0.4, 0.4, 1.0)), x=1.5, z=0.5, mass=5.0))
+    simulation = simulate(crate(1.5))
     simulation.spawn([body("ball", Sphere(0.1), x=-2.0, z=0.1, mass=0.1)])
     drive(simulation, 4.0, 0.5)
     simulation.move("ball", Pose((-4.0, 0.0, 0.1), UPRIGHT))
@@ -208,7 +189,7 @@ def test_everything_goes_back_to_where_it_was_put(simulate):
 
 
 def test_a_reset_leaves_nothing_of_what_was_changed(simulate):
-    simulation = simulate(body("box", Box((0.4, 0.4, 1.0)), x=1.5, z=0.5, mass=5.0))
+    simulation = simulate(crate(1.5))
     simulation.delete("box")
     simulation.spawn([body("ball", Sphere(0.1), x=-2.0, z=0.1, mass=0.1)])
     simulation.reset()
@@ -240,30 +221,17 @@ def grant(simulation, name, argument):
         getattr(simulation, name)(argument)
 
 
-SEVERAL_REQUESTS = st.lists(REQUESTS, min_size=1, max_size=6)
-
-
-@settings(derandomize=True, max_examples=10, deadline=None)
-@given(SEVERAL_REQUESTS)
-def test_a_refused_request_changes_nothing_and_a_granted_one_all(requests):
-    check_beside_a_twin(requests)
-
-
-@pytest.mark.slow
-@settings(derandomize=True, max_examples=200, deadline=None)
-@given(SEVERAL_REQUESTS)
-def test_many_refused_requests_change_nothing_and_granted_ones_all(requests):
-    check_beside_a_twin(requests)
+@pytest.mark.parametrize("examples", [5, pytest.param(200, marks=pytest.mark.slow)])
+def test_a_refused_request_changes_nothing_and_a_granted_one_all(examples):
+    settings(derandomize=True, max_examples=examples, deadline=None)(
+        given(st.lists(REQUESTS, min_size=1, max_size=6))(check_beside_a_twin)
+    )()
 
 
 def check_beside_a_twin(requests):
     """Beside a twin that gets the granted requests alone, every later state is the same to the last bit."""
-    bodies = (
-        body("post", Cylinder(0.1, 1.0), x=3.0, z=0.5),
-        body("box", Box((0.4, 0.4, 1.0)), x=1.2, z=0.5, mass=5.0),
-        replace(body("screen", Box((0.1, 0.1, 0.1)), x=2.0), collisions=()),
-    )
-    world = World("w", (GROUND, *bodies))
+    screen = replace(body("screen", Box((0.1, 0.1, 0.1)), x=2.0), collisions=())
+    world = World("w", (GROUND, POST, crate(1.2), screen))
     asked, twin = (Simulation(world, HUSKY, EXACT, Pose2D(), 1) for _ in range(2))
     try:
         for simulation in (asked, twin):
@@ -279,11 +247,8 @@ def check_beside_a_twin(requests):
                 grant(twin, name, argument)
             assert dict(asked.bodies) == dict(twin.bodies)
             for _ in range(20):
-                mine, its = asked.step(), twin.step()
-                assert mine.robot == its.robot
-                assert [asked.pose_of(each) for each in asked.bodies] == [
-                    twin.pose_of(each) for each in twin.bodies
-                ]
+                assert asked.step().robot == twin.step().robot
+                assert all(asked.pose_of(each) == twin.pose_of(each) for each in asked.bodies)
     finally:
         for simulation in (asked, twin):
             simulation.close()
@@ -308,8 +273,7 @@ def test_what_is_only_drawn_is_listed_and_deleted_but_does_not_move(simulate):
     lines = replace(body("lines", Box((1.0, 0.1, 0.1)), x=2.0), collisions=())
     simulation = simulate(lines)
     assert simulation.pose_of("lines") == lines.pose_in_world
-    with pytest.raises(PlacementError, match="'lines' is only drawn"):
-        simulation.move("lines", Pose((5.0, 0.0, 0.5), UPRIGHT))
+    refused("'lines' is only drawn", simulation.move, "lines", Pose((5.0, 0.0, 0.5), UPRIGHT))
     simulation.reset_poses()
     simulation.delete("lines")
     simulation.spawn([lines])

@@ -88,50 +88,52 @@ def push(seconds, ahead=0.0, left=0.0, up=0.0):
 
 def bump(ahead=LOSS, left=0.0, speed=0.6, more=0.3, **how):
     """Crashes felt while a robot at constant wheel speed loses some, and drives on for `more` seconds."""
-    drive = Drive(**how)
-    drive.go(push(2.0), speed)
-    return drive.go(np.concatenate([push(0.08, ahead, left), push(more)]), speed)
+    return driven(speed, **how).go(np.concatenate([push(0.08, ahead, left), push(more)]), speed)
 
 
 # ---------------------------------------------------------------------------- smooth ground
 
 
-@pytest.mark.parametrize(("loss", "felt"), [(0.4, True), (0.15, True), (0.09, False)])
-def test_the_limit_on_smooth_ground(loss, felt):
-    assert bool(bump(-loss / 0.08)) is felt
+def driven(speed=0.6, **how):
+    """A drive that has gone on for two seconds."""
+    drive = Drive(**how)
+    drive.go(push(2.0), speed)
+    return drive
 
 
-def test_the_limit_is_a_parameter():
-    assert not bump(config=CrashConfig(max_loss=0.5, max_loss_rough=0.5))
-    assert bump(-0.09 / 0.08, config=CrashConfig(max_loss=0.05))
+def crash(before=0.0, after=0.3, ahead=LOSS):
+    return np.concatenate([push(before), push(0.08, ahead), push(after)])
+
+
+@pytest.mark.parametrize(
+    ("felt", "how"),
+    [
+        (True, {"ahead": -0.4 / 0.08}),
+        (True, {"ahead": -0.15 / 0.08}),
+        (False, {"ahead": -0.09 / 0.08}),
+        (True, {"ahead": -0.09 / 0.08, "config": CrashConfig(max_loss=0.05)}),
+        (False, {"config": CrashConfig(max_loss=0.5, max_loss_rough=0.5)}),
+        (False, {"ahead": -LOSS}),  # it is pushed on
+        (True, {"ahead": -LOSS, "speed": -0.6}),
+        (True, {"ahead": LOSS, "speed": 0.0}),  # a robot that stands is hit from either side
+        (True, {"ahead": -LOSS, "speed": 0.0}),
+        (True, {"ahead": -LOSS, "speed": 0.015}),  # with wheels slower than 2 cm/s it stands
+        (False, {"ahead": -LOSS, "speed": 0.03}),
+        (True, {"ahead": 0.0, "left": LOSS}),
+        (True, {"ahead": 0.0, "left": -LOSS}),
+    ],
+)
+def test_which_losses_of_speed_on_smooth_ground_are_a_crash(felt, how):
+    assert bool(bump(**how)) is felt
 
 
 def test_the_loss_reported_is_the_speed_lost():
     assert max(loss for _, loss in bump()) == pytest.approx(0.4, abs=0.05)
 
 
-def test_what_pushes_a_robot_on_is_no_crash_but_the_same_push_stops_one_that_drives_backwards():
-    assert not bump(-LOSS, speed=0.6)
-    assert bump(-LOSS, speed=-0.6)
-    assert bump(LOSS, speed=0.0), "a robot that stands is hit from either side"
-    assert bump(-LOSS, speed=0.0)
-
-
-@pytest.mark.parametrize(("speed", "felt"), [(0.015, True), (0.03, False)])
-def test_wheels_slower_than_2_cm_a_second_stand(speed, felt):
-    """Then it may be pushed either way; one that drives loses speed in a crash, and gains none."""
-    assert bool(bump(-LOSS, speed=speed)) is felt
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_push_from_the_side_is_felt(side):
-    assert bump(0.0, side * LOSS)
-
-
-def test_a_bump_from_below_is_not_a_crash():
-    drive = Drive()
-    drive.go(push(2.0))
-    assert not drive.go(np.concatenate([push(0.03, up=30.0), push(0.5)]))
+@pytest.mark.parametrize("ahead", [0.0, -30.0])
+def test_a_bump_from_below_is_the_ground_also_with_one_ahead(ahead):
+    assert not driven().go(np.concatenate([push(0.03), push(0.03, ahead, up=30.0), push(0.5)]))
 
 
 def test_speeding_up_braking_and_curves_are_what_the_wheels_say():
@@ -148,40 +150,38 @@ def test_speeding_up_braking_and_curves_are_what_the_wheels_say():
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_curve_that_begins_at_once_is_no_push_from_the_side(side):
-    drive = Drive()
-    drive.go(push(2.0), 1.0)
-    assert not drive.go(push(0.5, left=side * 2.0), 1.0, yaw_rate=side * 2.0)
-    assert Drive().go(np.concatenate([push(2.0), push(0.5, left=side * 2.0)]), 1.0)
+    assert not driven(1.0).go(push(0.5, left=side * 2.0), 1.0, yaw_rate=side * 2.0)
+    assert driven(1.0).go(push(0.5, left=side * 2.0), 1.0)
 
 
 @pytest.mark.parametrize(("loss", "felt"), [(0.1, False), (0.25, True)])
 def test_a_crash_while_it_brakes_is_felt(loss, felt):
-    drive = Drive(wheels_rate=50)
-    drive.go(push(2.0), 1.0)
     braking, speeds = push(0.3, -3.0), np.linspace(1.0, 0.1, 30)
     braking[5:13, 0] -= loss / 0.08
-    assert bool(drive.go(np.concatenate([braking, push(0.3)]), np.append(speeds, np.full(30, 0.1)))) is felt
+    moving = np.concatenate([braking, push(0.3)])
+    assert bool(driven(1.0, wheels_rate=50).go(moving, np.append(speeds, np.full(30, 0.1)))) is felt
 
 
 @pytest.mark.parametrize("late", [-0.09, 0.0, 0.09])
 def test_odometry_may_be_a_tenth_of_a_second_late_or_early(late):
     braking = np.concatenate([push(0.3), push(0.3, -3.0), push(0.5)])
     speeds = np.interp(np.arange(110) - late * RATE, np.arange(110), 1.0 + np.cumsum(braking[:, 0]) / RATE)
-    drive = Drive(wheels_rate=50)
-    drive.go(push(2.0), 1.0)
-    assert not drive.go(braking, speeds)
+    assert not driven(1.0, wheels_rate=50).go(braking, speeds)
 
 
 LATE = [{"wheels_late": 1.5}, {"samples_late": 1.5}]
 
 
+def reversing(seconds):
+    """Accelerations and wheel speeds of a robot that brakes from 1 m/s, and goes on backwards."""
+    speeds = np.concatenate([np.linspace(1.0, -1.0, 67), np.full(round(seconds * RATE) - 67, -1.0)])
+    return np.concatenate([push(0.67, -3.0), push(seconds - 0.67)]), speeds
+
+
 @pytest.mark.parametrize("late", LATE)
 @pytest.mark.parametrize("wheels_rate", [10, 50])
 def test_messages_that_a_busy_machine_delivers_late_make_no_crash_of_braking(wheels_rate, late):
-    drive = Drive(wheels_rate=wheels_rate, **late)
-    drive.go(push(2.0), 1.0)
-    speeds = np.concatenate([np.linspace(1.0, -1.0, 67), np.full(200, -1.0)])
-    assert not drive.go(np.concatenate([push(0.67, -3.0), push(2.0)]), speeds)
+    assert not driven(1.0, wheels_rate=wheels_rate, **late).go(*reversing(2.67))
 
 
 @pytest.mark.parametrize("late", LATE)
@@ -198,35 +198,29 @@ def test_braking_soon_after_the_first_sample_is_no_crash_where_samples_come_late
         drive.go(push(2.0), 1.0)
         drive.step += RATE // 2
     drive.go(push(0.8), 1.0)
-    speeds = np.concatenate([np.linspace(1.0, -1.0, 67), np.full(200, -1.0)])
-    assert not drive.go(np.concatenate([push(0.67, -3.0), push(2.0)]), speeds)
+    assert not drive.go(*reversing(2.67))
 
 
 @pytest.mark.parametrize("stall", [1.0, 5.0])
 def test_braking_during_a_stall_is_no_crash_where_odometry_comes_first_afterwards(stall):
-    drive = Drive(wheels_rate=50)
-    drive.go(push(2.0), 1.0)
+    drive = driven(1.0, wheels_rate=50)
     drive.samples_late = stall
-    speeds = np.concatenate([np.linspace(1.0, -1.0, 67), np.full(round(stall * RATE) - 67, -1.0)])
-    braking = np.concatenate([push(0.67, -3.0), push(stall - 0.67)])
-    assert not drive.go(braking, speeds)
+    assert not drive.go(*reversing(stall))
     drive.samples_late = 0.0
     assert not drive.go(push(1.0), -1.0)
 
 
 @pytest.mark.parametrize("wheels_late", [0.3, 1.0])
 def test_a_crash_before_a_gap_between_samples_is_felt_where_odometry_comes_late(wheels_late):
-    drive = Drive(wheels_late=wheels_late)
-    drive.go(push(2.0))
-    felt = drive.go(np.concatenate([push(0.08, LOSS), push(0.2)]))
+    drive = driven(wheels_late=wheels_late)
+    felt = drive.go(crash(after=0.2))
     drive.step += round(0.3 * RATE)
     assert felt or drive.go(push(2.0))
 
 
 def test_samples_that_wait_are_forgotten_when_time_runs_back():
-    drive = Drive(wheels_late=1.0)
-    drive.go(push(2.0))
-    assert not drive.go(np.concatenate([push(0.08, LOSS), push(0.2)]))
+    drive = driven(wheels_late=1.0)
+    assert not drive.go(crash(after=0.2))
     drive.step, drive.wheels_late = 0, 0.0
     drive.wheels.clear()
     assert not drive.go(push(3.0))
@@ -234,61 +228,43 @@ def test_samples_that_wait_are_forgotten_when_time_runs_back():
 
 @pytest.mark.parametrize("ended_before", [0.0, 1.0])
 def test_when_odometry_ends_a_crash_is_felt_within_two_seconds_of_its_end_or_soon(ended_before):
-    drive = Drive()
-    drive.go(push(2.0))
+    drive = driven()
     drive.wheels_late = 1e9
     drive.go(push(ended_before))
-    felt = drive.go(np.concatenate([push(0.08, LOSS), push(2.5)]))
+    felt = drive.go(crash(after=2.5))
     assert felt
     assert felt[0][0] < 2.0 + 2.1
     assert drive.detector.delay == 0.0, "nothing waits any longer"
-    assert drive.go(np.concatenate([push(0.08, LOSS), push(0.2)])), "and the next one is felt soon"
+    assert drive.go(crash(after=0.2)), "and the next one is felt soon"
 
 
-def test_the_delay_is_that_of_odometry():
-    drive = Drive(wheels_late=1.0)
-    drive.go(push(3.0))
-    assert drive.detector.delay == pytest.approx(1.0, abs=0.25)
-    prompt = Drive()
-    prompt.go(push(3.0))
-    assert prompt.detector.delay < 0.1
+@pytest.mark.parametrize("late", [0.0, 1.0])
+def test_the_delay_is_that_of_odometry(late):
+    assert driven(wheels_late=late).detector.delay == pytest.approx(late, abs=0.25 if late else 0.1)
 
 
 def test_a_crash_a_fifth_of_a_second_after_it_braked_is_not_excused_by_that():
-    drive, moving, speeds = Drive(wheels_rate=50), push(1.0), np.full(100, 1.0)
-    drive.go(push(2.0), 1.0)
+    moving, speeds = push(1.0), np.full(100, 1.0)
     moving[30:40, 0] = -3.0
     speeds[30:40], speeds[40:] = np.linspace(1.0, 0.7, 10), 0.7
     moving[50:58, 0] = -0.3 / 0.08
-    assert drive.go(moving, speeds)
+    assert driven(1.0, wheels_rate=50).go(moving, speeds)
 
 
-def test_a_shock_ahead_with_one_from_below_is_the_ground():
-    shock = push(0.4)
-    shock[3:6] = (-30.0, 0.0, 30.0)
-    drive = Drive()
-    drive.go(push(2.0))
-    assert not drive.go(shock)
-
-
-def test_it_learns_the_ground_for_half_a_second_before_it_judges():
-    for begin, felt in ((0.3, False), (0.5, True)):
-        assert bool(Drive().go(np.concatenate([push(begin), push(0.08, LOSS), push(0.3)]))) is felt
+@pytest.mark.parametrize(("begin", "felt"), [(0.3, False), (0.5, True)])
+def test_it_learns_the_ground_for_half_a_second_before_it_judges(begin, felt):
+    assert bool(Drive().go(crash(begin))) is felt
 
 
 @pytest.mark.parametrize(("gap", "felt"), [(0.15, True), (0.3, False)])
 def test_a_gap_of_more_than_a_fifth_of_a_second_between_samples_is_a_new_beginning(gap, felt):
-    drive = Drive()
-    drive.go(push(2.0))
+    drive = driven()
     drive.step += round(gap * RATE)
-    assert bool(drive.go(np.concatenate([push(0.02), push(0.08, LOSS), push(0.3)]))) is felt
+    assert bool(drive.go(crash(0.02))) is felt
 
 
 def test_without_odometry_a_crash_is_felt_all_the_same():
-    detector = Drive(wheels_rate=1)
-    detector.wheels_every = 10**9
-    detector.go(push(2.0))
-    assert detector.go(np.concatenate([push(0.08, LOSS), push(0.3)]))
+    assert bump(wheels_late=1e9)
 
 
 @pytest.mark.parametrize("rate", [50, 100, 200])
@@ -323,11 +299,10 @@ def test_a_crash_is_felt_however_the_samples_are_stamped(rate, stamped, loss):
 
 
 def test_a_jump_of_time_is_a_new_beginning():
-    drive = Drive()
-    drive.go(push(2.0))
+    drive = driven()
     drive.step = 0  # the simulator was started again
     assert not drive.go(push(2.0))
-    assert drive.go(np.concatenate([push(0.08, LOSS), push(0.3)]))
+    assert drive.go(crash())
 
 
 # ---------------------------------------------------------------------------- mount and slope
@@ -342,7 +317,7 @@ def test_however_the_imu_is_mounted_and_the_ground_slopes_a_crash_is_felt_and_gr
 ):
     drive = Drive(mount, quat_from_rpy(roll, pitch, 0.0))
     assert not drive.go(push(2.0))
-    assert drive.go(np.concatenate([push(0.08, LOSS), push(0.3)]))
+    assert drive.go(crash())
 
 
 @pytest.mark.parametrize("rate", [0.1, 0.3])
@@ -387,7 +362,7 @@ def test_on_rough_ground_most_losses_of_0_4_m_s_within_80_ms_are_felt_within_0_3
 def test_rough_ground_is_forgotten_after_a_second_on_smooth_ground(seconds, felt):
     drive = Drive()
     drive.go(0.8 * vibration(3.0, FLOORING, 0))
-    assert bool(drive.go(np.concatenate([push(seconds), push(0.08, -0.15 / 0.08), push(0.3)]))) is felt
+    assert bool(drive.go(crash(seconds, ahead=-0.15 / 0.08))) is felt
 
 
 def on_shaking_ground(amplitude, ahead=0.0, left=0.0):
@@ -399,15 +374,17 @@ def on_shaking_ground(amplitude, ahead=0.0, left=0.0):
 
 
 @pytest.mark.parametrize(
-    ("amplitude", "loss", "felt"),
-    [(0.1, 0.2, True), (0.2, 0.2, False), (0.4, 0.25, False), (0.4, 0.35, True)],
+    ("amplitude", "change", "felt"),
+    [
+        # 5 mm/s within a window, as under an A200 that stands, 10 and 20 mm/s
+        (0.1, {"ahead": -0.2}, True),
+        (0.2, {"ahead": -0.2}, False),
+        (0.4, {"ahead": -0.25}, False),
+        (0.4, {"ahead": -0.35}, True),
+        # sideways it counts twice
+        *[(0.1, {"left": side * 0.2}, False) for side in (1.0, -1.0)],
+        *[(0.1, {"left": side * 0.25}, True) for side in (1.0, -1.0)],
+    ],
 )
-def test_the_limit_grows_with_the_ground_s_vibration(amplitude, loss, felt):
-    """5 mm/s within a window, as under an A200 that stands, 10 and 20 mm/s."""
-    assert bool(on_shaking_ground(amplitude, ahead=-loss)) is felt
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize(("gained", "felt"), [(0.2, False), (0.25, True)])
-def test_sideways_rough_ground_counts_twice(gained, felt, side):
-    assert bool(on_shaking_ground(0.1, left=side * gained)) is felt
+def test_the_limit_grows_with_the_ground_s_vibration(amplitude, change, felt):
+    assert bool(on_shaking_ground(amplitude, **change)) is felt

@@ -121,41 +121,36 @@ def test_the_gap_is_from_the_outline_to_the_surface(pose, gap):
 # ---------------------------------------------------------------------------- towards the pillar
 
 
-def test_half_of_the_way_is_driving_towards_it():
-    item = judge_approach(GOOD)
-    assert (item.points, item.max_points) == (20.0, 20.0)
-    assert item.at == pytest.approx(9.3 / 2 / 0.5, abs=0.1)
-    assert "half of the 9.30 m" in item.evidence
-
-
-@pytest.mark.parametrize(("covered", "points"), [(0.08, 0.0), (0.12, 10.0), (0.48, 10.0), (0.52, 20.0)])
-def test_part_of_the_way_is_half_the_points(covered, points):
-    way = 10.0 - 0.2 - NOSE
-    assert judge_approach(drive((covered * way, 0.5), (3.0, 0.0))).points == points
-
-
-@pytest.mark.parametrize(("aside", "points"), [(1.5, 20.0), (4.0, 10.0)])
-def test_who_drives_past_it_far_away_gets_half(aside, points):
-    item = judge_approach(replace(drive((20.0, 0.5)), pillar=(15.0, aside)))
-    assert item.points == points
-    assert ("drives past the pillar, 3." in item.evidence) is (points < 20.0)
-
-
-def test_who_drives_away_gets_nothing_and_is_told_how_far():
-    item = judge_approach(drive((-5.0, -0.5)))
-    assert item.points == 0.0
-    assert "drives away: 4.99 m farther" in item.evidence
-    assert item.at == pytest.approx(10.0)
-
-
-def test_who_spins_gets_nothing_and_is_told_how_often():
+def spinning():
     still = drive((13.0, 0.0))
     poses, speeds = still.poses.copy(), still.speeds.copy()
-    poses[:, 2] = still.times
-    speeds[:, 1] = 1.0
-    item = judge_approach(replace(still, poses=poses, speeds=speeds))
-    assert item.points == 0.0
-    assert "turns round 2.1 times" in item.evidence
+    poses[:, 2], speeds[:, 1] = still.times, 1.0
+    return replace(still, poses=poses, speeds=speeds)
+
+
+WAY = 10.0 - 0.2 - NOSE  # [m]
+
+
+@pytest.mark.parametrize(
+    ("recording", "points", "at", "evidence"),
+    [
+        (GOOD, 20.0, 9.3, "half of the 9.30 m"),
+        *[
+            (drive((covered * WAY, 0.5), (3.0, 0.0)), points, None, "")
+            for covered, points in ((0.08, 0.0), (0.12, 10.0), (0.48, 10.0), (0.52, 20.0))
+        ],
+        (replace(drive((20.0, 0.5)), pillar=(15.0, 1.5)), 20.0, None, ""),
+        (replace(drive((20.0, 0.5)), pillar=(15.0, 4.0)), 10.0, None, "drives past the pillar, 3."),
+        (drive((-5.0, -0.5)), 0.0, 10.0, "drives away: 4.99 m farther"),
+        (spinning(), 0.0, None, "turns round 2.1 times"),
+    ],
+)
+def test_points_for_driving_towards_the_pillar(recording, points, at, evidence):
+    item = judge_approach(recording)
+    assert (item.points, item.max_points) == (points, 20.0)
+    assert at is None or item.at == pytest.approx(at, abs=0.1)
+    assert evidence in item.evidence
+    assert ("drives past" in item.evidence) is ("drives past" in evidence)
 
 
 @pytest.mark.parametrize(
@@ -183,30 +178,37 @@ def test_who_never_moves_is_told_why(more, words):
 # ---------------------------------------------------------------------------- at the pillar
 
 
-def test_standing_there_is_arriving():
-    item = judge_arrival(GOOD)
-    assert item.points == 30.0
-    assert "stands 0.20 m from it since" in item.evidence
-    assert item.at == pytest.approx(TO_PILLAR / 0.5, abs=0.1)
-
-
-def test_trembling_there_is_standing():
+def trembling():
     speeds = GOOD.speeds.copy()
     speeds[-100:, 1] = 0.3 * (-1.0) ** np.arange(100)
-    assert judge_arrival(replace(GOOD, speeds=speeds)).points == 30.0
+    return replace(GOOD, speeds=speeds)
 
 
-def test_a_gentle_touch_is_arriving():
-    item = judge_arrival(drive((10.0 - 0.2 - NOSE, 0.4)))
-    assert item.points == 30.0
-    assert "reaches it, at 0.40 m/s" in item.evidence
+def short_by(gap):
+    return drive((WAY - gap, 0.5), (3.0, 0.0))
 
 
-def test_driving_into_it_is_reaching_it():
-    item = judge_arrival(drive((12.0, 1.0)))
-    assert item.points == 30.0
-    assert "reaches it, at 1.00 m/s" in item.evidence
-    assert item.at == pytest.approx(10.0 - 0.2 - NOSE, abs=0.05)
+@pytest.mark.parametrize(
+    ("recording", "points", "at", "evidence"),
+    [
+        (GOOD, 30.0, TO_PILLAR / 0.5, "stands 0.20 m from it since"),
+        (trembling(), 30.0, None, "stands"),
+        (drive((WAY, 0.4)), 30.0, None, "reaches it, at 0.40 m/s"),
+        (drive((12.0, 1.0)), 30.0, WAY, "reaches it, at 1.00 m/s"),
+        # being there without staying costs a third
+        (drive((TO_PILLAR, 0.5), (5.0, -0.5), (3.0, 0.0)), 20.0, None, "but stands 4.31 m away in the end"),
+        (drive((TO_PILLAR, 0.5), (5.0, -0.5)), 20.0, None, "does not stop there"),
+        (drive((TO_PILLAR, 0.5), (0.5, 0.0)), 20.0, None, "does not stop there"),
+        (short_by(0.34), 30.0, None, ""),
+        (short_by(0.36), 0.0, None, "stops short: nearest 0.36 m from the pillar"),
+        (short_by(3.0), 0.0, None, "stops short: nearest 3.00 m from the pillar"),
+    ],
+)
+def test_points_for_reaching_the_pillar(recording, points, at, evidence):
+    item = judge_arrival(recording)
+    assert item.points == points
+    assert at is None or item.at == pytest.approx(at, abs=0.1)
+    assert evidence in item.evidence
 
 
 @pytest.mark.parametrize(
@@ -216,27 +218,6 @@ def test_ramming_may_cost_points_and_never_at_the_speed_that_is_allowed(speed, p
     item = judge_arrival(drive((12.0, speed)), Rules(ramming_costs=10.0))
     assert item.points == points
     assert ("rams the pillar" in item.evidence) == (points < 30.0)
-
-
-@pytest.mark.parametrize(
-    ("legs", "words"),
-    [
-        ([(TO_PILLAR, 0.5), (5.0, -0.5), (3.0, 0.0)], "but stands 4.31 m away in the end"),
-        ([(TO_PILLAR, 0.5), (5.0, -0.5)], "does not stop there"),
-        ([(TO_PILLAR, 0.5), (0.5, 0.0)], "does not stop there"),
-    ],
-)
-def test_being_there_without_staying_costs_a_third(legs, words):
-    item = judge_arrival(drive(*legs))
-    assert item.points == 20.0
-    assert words in item.evidence
-
-
-@pytest.mark.parametrize(("gap", "points"), [(0.34, 30.0), (0.36, 0.0), (3.0, 0.0)])
-def test_stopping_short_is_not_arriving(gap, points):
-    item = judge_arrival(drive((10.0 - 0.2 - NOSE - gap, 0.5), (3.0, 0.0)))
-    assert item.points == points
-    assert points or f"stops short: nearest {gap:.2f} m from the pillar" in item.evidence
 
 
 @pytest.mark.parametrize(
@@ -256,17 +237,12 @@ def test_who_is_on_its_way_at_the_deadline_is_for_a_person(legs, points):
 # ---------------------------------------------------------------------------- the marker
 
 
-@pytest.mark.parametrize("error", [(0.0, 0.0, 0.0), (-0.2, 0.0, 0.3), (0.1, 0.25, 1.2)])
-def test_a_marker_on_the_pillar_is_right(error):
-    position = (PILLAR[0] + error[0], PILLAR[1] + error[1], error[2])
-    item = judge_place(markers(GOOD, position))
-    assert item.points == 20.0
-    assert "right 100 % of the time" in item.evidence
-
-
 @pytest.mark.parametrize(
     ("position", "fault"),
     [
+        ((10.0, 0.0, 0.0), ""),
+        ((9.8, 0.0, 0.3), ""),
+        ((10.1, 0.25, 1.2), ""),
         ((0.0, 0.0, 0.0), "10.00 m too near"),
         ((10.0, 2.0, 0.0), "2.00 m too far left"),
         ((9.0, 1.0, 0.0), "1.00 m too near and 1.00 m too far left"),
@@ -275,10 +251,11 @@ def test_a_marker_on_the_pillar_is_right(error):
 )
 def test_a_marker_elsewhere_is_wrong_and_the_coordinate_is_named(position, fault):
     item = judge_place(markers(GOOD, position))
-    assert item.points == 0.0
     x, y, z = position
-    assert f"at ({x:.2f}, {y:.2f}, {z:.2f}), the pillar at (10.00, 0.00): {fault}" in item.evidence
-    assert item.at == PERIOD
+    wrong = f"at ({x:.2f}, {y:.2f}, {z:.2f}), the pillar at (10.00, 0.00): {fault}"
+    assert (wrong if fault else "right 100 % of the time") in item.evidence
+    assert item.points == (0.0 if fault else 20.0)
+    assert not fault or item.at == PERIOD
 
 
 @pytest.mark.parametrize(("share", "points"), [(0.1, 0.0), (0.3, 3.3), (0.5, 10.0), (0.7, 16.7), (0.9, 20.0)])
@@ -398,30 +375,36 @@ def test_chance_is_told_once_and_the_second_fault_keeps_its_hint():
     assert place.hint.startswith("give each member a value in the constructor; then x = r cos(angle)")
 
 
-def test_a_wide_marker_that_touches_the_pillar_gets_half_the_points():
-    wide = tuple(replace(marker, reach=0.2) for marker in markers(GOOD, (9.1, 0.0, 0.0)).markers)
-    item = judge_place(replace(GOOD, markers=wide, marker_topics=("/marker",)), Rules(marker_per_metre=0.0))
-    assert item.points == 10.0
-    huge = tuple(replace(marker, reach=0.0, position=(0.0, 0.0, 0.0)) for marker in wide)
-    assert judge_place(replace(GOOD, markers=huge, marker_topics=("/marker",))).points == 0.0
-
-
-def test_a_tall_marker_whose_middle_is_above_the_pillar_is_seen_at_it():
-    tall = tuple(replace(marker, low=0.8) for marker in markers(GOOD, (10.0, 0.0, 2.5)).markers)
-    assert judge_place(replace(GOOD, markers=tall, marker_topics=("/marker",))).points == 20.0
-
-
 def with_samples(samples):
     return replace(GOOD, markers=tuple(samples), marker_topics=("/marker",))
 
 
-def test_a_grid_of_guesses_earns_nothing():
-    grid = [(float(x), float(y), 0.0) for x in range(-7, 7) for y in range(-7, 7)]
-    guesses = [(x + 10.0, y, z) for x, y, z in grid]
-    samples = [
-        sample(float(t), place, number) for t in GOOD.times[::50] for number, place in enumerate(guesses)
-    ]
-    assert judge_place(with_samples(samples)).points == 0.0
+@pytest.mark.parametrize(
+    ("position", "size", "points"),
+    [
+        ((9.1, 0.0, 0.0), {"reach": 0.2}, 10.0),  # a wide one that touches the pillar
+        ((0.0, 0.0, 0.0), {"reach": 0.0}, 0.0),  # a huge one around it
+        ((10.0, 0.0, 2.5), {"low": 0.8}, 20.0),  # a tall one whose middle is above it
+    ],
+)
+def test_points_for_large_markers(position, size, points):
+    large = with_samples(replace(marker, **size) for marker in markers(GOOD, position).markers)
+    assert judge_place(large, Rules(marker_per_metre=0.0)).points == points
+
+
+@pytest.mark.parametrize("apart", ["id", "namespace", "topic"])
+def test_a_grid_of_guesses_earns_nothing_whatever_tells_them_apart(apart):
+    places = [(x + 10.0, float(y), 0.0) for x in range(-7, 7) for y in range(-7, 7)]
+    item = judge_place(
+        with_samples(
+            replace(sample(float(t), place), **{apart: number if apart == "id" else f"/a{number}"})
+            for t in GOOD.times[::50]
+            for number, place in enumerate(places)
+        )
+    )
+    assert item.points == 0.0
+    words = "196 markers in 196 topics and namespaces, half of those drawn must be right"
+    assert apart == "id" or words in item.evidence
 
 
 def test_a_new_id_for_each_scan_counts_by_all_that_is_drawn():
@@ -452,19 +435,6 @@ def test_the_best_of_several_namespaces_counts():
     right, wrong = markers(GOOD, (10.0, 0.0, 0.0)), markers(GOOD, (0.0, 0.0, 0.0))
     renamed = tuple(replace(marker, namespace="path") for marker in wrong.markers)
     assert judge_place(replace(right, markers=renamed + right.markers)).points == 20.0
-
-
-@pytest.mark.parametrize("apart", ["namespace", "topic"])
-def test_a_grid_of_guesses_earns_nothing_with_a_name_for_each(apart):
-    places = [(x + 10.0, float(y), 0.0) for x in range(-7, 7) for y in range(-7, 7)]
-    samples = [
-        replace(sample(float(t), place), **{apart: f"/a{number}"})
-        for t in GOOD.times[::50]
-        for number, place in enumerate(places)
-    ]
-    item = judge_place(with_samples(samples))
-    assert item.points == 0.0
-    assert "196 markers in 196 topics and namespaces, half of those drawn must be right" in item.evidence
 
 
 def test_what_nobody_can_see_is_no_marker():

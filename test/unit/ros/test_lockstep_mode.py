@@ -174,10 +174,23 @@ def answer(steps):
     steps.wait_for_answer(nothing, pytest.fail, pytest.fail)
 
 
-def test_a_controller_that_computes_has_five_seconds_for_a_command(clock, warnings):
-    steps = begun(asleep=False)
+def wait(steps, clock, nudge=nothing):
+    """A scan that gets no command from outside; the scan is not sent again."""
     steps.begin_scan()
-    steps.wait_for_answer(clock.look, pytest.fail, nothing)
+    steps.wait_for_answer(clock.look, pytest.fail, nudge)
+
+
+def answer_at_ticks(steps, count=12):
+    """Scans answered before a tick of the clock."""
+    for _ in range(count):
+        steps.begin_scan()
+        steps.command_arrived("cmd_vel")
+        steps.tick(nothing, nothing)
+        steps.wait_for_answer(nothing, pytest.fail, pytest.fail)
+
+
+def test_a_controller_that_computes_has_five_seconds_for_a_command(clock, warnings):
+    wait(begun(asleep=False), clock)
     assert clock.now == pytest.approx(5.0, abs=0.2)
     assert "after 5 s of wall time no command answers the scan" in warnings[0]
 
@@ -208,21 +221,18 @@ def test_the_first_scan_is_sent_again_after_a_second(clock):
 
 def test_a_controller_that_sleeps_is_waited_for_twice_and_then_no_longer(clock, warnings):
     steps = begun(asleep=True)
-    steps.begin_scan()
-    steps.wait_for_answer(clock.look, pytest.fail, nothing)
+    wait(steps, clock)
     assert clock.now == pytest.approx(2 * 0.3, abs=0.1)  # the second one for a sleep that is over soon
     asleep_from = clock.now
     for _ in range(20):
-        steps.begin_scan()
-        steps.wait_for_answer(clock.look, pytest.fail, nothing)
+        wait(steps, clock)
     assert clock.now - asleep_from < 20 * 0.1
     assert warnings == []
 
 
 def test_ten_scans_answered_in_a_row_end_the_sleep(clock):
     steps = begun(asleep=True)
-    steps.begin_scan()
-    steps.wait_for_answer(clock.look, pytest.fail, nothing)
+    wait(steps, clock)
     for answered in range(1, 11):
         steps.begin_scan()
         steps.command_arrived("cmd_vel")
@@ -237,8 +247,7 @@ def test_a_sleeping_controller_that_stays_busy_ends_lockstep(clock, warnings):
     listeners = Controller(asleep=True)
     steps = Lockstep(True, listeners)
     steps.command_arrived("cmd_vel")
-    steps.begin_scan()
-    steps.wait_for_answer(clock.look, pytest.fail, nothing)
+    wait(steps, clock)
     listeners.is_asleep = False
     before = clock.now
     steps.tick(clock.look, nothing)
@@ -255,8 +264,7 @@ def test_one_that_sleeps_between_two_ticks_of_the_clock_is_woken_and_watched_to_
 
     for _ in range(10):
         answer(steps)
-    steps.begin_scan()
-    steps.wait_for_answer(clock.look, pytest.fail, nudge)
+    wait(steps, clock, nudge)
     assert nudged == [pytest.approx(0.3, abs=0.1)]
     for _ in range(12):
         answer(steps)
@@ -264,13 +272,12 @@ def test_one_that_sleeps_between_two_ticks_of_the_clock_is_woken_and_watched_to_
     assert warnings == []
 
 
-def test_one_that_commands_at_a_tick_of_the_clock_is_watched_to_the_end(clock):
+@pytest.mark.parametrize("slept", [False, True])
+def test_one_that_commands_at_a_tick_of_the_clock_is_watched_to_the_end_also_when_it_is_awake(slept, clock):
     steps = begun(asleep=True)
-    for _ in range(12):
-        steps.begin_scan()
-        steps.command_arrived("cmd_vel")
-        steps.tick(nothing, nothing)
-        steps.wait_for_answer(nothing, pytest.fail, pytest.fail)
+    if slept:
+        wait(steps, clock)
+    answer_at_ticks(steps)
     assert not steps.drops("cmd_vel")
     for _ in range(12):
         answer(steps)
@@ -300,27 +307,11 @@ def test_what_never_sleeps_is_watched_for_a_second_only(clock, warnings):
     assert warnings == []
 
 
-def test_a_controller_that_slept_and_commanded_at_a_tick_is_watched_when_it_is_awake(clock):
-    steps = begun(asleep=True)
-    steps.begin_scan()
-    steps.wait_for_answer(clock.look, pytest.fail, nothing)
-    for _ in range(12):
-        steps.begin_scan()
-        steps.command_arrived("cmd_vel")
-        steps.tick(nothing, nothing)
-        steps.wait_for_answer(nothing, pytest.fail, pytest.fail)
-    answer(steps)
-    assert not steps.drops("cmd_vel")
-
-
 def test_a_controller_that_answered_before_it_slept_is_not_watched_when_it_is_awake(clock):
     steps = begun(asleep=True)
     for _ in range(10):
         answer(steps)
-    steps.begin_scan()
-    steps.wait_for_answer(clock.look, pytest.fail, nothing)
+    wait(steps, clock)
     for _ in range(10):
         answer(steps)
-    again = []
-    steps.tick(nothing, lambda: again.append(1))
-    assert again == []
+    steps.tick(nothing, pytest.fail)
