@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import pi
+from math import cos, pi, sin
 from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from husky_highlevel_controller.controller.behaviour import (
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Scan, Twist2D
-from husky_highlevel_controller.evaluation.scenarios import SICK, Disc, Wall, cast, scan_of
+from husky_highlevel_controller.evaluation.scenarios import SICK, Disc, scan_of
 from husky_highlevel_controller.geometry import (
     advance,
     compose,
@@ -31,6 +31,49 @@ from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 # of the lidar in base_link (Husky URDF, husky_description 0.6.10): as it hangs, and as it could stand
 UPSIDE_DOWN = Pose((0.337, 0.0, 0.30795), quat_from_rpy(pi, 0.0, 0.0))
 UPRIGHT = Pose((0.3568, 0.0, 0.28785))
+
+Wall = Tuple[float, float, float, float]  # x1, y1, x2, y2 [m], in the laser's frame
+
+
+def box(x: float, y: float, yaw: float, length: float, width: float) -> Tuple[Wall, ...]:
+    """The four sides of a rectangle centred at (x, y)."""
+    corners = [
+        (
+            x + cos(yaw) * a * length / 2 - sin(yaw) * b * width / 2,
+            y + sin(yaw) * a * length / 2 + cos(yaw) * b * width / 2,
+        )
+        for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    ]
+    return tuple(corners[i] + corners[(i + 1) % 4] for i in range(4))
+
+
+def room(size: float, yaw: float, x: float = 0.0, y: float = 0.0) -> Tuple[Wall, ...]:
+    """Four walls around the lidar."""
+    return box(x, y, yaw, size, size)
+
+
+def cast(
+    circles: Sequence[Disc] = (), segments: Sequence[Wall] = (), lidar: LidarConfig = SICK
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Distance to the first body each beam meets, (N,) [m], and which it is, (N,).
+
+    Circles are numbered first, then segments; nothing is inf and -1.
+    """
+    bearings = np.linspace(-lidar.angle_max, lidar.angle_max, lidar.beams)
+    c, s = np.cos(bearings), np.sin(bearings)
+    hits = [np.full(lidar.beams, np.inf)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for x, y, radius in circles:
+            along, across = x * c + y * s, x * s - y * c
+            near = along - np.sqrt(radius**2 - across**2)
+            hits.append(np.where(near > 0.0, near, np.inf))
+        for x1, y1, x2, y2 in segments:
+            dx, dy = x2 - x1, y2 - y1
+            cross = c * dy - s * dx
+            distance, share = (x1 * dy - y1 * dx) / cross, (x1 * s - y1 * c) / cross
+            hits.append(np.where((distance > 0.0) & (share >= 0.0) & (share <= 1.0), distance, np.inf))
+    table = np.array(hits)
+    return table.min(axis=0), table.argmin(axis=0) - 1
 
 
 def look(

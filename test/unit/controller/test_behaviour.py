@@ -8,13 +8,13 @@ from math import atan2, cos, degrees, hypot, inf, isnan, nan, pi, sin
 
 import numpy as np
 import pytest
-from scenes import UPRIGHT, UPSIDE_DOWN, Toy, look
+from scenes import UPRIGHT, UPSIDE_DOWN, Toy, box, look, room
 
 from husky_highlevel_controller.controller.behaviour import ControllerState, Observation, State, decide
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D
-from husky_highlevel_controller.evaluation.scenarios import SICK, box, room, scan_of
+from husky_highlevel_controller.evaluation.scenarios import SICK, scan_of
 from husky_highlevel_controller.geometry import quat_from_rpy, wrap_angle
 from husky_highlevel_controller.robot import load_robot
 

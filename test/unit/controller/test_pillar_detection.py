@@ -10,21 +10,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import look
+from scenes import box, cast, look, room
 
 from husky_highlevel_controller.controller import pillar_detection
 from husky_highlevel_controller.controller.circle_fit import fit_circle
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, cluster, find_pillars
 from husky_highlevel_controller.datatypes import Scan
-from husky_highlevel_controller.evaluation.scenarios import (
-    SICK,
-    bare_scene,
-    box,
-    cast,
-    pillar_scene,
-    room,
-    scan_of,
-)
+from husky_highlevel_controller.evaluation.scenarios import SICK, bare_scene, pillar_scene, scan_of
 
 CONFIG = PillarConfig()
 
