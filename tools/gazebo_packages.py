@@ -9,9 +9,12 @@ import hashlib
 import os
 import shutil
 from pathlib import Path
-from typing import List
+from typing import Dict, List
+from xml.etree.ElementTree import ParseError
 
+import defusedxml
 import rospkg
+from defusedxml import ElementTree
 
 COMPAT = Path(__file__).resolve().parents[1] / "compat"
 # that workspaces have copies of, with launch files that need Gazebo or other missing packages
@@ -19,6 +22,14 @@ COURSE_PACKAGES = (
     "husky_control", "husky_description", "husky_gazebo", "smb_control", "smb_description", "smb_gazebo",
 )  # fmt: skip
 OURS_FIRST = ("launch", "scripts")  # folders whose files need Gazebo
+WORLD_AND_POSE = (
+    "world",
+    "world_name",
+    "world_file",
+    "x",
+    "y",
+    "yaw",
+)  # arguments that people edit in a copy
 
 
 def package_path(paths: List[str], folder: Path) -> List[str]:
@@ -41,7 +52,10 @@ def package_path(paths: List[str], folder: Path) -> List[str]:
 
 
 def join(copy: Path, ours: Path, target: Path) -> None:
-    """Make a package of links to a copy's files and to ours, which replace its launch files and scripts."""
+    """Make a package of links to a copy's files and to ours, which replace its launch files and scripts.
+
+    World and pose of the robot that a launch file of the copy gives stay.
+    """
     target.mkdir(parents=True)
     for name in sorted({path.name for path in (*copy.iterdir(), *ours.iterdir())}):
         sources = (copy, ours) if name in OURS_FIRST else (ours, copy)  # the second one replaces the first
@@ -51,8 +65,50 @@ def join(copy: Path, ours: Path, target: Path) -> None:
             files = {file.name: file for path in paths for file in path.iterdir()}
             for file in files.values():
                 (target / name / file.name).symlink_to(file.resolve())
+                if file.suffix == ".launch" and file.parent == ours / name:
+                    keep_world_and_pose(copy / name / file.name, target / name / file.name)
         elif paths:
             (target / name).symlink_to(paths[-1].resolve())
+
+
+def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
+    """World and pose that a launch file gives its robot, with what it includes from the same folder."""
+    root = ElementTree.parse(file).getroot()
+    given: Dict[str, str] = {}
+    fixed: Dict[str, str] = {}
+    for include in root.iter("include"):
+        name = include.get("file", "")
+        inner = file.parent / Path(name).name
+        if depth and "gazebo_ros" not in name and inner.is_file():
+            given.update(world_and_pose(inner, depth - 1))
+        values = {arg.get("name", ""): arg.get("value", "$(arg") for arg in include.findall("arg")}
+        fixed.update({name: value for name, value in values.items() if "$(arg" not in value})
+    given.update({arg.get("name", ""): arg.get("default", "") for arg in root.findall("arg")})
+    given.update(fixed)
+    return {name: value for name, value in given.items() if name in WORLD_AND_POSE and value}
+
+
+def keep_world_and_pose(copy: Path, link: Path) -> None:
+    """Make a link to a launch file of ours a file with the copy's world and pose, where they differ."""
+    try:
+        given = world_and_pose(copy)
+    except (
+        OSError,
+        ParseError,
+        defusedxml.DefusedXmlException,
+    ):  # the copy has none, or none that can be read
+        return
+    ours = world_and_pose(link)
+    given = {name: value for name, value in given.items() if value != ours.get(name, value)}
+    if not given:
+        return
+    tree = ElementTree.parse(link)
+    for arg in (*tree.getroot().findall("arg"), *tree.getroot().iterfind(".//include/arg")):
+        attribute = "default" if "default" in arg.attrib else "value"
+        if "$(arg" not in arg.get(attribute, "$(arg"):
+            arg.set(attribute, given.get(arg.get("name", ""), arg.get(attribute, "")))
+    link.unlink()
+    tree.write(link)
 
 
 def main() -> None:

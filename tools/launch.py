@@ -180,7 +180,9 @@ def replacement_of(file: Path, package: Optional[Path], joined: Path) -> Path:
     stand_in = joined / name / file.resolve().relative_to(package)
     if not stand_in.is_file() or stand_in.resolve() == file.resolve():
         return file
-    say(f"warning: {file} needs Gazebo; {stand_in.resolve()} takes its place")
+    ours = gazebo_packages.COMPAT / name / file.resolve().relative_to(package)
+    kept = "" if stand_in.is_symlink() else ", with its world and pose"
+    say(f"warning: {file} needs Gazebo; {ours} takes its place{kept}")
     return stand_in
 
 

@@ -133,6 +133,30 @@ def test_a_command_pulls_in_the_groups_that_it_may_need(call, display, groups):
     assert output.split() == groups.split()
 
 
+def test_a_package_and_a_launch_file_are_found_as_roslaunch_finds_them(tmp_path):
+    beside, stood_in = (
+        tmp_path / "beside" / "launch" / "a.launch",
+        tmp_path / "ws" / "src" / "mine" / "b.launch",
+    )
+    for file in (beside, stood_in):
+        file.parent.mkdir(parents=True)
+        file.touch()
+    (tmp_path / "clone" / "launch").mkdir(parents=True)
+    (tmp_path / "clone" / "launch" / "web.launch").touch()
+    head = (
+        f"here={tmp_path}/clone; cd $here; caller={stood_in.parent}\n{function_of_dev('find_in_package')}\n"
+    )
+    for call, path in (
+        ("beside a.launch", str(beside)),
+        ("mine b.launch", str(stood_in)),
+        ("husky_highlevel_controller web.launch", "web.launch"),
+        ("theirs a.launch", ""),
+    ):
+        output, code = bash(f"{head} find_in_package {call}", ROS_PACKAGE_PATH="")
+        assert code == (not path)
+        assert output.strip() == path or "no a.launch in a package 'theirs' where you stand" in output
+
+
 def test_an_unknown_command_is_one_sentence_with_the_nearest_one():
     for name, hint in (("lauch", '; did you mean "launch"?'), ("qqq", "")):
         done = subprocess.run([ROOT / "dev", name], capture_output=True, text=True, check=False)

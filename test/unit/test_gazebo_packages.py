@@ -100,6 +100,46 @@ def test_a_copy_keeps_its_own_files_and_gets_launch_files_that_run_here(tmp_path
     assert path_beside(tmp_path)[0] == joined  # and once more
 
 
+WORLD = '<include file="$(find gazebo_ros)/launch/empty_world.launch"><arg name="world_name" value="{}"/>'
+SPAWN = '<include file="$(find husky_gazebo)/launch/spawn_husky.launch"/>'
+ARG = '<arg name="{}" default="{}"/>'
+EDITED_WORLD = WORLD.format("/a.world") + "</include>"
+PASSED_WORLD = WORLD.format("$(arg world_name)") + "</include>"
+
+
+@pytest.mark.parametrize(
+    ("files", "kept"),
+    [
+        ({"spawn_husky": ARG.format("x", "2.0") + ARG.format("joystick", "false")}, {"x": "2.0"}),
+        (
+            {"spawn_husky": ARG.format("x", "2.0"), "husky_empty_world": EDITED_WORLD + SPAWN},
+            {"x": "2.0", "world_name": "/a.world"},
+        ),
+        ({"husky_empty_world": ARG.format("world_name", "b") + PASSED_WORLD}, {"world_name": "b"}),
+        ({"playpen": EDITED_WORLD}, {"world_name": "/a.world"}),
+        ({"husky_playpen": "<a"}, {}),
+        (
+            {"husky_playpen": '<include file="$(dirname)/husky_playpen.launch"/>' + ARG.format("yaw", "1")},
+            {"yaw": "1"},
+        ),
+    ],
+)
+def test_the_world_and_pose_of_an_edited_launch_file_stay(tmp_path, files, kept):
+    copy = package(tmp_path, "husky_gazebo", *(f"launch/{name}.launch" for name in files))
+    for name, content in files.items():
+        (copy / "launch" / f"{name}.launch").write_text(f"<launch>{content}</launch>")
+    (joined, *_) = path_beside(tmp_path)
+    *_, name = files
+    ours = ElementTree.parse(COMPAT / "husky_gazebo" / "launch" / f"{name}.launch").getroot()
+    arguments = ElementTree.parse(joined / "launch" / f"{name}.launch").getroot().iter("arg")
+    changed = {
+        arg.get("name"): arg.get("default") or arg.get("value")
+        for arg, before in zip(arguments, ours.iter("arg"))
+        if arg.attrib != before.attrib
+    }
+    assert changed == kept
+
+
 def test_a_copy_of_a_description_keeps_its_urdf(tmp_path):
     files = ("urdf/husky.urdf.xacro", "launch/description.launch", "launch/mine.launch")
     copy = package(tmp_path, "husky_description", *files)
