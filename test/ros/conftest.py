@@ -4,13 +4,14 @@ import ast
 import os
 import signal
 import subprocess
+import sys
 import tempfile
 from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from network import Ros
+from network import LAUNCH, Ros
 
 from husky_highlevel_controller.robot import ROBOTS
 
@@ -49,6 +50,16 @@ def ros(tmp_path):
     network = Ros(tmp_path)
     yield network
     network.end()
+
+
+@pytest.fixture
+def launch(ros):
+    """Starts a launch file as `./dev launch FILE` does."""
+
+    def start(file, *arguments, **env):
+        return ros.start(sys.executable, LAUNCH, str(file), "-p", str(ros.port), *arguments, **env)
+
+    return start
 
 
 def pytest_collect_file(parent, file_path):

@@ -9,6 +9,7 @@ import rosnode
 import rospy
 from geometry_msgs.msg import Twist
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 
 WALL_LIMIT = 60.0  # [s], for a simulation that does not get on
 WALL_LEAST = 30.0  # [s] of wall time before simulated time counts
@@ -75,6 +76,28 @@ class RosTest(unittest.TestCase):
         publisher = keep_registered(rospy.Publisher, topic, kind)
         self.wait_until(publisher.get_num_connections, f"somebody listens to {topic}")
         return publisher
+
+    def assert_topics(self, topics, count):
+        """Messages of topics, {topic: (type, frame, rate [Hz])}, each in its frame, none left out."""
+        received = {topic: self.remember(topic, kind) for topic, (kind, _, _) in topics.items()}
+        self.wait_until(lambda: min(map(len, received.values())) > count, f"there are {count} of each")
+        for topic, (_, frame, rate) in topics.items():
+            messages = list(received[topic])
+            ticks = [round(stamp(msg) * rate, 6) for msg in messages]
+            self.assertEqual(ticks, [ticks[0] + i for i in range(len(ticks))], topic)
+            self.assertEqual({msg.header.frame_id for msg in messages}, {frame}, topic)
+        return received
+
+    def assert_frames(self, parents):
+        """TF has these frames with these parents, and no other."""
+        moving, fixed = self.remember("tf", TFMessage), self.remember("tf_static", TFMessage)
+
+        def told():
+            transforms = [t for msg in (*moving, *fixed) for t in msg.transforms]
+            return {t.child_frame_id: t.header.frame_id for t in transforms}
+
+        self.wait_until(lambda: set(parents) <= set(told()), "all frames are there")
+        self.assertEqual(told(), parents)
 
 
 def ask_simulator(name):

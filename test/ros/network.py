@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import time
+from pathlib import Path
 from xmlrpc.client import ServerProxy
 
 import psutil
@@ -14,6 +15,7 @@ import psutil
 from husky_highlevel_controller.grading.isolation.process import with_variable
 
 PACKAGE = "husky_highlevel_controller"
+LAUNCH = str(Path(__file__).resolve().parents[2] / "tools" / "launch.py")
 DEADLINE = 120.0  # [s], for anything that hangs
 
 
@@ -135,6 +137,20 @@ class Ros:
         except OSError:
             return set()
         return {topic for topic, nodes in subscribers if node in nodes}
+
+
+def make_package(folder, name, files):
+    """A student's package: its texts by path; those in scripts/ can be executed."""
+    manifest = (
+        f'<package format="2"><name>{name}</name><version>0.0.1</version><description>x</description>'
+        '<maintainer email="a@b.c">a</maintainer><license>BSD</license></package>'
+    )
+    for path, text in {"package.xml": manifest, **files}.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text)
+        if path.startswith("scripts/"):
+            (folder / path).chmod(0o755)
+    return folder
 
 
 def memory(pid):

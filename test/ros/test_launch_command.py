@@ -1,13 +1,13 @@
 """`./dev launch`: arguments are checked before anything starts, and a failed drive is a failed command."""
 
+import re
 import shutil
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from network import PACKAGE, wait_until
+from network import LAUNCH, PACKAGE, make_package, wait_until
 from test_rviz import Screen
 
 from husky_highlevel_controller.grading.drive.plan import Submission, plan
@@ -15,39 +15,41 @@ from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Launchable
 from husky_highlevel_controller.paths import share_folder
 
-COMMAND = (sys.executable, str(share_folder() / "tools" / "launch.py"))
+ROOT = share_folder()
+SIMULATOR = "$(find husky_highlevel_controller)/launch/simulator.launch"
 
 
-@pytest.fixture
-def launch(ros):
-    def start(file, *arguments, **env):
-        return ros.start(*COMMAND, str(file), "-p", str(ros.port), *arguments, **env)
-
-    return start
-
-
-def test_a_mistyped_argument_is_refused_with_the_nearest_name(launch):
-    launched = launch("controller.launch", "gui:=false", "wrold_name:=empty.world")
+@pytest.mark.parametrize(
+    ("file", "content", "argument", "words"),
+    [
+        (
+            "controller.launch",
+            "",
+            "wrold_name:=empty.world",
+            "controller.launch has no argument 'wrold_name'; did you mean 'world_name'?",
+        ),
+        ("controller.launch", "", "gui=false", "'gui=false': write gui:=false"),
+        ("controler.launch", "", "", "no launch file 'controler.launch'; this package has controller.launch"),
+        (
+            "theirs.launch",
+            '<arg name="speed" default="1"/>',
+            "spede:=2",
+            "theirs.launch has no argument 'spede'; did you mean 'speed'? It takes: speed",
+        ),
+        (
+            "robot.launch",
+            f'<include file="{SIMULATOR}" pass_all_args="true"/>',
+            "exit_on_arrival:=true",  # which only the controller takes
+            "robot.launch has no argument 'exit_on_arrival'",
+        ),
+    ],
+)
+def test_a_mistake_on_the_command_line_is_refused_in_a_line(file, content, argument, words, launch, tmp_path):
+    (tmp_path / file).write_text(f"<launch>{content}</launch>")
+    launched = launch(tmp_path / file if content else file, argument)
     assert launched.wait() == 1
-    assert "controller.launch has no argument 'wrold_name'; did you mean 'world_name'?" in launched.output
-    assert "started roslaunch server" not in launched.output
-
-
-def test_so_is_one_of_any_other_launch_file(launch, tmp_path):
-    file = tmp_path / "theirs.launch"
-    file.write_text('<launch><arg name="speed" default="1"/></launch>')
-    launched = launch(file, "spede:=2")
-    assert launched.wait() == 1
-    assert "theirs.launch has no argument 'spede'; did you mean 'speed'? It takes: speed" in launched.output
-
-
-def test_the_robot_alone_does_not_take_what_only_the_controller_does(launch, tmp_path):
-    file = tmp_path / "mine.launch"
-    simulator = "$(find husky_highlevel_controller)/launch/simulator.launch"
-    file.write_text(f'<launch><include file="{simulator}" pass_all_args="true"/></launch>')
-    launched = launch(file, "exit_on_arrival:=true")
-    assert launched.wait() == 1
-    assert "mine.launch has no argument 'exit_on_arrival'" in launched.output
+    (line,) = launched.output.splitlines()
+    assert line.startswith(f"[dev] error: {words}")
 
 
 def test_an_argument_for_an_include_that_takes_all_is_none_of_them(launch, tmp_path):
@@ -59,50 +61,26 @@ def test_an_argument_for_an_include_that_takes_all_is_none_of_them(launch, tmp_p
     launch(outer, "speed:=2").says("* /speed: 2")
 
 
-def test_a_launch_file_that_is_not_there_is_named_with_those_that_are(launch):
-    launched = launch("controler.launch")
-    assert launched.wait() == 1
-    assert "no launch file 'controler.launch'; this package has controller.launch" in launched.output
-
-
-def test_the_sentence_of_a_required_node_that_failed_comes_last(launch):
-    launched = launch("controller.launch", "gui:=false", "world_name:=nowhere.world")
-    assert launched.wait() == 1
-    last = launched.output.splitlines()[-1]
-    assert (
-        "error: husky_simulator: no world 'nowhere.world'; there are driveThrough.world, empty.world" in last
-    )
-
-
-def test_a_controller_that_dies_ends_the_launch(launch, tmp_path):
-    (tmp_path / "mine.yaml").write_text("p_gain_vle: 1.0\n")
-    launched = launch("controller.launch", "gui:=false", f"parameters:={tmp_path / 'mine.yaml'}")
-    assert launched.wait() == 1
-    last = launched.output.splitlines()[-1]
-    assert "error: husky_highlevel_controller: " in last
-    assert "p_gain_vle" in last
-
-
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("argument", "content", "words"),
     [
-        ("p_gain_vel: 1.0\np_gain_ang: [\n", "mine.yaml:3: no YAML: "),
-        ("1.0", "mine.yaml: expected lines 'parameter: value'"),
-        (None, "mine.yaml: No such file or directory (looked for in "),
+        (
+            "world_name:=nowhere.world",
+            None,
+            "error: husky_simulator: no world 'nowhere.world'; there are driveThrough.world, empty.world",
+        ),
+        ("", "p_gain_vle: 1.0\n", "error: husky_highlevel_controller: .*p_gain_vle"),
+        ("", "p_gain_vel: 1.0\np_gain_ang: [\n", "mine.yaml:3: no YAML: "),
+        ("", "1.0", "mine.yaml: expected lines 'parameter: value'"),
+        ("parameters:=mine.yaml", None, r"mine.yaml: No such file or directory \(looked for in "),
     ],
 )
-def test_a_parameter_file_that_cannot_be_read_is_named_with_its_line(content, words, launch, tmp_path):
-    if content is not None:
-        (tmp_path / "mine.yaml").write_text(content)
-    launched = launch("controller.launch", "gui:=false", f"parameters:={tmp_path / 'mine.yaml'}")
+def test_what_ends_a_launch_is_its_last_line(argument, content, words, launch, tmp_path):
+    (tmp_path / "mine.yaml").write_text(content or "")
+    argument = argument or f"parameters:={tmp_path / 'mine.yaml'}"
+    launched = launch("controller.launch", "gui:=false", argument)
     assert launched.wait() == 1
-    assert words in launched.output.splitlines()[-1]
-
-
-def test_an_argument_with_one_sign_too_few_is_refused_with_the_right_one(launch):
-    launched = launch("controller.launch", "gui=false")
-    assert launched.wait() == 1
-    assert launched.output.splitlines() == ["[dev] error: 'gui=false': write gui:=false"]
+    assert re.search(words, launched.output.splitlines()[-1]), launched.output
 
 
 def test_a_display_that_does_not_answer_is_one_sentence(launch):
@@ -151,21 +129,13 @@ def test_a_whole_number_that_ros_cannot_send_is_refused(launch, value, words):
     assert "Traceback" not in launched.output
 
 
-def test_a_required_node_in_a_namespace_that_fails_is_told(launch, tmp_path):
+@pytest.mark.parametrize(("words", "code"), [("nonsense", 1), ("list", 0)])
+def test_a_launch_ends_as_its_required_node_does_also_in_a_namespace(words, code, launch, tmp_path):
     file = tmp_path / "namespace.launch"
-    node = '<node name="short" pkg="rostopic" type="rostopic" args="nonsense" required="true"/>'
+    node = f'<node name="short" pkg="rostopic" type="rostopic" args="{words}" required="true"/>'
     file.write_text(f'<launch><group ns="robot1">{node}</group></launch>')
     launched = launch(file)
-    assert launched.wait() == 1, launched.output
-
-
-def test_a_required_node_that_ends_well_is_no_failure(launch, tmp_path):
-    file = tmp_path / "short.launch"
-    file.write_text(
-        '<launch><node name="short" pkg="rostopic" type="rostopic" args="list" required="true"/></launch>'
-    )
-    launched = launch(file)
-    assert launched.wait() == 0, launched.output
+    assert launched.wait() == code, launched.output
 
 
 def test_a_terminal_that_cannot_open_is_left_away(launch, tmp_path):
@@ -198,18 +168,16 @@ def test_a_drive_that_is_stopped_on_its_way_ends_with_1(launch, ros):
     assert launched.wait() == 1
 
 
-def test_a_program_that_is_not_there_is_one_sentence(ros, tmp_path):
-    node = tmp_path / "node.py"
-    node.write_text("import rospy\n")
-    dev = str(Path(COMMAND[1]).resolve().parents[1] / "dev")
-    for program, words in (
-        ("nosuch", "no command 'nosuch' in "),
-        (str(node), f"'{node}' is not executable: "),
-    ):
-        ran = ros.start(dev, "run", program)
-        assert ran.wait() == 1
-        assert ran.output.startswith(f"[dev] error: {words}")
-        assert ran.output.count("\n") == 1
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [("nosuch", "no command 'nosuch' in "), ("{}/node.py", "'{}/node.py' is not executable")],
+)
+def test_a_program_that_is_not_there_is_one_sentence(program, words, ros, tmp_path):
+    (tmp_path / "node.py").write_text("import rospy\n")
+    ran = ros.start(str(ROOT / "dev"), "run", program.format(tmp_path))
+    assert ran.wait() == 1
+    assert ran.output.startswith(f"[dev] error: {words.format(tmp_path)}")
+    assert ran.output.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -248,15 +216,9 @@ while not rospy.is_shutdown():
 def test_an_own_launch_file_s_simulator_takes_arguments_and_repeated_tracebacks_are_counted(
     launch, ros, tmp_path
 ):
-    package = tmp_path / "src" / "mine"
-    package.mkdir(parents=True)
-    (package / "package.xml").write_text("<package><name>mine</name></package>")
-    (package / "faulty").write_text(FAULTY)
-    (package / "faulty").chmod(0o755)
-    (package / "mine.launch").write_text(
-        """<launch><include file="$(find husky_highlevel_controller)/launch/simulator.launch">
-          <arg name="gui" value="true"/></include><node name="faulty" pkg="mine" type="faulty"/></launch>"""
-    )
+    node = '<node name="faulty" pkg="mine" type="faulty"/>'
+    text = f'<launch><include file="{SIMULATOR}"><arg name="gui" value="true"/></include>{node}</launch>'
+    package = make_package(tmp_path / "src" / "mine", "mine", {"scripts/faulty": FAULTY, "mine.launch": text})
     wrong = launch(package / "mine.launch", "guy:=false")
     assert wrong.wait() == 1
     assert "mine.launch has no argument 'guy'; did you mean 'gui'?" in wrong.output
@@ -283,10 +245,10 @@ def test_a_node_without_parameters_names_its_launch_file(ros):
     }  # fmt: skip
     started = {node: ros.start("rosrun", PACKAGE, node) for node in launch_files}
     for node, file in launch_files.items():
-        assert (share_folder() / "launch" / f"{file}.launch").is_file()
+        assert (ROOT / "launch" / f"{file}.launch").is_file()
         assert started[node].wait() == 1
         assert " is missing" in started[node].output
-        assert f"; start it by roslaunch husky_highlevel_controller {file}.launch" in started[node].output
+        assert f"; start it by roslaunch {PACKAGE} {file}.launch" in started[node].output
     naive = ros.start("rosrun", PACKAGE, "naive_controller")
     wait_until(lambda: "/front/scan" in ros.subscriptions("/naive_controller"), "it runs with its defaults")
     assert naive.popen.poll() is None
@@ -298,21 +260,16 @@ STUDENTS_TEST = """<launch>
 
 
 def test_rostest_finds_the_package_of_its_file_and_those_of_the_caller(ros, tmp_path):
-    package, worlds = tmp_path / "src" / "my_husky", tmp_path / "elsewhere" / "course_worlds"
-    example = share_folder() / "examples" / "ci"
-    shutil.copytree(example, package)
-    worlds.mkdir(parents=True)
-    (worlds / "package.xml").write_text(
-        (example / "package.xml").read_text().replace("my_husky", worlds.name)
-    )
-    shutil.copy(share_folder() / "worlds" / "singlePillar.world", worlds / "pillar.world")
+    package = tmp_path / "src" / "my_husky"
+    shutil.copytree(ROOT / "examples" / "ci", package)
+    world = (ROOT / "worlds" / "singlePillar.world").read_text()
+    worlds = make_package(tmp_path / "elsewhere" / "course_worlds", "course_worlds", {"pillar.world": world})
     test = package / "test" / "reaches_the_pillar.test"
     head, _, rest = test.read_text().partition("""simulator.launch">\n""")
     test.write_text(STUDENTS_TEST + rest)
     assert head
-    dev = Path(COMMAND[1]).resolve().parents[1] / "dev"
     results = {"ROS_TEST_RESULTS_DIR": str(tmp_path / "results"), "ROS_PACKAGE_PATH": str(worlds.parent)}
-    tested = ros.start(str(dev), "run", "rostest", str(test), **results)
+    tested = ros.start(str(ROOT / "dev"), "run", "rostest", str(test), **results)
     assert tested.wait() == 0, tested.output
     assert "TESTS: 1" in tested.output
 
@@ -338,7 +295,7 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 @pytest.mark.parametrize("which", range(1, 5))  # master, rosout, simulator, controller
 def test_a_signal_while_a_process_is_being_forked_ends_everything(which, ros):
     arguments = ("controller.launch", "gui:=false", "-p", str(ros.port))
-    launched = ros.start(sys.executable, "-c", INTERRUPTED, str(which), COMMAND[1], *arguments)
+    launched = ros.start(sys.executable, "-c", INTERRUPTED, str(which), LAUNCH, *arguments)
     assert launched.wait() == 128 + signal.SIGINT
     assert "Traceback" not in launched.output
     assert ros.left() == []

@@ -2,14 +2,11 @@
 
 import os
 import re
-import sys
 
 import pytest
 import yaml
+from network import PACKAGE, make_package
 
-from husky_highlevel_controller.paths import share_folder
-
-COMMAND = (sys.executable, str(share_folder() / "tools" / "launch.py"))
 PILLAR = """<sdf version="1.4"><world name="default">
   <include><uri>model://sun</uri></include><include><uri>model://ground_plane</uri></include>
   <model name="unit_cylinder"><pose>20 5 0.5 0 0 0</pose><link name="link"><collision name="collision">
@@ -52,28 +49,18 @@ print("their package:", rospy.get_param("~greeting"), "in", scan.header.frame_id
 @pytest.fixture
 def theirs(tmp_path):
     """A student's package, which has the name of ours, as the course's sheet says."""
-    package = tmp_path / "catkin_ws" / "src" / "husky_highlevel_controller"
-    for folder in ("launch", "worlds", "config", "scripts"):
-        (package / folder).mkdir(parents=True)
-    (package / "package.xml").write_text(
-        '<package format="2"><name>husky_highlevel_controller</name><version>0.0.1</version><description>x'
-        '</description><maintainer email="a@b.c">a</maintainer><license>BSD</license></package>'
-    )
-    (package / "worlds" / "singlePillar.world").write_text(PILLAR)
-    (package / "config" / "default.yaml").write_text("scan_topic_name: /front/scan\ngreeting: hello\n")
-    (package / "scripts" / "controller").write_text(CONTROLLER)
-    os.chmod(package / "scripts" / "controller", 0o755)
-    (package / "launch" / "sheet.launch").write_text(SHEET)
-    (package / "launch" / "older.launch").write_text(OLDER)
-    return package
+    files = {
+        "worlds/singlePillar.world": PILLAR,
+        "config/default.yaml": "scan_topic_name: /front/scan\ngreeting: hello\n",
+        "scripts/controller": CONTROLLER,
+        "launch/sheet.launch": SHEET,
+        "launch/older.launch": OLDER,
+    }
+    return make_package(tmp_path / "catkin_ws" / "src" / PACKAGE, PACKAGE, files)
 
 
-def launch(ros, file, *arguments, **env):
-    return ros.start(*COMMAND, str(file), "-p", str(ros.port), *arguments, **env)
-
-
-def test_the_sheet_s_file_drives_their_controller_in_their_world(theirs, ros):
-    launched = launch(ros, theirs / "launch" / "sheet.launch")
+def test_the_sheet_s_file_drives_their_controller_in_their_world(theirs, launch, ros):
+    launched = launch(theirs / "launch" / "sheet.launch")
     launched.says("their package: hello in front_laser")
     assert "simulating 'default' with 2 bodies" in launched.output, launched.output
     assert "starts without launch-prefix 'xterm -e'" in launched.output
@@ -82,39 +69,35 @@ def test_the_sheet_s_file_drives_their_controller_in_their_world(theirs, ros):
     assert "front_laser" in ros.master("getParam", "/robot_description")
 
 
-def test_the_older_launch_file_shows_the_football_field(theirs, ros):
-    launched = launch(ros, theirs / "launch" / "older.launch")
+def test_the_older_launch_file_shows_the_football_field(theirs, launch, ros):
+    launched = launch(theirs / "launch" / "older.launch")
     launched.says("simulating")
     assert ros.master("getParam", "/husky_simulator/world_name") == "worlds/robocup14_spl_field.world"
 
 
-def test_the_environment_of_the_husky_s_launch_files_counts_here_too(theirs, ros):
+def test_the_environment_of_the_husky_s_launch_files_counts_here_too(theirs, launch, ros):
     file = theirs / "launch" / "bare.launch"
     file.write_text('<launch><include file="$(find husky_gazebo)/launch/empty_world.launch"/></launch>')
-    launched = launch(ros, file, HUSKY_LMS1XX_TOPIC="rear/scan", HUSKY_LMS1XX_PREFIX="rear")
+    launched = launch(file, HUSKY_LMS1XX_TOPIC="rear/scan", HUSKY_LMS1XX_PREFIX="rear")
     launched.says("simulating")
     assert ros.master("getParam", "/husky_simulator/laser_frame") == "rear_laser"
     assert "rear_laser" in ros.master("getParam", "/robot_description")
 
 
-def test_a_world_that_is_not_there_ends_the_launch_with_the_worlds_there_are(theirs, ros):
-    launched = launch(ros, theirs / "launch" / "sheet.launch", "pillar_world:=nowhere.world")
+def test_a_world_that_is_not_there_ends_the_launch_with_the_worlds_there_are(theirs, launch, ros):
+    launched = launch(theirs / "launch" / "sheet.launch", "pillar_world:=nowhere.world")
     assert launched.wait() == 1
     assert re.search(r"no world 'nowhere.world'; there are .*singlePillar.world", launched.output)
 
 
-def test_real_packages_of_gazebo_are_not_hidden(theirs, ros):
-    real = theirs.parent / "gazebo_ros"
-    (real / "launch").mkdir(parents=True)
-    (real / "package.xml").write_text(
-        (theirs / "package.xml").read_text().replace("husky_highlevel_controller", "gazebo_ros")
-    )
-    (real / "launch" / "empty_world.launch").write_text(
+def test_real_packages_of_gazebo_are_not_hidden(theirs, launch, ros):
+    world = (
         '<launch><arg name="world_name"/><arg name="paused"/><arg name="use_sim_time"/><arg name="gui"/>'
         '<arg name="headless"/><arg name="debug"/><param name="/real_gazebo" value="true"/></launch>'
     )
+    make_package(theirs.parent / "gazebo_ros", "gazebo_ros", {"launch/empty_world.launch": world})
     path = os.pathsep.join([str(theirs.parent), os.environ["ROS_PACKAGE_PATH"]])
-    launch(ros, theirs / "launch" / "sheet.launch", ROS_PACKAGE_PATH=path).says("* /real_gazebo: True")
+    launch(theirs / "launch" / "sheet.launch", ROS_PACKAGE_PATH=path).says("* /real_gazebo: True")
 
 
 MAZE = """<sdf version="1.6"><world name="maze">
@@ -138,21 +121,18 @@ OWN_NODES = """<launch>
 @pytest.fixture
 def copy(theirs):
     """A student's copy of husky_gazebo with a world, a model and launch files of their own, not built."""
-    package = theirs.parent / "husky_gazebo"
-    for folder in ("launch", "worlds", "models"):
-        (package / folder).mkdir(parents=True)
-    text = (theirs / "package.xml").read_text().replace("husky_highlevel_controller", "husky_gazebo")
-    (package / "package.xml").write_text(text)
-    (package / "worlds" / "maze.world").write_text(MAZE)
-    (package / "models" / "post.urdf").write_text(POST)
-    (package / "launch" / "maze.launch").write_text(OWN_NODES)
     needs_gazebo = '<launch><include file="$(find husky_control)/launch/control.launch"/></launch>'
-    (package / "launch" / "spawn_husky.launch").write_text(needs_gazebo)
-    return package
+    files = {
+        "worlds/maze.world": MAZE,
+        "models/post.urdf": POST,
+        "launch/maze.launch": OWN_NODES,
+        "launch/spawn_husky.launch": needs_gazebo,
+    }
+    return make_package(theirs.parent / "husky_gazebo", "husky_gazebo", files)
 
 
-def test_nodes_of_gazebo_ros_simulate_the_world_and_the_model_of_a_copy(copy, ros):
-    launched = launch(ros, copy / "launch" / "maze.launch", HUSKY_UST10_ENABLED="1")
+def test_nodes_of_gazebo_ros_simulate_the_world_and_the_model_of_a_copy(copy, launch, ros):
+    launched = launch(copy / "launch" / "maze.launch", HUSKY_UST10_ENABLED="1")
     launched.says("'post' is there")
     assert "simulating 'maze' with 1 bodies" in launched.output
     assert ros.master("getParam", "/husky_simulator/world_name") == str(copy / "worlds" / "maze.world")
@@ -173,18 +153,18 @@ ROBOT = """<launch>
 </launch>"""
 
 
-def test_the_husky_s_urdf_in_spawn_model_is_the_robot(theirs, ros):
+def test_the_husky_s_urdf_in_spawn_model_is_the_robot(theirs, launch, ros):
     file = theirs / "launch" / "robot.launch"
     file.write_text(ROBOT)
-    launched = launch(ros, file)
+    launched = launch(file)
     launched.says("simulating 'default' with 1 bodies")
     assert "ERROR" not in launched.output
     assert "no robot" not in launched.output
     assert ros.master("getParam", "/husky_simulator/x") == 1.5
 
 
-def test_a_launch_file_that_needs_gazebo_gives_way_to_the_one_that_does_not(copy, ros):
-    launched = launch(ros, copy / "launch" / "spawn_husky.launch", "--nodes")
+def test_a_launch_file_that_needs_gazebo_gives_way_to_the_one_that_does_not(copy, launch, ros):
+    launched = launch(copy / "launch" / "spawn_husky.launch", "--nodes")
     assert launched.wait() == 0
     assert "spawn_husky.launch needs Gazebo; " in launched.output
     assert launched.output.splitlines()[-1] == "/spawn_husky"
@@ -197,9 +177,9 @@ def test_a_launch_file_that_needs_gazebo_gives_way_to_the_one_that_does_not(copy
         ("realsense", "realsense.launch: no RealSense is simulated"),
     ],
 )
-def test_what_cannot_be_simulated_is_refused_with_the_reason(file, words, theirs, ros):
+def test_what_cannot_be_simulated_is_refused_with_the_reason(file, words, theirs, launch):
     outer = theirs / "launch" / "outer.launch"
     outer.write_text(f'<launch><include file="$(find husky_gazebo)/launch/{file}.launch"/></launch>')
-    launched = launch(ros, outer)
+    launched = launch(outer)
     assert launched.wait() == 1
     assert words in launched.output

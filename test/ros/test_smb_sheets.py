@@ -1,15 +1,14 @@
 """What the sheets of ETH's course of 2021 have students do with the SMB works with `./dev launch PATH`."""
 
 import os
-import sys
 import time
 
 import pytest
-from network import wait_until
+from network import make_package, wait_until
 
 from husky_highlevel_controller.paths import share_folder
 
-COMMAND = (sys.executable, str(share_folder() / "tools" / "launch.py"))
+NAME = "smb_highlevel_controller"
 INCLUDE = '<include file="$(find smb_gazebo)/launch/smb_gazebo.launch">'
 # exercise 1: the world is changed to one of Gazebo's own
 FOOTBALL = f"""<launch>{INCLUDE}
@@ -85,27 +84,14 @@ rospy.spin()
 @pytest.fixture
 def theirs(tmp_path):
     """A student's package."""
-    package = tmp_path / "smb_ws" / "src" / "smb_highlevel_controller"
-    for folder in ("launch", "worlds", "config", "scripts"):
-        (package / folder).mkdir(parents=True)
-    (package / "package.xml").write_text(
-        '<package format="2"><name>smb_highlevel_controller</name><version>0.0.1</version><description>x'
-        '</description><maintainer email="a@b.c">a</maintainer><license>BSD</license></package>'
-    )
-    world = share_folder() / "worlds" / "singlePillar.world"
-    (package / "worlds" / "singlePillar.world").write_text(world.read_text())
-    (package / "config" / "default.yaml").write_text(
-        "scan_topic: /scan\nqueue_size: 10\nservice_name: /startService\n"
-    )
-    (package / "scripts" / "controller").write_text(CONTROLLER)
-    os.chmod(package / "scripts" / "controller", 0o755)
-    (package / "launch" / "football.launch").write_text(FOOTBALL)
-    (package / "launch" / "pillar.launch").write_text(PILLAR)
-    return package
-
-
-def launch(ros, file, *arguments, **env):
-    return ros.start(*COMMAND, str(file), "-p", str(ros.port), *arguments, **env)
+    files = {
+        "worlds/singlePillar.world": (share_folder() / "worlds" / "singlePillar.world").read_text(),
+        "config/default.yaml": "scan_topic: /scan\nqueue_size: 10\nservice_name: /startService\n",
+        "scripts/controller": CONTROLLER,
+        "launch/football.launch": FOOTBALL,
+        "launch/pillar.launch": PILLAR,
+    }
+    return make_package(tmp_path / "smb_ws" / "src" / NAME, NAME, files)
 
 
 def echo(ros, topic, field):
@@ -115,8 +101,8 @@ def echo(ros, topic, field):
     return answer.output.split("---")[0].strip()
 
 
-def test_exercise_1_a_world_of_gazebo_s_is_found_by_its_name_and_a_twist_drives(theirs, ros):
-    launched = launch(ros, theirs / "launch" / "football.launch")
+def test_exercise_1_a_world_of_gazebo_s_is_found_by_its_name_and_a_twist_drives(theirs, launch, ros):
+    launched = launch(theirs / "launch" / "football.launch")
     launched.says("there is no world /usr/share/gazebo-11/worlds/robocup14_spl_field.world; taking ")
     launched.says("simulating")
     topics = {name for name, _ in ros.master("getPublishedTopics", "")}
@@ -129,8 +115,10 @@ def test_exercise_1_a_world_of_gazebo_s_is_found_by_its_name_and_a_twist_drives(
     assert "ERROR" not in launched.output, launched.output
 
 
-def test_exercises_2_3_and_5_their_node_sees_the_pillar_drives_into_it_and_stops_when_it_is_told(theirs, ros):
-    launched = launch(ros, theirs / "launch" / "pillar.launch")
+def test_exercises_2_3_and_5_their_node_sees_the_pillar_drives_into_it_and_stops_when_it_is_told(
+    theirs, launch, ros
+):
+    launched = launch(theirs / "launch" / "pillar.launch")
     launched.says("rslidar: smallest ")
     launched.says("7040 points")
     words = launched.output.split("rslidar: smallest ")[1].split("\n")[0]
@@ -160,14 +148,9 @@ def call(ros, data):
     return answer.output
 
 
-def test_the_course_s_own_copy_of_smb_gazebo_gives_way_where_there_is_no_gazebo(theirs, ros):
+def test_the_course_s_own_copy_of_smb_gazebo_gives_way_where_there_is_no_gazebo(theirs, launch):
+    spawn = '<launch><arg name="world_file"/><node name="x" pkg="gazebo_ros" type="spawn_model"/></launch>'
     copy = theirs.parent / "smb_common" / "smb_gazebo"
-    (copy / "launch").mkdir(parents=True)
-    (copy / "package.xml").write_text(
-        (theirs / "package.xml").read_text().replace("smb_highlevel_controller", "smb_gazebo")
-    )
-    (copy / "launch" / "smb_gazebo.launch").write_text(
-        '<launch><arg name="world_file"/><node name="x" pkg="gazebo_ros" type="spawn_model"/></launch>'
-    )
+    make_package(copy, "smb_gazebo", {"launch/smb_gazebo.launch": spawn})
     path = os.pathsep.join([str(theirs.parent), os.environ["ROS_PACKAGE_PATH"]])
-    launch(ros, theirs / "launch" / "football.launch", ROS_PACKAGE_PATH=path).says("simulating")
+    launch(theirs / "launch" / "football.launch", ROS_PACKAGE_PATH=path).says("simulating")

@@ -3,10 +3,9 @@
 
 import rospy
 from geometry_msgs.msg import Twist
-from harness import RosTest, run, stamp, twist
+from harness import RosTest, run, twist
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, LaserScan
-from tf2_msgs.msg import TFMessage
 
 TOPICS = {  # type, frame, rate [Hz]
     "scan": (LaserScan, "rslidar", 10),
@@ -29,26 +28,11 @@ PARENT = {
 
 class TopicsAreTheSmbs(RosTest):
     def test_every_topic_comes_at_its_rate_in_its_frame(self):
-        received = {topic: self.remember(topic, kind) for topic, (kind, _, _) in TOPICS.items()}
-        self.wait_until(lambda: min(map(len, received.values())) > 20, "there are 20 of each")
-        for topic, (_, frame, rate) in TOPICS.items():
-            messages = list(received[topic])
-            ticks = [round(stamp(msg) * rate, 6) for msg in messages]
-            self.assertEqual(ticks, [ticks[0] + i for i in range(len(ticks))], topic)
-            self.assertEqual({msg.header.frame_id for msg in messages}, {frame}, topic)
-        self.assertEqual(
-            list(received["joint_states"][0].name), [f"{c}_WHEEL_JOINT" for c in ("LF", "RF", "LH", "RH")]
-        )
+        joints = self.assert_topics(TOPICS, 20)["joint_states"]
+        self.assertEqual(list(joints[0].name), [f"{c}_WHEEL_JOINT" for c in ("LF", "RF", "LH", "RH")])
 
     def test_every_frame_has_its_parent(self):
-        moving, fixed = self.remember("tf", TFMessage), self.remember("tf_static", TFMessage)
-
-        def parents():
-            transforms = [t for msg in moving + fixed for t in msg.transforms]
-            return {t.child_frame_id: t.header.frame_id for t in transforms}
-
-        self.wait_until(lambda: set(PARENT) <= set(parents()), "all frames are there")
-        self.assertEqual(parents(), PARENT)
+        self.assert_frames(PARENT)
 
     def test_it_has_no_topic_of_the_husky(self):
         names = {name for name, _ in rospy.get_published_topics()}

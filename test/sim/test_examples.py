@@ -1,11 +1,15 @@
 """The examples without ROS run, and README shows the first of them as it stands."""
 
 import re
+import runpy
 import subprocess
 import sys
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from husky_highlevel_controller.evaluation import rollout, scenarios
 from husky_highlevel_controller.paths import share_folder
 
 SHARE = share_folder()
@@ -34,15 +38,37 @@ def test_own_world_is_driven_through_without_a_contact():
     assert re.search(r"arrived after \d+\.\d\d s; contacts: none", run("own_world"))
 
 
-def test_sweep_gain_shows_that_a_higher_gain_arrives_earlier():
-    rows = [line.split() for line in run("sweep_gain").splitlines() if re.match(r"\s+\d", line)]
+def run_here(name, capsys, monkeypatch, **stand_ins):
+    """What an example prints in this process, with stand-ins for what it imports by name."""
+    for module in (rollout, scenarios):
+        for each in stand_ins.keys() & vars(module).keys():
+            monkeypatch.setattr(module, each, stand_ins[each])
+    runpy.run_path(str(EXAMPLES / name))
+    return capsys.readouterr().out
+
+
+def assert_shows_earlier_arrivals(output):
+    rows = [line.split() for line in output.splitlines() if re.match(r"\s+\d", line)]
     arrivals = [float(arrival) for _, arrival, _ in rows]
     assert len(rows) == 5
     assert arrivals == sorted(arrivals, reverse=True)
 
 
-def test_own_experiment_tells_difference_and_hash():
-    told = run("own_experiment")
+@pytest.mark.slow
+def test_sweep_gain_shows_that_a_higher_gain_arrives_earlier():
+    assert_shows_earlier_arrivals(run("sweep_gain"))
+
+
+def test_sweep_gain_shows_a_row_for_each_drive(capsys, monkeypatch):
+    def made_up(_, control):
+        return SimpleNamespace(arrived_at=20.0 / control.p_gain_vel, nearest=np.array([0.5, 0.4]))
+
+    assert_shows_earlier_arrivals(run_here("sweep_gain", capsys, monkeypatch, rollout=made_up))
+
+
+def test_own_experiment_tells_difference_and_hash(capsys, monkeypatch):
+    fewer = scenarios.random_starts(1, seed=0)
+    told = run_here("own_experiment", capsys, monkeypatch, random_starts=lambda *_, **__: fewer)
     assert re.search(r"1 mm: [+-]\d\.\d{3} s \[[+-]\d\.\d{3}, [+-]\d\.\d{3}\] until the arrival", told)
     assert re.search(r"results \w{64} by .*numpy", told)
 

@@ -50,9 +50,15 @@ def test_rollout_of_the_readme_arrives(bare):
     assert re.search(r"arrived after 23\.\d\d s", run(bare, ROOT / "examples" / "rollout"))
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_command_is_there(bare, command):
-    assert f"usage: {command}" in run(bare, bare / "bin" / command, "--help")
+def test_the_commands_are_there(bare):
+    entries = "distribution('husky_highlevel_controller').entry_points"
+    loaded = run(
+        bare,
+        "-c",
+        f"from importlib.metadata import distribution; print(*[e.load() and e.name for e in {entries}])",
+    )
+    assert sorted(loaded.split()) == [each for each in COMMANDS if (bare / "bin" / each).is_file()]
+    assert "usage: evaluate" in run(bare, bare / "bin" / "evaluate", "--help")
 
 
 def test_compare_drives_two_functions(bare):

@@ -56,7 +56,7 @@ def place(snapshot):
 # ---------------------------------------------------------------------------- motion
 
 
-COMMANDS = [(v, w) for v in (0.0, 0.5, 1.0) for w in (0.25, -0.25, 0.5, -0.5, 1.0, -1.0)]
+COMMANDS = [(v, w) for v in (0.0, 0.5, 1.0) for w in (0.25, -0.5, 1.0)]
 
 
 @pytest.mark.parametrize(("linear", "angular"), COMMANDS)

@@ -319,7 +319,7 @@ def test_time_that_jumps_back_makes_it_forget_the_old_odom():
 # ---------------------------------------------------------------------------- searching
 
 
-@pytest.mark.parametrize("heading", np.linspace(-3.0, 3.0, 7))
+@pytest.mark.parametrize("heading", [-3.0, -1.0, 1.0, 3.0])
 def test_from_any_heading_it_arrives(heading):
     toy = Toy([(4.0, 0.0, 0.2)], pose=Pose2D(yaw=heading), seed=4)
     assert toy.drive(20.0)[-1].output.state is State.ARRIVED
@@ -378,8 +378,7 @@ def test_with_search_off_it_stands_still_until_it_sees_a_pillar():
     assert toy.drive(7.0)[-1].output.state is State.ARRIVED
 
 
-@pytest.mark.parametrize("mount", [UPSIDE_DOWN, UPRIGHT])
-@pytest.mark.parametrize("shift", [0.0, 0.25, -0.25])
+@pytest.mark.parametrize(("shift", "mount"), [(0.0, UPRIGHT), (0.25, UPSIDE_DOWN), (-0.25, UPRIGHT)])
 def test_it_drives_round_what_stands_in_the_way(shift, mount):
     toy = Toy([(9.0, 0.0, 0.2)], box(4.0, shift, 0.0, 0.5, 0.5), laser_in_base=mount, seed=5)
     steps = toy.drive(40.0)

@@ -286,7 +286,7 @@ def jittered(rate):
     return lambda now: now + rng.uniform(-0.8, 0.8) / rate  # some come out of order
 
 
-@pytest.mark.parametrize("loss", [0.2, 0.3, 0.5])
+@pytest.mark.parametrize("loss", [0.2, *(pytest.param(loss, marks=pytest.mark.slow) for loss in (0.3, 0.5))])
 @pytest.mark.parametrize("stamped", ["exact", "doubled", "jittered"])
 @pytest.mark.parametrize("rate", [50, 100, 200, 400])
 def test_a_crash_is_felt_however_the_samples_are_stamped(rate, stamped, loss):
@@ -341,13 +341,13 @@ def test_driving_up_a_kerb_is_no_crash(rate):
 
 
 @pytest.mark.parametrize("deviation", [FLOORING, ASPHALT])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
 def test_rough_ground_is_no_crash(deviation, seed):
     assert not Drive().go(vibration(60.0, deviation, seed))
 
 
 @pytest.mark.parametrize("deviation", [FLOORING, ASPHALT])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_on_rough_ground_most_losses_of_0_4_m_s_within_80_ms_are_felt_within_0_3_s(deviation, seed):
     shaking, felt, trials = vibration(60.0, deviation, seed), 0, 0
     for start in range(300, len(shaking) - 40, 150):

@@ -428,7 +428,10 @@ time.sleep(100)
 """
 
 
-@pytest.mark.parametrize("code", [SLEEPERS, THREADS], ids=["processes", "threads"])
+@pytest.mark.parametrize(
+    "code",
+    [pytest.param(SLEEPERS, id="processes"), pytest.param(THREADS, id="threads", marks=pytest.mark.slow)],
+)
 def test_processes_and_threads_are_limited_where_uid_0_marks_too(kind, code, tmp_path):
     name = f"sleeper_{os.getpid()}"
     process = run(tmp_path, code.replace("NAME", name))
