@@ -1,11 +1,13 @@
 """Reads of uninitialised variables in valgrind's output: line and variable are named, prints do not count."""
 
+import contextlib
 import os
+from types import SimpleNamespace
 
 import pytest
 
+from husky_highlevel_controller.grading.drive import memcheck
 from husky_highlevel_controller.grading.drive.memcheck import (
-    _is_program,
     may_be_unwritten,
     reads_in,
     sentence,
@@ -68,10 +70,24 @@ def test_a_read_that_decides_is_named(log, said, sources):
     assert bool(said) == bool(reads_in(log, sources))
 
 
-def test_a_fifo_in_place_of_a_program_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "fifo")
-    (tmp_path / "program").write_bytes(b"\x7fELF...")
-    assert [_is_program(tmp_path / name) for name in ("fifo", "program", "none")] == [False, True, False]
+@pytest.mark.parametrize(("name", "is_started"), [("fifo", False), ("program", True), ("none", False)])
+def test_only_what_is_a_program_is_started_and_a_fifo_is_not_waited_for(
+    name, is_started, tmp_path, monkeypatch
+):
+    lib = tmp_path / "devel" / "lib"
+    lib.mkdir(parents=True)
+    os.mkfifo(lib / "fifo")
+    (lib / "program").write_bytes(b"\x7fELF...")
+    (tmp_path / "src").mkdir()
+    (tmp_path / "src" / "controller.cpp").write_text(SOURCE)
+    started = []
+    monkeypatch.setattr(memcheck.shutil, "which", str)
+    monkeypatch.setattr(memcheck, "Network", started.append)  # which is no network, and ends it
+    with contextlib.suppress(TypeError, AttributeError):
+        memcheck.uninitialised(
+            SimpleNamespace(root=tmp_path), SimpleNamespace(nodes=[name]), None, None, tmp_path
+        )
+    assert bool(started) is is_started
 
 
 @pytest.mark.parametrize(

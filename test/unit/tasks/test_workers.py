@@ -16,6 +16,7 @@ import pytest
 from noisy_tasks import noise, noise_after_a_death
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
+from husky_highlevel_controller.tasks import local
 from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint, machine
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -97,11 +98,13 @@ def test_tasks_that_start_programs_run_in_threads_of_this_process(tmp_path):
         assert set(workers.map(lambda _: os.getpid(), range(8), starts_programs=True)) == {os.getpid()}
 
 
-def test_the_words_tell_hash_and_machine():
-    with Workers(1) as workers:
+def test_the_words_tell_hash_and_machine(tmp_path, monkeypatch):
+    with Workers(1, resume=tmp_path / "kept") as workers:
         workers.map(noise, range(2))
         assert workers.summary == f"results {workers.results_hash} by {machine()}"
-        workers._machines.add("another one")
+    monkeypatch.setattr(local, "machine", lambda: "another one")
+    with Workers(1, resume=tmp_path / "kept") as workers:
+        workers.map(noise, range(3))
         assert "by 2 kinds of machines, whose last bits may differ: another one; " in workers.summary
     assert "numpy" in machine()
 

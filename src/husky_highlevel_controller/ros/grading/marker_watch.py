@@ -100,7 +100,7 @@ class MarkerWatch:
         """Keep the markers that came on a topic now."""
         now = self._now()
         for marker in markers:
-            if marker.action in ACTIONS and self._is_due(now, (topic, marker.ns)):
+            if marker.action in ACTIONS and self._is_due(now, (topic, marker.ns[:MAX_NAME])):
                 problem = _invisible(marker)
                 if (
                     not problem

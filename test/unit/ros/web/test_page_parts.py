@@ -371,14 +371,19 @@ class Drags:
     """A mouse with one object that page 7 drags."""
 
     def __init__(self):
-        self.node = SimpleNamespace(position=(0.0, 0.0, 0.0), wxyz=(1.0, 0.0, 0.0, 0.0))
-        shown = SimpleNamespace(node=self.node, shapes=[], is_movable=True)
+        node = SimpleNamespace(position=(0.0, 0.0, 0.0), wxyz=(1.0, 0.0, 0.0, 0.0))
+        shape = SimpleNamespace(
+            remove_click_callback=str, remove_drag_callback=str,
+            on_click=str, on_drag=lambda _button: lambda on_drag: setattr(self, "on_drag", on_drag),
+        )  # fmt: skip
+        shown = SimpleNamespace(node=node, shapes=[shape], is_movable=True)
         self.objects = SimpleNamespace(
             shown={("t", "box"): shown}, dragged={}, drop=lambda *_: None, on_new=None
         )
         server = SimpleNamespace(scene=SimpleNamespace(on_click=lambda: lambda _: None))
         scene = SimpleNamespace(robot_shapes=[], base=None, show_ghost=lambda _: None)
         self.mouse = Mouse(server, scene, self.objects, None, {7: SimpleNamespace(tool=MOVE)})
+        self.objects.on_new(("t", "box"), shown)
 
     def event(self, phase):
         ray = {"ray_origin": (0.0, 0.0, 1.0), "ray_direction": (0.1, 0.0, -1.0)}
@@ -387,7 +392,7 @@ class Drags:
             start=SimpleNamespace(position=(0.0, 0.0, 0.0), **ray), end=SimpleNamespace(**ray),
             start_position=(0.0, 0.0, 0.0), position=(0.0, 0.0, 0.0),
         )  # fmt: skip
-        asyncio.run(self.mouse._on_drag_object(("t", "box"), event))
+        asyncio.run(self.on_drag(event))
 
 
 def test_a_drag_ends_when_its_page_is_closed(monkeypatch):
