@@ -114,8 +114,8 @@ def test_what_it_writes_is_what_the_launch_file_loads(tmp_path, capsys, monkeypa
     ranges, scenes = [Range("p_gain_vel", 0.1, 10.0)], random_starts(2, 0)
     with Workers(1) as workers:
         tuned = tune.tune(ranges, Setup(), scenes, Objective(), 8, 0, workers, valley)
-        figures = tune.check(Setup(), Setup().with_values(tuned.values), scenes, Objective(), workers, valley)
-        tune.write(tuned, Setup(), Objective(), figures, ("of 8", "on 2 fresh starts"), "by", tmp_path)
+        fresh = tune.check(Setup(), Setup().with_values(tuned.values), scenes, Objective(), workers, valley)
+        tune.write(tune.report_of(tuned, Setup(), Objective(), fresh, "of 8", "by"), tuned, "of 8", tmp_path)
     told = capsys.readouterr().out
     assert "on 2 fresh starts" in told
     file = tmp_path / "tuned.yaml"
@@ -135,4 +135,4 @@ def test_the_command_drives(tmp_path, capsys):
     pytest.importorskip("optuna")
     words = ["p_gain_vel=1:4", "--trials", "1", "--scenes", "1", "--fresh", "1", "--jobs", "1"]
     tune.main([*words, "--out", str(tmp_path)])
-    assert re.search(r"within 2 cm, no touch \[%\] +100\.0 +100\.0\n", capsys.readouterr().out)
+    assert re.search(r"within 2 cm, no touch \[%\] +100\.000 +100\.000\n", capsys.readouterr().out)

@@ -16,16 +16,14 @@ import numpy as np
 from husky_highlevel_controller.comparison.contestant import Contestant, Outcome, contestant, drive_scene
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.plots import draw_pairs, draw_ways
-from husky_highlevel_controller.evaluation.report import Cell, Table, text_table, write_page, write_table
+from husky_highlevel_controller.evaluation.report import Report, Table, every_row, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import add_profile_options, setup_of
+from husky_highlevel_controller.evaluation.setup import add_drive_options, setup_of
 from husky_highlevel_controller.evaluation.statistics import Interval, bootstrap
 from husky_highlevel_controller.grading.isolation.process import stop_on_signals
-from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive, seed_value
+from husky_highlevel_controller.tasks.command import between, exit_codes
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
-
-DIFFERENCE = "B - A, 95 % of the bootstrap"
 
 
 @dataclass(frozen=True)
@@ -78,39 +76,32 @@ class Comparison:
         """A row for each scene."""
         return [{"scene": a.scene, **_columns("a", a), **_columns("b", b)} for a, b in zip(self.a, self.b)]
 
-    def verdict(self, margin: float) -> str:
-        """The result in a sentence."""
-        why = self.worse(margin)
-        return f"B is worse than A: {why}" if why else "B is not worse than A"
-
-    def figures(self) -> List[Sequence[str]]:
-        """Rows of the table: a quantity, A's, B's, and the difference."""
+    def figures(self) -> Table:
+        """Means of the scenes in which both succeed, and the differences."""
         shares = [100.0 * sum(outcome.success for outcome in side) / len(self.a) for side in (self.a, self.b)]
-        rows: List[Sequence[str]] = [
-            ("stands at the pillar, no touch [%]", *(f"{share:.1f}" for share in shares), "")
-        ]
+        rows: List[Sequence[Any]] = [("stands at the pillar, no touch [%]", *shares, "")]
         for title, quantity, unit, factor in (
             ("time to arrival [s]", "arrived_at", "s", 1.0), ("nearest approach [cm]", "nearest", "cm", 100.0)
         ):  # fmt: skip
-            means = (f"{factor * value:.3f}" for value in self.mean(quantity))
+            means = (factor * value for value in self.mean(quantity))
             rows.append((title, *means, self.difference(quantity).summary(unit, factor)))
-        return rows
+        title = f"Times and distances of the {len(self.pairs)} scenes in which both succeed"
+        return Table(title, ("", "A", "B", "B - A, 95 % of the bootstrap"), rows)
 
     def failures(self) -> List[Tuple[str, Outcome, Outcome]]:
         """Scenes in which only one fails: its letter, and what both did."""
         sides = (("A", self.only_a_fails), ("B", self.only_b_fails))
         return [(letter, a, b) for letter, scenes in sides for a, b in scenes]
 
-    def summary(self, margin: float) -> str:
-        """Comparison as text for a terminal."""
-        lines = [f"{len(self.a)} scenes; A: {self.names[0]}; B: {self.names[1]}", ""]
-        lines.append(text_table([("", "A", "B", DIFFERENCE), *self.figures()]))
-        lines.append(f"  (times and distances of the {len(self.pairs)} scenes in which both succeed)")
-        lines += [
-            f"  only {letter} fails in {a.scene}: A {a.summary}, B {b.summary}"
-            for letter, a, b in self.failures()
-        ]
-        return "\n".join([*lines, "", self.verdict(margin)])
+    def report(self, margin: float, source: str) -> Report:
+        """Figures, failures, every scene, and the verdict."""
+        why, tables = self.worse(margin), [self.figures()]
+        if failures := [(f"{a.scene}: only {x} fails", a.summary, b.summary) for x, a, b in self.failures()]:
+            tables.append(Table("Scenes in which only one fails", ("", "A", "B"), failures))
+        verdict = f"B is worse than A: {why}" if why else "B is not worse than A"
+        lead = f"{len(self.a)} scenes; A: {self.names[0]}; B: {self.names[1]}"
+        tables.append(every_row("Every scene", self.table()))
+        return Report("A and B on the same scenes", lead, tables, verdict, bool(why), source)
 
 
 def _columns(side: str, outcome: Outcome) -> Dict[str, Any]:
@@ -130,31 +121,21 @@ def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: W
     return Comparison((a.name, b.name), sides[0], sides[1])
 
 
-def write(result: Comparison, margin: float, source: str, out: Path) -> None:
-    """Write table, page and a picture of each scene in which one fails and the other does not."""
-    rows = result.table()
-    write_table(rows, out / "compare")
+def write(comparison: Comparison, report: Report, out: Path) -> Path:
+    """Write table, page and a picture of each scene in which one fails and the other does not; the page."""
+    write_table(comparison.table(), out / "compare")
     for old in out.glob("only_*_fails_*.png"):
         old.unlink()
     pictures = {}
-    if result.pairs:
-        times = [(a.arrived_at, b.arrived_at) for a, b in result.pairs]
+    if comparison.pairs:
+        times = [(a.arrived_at, b.arrived_at) for a, b in comparison.pairs]
         pictures["time to arrival"] = draw_pairs(times, "time to arrival [s], a dot for each scene")
-    for letter, a, b in result.failures():
+    for letter, a, b in comparison.failures():
         ways = {f"A: {a.summary}": a.poses, f"B: {b.summary}": b.poses}
         name = f"only {letter.lower()} fails {a.scene}"
         pictures[name] = draw_ways(ways, a.pillar, f"{a.scene}: only {letter} fails")
         (out / f"{name.replace(' ', '_')}.png").write_bytes(pictures[name])
-    title = f"Means of the {len(result.pairs)} scenes in which both succeed"
-    write_page(
-        out / "index.html", "A and B on the same scenes",
-        f"{len(result.a)} scenes; A: {result.names[0]}; B: {result.names[1]}",
-        [
-            Table(title, ("", "A", "B", DIFFERENCE), result.figures()),
-            Table("Every scene", list(rows[0]), [list(row.values()) for row in rows], folded=True),
-        ],
-        pictures, Cell(result.verdict(margin), "missed" if result.worse(margin) else "ok"), source,
-    )  # fmt: skip
+    return report.write(out, pictures)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
@@ -167,17 +148,11 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or 'PACKAGE/FILE.launch [name:=value ...]'"
     parser.add_argument("a", metavar="A", help=kinds)
     parser.add_argument("b", metavar="B", help="the same")
-    parser.add_argument("--scenes", type=positive, default=50, help="random starts (default 50)")
-    parser.add_argument("--seed", type=seed_value, default=0, help="of the scenes (default 0)")
-    add_profile_options(parser)
     parser.add_argument(
-        "--margin", type=_share, default=0.05, metavar="SHARE",
+        "--margin", type=between(float, 0.0, 10.0), default=0.05, metavar="SHARE",
         help="of A's mean time, by which B may be slower and not be worse (default 0.05)",
     )  # fmt: skip
-    parser.add_argument(
-        "--out", type=Path, default=Path("compare"), help="folder of results (default ./compare)"
-    )
-    add_worker_options(parser)
+    add_drive_options(parser, scenes=50)
     options = parser.parse_args(arguments)
     with exit_codes("compare"):
         base = setup_of(options.profile, options.ground, options.robot)
@@ -194,16 +169,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         options.out.mkdir(parents=True, exist_ok=True)
         # what a launch file starts is not known, so its drives are not kept
         with Workers(options.jobs, options.cluster, None if launches else options.out / RESULTS) as workers:
-            result = compare(a, b, random_starts(options.scenes, options.seed), workers)
-            write(result, options.margin, workers.summary, options.out)
-            print(result.summary(options.margin))
-            print(f"\n{workers.summary}\npage and pictures: {options.out / 'index.html'}", file=sys.stderr)
-        if result.worse(options.margin):
+            comparison = compare(a, b, random_starts(options.scenes, options.seed), workers)
+            report = comparison.report(options.margin, workers.summary)
+        print(report)
+        page = write(comparison, report, options.out)
+        print(f"\n{report.source}\npage and pictures: {page}", file=sys.stderr)
+        if report.failed:
             raise SystemExit(1)
-
-
-def _share(text: str) -> float:
-    number = float(text)
-    if not 0.0 <= number <= 10.0:
-        raise argparse.ArgumentTypeError(f"{text} is not in 0..10")
-    return number

@@ -25,13 +25,12 @@ from husky_highlevel_controller.evaluation.metrics import (
     run_scene,
     run_with_page,
 )
-from husky_highlevel_controller.evaluation.report import Cell, Table, write_page
+from husky_highlevel_controller.evaluation.report import Cell, Report, Table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, course_scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import COURSE_GAINS, Setup, add_profile_options, setup_of
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive, seed_value
 from husky_highlevel_controller.tasks.workers import Workers
 
-INDEX = "index.html"
 TOUCHING = ControlConfig(stop_distance=0.0)
 
 
@@ -47,33 +46,18 @@ class Figure(NamedTuple):
 
     @property
     def met(self) -> bool:
-        """Whether the value is within its bounds; nan is not."""
+        """Whether the value is within its bounds; nan is within none."""
         return self.minimum <= self.value <= self.maximum or (self.minimum, self.maximum) == (-inf, inf)
 
     @property
-    def bounds(self) -> str:
-        """The bounds as text; empty: there are none."""
-        limits = [f">= {self.minimum:g}"] * (self.minimum > -inf) + [f"<= {self.maximum:g}"] * (
-            self.maximum < inf
-        )
-        return " ".join(limits)
-
-    @property
-    def verdict(self) -> str:
-        """The judgement in a word; empty: there are no bounds."""
-        return ("ok" if self.met else "MISSED") if self.bounds else ""
-
-    def __str__(self) -> str:
-        line = f"  {self.name:<66}{self.value:>9.3f} {self.unit:<5}{self.bounds:<12} {self.verdict}"
-        return line.rstrip()
-
-    @property
-    def cells(self) -> Sequence[Any]:
-        """Row of the page's table."""
-        style = {"ok": "ok", "MISSED": "missed"}.get(self.verdict, "")
-        value = f"{self.value:.3f} {self.unit}".rstrip()
-        replay = Cell("replay", "", quote(self.replay)) if self.replay else ""
-        return self.name, value, self.bounds, Cell(self.verdict, style), replay
+    def row(self) -> Sequence[Any]:
+        """Row of the table; the value leads to the replay."""
+        low, high = (f">= {self.minimum:g}", f"<= {self.maximum:g}")
+        bounds = " ".join([low] * (self.minimum > -inf) + [high] * (self.maximum < inf))
+        verdict = Cell("ok", "ok") if self.met else Cell("MISSED", "missed")
+        name = f"{self.name} [{self.unit}]" if self.unit else self.name
+        value = Cell(float(self.value), link=quote(self.replay))
+        return name, value, bounds, verdict if bounds else Cell("")
 
 
 def extraction_figures(title: str, errors: Sequence[float], minimum: float, maximum: float) -> List[Figure]:
@@ -241,19 +225,20 @@ def drives(
     return [result for result, _ in pages]
 
 
-def write_index(folder: Path, title: str, sections: Sequence[Tuple[str, List[Figure]]]) -> None:
-    """Write the page with all figures, each with the replay of its drive, and a link to every replay."""
-    missed = [figure.name for _, figures in sections for figure in figures if not figure.met]
-    verdict = f"missed: {'; '.join(missed)}" if missed else "every figure is where it is wanted"
-    names = sorted(path.name for path in folder.glob("*.html") if path.name != INDEX)
+def report_of(sections: Sequence[Tuple[str, List[Figure]]], lead: str, source: str) -> Report:
+    """All figures, and which of them miss their bounds."""
+    header = ("figure", "value", "wanted", "verdict")
+    tables = [Table(title, header, [figure.row for figure in figures]) for title, figures in sections]
+    missed = "; ".join(figure.name for _, figures in sections for figure in figures if not figure.met)
+    verdict = f"missed: {missed}" if missed else "every figure is within its bounds"
+    return Report("Evaluation of the controller", lead, tables, verdict, bool(missed), source)
+
+
+def replay_links(folder: Path) -> Table:
+    """Table of all replays in a folder."""
+    names = sorted(path.name for path in folder.glob("*.html") if path.name != "index.html")
     links = [[Cell(Path(name).stem.replace("_", " "), "", quote(name))] for name in names]
-    header = ("figure", "value", "wanted", "verdict", "drive")
-    tables = [Table(section, header, [figure.cells for figure in figures]) for section, figures in sections]
-    write_page(
-        folder / INDEX, "Evaluation of the controller", title,
-        [*tables, Table(f"All {len(names)} replays", ("drive",), links, folded=True)],
-        verdict=Cell(verdict, "missed" if missed else "ok"),
-    )  # fmt: skip
+    return Table(f"All {len(names)} replays", ("drive",), links, folded=True)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
@@ -281,13 +266,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
                 sections = evaluate_robot(seed, starts, workers, options.ground, replays)
             else:
                 sections = evaluate(seed, options.scenes, starts, workers, replays, options.robot)
-            print(workers.summary, file=sys.stderr)
-        lines = [f"seed {options.seed}"]
-        for title, figures in sections:
-            lines += ["", title, *map(str, figures)]
-        table = "\n".join(lines)
-        print(table)
-        if options.replays is not None:
-            write_index(options.replays, f"seed {seed}, profile {options.profile}", sections)
-    if not all(figure.met for _, figures in sections for figure in figures):
+            report = report_of(sections, f"seed {seed}, profile {options.profile}", workers.summary)
+        print(report.source, file=sys.stderr)
+        print(report)
+        if replays is not None:
+            replace(report, tables=[*report.tables, replay_links(replays)]).write(replays)
+    if report.failed:
         raise SystemExit(1)

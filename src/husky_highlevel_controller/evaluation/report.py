@@ -1,16 +1,18 @@
-"""Results of many drives: tables for programs, a page for people, replays of single drives.
+"""Reports of many drives as text, JSON and page; tables for programs; replays of single drives.
 
-In: rows, pictures, traces. Out: CSV, Parquet, HTML.
+In: rows, pictures, traces. Out: text, JSON, CSV, Parquet, HTML.
 """
 
 from __future__ import annotations
 
 import csv
+import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from husky_highlevel_controller.config import to_plain
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.evaluation.rollout import Trace
 from husky_highlevel_controller.replay import Replay, to_html
@@ -19,7 +21,7 @@ from husky_highlevel_controller.templates import render
 
 
 class Cell(NamedTuple):
-    """Cell of a table, or a verdict."""
+    """Cell of a table."""
 
     value: Any
     style: str = ""  # ok or missed; empty: neither
@@ -28,41 +30,62 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Table of a page; a cell that is no `Cell` is a plain value."""
+    """Table of a report; a cell that is no `Cell` is a plain value."""
 
     title: str
     header: Sequence[str]
-    cells: Sequence[Sequence[Any]]
-    folded: bool = False
+    rows: Sequence[Sequence[Any]]
+    folded: bool = False  # on the page, and left out of the text
 
     @property
-    def rows(self) -> List[List[Cell]]:
-        """The cells, each a `Cell`."""
-        return [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.cells]
+    def cells(self) -> List[List[Cell]]:
+        """The rows, each of `Cell`s."""
+        return [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
+
+    def __str__(self) -> str:
+        lines = [list(self.header)]
+        for row in self.cells:
+            lines.append([f"{x:.3f}" if isinstance(x, float) else str(x) for x, _, _ in row])
+        widths = [max(map(len, column)) for column in zip(*lines)]
+        aligned = ([first.ljust(widths[0]), *map(str.rjust, others, widths[1:])] for first, *others in lines)
+        return "\n".join([self.title, *("  " + "  ".join(line).rstrip() for line in aligned)])
 
 
-def write_page(
-    path: Path, title: str, lead: str, tables: Sequence[Table],
-    pictures: Optional[Mapping[str, bytes]] = None, verdict: Optional[Cell] = None, source: str = "",
-) -> None:  # fmt: skip
-    """Write a page with everything in it.
-
-    Args:
-        path: of the page.
-        title: of the page.
-        lead: the sentence below it.
-        tables: in order.
-        pictures: PNGs by their captions.
-        verdict: the result in a sentence.
-        source: of the results: hash, machine, versions.
-    """
-    parts = {"pictures": pictures, "verdict": verdict, "source": source}
-    path.write_text(render("report.html", title=title, lead=lead, tables=tables, **parts), encoding="utf-8")
+def every_row(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Folded table of rows, one or more, that have the same keys."""
+    return Table(title, list(rows[0]), [list(row.values()) for row in rows], folded=True)
 
 
-def text_table(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of a quantity, two values and a remark, for a terminal."""
-    return "\n".join(f"  {title:<34}{a:>10}{b:>10}   {remark}".rstrip() for title, a, b, remark in rows)
+@dataclass(frozen=True)
+class Report:
+    """Report of a command that drives: tables and a verdict; a text by `str`, page and JSON by `write`."""
+
+    title: str
+    lead: str  # the sentence below it
+    tables: Sequence[Table]
+    verdict: str = ""
+    failed: bool = False  # what the verdict says, for the exit code
+    source: str = ""  # hash of the drives, machines, versions
+
+    def __str__(self) -> str:
+        shown = [str(table) for table in self.tables if not table.folded]
+        return "\n\n".join([self.lead, *shown, *filter(None, [self.verdict])])
+
+    def write(self, folder: Path, pictures: Optional[Mapping[str, bytes]] = None) -> Path:
+        """Write index.html, with everything in it, and report.json, where inf and nan are null.
+
+        Args:
+            folder: to write to.
+            pictures: PNGs by their captions.
+
+        Returns:
+            Path of the page.
+        """
+        finite = json.loads(json.dumps(to_plain(self)), parse_constant=lambda _: None)
+        (folder / "report.json").write_text(json.dumps(finite), encoding="utf-8")
+        page = folder / "index.html"
+        page.write_text(render("report.html", report=self, pictures=pictures or {}), encoding="utf-8")
+        return page
 
 
 def write_table(rows: Sequence[Mapping[str, Any]], path: Path) -> List[Path]:

@@ -24,6 +24,7 @@ from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
+from husky_highlevel_controller.tasks.command import add_worker_options, positive, seed_value
 
 COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
 ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # config/robot.yaml's, at the default limits
@@ -98,6 +99,18 @@ def add_profile_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", choices=ROBOTS, default="husky", help="which robot (default husky)")
     parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
     parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
+
+
+def add_drive_options(parser: argparse.ArgumentParser, scenes: int) -> None:
+    """Add options of a command that drives `scenes` random starts, and keeps its results in a folder."""
+    parser.add_argument(
+        "--scenes", type=positive, default=scenes, help=f"random starts (default {scenes})"
+    )
+    parser.add_argument("--seed", type=seed_value, default=0, help="of everything random (default 0)")
+    add_profile_options(parser)
+    out = parser.prog
+    parser.add_argument("--out", type=Path, default=Path(out), help=f"folder of results (default ./{out})")
+    add_worker_options(parser)
 
 
 def parameters(setup: Setup) -> Dict[str, Any]:

@@ -17,21 +17,21 @@ import numpy as np
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.evaluation.metrics import Drive, DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import Panel, draw_sweep
-from husky_highlevel_controller.evaluation.report import Table, write_page, write_table
+from husky_highlevel_controller.evaluation.report import Report, every_row, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     COURSE_GAINS,
     ROBOT_GAINS,
     Axis,
     Setup,
-    add_profile_options,
+    add_drive_options,
     help_line,
     numeric_parameters,
     parameters,
     parse_axis,
     setup_of,
 )
-from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive, seed_value
+from husky_highlevel_controller.tasks.command import exit_codes
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -137,10 +137,9 @@ def write(result: Sweep, title: str, source: str, marked: Mapping[str, Sequence[
         pictures = {panel.title: draw_sweep(result.axes, [panel], marked) for panel in panels}
         (out / "sweep.png").write_bytes(draw_sweep(result.axes, panels, marked, title))
         files.append(out / "sweep.png")
-    every = Table("Every point", list(rows[0]), [list(row.values()) for row in rows], folded=True)
     lead = f"{len(result.scenes)} random starts at each of {len(result.points)} points"
-    write_page(out / "index.html", title, lead, [every], pictures, source=source)
-    print("\n".join([title, source, *(f"file: {file}" for file in [*files, out / "index.html"])]))
+    files.append(Report(title, lead, [every_row("Every point", rows)], source=source).write(out, pictures))
+    print("\n".join([title, source, *(f"file: {file}" for file in files)]))
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
@@ -154,11 +153,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         "axes", nargs="+", metavar="NAME=FIRST:LAST:COUNT[:log]",
         help="values of a parameter, at equal distances or ratios; or NAME=VALUE,VALUE,...",
     )  # fmt: skip
-    parser.add_argument("--scenes", type=positive, default=20, help="random starts (default 20)")
-    parser.add_argument("--seed", type=seed_value, default=0, help="of the scenes (default 0)")
-    add_profile_options(parser)
-    parser.add_argument("--out", type=Path, default=Path("sweep"), help="folder of results (default ./sweep)")
-    add_worker_options(parser)
+    add_drive_options(parser, scenes=20)
     options = parser.parse_args(arguments)
     with exit_codes("sweep"):
         axes = [parse_axis(text) for text in options.axes]

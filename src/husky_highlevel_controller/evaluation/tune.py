@@ -12,9 +12,9 @@ import argparse
 import sys
 from dataclasses import dataclass, fields
 from itertools import product
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
@@ -22,11 +22,11 @@ from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.metrics import Drive, DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import draw_trials
-from husky_highlevel_controller.evaluation.report import Table, text_table, write_page, write_table
+from husky_highlevel_controller.evaluation.report import Report, Table, every_row, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     Setup,
-    add_profile_options,
+    add_drive_options,
     metadata_of,
     parameters,
     setup_of,
@@ -34,7 +34,7 @@ from husky_highlevel_controller.evaluation.setup import (
     unit_of,
 )
 from husky_highlevel_controller.evaluation.statistics import bootstrap
-from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive, seed_value
+from husky_highlevel_controller.tasks.command import exit_codes, positive
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -189,9 +189,6 @@ def _optuna() -> Any:
     return optuna
 
 
-Figures = List[Sequence[str]]  # rows: a quantity, of the defaults, tuned, the difference
-
-
 def check(
     base: Setup,
     tuned: Setup,
@@ -199,66 +196,50 @@ def check(
     objective: Objective,
     workers: Workers,
     drive: Drive = run_scene,
-) -> Figures:
+) -> Table:
     """Figures of both setups on the same fresh scenes, with the paired differences."""
     results = workers.map(drive, list(product([base, tuned], scenes)), "fresh starts")
     sides = results[: len(scenes)], results[len(scenes) :]
-    shares = (f"{100.0 * float(np.mean([result.good for result in side])):.1f}" for side in sides)
-    figures: Figures = [("arrived, within 2 cm, no touch [%]", *shares, "")]
+    shares = (100.0 * float(np.mean([result.good for result in side])) for side in sides)
+    rows: List[Sequence[Any]] = [("arrived, within 2 cm, no touch [%]", *shares, "")]
     pairs = [(a, b) for a, b in zip(*sides) if a.arrived_at < inf and b.arrived_at < inf]
     times = [[result.arrived_at for result in side] for side in zip(*pairs)] or [[], []]
     costs = [[objective.cost(result) for result in side] for side in sides]
     for title, (first, second) in (("time to arrival, mean [s]", times), ("objective [s]", costs)):
         interval = bootstrap(np.subtract(second, first).tolist())
-        a, b = (f"{float(np.mean(side)) if side else float('nan'):.3f}" for side in (first, second))
-        figures.append((title, a, b, interval.summary("s")))
-    return figures
+        means = (float(np.mean(side)) if side else nan for side in (first, second))
+        rows.append((title, *means, interval.summary("s")))
+    return Table(f"Both on {len(scenes)} fresh starts", ("", *HEADER), rows)
 
 
-def write(
-    tuned: Tuned,
-    base: Setup,
-    objective: Objective,
-    figures: Figures,
-    titles: Tuple[str, str],
-    source: str,
-    out: Path,
-) -> None:
-    """Write the parameters, the trials and the page into a folder, and print the figures.
+def report_of(
+    tuned: Tuned, base: Setup, objective: Objective, fresh: Table, tried: str, source: str
+) -> Report:
+    """Report of tuning.
 
     Args:
-        tuned: the result.
+        tuned: values and trials.
         base: setup that the tuned values change.
         objective: what was minimized.
-        figures: of both setups, from `check`.
-        titles: of the setups that were tried, and of the fresh starts.
-        source: hash and machines of the results.
-        out: the folder.
+        fresh: figures of both setups, from `check`.
+        tried: setups that were tried, in words.
+        source: hash and machines of the drives.
     """
-    file = out / "tuned.yaml"
-    file.write_text(to_yaml(tuned.values, f"Found by tune {titles[0]}."))
-    write_table(tuned.trials, out / "trials")
     defaults, best = parameters(base), min(row["objective"] for row in tuned.trials)
-    command = f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}"
-    lines = [f"  {name} {value:g} {unit_of(name)}, by default {defaults[name]:g}"
-             for name, value in tuned.values.items()]  # fmt: skip
-    print(f"objective: {objective.formula}", f"{titles[0]}: {best:.3f} s with", *lines, sep="\n")
-    print(text_table([(titles[1], *HEADER), *figures]))
     values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
-    rows = [list(row.values()) for row in tuned.trials]
-    write_page(
-        out / "index.html",
-        "Parameters found by tune",
-        f"Drive with: {command}",
-        [
-            Table("Parameters", ("", "by default", "found"), values),
-            Table(f"Both {titles[1]}", ("", *HEADER), figures),
-            Table("Every setup", list(tuned.trials[0]), rows, folded=True),
-        ],
-        {"setups": draw_trials([row["objective"] for row in tuned.trials])},
-        source=source,
-    )
-    print(f"\n{command}\npage: {out / 'index.html'}")
+    tables = [Table("Parameters", ("", *HEADER[:2]), values), fresh, every_row("Every setup", tuned.trials)]
+    lead = f"{best:.3f} s is the smallest objective {tried}: {objective.formula}"
+    return Report("Parameters found by tune", lead, tables, source=source)
+
+
+def write(report: Report, tuned: Tuned, tried: str, out: Path) -> None:
+    """Write parameters, trials and page into a folder, and print the result."""
+    file = out / "tuned.yaml"
+    file.write_text(to_yaml(tuned.values, f"Found by tune {tried}."))
+    write_table(tuned.trials, out / "trials")
+    page = report.write(out, {"setups": draw_trials([row["objective"] for row in tuned.trials])})
+    command = f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}"
+    print(f"{report}\n\n{command}\npage: {page}")
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
@@ -270,16 +251,12 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         "ranges", nargs="+", metavar="NAME=LOW:HIGH", help="where to look for a parameter; NAME: everywhere"
     )
     parser.add_argument("--trials", type=positive, default=64, help="setups to try (default 64)")
-    parser.add_argument("--scenes", type=positive, default=10, help="starts for each of them (default 10)")
     parser.add_argument("--fresh", type=positive, default=200, help="other starts to check on (default 200)")
-    parser.add_argument("--seed", type=seed_value, default=0, help="of starts and proposals (default 0)")
     parser.add_argument(
         "--weights", nargs="+", default=[], metavar="NAME=NUMBER",
         help=f"of the objective: {Objective().formula} (failure, touch, overshoot, crossing)",
     )  # fmt: skip
-    add_profile_options(parser)
-    parser.add_argument("--out", type=Path, default=Path("tune"), help="folder of results (default ./tune)")
-    add_worker_options(parser)
+    add_drive_options(parser, scenes=10)
     options = parser.parse_args(arguments)
     with exit_codes("tune"):
         base = setup_of(options.profile, options.ground, options.robot)
@@ -293,6 +270,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             tuned = tune(ranges, base, starts, objective, options.trials, seed, workers)
             figures = check(base, base.with_values(tuned.values), fresh, objective, workers)
             tried = f"of {options.trials} setups on {options.scenes} starts"
-            titles = f"{tried}, seed {seed}, profile {options.profile}", f"on {options.fresh} fresh starts"
-            write(tuned, base, objective, figures, titles, workers.summary, options.out)
-            print(workers.summary, file=sys.stderr)
+            tried += f", seed {seed}, profile {options.profile}"
+            report = report_of(tuned, base, objective, figures, tried, workers.summary)
+        write(report, tuned, tried, options.out)
+        print(report.source, file=sys.stderr)
