@@ -3,6 +3,7 @@
 
 import sys
 import types
+import xml.parsers.expat  # noqa: F401 - xacro takes it for imported when a file is missing
 
 import rospkg
 
