@@ -5,6 +5,7 @@ import re
 import shutil
 import sys
 import time
+from functools import partial
 from math import dist
 from pathlib import Path
 from urllib.error import HTTPError
@@ -30,12 +31,23 @@ WITHOUT_GPU = "--disable-gpu-compositing"  # SwiftShader draws the scene, not th
 SIZE = {"width": 900, "height": 560}
 COARSENESS = 0.25  # drawn pixels for each of the page's, along x and y: 16 times as fast by software
 ADDRESS = re.compile(r": (http://127\.0\.0\.1:\d+)\n")
-# two pictures a second at most: an open page would take a whole core all the time
-TWO_HZ = (
-    "const draw = requestAnimationFrame; window.requestAnimationFrame = f => setTimeout(() => draw(f), 500)"
-)
+# a picture in two seconds, or when it is asked for: an open page would take a whole core all the time
+SELDOM = """
+const draw = requestAnimationFrame, waiting = new Map();
+window.requestAnimationFrame = work => {
+  const timer = setTimeout(() => { waiting.delete(timer); draw(work); }, 2000);
+  waiting.set(timer, work);
+  return timer;
+};
+window.drawNow = () => waiting.forEach((work, timer) => {
+  clearTimeout(timer); waiting.delete(timer); draw(work);
+});
+"""
 TIME_SHOWN = "Number(document.querySelector('[data-time]')?.dataset.time)"  # NaN where none is shown
-NEXT_PICTURE = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+NEXT_PICTURE = """new Promise(done => {
+  const timer = setInterval(drawNow, 20);
+  requestAnimationFrame(() => requestAnimationFrame(() => { clearInterval(timer); done(); }));
+})"""
 E_STOP = ".husky-e-stop:not(.locked):has-text('EMERGENCY STOP')"  # a warning has these words, too
 # notes that the state bar said so, for a test that may come too late to see it
 NOTE_DRIVING = (
@@ -96,16 +108,16 @@ def browser():
         browser.close()
 
 
-def opened(browser, address):
-    page = browser.new_page(viewport=SIZE, device_scale_factor=COARSENESS)
+def opened(browser, address, selector=E_STOP, size=SIZE):
+    page = browser.new_page(viewport=size, device_scale_factor=COARSENESS)
     watch(page)
     page.goto(address)
-    page.wait_for_selector(E_STOP)
+    page.wait_for_selector(selector)
     return page
 
 
 def watch(page):
-    page.context.add_init_script(TWO_HZ)  # for pages that it opens, too
+    page.context.add_init_script(SELDOM)  # for pages that it opens, too
     page.context.set_default_timeout(1000.0 * DRAW_TIMEOUT)
     page.complaints, page.hosts = [], set()
     page.on("console", lambda msg: msg.type == "error" and page.complaints.append(msg.text))
@@ -165,6 +177,7 @@ def test_every_control_that_the_keyboard_reaches_has_a_name(page):
 
 def yellow_rows(page):
     """Rows of a picture of the view in which the Husky's yellow is seen."""
+    page.evaluate(NEXT_PICTURE)
     pad = page.locator(".husky-pad")
     pad.wait_for()  # or it comes after the mask, and is yellow, too
     image = imageio.imread(page.screenshot(mask=[pad], mask_color="#000000")).astype(int)
@@ -172,11 +185,9 @@ def yellow_rows(page):
     return np.flatnonzero(((red > 150) & (green > 120) & (blue < 0.6 * green)).any(axis=1))
 
 
+@pytest.mark.slow
 def test_a_phone_shows_the_robot_above_the_panel_and_a_wide_window_beside_it(browser, launched):
-    phone = browser.new_page(viewport={"width": 390, "height": 844}, device_scale_factor=COARSENESS)
-    watch(phone)
-    phone.goto(launched)
-    phone.wait_for_selector(E_STOP)
+    phone = opened(browser, launched, size={"width": 390, "height": 844})
     canvas = "[...document.querySelectorAll('canvas')].map(c => c.getBoundingClientRect())"
     phone.wait_for_function(f"{canvas}.some(box => box.width === 390 && box.height < 400)")
     wait_until(lambda: yellow_rows(phone).size > 0, "the robot is drawn")
@@ -325,11 +336,7 @@ def test_the_emergency_stop_locks_for_every_page_and_released_leaves_the_robot_s
     wait_until(lambda: robot.is_locked, "e_stop is sent")
     page.wait_for_selector(".husky-e-stop.locked")
     page.wait_for_selector("text=emergency stop: no command is obeyed")
-    late = browser.new_page(viewport=SIZE, device_scale_factor=COARSENESS)
-    watch(late)
-    late.goto(launched)
-    late.wait_for_selector(".husky-e-stop.locked")
-    late.close()
+    opened(browser, launched, ".husky-e-stop.locked").close()
     page.reload()
     page.wait_for_selector(".husky-e-stop.locked")
     press(page, "Start")
@@ -347,12 +354,17 @@ def test_the_emergency_stop_locks_for_every_page_and_released_leaves_the_robot_s
     assert abs(robot.speed) < 0.01
 
 
-def test_space_is_the_emergency_stop_even_with_a_button_in_focus(page, robot):
-    page.get_by_role("button", name="Start", exact=True).focus()
-    page.keyboard.press("Space")
+def stop_and_release(page, robot, stop=None):
+    """The emergency stop, by its button or otherwise, and its release."""
+    (stop or partial(page.click, E_STOP))()
     wait_until(lambda: robot.is_locked, "e_stop is sent")
     page.click(".husky-e-stop.locked")
     wait_until(lambda: not robot.is_locked, "e_stop is released")
+
+
+def test_space_is_the_emergency_stop_even_with_a_button_in_focus(page, robot):
+    page.get_by_role("button", name="Start", exact=True).focus()
+    stop_and_release(page, robot, lambda: page.keyboard.press("Space"))
 
 
 def test_a_paused_world_says_so_on_every_tab(page):
@@ -373,10 +385,7 @@ def test_hostile_messages_are_left_out_and_the_emergency_stop_goes_on(page, robo
         "/front/scan is not shown: ScanError",
     ):
         wait_until(lambda words=words: words in printed.output, words)
-    page.click(E_STOP)
-    wait_until(lambda: robot.is_locked, "e_stop is sent")
-    page.click(".husky-e-stop.locked")
-    wait_until(lambda: not robot.is_locked, "e_stop is released")
+    stop_and_release(page, robot)
     assert printed.output.count("a marker of /hostile/markers is not shown") == 1
     hostile.popen.terminate()
     hostile.wait()
@@ -449,17 +458,15 @@ def test_a_recording_is_saved_and_replayed_from_disk_and_by_the_page(page, brows
         with page.expect_download() as download:
             page.click(f"text={file}")
         download.value.save_as(tmp_path / file)
-    from_disk = browser.new_page(viewport=SIZE, device_scale_factor=COARSENESS)
-    watch(from_disk)
-    from_disk.goto((tmp_path / "drive.html").as_uri())
-    from_disk.wait_for_selector("input[value='1x']")  # the player's speed
+    player = "input[value='1x']"  # its speed
+    from_disk = opened(browser, (tmp_path / "drive.html").as_uri(), player)
     wait_until(lambda: float(from_disk.locator("input").first.input_value()) > 0.2, "the replay goes on")
     from_disk.close()
     assert from_disk.complaints == []
     assert {url for url in from_disk.hosts if not url.startswith(("file:", "data:", "blob:"))} == set()
     with page.context.expect_page() as opening:
         page.set_input_files("[data-husky-replay]", tmp_path / "drive.viser")
-    opening.value.wait_for_selector("input[value='1x']")
+    opening.value.wait_for_selector(player)
     opening.value.close()
     show(page, "Drive")
 
@@ -554,10 +561,7 @@ def test_the_page_of_a_marked_drive_plays_it(browser, tmp_path):
     poses = np.column_stack([times, 0.0 * times, 0.0 * times])
     html = to_html(Replay("</script>a drive", "it ended", times, poses, np.array([[3.0, 0.0]])))
     (tmp_path / "replay.html").write_text(html)
-    page = browser.new_page(viewport=SIZE, device_scale_factor=COARSENESS)
-    watch(page)
-    page.goto((tmp_path / "replay.html").as_uri())
-    page.wait_for_selector("text=</script>a drive")
+    page = opened(browser, (tmp_path / "replay.html").as_uri(), "text=</script>a drive")
     page.wait_for_selector("text=1.98 s")  # the end
     assert "0.82 m to the pillar" in page.inner_text("output")
     press(page, "Play")

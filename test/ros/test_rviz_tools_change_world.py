@@ -247,14 +247,6 @@ class RvizToolsChangeWorld(RosTest):
         told = [update for update in later if update.poses]  # odom drifts a little
         self.assertLess(len(told), len(later) / 2, "what rests is not told again and again")
 
-    def test_all_of_it_also_while_the_world_is_paused(self):
-        service("pause", Trigger)()
-        self.addCleanup(lambda: service("resume", Trigger)())
-        self.drop("box_1", 3.0, 0.0)
-        self.wait_until_drawn("box_1", (3.0, 0.0, 0.268))
-        self.pull("box_1", 4.0, -1.0)
-        self.wait_until_drawn("box_1", (4.0, -1.0, 0.268))
-
 
 if __name__ == "__main__":
     run(RvizToolsChangeWorld)

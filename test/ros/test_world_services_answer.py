@@ -176,14 +176,6 @@ class WorldServicesAnswer(RosTest):
         self.says(self.load_world("singlePillar.world"), "'")
         self.assertIn("unit_cylinder", self.names())
 
-    def test_a_saved_world_is_loaded_as_it_was_saved(self):
-        self.says(self.load_world(str(DATA / "saved.world")), "'saved' with 8 bodies")
-        listed = self.list("world")
-        places = dict(zip(listed.model_names, listed.poses))
-        self.assertAlmostEqual(places["post"].position.x, 6.0, delta=1e-3)
-        self.assertAlmostEqual(places["wall"].position.x, -8.0, delta=1e-3)
-        self.says(self.load_world("singlePillar.world"), "'")
-
     def test_a_world_without_ground_gets_one_and_a_fall_is_said_once(self):
         logged = self.remember("/rosout", Log)
         self.says(self.load_world(str(DATA / "groundless.world")), "'")

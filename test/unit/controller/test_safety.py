@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from math import atan2, cos, hypot, inf, pi, sin
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from husky_highlevel_controller.config import read_config
-from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.safety import (
     Latch,
     ProximityConfig,
@@ -49,7 +45,6 @@ CONFIG, HUSKY = ProximityConfig(), load_robot()
 NOSE, SIDE = 0.4937, 0.34255  # [m], half the Husky's length and width
 UPSIDE_DOWN = Pose((0.337, 0.0, 0.308), quat_from_rpy(pi, 0.0, 0.0))
 UPRIGHT = Pose((0.337, 0.0, 0.308))
-CONFIG_FOLDER = Path(__file__).parents[3] / "config"
 
 
 def look(*shapes, base=Pose2D(), laser=UPSIDE_DOWN, lidar=simulator_config().lidar, seed=0):  # noqa: B008
@@ -97,9 +92,18 @@ def test_each_parameter_has_its_meaning():
         assert verdict(wall_ahead(needed + 0.02), linear=1.0, config=config) is None
 
 
-def test_who_stands_is_not_too_close_however_near_it_is():
-    assert verdict(wall_ahead(0.02)) is None
-    assert verdict(wall_ahead(0.02), linear=0.01, angular=0.01) is None, "odometry has noise"
+@pytest.mark.parametrize(
+    ("clearance", "linear", "angular", "told"),
+    [
+        (0.02, 0.0, 0.0, None),
+        (0.02, 0.01, 0.01, None),  # odometry has noise
+        (0.02, -0.5, 0.0, None),  # it backs off
+        (0.05, 0.03, 0.0, 0.05),  # it creeps
+    ],
+)
+def test_who_stands_or_backs_off_is_not_too_close_however_near_it_is(clearance, linear, angular, told):
+    found = verdict(wall_ahead(clearance), linear=linear, angular=angular)
+    assert found == (told if told is None else pytest.approx(told, abs=0.005))
 
 
 @pytest.mark.parametrize(
@@ -109,14 +113,6 @@ def test_who_stands_is_not_too_close_however_near_it_is():
 def test_slower_than_2_cm_a_second_and_3_degrees_a_second_is_the_noise_of_standing(linear, angular, moving):
     for side in (1.0, -1.0):
         assert is_moving(Twist2D(side * linear, side * angular)) is moving
-
-
-def test_who_backs_off_is_not_too_close():
-    assert verdict(wall_ahead(0.02), linear=-0.5) is None
-
-
-def test_who_creeps_towards_it_is():
-    assert verdict(wall_ahead(0.05), linear=0.03) == pytest.approx(0.05, abs=0.005)
 
 
 def test_what_the_robot_passes_at_a_distance_does_not_matter():
@@ -150,25 +146,22 @@ def test_backwards_counts_what_a_lidar_that_looks_there_sees():
     assert verdict(behind, linear=0.5, lidar=all_round) is None
 
 
-def test_the_robot_itself_is_not_an_obstacle():
-    """Seen at 0.155 m, straight ahead of the lidar: within the outline."""
-    ranges = np.full(720, inf)
-    ranges[300:420] = 0.155 * 0.99
-    scan = Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, ranges)
-    assert too_close(scan, UPSIDE_DOWN, Twist2D(1.0, 0.5), CONFIG, HUSKY) is None
+def scan_of(ranges):
+    return Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, np.array(ranges))
 
 
 def test_what_is_too_near_to_measure_is_near():
     at_the_nose = Pose((NOSE - 0.05, 0.0, 0.2))
-    ranges = np.where(np.abs(np.linspace(-2.35619, 2.35619, 720)) < 0.1, -inf, inf)
-    scan = Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, ranges)
+    scan = scan_of(np.where(np.abs(np.linspace(-2.35619, 2.35619, 720)) < 0.1, -inf, inf))
     assert too_close(scan, at_the_nose, Twist2D(0.3, 0.0), CONFIG, HUSKY) == pytest.approx(0.05, abs=0.01)
 
 
-@pytest.mark.parametrize("ranges", [[], [inf] * 720, [np.nan] * 720])
-def test_where_nothing_is_measured_nothing_is_near(ranges):
-    scan = Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, np.array(ranges))
-    assert too_close(scan, UPSIDE_DOWN, Twist2D(1.0, 1.0), CONFIG, HUSKY) is None
+ITSELF = [inf] * 300 + [0.155 * 0.99] * 120 + [inf] * 300  # straight ahead of the lidar: within the outline
+
+
+@pytest.mark.parametrize("ranges", [ITSELF, [], [inf] * 720, [np.nan] * 720])
+def test_where_nothing_but_the_robot_itself_is_measured_nothing_is_near(ranges):
+    assert too_close(scan_of(ranges), UPSIDE_DOWN, Twist2D(1.0, 0.5), CONFIG, HUSKY) is None
 
 
 @pytest.mark.parametrize("miss", [inf, 0.0, np.nan, 30.0])
@@ -296,18 +289,13 @@ def p_control(stop_distance):
     return lambda scan: Twist2D(min(max(2.0 * (scan.ranges.min() - stop_distance), 0.0), 1.0), 0.0)
 
 
-def test_the_drive_to_the_pillar_and_the_stop_at_0_4_m_are_not_disturbed():
-    x, radius = 4.0, 0.2
-    poses, verdicts = drive(p_control(0.4), post(x, 0.0, radius), seconds=8.0)
-    assert not verdicts
-    assert gap(poses[-1], x, 0.0, radius) == pytest.approx(0.4 - (NOSE - 0.337), abs=0.01)
-
-
-def test_a_controller_that_would_not_stop_in_front_of_the_pillar_is_stopped():
-    x, radius = 4.0, 0.2
-    poses, verdicts = drive(p_control(0.0), post(x, 0.0, radius), seconds=8.0)
-    assert verdicts
-    assert gap(poses[-1], x, 0.0, radius) > 0.05
+def test_the_drive_to_the_pillar_is_disturbed_only_where_it_would_not_stop():
+    for stop_distance in (0.4, 0.0):
+        poses, verdicts = drive(p_control(stop_distance), post(4.0, 0.0, 0.2), seconds=8.0)
+        left = gap(poses[-1], 4.0, 0.0, 0.2)
+        assert bool(verdicts) is (stop_distance == 0.0)
+        assert left > 0.05
+        assert verdicts or left == pytest.approx(0.4 - (NOSE - 0.337), abs=0.01)
 
 
 # ---------------------------------------------------------------------------- latch
@@ -325,26 +313,26 @@ def run(story, latch=Latch()):  # noqa: B008
     return calls
 
 
-def test_one_danger_is_one_call_however_long_it_lasts():
-    assert run([(1.0, False, True), (0.4, True, True), (60.0, True, False)]) == [1.0]
+STOPPED = [(0.2, True, True), (5.0, False, False)]
 
 
-def test_without_danger_there_is_no_call():
-    assert run([(5.0, False, True), (5.0, False, False)]) == []
-
-
-def test_started_again_it_is_on_guard_again():
-    stopped = [(0.2, True, True), (5.0, False, False)]
-    assert run([*stopped, (1.0, False, True), (0.2, True, True)]) == [0.0, 6.2]
-    assert run([*stopped, (0.2, True, True)]) == [0.0, 5.2], "and at once if it is started into the danger"
-
-
-def test_started_again_at_once_after_it_stood_it_is_on_guard_at_once():
-    assert run([(0.2, True, True), (0.2, False, False), (0.2, True, True)]) == [0.0, 0.4]
-
-
-def test_started_again_while_it_still_brakes_it_is_on_guard_soon():
-    assert run([(0.2, True, True), (2.0, False, True), (0.2, True, True)]) == [0.0, 2.2]
+@pytest.mark.parametrize(
+    ("story", "calls"),
+    [
+        ([(1.0, False, True), (0.4, True, True), (60.0, True, False)], [1.0]),  # one danger is one call
+        ([(5.0, False, True), (5.0, False, False)], []),
+        # started again it is on guard again, at once if it is started into the danger
+        ([*STOPPED, (1.0, False, True), (0.2, True, True)], [0.0, 6.2]),
+        ([*STOPPED, (0.2, True, True)], [0.0, 5.2]),
+        # also at once after it stood, and soon while it still brakes
+        ([(0.2, True, True), (0.2, False, False), (0.2, True, True)], [0.0, 0.4]),
+        ([(0.2, True, True), (2.0, False, True), (0.2, True, True)], [0.0, 2.2]),
+        # a crash while it stands after the stop
+        ([(0.02, True, True), (1.0, False, False), (0.02, True, False)], [0.0]),
+    ],
+)
+def test_when_a_stop_is_called_for(story, calls):
+    assert run(story) == calls
 
 
 def test_a_robot_that_somebody_else_drives_on_is_called_out_once_a_second():
@@ -353,21 +341,5 @@ def test_a_robot_that_somebody_else_drives_on_is_called_out_once_a_second():
     assert np.diff(calls) == pytest.approx(1.0, abs=0.03)
 
 
-def test_a_crash_while_it_stands_after_the_stop_is_no_reason_to_call_again():
-    assert run([(0.02, True, True), (1.0, False, False), (0.02, True, False)]) == [0.0]
-
-
 def test_when_time_starts_again_so_does_the_guard():
     assert advance_latch(Latch(tripped_at=100.0, stood=True), True, False, 0.5) == (Latch(0.5), True)
-
-
-# ---------------------------------------------------------------------------- parameters
-
-
-@pytest.mark.parametrize(
-    ("file", "record"), [("proximity_stop", ProximityConfig), ("crash_stop", CrashConfig)]
-)
-def test_the_yaml_files_hold_the_defaults(file, record):
-    values = yaml.safe_load((CONFIG_FOLDER / f"{file}.yaml").read_text())
-    assert values.pop("start_stop_service_name") == "husky_highlevel_controller/start_stop"
-    assert read_config(values, f"{file}.yaml: ", record) == [record()]

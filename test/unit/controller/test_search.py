@@ -70,13 +70,16 @@ def test_the_search_widens_by_its_parameter():
     assert lengths == pytest.approx([0.5, 0.5, 1.0], abs=0.06)
 
 
-def test_it_turns_at_its_parameter_and_drives_at_half_a_metre_a_second():
-    assert search_on(Search(), Pose2D(), NOTHING, OUTLINE, CONFIG)[1] == Twist2D(0.0, 0.5)
-    assert search_on(Search(), Pose2D(), NOTHING, OUTLINE, replace(CONFIG, search_rate=0.3))[1] == Twist2D(
-        0.0, 0.3
-    )
-    leg = Search(leg=1, to_turn=0.0, to_drive=1.0)
-    assert search_on(leg, Pose2D(), NOTHING, OUTLINE, CONFIG)[1] == Twist2D(0.5, 0.0)
+@pytest.mark.parametrize(
+    ("search", "config", "twist"),
+    [
+        (Search(), CONFIG, Twist2D(0.0, 0.5)),
+        (Search(), replace(CONFIG, search_rate=0.3), Twist2D(0.0, 0.3)),
+        (Search(leg=1, to_turn=0.0, to_drive=1.0), CONFIG, Twist2D(0.5, 0.0)),
+    ],
+)
+def test_it_turns_at_its_parameter_and_drives_at_half_a_metre_a_second(search, config, twist):
+    assert search_on(search, Pose2D(), NOTHING, OUTLINE, config)[1] == twist
 
 
 @pytest.mark.parametrize(("clearance", "goes_on"), [(LOOK_AHEAD - 0.02, False), (LOOK_AHEAD + 0.02, True)])
@@ -106,35 +109,35 @@ def ranges_near(readings, laser=AWAY):
     return sorted(round(hypot(x - laser.position[0], y), 3) for x, y in points.tolist())
 
 
-def test_near_is_within_two_metres_of_the_lidar():
-    readings = {300: 1.95, 301: 1.95, 400: 2.05, 401: 2.05, 500: 0.5, 501: 0.5}
-    assert ranges_near(readings) == [0.5, 0.5, 1.95, 1.95]
+@pytest.mark.parametrize(
+    ("readings", "near"),
+    [
+        ({300: 1.95, 301: 1.95, 400: 2.05, 401: 2.05, 500: 0.5, 501: 0.5}, [0.5, 0.5, 1.95, 1.95]),
+        ({300: 1.0}, []),
+        ({300: 1.0, 302: 1.0}, [1.0, 1.0]),  # one beam between them may be missing
+        ({300: 1.0, 303: 1.0}, []),
+        ({300: 1.0, 301: 1.19}, [1.0, 1.19]),
+        ({300: 1.0, 301: 1.21}, []),  # another body
+        ({300: 1.0, 301: 1.0, 302: 1.5, 400: 0.5}, [1.0, 1.0]),
+    ],
+)
+def test_near_is_within_two_metres_of_the_lidar_and_no_speckle(readings, near):
+    assert ranges_near(readings) == near
 
 
-def test_a_return_without_a_neighbour_is_speckle():
-    assert ranges_near({300: 1.0}) == []
-    assert ranges_near({300: 1.0, 302: 1.0}) == [1.0, 1.0], "one beam between them may be missing"
-    assert ranges_near({300: 1.0, 303: 1.0}) == []
-    assert ranges_near({300: 1.0, 301: 1.19}) == [1.0, 1.19]
-    assert ranges_near({300: 1.0, 301: 1.21}) == [], "another body"
-    assert ranges_near({300: 1.0, 301: 1.0, 302: 1.5, 400: 0.5}) == [1.0, 1.0]
+AHEAD = [(SICK.beams - 1) // 2, (SICK.beams + 1) // 2]  # the two middle beams
 
 
 @pytest.mark.parametrize(("beyond", "kept"), [(0.007, 0), (0.015, 2)])
 def test_returns_within_a_centimetre_of_the_outline_are_the_robot_itself(beyond, kept):
-    laser = Pose()
-    middle = (SICK.beams - 1) / 2.0
-    beams = [int(middle), int(middle) + 1]
-    assert (
-        len(near_points(scan_with(dict.fromkeys(beams, HALF_LENGTH + beyond)), laser, None, OUTLINE)) == kept
-    )
+    scan = scan_with(dict.fromkeys(AHEAD, HALF_LENGTH + beyond))
+    assert len(near_points(scan, Pose(), None, OUTLINE)) == kept
 
 
 @pytest.mark.parametrize(("off", "kept"), [(0.12, 0), (0.18, 2)])
 def test_what_is_within_15_cm_of_the_pillar_is_not_in_the_way_to_it(off, kept):
     target = target_at((6.5, 0.0), 0.2, AWAY, OUTLINE)
-    middle = (SICK.beams - 1) / 2.0
-    scan = scan_with(dict.fromkeys([int(middle), int(middle) + 1], 1.5 - 0.2 - off))
+    scan = scan_with(dict.fromkeys(AHEAD, 1.5 - 0.2 - off))
     assert len(near_points(scan, AWAY, target, OUTLINE)) == kept
     assert len(near_points(scan, AWAY, None, OUTLINE)) == 2
 
