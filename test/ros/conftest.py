@@ -29,7 +29,7 @@ def scripts_of(test_file):
         else:
             yield HERE / test.get("type")
     for include in tree.iter("include"):
-        if include.get("file").endswith(".test"):
+        if "/test/ros/" in include.get("file"):
             yield from scripts_of(HERE / Path(include.get("file")).name)
 
 

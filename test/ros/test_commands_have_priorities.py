@@ -63,13 +63,6 @@ class CommandsHavePriorities(RosTest):
         stop.publish(False)
         self.wait_for_speed(CONTROLLER, "it drives again")
 
-    def test_the_velocity_controller_may_be_commanded_directly_and_stays_within_its_limits(self):
-        self.send("husky_velocity_controller/cmd_vel", 5.0)
-        self.wait_for_speed(1.0, "it drives as fast as it may")
-        speeds = [(stamp(msg), msg.twist.linear.x) for msg in self.out]
-        hardest = max((b[1] - a[1]) / (b[0] - a[0]) for a, b in zip(speeds, speeds[1:]) if b[0] > a[0])
-        self.assertLess(hardest, 3.01, "m/s^2")
-
     def test_two_that_command_on_one_topic_are_named(self):
         log = self.remember("rosout", Log)
         self.send("cmd_vel", CONTROLLER)

@@ -1,7 +1,7 @@
 """The simulated Husky: what its motion, grip and lidar mean, and that it repeats itself."""
 
 from dataclasses import replace
-from math import cos, hypot, inf, nan, pi, radians, sin, sqrt
+from math import cos, hypot, inf, pi, radians, sin, sqrt
 
 import numpy as np
 import pytest
@@ -23,7 +23,6 @@ from husky_highlevel_controller.datatypes import (
 from husky_highlevel_controller.geometry import quat_from_rpy, rotate, yaw_from_quat
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.simulator.bullet.world import PlacementError
-from husky_highlevel_controller.simulator.diff_drive import CommandError
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
 from husky_highlevel_controller.simulator.profile import RobotProfile
 from husky_highlevel_controller.simulator.simulation import Simulation
@@ -105,11 +104,10 @@ def test_it_drives_the_same_way_whichever_way_it_faces(simulate):
 def test_standing_it_neither_creeps_nor_shivers(simulate):
     simulation = simulate()
     before = drive(simulation, 2.0)[-1].robot.pose_in_world
-    poses = [snapshot.robot.pose_in_world for snapshot in drive(simulation, 60.0)[::50]]
-    away = np.array([pose.position for pose in poses]) - before.position
-    turned = np.array([pose.quat_xyzw for pose in poses]) - before.quat_xyzw
-    assert np.abs(away).max() < 1e-4
-    assert 2.0 * np.abs(turned).max() < 1e-4
+    for snapshot in drive(simulation, 60.0)[::50]:
+        pose = snapshot.robot.pose_in_world
+        assert pose.position == pytest.approx(before.position, abs=1e-4)
+        assert pose.quat_xyzw == pytest.approx(before.quat_xyzw, abs=5e-5)
 
 
 def test_on_its_side_it_lies(simulate):
@@ -162,11 +160,11 @@ def test_parked_on_a_ramp_it_stays(heading, simulate):
     assert np.linalg.norm(after - before) / 20.0 < 1e-3
 
 
-def test_it_climbs_a_ramp(simulate):
-    ramp = body("ramp", Box((6.0, 3.0, 0.2)), x=4.5, z=0.25, rpy=(0.0, -radians(7.0), 0.0))
-    snapshots = drive(simulate(ramp), 6.0, 0.8)
-    assert snapshots[-1].robot.pose_in_world.position[2] > 0.3
+def test_it_climbs_a_ramp_onto_the_platform(simulate):
+    snapshots = drive(simulate(load_world(share_folder() / "worlds" / "ramp.world")), 9.0, 0.8)
+    assert snapshots[-1].robot.pose_in_world.position[2] == pytest.approx(0.485 + 0.1323, abs=2e-3)
     assert snapshots[-1].robot.velocity_in_base[0] == pytest.approx(0.8, rel=0.05)
+    assert snapshots[-1].contacts == ()
 
 
 def test_a_wheel_in_the_air_has_no_grip(simulate):
@@ -189,15 +187,6 @@ def test_it_brakes_when_commands_stop(simulate):
     speeds = [snapshot.robot.velocity_in_base[0] for snapshot in snapshots]
     assert speeds[20] == pytest.approx(1.0, abs=0.02), "0.1 s later it still drives"
     assert abs(speeds[-1]) < 1e-3, "0.8 s later it stands"
-
-
-def test_a_bad_command_is_refused_and_the_one_before_stays(simulate):
-    simulation = simulate()
-    drive(simulation, 1.0, 0.5)
-    for bad in (Twist2D(nan, 0.0), Twist2D(0.0, inf)):
-        with pytest.raises(CommandError, match="not finite"):
-            simulation.command(bad)
-    assert simulation.step().robot.velocity_in_base[0] == pytest.approx(0.5, rel=0.02)
 
 
 def test_it_pushes_a_box_and_says_what_it_touches(simulate):
@@ -242,31 +231,18 @@ def test_the_lidar_sees_both_goals_of_the_football_field_and_nothing_else(simula
     assert seen.max() < 5.5
 
 
-def test_it_climbs_the_ramp_onto_the_platform(simulate):
-    ramp = simulate(load_world(share_folder() / "worlds" / "ramp.world"))
-    last = drive(ramp, 9.0, 0.8)[-1]
-    assert last.robot.pose_in_world.position[2] == pytest.approx(0.485 + 0.1323, abs=2e-3)
-    assert last.contacts == ()
-
-
 def test_a_thing_stays_whole_when_its_shape_is_off_its_origin(simulate):
-    parts = (
-        Geometry(Box((0.2, 0.2, 0.2)), Pose((1.0, 0.0, 0.1))),
-        Geometry(Sphere(0.1), Pose((1.0, 0.5, 0.1))),
-    )
-    dumbbell = Body("dumbbell", Pose((3.0, 0.0, 0.0)), parts, (), 1.0)
-    simulation = simulate(dumbbell)
+    box = Geometry(Box((0.2, 0.2, 0.2)), Pose((1.0, 0.0, 0.1)))
+    ball = Geometry(Sphere(0.1), Pose((1.0, 0.5, 0.1)))
+    simulation = simulate(Body("dumbbell", Pose((3.0, 0.0, 0.0)), (box, ball), (), 1.0))
     assert simulation.pose_of("dumbbell").position == pytest.approx((3.0, 0.0, 0.0))
     drive(simulation, 2.0)
     assert simulation.pose_of("dumbbell").position == pytest.approx((3.0, 0.0, 0.0), abs=5e-3)
 
 
-def test_a_plane_that_could_move_is_refused(simulate):
+def test_a_plane_that_could_move_and_an_unknown_thing_are_refused(simulate):
     with pytest.raises(PlacementError, match=r"'tray' is a plane that can move \(1.0 kg\)"):
         simulate(body("tray", Plane((0.0, 0.0, 1.0), (1.0, 1.0)), mass=1.0))
-
-
-def test_an_unknown_thing_is_answered_with_those_there_are(simulate):
     with pytest.raises(PlacementError, match="no body named 'pilar'; there are: ground, pillar"):
         simulate(body("pillar", Sphere(0.1))).pose_of("pilar")
 
@@ -306,13 +282,9 @@ def test_scans_come_at_their_rate_with_the_noise_asked_for(simulate):
 
 
 @pytest.mark.parametrize("angular", [0.0, 1.0])
-def test_it_never_sees_itself(angular, simulate):
-    simulation = simulate(robot=HUSKY)
-    for snapshot in drive(simulation, 3.0, 0.5, angular):
+def test_it_never_sees_itself_and_without_a_lidar_there_is_no_scan(angular, simulate):
+    for snapshot in drive(simulate(robot=HUSKY), 3.0, 0.5, angular):
         assert snapshot.scan is None or np.all(snapshot.scan.ranges == inf)
-
-
-def test_without_a_lidar_there_is_no_scan(simulate):
     assert all(snapshot.scan is None for snapshot in drive(simulate(), 0.5))
 
 
@@ -334,11 +306,16 @@ def trace(simulation):
     return np.array(rows).tobytes()
 
 
-def test_the_same_seed_gives_the_same_run_to_the_last_bit(simulate):
+def test_the_same_seed_gives_the_same_run_to_the_last_bit_also_after_a_reset(simulate):
     box = body("box", Box((0.3, 0.3, 1.0)), x=1.5, y=0.4, z=0.5, mass=2.0)
-    first, second = (trace(simulate(box, robot=HUSKY, seed=5)) for _ in range(2))
-    assert first == second
+    simulation = simulate(box, robot=HUSKY, seed=5)
+    first = trace(simulation)
+    assert trace(simulate(box, robot=HUSKY, seed=5)) == first
     assert trace(simulate(box, robot=HUSKY, seed=6)) != first
+    simulation.step()  # sensors' periods begin anew too
+    simulation.reset()
+    assert simulation.stamp == pytest.approx(4.005), "time never goes back"
+    assert trace(simulation) == first
 
 
 @pytest.mark.parametrize("is_real", [False, True])
@@ -353,23 +330,13 @@ def test_a_look_before_the_first_step_shows_the_pillar_and_changes_nothing(is_re
     assert trace(first) == trace(second)
 
 
-def test_a_reset_gives_the_first_run_again_to_the_last_bit(simulate):
-    simulation = simulate(
-        body("box", Box((0.3, 0.3, 1.0)), x=1.5, y=0.4, z=0.5, mass=2.0), robot=HUSKY, seed=5
-    )
-    first = trace(simulation)
-    simulation.step()  # sensors' periods begin anew too
-    simulation.reset()
-    assert simulation.stamp == pytest.approx(4.005), "time never goes back"
-    assert trace(simulation) == first
-
-
-@pytest.mark.parametrize(("rate", "steps"), [(50, 4), (200, 1), (1, 200), (40, 5)])
-def test_periods_are_whole_numbers_of_steps(rate, steps):
-    assert steps_per(rate, 200, "scan_rate") == steps
-
-
-@pytest.mark.parametrize("rate", [60, 201, 400, 150])
-def test_a_period_that_is_not_a_multiple_of_the_step_is_refused(rate, simulate):
+@pytest.mark.parametrize(
+    ("rate", "steps"),
+    [(50, 4), (200, 1), (1, 200), (40, 5), (60, None), (201, None), (400, None), (150, None)],
+)
+def test_a_period_is_a_whole_number_of_steps_or_is_refused(rate, steps, simulate):
+    if steps:
+        assert steps_per(rate, 200, "scan_rate") == steps
+        return
     with pytest.raises(HuskyError, match=f"scan_rate = {rate} Hz does not divide physics_rate = 200 Hz"):
         simulate(config=replace(simulator_config(), scan_rate=rate))

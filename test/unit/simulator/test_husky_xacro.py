@@ -28,16 +28,14 @@ from husky_highlevel_controller.urdf import DescriptionError
 
 # parents in the Noetic Husky's TF tree
 TREE = {
+    **{
+        f"{side}_wheel_link": "base_link" for side in ("front_left", "front_right", "rear_left", "rear_right")
+    },
+    **{f"{part}_bumper_link": "base_link" for part in ("front", "rear")},
     "base_footprint": "base_link",
     "inertial_link": "base_link",
     "imu_link": "base_link",
-    "front_left_wheel_link": "base_link",
-    "front_right_wheel_link": "base_link",
-    "rear_left_wheel_link": "base_link",
-    "rear_right_wheel_link": "base_link",
     "top_chassis_link": "base_link",
-    "front_bumper_link": "base_link",
-    "rear_bumper_link": "base_link",
     "user_rail_link": "base_link",
     "top_plate_link": "base_link",
     "top_plate_front_link": "top_plate_link",
@@ -75,32 +73,44 @@ def fixed_to_base(link, inside="", origin=""):
 # ---------------------------------------------------------------------------- the URDF
 
 
-def test_the_tree_of_frames_is_the_noetic_huskys():
+def test_the_tree_of_frames_is_the_noetic_huskys_and_its_root_weighs_nothing():
     robot = ET.fromstring(HUSKY)
     parents = {j.find("child").get("link"): j.find("parent").get("link") for j in robot.findall("joint")}
     assert parents == TREE
     assert {link.get("name") for link in robot.findall("link")} == {"base_link", *TREE}
+    assert robot.find("link[@name='base_link']/inertial") is None, "which KDL would ignore"
 
 
-def test_the_root_weighs_nothing_so_that_kdl_has_nothing_to_ignore():
-    base = ET.fromstring(HUSKY).find("link[@name='base_link']")
-    assert base.find("inertial") is None
+@pytest.mark.parametrize(
+    ("arguments", "frame", "position", "axes"),
+    [
+        ({}, "front_laser", (0.3370, 0.0, 0.30795), (1.0, -1.0, -1.0)),  # upside down, as the real one hangs
+        ({"laser_tower": False}, "front_laser", (0.3568, 0.0, 0.28785), (1.0, 1.0, 1.0)),
+        (
+            {},
+            "base_footprint",
+            (0.0, 0.0, -0.13228),
+            (1.0, 1.0, 1.0),
+        ),  # a wheel's radius less its axle's height
+    ],
+)
+def test_frames_are_where_the_real_robot_has_them(arguments, frame, position, axes):
+    pose = robot_model(robot_description(**arguments)).fixed_poses[frame]
+    assert pose.position == pytest.approx(position)
+    assert matrix_from_quat(pose.quat_xyzw) == pytest.approx(np.diag(axes), abs=1e-12)
 
 
-def test_the_lidar_hangs_upside_down_where_the_real_one_does():
-    pose = robot_model(HUSKY).fixed_poses["front_laser"]
-    assert pose.position == pytest.approx((0.3370, 0.0, 0.30795))
-    assert matrix_from_quat(pose.quat_xyzw) == pytest.approx(np.diag([1.0, -1.0, -1.0]), abs=1e-12)
-
-
-def test_without_a_tower_the_lidar_stands_upright():
-    pose = robot_model(robot_description(laser_tower=False)).fixed_poses["front_laser"]
-    assert pose.position == pytest.approx((0.3568, 0.0, 0.28785))
-    assert matrix_from_quat(pose.quat_xyzw) == pytest.approx(np.eye(3))
-
-
-def test_base_link_is_a_wheel_radius_minus_the_axle_height_above_the_ground():
-    assert robot_model(HUSKY).fixed_poses["base_footprint"].position == pytest.approx((0.0, 0.0, -0.13228))
+@pytest.mark.parametrize(
+    ("arguments", "mass", "frames"),
+    [
+        ({"laser_enabled": False}, 56.582, []),
+        ({"laser_prefix": "rear"}, 57.682, ["rear_laser_mount", "rear_laser"]),
+    ],
+)
+def test_the_lidar_can_be_left_out_and_its_frames_be_renamed(arguments, mass, frames):
+    model = robot_model(robot_description(**arguments))
+    assert model.mass == pytest.approx(mass)
+    assert [frame for frame in model.fixed_poses if "laser" in frame] == frames
 
 
 def test_a_wheel_turns_about_its_axle_from_where_its_joint_puts_it():
@@ -111,17 +121,6 @@ def test_a_wheel_turns_about_its_axle_from_where_its_joint_puts_it():
     pose = wheel.pose_at(0.2)
     assert pose.position == pytest.approx(tuple(map(float, origin.get("xyz").split())))
     assert pose.quat_xyzw == pytest.approx((0.0, sin(0.25), 0.0, cos(0.25)))
-
-
-def test_a_husky_without_lidar_is_lighter_and_has_no_laser_frame():
-    model = robot_model(robot_description(laser_enabled=False))
-    assert model.mass == pytest.approx(56.582)
-    assert not [frame for frame in model.fixed_poses if "laser" in frame]
-
-
-def test_the_prefix_names_the_lidars_frames():
-    poses = robot_model(robot_description(laser_prefix="rear")).fixed_poses
-    assert [frame for frame in poses if "laser" in frame] == ["rear_laser_mount", "rear_laser"]
 
 
 def test_every_mesh_is_a_file_that_exists():
@@ -139,14 +138,11 @@ def test_the_wheels_one_sees_touch_the_ground():
     assert np.abs(corners * scale).max(axis=0) == pytest.approx((0.1651, 0.0572, 0.1651), abs=2e-4)
 
 
-def test_without_meshes_the_robot_is_drawn_with_plain_shapes():
-    robot = ET.fromstring(robot_description(meshes=""))
-    assert not list(robot.iter("mesh"))
-    assert len(list(robot.iter("visual"))) > 15
-
-
-def test_looks_do_not_change_the_physics():
-    assert robot_model(robot_description(meshes="")).physics_urdf == robot_model(HUSKY).physics_urdf
+def test_without_meshes_the_robot_is_drawn_with_plain_shapes_and_is_the_same_in_physics():
+    plain = robot_description(meshes="")
+    assert not list(ET.fromstring(plain).iter("mesh"))
+    assert len(list(ET.fromstring(plain).iter("visual"))) > 15
+    assert robot_model(plain).physics_urdf == robot_model(HUSKY).physics_urdf
 
 
 def test_the_meshes_are_looked_for_without_loading_pybullets_data_package():
@@ -164,19 +160,16 @@ def test_where_pybullet_is_not_installed_there_are_no_meshes(monkeypatch):
     assert mesh_uri() == ""
 
 
-def test_an_installed_module_finds_the_data_beside_its_library(monkeypatch, tmp_path):
+def test_an_installed_module_finds_the_data_beside_its_library_or_reports_the_places_searched(
+    monkeypatch, tmp_path
+):
     module = tmp_path / "lib/python3/dist-packages/husky_highlevel_controller/paths.py"
     share = tmp_path / "share/husky_highlevel_controller"
-    (share / "urdf").mkdir(parents=True)
-    monkeypatch.setattr("husky_highlevel_controller.paths.__file__", str(module))
-    assert share_folder() == share.resolve()
-
-
-def test_missing_data_is_reported_with_the_places_searched(monkeypatch, tmp_path):
-    module = tmp_path / "lib/python3/dist-packages/husky_highlevel_controller/paths.py"
     monkeypatch.setattr("husky_highlevel_controller.paths.__file__", str(module))
     with pytest.raises(HuskyError, match=r"no folder urdf/ in .*share/husky_highlevel_controller"):
         share_folder()
+    (share / "urdf").mkdir(parents=True)
+    assert share_folder() == share.resolve()
 
 
 # ---------------------------------------------------------------------------- the command
@@ -250,16 +243,13 @@ def test_the_rigid_body_is_the_published_base_lidar_and_wheels_together():
 
 
 def test_the_wheels_are_the_published_ones():
-    model = robot_model(HUSKY)
-    assert [wheel.joint for wheel in model.wheels] == list(WHEEL_JOINTS)
-    assert [wheel.position for wheel in model.wheels] == [
-        (0.256, 0.2854, 0.03282),
-        (0.256, -0.2854, 0.03282),
-        (-0.256, 0.2854, 0.03282),
-        (-0.256, -0.2854, 0.03282),
-    ]
-    assert {(w.radius, w.width) for w in model.wheels} == {(0.1651, 0.1143)}
-    assert {(w.mass, w.axial_inertia) for w in model.wheels} == {(2.637, 0.04411)}
+    wheels = robot_model(HUSKY).wheels
+    assert [wheel.joint for wheel in wheels] == list(WHEEL_JOINTS)
+    places = [(x, y, 0.03282) for x in (0.256, -0.256) for y in (0.2854, -0.2854)]
+    assert [wheel.position for wheel in wheels] == places
+    assert {(w.radius, w.width, w.mass, w.axial_inertia) for w in wheels} == {
+        (0.1651, 0.1143, 2.637, 0.04411)
+    }
 
 
 def test_mass_and_inertia_include_the_wheels():
@@ -345,20 +335,15 @@ def load(tmp_path):
         engine.close()
 
 
-def test_the_engine_has_mass_centre_and_inertia_of_the_model(load):
+def test_the_engine_has_one_body_with_mass_centre_and_inertia_of_the_model(load):
     engine = load(robot_model(HUSKY))
     model = engine.model
-    assert engine.base[0] == pytest.approx(model.mass)
+    assert pybullet.getNumJoints(engine.robot, physicsClientId=engine.client) == 0
+    assert engine.base[0] == pytest.approx(model.mass) == pytest.approx(46.034 + 1.1 + 4 * 2.637)
     assert engine.base[3] == pytest.approx(model.com)
     assert sorted(engine.base[2]) == pytest.approx(np.linalg.eigvalsh(model.inertia))
     axes = matrix_from_quat(engine.base[4])
     assert axes @ np.diag(engine.base[2]) @ axes.T == pytest.approx(model.inertia, abs=1e-9)
-
-
-def test_the_engine_has_one_body_that_weighs_all(load):
-    engine = load(robot_model(HUSKY))
-    assert pybullet.getNumJoints(engine.robot, physicsClientId=engine.client) == 0
-    assert engine.base[0] == pytest.approx(46.034 + 1.1 + 4 * 2.637)
 
 
 @pytest.mark.parametrize(
@@ -369,20 +354,14 @@ def test_the_engine_has_one_body_that_weighs_all(load):
         ((2, 0, 0.2), (-2, 0, 0.2), (0.39496, 0, 0.2)),  # upper body
         ((0, 0, 2), (0, 0, -2), (0, 0, 0.2513)),  # top plate
         ((0, 0, -2), (0, 0, 2), (0, 0, 0)),  # underside
-        ((0.256, 0.2854, -2), (0.256, 0.2854, 2), (0.256, 0.2854, -0.13228)),
+        ((0.256, 0.2854, -2), (0.256, 0.2854, 2), (0.256, 0.2854, -0.13228)),  # a wheel's tread
+        ((0.256, 0.3354, -2), (0.256, 0.3354, 2), (0.256, 0.3354, 0.03282 - 0.1601)),  # which is round
         ((-0.256, -2, 0), (-0.256, 2, 0), (-0.256, -0.34255, 0)),
     ],
 )
 def test_the_shapes_are_where_the_robots_are(start, end, point, load):
     engine = load(robot_model(HUSKY))
     assert engine.hit(start, end)[3] == pytest.approx(point, abs=1e-5)
-
-
-def test_a_wheel_stands_on_the_middle_of_its_tread(load):
-    engine = load(robot_model(HUSKY))
-    for across, radius in ((0.0, 0.1651), (0.05, 0.1601)):
-        hit = engine.hit((0.256, 0.2854 + across, -2), (0.256, 0.2854 + across, 2))
-        assert hit[3][2] == pytest.approx(0.03282 - radius, abs=1e-5)
 
 
 def test_collision_meshes_are_left_out():
@@ -472,22 +451,16 @@ def test_a_description_physics_cannot_use_is_refused_by_name_and_value(text, wor
     assert words in str(refusal.value)
 
 
-def test_the_variables_of_the_husky_s_launch_files_move_the_lidar(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["robot_description"])
+def test_the_variables_of_the_husky_s_launch_files_move_the_lidar(monkeypatch, command, capsys):
     monkeypatch.setenv("HUSKY_LMS1XX_XYZ", "0.3 0.1 0.2")
     monkeypatch.setenv("HUSKY_LMS1XX_RPY", "0 0 0.5")
-    main()
-    moved = robot_model(capsys.readouterr().out).fixed_poses["front_laser_mount"]
+    moved = robot_model(command().out).fixed_poses["front_laser_mount"]
     usual = robot_model(HUSKY).fixed_poses["front_laser_mount"]
     assert np.subtract(moved.position, usual.position) == pytest.approx((0.0794, 0.1, 0.19365))
     assert moved.quat_xyzw == pytest.approx((0.0, 0.0, sin(0.25), cos(0.25)))
-
-
-def test_a_place_of_the_lidar_that_is_none_is_refused(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["robot_description"])
     monkeypatch.setenv("HUSKY_LMS1XX_XYZ", "0.3 0.1")
     with pytest.raises(SystemExit):
-        main()
+        command()
     assert "HUSKY_LMS1XX_XYZ" in capsys.readouterr().err
 
 

@@ -27,18 +27,22 @@ from husky_highlevel_controller.ros.web.viser_private import LoopEvent
 AHEAD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.8)
 
 
-def test_a_held_command_goes_on_and_stops_once_when_let_go():
+@pytest.fixture
+def hold():
+    """Page 1 drives ahead since 0 s."""
     hold = HoldToDrive()
     assert hold.command(0.0) is None
     hold.hold(1, AHEAD, 0.0)
+    return hold
+
+
+def test_a_held_command_goes_on_and_stops_once_when_let_go(hold):
     assert hold.command(0.1) == AHEAD
     hold.hold(1, STOP, 0.15)
     assert [hold.command(0.2), hold.command(0.25)] == [STOP, None]
 
 
-def test_a_page_that_is_silent_or_gone_stops_the_robot():
-    hold = HoldToDrive()
-    hold.hold(1, AHEAD, 0.0)
+def test_a_page_that_is_silent_or_gone_stops_the_robot(hold):
     assert hold.command(EXPIRY - 0.01) == AHEAD
     assert hold.command(EXPIRY + 0.01) == STOP
     hold.hold(1, AHEAD, 1.0)
@@ -47,9 +51,7 @@ def test_a_page_that_is_silent_or_gone_stops_the_robot():
     assert not hold.is_active
 
 
-def test_the_page_that_took_hold_first_drives():
-    hold = HoldToDrive()
-    hold.hold(1, AHEAD, 0.0)
+def test_the_page_that_took_hold_first_drives(hold):
     hold.hold(2, TURN, 0.1)
     hold.release(2)
     assert hold.command(0.2) == AHEAD
@@ -57,13 +59,15 @@ def test_the_page_that_took_hold_first_drives():
     assert hold.command(1.0) == TURN
 
 
-@pytest.mark.parametrize("value", ["1", None, True, float("nan"), float("inf"), [1]])
-def test_what_is_no_number_moves_no_axis(value):
-    assert clamp_axis(value) is None
-
-
-def test_an_axis_is_limited_to_full_speed():
-    assert (clamp_axis(3), clamp_axis(-0.5), clamp_axis(10**400)) == (1.0, -0.5, 1.0)
+@pytest.mark.parametrize(
+    ("value", "axis"),
+    [
+        *[(value, None) for value in ("1", None, True, float("nan"), float("inf"), [1])],
+        *[(3, 1.0), (-0.5, -0.5), (10**400, 1.0)],
+    ],
+)
+def test_an_axis_is_a_number_limited_to_full_speed(value, axis):
+    assert clamp_axis(value) == axis
 
 
 def test_junk_on_the_drive_channel_is_no_message():
@@ -94,16 +98,9 @@ def test_who_may_come_in(headers, path, is_loopback, token, words):
     assert (reason is None) if words is None else (words in reason)
 
 
-def entry(name, kind, low, high, default, **more):
-    return {
-        "name": name,
-        "type": kind,
-        "min": low,
-        "max": high,
-        "default": default,
-        "description": "",
-        **more,
-    }
+def entry(name, kind, low, high, default, description="", **more):
+    shown = dict(name=name, type=kind, min=low, max=high, default=default, description=description)
+    return {**shown, **more}
 
 
 DESCRIPTION = {
@@ -161,11 +158,16 @@ def line(text, level="info", node="/robot", stamp=1.0):
     return SimpleNamespace(level=LEVELS[level], header=header, name=node, msg=text)
 
 
-def test_the_log_is_filtered_newest_first_and_capped():
+def log_of(*lines):
     log = LogBuffer()
-    for number in range(CAPACITY + 10):
-        log.add(line(f"line {number}"))
-    log.add(line("Pillar lost", "warn", "/controller"))
+    for each in lines:
+        log.add(each)
+    return log
+
+
+def test_the_log_is_filtered_newest_first_and_capped():
+    numbered = (line(f"line {number}") for number in range(CAPACITY + 10))
+    log = log_of(*numbered, line("Pillar lost", "warn", "/controller"))
     assert [item.text for item in log.select(Filter())[:2]] == ["Pillar lost", f"line {CAPACITY + 9}"]
     assert len(log.select(Filter())) == SHOWN
     assert [item.text for item in log.select(Filter(level=LEVELS["warn"]))] == ["Pillar lost"]
@@ -173,19 +175,15 @@ def test_the_log_is_filtered_newest_first_and_capped():
     assert log.select(Filter(text="line 3 ")) == []
 
 
-def test_huge_lines_of_the_log_are_cut_and_few():
-    log = LogBuffer()
-    for _ in range(20):
-        log.add(line("x" * 200_000))
-    assert len(to_html(log.select(Filter()))) < 40_000
-
-
-def test_a_line_of_the_log_is_never_markup():
-    log = LogBuffer()
-    log.add(line("<script>alert(1)</script>", node="/<b>"))
-    html = to_html(log.select(Filter()))
+def test_lines_of_the_log_are_cut_are_never_markup_and_show_the_time_of_day_where_it_is_wall_time():
+    assert len(to_html(log_of(*[line("x" * 200_000)] * 20).select(Filter()))) < 40_000
+    hostile = line("<script>alert(1)</script>", node="/<b>")
+    times = (line("a", stamp=12.5), line("a", stamp=1700000000.0))
+    html = to_html(log_of(hostile, *times).select(Filter()))
     assert "<script>" not in html
     assert "/<b>" not in html
+    assert ">12.50<" in html
+    assert ">22:13:20<" in html
 
 
 def test_a_curve_keeps_its_window_and_begins_anew_when_time_runs_backwards():
@@ -210,11 +208,12 @@ def test_a_rate_is_the_growth_over_the_last_seconds():
     assert rate.value is None
 
 
-def test_a_click_meets_the_ground_below_the_horizon_only():
-    assert point_on_level((0, 0, 2), (1, 0, -1), 0.5) == pytest.approx((1.5, 0.0, 0.5))
-    assert point_on_level((0, 0, 2), (1, 0, 1), 0.0) is None
-    assert point_on_level((0, 0, 2), (1, 0, 0), 0.0) is None
-    assert point_on_level((0, 0, 2), (1, 0, -1e-4), 0.0) is None
+@pytest.mark.parametrize(
+    ("down", "level", "point"),
+    [(-1, 0.5, (1.5, 0.0, 0.5)), (1, 0.0, None), (0, 0.0, None), (-1e-4, 0.0, None)],
+)
+def test_a_click_meets_the_ground_below_the_horizon_only(down, level, point):
+    assert point_on_level((0, 0, 2), (1, 0, down), level) == (point and pytest.approx(point))
 
 
 def test_a_chart_draws_gaps_as_gaps_and_survives_nothing():
@@ -275,16 +274,6 @@ def test_a_number_that_rounds_to_nothing_has_no_sign():
     assert [fixed(value, 2) for value in (-0.001, 0.0, -0.01, 1.005, -12.0)] == [
         "0.00", "0.00", "-0.01", "1.00", "-12.00",
     ]  # fmt: skip
-
-
-def test_a_log_line_of_wall_time_shows_the_time_of_day():
-    buffer = LogBuffer()
-    for stamp in (12.5, 1700000000.0):
-        header = SimpleNamespace(stamp=SimpleNamespace(to_sec=lambda stamp=stamp: stamp))
-        buffer.add(SimpleNamespace(level=LEVELS["info"], header=header, name="/a", msg="b"))
-    html = to_html(buffer.select(Filter()))
-    assert ">12.50<" in html
-    assert ">22:13:20<" in html
 
 
 def test_a_saved_page_holds_the_recording_and_not_the_script_that_drives():
