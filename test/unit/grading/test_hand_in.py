@@ -123,17 +123,53 @@ def archive(path, files):
     return path
 
 
-def opened(folder, tmp_path):
-    (hand_in,) = find_hand_ins(folder)
-    scratch = tmp_path / "scratch"
-    scratch.mkdir()
-    return open_hand_in(hand_in, scratch)
+def opened(ann):
+    return open_hand_in(HandIn("ann", ann), ann.parents[1])
 
 
-def chosen(folder, tmp_path, exercise=3):
-    contents = opened(folder, tmp_path)
+def chosen(ann, exercise=3):
+    contents = opened(ann)
     packages, notes = choose_packages(contents.packages, exercise)
     return contents, packages, [*contents.notes, *notes]
+
+
+def launch_files(ann):
+    """Launch files that start something, the chosen one first."""
+    contents, packages, _ = chosen(ann)
+    return choose_launch_files(contents, packages, 3)
+
+
+def copied(ann, tmp_path):
+    """Folders of the copy that is built, and notes on it."""
+    _, packages, _ = chosen(ann)
+    return copy_packages(packages, tmp_path / "ws")
+
+
+def refused(archive_file, words, to, **allowance):
+    to.mkdir(exist_ok=True)
+    with pytest.raises(ArchiveError, match=words):
+        unpack(archive_file, to, Allowance(**allowance))
+
+
+@pytest.fixture
+def ann(tmp_path):
+    """The hand-in of the only student of a class."""
+    folder = tmp_path / "class" / "ann"
+    folder.mkdir(parents=True)
+    return folder
+
+
+@pytest.fixture
+def husky(ann):
+    """Her package, which is all that she hands in."""
+    return package(ann / "husky", "husky")
+
+
+@pytest.fixture
+def batch(ann, tmp_path):
+    """The class of a student who hands in no package."""
+    put(ann / "readme.txt", "no package")
+    return Batch(ann.parent, tmp_path / "out")
 
 
 # ---------------------------------------------------------------------------- what is one
@@ -154,36 +190,32 @@ def test_each_folder_and_archive_of_a_class_is_one_student(tmp_path):
         find_hand_ins(tmp_path)
 
 
-def test_a_folder_that_is_a_package_is_one_hand_in(tmp_path):
-    package(tmp_path / "ann", "one")
-    assert [each.name for each in find_hand_ins(tmp_path / "ann")] == ["ann"]
+def test_a_folder_that_is_a_package_is_one_hand_in(husky):
+    assert [each.name for each in find_hand_ins(husky)] == ["husky"]
 
 
-def test_packages_are_found_in_folders_and_in_archives_inside(tmp_path):
+def test_packages_are_found_in_folders_and_in_archives_inside(ann):
     for place in ("build/a", "devel/b", "src/c/inner", "src/c", "src/d"):
-        package(tmp_path / "class" / "ann" / place, place.split("/")[-1])
-    archive(tmp_path / "class" / "ann" / "e.zip", {"e/package.xml": MANIFEST.format("e", "", "")})
-    put(tmp_path / "class" / "ann" / "f.zip", "no archive")
-    contents = opened(tmp_path / "class", tmp_path)
+        package(ann / place, place.split("/")[-1])
+    archive(ann / "e.zip", {"e/package.xml": MANIFEST.format("e", "", "")})
+    put(ann / "f.zip", "no archive")
+    contents = opened(ann)
     assert [str(each.place) for each in contents.packages] == ["src/c", "src/d", "e.zip/e"]
     assert contents.notes == ("f.zip is broken: File is not a zip file",)
 
 
 @pytest.mark.parametrize("name", ["", "/tmp/elsewhere", "../up", "a b", "a;rm", "-flag", "a/b"])
-def test_the_name_of_a_package_is_a_name(name, tmp_path):
-    put(tmp_path / "class" / "ann" / "package.xml", f"<package><name>{name}</name></package>")
-    contents = opened(tmp_path / "class", tmp_path)
+def test_the_name_of_a_package_is_a_name(name, ann):
+    put(ann / "package.xml", f"<package><name>{name}</name></package>")
+    contents = opened(ann)
     assert contents.packages == ()
     assert "which is not the name of a package" in contents.notes[0]
 
 
-@pytest.mark.parametrize(
-    "make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), lambda path: path.mkdir()]
-)
-def test_a_manifest_that_is_no_file_is_left_aside(make, tmp_path):
-    (tmp_path / "class" / "ann").mkdir(parents=True)
-    make(tmp_path / "class" / "ann" / "package.xml")
-    assert opened(tmp_path / "class", tmp_path).packages == ()
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), Path.mkdir])
+def test_a_manifest_that_is_no_file_is_left_aside(make, ann):
+    make(ann / "package.xml")
+    assert opened(ann).packages == ()
 
 
 # ---------------------------------------------------------------------------- archives
@@ -191,9 +223,7 @@ def test_a_manifest_that_is_no_file_is_left_aside(make, tmp_path):
 
 @pytest.mark.parametrize("name", ["../x", "/etc/x", "a/../../x", "..\\x", "C:/x"])
 def test_no_member_of_an_archive_leaves_its_folder(name, tmp_path):
-    (tmp_path / "to").mkdir()
-    with pytest.raises(ArchiveError, match="leads out of its folder"):
-        unpack(archive(tmp_path / "a.zip", {name: "x"}), tmp_path / "to", Allowance())
+    refused(archive(tmp_path / "a.zip", {name: "x"}), "leads out of its folder", tmp_path / "to")
     assert not list((tmp_path / "to").iterdir())
 
 
@@ -222,24 +252,17 @@ def test_an_archive_that_grows_too_large_is_refused(tmp_path):
     bomb = tmp_path / "a.zip"
     with zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as made:
         made.writestr("zeros", bytes(10_000_000))
-    (tmp_path / "to").mkdir()
-    with pytest.raises(ArchiveError, match="too large"):
-        unpack(bomb, tmp_path / "to", Allowance(size=1_000_000))
+    refused(bomb, "too large", tmp_path / "to", size=1_000_000)
     assert (tmp_path / "to" / "zeros").stat().st_size <= 1_000_000
     many = archive(tmp_path / "many.zip", {str(n): "" for n in range(30)})
-    with pytest.raises(ArchiveError, match="too large"):
-        unpack(many, tmp_path / "to", Allowance(files=20))
+    refused(many, "too large", tmp_path / "to", files=20)
 
 
 @pytest.mark.parametrize("name", ["a.zip", "a.tar.gz", "a.tar.xz"])
 def test_a_broken_archive_is_one_sentence(name, tmp_path):
-    good = io.BytesIO()
-    with zipfile.ZipFile(good, "w") as made:
-        made.writestr("a", "x" * 1000)
-    (tmp_path / name).write_bytes(good.getvalue()[:-40])
-    (tmp_path / "to").mkdir()
-    with pytest.raises(ArchiveError, match=f"{name} (is broken|cannot be unpacked)"):
-        unpack(tmp_path / name, tmp_path / "to", Allowance())
+    broken = archive(tmp_path / name, {"a": "x" * 1000})
+    broken.write_bytes(broken.read_bytes()[:-40])
+    refused(broken, f"{name} (is broken|cannot be unpacked)", tmp_path / "to")
 
 
 FORMATS = {"zip": "zip", "tar.xz": "xztar", "tar.bz2": "bztar", "tar.gz": "gztar"}
@@ -269,9 +292,7 @@ def test_a_header_of_gigabytes_is_not_read_into_memory(tmp_path):
         file.write(header.tobuf(tarfile.GNU_FORMAT))
         for _ in range(120):
             file.write(bytes(10_000_000))
-    (tmp_path / "to").mkdir()
-    with pytest.raises(ArchiveError, match=r"a\.tar\.gz cannot be unpacked within 1 GB of memory"):
-        unpack(bomb, tmp_path / "to", Allowance())
+    refused(bomb, r"a\.tar\.gz cannot be unpacked within 1 GB of memory", tmp_path / "to")
 
 
 def test_suffixes_are_read_in_any_case():
@@ -303,108 +324,105 @@ def test_numbers_of_exercises_in_names():
     assert {name: exercise_numbers(name) for name in table} == table
 
 
-def test_the_innermost_number_counts():
-    assert fits_exercise(PurePosixPath("exercise5/ex3.launch"), 3) == 2
-    assert fits_exercise(PurePosixPath("exercise3/husky.launch"), 3) == 2
-    assert fits_exercise(PurePosixPath("exercise3/ex5.launch"), 3) == 0
-    assert fits_exercise(PurePosixPath("src/husky.launch"), 3) == 1
+@pytest.mark.parametrize(
+    ("place", "fits"),
+    [
+        ("exercise5/ex3.launch", 2),
+        ("exercise3/husky.launch", 2),
+        ("exercise3/ex5.launch", 0),
+        ("src/a.launch", 1),
+    ],
+)
+def test_the_innermost_number_counts(place, fits):
+    assert fits_exercise(PurePosixPath(place), 3) == fits
 
 
-def test_of_two_packages_with_one_name_the_exercise_s_is_taken(tmp_path):
+@pytest.mark.parametrize("exercise", [3, 5])
+def test_of_two_packages_with_one_name_the_exercise_s_is_taken(exercise, ann):
     for number in (2, 3, 5):
-        package(tmp_path / "class" / "ann" / f"course{number}" / "husky", "husky")
-    for exercise in (3, 5):
-        place = tmp_path / str(exercise)
-        place.mkdir()
-        _, (taken,), notes = chosen(tmp_path / "class", place, exercise)
-        assert str(taken.place) == f"course{exercise}/husky"
-        assert f"package husky is taken from course{exercise}/husky" in notes[0]
+        package(ann / f"course{number}" / "husky", "husky")
+    _, (taken,), notes = chosen(ann, exercise)
+    assert str(taken.place) == f"course{exercise}/husky"
+    assert f"package husky is taken from course{exercise}/husky" in notes[0]
 
 
-def test_of_equal_copies_the_one_with_a_launch_file_that_starts_its_node_is_taken(tmp_path):
-    package(tmp_path / "class" / "ann" / "Input" / "husky", "husky")
-    put(tmp_path / "class" / "ann" / "Input" / "husky" / "src" / "many.cpp")
-    solved = package(tmp_path / "class" / "ann" / "Solution" / "husky", "husky")
+def test_of_equal_copies_the_one_with_a_launch_file_that_starts_its_node_is_taken(ann):
+    full, solved = package(ann / "Input" / "husky", "husky"), package(ann / "Solution" / "husky", "husky")
+    put(full / "src" / "many.cpp")
     launch(solved / "launch" / "any.launch", NODE.format("husky"))
-    _, (taken,), notes = chosen(tmp_path / "class", tmp_path)
+    _, (taken,), notes = chosen(ann)
     assert taken.path == solved
     assert "package husky is taken from Solution/husky; left aside: Input/husky" in notes
     put(solved / "launch" / "any.launch", f"<launch><!-- {NODE.format('husky')} --></launch>")
-    (hand_in,) = find_hand_ins(tmp_path / "class")
-    (taken,), _ = choose_packages(open_hand_in(hand_in, tmp_path).packages, 3)
-    assert taken.path == tmp_path / "class" / "ann" / "Input" / "husky", "it has more files"
+    _, (taken,), _ = chosen(ann)
+    assert taken.path == full, "it has more files"
 
 
-def test_a_copy_that_does_not_build_gives_way_to_the_next(tmp_path, monkeypatch):
+def built(problem):
+    return build_module.Build(Workspace(), (), problem)
+
+
+def test_a_copy_that_does_not_build_gives_way_to_the_next(ann, tmp_path, monkeypatch):
     for name in ("first", "second", "third"):
-        folder = package(tmp_path / "class" / "ann" / name / "husky", "husky")
+        folder = package(ann / name / "husky", "husky")
         launch(folder / "launch" / "a.launch", NODE.format("husky"))
     put(folder / "scripts" / "controller", "#!/bin/sh\n")
 
     def build(folders, *_):
         works = (folders.packages["husky"] / "scripts").exists()
-
-        return build_module.Build(Workspace(), (), "" if works else "it does not build: a.cpp:1: error: x")
+        return built("" if works else "it does not build: a.cpp:1: error: x")
 
     monkeypatch.setattr(prepare_module, "build", build)
-    (tmp_path / "out").mkdir()
-    ann, out = tmp_path / "class" / "ann", tmp_path / "out"
+    out = tmp_path / "out"
+    out.mkdir()
     submission, notes = prepare_module.prepare(ann, Override(), 3, Workspace(), out)
     assert not submission.problem
     assert any("package husky is taken from third/husky" in note for note in notes)
-    shutil.rmtree(tmp_path / "class" / "ann" / "third")
+    shutil.rmtree(ann / "third")
     submission, notes = prepare_module.prepare(ann, Override(), 3, Workspace(), out)
     assert submission.problem == "it does not build: a.cpp:1: error: x"
     assert any("package husky is taken from first/husky" in note for note in notes)
 
 
 def test_what_does_not_build_gives_way_to_no_copy_of_another_exercise_and_is_built_once(
-    tmp_path, monkeypatch
+    ann, tmp_path, monkeypatch
 ):
-    ann, out, builds = tmp_path / "ann", tmp_path / "out", []
     for place in ("ex3", "ex5"):
         folder = package(ann / place / "husky", "husky")
         launch(folder / "launch" / "a.launch", NODE.format("husky"))
     put(folder / "scripts" / "controller", "#!/bin/sh\n")
     for place in ("a", "b"):
         package(ann / place / "husky_gazebo", "husky_gazebo")
-
-    def build(folders, *_):
-        builds.append(folders)
-        return build_module.Build(Workspace(), (), "it does not build")
-
-    monkeypatch.setattr(prepare_module, "build", build)
-    out.mkdir()
-    submission, notes = prepare_module.prepare(ann, Override(), 3, Workspace(), out)
+    builds = []
+    monkeypatch.setattr(prepare_module, "build", lambda *_: builds.append(1) or built("it does not build"))
+    (tmp_path / "out").mkdir()
+    submission, notes = prepare_module.prepare(ann, Override(), 3, Workspace(), tmp_path / "out")
     assert submission.problem == "it does not build"
     assert "package husky is taken from ex3/husky; left aside: ex5/husky" in notes
     assert len(builds) == 1
 
 
-def test_which_copy_was_taken_is_told_where_nothing_starts(tmp_path):
+def test_which_copy_was_taken_is_told_where_nothing_starts(ann, tmp_path):
     for name in ("first", "second"):
-        package(tmp_path / "class" / "ann" / name / "husky", "husky")
+        package(ann / name / "husky", "husky")
     (tmp_path / "out").mkdir()
     with pytest.raises(NotMarkableError, match=r"no launch file starts .*taken from first/husky; left aside"):
-        prepare_module.prepare(tmp_path / "class" / "ann", Override(), 3, Workspace(), tmp_path / "out")
+        prepare_module.prepare(ann, Override(), 3, Workspace(), tmp_path / "out")
 
 
-def test_an_archive_with_the_exercise_s_number_is_the_real_hand_in(tmp_path):
-    package(tmp_path / "class" / "ann" / "husky", "husky")
-    archive(
-        tmp_path / "class" / "ann" / "ex3_husky.zip", {"husky/package.xml": MANIFEST.format("husky", "", "")}
-    )
-    _, (taken,), _ = chosen(tmp_path / "class", tmp_path)
+@pytest.mark.usefixtures("husky")
+def test_an_archive_with_the_exercise_s_number_is_the_real_hand_in(ann):
+    archive(ann / "ex3_husky.zip", {"husky/package.xml": MANIFEST.format("husky", "", "")})
+    _, (taken,), _ = chosen(ann)
     assert str(taken.place) == "ex3_husky.zip/husky"
 
 
-def test_other_exercises_and_known_packages_are_left_aside_unless_needed(tmp_path):
-    ann = tmp_path / "class" / "ann"
+def test_other_exercises_and_known_packages_are_left_aside_unless_needed(ann):
     package(ann / "ex3" / "husky", "husky", "messages")
     package(ann / "ex2" / "messages", "messages")
     package(ann / "ex4" / "slam", "slam")
     package(ann / "teleop", "teleop_twist_keyboard")
-    _, packages, notes = chosen(tmp_path / "class", tmp_path)
+    _, packages, notes = chosen(ann)
     assert [each.name for each in packages] == ["husky", "messages"]
     assert "left aside, because not the student's own: teleop_twist_keyboard" in notes
     assert "left aside, because of other exercises: slam" in notes
@@ -440,79 +458,66 @@ def test_other_exercises_and_known_packages_are_left_aside_unless_needed(tmp_pat
         ({"launch/a.launch": ['<include file="$(find husky)/launch/a.launch"/>', NODE]}, "a.launch"),
     ],
 )  # fmt: skip
-def test_the_launch_file_is_found_by_what_is_in_it(files, taken, tmp_path):
-    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
+def test_the_launch_file_is_found_by_what_is_in_it(files, taken, ann, husky):
     for name, content in files.items():
-        launch(folder / name, *(each.format("husky") for each in content))
-    contents, packages, _ = chosen(tmp_path / "class", tmp_path)
-    candidates = choose_launch_files(contents, packages, 3)
-    found, why = candidates[0], reasons(candidates[0], candidates, 3)
-    assert found.path.name == taken
-    assert "starts husky/controller" in why
+        launch(husky / name, *(each.format("husky") for each in content))
+    candidates = launch_files(ann)
+    assert candidates[0].path.name == taken
+    assert "starts husky/controller" in reasons(candidates[0], candidates, 3)
 
 
-def test_a_launch_file_may_lie_beside_its_package(tmp_path):
-    package(tmp_path / "class" / "ann" / "exercise3" / "husky", "husky")
-    launch(tmp_path / "class" / "ann" / "exercise3" / "ex3.launch", NODE.format("husky"))
-    contents, packages, _ = chosen(tmp_path / "class", tmp_path)
-    candidates = choose_launch_files(contents, packages, 3)
+def test_a_launch_file_may_lie_beside_its_package(ann):
+    package(ann / "exercise3" / "husky", "husky")
+    launch(ann / "exercise3" / "ex3.launch", NODE.format("husky"))
+    candidates = launch_files(ann)
     found, why = candidates[0], reasons(candidates[0], candidates, 3)
     assert (str(found.place), found.package) == ("exercise3/ex3.launch", "husky")
     assert "is named for exercise 3" in why
 
 
-def test_a_copy_of_a_known_package_may_have_the_launch_file(tmp_path):
-    hand_in = tmp_path / "class" / "ann" / "src"
-    package(hand_in / "husky", "husky")
-    copy = package(hand_in / "husky_gazebo", "husky_gazebo")
-    package(hand_in / "old" / "husky_gazebo", "husky_gazebo")
+def test_a_copy_of_a_known_package_may_have_the_launch_file(ann):
+    package(ann / "src" / "husky", "husky")
+    copy = package(ann / "src" / "husky_gazebo", "husky_gazebo")
+    package(ann / "src" / "old" / "husky_gazebo", "husky_gazebo")
     launch(copy / "launch" / "spawn_husky.launch", NODE.format("gazebo_ros"))
     launch(copy / "launch" / "mine.launch", NODE.format("husky"))
     launch(copy / "launch" / "all.launch", '<include file="$(find husky_gazebo)/launch/mine.launch"/>')
-    contents, packages, notes = chosen(tmp_path / "class", tmp_path)
-    assert notes == ["left aside, because not the student's own: husky_gazebo"]
-    candidates = choose_launch_files(contents, packages, 3)
+    assert chosen(ann)[2] == ["left aside, because not the student's own: husky_gazebo"]
+    candidates = launch_files(ann)
     assert {file.path.name for file in candidates} == {"mine.launch", "all.launch"}
     assert {file.package for file in candidates} == {"husky"}
 
 
-def test_no_launch_file_is_read_through_a_link(tmp_path):
+def test_no_launch_file_is_read_through_a_link(ann, husky, tmp_path):
     launch(tmp_path / "bob" / "launch" / "ex3.launch", NODE.format("husky"))
-    folder = package(tmp_path / "ann" / "husky", "husky")
-    (tmp_path / "ann" / "launch").symlink_to(tmp_path / "bob" / "launch")
-    (folder / "inner").symlink_to(tmp_path / "bob" / "launch")
-    launch(folder / "launch" / "a.launch", '<include file="$(find husky)/inner/ex3.launch"/>')
-    contents = open_hand_in(HandIn("ann", tmp_path / "ann"), tmp_path)
+    for link in (ann / "launch", husky / "inner"):
+        link.symlink_to(tmp_path / "bob" / "launch")
+    launch(husky / "launch" / "a.launch", '<include file="$(find husky)/inner/ex3.launch"/>')
     with pytest.raises(NotMarkableError, match=r"launch files: husky/launch/a\.launch$"):
-        choose_launch_files(contents, contents.packages, 3)
+        launch_files(ann)
 
 
-def test_rviz_s_default_file_beside_a_package_is_its_configuration(tmp_path):
-    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
-    put(tmp_path / "class" / "ann" / ".rviz" / "default.rviz", "shown")
-    put(tmp_path / "class" / "ann" / "exercise2" / "other.rviz")
-    put(package(tmp_path / "class" / "ann" / "other", "other") / "other.rviz")
-    contents = opened(tmp_path / "class", tmp_path)
-    copy = tmp_path / "copy"
+def test_rviz_s_default_file_beside_a_package_is_its_configuration(ann, husky, tmp_path):
+    put(ann / ".rviz" / "default.rviz", "shown")
+    put(ann / "exercise2" / "other.rviz")
+    put(package(ann / "other", "other") / "other.rviz")
+    contents, copy = opened(ann), tmp_path / "copy"
     copy.mkdir()
     assert add_rviz_files(contents, 3, copy)
     assert {path.name: path.read_text() for path in copy.iterdir()} == {"default.rviz": "shown"}
-    put(folder / "own.rviz")
-    assert not add_rviz_files(contents, 3, folder), "which has one of its own"
+    put(husky / "own.rviz")
+    assert not add_rviz_files(contents, 3, husky), "which has one of its own"
 
 
-def test_no_file_is_copied_through_a_link_that_the_build_laid(tmp_path):
-    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
-    put(tmp_path / "class" / "ann" / ".rviz" / "default.rviz", "evil")
-    beside = launch(tmp_path / "class" / "ann" / "ex3.launch", NODE.format("husky"))
+def test_no_file_is_copied_through_a_link_that_the_build_laid(ann, husky, tmp_path):
+    put(ann / ".rviz" / "default.rviz", "evil")
+    beside = launch(ann / "ex3.launch", NODE.format("husky"))
     bashrc = put(tmp_path / "home" / "bashrc", "mine")
-    contents, (only,), _ = chosen(tmp_path / "class", tmp_path)
-    folders, _ = copy_packages([only], tmp_path / "ws")
+    folders, _ = copied(ann, tmp_path)
     for link in (folders.packages["husky"] / "default.rviz", tmp_path / "ws" / "src" / "ex3.launch"):
         link.symlink_to(bashrc)
-    assert add_rviz_files(contents, 3, folders.packages["husky"])
-    candidate = choose_launch_files(contents, [only], 3)[0]
-    copy = launch_file_in(candidate, folder, folders.packages["husky"], tmp_path / "ws")
+    assert add_rviz_files(opened(ann), 3, folders.packages["husky"])
+    copy = launch_file_in(launch_files(ann)[0], husky, folders.packages["husky"], tmp_path / "ws")
     assert copy.read_text() == beside.read_text()
     assert bashrc.read_text() == "mine"
 
@@ -527,21 +532,18 @@ def test_a_build_that_puts_a_link_in_place_of_a_package_is_refused(tmp_path, mon
         build_module.build(folders, frozenset({"husky"}), Workspace())
 
 
-def test_without_a_launch_file_that_fits_there_is_no_mark(tmp_path):
-    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
-    launch(folder / "rviz.launch", RVIZ)
-    put(folder / "broken.launch", "<launch>")
-    os.mkfifo(folder / "fifo.launch")
-    contents, packages, _ = chosen(tmp_path / "class", tmp_path)
+def test_without_a_launch_file_that_fits_there_is_no_mark(ann, husky):
+    launch(husky / "rviz.launch", RVIZ)
+    put(husky / "broken.launch", "<launch>")
+    os.mkfifo(husky / "fifo.launch")
     with pytest.raises(NotMarkableError, match="no launch file starts a node of the hand-in"):
-        choose_launch_files(contents, packages, 3)
+        launch_files(ann)
 
 
-def test_a_teacher_may_name_the_launch_file(tmp_path):
-    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
+def test_a_teacher_may_name_the_launch_file(ann, husky):
     for name in ("a/run.launch", "b/run.launch"):
-        launch(folder / name, NODE.format("husky"))
-    contents, packages, _ = chosen(tmp_path / "class", tmp_path)
+        launch(husky / name, NODE.format("husky"))
+    contents, packages, _ = chosen(ann)
     assert str(named_launch_file(contents, packages, "a/run.launch").place) == "husky/a/run.launch"
     with pytest.raises(NotMarkableError, match="2 fit it"):
         named_launch_file(contents, packages, "run.launch")
@@ -550,38 +552,34 @@ def test_a_teacher_may_name_the_launch_file(tmp_path):
 # ---------------------------------------------------------------------------- builds
 
 
-def test_a_copy_has_no_links_and_nothing_built_and_scripts_that_run(tmp_path):
-    folder = package(tmp_path / "class" / "ann" / "husky", "husky", email="")
+def test_a_copy_has_no_links_and_nothing_built_and_scripts_that_run(ann, tmp_path):
+    folder = package(ann / "husky", "husky", email="")
     put(folder / "scripts" / "node.py", "#!/usr/bin/env python3\n").chmod(0o644)
     put(folder / "build" / "old")
     (folder / "link").symlink_to("/etc/passwd")
     os.mkfifo(folder / "fifo")
-    _, packages, _ = chosen(tmp_path / "class", tmp_path)
-    folders, notes = copy_packages(packages, tmp_path / "ws")
-    copied = sorted(path.name for path in folders.packages["husky"].rglob("*") if path.is_file())
-    assert copied == ["node.py", "package.xml"]
-    assert os.access(folders.packages["husky"] / "scripts" / "node.py", os.X_OK)
+    folders, notes = copied(ann, tmp_path)
+    copy = folders.packages["husky"]
+    assert sorted(path.name for path in copy.rglob("*") if path.is_file()) == ["node.py", "package.xml"]
+    assert os.access(copy / "scripts" / "node.py", os.X_OK)
     assert "made executable, which a copy through an archive may undo: node.py" in notes
     assert "catkin refuses the package.xml of husky" in notes[1], "it has no e-mail address"
-    assert 'email="a@b.org"' in (folders.packages["husky"] / "package.xml").read_text()
+    assert 'email="a@b.org"' in (copy / "package.xml").read_text()
 
 
 def test_a_workspace_may_be_empty(tmp_path):
     assert copy_packages([], tmp_path / "copies") == (Folders(tmp_path / "copies"), [])
 
 
-def test_large_and_sparse_files_cost_a_note(tmp_path, monkeypatch):
+def test_large_and_sparse_files_cost_a_note(ann, husky, tmp_path, monkeypatch):
     monkeypatch.setattr(build_module, "MAX_FILE", 1000)
     monkeypatch.setattr(build_module, "MAX_BYTES", 2000)
-    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
-    with put(folder / "a.bag").open("wb") as bag:
+    with put(husky / "a.bag").open("wb") as bag:
         bag.truncate(3_000_000_000)
     for name in ("b", "c", "d"):
-        put(folder / name, "x" * 900)
-    _, packages, _ = chosen(tmp_path / "class", tmp_path)
-    folders, notes = copy_packages(packages, tmp_path / "ws")
-    copied = {path.name for path in folders.packages["husky"].iterdir()}
-    assert copied == {"package.xml", "b", "c"}
+        put(husky / name, "x" * 900)
+    folders, notes = copied(ann, tmp_path)
+    assert {path.name for path in folders.packages["husky"].iterdir()} == {"package.xml", "b", "c"}
     assert notes == ["left out, because larger than 100 MB, or 500 MB together: d, a.bag"]
 
 
@@ -597,27 +595,23 @@ def test_a_large_file_in_an_archive_costs_a_note(tmp_path):
     assert [path.name for path in (tmp_path / "to").iterdir()] == ["readme.txt"]
 
 
-def test_paths_of_another_computer_are_read_in_the_hand_in(tmp_path):
-    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
-    put(folder / "config" / "a.yaml")
+def test_paths_of_another_computer_are_read_in_the_hand_in(ann, husky, tmp_path):
+    put(husky / "config" / "a.yaml")
     home = "/home/ann/catkin_ws/src/husky"
-    launch(folder / "a.launch", f'<arg name="f" default="{home}/config/a.yaml"/><!-- {home}/b.yaml -->')
-    _, packages, _ = chosen(tmp_path / "class", tmp_path)
-    folders, notes = copy_packages(packages, tmp_path / "ws")
+    launch(husky / "a.launch", f'<arg name="f" default="{home}/config/a.yaml"/><!-- {home}/b.yaml -->')
+    folders, notes = copied(ann, tmp_path)
     text = (folders.packages["husky"] / "a.launch").read_text()
     assert 'default="$(find husky)/config/a.yaml"' in text
     assert f"{home}/b.yaml" in text, "there is no such file"
     assert notes == [f"paths of another computer, read in the hand-in: {home}/config/a.yaml"]
 
 
-def test_all_packages_that_are_not_installed_are_found_at_once(tmp_path):
-    folder = package(tmp_path / "class" / "ann" / "husky", "husky")
+def test_all_packages_that_are_not_installed_are_found_at_once(ann, husky, tmp_path):
     put(
-        folder / "CMakeLists.txt",
+        husky / "CMakeLists.txt",
         "find_package(catkin REQUIRED COMPONENTS # cmake\n  roscpp no_such_one husky\n no_such_two ${A}\n)",
     )
-    _, packages, _ = chosen(tmp_path / "class", tmp_path)
-    folders, _ = copy_packages(packages, tmp_path / "ws")
+    folders, _ = copied(ann, tmp_path)
     missing = missing_packages(folders.packages, {"husky"}, dict(os.environ))
     assert missing - {"roscpp"} == {"no_such_one", "no_such_two"}
 
@@ -688,16 +682,13 @@ def test_a_changed_file_or_setting_changes_the_fingerprint_and_what_is_only_judg
 
 @pytest.mark.parametrize("includes", [4, 50])
 def test_a_launch_file_that_includes_itself_is_read_a_bounded_number_of_times(
-    includes, tmp_path, monkeypatch
+    includes, ann, husky, monkeypatch
 ):
     reads = []
     monkeypatch.setattr(launch_choice, "read_regular", lambda *a: reads.append(a) or read_regular(*a))
-    folder = package(tmp_path / "ann" / "husky", "husky")
     again = '<include file="$(find husky)/launch/ex3.launch"/>'
-    launch(folder / "launch" / "ex3.launch", NODE.format("husky"), again * includes)
-    contents = open_hand_in(HandIn("ann", tmp_path / "ann"), tmp_path)
-    chosen, *_ = choose_launch_files(contents, contents.packages, 3)
-    assert chosen.nodes == ("husky/controller",)
+    launch(husky / "launch" / "ex3.launch", NODE.format("husky"), again * includes)
+    assert launch_files(ann)[0].nodes == ("husky/controller",)
     assert len(reads) <= launch_choice.MAX_READS
 
 
@@ -708,18 +699,10 @@ LONG = (
 )
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        NODE.format("husky") + "<group>" * 5000 + "</group>" * 5000,
-        NODE.format("husky") + LONG,
-    ],
-)
-def test_a_launch_file_of_any_depth_or_length_is_read(content, tmp_path):
-    folder = package(tmp_path / "ann" / "husky", "husky")
-    launch(folder / "launch" / "ex3.launch", content)
-    contents = open_hand_in(HandIn("ann", tmp_path / "ann"), tmp_path)
-    assert choose_launch_files(contents, contents.packages, 3)[0].nodes == ("husky/controller",)
+@pytest.mark.parametrize("content", ["<group>" * 5000 + "</group>" * 5000, LONG])
+def test_a_launch_file_of_any_depth_or_length_is_read(content, ann, husky):
+    launch(husky / "launch" / "ex3.launch", NODE.format("husky") + content)
+    assert launch_files(ann)[0].nodes == ("husky/controller",)
 
 
 # ---------------------------------------------------------------------------- what a teacher sets
@@ -829,11 +812,9 @@ def test_what_does_not_build_is_told_in_every_item_that_needs_it_and_is_not_driv
     assert result.cause == approach
 
 
-def test_a_hand_in_that_cannot_be_marked_is_not_tried_again(tmp_path):
-    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
-    batch = Batch(tmp_path / "class", tmp_path / "out")
+def test_a_hand_in_that_cannot_be_marked_is_not_tried_again(batch):
     (first,) = mark_all(MarkingConfig(), batch)
-    log = tmp_path / "out" / "hand_ins" / "ann" / "mark.log"
+    log = batch.out / "hand_ins" / "ann" / "mark.log"
     log.unlink()
     assert mark_all(MarkingConfig(), batch) == [first]
     assert "no catkin package in it" in first.problem
@@ -841,18 +822,15 @@ def test_a_hand_in_that_cannot_be_marked_is_not_tried_again(tmp_path):
 
 
 @pytest.fixture
-def marked(tmp_path):
+def marked(batch, ann):
     """A class whose only hand-in was driven before, and the folder of its result."""
-    put(tmp_path / "class" / "ann" / "readme.txt")
-    batch = Batch(tmp_path / "class", tmp_path / "out")
-    job = job_of(HandIn("ann", tmp_path / "class" / "ann"), Override(), MarkingConfig(), batch)
+    job = job_of(HandIn("ann", ann), Override(), MarkingConfig(), batch)
     out = Path(job.out)
     recording = empty_recording((20.0, 5.0), 120.0, (Note(Kind.LAUNCH_FILE, "it starts no node of its own"),))
     put(out / "drive_1" / "recording.json", recording_to_json(recording))
-    put(
-        out / EVIDENCE,
-        to_json(Evidence("a.launch", "husky", "none", "none", RvizConfig(), (Note(Kind.HAND_IN, "a note"),))),
-    )
+    notes = (Note(Kind.HAND_IN, "a note"),)
+    evidence = Evidence("a.launch", "husky", "none", "none", RvizConfig(), notes)
+    put(out / EVIDENCE, to_json(evidence))
     write_result(judge_recordings(job), out)
     put(out / FINGERPRINT, job.fingerprint)
     return batch, out
@@ -977,10 +955,8 @@ def test_a_hand_in_of_too_many_files_is_one_sentence_of_its_own(tmp_path, monkey
     assert "no catkin package in it" in bob.problem
 
 
-def test_a_hand_in_ends_within_the_stated_time_and_is_not_tried_again(tmp_path, monkeypatch):
-    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
+def test_a_hand_in_ends_within_the_stated_time_and_is_not_tried_again(batch, monkeypatch):
     monkeypatch.setattr(batch_module, "DEADLINE", -1e6)
-    batch = Batch(tmp_path / "class", tmp_path / "out")
     (first,) = mark_all(MarkingConfig(), batch)
     assert first.problem.startswith("it did not end within ")
     monkeypatch.setattr(batch_module, "run_program", None)
@@ -1007,40 +983,34 @@ def test_a_failure_of_marking_is_the_result_of_its_hand_in_and_the_class_gets_it
     assert {line.partition(": ")[0] for line in printed} == {"1 of 2", "2 of 2"}, "a line for each as it ends"
 
 
-def test_a_hand_in_has_a_time_limit_that_a_teacher_can_set(tmp_path, monkeypatch):
-    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
-    batch = Batch(tmp_path / "class", tmp_path / "out", time_limit=0.001)
-    (result,) = mark_all(MarkingConfig(), batch)
+def test_a_hand_in_has_a_time_limit_that_a_teacher_can_set(batch):
+    (result,) = mark_all(MarkingConfig(), replace(batch, time_limit=0.001))
     assert result.problem == "it did not end within 0.001 s"
     longer = replace(batch, time_limit=7.0)
     assert mark_all(MarkingConfig(), longer) == [result], "another limit marks nothing again"
 
 
-def test_another_version_of_the_package_marks_again(tmp_path, monkeypatch):
-    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
-    batch = Batch(tmp_path / "class", tmp_path / "out")
-    before = job_of(HandIn("ann", batch.folder / "ann"), Override(), MarkingConfig(), batch).fingerprint
+def test_another_version_of_the_package_marks_again(batch, ann, monkeypatch):
+    job = HandIn("ann", ann), Override(), MarkingConfig(), batch
+    before = job_of(*job).fingerprint
     monkeypatch.setattr(batch_module, "code_version", lambda: "another")
-    assert (
-        job_of(HandIn("ann", batch.folder / "ann"), Override(), MarkingConfig(), batch).fingerprint != before
-    )
+    assert job_of(*job).fingerprint != before
 
 
-def test_without_network_namespaces_hand_ins_are_marked_one_at_a_time(tmp_path, monkeypatch, capsys):
-    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
+def test_without_network_namespaces_hand_ins_are_marked_one_at_a_time(batch, monkeypatch, capsys):
     numbers = []
     monkeypatch.setattr(batch_module.private_network, "can_be_made", lambda: False)
     monkeypatch.setattr(batch_module, "Workers", lambda jobs, cluster: numbers.append(jobs) or Workers(jobs))
-    mark_all(MarkingConfig(), Batch(tmp_path / "class", tmp_path / "out", jobs=4))
+    mark_all(MarkingConfig(), replace(batch, jobs=4))
     assert numbers == [1]
     assert "one hand-in at a time" in capsys.readouterr().err
 
 
-def test_a_hand_in_of_thousands_of_packages_is_refused(tmp_path):
+def test_a_hand_in_of_thousands_of_packages_is_refused(ann):
     for number in range(packages_module.MAX_PACKAGES + 1):
-        package(tmp_path / "ann" / f"p{number}", f"p{number}")
+        package(ann / f"p{number}", f"p{number}")
     with pytest.raises(NotMarkableError, match="it holds 201 packages, more than 200"):
-        open_hand_in(HandIn("ann", tmp_path / "ann"), tmp_path)
+        opened(ann)
 
 
 def test_what_could_not_be_marked_is_no_zero_in_any_file():
@@ -1055,14 +1025,13 @@ def test_what_could_not_be_marked_is_no_zero_in_any_file():
 # ---------------------------------------------------------------------------- on another machine
 
 
-def test_a_hand_in_travels_with_its_permissions_without_links_and_large_files(tmp_path, monkeypatch):
-    put(tmp_path / "class" / "ann" / "src" / "node", "#!/usr/bin/env python3")
-    (tmp_path / "class" / "ann" / "src" / "node").chmod(0o755)
-    (tmp_path / "class" / "ann" / "link").symlink_to("/etc/passwd")
-    put(tmp_path / "class" / "ann" / "a.bag", "b" * 2000)
+def test_a_hand_in_travels_with_its_permissions_without_links_and_large_files(ann, tmp_path, monkeypatch):
+    put(ann / "src" / "node", "#!/usr/bin/env python3").chmod(0o755)
+    (ann / "link").symlink_to("/etc/passwd")
+    put(ann / "a.bag", "b" * 2000)
     monkeypatch.setattr(batch_module, "MAX_FILE", 1000)
-    sent = pickle.loads(pickle.dumps(PackedPath(tmp_path / "class" / "ann")))
-    shutil.rmtree(tmp_path / "class")
+    sent = pickle.loads(pickle.dumps(PackedPath(ann)))
+    shutil.rmtree(ann)
     (tmp_path / "there").mkdir()
     path = sent.unpack(tmp_path / "there")
     assert path == tmp_path / "there" / "ann"
@@ -1070,11 +1039,9 @@ def test_a_hand_in_travels_with_its_permissions_without_links_and_large_files(tm
     assert [each.name for each in path.iterdir()] == ["src"]
 
 
-def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(tmp_path):
-    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
-    batch = Batch(tmp_path / "class", tmp_path / "out")
-    job = job_of(HandIn("ann", tmp_path / "class" / "ann"), Override(), MarkingConfig(), batch)
-    files = run_there(pickle.loads(pickle.dumps((job, PackedPath(tmp_path / "class" / "ann")))))
+def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(ann, batch):
+    job = job_of(HandIn("ann", ann), Override(), MarkingConfig(), batch)
+    files = run_there(pickle.loads(pickle.dumps((job, PackedPath(ann)))))
     assert "unpacked/readme.txt" not in files
     result = write_outputs(files, job)
     assert "no catkin package in it" in result.problem
@@ -1083,10 +1050,8 @@ def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(tmp_path)
     assert (Path(job.out) / FINGERPRINT).read_text() == job.fingerprint
 
 
-def test_files_that_a_hand_in_made_while_driving_stay_where_they_are(tmp_path, monkeypatch):
-    put(tmp_path / "class" / "ann" / "readme.txt")
-    batch = Batch(tmp_path / "class", tmp_path / "out")
-    job = job_of(HandIn("ann", tmp_path / "class" / "ann"), Override(), MarkingConfig(), batch)
+def test_files_that_a_hand_in_made_while_driving_stay_where_they_are(ann, batch, monkeypatch):
+    job = job_of(HandIn("ann", ann), Override(), MarkingConfig(), batch)
 
     def marked(job):
         for number in range(30):
@@ -1095,15 +1060,14 @@ def test_files_that_a_hand_in_made_while_driving_stay_where_they_are(tmp_path, m
 
     monkeypatch.setattr(batch_module, "run_program", marked)
     monkeypatch.setattr(files_module, "MAX_ENTRIES", 10)
-    files = run_there(pickle.loads(pickle.dumps((job, PackedPath(tmp_path / "class" / "ann")))))
+    files = run_there(pickle.loads(pickle.dumps((job, PackedPath(ann)))))
     assert list(files) == ["result.json"]
 
 
 @pytest.fixture
-def job(tmp_path):
+def job(ann, batch):
     """The job of a hand-in that holds no package."""
-    put(tmp_path / "class" / "ann" / "readme.txt", "no package")
-    return Job("ann", str(tmp_path / "out"), MarkingConfig(), hand_in=str(tmp_path / "class" / "ann"))
+    return Job("ann", str(batch.out), MarkingConfig(), hand_in=str(ann))
 
 
 @pytest.mark.parametrize(
