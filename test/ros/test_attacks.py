@@ -33,17 +33,18 @@ STATES = {
     "blocks_readers": "marked",
     "breaks_readers": "marked",
     "drives_by_chance": "for a person",
-    "escapes": "for a person",
-    "escapes_too": "for a person",
     "forges_events": "for a person",
     "forks": "for a person",
     "hides": "for a person",
     "hooks_the_setup": "marked",
+    "hooks_too": "marked",
     "links_out": "could not be marked: its build puts links in place of src or devel/setup.bash",
     "names_a_path": "could not be marked: no catkin package in it; package.xml: <name> is "
     "'/var/tmp/husky_named_a_path', which is not the name of a package",
     "sabotages": "for a person",
 }  # fmt: skip
+# what neither a unit test of the sandbox nor a kept recording shows: all of it at work, and valgrind
+FEW = ("drives_by_chance", "hooks_the_setup")
 HONEST = (
     "complete", "crashes", "commands_zero", "drives_away", "drives_in_cpp", "has_a_wiki_setup",
     "imports_what_is_missing", "marks_in_base_link", "needs_a_missing_package", "raises_in_callback", "rams",
@@ -66,6 +67,12 @@ def make_class(folder, *names):
             launch = {"launch": f"{name}.launch"}
             students[name] = launch if name in LAUNCH_FILES else {"arguments": [f"attack:={name}"]}
     (folder / "marking.yaml").write_text(yaml.safe_dump({"students": students}))
+
+
+def tell_places(package, key, folders, port, process):
+    """Tell `hooks_the_setup` what to attack: a file, folders, a server, a process."""
+    places = {"key": key, "folders": list(folders), "port": port, "pid": process}
+    (package / "scripts" / "places.json").write_text(json.dumps(places))
 
 
 def make_bomb(path):
@@ -111,68 +118,61 @@ def assert_without_capabilities(out):
     logs = logs_of(out, "hooks_the_setup")
     for place in ("build.log", "plan/plan.log", "drive_1/submission.log"):
         assert "CapEff:\t0000000000000000\nCapBnd:\t0000000000000000\n" in logs[place], place
-    assert "escaped" not in "".join(logs.values())
+        # it may write into a /tmp and a /var/tmp of its own
+        assert not re.findall(r"^escaped: (?!write into ).*", logs[place], re.MULTILINE)
 
 
-def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
-    make_class(tmp_path / "class", *set(STATES) - {"escapes_too"})
-    (tmp_path / "home").mkdir()
-    (tmp_path / "home" / "bashrc").write_text("mine")
-    (tmp_path / "class" / "links_out" / "target").write_text(str(tmp_path / "home"))
+@pytest.mark.parametrize("names", [FEW, pytest.param(STATES, marks=pytest.mark.slow)], ids=["few", "all"])
+def test_no_attack_stops_a_class_or_gets_out_of_it(names, tmp_path):
+    make_class(tmp_path / "class", *set(names) - {"hooks_too"})
     out = tmp_path / "out"
     with (tmp_path / "key").open("w") as key, socket.create_server(("127.0.0.1", 0)) as server:
         key.write("secret")
         outside = [Path("/var/tmp"), Path("/usr/local/bin"), tmp_path, out]
-        places = {
-            "key": key.name, "folders": list(map(str, outside)), "port": server.getsockname()[1],
-            "pid": os.getpid(),
-        }  # fmt: skip
-        escapes = tmp_path / "class" / "escapes"
-        (escapes / "scripts" / "places.json").write_text(json.dumps(places))
-        shutil.copytree(escapes, tmp_path / "class" / "escapes_too")
+        hooks = tmp_path / "class" / "hooks_the_setup"
+        tell_places(hooks, key.name, map(str, outside), server.getsockname()[1], os.getpid())
+        if "hooks_too" in names:
+            shutil.copytree(hooks, hooks.with_name("hooks_too"))
+            (tmp_path / "home").mkdir()
+            (tmp_path / "home" / "bashrc").write_text("mine")
+            (tmp_path / "class" / "links_out" / "target").write_text(str(tmp_path / "home"))
         env = {**os.environ, "FAKE_TOKEN": "secret"}
         rows, printed = grade(tmp_path / "class", "--jobs", "2", "--deadline", "5", env=env)
         server.setblocking(False)
         with pytest.raises(BlockingIOError):
             server.accept()
-    assert {name: row["state"] for name, row in rows.items()} == STATES
+    assert {name: row["state"] for name, row in rows.items()} == {name: STATES[name] for name in names}
     got = {name: row["total"] for name, row in rows.items() if not row["state"].startswith("could")}
-    assert got == {**dict.fromkeys(got, "0"), "hooks_the_setup": "20"}  # for RViz
+    assert got == {name: "20" if name.startswith("hooks") else "0" for name in got}  # for RViz
     if shutil.which("valgrind"):
         chance = (out / "hand_ins" / "drives_by_chance" / "table.txt").read_text()
-        assert "`start_` (controller.cpp:22) is read at" in chance
-    notes = rows["breaks_readers"]["notes"]
-    assert "launch-prefix 'xterm -e' of node controller is dropped" in notes
-    assert "node breaks_readers/no_such_program cannot be started" in notes
-    pages = [path for path in (out / "hand_ins" / "forges_events").glob("*.*") if path.suffix != ".png"]
-    for text in (printed, *(path.read_text() for path in pages)):
-        assert not [letter for letter in text if not letter.isprintable() and letter not in "\n\r\t"]
-        assert "<script>alert" not in text or "<html" not in text
-    if not os.getuid():  # the kernel refuses them to others
-        assert "it started more than 1000 processes and threads" in rows["forks"]["notes"]
-    recording = json.loads((out / "hand_ins" / "hides" / "drive_1" / "recording.json").read_text())
-    assert {marker["problem"].replace("77", "") for marker in recording["markers"]} == {
-        "it has no points", "its alpha is 0", "its mesh does not exist", "its text is empty",
-        "its type  is none of visualization_msgs/Marker", "",
-    }  # fmt: skip
-    said = "".join(logs_of(out, name)["drive_1/submission.log"] for name in ("escapes", "escapes_too"))
-    assert said.count("all attempted") == 2
+        assert "`start_` (controller.cpp:36) is read at" in chance
+    said = logs_of(out, "hooks_the_setup")["drive_1/submission.log"]
+    assert "all attempted" in said
     assert "escaped: token" not in said
     if private_network.can_be_made():
         # of each hand-in; the kernel gives the number of one that has ended to the next
         assert os.readlink("/proc/self/ns/net") not in re.findall(r"network: (\S+)", said)
-        assert "sabotaged" not in logs_of(out, "sabotages")["drive_1/submission.log"]
     if kind_of_sandbox() == BUBBLEWRAP:
         assert_without_capabilities(out)
-        assert (tmp_path / "home" / "bashrc").read_text() == "mine"
-        assert [path.name for path in (tmp_path / "home").iterdir()] == ["bashrc"]
-        # it may write into a /var/tmp of its own
-        assert not [line for line in said.splitlines() if line.startswith("escaped") and "write" not in line]
         assert not [path for folder in outside for path in folder.glob("escaped")]
         assert not list(Path("/var/tmp").glob("husky_*"))
     running = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if path.exists()]
     assert b"sleep\0" + b"86399\0" not in running, "what an environment hook started"
     assert b"forked_sleeper\0" + b"600\0" not in running
+    if names is STATES:
+        see_further_attacks(rows, printed, out, tmp_path / "home")
+
+
+def see_further_attacks(rows, printed, out, home):
+    """Those of which unit tests show the same in a second, looked at where they are driven."""
+    assert not [letter for letter in printed if not letter.isprintable() and letter not in "\n\r\t"]
+    if not os.getuid():  # the kernel refuses them to others
+        assert "it started more than 1000 processes and threads" in rows["forks"]["notes"]
+    assert [path.name for path in home.iterdir()] == ["bashrc"]
+    assert (home / "bashrc").read_text() == "mine" or kind_of_sandbox() != BUBBLEWRAP
+    if private_network.can_be_made():
+        assert "sabotaged" not in logs_of(out, "sabotages")["drive_1/submission.log"]
 
 
 @pytest.fixture
@@ -190,9 +190,11 @@ def as_nobody(home):
     return [*AS_NOBODY, "env", f"HOME={home}"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(kind_of_sandbox() != BUBBLEWRAP, reason="no bubblewrap here")
 def test_no_hand_in_of_a_teacher_who_is_not_root_has_a_capability(home):
     make_class(home / "class", "hooks_the_setup")
+    tell_places(home / "class" / "hooks_the_setup", "/etc/shadow", ["/usr/local/bin"], 1, os.getpid())
     rows, _ = grade(home / "class", "--deadline", "5", user=as_nobody(home))
     assert rows["hooks_the_setup"]["state"] == STATES["hooks_the_setup"]
     assert_without_capabilities(home / "out")

@@ -5,8 +5,16 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
-NODES = sorted(path.name for path in HERE.iterdir() if path.is_file() and not path.suffix)
+WITH_FAULT = "has_a_fault"  # node of the packages that are called as its faults
+FAULTS = [
+    "counts_ids", "cuts_to_whole_metres", "drives_away", "forgets_y", "is_for_an_older_husky",
+    "listens_to_laser", "marks_in_base_link", "marks_nan", "marks_the_origin", "rams", "spins",
+    "swaps_x_and_y", "takes_another_beam", "turns_too_slowly",
+]  # fmt: skip
+NODES = [*FAULTS, *(path.name for path in HERE.iterdir() if path.is_file() and not path.suffix)]
+NODES.remove(WITH_FAULT)
 FOLDERS = sorted(path.name for path in HERE.iterdir() if (path / "package.xml").is_file())
+WITH_ERROR = "does_not_build"  # `drives_in_cpp` with an error at its end
 # the others have no configuration, and no points for it
 WITH_RVIZ = {"complete", "hooks_the_setup", "marks_the_origin"}
 # its launch file includes a world that is not installed, which is no cause
@@ -28,6 +36,7 @@ catkin_install_python(PROGRAMS scripts/controller DESTINATION ${{CATKIN_PACKAGE_
 LAUNCH = (
     '<launch>\n  <node name="controller" pkg="{name}" type="controller" output="screen"/>{more}\n</launch>\n'
 )
+FAULT = '\n  <param name="controller/fault" value="{name}"/>'
 OFFICE = '\n  <include file="$(find office_gazebo)/launch/office.launch"/>'
 RVIZ = '\n  <node name="rviz" pkg="rviz" type="rviz" args="-d $(find {name})/rviz/view.rviz"/>'
 
@@ -35,7 +44,11 @@ RVIZ = '\n  <node name="rviz" pkg="rviz" type="rviz" args="-d $(find {name})/rvi
 def make_package(name, folder, student=""):
     """A package of this name in a folder, or in the student's; its node runs without a build."""
     package = Path(folder) / (student or name)
-    if name in FOLDERS:
+    if name == WITH_ERROR:
+        package = make_package("drives_in_cpp", folder, student or name)
+        with (package / "src" / "controller.cpp").open("a") as code:
+            code.write("int oops = ;\n")
+    elif name in FOLDERS:
         shutil.copytree(HERE / name, package)
         if name in WITH_RVIZ:
             shutil.copy(HERE / "view.rviz", package)
@@ -45,9 +58,9 @@ def make_package(name, folder, student=""):
         (package / "package.xml").write_text(MANIFEST.format(name=name))
         (package / "CMakeLists.txt").write_text(CMAKE.format(name=name))
         rviz = RVIZ.format(name=name) if name in WITH_RVIZ else ""
-        more = rviz + OFFICE * (name == IN_OFFICE)
+        more = rviz + OFFICE * (name == IN_OFFICE) + FAULT.format(name=name) * (name in FAULTS)
         (package / "launch" / "controller.launch").write_text(LAUNCH.format(name=name, more=more))
-        shutil.copy(HERE / name, package / "scripts" / "controller")
+        shutil.copy(HERE / (WITH_FAULT if name in FAULTS else name), package / "scripts" / "controller")
         if rviz:
             shutil.copy(HERE / "view.rviz", package / "rviz")
     for script in (package / "scripts").glob("*"):
@@ -56,5 +69,5 @@ def make_package(name, folder, student=""):
 
 
 if __name__ == "__main__":
-    for each in sys.argv[2:] or NODES + FOLDERS:
+    for each in sys.argv[2:] or [*NODES, *FOLDERS, WITH_ERROR]:
         make_package(each, sys.argv[1])

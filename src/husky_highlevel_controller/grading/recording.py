@@ -45,6 +45,7 @@ class MarkerSample:
     until: float = inf  # [s], simulated: the end of its lifetime
     action: str = ADD
     problem: str = ""  # why RViz would draw nothing
+    finite: bool = True  # its numbers are neither inf nor NaN
 
 
 @dataclass(frozen=True, eq=False)

@@ -337,8 +337,10 @@ def test_a_mirrored_marker_gets_half_at_most_and_is_named():
 def test_the_fault_of_a_marker_is_named_as_it_is_in_the_code(place_of, frame, evidence, hint):
     recording = turning(place_of, frame)
     if np.isnan(recording.markers[0].position[0]):
-        lost = tuple(replace(each, problem="its position is not a number") for each in recording.markers)
+        lost = tuple(replace(each, problem="no number", finite=False) for each in recording.markers)
         recording = replace(recording, markers=lost)
+        clear = tuple(replace(each, problem="its alpha is 0", finite=True) for each in lost)
+        assert "NaN" not in judge_place(replace(recording, markers=clear)).hint
     item = judge_place(recording)
     assert evidence in item.evidence
     assert hint in item.hint

@@ -57,6 +57,8 @@ class Seen(NamedTuple):
 
 def find_fault(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) -> Optional[Kind]:
     """The kind of fault that most wrong markers have; None: none that is known."""
+    if float(np.mean([not marker.finite for marker in wrong])) >= MOSTLY:
+        return Kind.NOT_A_NUMBER
     seen = [
         _seen(recording, marker, rules)
         for marker in wrong
@@ -72,8 +74,12 @@ def find_fault(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules
             Kind.MIRRORED: lambda each: each.is_near(
                 each.distance * cos(each.bearing), -each.distance * sin(each.bearing)
             ),
-            Kind.SWAPPED: lambda each: each.is_near(
-                each.distance * sin(each.bearing), each.distance * cos(each.bearing)
+            # in the frame of a lidar that hangs upside down, both signs change
+            Kind.SWAPPED: lambda each: any(
+                each.is_near(
+                    sign * each.distance * sin(each.bearing), sign * each.distance * cos(each.bearing)
+                )
+                for sign in (1.0, -1.0)
             ),
             Kind.OTHER_BEAM: lambda each: abs(hypot(each.x, each.y) - each.distance) <= ALONG,
         }

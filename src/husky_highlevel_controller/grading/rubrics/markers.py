@@ -7,7 +7,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from itertools import groupby
-from math import ceil, inf, isnan
+from math import ceil, inf
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -116,7 +116,7 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     invisible = [marker for marker in added if marker.problem]
     if len(invisible) == len(added):
         words = f"{name}: not to be seen: {invisible[0].problem}"
-        fault = Kind.NOT_A_NUMBER if any(map(isnan, invisible[0].position)) else None
+        fault = Kind.NOT_A_NUMBER if not invisible[0].finite else None
         return Placement(0.0, words, invisible[0].at, fault)
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _moments(markers, scores)

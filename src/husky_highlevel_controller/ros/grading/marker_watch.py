@@ -63,6 +63,7 @@ class MarkerWatch:
         self._packages = packages  # folders of packages that the ROS environment does not name
         self._messages: List[_Message] = []
         self._points_left = MAX_ALL_POINTS
+        self._closed = False
         self._moments: Dict[Tuple[str, str], _Moment] = {}
         self._topics: Dict[str, rospy.Subscriber] = {}
         self._buffer = tf2_ros.Buffer(rospy.Duration(3600.0), debug=False)
@@ -78,6 +79,10 @@ class MarkerWatch:
         """Parent of each frame of TF."""
         pairs = _FRAME.findall(self._buffer.all_frames_as_yaml())
         return {frame[:MAX_NAME]: parent[:MAX_NAME] for frame, parent in pairs[:MAX_FRAMES]}
+
+    def close(self) -> None:
+        """Keep no further markers: there is no pose of the robot to place them by."""
+        self._closed = True
 
     def follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic, if its type is one of markers."""
@@ -115,7 +120,7 @@ class MarkerWatch:
                 self._messages.append(_Message(now, topic, marker, problem))
 
     def _is_due(self, now: float, key: Tuple[str, str]) -> bool:
-        if len(self._messages) >= MAX_SAMPLES:
+        if self._closed or len(self._messages) >= MAX_SAMPLES:
             return False
         moment = self._moments.setdefault(key, _Moment())
         if now > moment.at:
@@ -161,6 +166,7 @@ class MarkerWatch:
         sample = MarkerSample(
             message.topic, marker.ns, marker.id, message.at, marker.header.stamp.to_sec(), _frame(marker),
             (nan, nan, nan), until=until, action=ACTIONS[marker.action], problem=message.problem,
+            finite=_is_finite(marker),
         )  # fmt: skip
         if sample.problem or sample.action != ADD:
             return sample
@@ -226,13 +232,12 @@ def _pose(marker: Marker) -> Pose:
 
 def _invisible(marker: Marker) -> str:
     """Reason why RViz would draw nothing of a marker."""
-    p, q, scale = marker.pose.position, marker.pose.orientation, marker.scale
+    scale = marker.scale
     if marker.action != Marker.ADD:
         return ""
     if not marker.header.frame_id:
         return "it has no frame_id"
-    points = [number for point in marker.points for number in (point.x, point.y, point.z)]
-    if not all(map(isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w, scale.x, scale.y, scale.z, *points))):
+    if not _is_finite(marker):
         return "its position is not a number"
     if max(scale.x, scale.y, scale.z) <= 0.0:
         return "its scale is 0"
@@ -240,6 +245,12 @@ def _invisible(marker: Marker) -> str:
     if not any(color.a > 0.0 for color in colors):
         return "its alpha is 0"
     return _empty(marker)
+
+
+def _is_finite(marker: Marker) -> bool:
+    p, q, scale = marker.pose.position, marker.pose.orientation, marker.scale
+    points = [number for point in marker.points for number in (point.x, point.y, point.z)]
+    return all(map(isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w, scale.x, scale.y, scale.z, *points)))
 
 
 def _empty(marker: Marker) -> str:

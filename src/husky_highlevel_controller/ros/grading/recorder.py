@@ -108,6 +108,7 @@ class DriveRecorder:
 
     def _on_truth(self, state: TrueState) -> None:
         if self._written or self._now >= self._task.deadline:
+            self._watch.close()
             return
         with self._lock:
             self._truth.append(state)

@@ -1,0 +1,165 @@
+"""Points and sentences that the submissions here get, and the recordings in test/data/markings."""
+
+import json
+import lzma
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from husky_highlevel_controller.grading.judge import EVIDENCE, judge_recordings
+from husky_highlevel_controller.grading.recording import RECORDING
+from husky_highlevel_controller.grading.records import Job, MarkingConfig
+
+FILES = Path(__file__).parents[1] / "data" / "markings"
+NEAR = MarkingConfig(robot="husky", deadline=15.0, pace=8.0, trials=1)
+CONFIGS = {  # of those that are not marked in this way
+    "is_for_an_older_husky": replace(NEAR, robot="auto"),
+    "listens_to_laser": replace(NEAR, robot="auto"),
+    "prints_ranges": MarkingConfig(exercise=2, robot="husky", pace=4.0),
+    "reference": MarkingConfig(robot="husky", trials=2, seed=7),
+    "reference_of_exercise_5": MarkingConfig(exercise=5, robot="husky", pace=4.0),
+}
+UNJUDGED = ("hits",)  # keys of a recording
+# whose end depends on processes: every run of the tests drives them
+DRIVEN = (
+    "complete", "crashes", "floods", "forges_the_truth", "hangs", "needs_a_missing_package",
+    "sleeps_by_simulated_time", "teleports",
+)  # fmt: skip
+
+# points of: drives towards it, reaches it, RViz, marker's place, marker in RViz (None: for a person, since no
+# RViz configuration was handed in); and words that must be said
+DESERVED = {
+    "complete": ((20, 30, 20, 20, 10), ["odom, stamp 0: right 100 %", "robot model, laser scan to be seen"]),
+    "crashes": (
+        (10, 0, None, 0, 0),
+        ["ends during the drive (exit code 1): ZeroDivisionError", "stops short"],
+    ),
+    "hangs": ((10, 0, None, 0, 0), ["does not answer every scan", "stops short: nearest 6."]),
+    "never_publishes": ((0, 0, None, 0, 0), ["the robot never moves: nothing came on cmd_vel"]),
+    "raises_in_callback": (
+        (0, 0, None, 0, 0),
+        ["callback on_scan raises NameError: name 'minimum' is not defined (controller:11), first at 0."],
+    ),
+    "never_advertises": ((0, 0, None, 0, 0), ["the robot never moves: it advertises no cmd_vel"]),
+    "floods": ((20, 30, None, 0, 0), ["it floods cmd_vel: "]),
+    "drives_away": ((0, 0, None, 20, None), ["drives away: "]),
+    "spins": (
+        (0, 0, None, pytest.approx(16.5, abs=2.0), None),
+        ["turns round ", "inf or NaN"],
+    ),
+    "stops_short": ((20, 0, None, 0, 0), ["stops short: nearest 2."]),
+    "rams": ((20, 30, None, 20, None), ["reaches it, at 1.0"]),  # the sheet's "hits the pillar"
+    "marks_the_origin": (
+        (20, 30, 20, 0, 0),
+        ["right 0 % of", ", 0.13), the pillar at (20.00, 5.00): "],
+    ),
+    "imports_what_is_missing": (
+        (0, 0, None, 0, 0),
+        ["ModuleNotFoundError: No module named 'no_such_package'"],
+    ),
+    "needs_a_missing_package": (
+        (20, 30, None, 0, 0),
+        ["package 'no_such_package' is missing; the <include> that needs it is left out", "stands "],
+    ),
+    # traps: what students do that a person would not mark down, and the first cause in the chain
+    "sleeps_by_simulated_time": ((20, 30, None, 20, None), ["front_laser, stamp 0: right "]),
+    "marks_in_base_link": (
+        (20, 30, None, pytest.approx(9.6, abs=0.3), None),
+        ["0.54 m from the pillar's axis", "m too near, seen from the robot"],
+    ),
+    "commands_zero": ((0, 0, None, 0, 0), ["the robot never moves: all ", "commands were zero"]),
+    "listens_elsewhere": ((0, 0, None, 0, 0), ["it listens to /scan, where nothing is sent"]),
+    # attacks
+    "teleports": (
+        (0, 0, None, 0, 0),
+        ["no points: the simulator was asked to interfere", "the robot jumps "],
+    ),
+    "forges_the_truth": (
+        (0, 0, None, 0, 0),
+        ["no points: node /controller publishes on /ground_truth/odom, as the simulator does"],
+    ),
+    "steers_by_the_truth": (
+        (0, 0, None, 0, 0),
+        ["node /controller subscribes to /husky_simulator/world/update_full, where the simulator tells "],
+    ),
+    "marks_a_grid": ((20, 30, None, 0, 0), ["196 markers in namespace 'grid'"]),
+    "blocks_readers": ((0, 0, 0, 0, 0), ["the robot never moves: all "]),
+    "breaks_readers": (
+        (0, 0, 0, 0, 0),
+        [
+            "launch-prefix 'xterm -e' of node controller is dropped",
+            "node breaks_readers/no_such_program cannot be started",
+        ],
+    ),
+    "forges_events": ((0, 0, None, 0, 0), ["ends during the drive (signal 11, SIGSEGV)"]),
+    "hides": ((0, 0, None, 0, 0), ["no marker at the pillar that could be shown"]),
+    "counts_ids": ((20, 30, None, 0, 0), ["half of those drawn must be right"]),
+    # other robots and exercises
+    "is_for_an_older_husky": ((20, 30, None, 20, None), ["/scan"]),
+    "listens_to_laser": (
+        (20, 30, None, 20, None),
+        ["scans are sent on /laser, the only topic of scans that it subscribes to"],
+    ),
+    "prints_ranges": ((40, None, 15, None), []),
+    "reference": ((20, 30, 20, 20, 10), ["likewise in 1 other worlds"]),
+    "reference_of_exercise_5": (
+        (50, 50, None, None),
+        ["stands after 2 of 2 calls", "drives after 2 of 2 calls"],
+    ),
+    "does_not_build": (
+        (0, 0, None, 0, 0),
+        ["it does not build: ", "controller.cpp:51:", "mend this error first"],
+    ),
+    # faults, each named as it is in the code
+    "turns_too_slowly": ((10, 0, None, 20, None), ["too slowly for 1.0 m/s: a larger gain"]),
+    "swaps_x_and_y": ((20, 30, None, 0, 0), ["x and y are swapped", "x is ahead, y to the left"]),
+    "takes_another_beam": ((20, 30, None, 0, 0), ["its distance is right, its angle is not"]),
+    "cuts_to_whole_metres": (
+        (20, 30, None, pytest.approx(5.2, abs=1.0), None),
+        ["its coordinates are whole metres", "compute the position in double"],
+    ),
+    "forgets_y": (
+        (20, 30, None, pytest.approx(15.0, abs=1.0), None),
+        ["y is always 0", "give the marker a y, too"],
+    ),
+    "marks_nan": ((20, 30, None, 0, 0), ["leave out ranges that are inf or NaN"]),
+    "drives_by_chance": (
+        (None, None, None, None, None),
+        ["`start_` (controller.cpp:36) is read", "by chance, as above", "change no sign"],
+    ),
+}  # fmt: skip
+ATTACKS = ("forges_events", "hides")  # of the package `attacks`
+KEPT = tuple(name for name in DESERVED if name not in DRIVEN)
+
+
+def check(name, result):
+    """Points and sentences of a submission's result."""
+    points, sentences = DESERVED[name]
+    assert tuple(item.points for item in result.items) == points, result
+    said = "\n".join([*(f"{item.evidence}; {item.hint}" for item in result.items), *result.notes])
+    for sentence in sentences:
+        assert sentence in said, said
+
+
+def keep(name, out):
+    """Write what judging a marking needs of its folder to test/data/markings."""
+    parts = {}
+    for path in [out / EVIDENCE, *out.glob(f"drive_*/{RECORDING}")]:
+        content = json.loads(path.read_text(), parse_float=lambda text: round(float(text), 3))
+        if "output" in content:  # exercise 2 reads what was printed, but not addresses and the wall time
+            printed = content["output"] if CONFIGS.get(name, NEAR).exercise == 2 else ""
+            content["output"] = re.sub(r"http\S+|\b\d{10}\.\d+", "0", printed)
+        parts[str(path.relative_to(out))] = {key: content[key] for key in content if key not in UNJUDGED}
+    FILES.mkdir(exist_ok=True)
+    (FILES / f"{name}.json.xz").write_bytes(lzma.compress(json.dumps(parts).encode(), preset=9))
+
+
+def judge_kept(name, out):
+    """The result of a submission by its kept recordings, unpacked into a folder."""
+    parts = json.loads(lzma.decompress((FILES / f"{name}.json.xz").read_bytes()))
+    for place, content in parts.items():
+        (out / place).parent.mkdir(exist_ok=True)
+        (out / place).write_text(json.dumps(content))
+    return judge_recordings(Job(name, str(out), CONFIGS.get(name, NEAR)))

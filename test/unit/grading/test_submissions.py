@@ -1,0 +1,35 @@
+"""Marks of the submissions in test/submissions, judged by kept recordings of their drives."""
+
+import lzma
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from husky_highlevel_controller.grading.reports.files import write_class
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "submissions"))
+from markings import FILES, KEPT, check, judge_kept
+
+
+@pytest.mark.parametrize("name", KEPT)
+def test_everybody_gets_what_they_deserve_and_is_told_why(name, tmp_path):
+    check(name, judge_kept(name, tmp_path))
+
+
+def test_what_it_forges_is_text_on_every_page(tmp_path):
+    write_class([judge_kept("forges_events", tmp_path)], tmp_path)
+    pages = [path.read_text() for path in tmp_path.glob("*.*") if path.suffix not in (".json", ".png")]
+    assert any("SIGSEGV" in page for page in pages)
+    for page in pages:
+        assert not [letter for letter in page if not letter.isprintable() and letter not in "\n\r\t"]
+        assert "<script>alert" not in page or "<html" not in page
+
+
+def test_recordings_are_small_and_say_nothing_of_the_machine_they_were_made_on():
+    kept = {path.name.partition(".")[0]: path.read_bytes() for path in FILES.iterdir()}
+    assert sorted(kept) == sorted(KEPT)
+    assert sum(map(len, kept.values())) < 400_000
+    text = "".join(lzma.decompress(content).decode() for content in kept.values())
+    assert not re.findall(r"/tmp/|/home/|/root/|/work|localhost|127\.0|\[\d{10}\.", text)
