@@ -92,21 +92,17 @@ def keep_world_and_pose(copy: Path, link: Path) -> None:
     """Make a link to a launch file of ours a file with the copy's world and pose, where they differ."""
     try:
         given = world_and_pose(copy)
-    except (
-        OSError,
-        ParseError,
-        defusedxml.DefusedXmlException,
-    ):  # the copy has none, or none that can be read
-        return
+    except (OSError, ParseError, defusedxml.DefusedXmlException):
+        return  # the copy has no such file, or one that is no XML
     ours = world_and_pose(link)
     given = {name: value for name, value in given.items() if value != ours.get(name, value)}
     if not given:
         return
     tree = ElementTree.parse(link)
-    for arg in (*tree.getroot().findall("arg"), *tree.getroot().iterfind(".//include/arg")):
-        attribute = "default" if "default" in arg.attrib else "value"
-        if "$(arg" not in arg.get(attribute, "$(arg"):
-            arg.set(attribute, given.get(arg.get("name", ""), arg.get(attribute, "")))
+    for path, attribute in (("arg", "default"), (".//include/arg", "value")):
+        for arg in tree.getroot().iterfind(path):
+            if arg.get("name") in given and (attribute == "default" or "$(arg" not in arg.get(attribute, "")):
+                arg.set(attribute, given[arg.get("name", "")])
     link.unlink()
     tree.write(link)
 

@@ -110,6 +110,7 @@ PASSED_WORLD = WORLD.format("$(arg world_name)") + "</include>"
 @pytest.mark.parametrize(
     ("files", "kept"),
     [
+        ({"smb_gazebo": ARG.format("world_file", "/a.world")}, {"world_file": "/a.world"}),
         ({"spawn_husky": ARG.format("x", "2.0") + ARG.format("joystick", "false")}, {"x": "2.0"}),
         (
             {"spawn_husky": ARG.format("x", "2.0"), "husky_empty_world": EDITED_WORLD + SPAWN},
@@ -125,12 +126,13 @@ PASSED_WORLD = WORLD.format("$(arg world_name)") + "</include>"
     ],
 )
 def test_the_world_and_pose_of_an_edited_launch_file_stay(tmp_path, files, kept):
-    copy = package(tmp_path, "husky_gazebo", *(f"launch/{name}.launch" for name in files))
-    for name, content in files.items():
-        (copy / "launch" / f"{name}.launch").write_text(f"<launch>{content}</launch>")
-    (joined, *_) = path_beside(tmp_path)
     *_, name = files
-    ours = ElementTree.parse(COMPAT / "husky_gazebo" / "launch" / f"{name}.launch").getroot()
+    gazebo = "smb_gazebo" if name == "smb_gazebo" else "husky_gazebo"
+    copy = package(tmp_path, gazebo, *(f"launch/{file}.launch" for file in files))
+    for file, content in files.items():
+        (copy / "launch" / f"{file}.launch").write_text(f"<launch>{content}</launch>")
+    (joined, *_) = path_beside(tmp_path)
+    ours = ElementTree.parse(COMPAT / gazebo / "launch" / f"{name}.launch").getroot()
     arguments = ElementTree.parse(joined / "launch" / f"{name}.launch").getroot().iter("arg")
     changed = {
         arg.get("name"): arg.get("default") or arg.get("value")
