@@ -56,13 +56,17 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
     return [*body, Part(PLATE, _box((0.73, 0.59, 0.0063), (0.0812, 0.0, 0.248)))], wheel
 
 
+def coarser(triangles: np.ndarray, cell: float = CELL) -> np.ndarray:
+    """Triangles (M, 3, 3) [m] whose corners lie in the middle of cells; those without an area are gone."""
+    cells = np.round(triangles / cell)
+    flat = (cells == np.roll(cells, 1, axis=1)).all(axis=2).any(axis=1)
+    corners: np.ndarray = np.unique(cells[~flat], axis=0) * cell
+    return corners
+
+
 def _mesh(path: Path) -> np.ndarray:
     """Triangles of a binary STL file, coarser by cells."""
-    triangles = np.frombuffer(path.read_bytes(), STL, offset=84)["corners"].astype(float)
-    cells = np.round(triangles / CELL)
-    flat = (cells == np.roll(cells, 1, axis=1)).all(axis=2).any(axis=1)
-    corners: np.ndarray = np.unique(cells[~flat], axis=0) * CELL
-    return corners
+    return coarser(np.frombuffer(path.read_bytes(), STL, offset=84)["corners"].astype(float))
 
 
 def _box(size: Sequence[float], centre: Sequence[float]) -> np.ndarray:

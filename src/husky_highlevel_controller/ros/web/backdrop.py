@@ -1,26 +1,34 @@
-"""Backdrop of the 3D view: ground, sky and light by day and by night, and contact shadows.
+"""Backdrop of the 3D view: ground, sky and light by day and by night, marks of distance, contact shadows.
 
-Shadows are pictures: without a graphics card those of lights take a second a frame.
+Ground and sky are triangles with colours at their corners: without a graphics card a shader that calculates a
+grid takes as long as both, and so does a texture; shadows of lights would take a second a frame.
 """
 
 from __future__ import annotations
 
-import json
-import struct
 from math import cos, pi, radians, sin
-from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
+import trimesh
 import viser
+from PIL import Image, ImageDraw, ImageFont
 
 from husky_highlevel_controller.datatypes import Vector3
 from husky_highlevel_controller.ros.web.viser_private import show_in_page
 
-SIDES = 48  # of the ground's disc and of the sky's dome
-RADIUS = 400.0  # [m] from the origin to the horizon
-SHADOW_HEIGHT, GRID_HEIGHT = 0.004, 0.012  # [m] above the ground, so that none hides the other
+SIDES = 48  # of the ground's rim and of the sky's dome
+RADIUS = 400.0  # [m] from the robot to the horizon
+# [m]: from the robot to the checker's end; between two lines; half of a line's width
+CHECKER, SECTION, LINE = 25, 5, 0.03
+CONTRAST = 0.09  # of the checker's squares of 1 m beside the robot, to both sides of the ground's colour
+STEP = 2 * SECTION  # [m] by which the checker follows the robot: its pattern repeats itself
+# [m] from the fixed frame's origin; [m]; RGB
+MARKS, MARK_SIZE, MARK_COLOR = (5, 10, 15, 20), (0.8, 0.4), (120, 127, 135)
+SHADOW_HEIGHT = 0.004  # [m] above the ground
 # of shadows: [m] beyond the outline; side of the picture; at the darkest
 SHADOW_BLUR, SHADOW_PIXELS, SHADOW_OPACITY = 0.22, 96, 0.55
+UNLIT = "KHR_materials_unlit"
 Colour = Tuple[float, float, float]  # linear, before the browser's tone mapping
 
 
@@ -31,22 +39,17 @@ class Look(NamedTuple):
     haze: Colour  # of the ground at the horizon
     horizon: Colour  # of the sky at the horizon
     zenith: Colour
-    cell: Tuple[int, int, int]  # grid lines of 1 m, sRGB
-    section: Tuple[int, int, int]  # of 5 m
+    line: float  # brighter than the ground by this share
     sun: float  # intensity of the directional light
     sky: float  # of the light from above and below
 
 
 LOOKS = {
-    "day": Look(
-        (0.74, 0.77, 0.80), (0.80, 0.97, 1.18), (0.95, 1.2, 1.5), (0.10, 0.30, 0.85),
-        (175, 181, 188), (130, 138, 148), 2.4, 2.6,
-    ),
+    "day": Look((0.74, 0.77, 0.80), (0.80, 0.97, 1.18), (0.95, 1.2, 1.5), (0.10, 0.30, 0.85), -0.5, 2.4, 2.6),
     "night": Look(
-        (0.045, 0.05, 0.058), (0.045, 0.057, 0.08), (0.05, 0.065, 0.095), (0.004, 0.007, 0.015),
-        (74, 80, 88), (98, 106, 118), 2.0, 1.8,
+        (0.045, 0.05, 0.058), (0.045, 0.057, 0.08), (0.05, 0.065, 0.095), (0.004, 0.007, 0.015), 1.2, 2.0, 1.8
     ),
-}  # fmt: skip
+}
 
 
 class Backdrop:
@@ -55,32 +58,36 @@ class Backdrop:
     def __init__(self, scene: viser.SceneApi) -> None:
         scene.configure_default_lights(False)
         scene.configure_environment_map(None)
-        self._grids, self._domes = [], []
         for name, look in LOOKS.items():
             scene.add_frame(f"/{name}", show_axes=False, visible=name == "day")
             scene.add_light_directional(f"/{name}/sun", intensity=look.sun, position=(-4.0, 3.0, 8.0))
             scene.add_light_hemisphere(f"/{name}/light", ground_color=(150, 150, 150), intensity=look.sky)
-            self._domes.append(scene.add_glb(f"/{name}/dome", dome(look), receive_shadow=False))
-            self._grids.append(
-                scene.add_grid(
-                    f"/{name}/grid",
-                    cell_size=1.0,
-                    section_size=5.0,
-                    cell_color=look.cell,
-                    section_color=look.section,
-                    infinite_grid=True,
-                    fade_distance=60.0,
-                    shadow_opacity=0.0,
-                )
+        self._scenery = [
+            scene.add_glb(f"/{name}/scenery", scenery(look), receive_shadow=False)
+            for name, look in LOOKS.items()
+        ]
+        self._marks = scene.add_frame("/distances", show_axes=False)
+        for metres in MARKS:
+            image = Image.new("RGBA", (128, 64), (*MARK_COLOR, 0))
+            font: Any = ImageFont.load_default(56)
+            ImageDraw.Draw(image).text((64, 32), f"{metres} m", MARK_COLOR, font, anchor="mm")
+            scene.add_image(
+                f"/distances/{metres}",
+                np.asarray(image),
+                *MARK_SIZE,
+                format="png",
+                wxyz=(0.5, -0.5, 0.5, -0.5),  # upright, to be read from the origin
+                position=(metres, 0.0, MARK_SIZE[1] / 2.0),
+                cast_shadow=False,
             )
 
-    def update(self, ground: float, has_grid: bool) -> None:
-        """Put the ground at a height [m], with or without its grid."""
-        for grid, the_dome in zip(self._grids, self._domes):
-            grid.visible = has_grid
-            if abs(grid.position[2] - GRID_HEIGHT - ground) > 1e-6:
-                grid.position = (0.0, 0.0, ground + GRID_HEIGHT)
-                the_dome.position = (0.0, 0.0, ground)
+    def update(self, ground: float, robot: Optional[Vector3]) -> None:
+        """Put the ground at a height [m], around the robot [m]."""
+        x, y = (0.0, 0.0) if robot is None else (STEP * round(value / STEP) for value in robot[:2])
+        places = [(node, (x, y, ground)) for node in self._scenery]
+        for node, place in (*places, (self._marks, (0.0, 0.0, ground))):
+            if np.abs(node.position - place).max() > 1e-6:
+                node.position = place
 
 
 def show_backdrop(client: viser.ClientHandle, is_dark: bool) -> None:
@@ -106,62 +113,65 @@ def _fade(length: float) -> np.ndarray:
     return smooth
 
 
-def dome(look: Look) -> bytes:
-    """Disc of the ground and dome of the sky, as a binary glTF of unlit triangles."""
-    rings: List[Tuple[float, float, Colour]] = [
-        (0.0, 0.0, look.ground),
-        (30.0, 0.0, look.ground),
-        (120.0, 0.0, _mix(look.ground, look.haze, 0.75)),
-        (RADIUS, 0.0, look.haze),
-    ]
+def scenery(look: Look) -> bytes:
+    """Ground with a checker of 1 m and lines every SECTION, and dome of the sky, as a binary glTF."""
+    parts = (checker(look), _surroundings(look))
+    quads, colors = (np.concatenate(arrays) for arrays in zip(*parts))  # (N, 4, 3) [m], (N, 4, 3)
+    brightness = float(colors.max())  # glTF's colours end at 1
+    rgb = np.round(255.0 * colors / brightness).astype(np.uint8).reshape(-1, 3)
+    faces = 4 * np.arange(len(quads))[:, None, None] + np.array([(0, 1, 2), (0, 2, 3)])
+    mesh = trimesh.Trimesh(quads.reshape(-1, 3), faces.reshape(-1, 3), vertex_colors=rgb, process=False)
+
+    def make_unlit(tree: Dict[str, Any]) -> None:
+        tree["extensionsUsed"] = [UNLIT]
+        factor = {"baseColorFactor": [brightness, brightness, brightness, 1.0]}
+        tree["materials"] = [{"pbrMetallicRoughness": factor, "doubleSided": True, "extensions": {UNLIT: {}}}]
+        tree["meshes"][0]["primitives"][0]["material"] = 0
+
+    data: Any = mesh.export(file_type="glb", tree_postprocessor=make_unlit)
+    return bytes(data)
+
+
+def checker(look: Look) -> Tuple[np.ndarray, np.ndarray]:
+    """Quads and colours of the ground near the robot; farther away the contrast would only flicker."""
+    edges = np.unique(
+        [
+            metre + side
+            for metre in range(-CHECKER, CHECKER + 1)
+            for side in ((0.0,) if metre % SECTION else (-LINE, LINE))
+        ]
+    )
+    (x0, y0), (x1, y1) = (np.reshape(np.meshgrid(side, side), (2, -1)) for side in (edges[:-1], edges[1:]))
+    x, y = (x0 + x1) / 2.0, (y0 + y1) / 2.0
+    squares = CONTRAST * (1.0 - 2.0 * ((np.floor(x) + np.floor(y)) % 2.0))
+    shade = np.where(np.minimum(x1 - x0, y1 - y0) < 3.0 * LINE, look.line, squares)
+    fade = np.clip(1.0 - np.hypot(x, y) / CHECKER, 0.0, 1.0)
+    colors = (1.0 + shade * fade)[:, None] * np.array(look.ground)
+    corners = np.array([(x0, y0, 0.0 * x), (x1, y0, 0.0 * x), (x1, y1, 0.0 * x), (x0, y1, 0.0 * x)])
+    return corners.transpose(2, 0, 1), np.repeat(colors[:, None], 4, axis=1)
+
+
+def _surroundings(look: Look) -> Tuple[np.ndarray, np.ndarray]:
+    """Quads and colours of the ground from the checker to the horizon, and of the sky."""
+    angles = np.linspace(0.0, 2.0 * pi, SIDES + 1)
+    around = np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    up = np.array((0.0, 0.0, RADIUS))
+    near = (CHECKER - 0.5) * around / np.abs(around).max(axis=1, keepdims=True) - (0.0, 0.0, 0.01)
+    rings = [(near, look.ground), (120.0 * around, _mix(look.ground, look.haze, 0.75))]
+    rings.append((RADIUS * around, look.haze))
     for elevation, share in ((0, 0.0), (4, 0.12), (10, 0.3), (20, 0.55), (35, 0.8), (60, 0.96), (90, 1.0)):
         angle = radians(elevation)
-        color = _mix(look.horizon, look.zenith, share)
-        rings.append((RADIUS * cos(angle), RADIUS * sin(angle), color))
-    angles = np.linspace(0.0, 2.0 * pi, SIDES, endpoint=False)
-    vertices = [(r * cos(a), r * sin(a), z) for r, z, _ in rings for a in angles]
-    colors = [color for _, _, color in rings for _ in angles]
-    faces = []
-    for ring in range(len(rings) - 1):
-        for side in range(SIDES):
-            a, b = ring * SIDES + side, ring * SIDES + (side + 1) % SIDES
-            faces += [(a, b, b + SIDES), (a, b + SIDES, a + SIDES)]
-    return _unlit_glb(np.array(vertices, "<f4"), np.array(colors, "<f4"), np.array(faces, "<u4"))
+        ring = RADIUS * cos(angle) * around + sin(angle) * up
+        rings.append((ring, _mix(look.horizon, look.zenith, share)))
+    points = np.array([ring for ring, _ in rings])
+    colors = np.array([np.broadcast_to(color, ring.shape) for ring, color in rings])
+    quads, of_quads = (
+        np.stack([each[:-1, :-1], each[:-1, 1:], each[1:, 1:], each[1:, :-1]], axis=2).reshape(-1, 4, 3)
+        for each in (points, colors)
+    )
+    return quads, of_quads
 
 
 def _mix(a: Colour, b: Colour, share: float) -> Colour:
     x, y, z = ((1.0 - share) * p + share * q for p, q in zip(a, b))
     return (x, y, z)
-
-
-def _unlit_glb(vertices: np.ndarray, colors: np.ndarray, faces: np.ndarray) -> bytes:
-    """Binary glTF 2.0 of one mesh with KHR_materials_unlit; glTF's own axes are undone by its reader."""
-    views: List[Dict[str, int]] = []
-    accessors: List[Dict[str, Any]] = []
-    payload = b""
-    for array, kind, number in ((vertices, "VEC3", 5126), (colors, "VEC3", 5126), (faces, "SCALAR", 5125)):
-        count = array.size if kind == "SCALAR" else len(array)
-        accessors.append({"bufferView": len(views), "componentType": number, "count": count, "type": kind})
-        views.append({"buffer": 0, "byteOffset": len(payload), "byteLength": array.nbytes})
-        payload += array.tobytes()
-    accessors[0].update(min=vertices.min(axis=0).tolist(), max=vertices.max(axis=0).tolist())
-    primitive = {"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}
-    unlit: Dict[str, Any] = {"doubleSided": True, "extensions": {"KHR_materials_unlit": {}}}
-    tree = {
-        "asset": {"version": "2.0"},
-        "extensionsUsed": ["KHR_materials_unlit"],
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [primitive]}],
-        "materials": [unlit],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": len(payload)}],
-    }
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    chunks = (
-        struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(payload), b"BIN\0") + payload
-    )
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks

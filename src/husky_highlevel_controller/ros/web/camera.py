@@ -15,7 +15,8 @@ from husky_highlevel_controller.ros.web.viser_private import look
 FOLLOW, PILLAR, ABOVE, FREE = CAMERAS = ("Follow", "Pillar", "Above", "Free")
 FIELD_OF_VIEW = radians(34.0)  # of the view's height; wider ones make what stands upright lean
 # from what it looks at [m]; of FOLLOW with x along the robot's heading
-OFFSETS = {FOLLOW: (-5.35, 1.95, 1.2), PILLAR: (-6.4, -7.1, 2.6), ABOVE: (-0.01, 0.0, 34.0)}
+OFFSETS = {FOLLOW: (-5.5, 1.75, 0.45), PILLAR: (-6.4, -7.1, 1.6), ABOVE: (-0.01, 0.0, 34.0)}
+AIM = 0.75  # [m] above the robot or the pillar's point: looked down at, what stands upright leans
 JUMP = 1.0  # [m] from here on the robot was put elsewhere
 TURN_SHARE = 0.08  # of the way to the robot's heading that the camera turns in one update
 STILL, STILL_ANGLE = 0.002, 0.001  # [m], [rad]: less is not worth a message
@@ -39,10 +40,11 @@ class Camera:
     def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
         """Move with what it looks at, in the fixed frame [m]."""
         robot = None if base is None else base.position
-        target = pillar if self._name == PILLAR else robot
+        looked_at = pillar if self._name == PILLAR else robot
         camera = self._client.camera
-        if target is None or self._name == FREE or camera.update_timestamp == 0.0:
+        if looked_at is None or self._name == FREE or camera.update_timestamp == 0.0:
             return
+        target = (looked_at[0], looked_at[1], looked_at[2] + AIM)
         yaw = 0.0 if base is None or self._name != FOLLOW else yaw_from_quat(base.quat_xyzw)
         if self._is_placed and dist(target, self._at) < JUMP:
             turn = TURN_SHARE * wrap_angle(yaw - self._yaw)

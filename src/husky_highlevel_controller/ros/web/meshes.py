@@ -13,6 +13,7 @@ import rospy
 import trimesh
 
 from husky_highlevel_controller.datatypes import HuskyError, Rgba
+from husky_highlevel_controller.robot_mesh import CELL, coarser
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.markers import MeshFile, Solid
 from husky_highlevel_controller.ros.web.shapes import Mesh
@@ -20,12 +21,15 @@ from husky_highlevel_controller.ros.web.shapes import Mesh
 MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # of the box that stands for a mesh that cannot be read
 MISSING_SIZE = (0.2, 0.2, 0.2)  # [m]
 PLAIN: Rgba = (0.7, 0.7, 0.7, 1.0)
+# triangles of a part, from where on it is drawn with fewer: without a graphics card the Husky's own ones take
+# a third of a picture's time; cells for each of its lengths, at least
+MANY, CELLS = 500, 25.0
 
 
 def load(file: MeshFile) -> List[Solid]:
     """The triangles of a mesh file; a box and a warning where it cannot be read."""
     try:
-        parts = _read(file.uri)
+        parts = _read(file.uri, CELL / (max(map(abs, file.scale)) or 1.0))
     except HuskyError as error:
         rospy.logwarn_once(f"{error}; a box is drawn instead")
         return [Solid(shapes.cube(), MISSING, MISSING_SIZE)]
@@ -33,20 +37,25 @@ def load(file: MeshFile) -> List[Solid]:
 
 
 @lru_cache(maxsize=64)
-def _read(uri: str) -> Tuple[Tuple[Mesh, Rgba], ...]:
+def _read(uri: str, cell: float) -> Tuple[Tuple[Mesh, Rgba], ...]:
     path = _path(uri)
     try:
         loaded: Any = trimesh.load(path, force="scene", process=False)
         parts = tuple(
-            (Mesh(part.vertices.astype(np.float32), part.faces.astype(np.uint32)), _color(part))
-            for part in loaded.dump()
-            if isinstance(part, trimesh.Trimesh)
+            (_mesh(part, cell), _color(part)) for part in loaded.dump() if isinstance(part, trimesh.Trimesh)
         )
     except Exception as error:  # a mesh file may be broken in as many ways as its reader has errors
         raise HuskyError(f"mesh '{uri}' cannot be read: {type(error).__name__}: {error}") from None
     if not parts:
         raise HuskyError(f"mesh '{uri}' holds no triangles")
     return parts
+
+
+def _mesh(part: trimesh.Trimesh, cell: float) -> Mesh:
+    if len(part.faces) > MANY:
+        smallest = min(cell, float(part.extents.max()) / CELLS)
+        return shapes.triangles(coarser(part.triangles, smallest).reshape(-1, 3))
+    return Mesh(part.vertices.astype(np.float32), part.faces.astype(np.uint32))
 
 
 def _path(uri: str) -> Path:

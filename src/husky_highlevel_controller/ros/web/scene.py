@@ -76,7 +76,7 @@ class Scene:
         self._controller = f"{controller}/"
         self._left_out = LeftOut()
         self.frames, self.markers = Frames(), Markers()
-        self.layers = dict.fromkeys(("scan", "trail", "markers", "grid"), True)
+        self.layers = dict.fromkeys(("scan", "trail", "markers"), True)
         self.layers.update(frames=False, depth=False)
         self.scan_stamp = 0.0  # [s]
         self.moment: Optional[float] = None  # [s] that is drawn: the newest scan's; None: each frame's newest
@@ -167,7 +167,7 @@ class Scene:
         self._update_markers(topics)
         self._update_axes()
         self._update_plan()
-        self._backdrop.update(self.ground, self.layers["grid"])
+        self._backdrop.update(self.ground, None if self.base is None else self.base.position)
         footprint = self.frames.pose(FOOTPRINT, BASE)
         if self._shadow is not None and footprint is not None:
             x, y, _ = self._shadow.position.tolist()

@@ -16,7 +16,8 @@ from visualization_msgs.msg import MarkerArray
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros.markers import line_to_marker
-from husky_highlevel_controller.ros.web import backdrop, camera
+from husky_highlevel_controller.ros.web import backdrop, camera, meshes
+from husky_highlevel_controller.ros.web.markers import MeshFile
 from husky_highlevel_controller.ros.web.scene import DASH, Scene, dashes
 
 
@@ -54,9 +55,9 @@ def test_the_camera_comes_to_stand_behind_a_robot_that_turns_though_the_page_rep
     for update in range(200):
         follow.update(pose(0.05 * update, yaw=min(0.02 * update, pi / 2.0)), None)
         browser.report(*browser.sent[max(0, update - 10)])
-    (x, y, z), (at_x, at_y, _) = browser.sent[-1]
+    (x, y, z), (at_x, at_y, at_z) = browser.sent[-1]
     behind, left, above = camera.OFFSETS[camera.FOLLOW]
-    assert (x - at_x, y - at_y, z) == pytest.approx((-left, behind, above), abs=0.05)
+    assert (x - at_x, y - at_y, z - at_z) == pytest.approx((-left, behind, above), abs=0.05)
 
 
 def test_the_camera_keeps_the_side_that_the_mouse_has_turned_it_to(monkeypatch):
@@ -83,11 +84,31 @@ def test_the_camera_is_sent_nothing_while_the_robot_stands(monkeypatch):
 
 @pytest.mark.parametrize("name", ["day", "night"])
 def test_the_ground_reaches_to_a_horizon_below_a_closed_sky(name):
-    (part,) = trimesh.load(io.BytesIO(backdrop.dome(backdrop.LOOKS[name])), file_type="glb").dump()
+    (part,) = trimesh.load(io.BytesIO(backdrop.scenery(backdrop.LOOKS[name])), file_type="glb").dump()
     lengths = np.linalg.norm(part.vertices, axis=1)
-    assert part.vertices[:, 2].min() == 0.0
+    assert -0.02 < part.vertices[:, 2].min() <= 0.0
     assert lengths.max() == pytest.approx(backdrop.RADIUS)
     assert part.vertices[:, 2].max() == pytest.approx(backdrop.RADIUS)
+
+
+def test_the_ground_shows_metres_near_the_robot_and_no_pattern_far_away():
+    look = backdrop.LOOKS["day"]
+    quads, colors = backdrop.checker(look)
+
+    def contrast(x, y):
+        from_middle = np.linalg.norm(quads.mean(axis=1) - (x + 0.5, y + 0.5, 0.0), axis=1)
+        return colors[from_middle.argmin(), 0, 0] / look.ground[0] - 1.0
+
+    assert np.sign([contrast(x, y) for x, y in ((1, 1), (1, 2), (2, 2), (2, 1))]).tolist() == [1, -1, 1, -1]
+    assert abs(contrast(1, 1)) > 0.05
+    assert abs(contrast(24, 7)) < 0.01
+
+
+def test_a_mesh_with_more_triangles_than_are_seen_is_drawn_with_fewer(tmp_path):
+    trimesh.creation.icosphere(subdivisions=5, radius=0.2).export(tmp_path / "fine.stl")
+    (solid,) = meshes.load(MeshFile((tmp_path / "fine.stl").as_uri(), (1.0, 1.0, 1.0), None))
+    assert len(solid.mesh.faces) < 0.5 * 20 * 4**5
+    assert solid.extents == pytest.approx([0.4, 0.4, 0.4], abs=0.02)
 
 
 def test_dashes_stay_while_the_end_comes_nearer():
