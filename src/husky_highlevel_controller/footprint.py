@@ -30,11 +30,7 @@ class Footprint:
         return max(self.hull[1], self.wheels[2])
 
     def clearance(self, points_in_base: np.ndarray) -> np.ndarray:
-        """Distance from the outline to each point, (N,) [m]; 0 inside.
-
-        Args:
-            points_in_base: (N, 2) [m].
-        """
+        """Distance from the outline to each point (N, 2) in base_link, (N,) [m]; 0 inside."""
         x, y = np.abs(points_in_base).T
         (length, width), (axle, inner, outer) = self.hull, self.wheels
         nearest: np.ndarray = np.minimum(
@@ -55,10 +51,7 @@ class Footprint:
     def gaps(self, poses: np.ndarray, centers: np.ndarray, radius: float) -> np.ndarray:
         """Gaps between the outline at each pose and a pillar's surface, (N,) [m]; negative: inside.
 
-        Args:
-            poses: (N, 3) [m, m, rad], x, y and yaw of base_link in the world.
-            centers: of the pillar in the world, (N, 2) or (2,) [m].
-            radius: of the pillar [m].
+        Poses of base_link, (N, 3) [m, m, rad], and the pillar's centre, (N, 2) or (2,) [m], are in the world.
         """
         dx, dy = (np.asarray(centers) - poses[:, :2]).T
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])

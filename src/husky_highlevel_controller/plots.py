@@ -37,13 +37,7 @@ def plain(text: str) -> str:
 
 
 def from_above(plot: Any, pillar: Tuple[float, float], radius: float) -> None:
-    """Prepare the axes of a drive seen from above, with the pillar.
-
-    Args:
-        plot: axes of matplotlib.
-        pillar: its centre in the world [m].
-        radius: of the pillar [m].
-    """
+    """Prepare axes of matplotlib for a drive seen from above, with a pillar [m] in the world."""
     plot.add_patch(Circle(pillar, radius, color=PILLAR, zorder=3))
     plot.set_aspect("equal", adjustable="datalim")
     plot.margins(0.08)
@@ -53,13 +47,7 @@ def from_above(plot: Any, pillar: Tuple[float, float], radius: float) -> None:
 
 
 def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint) -> None:
-    """Draw a robot's outline, with an arrow on it that points ahead.
-
-    Args:
-        plot: axes of matplotlib.
-        pose: x, y, yaw of base_link in the world [m, m, rad].
-        footprint: of the robot.
-    """
+    """Draw a robot's outline at a pose in the world [m, m, rad], with an arrow on it that points ahead."""
     x, y, yaw = pose
     turn = np.array([[cos(yaw), sin(yaw)], [-sin(yaw), cos(yaw)]])
     outline, arrow = (

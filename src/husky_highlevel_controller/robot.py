@@ -123,11 +123,7 @@ class Robot:
 
 @lru_cache(maxsize=None)
 def robot_file(name: str) -> Dict[str, Any]:
-    """Content of config/robots/NAME.yaml.
-
-    Raises:
-        ConfigError: there is no robot of that name.
-    """
+    """Content of config/robots/NAME.yaml; ConfigError if there is no robot of that name."""
     if name not in ROBOTS:
         raise ConfigError(f"robot '{name}' is not {' or '.join(ROBOTS)}")
     with (share_folder() / "config" / "robots" / f"{name}.yaml").open() as file:

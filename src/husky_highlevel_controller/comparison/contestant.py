@@ -114,11 +114,7 @@ def _source(place: str) -> str:
 
 
 def controller_of(contestant: Contestant) -> Controller:
-    """The function that decides.
-
-    Raises:
-        HuskyError: its file cannot be run, or has no such function.
-    """
+    """The function that decides; HuskyError where its file cannot be run, or has no such function."""
     if not contestant.function:
         return decide
     try:
@@ -187,15 +183,7 @@ def _launch_problem(launch: Launchable) -> str:
 def outcome(
     scene: str, times: np.ndarray, poses: np.ndarray, pillar: Tuple[float, float], robot: Robot
 ) -> Outcome:
-    """Outcome of a drive of one contestant in one scene.
-
-    Args:
-        scene: its name.
-        times: (N,) [s].
-        poses: (N, 3) [m, m, rad], true, in the world.
-        pillar: its centre in the world at first [m].
-        robot: whose outline counts.
-    """
+    """Outcome of a drive: times (N,) [s], true poses (N, 3) [m, m, rad], the pillar's centre at first [m]."""
     gap = robot.footprint.gaps(poses, np.array(pillar), PILLAR_RADIUS)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
     speeds = steps / np.maximum(np.diff(times, prepend=times[0] - 1.0), 1e-9)

@@ -53,13 +53,7 @@ class _Fits(NamedTuple):
 
 
 def may_be_pillars(scan: Scan, segments: Segments, limits: Limits) -> Segments:
-    """The segments that the exact fit may find to be pillars.
-
-    Args:
-        scan: that they are of.
-        segments: one or more.
-        limits: what a pillar's circle meets.
-    """
+    """The segments, of one or more of a scan, that the exact fit may find to be pillars."""
     fits = _geometric_fits(segments, limits.radius, limits.noise)
     candidates = (
         (fits.x > fits.near - _MARGIN)

@@ -63,14 +63,7 @@ class Target(NamedTuple):
 def target_at(
     center_in_base: Tuple[float, float], radius: float, laser_in_base: Pose, outline: Footprint
 ) -> Target:
-    """The target that a pillar is, whichever way up the lidar is mounted.
-
-    Args:
-        center_in_base: of the pillar [m].
-        radius: of the pillar [m].
-        laser_in_base: where the lidar is.
-        outline: of the robot.
-    """
+    """Target of a pillar [m], its centre in base_link, whichever way up the lidar is mounted."""
     x, y = center_in_base
     distance = hypot(x - laser_in_base.position[0], y - laser_in_base.position[1]) - radius
     return Target(x, y, radius, distance, outline.clearance_at(x, y) - radius)
@@ -87,15 +80,7 @@ def to_be_touched(target: Target, config: ControlConfig) -> bool:
 
 
 def steer(target: Target, config: ControlConfig) -> Twist2D:
-    """The proportional laws: never backwards, slower the less the robot faces the pillar, limited.
-
-    Args:
-        target: where the pillar is.
-        config: gains and limits.
-
-    Returns:
-        The velocity to command, in base_link.
-    """
+    """Twist by the proportional laws: limited, never backwards, slower where the pillar is not ahead."""
     speed = config.p_gain_vel * remaining_distance(target, config)
     if config.p_gain_vel > 0.0 and to_be_touched(target, config):
         speed = max(speed, MIN_TOUCH_SPEED)

@@ -73,15 +73,9 @@ _MAX_SKIPPED = 2  # beams without a return that a pillar may have between two wi
 
 
 def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
-    """The pillars in a scan, nearest first.
+    """Pillars of a scan in the laser's frame, nearest first.
 
-    Args:
-        scan: one sweep, of any field of view and number of beams.
-        config: what counts as a pillar.
-
-    Returns:
-        Pillars in the laser's frame; empty when there is none. Those of few beams (far away) may turn out
-        to be something else from nearer by.
+    Those of few beams (far away) may turn out to be something else from nearer by.
     """
     if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min) and scan.valid.any()):
         return []  # beams without a direction, or without a return
@@ -111,11 +105,9 @@ def _candidates(scan: Scan, config: PillarConfig) -> Segments:
 
 
 def cluster(scan: Scan, config: PillarConfig) -> Segments:
-    """Split the valid beams into segments that may each lie on one body; single beams amid one are left out.
+    """Split the valid beams, one or more, into segments that may each lie on one body.
 
-    Args:
-        scan: one sweep with a valid beam.
-        config: the pillar's size says how far apart neighbours may be.
+    The pillar's size says how far apart neighbours may be; single beams amid a segment are left out.
     """
     (beams,) = scan.valid.nonzero()
     ranges = scan.returns[beams]

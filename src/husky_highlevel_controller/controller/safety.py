@@ -132,19 +132,10 @@ class Latch:
 
 
 def advance_latch(latch: Latch, danger: bool, moving: bool, stamp: float) -> Tuple[Latch, bool]:
-    """Decide at one instant.
+    """Latch at a time [s], Latch() at first, and whether to stop now.
 
     A tripped latch is on guard again when the robot was started: when it moves after it stood, or
     still moves when it should have stood for long. Time that runs back is a new run.
-
-    Args:
-        latch: what it was before, Latch() at first.
-        danger: whether there is reason to stop.
-        moving: whether the robot moves.
-        stamp: the time [s].
-
-    Returns:
-        The latch now, and whether to call for a stop now.
     """
     if latch.tripped_at is not None:
         elapsed = stamp - latch.tripped_at

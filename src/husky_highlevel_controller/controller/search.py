@@ -45,15 +45,7 @@ def search_on(
     outline: Footprint,
     config: ControlConfig,
 ) -> Tuple[Search, Twist2D]:
-    """Continue the search from where the robot is now.
-
-    Args:
-        search: how far it had come; Search() to begin.
-        base_in_odom: where the robot is.
-        points_in_base: (N, 2) [m], what is near it.
-        outline: of the robot.
-        config: rates and limits.
-    """
+    """Continue the search, at first Search(), from where the robot is, among points near it, (N, 2) [m]."""
     before = search.pose or base_in_odom
     turned = wrap_angle(base_in_odom.yaw - before.yaw)
     driven = hypot(base_in_odom.x - before.x, base_in_odom.y - before.y)
@@ -73,16 +65,9 @@ def search_on(
 
 
 def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outline: Footprint) -> np.ndarray:
-    """Points near the robot, (N, 2) [m] in base_link.
+    """Ends of beams near the robot, (N, 2) [m] in base_link.
 
-    Args:
-        scan: one sweep.
-        laser_in_base: where its lidar is.
-        target: the pillar to leave out, which is not in its own way.
-        outline: of the robot.
-
-    Returns:
-        End points of beams without those on the robot itself and those that have no neighbour (speckle).
+    Left out are the robot itself, single ones (speckle), and the target, which is not in its own way.
     """
     (near,) = ((scan.returns < _REACH) & scan.valid).nonzero()
     if not len(near):

@@ -68,13 +68,7 @@ class ClockOffset:
 
 
 def clock_sentence(who: str, seconds: float, reference: str) -> str:
-    """Sentence on an offset between clocks.
-
-    Args:
-        who: the messages, with their verb ("scans are").
-        seconds: by which they are stamped ahead of the reference; negative: behind it.
-        reference: whose clock it is.
-    """
+    """Sentence on messages ("scans are") stamped so far ahead of a reference [s]; negative: behind it."""
     way = "ahead of" if seconds > 0.0 else "behind"
     return f"{who} stamped {abs(seconds):.2f} s {way} {reference}: set the clocks (chrony)"
 

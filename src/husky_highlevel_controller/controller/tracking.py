@@ -91,18 +91,12 @@ class Sighting(NamedTuple):
 def follow(
     track: Track, pillars: List[Pillar], scan: Scan, laser_in_odom: Pose, keep_hidden: bool = False
 ) -> Tuple[Track, Optional[Sighting], Visibility]:
-    """Find the followed pillar in a scan, or begin to follow one.
+    """Find the followed pillar in a scan, whose pillars are nearest first, or begin to follow one.
 
-    Args:
-        track: what is believed so far.
-        pillars: those in the scan, nearest first.
-        scan: the scan.
-        laser_in_odom: where the lidar was.
-        keep_hidden: whether a near place is kept although something hides it.
+    With `keep_hidden` a near place is kept although something hides it.
 
     Returns:
-        What is believed now, the followed pillar if the scan shows it, and what the scan says about
-        its place.
+        What is believed now, the followed pillar if the scan shows it, and what it says about the place.
     """
     period = min(max(scan.stamp - track.updated_at, 0.0), _LONGEST_PERIOD)
     sightings = [

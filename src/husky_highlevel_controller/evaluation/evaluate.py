@@ -164,13 +164,8 @@ def evaluate(
 ) -> List[Tuple[str, List[Figure]]]:
     """All figures on Gazebo's profile, in sections with a title.
 
-    Args:
-        seed: of everything random.
-        scenes: single scans of each kind.
-        starts: random starts.
-        workers: who drive; the figures do not depend on them.
-        replays: folder for pages that play the drives.
-        robot: one of ROBOTS.
+    They are of `scenes` single scans of each kind and of `starts` random starts. Pages that play the drives
+    go into `replays`.
     """
     setup = setup_of(robot=robot)
     control, simulator, lidar = setup.control, setup.simulator, setup.simulator.lidar

@@ -85,13 +85,7 @@ class DriveResult:
 
 
 def run(setup: Setup, scenario: Scenario, controller: Controller = decide) -> DriveResult:
-    """Drive a scenario and judge it.
-
-    Args:
-        setup: gains and limits, what counts as a pillar, how the simulation runs.
-        scenario: where, from where, with which noise.
-        controller: what answers a scan, called like `behaviour.decide`.
-    """
+    """Drive a scenario and judge it; `controller` answers a scan, called like `behaviour.decide`."""
     return judge(drive(setup, scenario, controller), scenario, setup)
 
 

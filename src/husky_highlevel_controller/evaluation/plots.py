@@ -54,13 +54,7 @@ def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, titl
 
 
 def draw_ways(ways: Mapping[str, np.ndarray], pillar: Tuple[float, float], title: str) -> bytes:
-    """Ways to a pillar from above.
-
-    Args:
-        ways: (N, 3) poses [m, m, rad] in the world, by their label in the legend.
-        pillar: its centre in the world [m].
-        title: of the picture.
-    """
+    """Ways, (N, 3) poses [m, m, rad] in the world by their label, to a pillar [m], seen from above."""
     figure = new_figure(5.6, 4.8)
     plot = figure.subplots()
     from_above(plot, pillar, PILLAR_RADIUS)

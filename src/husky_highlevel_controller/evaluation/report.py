@@ -72,14 +72,9 @@ class Report:
         return "\n\n".join([self.lead, *shown, *filter(None, [self.verdict])])
 
     def write(self, folder: Path, pictures: Optional[Mapping[str, bytes]] = None) -> Path:
-        """Write index.html, with everything in it, and report.json, where inf and nan are null.
+        """Write index.html, with PNGs by their captions, and report.json; return the page.
 
-        Args:
-            folder: to write to.
-            pictures: PNGs by their captions.
-
-        Returns:
-            Path of the page.
+        Numbers that are not finite are null in JSON.
         """
         finite = json.loads(json.dumps(to_plain(self)), parse_constant=lambda _: None)
         (folder / "report.json").write_text(json.dumps(finite), encoding="utf-8")

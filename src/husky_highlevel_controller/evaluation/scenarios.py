@@ -91,11 +91,7 @@ def scan_of(ranges: np.ndarray, lidar: LidarConfig = SICK) -> Scan:
 def pillar_scene(number: int, seed: int, clutter: bool = False, lidar: LidarConfig = SICK) -> PillarScan:
     """A scan with a pillar 0.6-25 m away, at any bearing in view, that three beams or more fall on.
 
-    Args:
-        number: of the scene; same number, same scene.
-        seed: of everything random.
-        clutter: whether other bodies stand around, some in front of the pillar, none nearer than 0.3 m.
-        lidar: beams, range and noise.
+    With `clutter` other bodies stand around, some in front of the pillar, none nearer to it than 0.3 m.
     """
     rng, side = np.random.default_rng([seed, 1, number]), min(_SIDE, lidar.angle_max - _EDGE)
     while True:

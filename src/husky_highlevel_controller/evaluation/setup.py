@@ -43,14 +43,10 @@ class Setup:
     simulator: SimulatorConfig = field(default_factory=simulator_config)
 
     def with_values(self, values: Mapping[str, Any], source: str = "") -> Setup:
-        """Another one, with some parameters changed.
-
-        Args:
-            values: by name.
-            source: where they come from, for error texts.
+        """Another one, with some parameters changed by name.
 
         Raises:
-            ConfigError: a name is none, or a value is not allowed.
+            ConfigError: a name is none, or a value is not allowed; the text begins with `source`.
         """
         current = parameters(self)
         for name in values:

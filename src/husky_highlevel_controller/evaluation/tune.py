@@ -215,16 +215,7 @@ def check(
 def report_of(
     tuned: Tuned, base: Setup, objective: Objective, fresh: Table, tried: str, source: str
 ) -> Report:
-    """Report of tuning.
-
-    Args:
-        tuned: values and trials.
-        base: setup that the tuned values change.
-        objective: what was minimized.
-        fresh: figures of both setups, from `check`.
-        tried: setups that were tried, in words.
-        source: hash and machines of the drives.
-    """
+    """Report of the setups that were `tried`, and of the figures of both setups on `fresh` starts."""
     defaults, best = parameters(base), min(row["objective"] for row in tuned.trials)
     values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
     tables = [Table("Parameters", ("", *HEADER[:2]), values), fresh, every_row("Every setup", tuned.trials)]

@@ -23,7 +23,7 @@ LAUNCH_FILES = {  # that load the parameters of nodes
 
 
 def named_robot() -> Tuple[Dict[str, Any], Robot]:
-    """The node's private parameters but `~robot_name`, and the robot of that name; the Husky without one.
+    """The node's private parameters but `~robot_name`, and the robot of that name, by default the Husky.
 
     Raises:
         ConfigError: there is no robot of that name.

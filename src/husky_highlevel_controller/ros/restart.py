@@ -54,9 +54,6 @@ def _connect_to_local_display(number: int) -> None:
 def run(command: Sequence[str]) -> int:
     """Run a command, a second time if a crash ended it; SIGINT and SIGTERM are passed on.
 
-    Args:
-        command: the program and its arguments.
-
     Returns:
         Its exit code; negative where a signal ended it.
     """

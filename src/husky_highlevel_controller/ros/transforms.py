@@ -15,13 +15,9 @@ MAX_COORDINATE = 1e6  # [m], farther away is no pose; tf2 refuses NaN, but neith
 def lookup_transform(
     transforms: tf2_ros.BufferCore, parent: str, child: str, stamp: Optional[rospy.Time] = None
 ) -> Optional[TransformStamped]:
-    """Transform of a child frame in its parent frame.
+    """Transform of a child frame in its parent frame at a time; None: the latest.
 
-    Args:
-        transforms: TF buffer.
-        parent: frame of the result.
-        child: frame that is looked up; one leading slash, as before tf2, is taken off.
-        stamp: its time; None: the latest.
+    One leading slash of the child, as before tf2, is taken off.
 
     Returns:
         None where TF knows no such transform, a frame's name is illegal, or the pose is not finite or

@@ -46,11 +46,7 @@ class Chassis:
         self._reset_contacts()
 
     def move(self, pose_base_in_world: Pose) -> None:
-        """Put the robot somewhere else, at rest.
-
-        Raises:
-            PlacementError: something stands there; the robot moves on as before.
-        """
+        """Put the robot somewhere else, at rest; PlacementError, and it moves on, where there is no room."""
         self._bullet.move_robot(pose_base_in_world)
         self._reset_contacts()
 

@@ -51,14 +51,7 @@ class Equipment(NamedTuple):
 def equip(
     config: SimulatorConfig, drive_config: DriveConfig, model: RobotModel, cast: CastRays, gravity: Vector3
 ) -> Equipment:
-    """The equipment of a robot.
-
-    Args:
-        config: rates and sensors.
-        drive_config: with the wheels' geometry of `model`.
-        model: where the lidar is; without its frame there is none.
-        cast: the lidar's rays.
-        gravity: in the world [m/s^2].
+    """Equipment of a robot; without the model's frame of the lidar there is none.
 
     Raises:
         HuskyError: a period is not a multiple of the physics step, or shorter than a sweep of the lidar.

@@ -35,12 +35,9 @@ class Odometer:
         self.filtered = Odometry(pose_base_in_odom)
 
     def sample(self, wheels: Optional[WheelState], yaw_rate: float, step: int) -> OdometrySample:
-        """Advance to `step`.
+        """Advance to a physics step since the reset, by the gyro's yaw rate [rad/s].
 
-        Args:
-            wheels: the encoders' reading; None between two of them, when the last speed goes on.
-            yaw_rate: the gyro's [rad/s].
-            step: physics steps since the reset.
+        Between two readings of the encoders `wheels` is None, and the last speed goes on.
         """
         if wheels is not None:
             self._read(wheels, step)

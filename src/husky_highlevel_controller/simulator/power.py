@@ -54,12 +54,9 @@ class Power:
     def update(
         self, torques: Tuple[float, float], speeds: Tuple[float, float], duration: float
     ) -> PowerState:
-        """Advance by `duration` [s].
+        """Advance by `duration` [s], by what each side has done since the last call, forward positive.
 
-        Args:
-            torques: with which the (left, right) wheels push the ground, forward positive [N m].
-            speeds: of the (left, right) treads, forward positive [m/s].
-            duration: since the last call [s].
+        The (left, right) wheels push the ground with `torques` [N m], and their treads run at `speeds` [m/s].
         """
         left, right = (self._current(torque, speed) for torque, speed in zip(torques, speeds))
         current = left + right + ELECTRONICS

@@ -49,11 +49,7 @@ def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world
 
 
 def checked(body: Body) -> Body:
-    """The body itself.
-
-    Raises:
-        ObjectError: its name, mass, size or pose cannot be.
-    """
+    """The body itself; ObjectError where its name, mass, size or pose cannot be."""
     if not body.name or not all(letter.isalnum() or letter in "_-.:" for letter in body.name):
         raise ObjectError(f"model_name '{body.name}' is not a name (letters, digits and _ - . :)")
     check_bounds(body)

@@ -32,11 +32,7 @@ class WorldObjects:
             self._put(body)
 
     def add(self, bodies: Sequence[Body]) -> None:
-        """Put new bodies into the world, all or none.
-
-        Raises:
-            PlacementError: a name is taken, or something stands there.
-        """
+        """Put new bodies into the world, all or none; PlacementError where a name is taken, or no room."""
         added: List[str] = []
         try:
             for body in bodies:
@@ -61,11 +57,7 @@ class WorldObjects:
         return [body for body in self._bodies if body == name or body.startswith(name + "::")]
 
     def delete(self, name: str) -> None:
-        """Take a body, or all bodies of a model, out of the world.
-
-        Raises:
-            PlacementError: there is none of that name.
-        """
+        """Take a body, or all bodies of a model, out of the world; PlacementError if there is none."""
         members = self.members(name)
         if not members:
             raise self._unknown(name)

@@ -41,11 +41,7 @@ class Cluster:
     """A connection to a scheduler, and which of its workers may be used."""
 
     def __init__(self, address: str) -> None:
-        """Connect.
-
-        Raises:
-            HuskyError: no scheduler answers there.
-        """
+        """Connect; HuskyError if no scheduler answers there."""
         self._address = address
         self._refused: Dict[str, str] = {}  # worker: why
         self._fit: FrozenSet[str] = frozenset()

@@ -38,11 +38,7 @@ def perform(task: Callable[[Any], Any], group: Group) -> Answer:
 
 
 def failure(group: Group, error: Exception, on_error: Optional[OnError]) -> Answer:
-    """The answer for a group whose task has failed.
-
-    Raises:
-        Exception: the error, without `on_error`.
-    """
+    """Answer for a group whose task has failed; without `on_error` the error is raised."""
     if on_error is None:
         raise error
     return machine(), [on_error(item, error) for item in group]

@@ -44,11 +44,7 @@ class Store:
         return pickle.loads(row[0]) if row else None
 
     def save(self, results: Dict[str, Any]) -> None:
-        """Keep results.
-
-        Raises:
-            HuskyError: such as a full disk.
-        """
+        """Keep results; HuskyError where that fails, such as on a full disk."""
         rows = [(key, pickle.dumps(result)) for key, result in results.items()]
         try:
             with self._file:

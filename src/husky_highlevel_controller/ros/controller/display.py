@@ -66,13 +66,7 @@ class Display:
         self._turn = threading.Lock()
 
     def show(self, observation: Observation, output: ControlOutput, stop_distance: float) -> None:
-        """Show one scan and what follows from it.
-
-        Args:
-            observation: what is known at this scan.
-            output: what the controller answers.
-            stop_distance: from the lidar to the pillar's surface [m].
-        """
+        """Show a scan and what follows from it; `stop_distance` [m] is from lidar to the pillar's surface."""
         with self._turn:
             self._last = (observation, output, stop_distance)
             self._show(*self._last)

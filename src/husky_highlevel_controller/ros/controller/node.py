@@ -67,11 +67,7 @@ class ControllerNode:
     """Answers every scan with a velocity command, and publishes markers, log and diagnostics of it."""
 
     def __init__(self, tunable: Any) -> None:
-        """Read the parameters, join the network.
-
-        Args:
-            tunable: the module that catkin makes from cfg/Controller.cfg.
-        """
+        """Read the parameters; `tunable` is the module that catkin makes from cfg/Controller.cfg."""
         namespace = rospy.get_name() + "/"
         values, robot = named_robot()
         topic, switch, control, detector_config = read_config(

@@ -14,12 +14,7 @@ class ReconfigureServer:
     """The records in force; a reader gets a consistent set of them."""
 
     def __init__(self, kind: Any, *records: Any) -> None:
-        """Serve the records' parameters.
-
-        Args:
-            kind: the module that catkin makes from the .cfg.
-            *records: dataclass instances; fields with metadata are parameters.
-        """
+        """Serve the parameters of records; `kind` is the module that catkin makes from the .cfg."""
         self._records = records
         self._serving = False
         self._server = _Server(kind, self._apply)

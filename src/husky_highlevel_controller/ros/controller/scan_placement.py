@@ -71,11 +71,8 @@ class ScanPlacement:
     ) -> None:
         """Set up without a pending scan.
 
-        Args:
-            transforms: the buffer to look poses up in.
-            on_observation: is called for one observation at a time, in the thread that completes it.
-            outline: of the robot.
-            clock: wall time [s].
+        `on_observation` is called for one observation at a time, in the thread that completes it; `clock`
+        is wall time [s].
         """
         self._transforms, self._on_observation, self._clock = transforms, on_observation, clock
         self._outline = outline
@@ -89,12 +86,7 @@ class ScanPlacement:
         self._fixed: Optional[Tuple[str, Pose]] = None  # a lidar's frame, and its pose by /tf_static alone
 
     def add(self, scan: Scan, stamp: rospy.Time) -> None:
-        """Take a scan. Any thread.
-
-        Args:
-            scan: one sweep.
-            stamp: the same as `scan.stamp`, exact to the nanosecond.
-        """
+        """Take a scan, and its stamp exact to the nanosecond. Any thread."""
         with self._lock:
             self._clocks.add(scan.stamp, self._clock())
             pending = self._pending

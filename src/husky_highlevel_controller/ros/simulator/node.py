@@ -13,6 +13,7 @@ import rospy
 from std_msgs.msg import Bool
 from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
+from husky_highlevel_controller import srv
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError, Vector3, World
 from husky_highlevel_controller.ros.node import run_node
@@ -39,14 +40,6 @@ from husky_highlevel_controller.simulator.pacing import Pacer
 from husky_highlevel_controller.simulator.sensors.depth_camera import CameraSetup
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, steps_per
-from husky_highlevel_controller.srv import (
-    LoadWorld,
-    LoadWorldRequest,
-    LoadWorldResponse,
-    StepWorld,
-    StepWorldRequest,
-    StepWorldResponse,
-)
 
 MAX_STEPS = 100_000  # in one request
 # [s] of wall time
@@ -219,8 +212,8 @@ class SimulatorNode:
             # Gazebo's answer with nothing; ours with a sentence
             rospy.Service(f"gazebo/{gazebo_name}", Empty, partial(self._on_empty, work, changes))
             rospy.Service(f"~{name}", Trigger, partial(self._on_trigger, work, changes))
-        rospy.Service("~step", StepWorld, self._on_step)
-        rospy.Service("~load_world", LoadWorld, self._on_load_world)
+        rospy.Service("~step", srv.StepWorld, self._on_step)
+        rospy.Service("~load_world", srv.LoadWorld, self._on_load_world)
 
     def _pause(self) -> str:
         self._paused = True
@@ -268,16 +261,16 @@ class SimulatorNode:
     def _on_trigger(self, work: Callable[[], str], changes: bool, _request: Any) -> TriggerResponse:
         return TriggerResponse(*ask(self._calls, work, changes, between_steps=changes))
 
-    def _on_step(self, request: StepWorldRequest) -> StepWorldResponse:
-        return StepWorldResponse(*ask(self._calls, lambda: self._step(request.steps), between_steps=True))
+    def _on_step(self, request: srv.StepWorldRequest) -> srv.StepWorldResponse:
+        return srv.StepWorldResponse(*ask(self._calls, lambda: self._step(request.steps), between_steps=True))
 
-    def _on_load_world(self, request: LoadWorldRequest) -> LoadWorldResponse:
+    def _on_load_world(self, request: srv.LoadWorldRequest) -> srv.LoadWorldResponse:
         is_loaded, sentence = ask(
             self._calls, lambda: self._load_world(request.world_name), between_steps=True
         )
         if is_loaded:
             rospy.set_param("~world_name", request.world_name)  # for those who ask which one it is
-        return LoadWorldResponse(is_loaded, sentence)
+        return srv.LoadWorldResponse(is_loaded, sentence)
 
 
 def main() -> None:

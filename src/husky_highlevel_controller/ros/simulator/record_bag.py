@@ -42,12 +42,7 @@ POINTS_TOPIC, IMU_TOPIC = "/rslidar_points", "/imu/data"  # of both courses' bag
 
 
 def command_at(stamp: float, yaw: float) -> Twist2D:
-    """The command of a driver who steers a figure of eight by looking, first to the left.
-
-    Args:
-        stamp: since the start [s].
-        yaw: the true heading [rad].
-    """
+    """Command of a driver who steers a figure of eight by the true heading [rad], first to the left."""
     lap, middle = DURATION / 2.0 - STANDING, DURATION / 2.0
     if not STANDING <= stamp < DURATION - STANDING:
         return STOP
@@ -69,13 +64,7 @@ def _write(bag: rosbag.Bag, topic: str, msg: Any, stamp: float) -> None:
 
 
 def record(name: str, ground: str, seed: int, folder: Path) -> None:
-    """Drive a robot and write both bags.
-
-    Args:
-        name: one of ROBOTS; the Husky drives by its profile `robot`.
-        ground: one of GROUNDS, for that profile.
-        seed: of all noise.
-        folder: for the bags.
+    """Drive one of ROBOTS, the Husky on one of GROUNDS, and write both bags into a folder.
 
     Raises:
         HuskyError: a file is there already, or cannot be written.

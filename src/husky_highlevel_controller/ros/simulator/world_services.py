@@ -7,6 +7,7 @@ from typing import Callable, List, Tuple
 import rospy
 from geometry_msgs.msg import Pose as PoseMsg
 
+from husky_highlevel_controller import srv
 from husky_highlevel_controller.datatypes import Body, HuskyError, Pose
 from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.ros import conversions
@@ -16,20 +17,6 @@ from husky_highlevel_controller.simulator.models.sdf_world import parse_model
 from husky_highlevel_controller.simulator.models.urdf_object import is_urdf, parse_urdf_object
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose, make_object
-from husky_highlevel_controller.srv import (
-    DeleteObject,
-    DeleteObjectRequest,
-    DeleteObjectResponse,
-    ListObjects,
-    ListObjectsRequest,
-    ListObjectsResponse,
-    MoveObject,
-    MoveObjectRequest,
-    MoveObjectResponse,
-    SpawnObject,
-    SpawnObjectRequest,
-    SpawnObjectResponse,
-)
 
 
 class WorldServices:
@@ -37,12 +24,12 @@ class WorldServices:
 
     def __init__(self, simulation: Simulation, calls: CallQueue) -> None:
         self._simulation, self._calls = simulation, calls
-        rospy.Service("~spawn", SpawnObject, self._on_spawn)
-        rospy.Service("~delete", DeleteObject, self._on_delete)
-        rospy.Service("~move", MoveObject, self._on_move)
-        rospy.Service("~list", ListObjects, self._on_list)
+        rospy.Service("~spawn", srv.SpawnObject, self._on_spawn)
+        rospy.Service("~delete", srv.DeleteObject, self._on_delete)
+        rospy.Service("~move", srv.MoveObject, self._on_move)
+        rospy.Service("~list", srv.ListObjects, self._on_list)
 
-    def _spawn(self, request: SpawnObjectRequest) -> str:
+    def _spawn(self, request: srv.SpawnObjectRequest) -> str:
         pose = self._in_world(request.initial_pose, request.reference_frame)
         self._simulation.spawn(_bodies_of(request, pose))
         return f"'{request.model_name}' is there"
@@ -51,7 +38,7 @@ class WorldServices:
         self._simulation.delete(name)
         return f"'{name}' is gone"
 
-    def _move(self, request: MoveObjectRequest) -> str:
+    def _move(self, request: srv.MoveObjectRequest) -> str:
         pose = self._in_world(request.pose, request.reference_frame)
         self._simulation.move(request.model_name, pose)
         return f"'{request.model_name}' has moved"
@@ -67,30 +54,30 @@ class WorldServices:
             return inverse(self._simulation.pose_world_in_odom)
         raise ObjectError(f"reference_frame '{frame}' is not one of {WORLD}, {ODOM}")
 
-    def _list(self, frame: str) -> ListObjectsResponse:
+    def _list(self, frame: str) -> srv.ListObjectsResponse:
         to_frame = inverse(self._frame_in_world(frame))
         names = list(self._simulation.bodies)
         poses = [conversions.pose_to_msg(compose(to_frame, self._simulation.pose_of(name))) for name in names]
-        return ListObjectsResponse(True, f"{len(names)} objects", names, poses)
+        return srv.ListObjectsResponse(True, f"{len(names)} objects", names, poses)
 
     # ------------------------------------------------------------------ callbacks
 
-    def _on_spawn(self, request: SpawnObjectRequest) -> SpawnObjectResponse:
-        return SpawnObjectResponse(*ask(self._calls, lambda: self._spawn(request)))
+    def _on_spawn(self, request: srv.SpawnObjectRequest) -> srv.SpawnObjectResponse:
+        return srv.SpawnObjectResponse(*ask(self._calls, lambda: self._spawn(request)))
 
-    def _on_delete(self, request: DeleteObjectRequest) -> DeleteObjectResponse:
-        return DeleteObjectResponse(*ask(self._calls, lambda: self._delete(request.model_name)))
+    def _on_delete(self, request: srv.DeleteObjectRequest) -> srv.DeleteObjectResponse:
+        return srv.DeleteObjectResponse(*ask(self._calls, lambda: self._delete(request.model_name)))
 
-    def _on_move(self, request: MoveObjectRequest) -> MoveObjectResponse:
-        return MoveObjectResponse(*ask(self._calls, lambda: self._move(request)))
+    def _on_move(self, request: srv.MoveObjectRequest) -> srv.MoveObjectResponse:
+        return srv.MoveObjectResponse(*ask(self._calls, lambda: self._move(request)))
 
-    def _on_list(self, request: ListObjectsRequest) -> ListObjectsResponse:
+    def _on_list(self, request: srv.ListObjectsRequest) -> srv.ListObjectsResponse:
         try:
-            response: ListObjectsResponse = self._calls.call(lambda: self._list(request.reference_frame))
+            response: srv.ListObjectsResponse = self._calls.call(lambda: self._list(request.reference_frame))
             self._calls.on_change("the true poses of all bodies were listed")
             return response
         except HuskyError as error:
-            return ListObjectsResponse(False, str(error), [], [])
+            return srv.ListObjectsResponse(False, str(error), [], [])
 
 
 def ask(
@@ -107,7 +94,7 @@ def ask(
         return False, str(error)
 
 
-def _bodies_of(request: SpawnObjectRequest, pose: Pose) -> List[Body]:
+def _bodies_of(request: srv.SpawnObjectRequest, pose: Pose) -> List[Body]:
     name = request.model_name
     if is_urdf(request.model_xml):
         return [checked(parse_urdf_object(request.model_xml, name, pose))]

@@ -27,11 +27,7 @@ class RobotWorld(BulletWorld):
     """A Bullet physics server with one robot in it."""
 
     def add_robot(self, model: RobotModel, pose: Pose) -> None:
-        """Add the robot with base_link at `pose`.
-
-        Raises:
-            PlacementError: something stands there.
-        """
+        """Add the robot with base_link at `pose`; PlacementError if something stands there."""
         self._model = model
         self._robot = self._load(pose)
         self._names[self._robot], self._ids[ROBOT] = ROBOT, [self._robot]
@@ -62,11 +58,7 @@ class RobotWorld(BulletWorld):
         return body_id
 
     def move_robot(self, pose: Pose) -> None:
-        """Move the robot, at rest, with base_link at `pose`.
-
-        Raises:
-            PlacementError: something stands there; nothing changes.
-        """
+        """Move the robot, at rest, with base_link to a pose; PlacementError, and no change, without room."""
         self.check_moves({ROBOT: pose}, ROBOT)
         self._put(self._robot, pose)
 

@@ -133,16 +133,7 @@ class BulletWorld:
         near: float,
         far: float,
     ) -> np.ndarray:
-        """OpenGL depth buffer of a camera, (height, width) in 0..1.
-
-        Args:
-            pose_camera_in_world: of its optical frame.
-            width: [px].
-            height: [px].
-            vertical_field_of_view: [rad].
-            near: [m], of the near clipping plane.
-            far: [m], of the far clipping plane.
-        """
+        """OpenGL depth buffer of a camera at its optical frame, (height, width) in 0..1; in px, rad and m."""
         eye = pose_camera_in_world.position
         view = pybullet.computeViewMatrix(
             eye,
@@ -172,21 +163,13 @@ class BulletWorld:
         pybullet.resetBaseVelocity(body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), physicsClientId=self._client)
 
     def check_room(self, name: str) -> None:
-        """Check that a body, or the robot, overlaps no other; planes do not count.
-
-        Raises:
-            PlacementError: it reaches into something else.
-        """
+        """Check that a body, or the robot, overlaps none but planes; PlacementError where it does."""
         self.check_room_of(self._ids[name], name)
 
     def check_moves(self, poses: Mapping[str, Pose], name: str) -> None:
-        """Check that a body would overlap no other if some bodies, it among them, stood elsewhere.
+        """Check that a body would overlap no other if some bodies, it among them, stood at these poses.
 
         Bodies of the same shapes are put there for it: one that is moved there and back loses its contacts.
-
-        Args:
-            poses: in the world, by the bodies' names.
-            name: the body that is checked.
 
         Raises:
             PlacementError: it would reach into something else.

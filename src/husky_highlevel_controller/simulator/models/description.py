@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from typing import Dict, List, Mapping, Optional
+from typing import Any, List, Mapping, Optional
 
 from husky_highlevel_controller.paths import mesh_folder, share_folder
 from husky_highlevel_controller.robot import ROBOTS, load_robot
@@ -48,43 +48,27 @@ def mesh_uri() -> str:
     return folder.as_uri() if folder else ""
 
 
-def robot_description(
-    robot: str = "husky",
-    laser_enabled: bool = True,
-    laser_tower: bool = True,
-    laser_prefix: str = "front",
-    kinect_enabled: bool = False,
-    profile: str = "gazebo",
-    meshes: Optional[str] = None,
-) -> str:
-    """Expand a robot's xacro into URDF text.
+def robot_description(robot: str = "husky", meshes: Optional[str] = None, **arguments: Any) -> str:
+    """Expand the xacro of one of ROBOTS into URDF text.
 
     Args:
-        robot: one of ROBOTS; the other arguments but `meshes` mean nothing to any but the Husky.
-        laser_enabled: whether there is a lidar.
-        laser_tower: upside-down, as on the real robot; False is upright.
-        laser_prefix: its frames are <prefix>_laser_mount and <prefix>_laser.
-        kinect_enabled: whether there is a depth camera on an arch.
-        profile: gazebo has the published centre of mass, 85 mm to the right; robot has it amidships.
+        robot: its name.
         meshes: URI of the folder of meshes; empty for plain shapes, None for those that come with PyBullet.
+        **arguments: others of ARGUMENTS, which mean nothing to any but the Husky.
 
     Raises:
-        DescriptionError: a prefix that is no name of a frame, or meshes that are no URI.
+        DescriptionError: an argument that is none, or a value that it cannot have.
     """
     return _expand(
         {
             "robot": robot,
-            "laser_enabled": str(laser_enabled),
-            "laser_tower": str(laser_tower),
-            "laser_prefix": laser_prefix,
-            "kinect_enabled": str(kinect_enabled),
-            "profile": profile,
             "meshes": mesh_uri() if meshes is None else meshes,
+            **{name: str(value) for name, value in arguments.items()},
         }
     )
 
 
-def _expand(arguments: Dict[str, str]) -> str:
+def _expand(arguments: Mapping[str, str]) -> str:
     for name, value in arguments.items():
         if name not in ARGUMENTS:
             usage = " ".join(f"{argument}:={form}" for argument, (_, form) in ARGUMENTS.items())

@@ -13,6 +13,7 @@ from typing import List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from husky_highlevel_controller import urdf
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.geometry import (
     compose,
@@ -22,22 +23,7 @@ from husky_highlevel_controller.geometry import (
     rotate,
 )
 from husky_highlevel_controller.robot import Robot, load_robot
-from husky_highlevel_controller.urdf import (
-    SIZES,
-    DescriptionError,
-    Elements,
-    ends_of,
-    joined_links,
-    label_of,
-    name_of,
-    number_of,
-    numbers_of,
-    origin_of,
-    poses_of_links,
-    read_urdf,
-    shape_of,
-    write_origin,
-)
+from husky_highlevel_controller.urdf import DescriptionError
 
 # A tyre is crowned: it stands on the middle of its tread, or a rigid wheel would stand on either of its edges
 # and share the load accordingly. So the tread is a narrow disc, and its flanks a slightly smaller cylinder.
@@ -106,16 +92,17 @@ def robot_model(
     """
     robot = robot or load_robot()
     wheel_joints = robot.wheels.joints
-    urdf, links, joints = read_urdf(urdf_text)
+    root, links, joints = urdf.read_urdf(urdf_text)
     if "base_link" not in links:
         raise DescriptionError(f"no link 'base_link'; there are: {', '.join(links) or 'none'}")
     for name in wheel_joints:
         if name not in joints:
             raise DescriptionError(f"no joint '{name}'; wheels are {', '.join(wheel_joints)}")
 
-    fixed_joints = joined_links(links, [joint for joint in joints.values() if joint.get("type") == "fixed"])
-    poses = poses_of_links("base_link", fixed_joints)
-    physics = ET.Element("robot", name=urdf.get("name", "robot"))
+    fixed = [joint for joint in joints.values() if joint.get("type") == "fixed"]
+    fixed_joints = urdf.joined_links(links, fixed)
+    poses = urdf.poses_of_links("base_link", fixed_joints)
+    physics = ET.Element("robot", name=root.get("name", "robot"))
     cluster = [(links[name], pose) for name, pose in poses.items()]
     body = _require_solid(_merge([_inertial(link, pose) for link, pose in cluster]), "base_link's rigid body")
     base = ET.SubElement(physics, "link", name="base_link")
@@ -147,36 +134,34 @@ def robot_model(
 
 
 def _write_wheel(
-    base: ET.Element, joint: ET.Element, links: Elements, fixed_poses: Mapping[str, Pose]
+    base: ET.Element, joint: ET.Element, links: urdf.Elements, fixed_poses: Mapping[str, Pose]
 ) -> Tuple[Wheel, Inertial]:
     """Write a wheel's shapes, which need not turn; say what it is, and its inertia in base_link."""
-    name, where = name_of(joint), label_of(joint)
-    parent, child = ends_of(joint, links)
+    name, where = urdf.name_of(joint), urdf.label_of(joint)
+    parent, child = urdf.ends_of(joint, links)
     if joint.get("type") != "continuous" or parent not in fixed_poses:
         raise DescriptionError(
             f"{where} is {joint.get('type')}, on '{parent}'; a wheel's is continuous, and on base_link"
         )
-    pose = compose(fixed_poses[parent], origin_of(joint, where))
-    axis = numbers_of(joint.find("axis"), "xyz", where, 3, (1.0, 0.0, 0.0))
+    pose = compose(fixed_poses[parent], urdf.origin_of(joint, where))
+    axis = urdf.numbers_of(joint.find("axis"), "xyz", where, 3, (1.0, 0.0, 0.0))
     axis_in_base = rotate(pose.quat_xyzw, axis)
     if not np.allclose(axis_in_base, (0.0, 1.0, 0.0), atol=1e-3):
         raise DescriptionError(f"{where} turns about {axis_in_base} in base_link; a wheel turns about 0 1 0")
-    cylinder = links[child].find("collision/geometry/cylinder")
+    link, link_label = links[child], urdf.label_of(links[child])
+    cylinder = link.find("collision/geometry/cylinder")
     if cylinder is None:
-        raise DescriptionError(
-            f"{label_of(links[child])} has no collision cylinder, so the wheel has no radius"
-        )
-    _require_solid(_inertial(links[child], Pose()), label_of(links[child]))
-    collisions = _write_collisions(base, [(links[child], pose)])
-    radius = number_of(cylinder, "radius", label_of(links[child]))
+        raise DescriptionError(f"{link_label} has no collision cylinder, so the wheel has no radius")
+    _require_solid(_inertial(link, Pose()), link_label)
+    collisions = _write_collisions(base, [(link, pose)])
+    radius = urdf.number_of(cylinder, "radius", link_label)
     if not radius > 2.0 * FLANK_DEPTH:
-        raise DescriptionError(
-            f"{label_of(links[child])}: radius {radius:g} m; a wheel's is more than {2.0 * FLANK_DEPTH:g} m"
-        )
+        limit = f"a wheel's is more than {2.0 * FLANK_DEPTH:g} m"
+        raise DescriptionError(f"{link_label}: radius {radius:g} m; {limit}")
     for collision in collisions:
         _crown(base, collision)
-    inertial = _inertial(links[child], pose)
-    width = number_of(cylinder, "length", label_of(links[child]))
+    inertial = _inertial(link, pose)
+    width = urdf.number_of(cylinder, "length", link_label)
     axial_inertia = float(inertial[2][1, 1])
     return Wheel(name, child, pose, radius, width, inertial[0], axial_inertia), inertial
 
@@ -188,16 +173,16 @@ Inertial = Tuple[float, Vector3, np.ndarray]  # mass [kg], its centre [m], inert
 
 def _inertial(link: ET.Element, pose_link_in_base: Pose) -> Inertial:
     """A link's mass, centre and inertia in base_link; a link without them weighs nothing."""
-    where = label_of(link)
+    where = urdf.label_of(link)
     element = link.find("inertial")
     if element is None:
         return 0.0, pose_link_in_base.position, np.zeros((3, 3))
-    mass = number_of(element.find("mass"), "value", where)
+    mass = urdf.number_of(element.find("mass"), "value", where)
     if mass < 0.0:
         raise DescriptionError(f"{where}: its mass is {mass}; it cannot be negative")
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    xx, xy, xz, yy, yz, zz = (number_of(element.find("inertia"), name, where) for name in names)
-    pose = compose(pose_link_in_base, origin_of(element, where))
+    xx, xy, xz, yy, yz, zz = (urdf.number_of(element.find("inertia"), name, where) for name in names)
+    pose = compose(pose_link_in_base, urdf.origin_of(element, where))
     turn = matrix_from_quat(pose.quat_xyzw)
     return mass, pose.position, turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T
 
@@ -216,11 +201,7 @@ def _merge(parts: Sequence[Inertial]) -> Inertial:
 
 
 def _require_solid(inertial: Inertial, what: str) -> Inertial:
-    """The inertial itself, if a body of its mass can have its inertia.
-
-    Raises:
-        DescriptionError: nothing solid has these numbers, or nothing with which physics can be computed.
-    """
+    """The inertial itself; DescriptionError where no solid body has it, or none that physics can compute."""
     mass, _, inertia = inertial
     moments = np.linalg.eigvalsh(inertia)
     if mass <= 0.0 or moments[0] <= 0.0:
@@ -243,7 +224,7 @@ def _require_solid(inertial: Inertial, what: str) -> Inertial:
 def _write_inertial(link: ET.Element, inertial: Inertial) -> None:
     mass, com, inertia = inertial
     element = ET.SubElement(link, "inertial")
-    write_origin(element, Pose(com))
+    urdf.write_origin(element, Pose(com))
     ET.SubElement(element, "mass", value=repr(mass))
     places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
     ET.SubElement(element, "inertia", {key: repr(float(inertia[at])) for key, at in places.items()})
@@ -254,9 +235,11 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
     copies = []
     for source, pose_of_source in sources:
         for collision in source.findall("collision"):
-            where, shape_and_sizes = label_of(source), shape_of(collision, label_of(source))
+            where, shape_and_sizes = urdf.label_of(source), urdf.shape_of(collision, urdf.label_of(source))
             if shape_and_sizes is None:
-                raise DescriptionError(f"{where}: a <collision> needs a <geometry> of {', '.join(SIZES)}")
+                raise DescriptionError(
+                    f"{where}: a <collision> needs a <geometry> of {', '.join(urdf.SIZES)}"
+                )
             shape, sizes = shape_and_sizes
             if shape.tag == "mesh":  # it may be a file that only RViz can find or read
                 continue
@@ -266,7 +249,7 @@ def _write_collisions(link: ET.Element, sources: Sequence[Tuple[ET.Element, Pose
                     f"sizes are {MIN_SIZE} to {MAX_SIZE:g} m"
                 )
             written = ET.SubElement(link, "collision")
-            write_origin(written, compose(pose_of_source, origin_of(collision, where)))
+            urdf.write_origin(written, compose(pose_of_source, urdf.origin_of(collision, where)))
             ET.SubElement(written, "geometry").append(copy.deepcopy(shape))
             copies.append(written)
     return copies

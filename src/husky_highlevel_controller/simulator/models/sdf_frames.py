@@ -43,11 +43,9 @@ class FrameScope:
         return {name: FrameScope(model.node, name, self) for name, model in self._models.items()}
 
     def pose_of(self, pose: Optional[Node], usual: str = "") -> Pose:
-        """Pose of an element in this world or model.
+        """Pose in this world or model of an element, from its <pose>, if it has one.
 
-        Args:
-            pose: its <pose>, if it has one.
-            usual: the frame that the pose is given in if it names none; empty: this world or model.
+        The frame of a <pose> that names none is `usual`; empty: this world or model.
 
         Raises:
             WorldError: broken numbers, or frames that are relative to each other.

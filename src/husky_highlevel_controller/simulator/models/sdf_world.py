@@ -34,10 +34,7 @@ log = logging.getLogger("rosout.world")  # a child of rospy's logger: reaches /r
 
 
 def load_world(path: Union[str, Path]) -> World:
-    """Read a world file.
-
-    Args:
-        path: an SDF file with a <world>; `model://` includes are looked up in GAZEBO_MODEL_PATH.
+    """Read an SDF file with a <world>; `model://` includes are looked up in GAZEBO_MODEL_PATH.
 
     Raises:
         WorldError: the file, or a model it includes, is missing or broken.
@@ -46,11 +43,7 @@ def load_world(path: Union[str, Path]) -> World:
 
 
 def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
-    """Read the text of an SDF model, called `name`, and put it at a pose in the world.
-
-    Raises:
-        WorldError: the text is broken.
-    """
+    """Read the text of an SDF model, called `name`, at a pose in the world; WorldError if it is broken."""
     load = Load()
     try:
         root = open_sdf(text, f"model_xml of '{name}'", load)

@@ -9,18 +9,10 @@ import logging
 import xml.etree.ElementTree as ET
 from typing import List, Optional
 
+from husky_highlevel_controller import urdf
 from husky_highlevel_controller.datatypes import Body, Box, Cylinder, Geometry, Pose, Shape, Sphere
 from husky_highlevel_controller.geometry import compose
-from husky_highlevel_controller.urdf import (
-    DescriptionError,
-    joined_links,
-    label_of,
-    number_of,
-    origin_of,
-    poses_of_links,
-    read_urdf,
-    shape_of,
-)
+from husky_highlevel_controller.urdf import DescriptionError
 
 log = logging.getLogger(__name__)
 
@@ -36,22 +28,22 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
     Raises:
         DescriptionError: the text is broken, or nothing in it has a collision shape.
     """
-    robot, links, joints = read_urdf(text)
-    joined = joined_links(links, joints.values())
+    robot, links, joints = urdf.read_urdf(text)
+    joined = urdf.joined_links(links, joints.values())
     roots = set(links) - {child for _, child, _ in joined}
     if len(roots) != 1:
         names = ", ".join(sorted(roots)) or "none"
         raise DescriptionError(f"one link must be no joint's child; here it is: {names}")
     geometries: List[Geometry] = []
     mass = 0.0
-    for link_name, pose in poses_of_links(roots.pop(), joined).items():
-        link = links[link_name]
+    for link_name, pose in urdf.poses_of_links(roots.pop(), joined).items():
+        link, where = links[link_name], urdf.label_of(links[link_name])
         for collision in link.findall("collision"):
-            shape = _shape(collision, label_of(link))
+            shape = _shape(collision, where)
             if shape is not None:
-                geometries.append(Geometry(shape, compose(pose, origin_of(collision, label_of(link)))))
+                geometries.append(Geometry(shape, compose(pose, urdf.origin_of(collision, where))))
         element = link.find("inertial/mass")
-        mass += 0.0 if element is None else number_of(element, "value", label_of(link))
+        mass += 0.0 if element is None else urdf.number_of(element, "value", where)
     if not geometries:
         raise DescriptionError(f"nothing in '{name}' has a <collision> of a box, cylinder or sphere")
     static = any((item.text or "").strip() in ("true", "1") for item in robot.iterfind("gazebo/static"))
@@ -60,7 +52,7 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
 
 
 def _shape(collision: ET.Element, where: str) -> Optional[Shape]:
-    shape_and_sizes = shape_of(collision, where)
+    shape_and_sizes = urdf.shape_of(collision, where)
     tag, sizes = (shape_and_sizes[0].tag, shape_and_sizes[1]) if shape_and_sizes else ("", ())
     if tag == "box":
         x, y, z = sizes

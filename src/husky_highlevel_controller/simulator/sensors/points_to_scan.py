@@ -64,12 +64,7 @@ def parameters_of(given: Mapping[str, Any]) -> Dict[str, Any]:
 
 
 def flatten(points: np.ndarray, config: FlattenConfig) -> np.ndarray:
-    """Shortest horizontal distance in each direction, (M,) [m].
-
-    Args:
-        points: (N, 3) [m], finite, in the scan's frame.
-        config: heights, directions and ranges.
-    """
+    """Shortest horizontal distance in each direction, (M,) [m], of points (N, 3) in the scan's frame."""
     count = config.directions
     ranges = np.full(count, np.inf if config.use_inf else config.range_max + config.inf_epsilon)
     x, y, z = points.T

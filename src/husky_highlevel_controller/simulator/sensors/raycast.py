@@ -112,15 +112,10 @@ def _kind_and_size(shape: Shape) -> Tuple[int, Tuple[float, float, float]]:
 # parallel to a face: inf, or more than a float holds; beside a round shape: nan
 @np.errstate(divide="ignore", over="ignore", invalid="ignore")
 def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
-    """Distance to the first body each beam meets, (N,) [m]; +inf for nothing within `max_range`.
+    """Distance to the first body each beam meets, (N,) [m]; +inf for nothing within `max_range` [m].
 
-    A laser inside a solid shape reads 0; a plane is seen from either side.
-
-    Args:
-        scene: what can be hit.
-        pose_laser_in_world: the beams start here and lie in its xy plane.
-        beams: bearings within [-pi, pi].
-        max_range: [m].
+    A laser inside a solid shape reads 0; a plane is seen from either side. Beams lie in the xy plane of the
+    laser, at bearings within [-pi, pi].
     """
     origin, laser = pose_laser_in_world.position, axes_from_quat(pose_laser_in_world.quat_xyzw)
     distances = np.empty(len(beams.bearings))
