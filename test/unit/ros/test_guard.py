@@ -18,6 +18,7 @@ from nav_msgs.msg import Odometry
 from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.datatypes import ImuSample, Pose, Scan, Twist2D
+from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.safety import crash_stop, proximity_stop, stop_request
 from husky_highlevel_controller.ros.safety import guard as guard_module
@@ -33,11 +34,18 @@ def odometry(stamp, twist):
     return msg
 
 
+def guard_without_a_network(monkeypatch, requests):
+    for name in ("Subscriber", "Publisher"):
+        monkeypatch.setattr(rospy, name, lambda *_, **__: None)
+    monkeypatch.setattr(StopRequest, "start", lambda _, danger: requests.append(danger))
+    return Guard(ServiceConfig(), load_robot(), 0.3)
+
+
 @pytest.mark.parametrize(
     ("age", "fresh"), [(0.0, True), (0.4, True), (-0.4, True), (0.6, False), (-0.6, False)]
 )
-def test_a_velocity_older_than_half_a_second_is_unknown(age, fresh):
-    guard = Guard(lambda _: None, 0.3)
+def test_a_velocity_older_than_half_a_second_is_unknown(monkeypatch, age, fresh):
+    guard = guard_without_a_network(monkeypatch, [])
     assert guard.twist(10.0) is None
     guard.on_odometry(odometry(10.0, Twist2D(0.5, 0.1)))
     assert guard.twist(10.0 + age) == (Twist2D(0.5, 0.1) if fresh else None)
@@ -140,9 +148,9 @@ def test_only_the_newest_odometry_and_scan_are_judged(monkeypatch):
     assert robot.queues == {"odometry/filtered": 1, "front/scan": 1}
 
 
-def test_one_danger_is_one_request():
+def test_one_danger_is_one_request(monkeypatch):
     requests = []
-    guard = Guard(requests.append, 0.3)
+    guard = guard_without_a_network(monkeypatch, requests)
     guard.on_odometry(odometry(10.0, Twist2D(0.5, 0.0)))
     for step in range(20):
         guard.judge(10.0 + 0.02 * step, "a wall")

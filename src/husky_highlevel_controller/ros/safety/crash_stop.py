@@ -13,7 +13,7 @@ from husky_highlevel_controller.controller.crash_detection import CrashConfig, C
 from husky_highlevel_controller.datatypes import IDENTITY, Quaternion, Twist2D
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import named_robot, run_node
-from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig, StopService
+from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig
 from husky_highlevel_controller.ros.transforms import lookup_transform
 
 BASE = "base_link"
@@ -32,16 +32,14 @@ class CrashStopNode:
         self._detecting = threading.Lock()  # odometry and IMU have a thread each
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
-        self._stop = StopService(service, robot)
-        self._guard = Guard(self._stop.request, CLOCK_TOLERANCE, self._on_odometry)
         self._odometry_topic = rospy.resolve_name(robot.topics.odometry)
         # queued, because every message counts: velocities are sums
-        self._guard.follow(self._odometry_topic, QUEUE)
+        self._guard = Guard(service, robot, CLOCK_TOLERANCE, self._on_odometry, QUEUE)
         rospy.Subscriber(robot.topics.imu, Imu, self._on_imu, queue_size=QUEUE, tcp_nodelay=True)
 
     def run(self) -> None:
         """Work until the node is shut down."""
-        self._stop.run()
+        self._guard.run()
 
     def _on_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
         with self._detecting:

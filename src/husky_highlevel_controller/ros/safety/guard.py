@@ -39,29 +39,33 @@ class ServiceConfig:
 
 
 class Guard:
-    """Latest velocity, and one stop for each danger."""
+    """Latest velocity, and one stop of the controller for each danger: by its service, or zero commands."""
 
     def __init__(
         self,
-        request_stop: Callable[[str], None],
+        config: ServiceConfig,
+        robot: Robot,
         clock_tolerance: float,
         on_odometry: Optional[Callable[[float, Twist2D], None]] = None,
+        queue_size: int = 1,
     ) -> None:
-        """Set up without odometry.
+        """Follow odometry.
 
         Args:
-            request_stop: gets the danger, put in words; must not wait.
+            config: the service to call.
+            robot: its twist_mux has an input above the controller's, which is the weakest.
             clock_tolerance: offset between the clocks of a sensor and odometry that is none [s].
             on_odometry: also called with stamp [s] and twist of every odometry message.
+            queue_size: of odometry; of 1 message only the newest counts.
         """
-        self._request_stop = request_stop
         self._latch = Latch()
         self._odometry: Optional[Odometry] = None
         self._pass_on = on_odometry
         self.clocks = ClockOffset(clock_tolerance)
-
-    def follow(self, topic: str, queue_size: int = 1) -> None:
-        """Subscribe to odometry; with a queue of one message only the newest counts."""
+        self._service = rospy.resolve_name(config.start_stop_service_name)
+        self._zero = rospy.Publisher(robot.topics.velocity[-2], Twist, queue_size=1)
+        self._stop = StopRequest(self._call, self._command_zero, self._on_failure, self._on_success)
+        topic = robot.topics.odometry
         rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=queue_size, tcp_nodelay=True)
 
     def on_odometry(self, msg: Odometry) -> None:
@@ -74,10 +78,7 @@ class Guard:
     def time_of(self, stamp: float, who: str, effect: str) -> float:
         """Time of a message by odometry's clock [s]: its stamp, or that of the newest odometry.
 
-        Args:
-            stamp: of the message that has just come [s].
-            who: messages of this kind, with their verb ("scans are").
-            effect: of clocks that differ, for the log.
+        Where they differ, a warning names the messages with their verb ("scans are") and the effect.
         """
         self.clocks.add(stamp, time.monotonic())
         if self.clocks.seconds == 0.0 or self._odometry is None:
@@ -103,27 +104,11 @@ class Guard:
             rospy.loginfo("the robot moves again: on guard again")
         self._latch = latch
         if stop and danger is not None:
-            self._request_stop(danger)
-
-
-class StopService:
-    """The controller's stop service, and the twist_mux input by which a guard stops the robot without it."""
-
-    def __init__(self, config: ServiceConfig, robot: Robot) -> None:
-        """Advertise the twist_mux input.
-
-        Args:
-            config: the service to call.
-            robot: its twist_mux has an input above the controller's, which is the weakest.
-        """
-        self._service = rospy.resolve_name(config.start_stop_service_name)
-        self._zero = rospy.Publisher(robot.topics.velocity[-2], Twist, queue_size=1)
-        self._request = StopRequest(self._call, self._command_zero, self._on_failure, self._on_success)
-        self.request = self._request.start
+            self._stop.start(danger)
 
     def run(self) -> None:
         """Wait for the service, and serve stops until the node is shut down."""
-        threading.Thread(target=self._request.run, args=(rospy.is_shutdown,), daemon=True).start()
+        threading.Thread(target=self._stop.run, args=(rospy.is_shutdown,), daemon=True).start()
         while not rospy.is_shutdown():
             try:
                 rospy.wait_for_service(self._service, timeout=REPORT_PERIOD)

@@ -15,7 +15,7 @@ from husky_highlevel_controller.controller.sensor_faults import frame_sentence
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import named_robot, run_node
-from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig, StopService
+from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig
 from husky_highlevel_controller.ros.transforms import lookup_transform
 
 BASE = "base_link"
@@ -48,15 +48,13 @@ class ProximityStopNode:
         service, self._config = read_config(values, rospy.get_name() + "/", ServiceConfig, ProximityConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
-        self._stop = StopService(service, self._robot)
-        self._guard = Guard(self._stop.request, CLOCK_TOLERANCE)
         self._blindness = Blindness()
-        self._guard.follow(self._robot.topics.odometry)
+        self._guard = Guard(service, self._robot, CLOCK_TOLERANCE)
         rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
 
     def run(self) -> None:
         """Work until the node is shut down."""
-        self._stop.run()
+        self._guard.run()
 
     def _on_scan(self, msg: LaserScan) -> None:
         try:
