@@ -14,10 +14,9 @@ from husky_highlevel_controller.simulator.husky_base import HuskyBase, as_encode
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 from husky_highlevel_controller.simulator.power import Power
 from husky_highlevel_controller.simulator.sensors.gps import Gps
-from husky_highlevel_controller.simulator.sensors.imu import Imu
+from husky_highlevel_controller.simulator.sensors.imu import Imu, Magnetometer
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays, Lidar
 from husky_highlevel_controller.simulator.sensors.lms1xx import Lms1xx
-from husky_highlevel_controller.simulator.sensors.magnetometer import Magnetometer
 from husky_highlevel_controller.simulator.sensors.point_lidar import PointLidar
 from husky_highlevel_controller.simulator.sensors.vibration import VibratingImu
 from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per

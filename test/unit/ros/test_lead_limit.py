@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
-from husky_highlevel_controller.ros.simulator import lead_limit
-from husky_highlevel_controller.ros.simulator.lead_limit import FOLLOWING_SCANS, MAX_LEAD, LeadLimit
+from husky_highlevel_controller.ros.simulator import lockstep
+from husky_highlevel_controller.ros.simulator.lockstep import FOLLOWING_SCANS, MAX_LEAD, LeadLimit
 
 
 class Arrived(threading.Event):
@@ -21,7 +21,7 @@ class Arrived(threading.Event):
 @pytest.fixture
 def limit(monkeypatch):
     Arrived.waits = 0
-    monkeypatch.setattr(lead_limit.threading, "Event", Arrived)
+    monkeypatch.setattr(lockstep.threading, "Event", Arrived)
     return LeadLimit(True)
 
 
@@ -52,12 +52,12 @@ def test_one_that_answers_again_is_waited_for_again(limit):
 
 def test_nobody_is_waited_for_at_another_pace(monkeypatch):
     Arrived.waits = 0
-    monkeypatch.setattr(lead_limit.threading, "Event", Arrived)
+    monkeypatch.setattr(lockstep.threading, "Event", Arrived)
     assert drive(LeadLimit(False), 100, 1000) == 0
 
 
 def test_time_goes_on_with_the_answer(monkeypatch):
-    monkeypatch.setattr(lead_limit, "CONTROLLER_TIMEOUT", 60.0)
+    monkeypatch.setattr(lockstep, "CONTROLLER_TIMEOUT", 60.0)
     limit = LeadLimit(True)
     for _ in range(MAX_LEAD - 1):
         limit.before_scan()

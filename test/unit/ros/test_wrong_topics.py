@@ -90,7 +90,7 @@ def test_a_robot_in_a_namespace_is_found_by_who_forgets_it():
 
 def test_the_watch_warns_once_and_five_simulated_seconds_after_the_node_has_joined():
     pytest.importorskip("rospy")
-    from husky_highlevel_controller.ros.simulator.graph_watch import GraphWatch
+    from husky_highlevel_controller.ros.simulator.graph import GraphWatch
 
     now, warnings = [100.0], []
     watch = GraphWatch(lambda: now[0], warnings.append)

@@ -14,8 +14,7 @@ from husky_highlevel_controller.datatypes import Twist2D
 from husky_highlevel_controller.robot import RobotTopics
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
-from husky_highlevel_controller.ros.simulator.lead_limit import LeadLimit
-from husky_highlevel_controller.ros.simulator.lockstep import Lockstep
+from husky_highlevel_controller.ros.simulator.lockstep import LeadLimit, Lockstep
 from husky_highlevel_controller.simulator.twist_mux import TIMEOUT, CommandMux
 
 MAIN = "cmd_vel"

@@ -1,6 +1,7 @@
 """Lockstep: holds the simulated clock until a command has answered the last scan.
 
-In: that a scan is sent, that the clock went on, that a command arrived. Out: waits; see `Mode` for how long.
+In: that a scan is sent, that the clock went on, that a command arrived. Out: waits; see `Mode` for how long,
+and `LeadLimit` for a clock that is neither in lockstep nor paced.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from typing import Callable, Optional, Set
 
 import rospy
 
+from husky_highlevel_controller.ros.simulator.graph import Partners
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
-from husky_highlevel_controller.ros.simulator.partners import Partners
 
 # [s] of wall time
 PARTNER_TIMEOUT = 60.0  # for a controller to connect
@@ -23,6 +24,10 @@ SLEEP_TIMEOUT = 0.3  # for an answer of a controller that does nothing meanwhile
 WATCH_TIMEOUT = 1.0  # for processes to fall asleep that have answered; some, as RViz, never do
 POLL_PERIOD = 0.05  # between two checks for service calls during a wait
 PARTNERS_POLL_PERIOD = 0.02  # more often, /clock would take CPU time from those who start
+
+MAX_LEAD = 2  # scans sent since the last command
+CONTROLLER_TIMEOUT = 0.1  # [s] of wall time: a slower controller is not waited for
+FOLLOWING_SCANS = 10  # scans in a row with a command in between: it answers every scan again
 
 AWAKE = 10  # scans answered in a row: the controller does not sleep, or not any more
 
@@ -208,3 +213,32 @@ class Lockstep:
                 self._mode = Mode.FREE
                 self._on_unanswered("it does not answer every scan with a command: scans went on without it")
             time.sleep(period)
+
+
+class LeadLimit:
+    """Lets the simulation be some scans ahead of the controller's answers, and no more.
+
+    At 20 times real time a controller that gets no CPU for 20 ms lets the robot drive blindly for 0.4 s.
+    A controller that answers some scans only is not waited for.
+    """
+
+    def __init__(self, is_on: bool) -> None:
+        self._is_on = self._follows = is_on
+        self._arrived = threading.Event()
+        self._lead = self._in_a_row = 0
+
+    def command_arrived(self) -> None:
+        """Call for every velocity command. Any thread."""
+        self._arrived.set()
+
+    def before_scan(self) -> None:
+        """Call before a scan is sent: waits where the controller is too far behind."""
+        if not self._is_on:
+            return
+        answered = self._arrived.is_set()
+        self._lead, self._in_a_row = (0, self._in_a_row + 1) if answered else (self._lead + 1, 0)
+        if self._follows and self._lead >= MAX_LEAD:
+            self._follows = self._arrived.wait(CONTROLLER_TIMEOUT)
+            self._lead = 0
+        self._follows = self._follows or self._in_a_row >= FOLLOWING_SCANS
+        self._arrived.clear()

@@ -21,13 +21,11 @@ from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.commands import Commands
 from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCamera
-from husky_highlevel_controller.ros.simulator.graph_watch import GraphWatch
-from husky_highlevel_controller.ros.simulator.lead_limit import LeadLimit
+from husky_highlevel_controller.ros.simulator.graph import GraphWatch, Partners, launched_beside
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
-from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERIOD, Lockstep
+from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERIOD, LeadLimit, Lockstep
 from husky_highlevel_controller.ros.simulator.one_simulator import refusal, running_simulator
 from husky_highlevel_controller.ros.simulator.parameters import read_parameters, read_robot_description
-from husky_highlevel_controller.ros.simulator.partners import Partners, launched_beside
 from husky_highlevel_controller.ros.simulator.publishers import Publishers
 from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
 from husky_highlevel_controller.ros.simulator.world_services import WorldServices, ask

@@ -1,9 +1,13 @@
-"""Simulated IMU: angular velocity and specific force along base_link's axes.
+"""Simulated IMU: angular velocity and specific force along base_link's axes; a real Husky's magnetometer.
 
-In: the true motion of base_link, gravity, a random generator. Out: an `ImuSample`.
+In: the true motion of base_link, gravity, a random generator. Out: an `ImuSample`, a `MagSample`.
 
 The Husky's plugin measures at base_link's origin, and its messages name that frame, although its imu_link is
 0.19 m further ahead; the SMB's measures at its imu_link, where turning adds the centripetal acceleration.
+
+The magnetic field is that of 49.9 N 8.9 E, where the world lies (IGRF, rounded): 20.4 uT north, 1.3 uT east,
+44.7 uT down; the world's x points east, as for the satellite receiver. The robot's own steel and currents,
+which bend a real reading by some degrees, are not known and left out.
 """
 
 from __future__ import annotations
@@ -13,8 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from husky_highlevel_controller.config import number
-from husky_highlevel_controller.datatypes import ImuSample, RobotState, Vector3
+from husky_highlevel_controller.datatypes import ImuSample, MagSample, RobotState, Vector3
 from husky_highlevel_controller.geometry import quat_inverse, rotate
+
+FIELD_IN_WORLD = (1.3e-6, 20.4e-6, -44.7e-6)  # [T], east, north, up
+FIELD_NOISE = 0.3e-6  # [T], standard deviation on each axis; typical of such sensors, not measured
 
 
 @dataclass(frozen=True)
@@ -80,3 +87,17 @@ class Imu:
         )
         self.yaw_rate = wz
         return ImuSample(stamp, attitude, (wx, wy, wz), (fx, fy, fz))
+
+
+class Magnetometer:
+    """A magnetometer along base_link's axes."""
+
+    def reset(self, rng: np.random.Generator) -> None:
+        """Begin anew, with noise from `rng`."""
+        self._rng = rng
+
+    def sample(self, state: RobotState, stamp: float) -> MagSample:
+        """The reading at one instant."""
+        x, y, z = rotate(quat_inverse(state.pose_in_world.quat_xyzw), FIELD_IN_WORLD)
+        a, b, c = (FIELD_NOISE * self._rng.standard_normal(3)).tolist()
+        return MagSample(stamp, (x + a, y + b, z + c))

@@ -1,0 +1,103 @@
+"""ROS graph around the simulator: partners that must have joined before time begins, mistakes that are told.
+
+In: topics, the ROS master. Out: whether the partners are there; warnings.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Callable, Dict, Sequence, Set
+
+import rosgraph
+import rospy
+
+from husky_highlevel_controller.ros.simulator.one_simulator import clock_publishers
+from husky_highlevel_controller.ros.simulator.wrong_topics import (
+    Graph,
+    WrongTopic,
+    read_graph,
+    sentence,
+    wrong_topics,
+)
+from husky_highlevel_controller.xml_rpc import ask
+
+# roslaunch's own processes, and the nodes of simulator.launch: none of them drives the robot
+NODES = {"master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web"}
+PERIOD = 2.5  # [s] of wall time between two looks
+JOINING_TIME = 5.0  # [s] of simulated time that a topic may lack its other side
+
+
+class Partners:
+    """Nodes that listen to scans and send commands, and nodes that listen besides."""
+
+    def __init__(
+        self,
+        scans: rospy.Publisher,
+        others: Sequence[rospy.Publisher],
+        command_topics: str,
+        has_sender: Callable[[], bool],
+    ) -> None:
+        """The scans need a subscriber, and one of the command topics a sender.
+
+        All nodes subscribed to the scans or to the `others` must be connected too: a transform that is lost
+        at the beginning would make the run another one.
+        """
+        self._scans, self._others = scans, others
+        self.command_topics, self._has_sender = command_topics, has_sender
+        self.scan_topic = scans.resolved_name
+
+    def joined(self) -> bool:
+        """Whether all are connected."""
+        if not self._has_sender() or not self._scans.get_num_connections():
+            return False
+        state = ask(rosgraph.get_master_uri(), "getSystemState", rospy.get_name())
+        subscribed = {topic: len(nodes) for topic, nodes in state[1]} if state else {}
+        return bool(state) and all(
+            publisher.get_num_connections() >= subscribed.get(publisher.resolved_name, 0)
+            for publisher in (self._scans, *self._others)
+        )
+
+
+def launched_beside() -> Set[str]:
+    """Names of the nodes, besides the simulator's own, that a roslaunch on this master has started."""
+    names: Set[str] = set()
+    for uri in rospy.get_param("/roslaunch/uris", {}).values():
+        processes = ask(uri, "list_processes")  # None: it has ended
+        # "NODE-COUNT" of each process that lives, and how often it was started
+        names.update(name.rsplit("-", 1)[0] for name, _ in (processes or [[]])[0])
+    return names - NODES
+
+
+class GraphWatch:
+    """Looks at the graph in a thread of its own until the process ends."""
+
+    def __init__(self, simulated_time: Callable[[], float], warn: Callable[[str], None]) -> None:
+        """Set up; `simulated_time` [s] and `warn` are called in the thread."""
+        self._simulated_time, self._warn = simulated_time, warn
+        self._master_uri = rosgraph.get_master_uri()
+        self._clock_nodes = {rospy.get_name()}
+        self._first_times: Dict[WrongTopic, float] = {}  # [s] of simulated time
+        self._warnings: Set[WrongTopic] = set()
+
+    def start(self) -> None:
+        """Look now, and every PERIOD."""
+        graph = read_graph(self._master_uri)
+        if graph is not None:
+            self.look(graph)
+        timer = threading.Timer(PERIOD, self.start)
+        timer.daemon = True
+        timer.start()
+
+    def look(self, graph: Graph) -> None:
+        """Warn of what is new in a graph."""
+        if set(graph.publishers.get("/clock", ())) - self._clock_nodes:
+            names = set(clock_publishers(self._master_uri, graph.publishers)) - self._clock_nodes
+            self._clock_nodes |= names
+            for name in sorted(names):
+                self._warn(f"{name} publishes /clock too: time will jump; end it, or this simulator")
+        now = self._simulated_time()
+        self._first_times = {finding: self._first_times.get(finding, now) for finding in wrong_topics(graph)}
+        for finding, first_time in self._first_times.items():
+            if now - first_time >= JOINING_TIME and finding not in self._warnings:
+                self._warnings.add(finding)
+                self._warn(sentence(finding))
