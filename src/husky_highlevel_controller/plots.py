@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
+from itertools import cycle
 from math import cos, sin
-from typing import Any, Literal, Optional, Tuple
+from typing import Any, Literal, Mapping, Optional, Tuple
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -15,6 +16,7 @@ from husky_highlevel_controller.footprint import Footprint
 
 DPI = 110
 DRIVEN, MARKER, ROBOT, PILLAR = "#0b62c4", "#e06c00", "#d9a300", "0.35"  # colours, told apart by all eyes
+STYLES = ((MARKER, "-"), (PILLAR, "--"), (DRIVEN, "-."), ("black", ":"))  # told apart without colours, too
 
 
 def new_figure(
@@ -39,11 +41,30 @@ def plain(text: str) -> str:
 def from_above(plot: Any, pillar: Tuple[float, float], radius: float) -> None:
     """Prepare axes of matplotlib for a drive seen from above, with a pillar [m] in the world."""
     plot.add_patch(Circle(pillar, radius, color=PILLAR, zorder=3))
+    _axes_from_above(plot, " in the world")
+
+
+def _axes_from_above(plot: Any, frame: str) -> None:
     plot.set_aspect("equal", adjustable="datalim")
     plot.margins(0.08)
     plot.grid(alpha=0.3)
-    plot.set_xlabel("x in the world [m]")
-    plot.set_ylabel("y in the world [m]")
+    plot.set_xlabel(f"x{frame} [m]")
+    plot.set_ylabel(f"y{frame} [m]")
+
+
+def draw_paths(paths: Mapping[str, np.ndarray], title: str = "") -> bytes:
+    """A PNG of paths (N, 2) [m] by name; a dot where each begins, a cross where it ends."""
+    figure = new_figure(7.0, 6.0)
+    plot = figure.add_subplot()
+    for (name, path), (color, line) in zip(paths.items(), cycle(STYLES)):
+        plot.plot(*path.T, color=color, linestyle=line, label=plain(name))
+        plot.plot(*path[0], color=color, marker="o")
+        plot.plot(*path[-1], color=color, marker="x")
+    _axes_from_above(plot, "")
+    plot.set_title(plain(title), fontsize=11)
+    if paths:
+        plot.legend(loc="best")
+    return png(figure)
 
 
 def draw_robot(plot: Any, pose: Tuple[float, float, float], footprint: Footprint) -> None:

@@ -63,7 +63,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     add("--seed", type=seed_value, default=0, help="of starts, pillars and noise (default 0)")
     add("--trials", type=between(int, 1, 1000), default=3, help="drives in exercise 3 (default 3)")
     seconds = between(float, 0.1, 3600.0)
-    add("--deadline", type=seconds, help="of a drive, simulated seconds (default 120; 60 in 2, 5)")
+    add("--deadline", type=seconds, help="of a drive, simulated seconds (default 120; 60 in 2, 5; 90 in 4)")
     add(
         "--pace",
         type=seconds,

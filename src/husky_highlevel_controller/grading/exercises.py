@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Callable, Dict, List, Sequence, Tuple
 
 from husky_highlevel_controller.grading.displays import RvizView
-from husky_highlevel_controller.grading.drive.call_plan import FORWARD, SERVICE
+from husky_highlevel_controller.grading.drive.call_plan import BAG, FORWARD, SERVICE
 from husky_highlevel_controller.grading.recording import Recording
 from husky_highlevel_controller.grading.records import Item, Rules
-from husky_highlevel_controller.grading.rubrics import exercise_2, exercise_3, exercise_5
+from husky_highlevel_controller.grading.rubrics import exercise_2, exercise_3, exercise_4, exercise_5
 
 # of drives, what RViz showed, topic of the scans, rules
 Judge = Callable[[Sequence[Recording], RvizView, str, Rules], List[Item]]
@@ -33,5 +33,6 @@ class Exercise:
 EXERCISES: Dict[int, Exercise] = {
     2: Exercise(exercise_2.ITEMS, exercise_2.judge_exercise_2, 1.0, 60.0, driver=FORWARD),
     3: Exercise(exercise_3.ITEMS, exercise_3.judge_exercise_3, 5.0, 120.0, random_starts=True),
+    4: Exercise(exercise_4.ITEMS, exercise_4.judge_exercise_4, 5.0, 90.0, driver=BAG),
     5: Exercise(exercise_5.ITEMS, exercise_5.judge_exercise_5, 2.0, 60.0, driver=SERVICE),
 }

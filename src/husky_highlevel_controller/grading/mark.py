@@ -17,11 +17,13 @@ from typing import Any, List, Optional, Tuple
 from tqdm import tqdm
 
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.drive.call_plan import BAG
 from husky_highlevel_controller.grading.drive.memcheck import uninitialised
-from husky_highlevel_controller.grading.drive.plan import Plan, Submission, plan
+from husky_highlevel_controller.grading.drive.plan import Plan, Submission, plan, with_filter
 from husky_highlevel_controller.grading.drive.robot_version import (
     SMB,
     OtherRobotError,
+    guess_bag,
     guess_robot,
     listens_to,
 )
@@ -29,6 +31,7 @@ from husky_highlevel_controller.grading.drive.run import drive
 from husky_highlevel_controller.grading.drive.rviz_setup import files_of_others, find_setup
 from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
 from husky_highlevel_controller.grading.exercises import EXERCISES
+from husky_highlevel_controller.grading.hand_in.multiplot import curves_in
 from husky_highlevel_controller.grading.hand_in.packages import NotMarkableError
 from husky_highlevel_controller.grading.hand_in.prepare import prepare
 from husky_highlevel_controller.grading.isolation import private_network
@@ -43,7 +46,7 @@ from husky_highlevel_controller.grading.judge import (
     settings_of,
 )
 from husky_highlevel_controller.grading.notes import Kind, Note
-from husky_highlevel_controller.grading.recording import RECORDING, Recording, empty_recording
+from husky_highlevel_controller.grading.recording import RECORDING, Playback, Recording, empty_recording
 from husky_highlevel_controller.grading.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.records import (
     AUTO,
@@ -106,13 +109,15 @@ def mark(job: Job) -> Result:
 def _gather(job: Job, out: Path) -> Result:
     """Build and drive; recordings, evidence, pictures, and what they are worth."""
     submission, notes = _submission(job, out)
+    is_bag = EXERCISES[job.config.exercise].driver == BAG
+    submission = with_filter(submission) if is_bag else submission
     planned = plan(submission, out / "plan")
     starts = bool(planned.nodes) and not submission.problem
     config = replace(job.config, robot=job.override.robot or job.config.robot)
     is_guess, why = config.robot == AUTO, ""
     if is_guess:
-        robot, why = guess_robot(planned)
-        config, is_guess = replace(config, robot=robot), robot != SMB
+        robot, why = (guess_bag if is_bag else guess_robot)(planned)
+        config, is_guess = replace(config, robot=robot), robot != SMB and not is_bag
     try:
         recordings = _drives(submission, planned, replace(job, config=config), is_guess)
     except OtherRobotError as other:
@@ -122,7 +127,8 @@ def _gather(job: Job, out: Path) -> Result:
         why = listens_to(config)
     notes += [why] * bool(why)
     (trial, *_) = draw_trials(1, config.seed)
-    chance = uninitialised(submission, planned, trial, config, out / "memcheck") if starts else ""
+    checks = starts and not is_bag  # no code is handed in
+    chance = uninitialised(submission, planned, trial, config, out / "memcheck") if checks else ""
     launchable = submission.launchable
     launch_file = launchable.name if launchable.kind == "launch" else ""
     rviz = find_setup(planned, submission.root, launch_file)
@@ -135,8 +141,9 @@ def _gather(job: Job, out: Path) -> Result:
     )  # fmt: skip
     write_whole(out / EVIDENCE, to_json(evidence))
     result = judge_recordings(job)
-    (out / "drive.png").write_bytes(plots.draw_drives(recordings, job.name))
-    if len(recordings[0].times):
+    draw = plots.draw_playback if is_bag else plots.draw_drives
+    (out / "drive.png").write_bytes(draw(recordings, job.name))
+    if len(recordings[0].times) and not is_bag:
         middle = float(recordings[0].times[-1]) / 2.0
         (out / "moment.png").write_bytes(plots.draw_moment(recordings[0], middle))
     return result
@@ -178,7 +185,12 @@ def _drives(submission: Submission, planned: Plan, job: Job, is_guess: bool) -> 
                 recording = drive(
                     submission, trial, config, folder, partial(_advance, bar), is_guess and not recordings
                 )
-            write_replay(recording, f"{job.name}, drive {trial.number}", folder)
+        if exercise.driver == BAG:
+            curves = curves_in(planned.package_path) if planned.package_path else ()
+            playback = recording.playback or Playback()
+            recording = replace(recording, playback=replace(playback, players=planned.players, curves=curves))
+            write_whole(folder / RECORDING, recording_to_json(recording))
+        write_replay(recording, f"{job.name}, drive {trial.number}", folder)
         recordings.append(recording)
         if not recording.moving.any():
             break

@@ -41,6 +41,7 @@ from husky_highlevel_controller.grading.hand_in.build import (
     Folders,
     build_error,
     copy_packages,
+    is_built,
 )
 from husky_highlevel_controller.grading.hand_in.dependencies import missing_packages
 from husky_highlevel_controller.grading.hand_in.launch_choice import (
@@ -48,6 +49,7 @@ from husky_highlevel_controller.grading.hand_in.launch_choice import (
     named_launch_file,
     reasons,
 )
+from husky_highlevel_controller.grading.hand_in.multiplot import curves_in
 from husky_highlevel_controller.grading.hand_in.packages import (
     HandIn,
     NotMarkableError,
@@ -464,6 +466,51 @@ def test_the_launch_file_is_found_by_what_is_in_it(files, taken, ann, husky):
     candidates = launch_files(ann)
     assert candidates[0].path.name == taken
     assert "starts husky/controller" in reasons(candidates[0], candidates, 3)
+
+
+EKF = '<node name="e" pkg="robot_localization" type="ekf_localization_node"/>'
+BAG = '<node name="p" pkg="rosbag" type="play"/>'
+
+
+@pytest.mark.parametrize(
+    ("files", "taken"),
+    [
+        ({"a.launch": [NODE, WORLD], "ekf.launch": [EKF, RVIZ], "z.launch": [BAG]}, "ekf.launch"),
+        ({"a.launch": [NODE, WORLD], "z.launch": [BAG]}, "z.launch"),  # without a filter
+        ({"ex5.launch": [EKF, NODE], "x.launch": [EKF]}, "x.launch"),
+        ({"x.launch": [EKF], "ex4.launch": [EKF]}, "ex4.launch"),
+    ],
+)
+def test_the_launch_file_of_exercise_4_starts_the_filter_and_needs_no_build(files, taken, ann, tmp_path):
+    folder = package(ann / "husky", "husky")
+    for name, content in files.items():
+        launch(folder / name, *(each.format("husky") for each in content))
+    contents, packages, _ = chosen(ann, 4)
+    found = choose_launch_files(contents, packages, 4)[0]
+    assert (found.path.name, found.package) == (taken, "husky")
+    assert is_built(found.nodes[0], copied(ann, tmp_path)[0])
+
+
+def test_without_a_launch_file_of_exercise_4_there_is_no_mark(ann):
+    launch(package(ann / "husky", "husky") / "a.launch", NODE.format("husky"))
+    contents, packages, _ = chosen(ann, 4)
+    with pytest.raises(NotMarkableError, match=r"ekf_localization_node; launch files: husky/a\.launch"):
+        choose_launch_files(contents, packages, 4)
+
+
+AXES = (
+    "<axes><x_axis><topic>{0}</topic><field>a/x</field></x_axis>"
+    "<y_axis><topic>{1}</topic><field>a/y</field></y_axis></axes>"
+)
+
+
+def test_curves_are_read_from_rqt_multiplot_s_files_and_no_others(tmp_path):
+    plot = AXES.format("odom", "/imu/data") + "<axes><axes/></axes>" + AXES.format("", "/b")
+    put(tmp_path / "config" / "plot.xml", f"<rqt_multiplot><a>{plot}</a></rqt_multiplot>")
+    put(tmp_path / "other.xml", f"<package>{plot}</package>")
+    put(tmp_path / "broken.xml", "<rqt_multiplot>")
+    put(tmp_path / "bomb.xml", '<!DOCTYPE a [<!ENTITY b "c">]><rqt_multiplot>&b;</rqt_multiplot>')
+    assert curves_in(tmp_path) == (("/odom/a/x", "/imu/data/a/y"),)
 
 
 def test_a_launch_file_may_lie_beside_its_package(ann):

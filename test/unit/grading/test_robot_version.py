@@ -9,7 +9,12 @@ from husky_highlevel_controller.course import PILLARS
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.drive import ros_graph
 from husky_highlevel_controller.grading.drive.plan import Plan
-from husky_highlevel_controller.grading.drive.robot_version import OtherRobotError, check_robot, guess_robot
+from husky_highlevel_controller.grading.drive.robot_version import (
+    OtherRobotError,
+    check_robot,
+    guess_bag,
+    guess_robot,
+)
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
 from husky_highlevel_controller.grading.recording import empty_recording, from_json, hull_gaps, to_json
 from husky_highlevel_controller.grading.records import ROBOT_VERSIONS
@@ -31,6 +36,13 @@ def test_what_a_package_names_tells_the_smb(name, text, word, tmp_path):
     robot, why = guess_robot(Plan(nodes=("p/n",), package_path=tmp_path))
     assert robot == "smb"
     assert why == f"the simulated robot is the SMB: {name} names {word}"
+
+
+@pytest.mark.parametrize(("folder", "robot"), [("smb_control", "smb"), ("husky_control", "husky")])
+def test_the_filter_s_parameters_tell_the_robot_of_exercise_4(folder, robot, tmp_path):
+    (tmp_path / "ekf.launch").write_text(f"$(find {folder})/config/localization.yaml")
+    (tmp_path / "view.rviz").write_text("Topic: /rslidar_points")  # in both robots' bags
+    assert guess_bag(Plan(package_path=tmp_path))[0] == robot
 
 
 def test_a_node_of_the_smb_that_is_left_out_tells_it_too():

@@ -47,7 +47,7 @@ def test_the_world_of_a_drive_has_its_pillar(tmp_path):
         ["--launch", "p", "f", "--trials", "0"],
         ["--launch", "p", "f", "--trials", "1001"],
         ["--launch", "p", "f", "--seed", "-1"],
-        ["--launch", "p", "f", "--exercise", "4"],
+        ["--launch", "p", "f", "--exercise", "1"],
         ["--launch", "p", "f", "--underlay", "/no/such/setup.bash"],
     ],
 )

@@ -8,7 +8,8 @@ from typing import Optional
 
 from husky_highlevel_controller.grading.notes import Kind, Note
 
-FORWARD, SERVICE = "forward", "service"  # drivers: command the robot, call the start/stop service
+# drivers: command the robot, call the start/stop service, play a bag in the simulator's place
+FORWARD, SERVICE, BAG = "forward", "service", "bag"
 EX2_SPEED, EX2_FROM, EX2_SECONDS = 0.5, 2.0, 10.0  # [m/s], [s], [s]
 CALM = 4.0  # [s], simulated, from one call's answer to the next call
 CALLS = (False, True, False, True)  # stop and start, twice; the other way round where True stops

@@ -8,7 +8,7 @@ import os
 import re
 import signal
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
@@ -38,6 +38,7 @@ class Submission:
     root: Optional[Path] = None  # folder of its built workspace; None: it was not built here
     package_path: Optional[Path] = None  # of the launchable's package, if it was built here
     problem: str = ""  # why nothing of it can be started: it does not build
+    kept: Tuple[str, ...] = ()  # packages of the robot that it starts itself; then marking plays the bag
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ class Event:
     nodes: Tuple[str, ...] = ()  # package/type
     left_out: Tuple[str, ...] = ()  # package/type
     rviz: Tuple[RvizNode, ...] = ()
+    players: Tuple[str, ...] = ()  # arguments of rosbag play
 
 
 @dataclass(frozen=True)
@@ -75,13 +77,28 @@ class Plan:
     rviz: Tuple[RvizNode, ...] = ()
     package_path: Optional[Path] = None  # folder of its package
     notes: Tuple[Note, ...] = ()  # what is wrong with it
+    players: Tuple[str, ...] = ()  # arguments of its rosbag players, which are left out
+
+
+def with_filter(submission: Submission) -> Submission:
+    """A submission that starts the filter itself, the stand-in where robot_localization is not installed."""
+    workspace = submission.workspace
+    roots = [Path(root) for root in workspace.env.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
+    roots += [
+        root for setup in workspace.setups for root in (setup.parent / "share", setup.parents[1] / "src")
+    ]
+    stand_ins = [path for path in COMPAT.iterdir() if not any((root / path.name).is_dir() for root in roots)]
+    # the stand-in is a node of this package
+    workspace = replace(workspace, packages=(*workspace.packages, *stand_ins), own_modules=True)
+    return replace(submission, workspace=workspace, kept=("robot_localization",))
 
 
 def starter(events: Path, action: str, submission: Submission) -> List[str]:
     """The command that reads its launch file, and with the action `run` starts it."""
     # by its path: a package of the submission may have this package's name
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
-    ours = json.dumps([SIMULATOR_NODES, [file.name for file in COMPAT.glob("*/launch/*.launch")]])
+    files = [file.name for file in COMPAT.glob("*/launch/*.launch")]
+    ours = json.dumps([SIMULATOR_NODES, files, submission.kept])
     return [sys.executable, "-c", code, _STARTER, str(events), action, ours, *submission.launchable.words]
 
 
@@ -120,7 +137,7 @@ def plan(submission: Submission, folder: Path) -> Plan:
         package = package_path(events, submission.workspace)
     if planned is None:
         return Plan(package_path=package, notes=tuple(notes))
-    return Plan(planned.nodes, planned.left_out, planned.rviz, package, tuple(notes))
+    return Plan(planned.nodes, planned.left_out, planned.rviz, package, tuple(notes), planned.players)
 
 
 def package_path(events: Sequence[Event], workspace: Workspace) -> Optional[Path]:

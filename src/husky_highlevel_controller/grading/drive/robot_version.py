@@ -18,6 +18,8 @@ TITLES = {"husky": "Husky", "husky_melodic": "Husky of ROS Melodic"}
 MAX_TEXT = 200_000  # [bytes] of a file that is read
 # in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
+# of its sheet 4; the Husky's bag has points on /rslidar_points, too
+FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description|top_view)\b")
 # where no node can be asked: its topic of scans
 SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
@@ -44,6 +46,14 @@ def guess_robot(planned: Plan) -> Tuple[str, str]:
     version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
     words = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
     return version, f"the simulated robot is the {TITLES[version]}: {words}"
+
+
+def guess_bag(planned: Plan) -> Tuple[str, str]:
+    """Robot of whose bag a filter is, by the parameters that it loads; and a sentence that says why."""
+    mention = _named(planned, FILTERS_OF_THE_SMB)
+    if mention:
+        return SMB, f"the bag is the SMB's: {mention[0].name} names {mention[1].group()}"
+    return DEFAULT, "the bag is the Husky's: it names no package of the SMB"
 
 
 def check_robot(uri: str, our_nodes: Collection[str], scan_topic: str) -> None:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
+from husky_highlevel_controller.grading.drive.call_plan import BAG
 from husky_highlevel_controller.grading.drive.plan import (
     SIMULATOR_LAUNCH,
     SIMULATOR_NODES,
@@ -28,7 +29,12 @@ from husky_highlevel_controller.grading.drive.ros_graph import (
 )
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
 from husky_highlevel_controller.grading.isolation.files import write_whole
-from husky_highlevel_controller.grading.isolation.forked import RECORDER, SIMULATOR, SIMULATOR_SETUP
+from husky_highlevel_controller.grading.isolation.forked import (
+    BAG_PLAYER,
+    RECORDER,
+    SIMULATOR,
+    SIMULATOR_SETUP,
+)
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
 from husky_highlevel_controller.grading.notes import Kind, Note
@@ -45,6 +51,7 @@ from husky_highlevel_controller.grading.recording import (
 )
 from husky_highlevel_controller.grading.records import MarkingConfig
 from husky_highlevel_controller.grading.records import to_json as record_to_json
+from husky_highlevel_controller.robot import load_robot
 
 STALL_DEADLINE = 90.0  # [s] of wall time in which simulated time must get on
 PROGRESS_PERIOD = 0.2  # [s] of wall time between two looks at a drive; each costs the ROS master milliseconds
@@ -81,14 +88,28 @@ def simulate(
     simulator_values = {f"{SIMULATOR_NODES[0]}/{name}": value for name, value in values.items()}
     set_parameters(network.uri, {"/run_id": "marking", **parameters, **simulator_values})
     simulator = network.start("simulator", [SIMULATOR, *arguments], HUSKY_TRUTH_SOCKET=truth_socket)
-    up = wait(
-        lambda: has_service(network.uri, SIMULATOR_IS_UP) or not simulator.running,
-        START_DEADLINE,
-        START_PERIOD,
-    )
+    return _once_up(simulator, lambda: has_service(network.uri, SIMULATOR_IS_UP))
+
+
+def _once_up(simulator: Process, is_up: Callable[[], bool]) -> Process:
+    up = wait(lambda: is_up() or not simulator.running, START_DEADLINE, START_PERIOD)
     if not up or not simulator.running:
         raise MarkingError(f"the simulator does not start: {simulator.output.strip()[-500:]}")
     return simulator
+
+
+def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: str) -> Process:
+    """Start the player of the bag in the simulator's place; a signal SIGUSR1 lets it begin.
+
+    Raises:
+        MarkingError: it does not start.
+    """
+    parameters, _ = _simulator_setup(network, config.simulator_arguments)
+    set_parameters(network.uri, {"/run_id": "marking", **parameters})
+    numbers = map(str, (trial.seed, config.pace, config.deadline))
+    command = [BAG_PLAYER, config.robot_name, *numbers]
+    player = network.start("simulator", command, HUSKY_TRUTH_SOCKET=truth_socket)
+    return _once_up(player, lambda: bool(_told(player, "ready")))
 
 
 def _simulator_setup(network: Network, arguments: Tuple[str, ...]) -> Tuple[Dict[str, Any], List[str]]:
@@ -128,8 +149,11 @@ def drive(
     """
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
         output, assignment = folder / RECORDING, folder / "assignment.json"
+        topic, plays = config.scan_topic, trial.driver == BAG
+        if plays:
+            topic = f"/{load_robot(config.robot_name).topics.wheel_odometry}"
         task = Assignment(
-            str(output), f"{private}/truth", trial.start, trial.pillar, config.deadline, config.scan_topic,
+            str(output), f"{private}/truth", trial.start, trial.pillar, config.deadline, topic,
             config.robot_name, trial.driver, trial.ends_at_pillar, SIMULATOR_NODES,
             tuple(map(str, submission.workspace.packages)),
         )  # fmt: skip
@@ -142,9 +166,11 @@ def drive(
         wait(lambda: told("recording"), START_DEADLINE, START_PERIOD)
         if not recorder.running:
             raise MarkingError(f"the recorder does not start: {recorder.output.strip()[-500:]}")
-        simulator = simulate(
-            network, trial_world(trial, config.robot_name), trial, config, config.pace, task.truth_socket
-        )
+        if plays:
+            simulator = play(network, trial, config, task.truth_socket)
+        else:
+            world = trial_world(trial, config.robot_name)
+            simulator = simulate(network, world, trial, config, config.pace, task.truth_socket)
         submitted, events = start(network, submission)
         our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
         joined = settles(submitted, lambda: told("joined"), lambda: is_up(network.uri, our_nodes))
@@ -152,6 +178,8 @@ def drive(
             check_robot(network.uri, our_nodes, config.scan_topic)
         if recorder.running and not joined:
             recorder.popen.send_signal(signal.SIGUSR1)  # lockstep would wait for the submission
+        if plays:
+            simulator.popen.send_signal(signal.SIGUSR1)
 
         reached, since = 0.0, time.monotonic()
 

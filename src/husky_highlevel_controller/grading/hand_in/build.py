@@ -290,11 +290,12 @@ def _catkin_make(
 
 
 def is_built(node: str, folders: Folders) -> bool:
-    """Whether a node, package/type, can be started: a program that was built, or an executable script."""
+    """Whether a node, package/type, can be started: a built program, a script, none of its own."""
     package, _, name = node.partition("/")
+    if package not in folders.packages:
+        return True  # it is none of the hand-in's
     candidates = [folders.root / "devel" / "lib" / package / name]
-    if package in folders.packages:
-        candidates += [path for path in walk(folders.packages[package]) if path.name == name]
+    candidates += [path for path in walk(folders.packages[package]) if path.name == name]
     return any(is_regular(path) and os.access(path, os.X_OK) for path in candidates)
 
 

@@ -35,6 +35,7 @@ OTHER_USE = re.compile(  # trials, leftovers, and the course's exercise on local
     r"test|example|demo|tutorial|template|turtle|old|backup|copy|ekf|locali[sz]|slam|mapping|bag",
     re.IGNORECASE,
 )
+FILTER = "robot_localization"  # package whose node exercise 4 is about; a bag is played to it
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
 SCAN = re.compile(rb"LaserScan|PointCloud2")
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
@@ -67,6 +68,8 @@ def choose_launch_files(contents: Contents, packages: Sequence[Package], exercis
     """
     copies = copies_of_known(contents.packages)
     reader = _Reader(*({each.name: each.path for each in group} for group in (packages, copies)))
+    if exercise == 4:
+        reader.counted = {FILTER, "rosbag"}
     places = list(_launch_files(contents, [*packages, *copies]))
     scanning = {name for name, folder in reader.folders.items() if _names_scans(folder)}
     fitting = [
@@ -76,7 +79,8 @@ def choose_launch_files(contents: Contents, packages: Sequence[Package], exercis
     ]
     if not fitting:
         names = ", ".join(sorted(str(place) for _, place in places)[:20]) or "none"
-        raise NotMarkableError(f"no launch file starts a node of the hand-in; launch files: {names}")
+        what = "ekf_localization_node" if exercise == 4 else "a node of the hand-in"
+        raise NotMarkableError(f"no launch file starts {what}; launch files: {names}")
     return sorted(fitting, key=lambda file: _rank(file, exercise))
 
 
@@ -141,8 +145,10 @@ def _rank(file: LaunchFile, exercise: int) -> Tuple[Any, ...]:
     fits, name = fits_exercise(file.place, exercise), str(file.place)
     content = (not file.pillar, not file.scans, not CONTROLLER.search(name))
     order = (content, -fits) if exercise == 3 else (-fits, content)
+    starts_filter = any(node.startswith(f"{FILTER}/") for node in file.nodes)
+    other_use = not starts_filter if exercise == 4 else bool(OTHER_USE.search(file.place.name))
     return (
-        fits == 0, bool(OTHER_USE.search(file.place.name)), *order, not CONTROLLER.search(file.place.name),
+        fits == 0, other_use, *order, not CONTROLLER.search(file.place.name),
         not file.rviz, len(file.place.parts), name,
     )  # fmt: skip
 
@@ -154,6 +160,7 @@ class _Reader:
         self.folders = folders  # of the hand-in's packages
         self._copies = copies or {}  # folders of packages that are not the student's own
         self._reads = 0
+        self.counted = set(folders)  # packages whose nodes are looked for
 
     def read(self, path: Path, place: PurePosixPath) -> LaunchFile:
         """Nodes and packages of a launch file."""
@@ -164,7 +171,8 @@ class _Reader:
         nodes = tuple(dict.fromkeys(self._nodes))
         uses = frozenset(self._uses) & frozenset(self.folders) if nodes else frozenset()
         inside = [name for name, folder in self.folders.items() if folder in path.parents]
-        package, *_ = [*inside, *(node.partition("/")[0] for node in nodes), *self.folders]
+        owners = [node.partition("/")[0] for node in nodes]
+        package, *_ = [*inside, *(name for name in owners if name in self.folders), *self.folders]
         return LaunchFile(path, place, package, nodes, uses, self._pillar, self._rviz)
 
     def _read(self, path: Path, arguments: Dict[str, str], depth: int) -> None:
@@ -186,7 +194,7 @@ class _Reader:
         if element.tag == "node":
             package = element.get("pkg", "")
             self._rviz |= package == "rviz"
-            if package in self.folders:
+            if package in self.counted:
                 self._uses.append(package)
                 self._nodes.append(f"{package}/{element.get('type', '')}")
         if element.tag != "include":

@@ -23,7 +23,8 @@ from husky_highlevel_controller.grading.isolation.process import Process
 _ROS = "husky_highlevel_controller.ros."
 MASTER, RECORDER = _ROS + "grading.master", _ROS + "grading.recorder"
 SIMULATOR, SIMULATOR_SETUP = _ROS + "simulator.node", _ROS + "grading.simulator_setup"
-MODULES = (MASTER, RECORDER, SIMULATOR, SIMULATOR_SETUP)  # each has a main()
+BAG_PLAYER = _ROS + "simulator.bag_player"
+MODULES = (MASTER, RECORDER, SIMULATOR, SIMULATOR_SETUP, BAG_PLAYER)  # each has a main()
 _SCRIPT_LOCK = threading.Lock()  # several threads may start programs
 _CONTEXT = multiprocessing.get_context("forkserver")
 

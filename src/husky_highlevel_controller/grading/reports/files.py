@@ -90,6 +90,9 @@ def write_replay(recording: Recording, title: str, folder: Path) -> None:
     if not len(recording.times):
         return
     marks = [(marker.at, *marker.position[:2]) for marker in recording.markers if marker.action == ADD]
+    is_bag = recording.playback is not None
+    if recording.playback:
+        marks = list(map(tuple, recording.playback.path))
     page = to_html(
         Replay(
             title=title,
@@ -97,7 +100,7 @@ def write_replay(recording: Recording, title: str, folder: Path) -> None:
             times=recording.times,
             poses=recording.poses,
             pillars=np.array([recording.pillar]),
-            pillar_radius=recording.pillar_size.radius,
+            pillar_radius=0.0 if is_bag else recording.pillar_size.radius,
             robot=load_robot(recording.robot),
             marks=np.array(marks, float).reshape(-1, 3),
         )

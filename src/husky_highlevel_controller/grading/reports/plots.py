@@ -8,10 +8,11 @@ from typing import Any, List, Sequence
 import numpy as np
 from matplotlib.collections import LineCollection
 
-from husky_highlevel_controller.grading.recording import ADD, MarkerSample, Recording
+from husky_highlevel_controller.grading.recording import ADD, MarkerSample, Playback, Recording
 from husky_highlevel_controller.plots import (
     DRIVEN,
     MARKER,
+    draw_paths,
     draw_robot,
     from_above,
     new_figure,
@@ -42,6 +43,14 @@ def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
     figure.colorbar(dots, cax=bar, label="simulated time [s]")
     figure.suptitle(plain(title), fontsize=11)
     return png(figure)
+
+
+def draw_playback(recordings: Sequence[Recording], title: str) -> bytes:
+    """Picture of the filter's path of a bag, beside the true one."""
+    recording = recordings[0]
+    playback = recording.playback or Playback()
+    paths = {"true path": recording.poses[:, :2], playback.topic: playback.path[:, 1:]}
+    return draw_paths({name: path for name, path in paths.items() if len(path)}, title)
 
 
 def _draw(recording: Recording, axis: Any, end: float) -> Any:

@@ -19,7 +19,8 @@ from husky_highlevel_controller.grading.rubrics.causes import causes, hint_on
 from husky_highlevel_controller.grading.rubrics.exercise_3 import DISPLAYS, without_config
 from husky_highlevel_controller.grading.rubrics.items import forfeited, weighted
 
-FILTERED, CLOUD_TOPIC = "/odometry/filtered", "/rslidar_points"
+FILTERED = "/odometry/filtered"
+CLOUDS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}  # of our bags; of the Husky's of 2018
 MIN_ESTIMATES = 10
 BEGIN, END = 5.0, 2.0  # [s], after the begin and before the end of the bag: between them it must estimate
 TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02  # [m] from the true path, and of its length: the larger counts
@@ -86,8 +87,8 @@ def judge_cloud(item: Item, _recording: Recording, view: RvizView, rules: Rules)
         return without_config(item, view, rules)
     topics = ", ".join(cloud.source for cloud in view.clouds)
     words = view.problem or f"{view.source}: point cloud of {topics or 'no topic'}"
-    is_visible = not view.problem and CLOUD_TOPIC in {cloud.source for cloud in view.clouds}
-    hint = f"a display PointCloud2 of {CLOUD_TOPIC}; {DISPLAYS}"
+    is_visible = not view.problem and any(cloud.source in CLOUDS for cloud in view.clouds)
+    hint = f"a display PointCloud2 of /rslidar_points; {DISPLAYS}"
     return replace(item, points=item.max_points * is_visible, evidence=words, hint=hint)
 
 
@@ -110,7 +111,7 @@ def judge_top_view(item: Item, recording: Recording, _view: RvizView, _rules: Ru
     if len(rows) < 3:
         return replace(item, evidence="no transform from base_link to smb_top_view", hint=TOP_VIEW)
     moments = rows[np.linspace(0, len(rows) - 1, 5).astype(int)[1:4]]
-    is_there = (np.linalg.norm(moments[:, 1:] - ABOVE, axis=1) <= NEAR).all()
+    is_there = bool((np.linalg.norm(moments[:, 1:] - ABOVE, axis=1) <= NEAR).all())
     places = "; ".join(f"({x:.2f}, {y:.2f}, {z:.2f}) m at {at:.1f} s" for at, x, y, z in moments)
     return replace(item, points=item.max_points * is_there, evidence=f"in base_link: {places}", hint=TOP_VIEW)
 

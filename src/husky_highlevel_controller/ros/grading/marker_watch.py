@@ -16,7 +16,7 @@ import rospy
 import tf2_ros
 from visualization_msgs.msg import Marker, MarkerArray
 
-from husky_highlevel_controller.datatypes import Pose, Quaternion
+from husky_highlevel_controller.datatypes import Pose, Quaternion, Vector3
 from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.grading.drive.marker_shape import LINES, LISTS, MAX_POINTS, draw
 from husky_highlevel_controller.grading.isolation.files import is_below, is_regular
@@ -83,6 +83,13 @@ class MarkerWatch:
     def close(self) -> None:
         """Keep no further markers: there is no pose of the robot to place them by."""
         self._closed = True
+
+    def place(self, frame: str) -> Optional[Vector3]:
+        """Place of a frame in base_link by the newest transforms [m]; None: none connect them."""
+        with suppress(tf2_ros.TransformException):
+            transform = self._buffer.lookup_transform_core(BASE, frame, rospy.Time())
+            return conversions.pose_from_transform(transform).position
+        return None
 
     def follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic, if its type is one of markers."""

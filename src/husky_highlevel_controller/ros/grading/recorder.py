@@ -18,7 +18,7 @@ from sensor_msgs.msg import LaserScan
 
 from husky_highlevel_controller.datatypes import Scan, TrueState
 from husky_highlevel_controller.geometry import pose_to_2d
-from husky_highlevel_controller.grading.drive.call_plan import FORWARD
+from husky_highlevel_controller.grading.drive.call_plan import BAG, FORWARD
 from husky_highlevel_controller.grading.drive.drive_end import NO_COMMAND, DriveEnd
 from husky_highlevel_controller.grading.drive.ros_graph import (
     TRUTH,
@@ -43,6 +43,7 @@ from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.grading.exercise_driver import UNANSWERED, ExerciseDriver
 from husky_highlevel_controller.ros.grading.marker_watch import MarkerWatch
+from husky_highlevel_controller.ros.grading.playback_watch import PlaybackWatch
 from husky_highlevel_controller.ros.node import run_node
 
 LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
@@ -51,6 +52,7 @@ VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name i
 SILENT = 2.0  # [s], simulated: a submission that listens, but advertises no command by then, sends none
 MEMORY = 2_000_000_000  # [bytes] of the recorder; its threads' stacks are some hundred million
 MAX_VIOLATIONS = 5  # that are named
+BAG_MARGIN = 0.1  # [s], simulated: the last pose may come so long before the end of a bag
 HITS_PERIOD = 1.0  # [s], simulated, between two scans whose points are kept for a picture
 
 
@@ -68,6 +70,8 @@ class DriveRecorder:
         self._nearest: List[Tuple[float, float]] = []
         self._scans: List[Scan] = []
         self._watch = MarkerWatch(lambda: self._now, self._task.packages)
+        is_bag = self._task.driver == BAG
+        self._playback = PlaybackWatch(self._watch.place) if is_bag else None
         self._subscribed = self._listens = self._advertises = self._joined = self._written = False
         self._types: Dict[str, str] = {}  # of topics
         self._silent: List[str] = []
@@ -153,6 +157,8 @@ class DriveRecorder:
         for topic, nodes in publishers.items():
             if set(nodes) - self._our_nodes:
                 self._watch.follow(topic, self._types.get(topic, ""))
+                if self._playback:
+                    self._playback.follow(topic, self._types.get(topic, ""))
         listeners: Set[str] = set(subscribers.get(self._task.scan_topic, ()))
         self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
@@ -171,10 +177,12 @@ class DriveRecorder:
 
     def _join(self) -> None:
         """Take part only after the submission, for which lockstep waits, or in its place."""
-        is_ready = self._subscribed and (self._advertises or self._task.driver == FORWARD)
+        is_ready = self._subscribed and (self._advertises or self._task.driver in (FORWARD, BAG))
         if not self._joined and (is_ready or self._go_on.is_set()):
             self._joined = True
             tell("joined")
+            if self._playback:
+                return
             if not is_ready:
                 self._driver.answer_scans()
             rospy.Subscriber(
@@ -184,6 +192,8 @@ class DriveRecorder:
     # ------------------------------------------------------------------------ the end
 
     def _over(self) -> Optional[Note]:
+        if self._playback:
+            return self._bag_over(self._playback)
         if self._now >= self._task.deadline:
             return Note(Kind.DEADLINE, f"the deadline of {self._task.deadline:g} s")
         if not self._task.ends_at_pillar:
@@ -193,6 +203,14 @@ class DriveRecorder:
         if self._abandoned.is_set() and not self._command_count:
             return NO_COMMAND
         return self._end.reason(self._abandoned.is_set())
+
+    def _bag_over(self, playback: PlaybackWatch) -> Optional[Note]:
+        playback.look(self._now)
+        if self._abandoned.is_set():
+            return Note(Kind.NODES_ENDED, "its nodes had ended")
+        end = self._task.deadline - BAG_MARGIN
+        done = self._now >= end and playback.is_over(end)
+        return Note(Kind.PLAN_DONE, "the bag was played") if done else None
 
     def _write(self, cause: Optional[Note]) -> None:
         with self._lock:
@@ -237,6 +255,7 @@ class DriveRecorder:
             frames=frames,
             descriptions=self._driver.descriptions(frames),
             robot=self._task.robot,
+            playback=self._playback.playback if self._playback else None,
         )
         text = to_json(recording)
         part = Path(self._task.output + ".part")

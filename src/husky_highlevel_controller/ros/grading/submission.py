@@ -138,7 +138,8 @@ def load(
     FILE is a name in the package, or an absolute path.
     """
     config = roslaunch.config.ROSLaunchConfig()
-    our_nodes, simulator_files = ours
+    our_nodes, simulator_files, kept = ours
+    leave_out = SIMULATION - set(kept) | {"rosbag"} if kept else SIMULATION  # marking plays the bag
     loader = TolerantLoader(reporter, simulator_files)
     kind, package, name, *arguments = launchable
     with contextlib.suppress(ResourceNotFound):
@@ -153,7 +154,7 @@ def load(
         )
         loader.load(file, config, argv=["roslaunch", *arguments], verbose=False)
     config.assign_machines()
-    nodes_to_start, left_out, rviz = [], [], []
+    nodes_to_start, left_out, rviz, players = [], [], [], []
     own_rviz = [node for node in config.nodes if node.package == "rviz" and node.name not in OWN_RVIZ]
     for node in config.nodes:
         if node.package == "rviz" and node.name in OWN_RVIZ and own_rviz:
@@ -161,11 +162,12 @@ def load(
         if node.package == "rviz":
             rviz.append({"name": node.name, "args": node.args, "remap": [list(r) for r in node.remap_args]})
         elif (
-            node.package in SIMULATION
+            node.package in leave_out
             or node.package.startswith("rqt")
             or node.namespace + node.name in our_nodes
         ):
             left_out.append(f"{node.package}/{node.type}")
+            players += [node.args] * (left_out[-1] == "rosbag/play")
         else:
             node.output = "screen"
             drop_prefix(node, reporter)
@@ -176,7 +178,7 @@ def load(
         del config.params[name]
     config.clear_params = [name for name in config.clear_params if name != "/"]
     nodes = [f"{node.package}/{node.type}" for node in nodes_to_start]
-    reporter.tell("plan", nodes=nodes, left_out=sorted(set(left_out)), rviz=rviz)
+    reporter.tell("plan", nodes=nodes, left_out=sorted(set(left_out)), rviz=rviz, players=players)
     return config
 
 

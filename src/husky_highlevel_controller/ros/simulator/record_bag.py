@@ -7,17 +7,17 @@ true poses: the same arguments give the same bytes.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import sys
+from contextlib import closing
 from dataclasses import replace
 from math import pi
 from pathlib import Path
-from typing import Any
+from typing import Any, Iterator, Tuple
 
 import rosbag
 import rospy
 
-from husky_highlevel_controller.datatypes import STOP, HuskyError, Pose2D, Twist2D
+from husky_highlevel_controller.datatypes import STOP, HuskyError, Pose2D, Snapshot, Twist2D
 from husky_highlevel_controller.geometry import wrap_angle, yaw_from_quat
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import ROBOTS
@@ -39,6 +39,7 @@ IMU_RATE, POINTS_RATE = 50, 1  # [Hz]; a cloud is as large as all else of ten se
 COMMAND_PERIOD = 0.1  # [s]
 WORLD, ODOM, BASE = "world", "odom", "base_link"  # frames
 POINTS_TOPIC, IMU_TOPIC = "/rslidar_points", "/imu/data"  # of both courses' bags
+TRUTH_TOPIC = "/ground_truth/odom"  # of the second bag
 
 
 def command_at(stamp: float, yaw: float) -> Twist2D:
@@ -50,21 +51,46 @@ def command_at(stamp: float, yaw: float) -> Twist2D:
     return Twist2D(SPEED, rate + STEERING_GAIN * wrap_angle(rate * (stamp - middle) - yaw))
 
 
-def _write(bag: rosbag.Bag, topic: str, msg: Any, stamp: float) -> None:
-    """Add a message that was received when it was stamped [s]."""
-    header = {
-        "topic": topic,
-        "type": msg._type,
-        "md5sum": msg._md5sum,
-        "message_definition": msg._full_text,
-        "callerid": "/husky_simulator",
-        "latching": str(int(topic == "/tf_static")),  # rosbag play keeps it for those that come late
+def drive(name: str, ground: str, seed: int, duration: float) -> Iterator[Tuple[Snapshot, str, Any]]:
+    """Snapshots, topics and messages of the first seconds of a drive of one of ROBOTS, as they are due.
+
+    The Husky drives by its profile `robot`, on one of GROUNDS.
+    """
+    config = replace(simulator_config(name), imu_rate=IMU_RATE, points_rate=POINTS_RATE)
+    profile = config.robot.profiles[-1]
+    if profile == "robot":
+        config = replace(config, real=RobotProfile().on(ground))
+    robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
+    rate = config.physics_rate
+    steps = {
+        "wheels": rate // (config.real.base.control_rate if config.real else ODOMETRY_RATE),
+        "points": rate // POINTS_RATE,
+        "command": round(rate * COMMAND_PERIOD),
     }
-    bag.write(topic, msg, conversions.time_to_msg(stamp), connection_header=header)
+    wheel_topic, imu_frame = f"/{config.robot.topics.wheel_odometry}", config.robot.imu_mount.frame
+    with closing(Simulation(load_world(WORLD_FILE), robot, config, Pose2D(), seed)) as simulation:
+        for _ in range(round(duration * rate)):
+            snapshot = simulation.step()
+            stamp, step, odometry = snapshot.stamp, snapshot.step, snapshot.odometry
+            if step == 1:
+                yield snapshot, "/tf_static", conversions.tree_to_msg(robot.fixed_joints, stamp)
+            if step % steps["command"] == 0:
+                simulation.command(command_at(stamp, yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)))
+            if odometry is not None and step % (rate // ODOMETRY_RATE) == 0:
+                yield snapshot, TRUTH_TOPIC, conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE)
+            if odometry is not None and step % steps["wheels"] == 0:
+                yield snapshot, "/joint_states", conversions.wheels_to_msg(odometry.wheels, stamp)
+                from_wheels = conversions.odometry_to_msg(odometry.from_wheels, stamp, ODOM, BASE)
+                yield snapshot, wheel_topic, from_wheels
+            if snapshot.imu is not None:
+                yield snapshot, IMU_TOPIC, conversions.imu_to_msg(snapshot.imu, imu_frame)
+            if step % steps["points"] == 0:
+                cloud = points_to_msg(simulation.points(), stamp, robot.laser_frame)
+                yield snapshot, POINTS_TOPIC, cloud
 
 
 def record(name: str, ground: str, seed: int, folder: Path) -> None:
-    """Drive one of ROBOTS, the Husky on one of GROUNDS, and write both bags into a folder.
+    """Write both bags of a drive into a folder.
 
     Raises:
         HuskyError: a file is there already, or cannot be written.
@@ -73,44 +99,22 @@ def record(name: str, ground: str, seed: int, folder: Path) -> None:
     for path in paths:
         if path.exists():
             raise HuskyError(f"there is a {path} already: move it away, or give another folder")
-    config = replace(simulator_config(name), imu_rate=IMU_RATE, points_rate=POINTS_RATE)
-    profile = config.robot.profiles[-1]
-    if profile == "robot":
-        config = replace(config, real=RobotProfile().on(ground))
-    robot = robot_model(robot_description(name, meshes="", profile=profile), config.robot)
-    simulation = Simulation(load_world(WORLD_FILE), robot, config, Pose2D(), seed)
-    rate = config.physics_rate
-    steps = {
-        "wheels": rate // (config.real.base.control_rate if config.real else ODOMETRY_RATE),
-        "points": rate // POINTS_RATE,
-        "command": round(rate * COMMAND_PERIOD),
-    }
-    wheel_topic, imu_frame = f"/{config.robot.topics.wheel_odometry}", config.robot.imu_mount.frame
-    with contextlib.ExitStack() as stack:
-        stack.callback(simulation.close)
-        try:
-            bags = [rosbag.Bag(str(path), "w", compression=rosbag.Compression.BZ2) for path in paths]
-        except OSError as error:
-            raise HuskyError(f"{error.filename}: {error.strerror}") from None
-        sensors, truth = map(stack.enter_context, bags)
-        _write(sensors, "/tf_static", conversions.tree_to_msg(robot.fixed_joints, 1.0 / rate), 1.0 / rate)
-        for _ in range(round(DURATION * rate)):
-            snapshot = simulation.step()
-            stamp, step, odometry = snapshot.stamp, snapshot.step, snapshot.odometry
-            if step % steps["command"] == 0:
-                simulation.command(command_at(stamp, yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)))
-            if odometry is not None and step % (rate // ODOMETRY_RATE) == 0:
-                pose = conversions.truth_to_msg(snapshot.robot, stamp, WORLD, BASE)
-                _write(truth, "/ground_truth/odom", pose, stamp)
-            if odometry is not None and step % steps["wheels"] == 0:
-                _write(sensors, "/joint_states", conversions.wheels_to_msg(odometry.wheels, stamp), stamp)
-                from_wheels = conversions.odometry_to_msg(odometry.from_wheels, stamp, ODOM, BASE)
-                _write(sensors, wheel_topic, from_wheels, stamp)
-            if snapshot.imu is not None:
-                _write(sensors, IMU_TOPIC, conversions.imu_to_msg(snapshot.imu, imu_frame), stamp)
-            if step % steps["points"] == 0:
-                cloud = points_to_msg(simulation.points(), stamp, robot.laser_frame)
-                _write(sensors, POINTS_TOPIC, cloud, stamp)
+    try:
+        bags = [rosbag.Bag(str(path), "w", compression=rosbag.Compression.BZ2) for path in paths]
+    except OSError as error:
+        raise HuskyError(f"{error.filename}: {error.strerror}") from None
+    with bags[0] as sensors, bags[1] as truth:
+        for snapshot, topic, msg in drive(name, ground, seed, DURATION):
+            header = {
+                "topic": topic,
+                "type": msg._type,
+                "md5sum": msg._md5sum,
+                "message_definition": msg._full_text,
+                "callerid": "/husky_simulator",
+                "latching": str(int(topic == "/tf_static")),  # rosbag play keeps it for those that come late
+            }
+            stamp = conversions.time_to_msg(snapshot.stamp)
+            (truth if topic == TRUTH_TOPIC else sensors).write(topic, msg, stamp, connection_header=header)
     for path in paths:
         print(f"{path}: {path.stat().st_size / 1e6:.1f} MB", flush=True)
 

@@ -1,0 +1,59 @@
+"""Watches a filter while a bag is played to it: its odometry, and where the sheet's top view is."""
+
+from __future__ import annotations
+
+import time
+from typing import Callable, Dict, List, Optional, Tuple
+
+import numpy as np
+import rospy
+from nav_msgs.msg import Odometry
+
+from husky_highlevel_controller.grading.recording import Playback
+
+TOP_VIEW = "smb_top_view"  # frame
+MAX_TOPICS, MAX_ESTIMATES = 10, 50_000
+LAST = 1.0  # [s], before the bag's end: an estimate from there is among the last
+SILENCE = 10.0  # [s] of wall time without an estimate after the bag's end: no more is to come
+
+
+class PlaybackWatch:
+    """Callbacks append; `is_over` tells when all has come."""
+
+    def __init__(self, place_of: Callable[[str], Optional[Tuple[float, ...]]]) -> None:
+        """`place_of` gives a frame's place in base_link now [m]."""
+        self._place_of = place_of
+        self._paths: Dict[str, List[Tuple[float, float, float]]] = {}
+        self._top_view: List[Tuple[float, ...]] = []
+        self._came_at = time.monotonic()
+
+    def follow(self, topic: str, kind: str) -> None:
+        """Subscribe to a topic of the submission, if it is odometry."""
+        if kind == "nav_msgs/Odometry" and topic not in self._paths and len(self._paths) < MAX_TOPICS:
+            self._paths[topic] = []
+            rospy.Subscriber(topic, Odometry, self._on_odometry, topic, queue_size=MAX_ESTIMATES)
+
+    def _on_odometry(self, msg: Odometry, topic: str) -> None:
+        self._came_at = time.monotonic()
+        if len(self._paths[topic]) < MAX_ESTIMATES:
+            place = msg.pose.pose.position
+            self._paths[topic].append((msg.header.stamp.to_sec(), place.x, place.y))
+
+    def look(self, now: float) -> None:
+        """Keep where the top view is at a simulated time [s]."""
+        place = self._place_of(TOP_VIEW)
+        if place is not None:
+            self._top_view.append((now, *place))
+
+    def is_over(self, end: float) -> bool:
+        """Whether, after the end of the bag [s], the last estimate has come, or none comes any more."""
+        if any(path and path[-1][0] >= end - LAST for path in self._paths.values()):
+            return True
+        return not self._paths or time.monotonic() - self._came_at > SILENCE
+
+    @property
+    def playback(self) -> Playback:
+        """The longest path, and the top view."""
+        topic = max(self._paths, key=lambda topic: len(self._paths[topic]), default="")
+        path = np.array(self._paths.get(topic, ())).reshape(-1, 3)
+        return Playback(path, topic, np.array(self._top_view).reshape(-1, 4))

@@ -1,0 +1,69 @@
+"""Player of exercise 4's drive: the messages of its bag, published as they are simulated, without a file.
+
+In: `ROBOT SEED PACE SECONDS`, and the signal SIGUSR1 to begin. Out: /clock, the bag's topics, and the true
+poses by `TruthLog`.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from itertools import chain, islice
+from typing import Any, Dict
+
+import rospy
+from rosgraph_msgs.msg import Clock
+
+from husky_highlevel_controller.ros.conversions import time_to_msg
+from husky_highlevel_controller.ros.node import publish, run_node
+from husky_highlevel_controller.ros.simulator.record_bag import TRUTH_TOPIC, drive
+from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
+
+ADVANCE = 400  # messages that are simulated before it begins: each topic is among them
+QUEUE = 100_000  # messages: none is lost on a busy machine
+
+
+class BagPlayer:
+    """Advertises every topic, waits for the signal, and plays."""
+
+    def __init__(self) -> None:
+        name, seed, pace, seconds = sys.argv[1:5]
+        self._begin, self._pace = threading.Event(), float(pace)
+        signal.signal(signal.SIGUSR1, lambda *_: self._begin.set())
+        self._truth = TruthLog()
+        self._messages = drive(name, "hard", int(seed), float(seconds))
+        self._clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE, latch=True)
+        self._publishers: Dict[str, Any] = {}
+
+    def run(self) -> None:
+        """Play, and stay until the node is shut down: latched messages stay with it."""
+        first = list(islice(self._messages, ADVANCE))
+        for _, topic, msg in first:
+            if topic not in {TRUTH_TOPIC, *self._publishers}:
+                latch = topic == "/tf_static"
+                self._publishers[topic] = rospy.Publisher(topic, type(msg), queue_size=QUEUE, latch=latch)
+        now = first[0][0].stamp
+        publish(self._clock, Clock(time_to_msg(now)))
+        print("ready", flush=True)
+        while not (self._begin.wait(0.1) or rospy.is_shutdown()):
+            pass
+        begun = time.monotonic()
+        for snapshot, topic, msg in chain(first, self._messages):
+            if snapshot.stamp > now:
+                now = snapshot.stamp
+                time.sleep(max(0.0, begun + now / self._pace - time.monotonic()))
+                publish(self._clock, Clock(time_to_msg(now)))
+            if rospy.is_shutdown():
+                return
+            if topic == TRUTH_TOPIC:
+                self._truth.write(snapshot)
+            else:
+                publish(self._publishers[topic], msg)
+        rospy.spin()
+
+
+def main() -> None:
+    """Run the node, under the simulator's name."""
+    run_node("husky_simulator", BagPlayer, listen_to_clock=False)
