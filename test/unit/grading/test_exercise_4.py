@@ -83,7 +83,7 @@ def test_a_long_way_may_be_off_by_2_percent():
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"silent_topics": ("/wrong/odom",)}, "it listens to /wrong/odom, where nothing is sent"),
+        ({"silent_topics": ("/set_pose", "/wrong/odom")}, "it listens to /wrong/odom, where nothing is sent"),
         ({"notes": (Note(Kind.NODE_FAILED, "node ekf ends"),), "silent_topics": ("/a",)}, "node ekf ends"),
         ({}, "nothing listens to the bag's wheel odometry"),
     ],

@@ -49,9 +49,9 @@ def judge_plot(item: Item, recording: Recording, _view: RvizView, _rules: Rules)
         return replace(item, points=None, evidence="for a person: no configuration of rqt_multiplot")
     xs = [_POSITION.fullmatch(x) for x, y in curves if y == x[:-1] + "y"]
     topics = [match["topic"] for match in xs if match]
-    words = "rqt_multiplot: " + "; ".join(f"x {x}, y {y}" for x, y in curves[:3])
+    evidence = "rqt_multiplot: " + "; ".join(f"x {x}, y {y}" for x, y in curves[:3])
     share = 1.0 if FILTERED in topics else 0.5 * bool(topics)
-    return replace(item, points=share * item.max_points, evidence=words, hint=PLOT)
+    return replace(item, points=share * item.max_points, evidence=evidence, hint=PLOT)
 
 
 def judge_path(item: Item, recording: Recording, _view: RvizView, _rules: Rules) -> Item:
@@ -59,23 +59,23 @@ def judge_path(item: Item, recording: Recording, _view: RvizView, _rules: Rules)
     playback = recording.playback or Playback()
     if len(playback.path) < MIN_ESTIMATES or not len(recording.times):
         cause = _cause(recording)
-        words = f"{len(playback.path)} estimates on {playback.topic or FILTERED}: {cause.text}"
-        return replace(item, evidence=words, hint=hint_on(cause) if recording.subscribed else INPUTS)
+        evidence = f"{len(playback.path)} estimates on {playback.topic or FILTERED}: {cause.text}"
+        return replace(item, evidence=evidence, hint=hint_on(cause) if recording.subscribed else INPUTS)
     stamps, end = playback.path[:, 0], float(recording.times[-1])
     true = [np.interp(stamps, recording.times, column) for column in recording.poses[:, :2].T]
     off = float(np.hypot(*(playback.path[:, 1:].T - true)).max())
     length = float(np.hypot(*np.diff(recording.poses[:, :2], axis=0).T).sum())
     is_whole = stamps[0] <= BEGIN and stamps[-1] >= end - END
     is_true = off <= max(TOLERANCE, TOLERANCE_OF_LENGTH * length)
-    words = f"{playback.topic}: from {stamps[0]:.1f} to {stamps[-1]:.1f} of {end:.1f} s, "
-    words += f"up to {off:.2f} m from the true path of {length:.1f} m"
+    evidence = f"{playback.topic}: from {stamps[0]:.1f} to {stamps[-1]:.1f} of {end:.1f} s, "
+    evidence += f"up to {off:.2f} m from the true path of {length:.1f} m"
     share = 1.0 if is_whole and is_true else 0.5
-    return replace(item, points=share * item.max_points, evidence=words, hint=INPUTS)
+    return replace(item, points=share * item.max_points, evidence=evidence, hint=INPUTS)
 
 
 def _cause(recording: Recording) -> Note:
     """Cause for which no estimate came."""
-    silent = ", ".join(recording.silent_topics)
+    silent = ", ".join(topic for topic in recording.silent_topics if not topic.endswith("/set_pose"))
     if silent and not causes(recording):
         return Note(Kind.SILENT_TOPIC, f"it listens to {silent}, where nothing is sent")
     return (causes(recording) or [Note(Kind.NO_SCANS, "nothing listens to the bag's wheel odometry")])[0]
@@ -86,10 +86,10 @@ def judge_cloud(item: Item, _recording: Recording, view: RvizView, rules: Rules)
     if not view.source:
         return without_config(item, view, rules)
     topics = ", ".join(cloud.source for cloud in view.clouds)
-    words = view.problem or f"{view.source}: point cloud of {topics or 'no topic'}"
+    evidence = view.problem or f"{view.source}: point cloud of {topics or 'no topic'}"
     is_visible = not view.problem and any(cloud.source in CLOUDS for cloud in view.clouds)
     hint = f"a display PointCloud2 of /rslidar_points; {DISPLAYS}"
-    return replace(item, points=item.max_points * is_visible, evidence=words, hint=hint)
+    return replace(item, points=item.max_points * is_visible, evidence=evidence, hint=hint)
 
 
 def judge_style(item: Item, _recording: Recording, view: RvizView, rules: Rules) -> Item:
@@ -101,8 +101,8 @@ def judge_style(item: Item, _recording: Recording, view: RvizView, rules: Rules)
         for cloud in view.clouds
     ]
     share, cloud = max(halves, key=lambda half: half[0], default=(0, None))
-    words = f"{view.source}: " + (f"{cloud.colouring}, {cloud.size:g} m" if cloud else "no point cloud")
-    return replace(item, points=share / 2.0 * item.max_points, evidence=words, hint=STYLE)
+    evidence = f"{view.source}: " + (f"{cloud.colouring}, {cloud.size:g} m" if cloud else "no point cloud")
+    return replace(item, points=share / 2.0 * item.max_points, evidence=evidence, hint=STYLE)
 
 
 def judge_top_view(item: Item, recording: Recording, _view: RvizView, _rules: Rules) -> Item:
@@ -119,10 +119,11 @@ def judge_top_view(item: Item, recording: Recording, _view: RvizView, _rules: Ru
 def judge_player(item: Item, recording: Recording, _view: RvizView, _rules: Rules) -> Item:
     """The launch file plays the bag; for the second bonus, at half speed."""
     players = (recording.playback or Playback()).players
-    words = f"its launch file plays: {'; '.join(players)}" if players else "its launch file plays no bag"
+    calls = "; ".join(re.sub(r"[^\s=]*/", "", player) for player in players)  # no folder of this machine
+    evidence = f"its launch file plays: {calls}" if players else "its launch file plays no bag"
     rates = [float(rate) for player in players for rate in _RATE.findall(player)]
     does = 0.5 in rates if item.name == HALF_SPEED else bool(players)
-    return replace(item, points=item.max_points * does, evidence=words, hint=PLAYS)
+    return replace(item, points=item.max_points * does, evidence=evidence, hint=PLAYS)
 
 
 HALF_SPEED = "bonus: at half speed"
