@@ -1,11 +1,12 @@
 """The simulated Husky: what its motion, grip and lidar mean, and that it repeats itself."""
 
 from dataclasses import replace
-from math import cos, hypot, inf, pi, radians, sin, sqrt
+from itertools import groupby
+from math import cos, dist, hypot, inf, pi, radians, sin
 
 import numpy as np
 import pytest
-from stage import BLIND, GROUND, HUSKY, body, drive
+from stage import HUSKY, body, drive
 
 from husky_highlevel_controller.datatypes import (
     Body,
@@ -18,33 +19,15 @@ from husky_highlevel_controller.datatypes import (
     Pose2D,
     Sphere,
     Twist2D,
-    World,
 )
 from husky_highlevel_controller.geometry import quat_from_rpy, rotate, yaw_from_quat
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.simulator.bullet.world import PlacementError
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
 from husky_highlevel_controller.simulator.profile import RobotProfile
-from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import simulator_config, steps_per
 
 PILLAR_WORLD = load_world(share_folder() / "worlds" / "singlePillar.world")
-START = Pose2D()
-
-
-@pytest.fixture
-def simulate():
-    """Makes simulations and closes them."""
-    made = []
-
-    def make(*bodies, robot=BLIND, start=START, seed=0, config=None, ground=GROUND):
-        world = bodies[0] if bodies and isinstance(bodies[0], World) else World("w", (ground, *bodies))
-        made.append(Simulation(world, robot, config or simulator_config(), start, seed))
-        return made[-1]
-
-    yield make
-    for simulation in made:
-        simulation.close()
 
 
 def place(snapshot):
@@ -55,34 +38,26 @@ def place(snapshot):
 # ---------------------------------------------------------------------------- motion
 
 
-COMMANDS = [(v, w) for v in (0.0, 0.5, 1.0) for w in (0.25, -0.5, 1.0)]
+TURNS = [(0.0, 0.25), (0.0, -0.5), (0.0, 1.0), (0.5, -0.5), (0.5, 1.0), (1.0, 0.25), (1.0, 1.0)]
 
 
-@pytest.mark.parametrize(("linear", "angular"), COMMANDS)
-def test_it_turns_as_commanded_without_ripple(linear, angular, simulate):
+@pytest.mark.parametrize(("linear", "angular"), TURNS)
+def test_it_turns_as_commanded_without_ripple_and_in_place_stays_there(linear, angular, simulate):
     simulation = simulate()
-    drive(simulation, 1.0)
-    steady = drive(simulation, 6.0, linear, angular)[400:]
-    rates = np.array([snapshot.robot.angular_velocity_in_base[2] for snapshot in steady])
+    x, y, _ = place(drive(simulation, 1.0)[-1])
+    snapshots = drive(simulation, 6.0, linear, angular)
+    rates = np.array([snapshot.robot.angular_velocity_in_base[2] for snapshot in snapshots[400:]])
     assert 0.95 < rates.mean() / angular < 1.06
     assert rates.std() / abs(rates.mean()) < 0.01
+    assert linear or dist(place(snapshots[-1])[:2], (x, y)) < 0.2
 
 
-@pytest.mark.parametrize("angular", [0.25, -0.25, 0.5, -0.5, 1.0, -1.0, 2.0])
-def test_turning_in_place_stays_in_place(angular, simulate):
-    simulation = simulate()
-    before = place(drive(simulation, 1.0)[-1])
-    after = place(drive(simulation, 6.0, 0.0, angular)[-1])
-    assert hypot(after[0] - before[0], after[1] - before[1]) < 0.2
-
-
-@pytest.mark.parametrize("linear", [1.0, 0.5, -0.5])
+@pytest.mark.parametrize("linear", [1.0, -0.5])
 def test_straight_is_straight(linear, simulate):
     simulation = simulate()
     drive(simulation, 1.0)
     snapshots = drive(simulation, 10.0, linear)
-    lateral = [abs(snapshot.robot.velocity_in_base[1]) for snapshot in snapshots]
-    assert max(lateral) < 1e-3
+    assert max(abs(snapshot.robot.velocity_in_base[1]) for snapshot in snapshots) < 1e-3
     assert snapshots[-1].robot.velocity_in_base[0] == pytest.approx(linear, rel=0.005)
     x, y, yaw = place(snapshots[-1])
     assert x == pytest.approx(linear * 10.0, abs=0.2)
@@ -150,14 +125,19 @@ def test_coarse_physics_drives_as_fine_physics_does(simulate):
 
 
 @pytest.mark.parametrize("heading", [0.0, 90.0, 37.0])
-def test_parked_on_a_ramp_it_stays(heading, simulate):
+def test_parked_on_a_ramp_it_stays_and_feels_9_8_upwards(heading, simulate):
     slope = radians(5.0)
     tilt = (slope * sin(radians(heading)), slope * cos(radians(heading)), 0.0)
-    ramp = body("ramp", Plane((0.0, 0.0, 1.0), (9.0, 9.0)), rpy=tilt)
-    simulation = simulate(ground=ramp)
-    before = np.array(drive(simulation, 3.0)[-1].robot.pose_in_world.position)
-    after = np.array(drive(simulation, 20.0)[-1].robot.pose_in_world.position)
-    assert np.linalg.norm(after - before) / 20.0 < 1e-3
+    simulation = simulate(ground=body("ramp", Plane((0.0, 0.0, 1.0), (9.0, 9.0)), rpy=tilt))
+    before = drive(simulation, 3.0)[-1].robot.pose_in_world.position
+    snapshots = drive(simulation, 20.0)
+    assert dist(snapshots[-1].robot.pose_in_world.position, before) / 20.0 < 1e-3
+    samples = [snapshot.imu for snapshot in snapshots if snapshot.imu]
+    forces = [rotate(sample.quat_xyzw, sample.specific_force) for sample in samples]
+    assert np.mean(forces, axis=0) == pytest.approx((0.0, 0.0, 9.8), abs=0.01)
+    assert np.mean([sample.specific_force[2] for sample in samples]) == pytest.approx(
+        9.8 * cos(slope), abs=1e-3
+    )
 
 
 def test_it_climbs_a_ramp_onto_the_platform(simulate):
@@ -170,14 +150,12 @@ def test_it_climbs_a_ramp_onto_the_platform(simulate):
 def test_a_wheel_in_the_air_has_no_grip(simulate):
     """On a block under its belly the robot spins its wheels and goes nowhere."""
     pit = body("ground", Plane((0.0, 0.0, 1.0), (100.0, 100.0)), z=-0.2)
-    block = body("block", Box((0.4, 0.3, 0.3)), z=-0.05)
-    simulation = simulate(block, ground=pit)
+    simulation = simulate(body("block", Box((0.4, 0.3, 0.3)), z=-0.05), ground=pit)
     before = place(drive(simulation, 1.0)[-1])
-    snapshots = drive(simulation, 2.0, 1.0)
-    after = place(snapshots[-1])
-    assert hypot(after[0] - before[0], after[1] - before[1]) < 0.3
-    assert min(snapshots[-1].odometry.wheels.speeds) > 5.0
-    assert snapshots[-1].contacts == ("block",)
+    end = drive(simulation, 2.0, 1.0)[-1]
+    assert dist(place(end)[:2], before[:2]) < 0.3
+    assert min(end.odometry.wheels.speeds) > 5.0
+    assert end.contacts == ("block",)
 
 
 def test_it_brakes_when_commands_stop(simulate):
@@ -189,18 +167,14 @@ def test_it_brakes_when_commands_stop(simulate):
     assert abs(speeds[-1]) < 1e-3, "0.8 s later it stands"
 
 
-def test_it_pushes_a_box_and_says_what_it_touches(simulate):
-    simulation = simulate(body("box", Box((0.3, 0.3, 0.3)), x=1.5, z=0.15, mass=2.0))
-    snapshots = drive(simulation, 4.0, 0.5)
-    assert snapshots[0].contacts == ()
-    assert ("box",) in {snapshot.contacts for snapshot in snapshots}
-    assert simulation.pose_of("box").position[0] > 2.0
-
-
-def test_a_static_pillar_stops_it(simulate):
-    simulation = simulate(body("pillar", Cylinder(0.2, 2.0), x=2.0, z=1.0))
-    x, _, _ = place(drive(simulation, 5.0, 0.5)[-1])
-    assert x == pytest.approx(2.0 - 0.2 - 0.4937, abs=0.02)
+def test_a_pillar_stops_it_a_light_box_is_pushed_and_both_are_touched(simulate):
+    box = body("box", Box((0.3, 0.3, 0.3)), x=1.2, y=0.25, z=0.15, mass=2.0)
+    simulation = simulate(box, body("pillar", Cylinder(0.2, 2.0), x=2.0, z=1.0))
+    snapshots = drive(simulation, 5.0, 0.5)
+    assert [contacts for contacts, _ in groupby(s.contacts for s in snapshots)][:2] == [(), ("box",)]
+    assert simulation.pose_of("box").position[0] > 1.5
+    assert "pillar" in snapshots[-1].contacts
+    assert place(snapshots[-1])[0] == pytest.approx(2.0 - 0.2 - 0.4937, abs=0.02)
 
 
 # ---------------------------------------------------------------------------- world
@@ -260,15 +234,16 @@ def scans(simulation, count):
 
 
 def test_at_the_start_three_beams_hit_the_pillar_as_the_closed_form_says(simulate):
-    simulation = simulate(PILLAR_WORLD, robot=HUSKY)
-    for scan in scans(simulation, 100)[50:]:
+    for scan in scans(simulate(PILLAR_WORLD, robot=HUSKY), 100)[50:]:
         hits = np.flatnonzero(scan.ranges < inf).tolist()
         assert hits in ([321, 322, 323], [320, 321, 322, 323], [321, 322])
-        for beam in (321, 322):
-            bearing = -scan.bearings[beam]  # the lidar hangs upside-down
-            dx, dy = 20.0 - 0.3370, 5.0
-            along, across = dx * cos(bearing) + dy * sin(bearing), dy * cos(bearing) - dx * sin(bearing)
-            assert scan.ranges[beam] == pytest.approx(along - sqrt(0.2**2 - across**2), abs=0.006)
+        bearings = -scan.bearings[321:323]  # the lidar hangs upside-down
+        dx, dy = 20.0 - 0.3370, 5.0
+        along, across = (
+            dx * np.cos(bearings) + dy * np.sin(bearings),
+            dy * np.cos(bearings) - dx * np.sin(bearings),
+        )
+        assert scan.ranges[321:323] == pytest.approx(along - np.sqrt(0.2**2 - across**2), abs=0.006)
     assert scan.frame == "front_laser"
 
 
@@ -303,6 +278,7 @@ def trace(simulation):
     for snapshot in drive(simulation, 4.0, 0.7, 0.3):
         rows += [*snapshot.robot.pose_in_world.position, *snapshot.robot.pose_in_world.quat_xyzw]
         rows += [] if snapshot.scan is None else snapshot.scan.ranges.tolist()
+        rows += [] if snapshot.imu is None else snapshot.imu.specific_force + snapshot.imu.angular_velocity
     return np.array(rows).tobytes()
 
 
@@ -330,13 +306,13 @@ def test_a_look_before_the_first_step_shows_the_pillar_and_changes_nothing(is_re
     assert trace(first) == trace(second)
 
 
-@pytest.mark.parametrize(
-    ("rate", "steps"),
-    [(50, 4), (200, 1), (1, 200), (40, 5), (60, None), (201, None), (400, None), (150, None)],
-)
-def test_a_period_is_a_whole_number_of_steps_or_is_refused(rate, steps, simulate):
-    if steps:
-        assert steps_per(rate, 200, "scan_rate") == steps
-        return
-    with pytest.raises(HuskyError, match=f"scan_rate = {rate} Hz does not divide physics_rate = 200 Hz"):
-        simulate(config=replace(simulator_config(), scan_rate=rate))
+@pytest.mark.parametrize(("rate", "steps"), [(50, 4), (200, 1), (1, 200), (40, 5)])
+def test_a_period_is_a_whole_number_of_steps(rate, steps):
+    assert steps_per(rate, 200, "scan_rate") == steps
+
+
+@pytest.mark.parametrize("rate", [60, 201, 400, 150])
+@pytest.mark.parametrize("name", ["scan_rate", "imu_rate"])
+def test_a_rate_that_does_not_divide_that_of_physics_is_refused(name, rate, simulate):
+    with pytest.raises(HuskyError, match=f"{name} = {rate} Hz does not divide physics_rate = 200 Hz"):
+        simulate(config=replace(simulator_config(), **{name: rate}))

@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
-from stage import GROUND, body, drive
+from stage import body, drive
 
-from husky_highlevel_controller.datatypes import Cylinder, Pose2D, World
+from husky_highlevel_controller.datatypes import Cylinder
 from husky_highlevel_controller.evaluation.metrics import run
 from husky_highlevel_controller.evaluation.rollout import model_of
 from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import setup_of
 from husky_highlevel_controller.robot import load_robot
-from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 SMB = simulator_config("smb")
 
 
 @pytest.fixture
-def simulate():
-    made = []
-
-    def make(*bodies):
-        made.append(Simulation(World("w", (GROUND, *bodies)), model_of(SMB.robot), SMB, Pose2D(), 0))
-        return made[-1]
-
-    yield make
-    for simulation in made:
-        simulation.close()
+def simulate(simulate):
+    return partial(simulate, robot=model_of(SMB.robot), config=SMB)
 
 
 def test_it_stands_on_its_wheels_and_keeps_its_limits(simulate):

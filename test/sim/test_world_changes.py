@@ -32,17 +32,13 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 @pytest.fixture
-def simulate():
-    made = []
+def simulate(simulate):
+    def make(*bodies, driven=0.0, **how):
+        simulation = simulate(*bodies, robot=HUSKY, config=EXACT, seed=1, **how)
+        drive(simulation, driven)
+        return simulation
 
-    def make(*bodies, start=None, driven=0.0):
-        made.append(Simulation(World("w", (GROUND, *bodies)), HUSKY, EXACT, start or Pose2D(), 1))
-        drive(made[-1], driven)
-        return made[-1]
-
-    yield make
-    for simulation in made:
-        simulation.close()
+    return make
 
 
 POST = body("post", Cylinder(0.1, 1.0), x=3.0, z=0.5)
