@@ -8,8 +8,8 @@ HERE = Path(__file__).parent
 WITH_FAULT = "has_a_fault"  # node of the packages that are called as its faults
 FAULTS = [
     "counts_ids", "cuts_to_whole_metres", "drives_away", "forgets_y", "is_for_an_older_husky",
-    "listens_to_laser", "marks_in_base_link", "marks_nan", "marks_the_origin", "rams", "spins",
-    "swaps_x_and_y", "takes_another_beam", "turns_too_slowly",
+    "listens_elsewhere", "listens_to_laser", "marks_in_base_link", "marks_nan", "marks_the_origin", "rams",
+    "spins", "swaps_x_and_y", "takes_another_beam", "turns_too_slowly",
 ]  # fmt: skip
 NODES = [*FAULTS, *(path.name for path in HERE.iterdir() if path.is_file() and not path.suffix)]
 NODES.remove(WITH_FAULT)
