@@ -13,6 +13,7 @@ from collections import abc
 from dataclasses import MISSING, Field, field, fields, is_dataclass, replace
 from enum import Enum
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Dict, List, Mapping, Set, Type, TypeVar
 
 import numpy as np
@@ -114,6 +115,8 @@ def to_plain(value: Any) -> Any:
         return {key: to_plain(each) for key, each in value.items()}
     if isinstance(value, Enum):
         return value.value
+    if isinstance(value, Path):
+        return str(value)
     return [to_plain(each) for each in value] if isinstance(value, (list, tuple)) else value
 
 
@@ -180,6 +183,8 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
         return kind(_plain_value(str, value, name, {"choices": [each.value for each in kind]}, False))
     if kind is np.ndarray:
         return _array(value, name, metadata["shape"])
+    if kind is Path:
+        return Path(_plain_value(str, value, name, metadata, parameters_only))
     return _plain_value(kind, value, name, metadata, parameters_only)
 
 

@@ -7,9 +7,12 @@ from damage import WORDS, damaged, mutated
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.displays import STANDING, view_of
-from husky_highlevel_controller.grading.drive.plan import Plan, RvizNode, notes_on, read_events
-from husky_highlevel_controller.grading.drive.rviz_setup import find_setup
-from husky_highlevel_controller.grading.hand_in.launch_choice import choose_launch_files, reasons
+from husky_highlevel_controller.grading.hand_in.build import copy_packages
+from husky_highlevel_controller.grading.hand_in.launch_choice import (
+    choose_launch_files,
+    read_launch_files,
+    reasons,
+)
 from husky_highlevel_controller.grading.hand_in.packages import (
     NotMarkableError,
     choose_packages,
@@ -18,9 +21,13 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     open_hand_in,
     read_manifest,
 )
+from husky_highlevel_controller.grading.hand_in.plan import Plan
+from husky_highlevel_controller.grading.hand_in.rviz_setup import find_setup
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import Note
 from husky_highlevel_controller.grading.reports.files import load_result
 from husky_highlevel_controller.grading.settings import read_overrides
+from husky_highlevel_controller.grading.submission import RvizNode, notes_on, read_events
 
 MANIFEST = (
     '<package format="2"><name>husky</name><version>0.0.0</version><description>d</description>'
@@ -65,7 +72,7 @@ def put(path, text):
     return path
 
 
-def test_hand_ins_are_packages_and_a_launch_file_or_not_markable(cases, tmp_path):
+def test_hand_ins_are_packages_and_a_launch_file_or_not_markable(cases, tmp_path, launch_files_read_here):
     found = 0
     for number, rng in enumerate(cases):
         place = tmp_path / str(number)
@@ -78,7 +85,10 @@ def test_hand_ins_are_packages_and_a_launch_file_or_not_markable(cases, tmp_path
         try:
             contents = open_hand_in(hand_in, place / "scratch")
             packages, _ = choose_packages(contents.packages, 3)
-            candidates = choose_launch_files(contents, packages, 3)
+            folders = copy_packages(packages, place / "ws")[0]
+            workspace = Workspace(packages=(folders.root / "src",))
+            files = read_launch_files(contents, packages, folders.packages, {}, workspace, place)
+            candidates = choose_launch_files(files, 3)
             why = reasons(candidates[0], candidates, 3)
             found += "starts husky/" in why
         except NotMarkableError:

@@ -18,9 +18,10 @@ from network import wait_until
 from husky_highlevel_controller.course import PILLAR_POSITION
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading import mark as mark_module
-from husky_highlevel_controller.grading.drive.plan import Submission, plan
 from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
+from husky_highlevel_controller.grading.hand_in.plan import plan
 from husky_highlevel_controller.grading.isolation.process import with_variable
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Job, Launchable
 from husky_highlevel_controller.grading.reports.files import load_result
 
@@ -86,6 +87,11 @@ def grade(*arguments, env=None):
     )
 
 
+def starts(out):
+    """How often a submission that counts its starts was started."""
+    return sum(path.read_text().count("started") for path in out.glob("*/submission/home/starts"))
+
+
 @pytest.mark.parametrize("name", sorted(set(DRIVEN) - {"complete"}))
 def test_everybody_gets_what_they_deserve_and_is_told_why(name, results):
     check(name, results[name])
@@ -98,6 +104,8 @@ def test_who_is_judged_by_a_kept_recording_gets_the_same_by_driving_and_is_recor
         keep(name, tmp_path / name)
     for name in KEPT:
         check(name, results[name])
+        assert starts(tmp_path / name) <= 2, "once for its drive, and once more"
+    assert starts(tmp_path / "listens_to_laser") == 2, "its files name no robot"
 
 
 def test_nobody_is_left_of_them(results, tmp_path_factory):
@@ -117,6 +125,7 @@ def test_a_complete_one_gets_100_from_several_starts(handed_in, tmp_path):
     result = json.loads((tmp_path / "result.json").read_text())
     assert (result["points"], result["max_points"], result["full"]) == (100.0, 100.0, True)
     check("complete", load_result(tmp_path / "result.json"))
+    assert starts(tmp_path) == 2, "once for each drive"
     (suite,) = ElementTree.parse(tmp_path / "junit.xml").getroot()
     assert (suite.get("tests"), suite.get("failures")) == ("5", "0")
     for picture in ("drive.png", "moment.png"):
@@ -168,5 +177,5 @@ def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
 )
 def test_a_launch_file_gets_its_arguments(arguments, node, tmp_path):
     what = Launchable("launch", "husky_highlevel_controller", "controller.launch", tuple(arguments))
-    planned = plan(Submission(what), tmp_path)
+    planned = plan(what, Workspace(), tmp_path)
     assert planned.nodes == (f"husky_highlevel_controller/{node}",)

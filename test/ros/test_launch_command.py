@@ -10,7 +10,7 @@ import pytest
 from network import LAUNCH, PACKAGE, make_package, wait_until
 from test_rviz import Screen
 
-from husky_highlevel_controller.grading.drive.plan import Submission, plan
+from husky_highlevel_controller.grading.hand_in.plan import plan
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Launchable
 from husky_highlevel_controller.paths import share_folder
@@ -112,10 +112,8 @@ def test_a_launch_file_with_an_rviz_of_its_own_opens_that_one(launch, ros, tmp_p
     launched = launch(file, DISPLAY=display)
     launched.says("process[rviz-")
     assert "husky_rviz" not in launched.output
-    submission = Submission(
-        Launchable("launch", PACKAGE, str(file)), Workspace(packages=(file.parent,), own_modules=False)
-    )
-    marked = plan(submission, tmp_path / "plan")
+    workspace = Workspace(packages=(file.parent,), own_modules=False)
+    marked = plan(Launchable("launch", PACKAGE, str(file)), workspace, tmp_path / "plan")
     assert [node.name for node in marked.rviz] == ["rviz"]
 
 

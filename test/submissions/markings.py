@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from husky_highlevel_controller.grading.judge import EVIDENCE, judge_recordings
+from husky_highlevel_controller.grading.judge import judge_again
 from husky_highlevel_controller.grading.recording import RECORDING
 from husky_highlevel_controller.grading.records import Job, MarkingConfig
+from husky_highlevel_controller.grading.submission import WORKSPACE
 
 FILES = Path(__file__).parents[1] / "data" / "markings"
 NEAR = MarkingConfig(robot="husky", deadline=15.0, pace=8.0, trials=1)
@@ -21,7 +22,7 @@ CONFIGS = {  # of those that are not marked in this way
     "reference": MarkingConfig(robot="husky", trials=2, seed=7),
     "reference_of_exercise_5": MarkingConfig(exercise=5, robot="husky", pace=4.0),
 }
-UNJUDGED = ("hits",)  # keys of a recording
+UNJUDGED = ("hits", "workspace", "root", "made_of")  # keys of these files
 # whose end depends on processes: every run of the tests drives them
 DRIVEN = (
     "complete", "crashes", "floods", "forges_the_truth", "hangs", "needs_a_missing_package",
@@ -146,7 +147,7 @@ def check(name, result):
 def keep(name, out):
     """Write what judging a marking needs of its folder to test/data/markings."""
     parts = {}
-    for path in [out / EVIDENCE, *out.glob(f"drive_*/{RECORDING}")]:
+    for path in [out / WORKSPACE, *out.glob(f"drive_*/{RECORDING}")]:
         content = json.loads(path.read_text(), parse_float=lambda text: round(float(text), 3))
         if "output" in content:  # exercise 2 reads what was printed, but not addresses and the wall time
             printed = content["output"] if CONFIGS.get(name, NEAR).exercise == 2 else ""
@@ -162,4 +163,4 @@ def judge_kept(name, out):
     for place, content in parts.items():
         (out / place).parent.mkdir(exist_ok=True)
         (out / place).write_text(json.dumps(content))
-    return judge_recordings(Job(name, str(out), CONFIGS.get(name, NEAR)))
+    return judge_again(Job(name, str(out), CONFIGS.get(name, NEAR)))

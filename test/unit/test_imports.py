@@ -26,14 +26,22 @@ MAY_IMPORT = {
     "tasks": {"tasks"},
     "evaluation": {"evaluation", "simulator", "controller", "tasks"},
     "grading": {"grading", "tasks"},
-    "grading/hand_in": {"grading/hand_in", "grading/drive/plan", "grading/isolation", "grading/records"},
+    # the stages of marking: each reads the files of the one before, none knows another
+    "grading/hand_in": {
+        "grading/hand_in",
+        "grading/displays",
+        "grading/isolation",
+        "grading/notes",
+        "grading/records",
+        "grading/submission",
+    },
     "grading/drive": {
         "grading/drive",
-        "grading/displays",
         "grading/isolation",
         "grading/notes",
         "grading/recording",
         "grading/records",
+        "grading/submission",
     },
     "grading/rubrics": {
         "grading/rubrics",

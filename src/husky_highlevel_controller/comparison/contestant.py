@@ -28,11 +28,14 @@ from husky_highlevel_controller.evaluation import metrics
 from husky_highlevel_controller.evaluation.rollout import Controller
 from husky_highlevel_controller.evaluation.scenarios import Scenario
 from husky_highlevel_controller.evaluation.setup import Setup, load_setup
-from husky_highlevel_controller.grading.drive.plan import Submission, plan
 from husky_highlevel_controller.grading.drive.run import drive
 from husky_highlevel_controller.grading.drive.trials import Trial
+from husky_highlevel_controller.grading.hand_in.plan import plan
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import texts
+from husky_highlevel_controller.grading.recording import RECORDING, load
 from husky_highlevel_controller.grading.records import Launchable, MarkingConfig
+from husky_highlevel_controller.grading.submission import Submission
 from husky_highlevel_controller.robot import Robot, load_robot
 
 PACKAGE = __name__.split(".")[0]
@@ -164,7 +167,8 @@ def _launched(contestant: Contestant, launch: Launchable, scenario: Scenario) ->
     trial = Trial(1, scenario.start, PILLAR_POSITION, scenario.seed)
     config = MarkingConfig(robot="husky", deadline=LAUNCH_DEADLINE, pace=LAUNCH_PACE)
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
-        recording = drive(Submission(launch), trial, config, Path(folder))
+        drive(Submission(launch), trial, config, Path(folder))
+        recording = load(Path(folder, RECORDING))
     if not len(recording.times):
         why = "; ".join(texts(recording.notes)) or "no drive"
         raise HuskyError(f"{contestant.name} in {scenario.name}: {why}")
@@ -176,7 +180,7 @@ def _launched(contestant: Contestant, launch: Launchable, scenario: Scenario) ->
 def _launch_problem(launch: Launchable) -> str:
     """Reason why a launch file cannot drive; empty: it starts some node."""
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
-        planned = plan(Submission(launch), Path(folder))
+        planned = plan(launch, Workspace(), Path(folder))
     return "" if planned.nodes else "; ".join(texts(planned.notes)) or "it starts no node"
 
 

@@ -22,7 +22,6 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 from tqdm import tqdm
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.drive.plan import SUBMISSION_FOLDER
 from husky_highlevel_controller.grading.hand_in.archives import MAX_BYTES, MAX_FILE
 from husky_highlevel_controller.grading.hand_in.packages import HandIn, find_hand_ins
 from husky_highlevel_controller.grading.isolation import private_network
@@ -34,9 +33,18 @@ from husky_highlevel_controller.grading.isolation.files import (
     write_whole,
 )
 from husky_highlevel_controller.grading.isolation.process import Process, StoppedError, end_all, wait
-from husky_highlevel_controller.grading.judge import EVIDENCE, FINGERPRINT, judge_recordings, settings_of
-from husky_highlevel_controller.grading.records import Job, MarkingConfig, Override, Result, load, to_json
+from husky_highlevel_controller.grading.judge import judge_again, settings_of
+from husky_highlevel_controller.grading.records import (
+    Job,
+    MarkingConfig,
+    Override,
+    Result,
+    Rules,
+    load,
+    to_json,
+)
 from husky_highlevel_controller.grading.reports.files import (
+    FINGERPRINT,
     HAND_INS,
     JOB,
     RESULT,
@@ -44,7 +52,8 @@ from husky_highlevel_controller.grading.reports.files import (
     write_class,
     write_result,
 )
-from husky_highlevel_controller.grading.settings import read_overrides, with_override
+from husky_highlevel_controller.grading.settings import PointsError, read_overrides
+from husky_highlevel_controller.grading.submission import SUBMISSION_FOLDER, WORKSPACE
 from husky_highlevel_controller.tasks.fingerprint import code_version
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -88,6 +97,8 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[Result]:
     waiting: List[Job] = []
     for hand_in in hand_ins:
         job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
+        if job.name in batch.only:  # all of it again
+            Path(job.out, WORKSPACE).unlink(missing_ok=True)
         earlier = None if job.name in batch.only else _earlier(job)
         if earlier is not None:
             results[job.name] = earlier
@@ -124,41 +135,43 @@ def _line(result: Result) -> str:
 
 
 def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Batch) -> Job:
-    """The job of one hand-in; its fingerprint leaves out what judging alone depends on."""
+    """The job of one hand-in, with fingerprints of what it is made of, and of what decides how it drives."""
     out = batch.out / HAND_INS / hand_in.name
     job = Job(
         hand_in.name, str(out), config, hand_in=str(hand_in.path), override=override, setups=batch.setups,
         hidden=(str(batch.folder), str(batch.out)), time_limit=batch.time_limit,
     )  # fmt: skip
-    driven = replace(job, config=replace(config, rules=type(config.rules)()))
-    driven = replace(driven, out="", hand_in="", hidden=(), time_limit=0.0)
-    driven = replace(driven, override=replace(override, points={}, late=None, hold=False))
+    choices = replace(override, robot=None, points={}, late=None, hold=False)
+    built = [code_version(), config.exercise, to_json(choices), batch.setups]
     # a class is marked by one version of the simulator
-    digest = hashlib.sha256((code_version() + to_json(driven)).encode())
+    digest = hashlib.sha256(repr(built).encode())
     with contextlib.suppress(UnreadableFileError, OSError):  # too many files, or one is gone: marking says so
         for file in walk(hand_in.path) if hand_in.path.is_dir() else [hand_in.path]:
             status = file.stat()
             line = f"{file.relative_to(hand_in.path)} {status.st_size} {status.st_mtime_ns}\n"
             digest.update(line.encode(errors="replace"))
-    return replace(job, fingerprint=digest.hexdigest())
+    made_of = digest.hexdigest()
+    digest.update(to_json(replace(config, rules=Rules())).encode() + repr(override.robot).encode())
+    return replace(job, made_of=made_of, fingerprint=digest.hexdigest())
 
 
 def _earlier(job: Job) -> Optional[Result]:
     """The result of an earlier marking of the same files with the same settings, judged again.
 
     Raises:
-        ConfigError: marking.yaml's points do not fit the rubric.
+        PointsError: marking.yaml's points do not fit the rubric.
     """
     out = Path(job.out)
     try:
         if (out / FINGERPRINT).read_text() != job.fingerprint:
             return None
         result = load_result(out / RESULT)
-        is_as_before = not (out / EVIDENCE).exists() or _settings_before(out) == (job.config, job.override)
-        judged = None if is_as_before else judge_recordings(job)
+        is_as_before = not (out / WORKSPACE).exists() or _settings_before(out) == (job.config, job.override)
+        judged = result if is_as_before else judge_again(job)
+    except PointsError:
+        raise
     except Exception:  # of whatever kind: it is marked again, and then that is its result
         return None
-    judged = with_override(judged, job.override) if judged else result
     try:
         if judged != result:
             write_result(judged, out)

@@ -1,62 +1,47 @@
-"""Judging of a marked submission: its result by the recordings and the evidence that marking left."""
+"""Third stage of marking: a result by the recordings of the drives and by what was prepared."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Tuple
+from typing import Any, Sequence
 
-from husky_highlevel_controller.grading.displays import STANDING, FrameTree, RvizConfig, view_of
+from husky_highlevel_controller.grading.displays import STANDING, FrameTree, view_of
 from husky_highlevel_controller.grading.exercises import EXERCISES
-from husky_highlevel_controller.grading.notes import Note, texts
-from husky_highlevel_controller.grading.recording import RECORDING, drive_number
-from husky_highlevel_controller.grading.recording import load as load_recording
-from husky_highlevel_controller.grading.records import (
-    DEFAULT_RULES,
-    Job,
-    MarkingConfig,
-    Result,
-    load,
-)
+from husky_highlevel_controller.grading.notes import texts
+from husky_highlevel_controller.grading.recording import Recording, recordings_in
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Job, MarkingConfig, Result, load
 from husky_highlevel_controller.grading.rubrics.items import left_to_chance
-
-EVIDENCE, FINGERPRINT = "evidence.json", "fingerprint"  # files: for judging; of files and settings
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """Findings of a marking beside the recordings of its drives."""
-
-    what: str  # the launch file or node
-    robot: str  # a key of ROBOT_VERSIONS
-    sandbox: str
-    network: str
-    rviz: RvizConfig
-    notes: Tuple[Note, ...]
-    scans: str = ""  # topic of the scans, if it is another than the robot's
-    uninitialised: str = ""  # a variable of it that is read before it is written, in a sentence
+from husky_highlevel_controller.grading.settings import with_override
+from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
 
 
-def judge_recordings(job: Job) -> Result:
-    """The result by the recordings and the evidence in the job's folder, without points by hand or a penalty.
+def judge_again(job: Job) -> Result:
+    """The result by the files in the job's folder.
 
     Raises:
-        HuskyError: there are none.
+        HuskyError: there are none; or as `judge`.
     """
     out = Path(job.out)
-    evidence: Evidence = load(Evidence, out / EVIDENCE)
-    paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: drive_number(path.parent))
-    recordings = [load_recording(path, "") for path in paths]
-    config = replace(job.config, robot=evidence.robot, scans=evidence.scans)
-    tree = FrameTree(recordings[0].frames, recordings[0].descriptions) if recordings[0].frames else STANDING
-    view = view_of(evidence.rviz, tree)
-    items = EXERCISES[config.exercise].judge(recordings, view, config.scan_topic, config.rules)
-    if evidence.uninitialised:
-        items = left_to_chance(items, evidence.uninitialised)
-    notes = [*evidence.notes, *(note for recording in recordings for note in recording.notes)]
-    found = {"sandbox": evidence.sandbox, "network": evidence.network, "simulated": evidence.robot}
+    return judge(load(Submission, out / WORKSPACE), recordings_in(out), job)
+
+
+def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> Result:
+    """The result, with points by hand and less a late penalty.
+
+    Raises:
+        ConfigError: points by hand do not fit the rubric.
+    """
+    first = recordings[0]
+    tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
+    view = view_of(submission.rviz, tree)
+    items = EXERCISES[job.config.exercise].judge(recordings, view, first.scan_topic, job.config.rules)
+    if first.uninitialised:
+        items = left_to_chance(items, first.uninitialised)
+    notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
+    found = {"sandbox": submission.sandbox, "network": submission.network, "simulated": first.simulated}
     settings = {**settings_of(job.config), **found}
-    return Result(job.name, evidence.what, settings, tuple(items), tuple(texts(notes)))
+    result = Result(job.name, submission.launchable.summary, settings, tuple(items), tuple(texts(notes)))
+    return with_override(result, job.override)
 
 
 def settings_of(config: MarkingConfig) -> Any:

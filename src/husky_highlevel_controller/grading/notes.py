@@ -11,7 +11,8 @@ class Kind(Enum):
     """Kind of a finding."""
 
     # of the hand-in, before anything is started
-    HAND_IN = "hand-in"  # its archive, packages and robot
+    HAND_IN = "hand-in"  # its archive and packages
+    ROBOT = "robot"  # that is simulated
     BUILD = "build"
     LAUNCH_FILE = "launch file"  # cannot be loaded, or starts nothing
     MISSING_PACKAGE = "missing package"

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf, nan
 from pathlib import Path
 from typing import List, Mapping, Optional, Sequence, Tuple
@@ -22,10 +21,6 @@ ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker m
 
 class RecordingError(HuskyError):
     """A file that is no recording."""
-
-
-class ExchangedError(RecordingError):
-    """A recording that is not the recorder's."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +82,22 @@ class Assignment:
     robot: str  # one of ROBOTS
     driver: str  # see `exercises.Exercise`
     ends_at_pillar: bool
+    simulated: str  # a key of ROBOT_VERSIONS
+    closing: str  # file with a `Closing`, once the drive is over
     ours: Tuple[str, ...]  # nodes that are not the submission's
     packages: Tuple[str, ...] = ()  # folders of the submission's packages, for meshes
+    uninitialised: str = ""  # see `Recording`
+    players: Tuple[str, ...] = ()  # see `Playback`
+    curves: Tuple[Tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Closing:
+    """Observations of a drive from outside, which marking adds to the recording."""
+
+    notes: Tuple[Note, ...] = ()
+    ended: Optional[Note] = None  # why it was cut off
+    output: str = ""  # what the submission printed, shortened
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +137,9 @@ class Recording:
     ended: Optional[Note] = None  # why the drive ended
     output: str = ""  # what the submission printed, shortened
     robot: str = "husky"  # one of ROBOTS
+    simulated: str = "husky"  # a key of ROBOT_VERSIONS
+    scan_topic: str = "/front/scan"
+    uninitialised: str = ""  # a variable of the submission that is read before it is written, in a sentence
     frames: Mapping[str, str] = field(default_factory=dict)  # parent of each frame of TF
     descriptions: Tuple[str, ...] = ()  # parameters with a robot whose links are frames of TF
     playback: Optional[Playback] = None  # where a bag was played
@@ -162,12 +174,38 @@ def empty_recording(pillar: Tuple[float, float], deadline: float, notes: Tuple[N
 
 
 RECORDING = "recording.json"  # file in the folder of a drive
+FLOOD = 300.0  # commands a simulated second; 50 answer the scans
 CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")  # why a drive ended that the recorder did not end
 
 
 def drive_number(folder: Path) -> int:
     """Number of a drive, from the name of its folder: drive_N."""
     return int(folder.name[len("drive_") :])
+
+
+def recordings_in(out: Path) -> List[Recording]:
+    """The recordings of the drives in a folder of results, in order.
+
+    Raises:
+        RecordingError: one is broken.
+    """
+    paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: drive_number(path.parent))
+    return [load(path) for path in paths]
+
+
+def closed(recording: Recording, closing: Closing) -> Recording:
+    """A recording with what marking saw, and notes on a flood of commands and on a drive that was cut off."""
+    notes, ended = list(closing.notes), closing.ended or recording.ended
+    if not any(note.kind in (Kind.NODE_ENDED, Kind.NODE_FAILED) for note in notes):
+        notes += recording.notes
+    seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
+    if recording.command_count / seconds > FLOOD:
+        words = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s"
+        notes.append(Note(Kind.FLOOD, words))
+    if closing.ended or recording.ended == CUT_OFF:
+        why = closing.ended.text if closing.ended else "the recorder was ended"
+        notes.append(Note(Kind.CUT_OFF, f"the drive was cut off at {seconds:.2f} s: {why}", seconds))
+    return replace(recording, notes=tuple(notes), ended=ended, output=closing.output)
 
 
 def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float], robot: str) -> np.ndarray:
@@ -212,23 +250,16 @@ def from_json(text: str) -> Recording:
         raise RecordingError(f"not a recording: {error}") from error
 
 
-def load(path: Path, sha256: str) -> Recording:
+def load(path: Path) -> Recording:
     """A recording from its file.
 
-    Args:
-        path: of the file.
-        sha256: of its content, from who wrote it, in hexadecimal digits.
-
     Raises:
-        ExchangedError: the file is not what was written.
         RecordingError: there is none, or it is broken.
     """
     try:
         text = path.read_text()
     except (OSError, ValueError) as error:
         raise RecordingError(f"no recording: {error}") from error
-    if sha256 and hashlib.sha256(text.encode()).hexdigest() != sha256:
-        raise ExchangedError(f"{path.name} was exchanged after the drive")
     try:
         return from_json(text)
     except RecordingError as error:

@@ -21,6 +21,9 @@ ROBOT_VERSIONS = {
     "husky_melodic": ("/scan", ("robot:=husky", "laser_topic:=scan", "laser_prefix:=base")),
     "smb": ("/scan", ("robot:=smb", "laser_topic:=scan")),
 }
+ROBOT_TITLES = {"husky": "Husky", "husky_melodic": "Husky of ROS Melodic", "smb": "SMB"}
+SMB = "smb"
+BAG_EXERCISE = 4  # a bag is played to a filter
 AUTO = "auto"  # the robot whose scans the submission subscribes to, or that it names
 WALL_BASE, WALL_SLOWNESS = 300.0, 20.0  # [s] of wall time a drive may take, and how much slower than its pace
 RAMMING_MARGIN = 0.05  # [m/s], a measured speed is not exact: a robot commanded to `gentle` does not ram
@@ -178,7 +181,8 @@ class Job:
     setups: Tuple[str, ...] = ()  # setup.bash files, sourced in this order
     packages: Tuple[str, ...] = ()  # folders of packages that need no build
     hidden: Tuple[str, ...] = ()  # folders that the submission must not see
-    fingerprint: str = ""  # of files, settings and version of this package that decide how it drives
+    made_of: str = ""  # fingerprint of files, settings and version of this package that decide what is built
+    fingerprint: str = ""  # likewise, of what decides how it drives
     time_limit: float = 0.0  # [s] of wall time; 0: the usual one
 
 

@@ -15,6 +15,10 @@ from husky_highlevel_controller.grading.records import Item, Override, Result, R
 FILE = "marking.yaml"  # in the folder of hand-ins
 
 
+class PointsError(ConfigError):
+    """Points by hand that do not fit the rubric."""
+
+
 @dataclass(frozen=True)
 class _MarkingFile:
     students: Mapping[str, Override] = field(default_factory=dict)
@@ -30,7 +34,7 @@ def load_rules(path: Path, items: Sequence[str]) -> Rules:
     Raises:
         ConfigError: it cannot be read, or a key or value is not allowed.
     """
-    rules = from_plain(Rules, _read(path), f"{path}: ")
+    rules = from_plain(Rules, read_settings(path), f"{path}: ")
     for name in [*rules.weights, *rules.by_person]:
         _known(name, items, f"{path}: '{name}' is not an item")
     return rules
@@ -43,15 +47,22 @@ def read_overrides(folder: Path, students: Sequence[str]) -> Dict[str, Override]
         ConfigError: it cannot be read, names an unknown student or key, or a value is not allowed.
     """
     path = folder / FILE
-    overrides = from_plain(_MarkingFile, _read(path) if path.exists() else {}, f"{path}: ").students
+    overrides = from_plain(_MarkingFile, read_settings(path) if path.exists() else {}, f"{path}: ").students
     for name in overrides:
         _known(name, students, f"{path}: students: {name!r} is not known")
     return dict(overrides)
 
 
-def _read(path: Path) -> Any:
+def read_settings(path: Path) -> Any:
+    """Content of a teacher's YAML file; an empty one is {}.
+
+    Raises:
+        ConfigError: it cannot be read.
+    """
     try:
         return yaml.safe_load(read_text(path.resolve())) or {}
+    except (LookupError, TypeError, AttributeError) as error:  # such as `!!bool x`
+        raise ConfigError(f"{path}: a value is not of the type that its tag names: {error}") from error
     except (UnreadableFileError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise ConfigError(f"{path}: {' '.join(str(error).split())}") from error
 
@@ -65,15 +76,16 @@ def with_override(result: Result, override: Override) -> Result:
     """The result with the points given by hand, and less the late penalty.
 
     Raises:
-        ConfigError: points are given for an item that the rubric does not have, or more than it has.
+        PointsError: points are given for an item that the rubric does not have, or more than it has.
     """
     items = {item.name: item for item in result.items}
     for name, entry in override.points.items():
         source = f"{FILE}: students/{result.name}/points/{name}"
-        _known(name, list(items), f"{source} is not an item")
+        if name not in items:
+            raise PointsError(f"{source} is not an item; there are: {', '.join(items)}")
         if entry.points > items[name].max_points:
             limit = items[name].max_points
-            raise ConfigError(f"{source} = {entry.points:g} is more than the item's {limit:g}")
+            raise PointsError(f"{source} = {entry.points:g} is more than the item's {limit:g}")
         items[name] = replace(items[name], points=entry.points, evidence=f"by hand: {entry.word}")
     penalty = []
     if override.late:

@@ -13,21 +13,14 @@ import pytest
 from husky_highlevel_controller.datatypes import Pose, TrueState
 from husky_highlevel_controller.grading.drive.call_plan import CallPlan, exercise_2_over, exercise_2_speed
 from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
-from husky_highlevel_controller.grading.drive.plan import (
-    Event,
-    Plan,
-    RvizNode,
-    Submission,
-    notes_on,
-    package_path,
-    plan,
-)
-from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH, SIMULATOR_NODES
-from husky_highlevel_controller.grading.drive.rviz_setup import files_of_others, find_setup
+from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
+from husky_highlevel_controller.grading.hand_in.plan import Plan, package_path, plan
+from husky_highlevel_controller.grading.hand_in.rviz_setup import files_of_others, find_setup
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import Launchable
+from husky_highlevel_controller.grading.submission import SIMULATOR_NODES, Event, RvizNode, notes_on
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 
@@ -162,8 +155,9 @@ NameError: name 'minimum' is not defined
         ("", False),
     ],
 )
-def test_no_folder_that_a_submission_invents_is_read(path, read):
-    workspace = Workspace({"ROS_PACKAGE_PATH": "/ros"}, (Path("/ws/devel/setup.bash"),), (Path("/more"),))
+def test_no_folder_that_a_submission_invents_is_read(path, read, monkeypatch):
+    monkeypatch.setenv("ROS_PACKAGE_PATH", "/ros")
+    workspace = Workspace((Path("/ws/devel/setup.bash"),), (Path("/more"),))
     found = package_path([Event("started"), Event("package", path=path)], workspace)
     assert found == (Path(path) if read else None)
 
@@ -223,7 +217,7 @@ def test_aliases_in_a_parameter_file_are_refused(tmp_path):
     parameters = '<rosparam command="load" file="$(dirname)/a.yaml"/>'
     (package / "a.launch").write_text(f'<launch>{parameters}<node name="n" pkg="p" type="t"/></launch>')
     launchable = Launchable("launch", "aliases", str(package / "a.launch"))
-    planned = plan(Submission(launchable, Workspace(packages=(package,))), tmp_path / "plan")
+    planned = plan(launchable, Workspace(packages=(package,)), tmp_path / "plan")
     assert not planned.nodes
     assert "YAML aliases are refused" in planned.notes[0].text
 
@@ -246,7 +240,7 @@ def test_files_of_a_copy_are_found_but_what_starts_a_simulator_is_left_out(tmp_p
         </launch>"""
     )
     launchable = Launchable("launch", "a", str(copy / "a.launch"))
-    planned = plan(Submission(launchable, Workspace(packages=(copy,))), tmp_path / "plan")
+    planned = plan(launchable, Workspace(packages=(copy,)), tmp_path / "plan")
     assert planned.nodes == ("p/t",), planned
     assert planned.left_out == ("gazebo_ros/gzserver", "gazebo_ros/spawn_model")
     assert planned.notes == ()

@@ -29,9 +29,8 @@ from husky_highlevel_controller.grading.batch import (
     run_there,
     write_outputs,
 )
-from husky_highlevel_controller.grading.displays import RvizConfig
-from husky_highlevel_controller.grading.drive.plan import Submission
-from husky_highlevel_controller.grading.hand_in import archives, launch_choice
+from husky_highlevel_controller.grading.drive import observe as observe_module
+from husky_highlevel_controller.grading.hand_in import archives
 from husky_highlevel_controller.grading.hand_in import build as build_module
 from husky_highlevel_controller.grading.hand_in import packages as packages_module
 from husky_highlevel_controller.grading.hand_in import prepare as prepare_module
@@ -46,7 +45,7 @@ from husky_highlevel_controller.grading.hand_in.build import (
 from husky_highlevel_controller.grading.hand_in.dependencies import missing_packages
 from husky_highlevel_controller.grading.hand_in.launch_choice import (
     choose_launch_files,
-    named_launch_file,
+    read_launch_files,
     reasons,
 )
 from husky_highlevel_controller.grading.hand_in.multiplot import curves_in
@@ -54,18 +53,18 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     HandIn,
     NotMarkableError,
     choose_packages,
+    copies_of_known,
     exercise_numbers,
     find_hand_ins,
     fits_exercise,
     open_hand_in,
 )
-from husky_highlevel_controller.grading.hand_in.prepare import add_rviz_files, launch_file_in
+from husky_highlevel_controller.grading.hand_in.prepare import add_rviz_files
 from husky_highlevel_controller.grading.isolation import files as files_module
 from husky_highlevel_controller.grading.isolation import process as process_module
-from husky_highlevel_controller.grading.isolation.files import read_regular
 from husky_highlevel_controller.grading.isolation.process import StoppedError
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.judge import EVIDENCE, FINGERPRINT, Evidence, judge_recordings
+from husky_highlevel_controller.grading.judge import judge_again
 from husky_highlevel_controller.grading.mark import mark
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.recording import empty_recording
@@ -82,12 +81,15 @@ from husky_highlevel_controller.grading.records import (
     load,
     to_json,
 )
-from husky_highlevel_controller.grading.reports.files import write_result
+from husky_highlevel_controller.grading.reports.files import FINGERPRINT, write_result
 from husky_highlevel_controller.grading.reports.page import class_page
 from husky_highlevel_controller.grading.reports.tables import to_csv, to_junit
-from husky_highlevel_controller.grading.review import Review
+from husky_highlevel_controller.grading.review import open_items
 from husky_highlevel_controller.grading.settings import read_overrides, with_override
+from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
 from husky_highlevel_controller.tasks.workers import Workers
+
+pytestmark = pytest.mark.usefixtures("launch_files_read_here")
 
 MANIFEST = (
     '<package format="2"><name>{}</name><version>0.0.0</version><description>d</description>'
@@ -135,10 +137,26 @@ def chosen(ann, exercise=3):
     return contents, packages, [*contents.notes, *notes]
 
 
-def launch_files(ann):
-    """Launch files that start something, the chosen one first."""
-    contents, packages, _ = chosen(ann)
-    return choose_launch_files(contents, packages, 3)
+def launch_files(ann, exercise=3, **more):
+    """Launch files that start something, the chosen one first, in copies of the packages."""
+    contents, packages, _ = chosen(ann, exercise)
+    kept = ("robot_localization",) * (exercise == 4)
+    out, known = ann.parents[1] / "out", copies_of_known(contents.packages)
+    folders, _ = copy_packages(packages, out / "ws")
+    copies, _ = copy_packages(known, out / "copies")
+    workspace = Workspace(packages=(folders.root / "src", *copies.packages.values()))
+    files = read_launch_files(
+        contents, [*packages, *known], folders.packages, copies.packages, workspace, out, kept=kept, **more
+    )
+    return choose_launch_files(files, exercise)
+
+
+def prepared(ann):
+    """Submission and notes of a hand-in."""
+    out = ann.parents[1] / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    submission, _ = prepare_module.prepare_hand_in(ann, Override(), 3, Workspace(), out)
+    return submission, [note.text for note in submission.notes]
 
 
 def copied(ann, tmp_path):
@@ -375,20 +393,16 @@ def test_a_copy_that_does_not_build_gives_way_to_the_next(ann, tmp_path, monkeyp
         return built("" if works else "it does not build: a.cpp:1: error: x")
 
     monkeypatch.setattr(prepare_module, "build", build)
-    out = tmp_path / "out"
-    out.mkdir()
-    submission, notes = prepare_module.prepare(ann, Override(), 3, Workspace(), out)
+    submission, notes = prepared(ann)
     assert not submission.problem
     assert any("package husky is taken from third/husky" in note for note in notes)
     shutil.rmtree(ann / "third")
-    submission, notes = prepare_module.prepare(ann, Override(), 3, Workspace(), out)
-    assert submission.problem == "it does not build: a.cpp:1: error: x"
+    submission, notes = prepared(ann)
+    assert submission.problem == (Note(Kind.BUILD, "it does not build: a.cpp:1: error: x"),)
     assert any("package husky is taken from first/husky" in note for note in notes)
 
 
-def test_what_does_not_build_gives_way_to_no_copy_of_another_exercise_and_is_built_once(
-    ann, tmp_path, monkeypatch
-):
+def test_what_does_not_build_gives_way_to_no_copy_of_another_exercise_and_is_built_once(ann, monkeypatch):
     for place in ("ex3", "ex5"):
         folder = package(ann / place / "husky", "husky")
         launch(folder / "launch" / "a.launch", NODE.format("husky"))
@@ -397,19 +411,17 @@ def test_what_does_not_build_gives_way_to_no_copy_of_another_exercise_and_is_bui
         package(ann / place / "husky_gazebo", "husky_gazebo")
     builds = []
     monkeypatch.setattr(prepare_module, "build", lambda *_: builds.append(1) or built("it does not build"))
-    (tmp_path / "out").mkdir()
-    submission, notes = prepare_module.prepare(ann, Override(), 3, Workspace(), tmp_path / "out")
-    assert submission.problem == "it does not build"
+    submission, notes = prepared(ann)
+    assert submission.problem == (Note(Kind.BUILD, "it does not build"),)
     assert "package husky is taken from ex3/husky; left aside: ex5/husky" in notes
     assert len(builds) == 1
 
 
-def test_which_copy_was_taken_is_told_where_nothing_starts(ann, tmp_path):
+def test_which_copy_was_taken_is_told_where_nothing_starts(ann):
     for name in ("first", "second"):
         package(ann / name / "husky", "husky")
-    (tmp_path / "out").mkdir()
     with pytest.raises(NotMarkableError, match=r"no launch file starts .*taken from first/husky; left aside"):
-        prepare_module.prepare(ann, Override(), 3, Workspace(), tmp_path / "out")
+        prepared(ann)
 
 
 @pytest.mark.usefixtures("husky")
@@ -485,17 +497,15 @@ def test_the_launch_file_of_exercise_4_starts_the_filter_and_needs_no_build(file
     folder = package(ann / "husky", "husky")
     for name, content in files.items():
         launch(folder / name, *(each.format("husky") for each in content))
-    contents, packages, _ = chosen(ann, 4)
-    found = choose_launch_files(contents, packages, 4)[0]
+    found = launch_files(ann, 4)[0]
     assert (found.path.name, found.package) == (taken, "husky")
     assert is_built(found.nodes[0], copied(ann, tmp_path)[0])
 
 
 def test_without_a_launch_file_of_exercise_4_there_is_no_mark(ann):
     launch(package(ann / "husky", "husky") / "a.launch", NODE.format("husky"))
-    contents, packages, _ = chosen(ann, 4)
     with pytest.raises(NotMarkableError, match=r"ekf_localization_node; launch files: husky/a\.launch"):
-        choose_launch_files(contents, packages, 4)
+        launch_files(ann, 4)
 
 
 AXES = (
@@ -556,16 +566,15 @@ def test_rviz_s_default_file_beside_a_package_is_its_configuration(ann, husky, t
     assert not add_rviz_files(contents, 3, husky), "which has one of its own"
 
 
-def test_no_file_is_copied_through_a_link_that_the_build_laid(ann, husky, tmp_path):
+@pytest.mark.usefixtures("husky")
+def test_no_file_is_copied_through_a_link_that_the_build_laid(ann, tmp_path):
     put(ann / ".rviz" / "default.rviz", "evil")
     beside = launch(ann / "ex3.launch", NODE.format("husky"))
     bashrc = put(tmp_path / "home" / "bashrc", "mine")
-    folders, _ = copied(ann, tmp_path)
-    for link in (folders.packages["husky"] / "default.rviz", tmp_path / "ws" / "src" / "ex3.launch"):
-        link.symlink_to(bashrc)
-    assert add_rviz_files(opened(ann), 3, folders.packages["husky"])
-    copy = launch_file_in(launch_files(ann)[0], husky, folders.packages["husky"], tmp_path / "ws")
-    assert copy.read_text() == beside.read_text()
+    assert launch_files(ann)[0].path.read_text() == beside.read_text()
+    copy = tmp_path / "out" / "ws" / "src" / "husky"
+    (copy / "default.rviz").symlink_to(bashrc)
+    assert add_rviz_files(opened(ann), 3, copy)
     assert bashrc.read_text() == "mine"
 
 
@@ -590,10 +599,10 @@ def test_without_a_launch_file_that_fits_there_is_no_mark(ann, husky):
 def test_a_teacher_may_name_the_launch_file(ann, husky):
     for name in ("a/run.launch", "b/run.launch"):
         launch(husky / name, NODE.format("husky"))
-    contents, packages, _ = chosen(ann)
-    assert str(named_launch_file(contents, packages, "a/run.launch").place) == "husky/a/run.launch"
+    (only,) = launch_files(ann, named="a/run.launch")
+    assert str(only.place) == "husky/a/run.launch"
     with pytest.raises(NotMarkableError, match="2 fit it"):
-        named_launch_file(contents, packages, "run.launch")
+        launch_files(ann, named="run.launch")
 
 
 # ---------------------------------------------------------------------------- builds
@@ -706,7 +715,7 @@ def test_a_build_is_tried_again_for_late_headers_and_then_for_old_placeholders(
         return outputs[len(tried) - 1]
 
     monkeypatch.setattr(build_module, "_catkin_make", make)
-    built = build_module.build(Folders(tmp_path), frozenset(), Workspace({}))
+    built = build_module.build(Folders(tmp_path), frozenset(), Workspace())
     assert tried == flags
     assert any("does not build" in note for note in built.notes) == (outputs[-1][1] != 0)
 
@@ -728,15 +737,12 @@ def test_a_changed_file_or_setting_changes_the_fingerprint_and_what_is_only_judg
 
 
 @pytest.mark.parametrize("includes", [4, 50])
-def test_a_launch_file_that_includes_itself_is_read_a_bounded_number_of_times(
-    includes, ann, husky, monkeypatch
-):
-    reads = []
-    monkeypatch.setattr(launch_choice, "read_regular", lambda *a: reads.append(a) or read_regular(*a))
+def test_a_launch_file_that_includes_itself_is_told(includes, ann, husky):
     again = '<include file="$(find husky)/launch/ex3.launch"/>'
     launch(husky / "launch" / "ex3.launch", NODE.format("husky"), again * includes)
-    assert launch_files(ann)[0].nodes == ("husky/controller",)
-    assert len(reads) <= launch_choice.MAX_READS
+    (only,) = launch_files(ann)
+    assert only.nodes == ("husky/controller",)
+    assert "the launch file cannot be loaded: " in only.plan.notes[0].text
 
 
 LONG = (
@@ -847,9 +853,10 @@ def test_a_hand_in_has_a_result_whatever_goes_wrong_and_is_marked_again(
 def test_what_does_not_build_is_told_in_every_item_that_needs_it_and_is_not_driven(tmp_path, monkeypatch):
     error = "it does not build: controller.cpp:3:1: error: expected ';'"
     launchable = Launchable("launch", "husky", str(launch(tmp_path / "a.launch", NODE.format("husky"))))
-    submission = Submission(launchable, Workspace(packages=(tmp_path,)), problem=error)
-    monkeypatch.setattr(mark_module, "prepare", lambda *_: (submission, [error]))
-    monkeypatch.setattr(mark_module, "drive", None)
+    problem = (Note(Kind.BUILD, error),)
+    submission = Submission(launchable, Workspace(packages=(tmp_path,)), problem=problem, robot="husky")
+    monkeypatch.setattr(mark_module, "prepare", lambda _: submission)
+    monkeypatch.setattr(observe_module, "drive", None)
     result = mark(Job("ann", str(tmp_path / "ann"), MarkingConfig(), hand_in=str(tmp_path)))
     assert not result.problem
     approach, arrival, _, place, _ = result.items
@@ -857,6 +864,28 @@ def test_what_does_not_build_is_told_in_every_item_that_needs_it_and_is_not_driv
         assert error in item.evidence
         assert "mend this error first" in item.hint
     assert result.cause == approach
+
+
+def test_another_deadline_drives_again_and_builds_nothing(batch, husky, monkeypatch):
+    launch(husky / "a.launch", NODE.format("husky"))
+    builds, driven = [], []
+
+    def observe(submission, trials, config, out):
+        driven.append(config.deadline)
+        recording = empty_recording((20.0, 5.0), config.deadline, ())
+        put(out / "drive_1" / "recording.json", recording_to_json(recording))
+
+    monkeypatch.setattr(prepare_module, "build", lambda *_: builds.append(1) or built(""))
+    monkeypatch.setattr(mark_module, "observe", observe)
+    monkeypatch.setattr(batch_module, "run_program", mark)
+    first, second = (mark_all(MarkingConfig(deadline=each), batch) for each in (60.0, 40.0))
+    assert (first[0].what, second[0].what) == ("husky/a.launch",) * 2
+    assert (len(builds), driven) == (1, [60.0, 40.0])
+    mark_all(MarkingConfig(deadline=40.0), replace(batch, only=("ann",)))
+    assert len(builds) == 2, "all of it again"
+    put(husky / "new.txt", "x")
+    mark_all(MarkingConfig(deadline=40.0), batch)
+    assert len(builds) == 3, "another file"
 
 
 def test_a_hand_in_that_cannot_be_marked_is_not_tried_again(batch):
@@ -876,9 +905,8 @@ def marked(batch, ann):
     recording = empty_recording((20.0, 5.0), 120.0, (Note(Kind.LAUNCH_FILE, "it starts no node of its own"),))
     put(out / "drive_1" / "recording.json", recording_to_json(recording))
     notes = (Note(Kind.HAND_IN, "a note"),)
-    evidence = Evidence("a.launch", "husky", "none", "none", RvizConfig(), notes)
-    put(out / EVIDENCE, to_json(evidence))
-    write_result(judge_recordings(job), out)
+    put(out / WORKSPACE, to_json(Submission(Launchable("launch", "a", "a.launch"), notes=notes)))
+    write_result(judge_again(job), out)
     put(out / FINGERPRINT, job.fingerprint)
     return batch, out
 
@@ -900,14 +928,8 @@ def test_a_typo_in_marking_yaml_that_comes_before_the_drives_costs_no_other_driv
     marked, monkeypatch, tmp_path
 ):
     batch, out = marked
-    driven = {path.relative_to(out): path.read_text() for path in (out / EVIDENCE, *out.glob("drive_1/*"))}
-
-    def gather(job, _):
-        for place, text in driven.items():
-            put(out / place, text)
-        return judge_recordings(job)
-
-    monkeypatch.setattr(mark_module, "_gather", gather)
+    monkeypatch.setattr(mark_module, "prepare", lambda _: load(Submission, out / WORKSPACE))
+    monkeypatch.setattr(mark_module, "observe", lambda *_: None)
     override = Override(points={"mraker": GivenPoints(7.0, "seen")})
     job = job_of(HandIn("ann", batch.folder / "ann"), override, MarkingConfig(), batch)
     assert "mraker is not an item" in mark(job).problem
@@ -939,7 +961,7 @@ def test_a_class_that_was_moved_is_reviewed_where_it_is(marked, tmp_path):
     batch, _ = marked
     batch.folder.rename(tmp_path / "moved")
     mark_all(MarkingConfig(), replace(batch, folder=tmp_path / "moved"))
-    assert Review(batch.out).folder == tmp_path / "moved"
+    assert open_items(batch.out)[1] == tmp_path / "moved"
 
 
 def test_another_rubric_or_points_by_hand_judge_again_without_a_drive(marked):
@@ -960,7 +982,7 @@ def test_another_rubric_or_points_by_hand_judge_again_without_a_drive(marked):
 def test_what_has_not_changed_is_not_judged_again(marked, monkeypatch):
     batch, out = marked
     (first,) = mark_all(MarkingConfig(), batch)
-    monkeypatch.setattr(batch_module, "judge_recordings", None)
+    monkeypatch.setattr(batch_module, "judge_again", None)
     assert mark_all(MarkingConfig(), batch) == [first]
     assert not (out / "mark.log").exists(), "nothing was started"
 
@@ -1093,7 +1115,7 @@ def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(ann, batc
     result = write_outputs(files, job)
     assert "no catkin package in it" in result.problem
     assert result.settings["exercise"] == 3
-    assert Review(batch.out).folder == batch.folder
+    assert open_items(batch.out)[1] == batch.folder
     assert (Path(job.out) / FINGERPRINT).read_text() == job.fingerprint
 
 

@@ -11,14 +11,15 @@ CASES = {
     "build.needs_old_boost": ("error: ", "_1 was ", "a:1: error: "),
     "read_components": ("find_package(catkin ",),
     "build.build_error": ("a:1: error: ", "CMake Error at ", "\n"),
-    "plan.exceptions_in": ("Exception in thread ", "[ERROR] [1.1]: bad callback: <function a"),
+    "submission.exceptions_in": ("Exception in thread ", "[ERROR] [1.1]: bad callback: <function a"),
     "notes_on": ("\n", "ERROR: cannot launch node of type [", "a."),
     "memcheck.may_be_unwritten": ("(a", "/* ", "double a, ", "a)"),
 }
 CODE = """
 import sys, tempfile
 from pathlib import Path
-from husky_highlevel_controller.grading.drive import memcheck, plan
+from husky_highlevel_controller.grading import submission
+from husky_highlevel_controller.grading.drive import memcheck
 from husky_highlevel_controller.grading.hand_in import build
 
 def read_components(text):
@@ -27,7 +28,7 @@ def read_components(text):
         build.missing_packages({"a": Path(folder)}, {"a"}, {})
 
 def notes_on(text):
-    plan.notes_on([], text)
+    submission.notes_on([], text)
 
 read, piece, size = eval(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 arguments = [Path("/")] if read is build.build_error else []

@@ -1,17 +1,18 @@
 """Reads of uninitialised variables in valgrind's output: line and variable are named, prints do not count."""
 
-import contextlib
 import os
-from types import SimpleNamespace
 
 import pytest
 
 from husky_highlevel_controller.grading.drive import memcheck
 from husky_highlevel_controller.grading.drive.memcheck import (
+    is_worth_checking,
     may_be_unwritten,
     reads_in,
     sentence,
 )
+from husky_highlevel_controller.grading.records import Launchable
+from husky_highlevel_controller.grading.submission import Submission
 
 SOURCE = """class Controller {
   bool start_;
@@ -71,7 +72,7 @@ def test_a_read_that_decides_is_named(log, said, sources):
 
 
 @pytest.mark.parametrize(("name", "is_started"), [("fifo", False), ("program", True), ("none", False)])
-def test_only_what_is_a_program_is_started_and_a_fifo_is_not_waited_for(
+def test_only_a_program_is_worth_checking_and_a_fifo_is_not_waited_for(
     name, is_started, tmp_path, monkeypatch
 ):
     lib = tmp_path / "devel" / "lib"
@@ -80,14 +81,9 @@ def test_only_what_is_a_program_is_started_and_a_fifo_is_not_waited_for(
     (lib / "program").write_bytes(b"\x7fELF...")
     (tmp_path / "src").mkdir()
     (tmp_path / "src" / "controller.cpp").write_text(SOURCE)
-    started = []
     monkeypatch.setattr(memcheck.shutil, "which", str)
-    monkeypatch.setattr(memcheck, "Network", started.append)  # which is no network, and ends it
-    with contextlib.suppress(TypeError, AttributeError):
-        memcheck.uninitialised(
-            SimpleNamespace(root=tmp_path), SimpleNamespace(nodes=[name]), None, None, tmp_path
-        )
-    assert bool(started) is is_started
+    submission = Submission(Launchable("node", "a", name), root=tmp_path, nodes=(name,))
+    assert is_worth_checking(submission) is is_started
 
 
 @pytest.mark.parametrize(

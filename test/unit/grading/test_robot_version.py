@@ -8,16 +8,12 @@ import pytest
 from husky_highlevel_controller.course import PILLARS
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.drive import ros_graph
-from husky_highlevel_controller.grading.drive.plan import Plan
-from husky_highlevel_controller.grading.drive.robot_version import (
-    OtherRobotError,
-    check_robot,
-    guess_bag,
-    guess_robot,
-)
+from husky_highlevel_controller.grading.drive.ros_graph import robot_listened_to
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
+from husky_highlevel_controller.grading.hand_in.plan import Plan
+from husky_highlevel_controller.grading.hand_in.robot_version import named_bag, named_robot
 from husky_highlevel_controller.grading.recording import empty_recording, from_json, hull_gaps, to_json
-from husky_highlevel_controller.grading.records import ROBOT_VERSIONS
+from husky_highlevel_controller.grading.records import ROBOT_VERSIONS, MarkingConfig
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.models.sdf_world import parse_world
 
@@ -33,7 +29,7 @@ from husky_highlevel_controller.simulator.models.sdf_world import parse_world
 )
 def test_what_a_package_names_tells_the_smb(name, text, word, tmp_path):
     (tmp_path / name).write_text(text)
-    robot, why = guess_robot(Plan(nodes=("p/n",), package_path=tmp_path))
+    robot, why = named_robot(Plan(nodes=("p/n",), package_path=tmp_path))
     assert robot == "smb"
     assert why == f"the simulated robot is the SMB: {name} names {word}"
 
@@ -42,11 +38,11 @@ def test_what_a_package_names_tells_the_smb(name, text, word, tmp_path):
 def test_the_filter_s_parameters_tell_the_robot_of_exercise_4(folder, robot, tmp_path):
     (tmp_path / "ekf.launch").write_text(f"$(find {folder})/config/localization.yaml")
     (tmp_path / "view.rviz").write_text("Topic: /rslidar_points")  # in both robots' bags
-    assert guess_bag(Plan(package_path=tmp_path))[0] == robot
+    assert named_bag(Plan(package_path=tmp_path))[0] == robot
 
 
 def test_a_node_of_the_smb_that_is_left_out_tells_it_too():
-    robot, why = guess_robot(Plan(nodes=("p/n",), left_out=("smb_gazebo/spawn",)))
+    robot, why = named_robot(Plan(nodes=("p/n",), left_out=("smb_gazebo/spawn",)))
     assert (robot, "the SMB" in why) == ("smb", True)
 
 
@@ -60,7 +56,7 @@ def test_a_node_of_the_smb_that_is_left_out_tells_it_too():
 )
 def test_the_names_in_its_files_give_a_first_guess(text, robot, why, tmp_path):
     (tmp_path / "view.rviz").write_text(text)
-    guess, words = guess_robot(Plan(package_path=tmp_path))
+    guess, words = named_robot(Plan(package_path=tmp_path))
     assert guess == robot
     assert words.endswith(f": {why}")
 
@@ -68,13 +64,13 @@ def test_the_names_in_its_files_give_a_first_guess(text, robot, why, tmp_path):
 @pytest.mark.parametrize(
     ("topics", "guess", "told"),
     [
-        (("/front/scan", "/scan"), "/front/scan", None),
-        (("/front/scan", "/scan"), "/scan", None),
-        (("/front/scan",), "/scan", ("husky", "")),
-        (("/scan",), "/front/scan", ("husky_melodic", "")),
-        (("/laser",), "/front/scan", ("husky", "/laser")),
-        (("/laser", "/rear"), "/front/scan", None),
-        ((), "/front/scan", None),
+        (("/front/scan", "/scan"), "husky", ("husky", "")),
+        (("/front/scan", "/scan"), "husky_melodic", ("husky_melodic", "")),
+        (("/front/scan",), "husky_melodic", ("husky", "")),
+        (("/scan",), "husky", ("husky_melodic", "")),
+        (("/laser",), "husky", ("husky", "/laser")),
+        (("/laser", "/rear"), "husky", None),
+        ((), "husky", None),
     ],
 )
 def test_what_it_subscribes_to_decides(topics, guess, told, monkeypatch):
@@ -84,12 +80,10 @@ def test_what_it_subscribes_to_decides(topics, guess, told, monkeypatch):
     types = [[topic, "sensor_msgs/LaserScan"] for topic in topics]
     answers = {"getSystemState": [[], listeners, []], "getTopicTypes": types}
     monkeypatch.setattr(ros_graph, "_ask", lambda _, method: answers[method])
-    if told is None:
-        check_robot("", ["/rosout"], guess)
-    else:
-        with pytest.raises(OtherRobotError) as other:
-            check_robot("", ["/rosout"], guess)
-        assert (other.value.robot, other.value.scans) == told
+    config = MarkingConfig(robot=guess)
+    assert robot_listened_to("", ["/rosout"], config) == (
+        told and replace(config, robot=told[0], scans=told[1])
+    )
 
 
 @pytest.mark.parametrize("robot", ROBOTS)

@@ -11,11 +11,10 @@ import shutil
 from pathlib import Path
 from typing import Collection, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
-from husky_highlevel_controller.grading.drive.plan import Plan, Submission, start
 from husky_highlevel_controller.grading.drive.progress import settles, state_of_tree
-from husky_highlevel_controller.grading.drive.ros_graph import is_up, topics_subscribed
-from husky_highlevel_controller.grading.drive.run import simulate
-from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
+from husky_highlevel_controller.grading.drive.ros_graph import is_up, robot_listened_to, topics_subscribed
+from husky_highlevel_controller.grading.drive.run import simulate, start
+from husky_highlevel_controller.grading.drive.trials import Trial
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     is_regular,
@@ -25,6 +24,7 @@ from husky_highlevel_controller.grading.isolation.files import (
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import Network
 from husky_highlevel_controller.grading.records import MarkingConfig
+from husky_highlevel_controller.grading.submission import SIMULATOR_NODES, Submission
 
 VALGRIND = "valgrind"
 LOG = "memcheck."  # and the process's number; `ros/grading/submission.py` names it likewise
@@ -57,41 +57,60 @@ class Place(NamedTuple):
     line: int
 
 
+def is_worth_checking(submission: Submission) -> bool:
+    """Whether a program of C++ in it may have such a variable: valgrind takes some seconds."""
+    root = submission.root
+    return (
+        root is not None
+        and shutil.which(VALGRIND) is not None
+        and any(_is_program(root / "devel" / "lib" / node) for node in submission.nodes)
+        and any(map(may_be_unwritten, _texts(root / "src").values()))
+    )
+
+
+class Memcheck(NamedTuple):
+    """Finding of a start in valgrind."""
+
+    sentence: str  # on a variable that is read before it is written; empty: none is
+    config: Optional[MarkingConfig]  # with the robot whose scans it subscribes to; None: not known
+
+
 def uninitialised(
-    submission: Submission, planned: Plan, trial: Trial, config: MarkingConfig, folder: Path
-) -> str:
-    """A sentence on a variable that is read before it is written; empty: none is, or there is no C++ node.
+    submission: Submission, trial: Trial, config: MarkingConfig, folder: Path, is_guess: bool
+) -> Memcheck:
+    """Start a submission that is worth checking in valgrind.
 
     Args:
         submission: what to start.
-        planned: what it would start.
         trial: a drive, for its world.
         config: the marking's, with its robot.
         folder: for logs.
+        is_guess: the robot is one; where the submission listens to another one's scans, these are sent.
 
     Raises:
         MarkingError: our own part of it does not work.
     """
-    root = submission.root
-    if root is None or shutil.which(VALGRIND) is None:
-        return ""
-    if not any(_is_program(root / "devel" / "lib" / node) for node in planned.nodes):
-        return ""
-    if not any(map(may_be_unwritten, _texts(root / "src").values())):
-        return ""  # valgrind takes some seconds
+    sources, told = (submission.root or folder) / "src", None
     with Network(folder) as network:
-        simulate(network, trial_world(trial, config.robot_name), trial, config, 1.0)
+        simulator = simulate(network, trial, config, 1.0)
         process, _ = start(network, submission, "memcheck")
-        if settles(
-            process,
-            lambda: config.scan_topic in topics_subscribed(network.uri),
-            lambda: is_up(network.uri, planned.nodes),
-        ):
+
+        def subscribes() -> bool:
+            return config.scan_topic in topics_subscribed(network.uri, SIMULATOR_NODES)
+
+        joined = settles(process, subscribes, lambda: is_up(network.uri, SIMULATOR_NODES))
+        if is_guess:
+            told = robot_listened_to(network.uri, SIMULATOR_NODES, config)
+        if told is not None and told != config:
+            simulator.kill()
+            simulate(network, trial, told, 1.0)
+            joined = process.running
+        if joined:
             _let_it_compute(process)
         # before it is ended: a `getParam` that the end interrupts leaves its variable as it was
         logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
         log = "\n".join(map(_text, logs))
-    return sentence(reads_in(log, root / "src"), root / "src")
+    return Memcheck(sentence(reads_in(log, sources), sources), told)
 
 
 def _let_it_compute(process: Process) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, Collection, Dict, List, Mapping, Sequence, Set, Tuple
+from dataclasses import replace
+from typing import Any, Collection, Dict, List, Mapping, Optional, Sequence, Set, Tuple
 
+from husky_highlevel_controller.grading.records import ROBOT_TITLES, ROBOT_VERSIONS, SMB, MarkingConfig
 from husky_highlevel_controller.xml_rpc import ask
 
 ANSWER_DEADLINE = 20.0  # [s] of wall time; a submission may end the master and listen in its place
@@ -31,16 +33,33 @@ def set_parameters(uri: str, values: Mapping[str, Any]) -> None:
         _ask(uri, "setParam", name, value)
 
 
-def scan_topics(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, ...]:
-    """Topics of scans that a node which is not ours subscribes to."""
-    types = dict(_ask(uri, "getTopicTypes") or ())
-    return tuple(topic for topic in topics_subscribed(uri, our_nodes) if types.get(topic) == SCAN)
-
-
 def topics_subscribed(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, ...]:
     """Topics that a node which is not ours subscribes to."""
     state = _ask(uri, "getSystemState")
     return tuple(topic for topic, nodes in state[1] if set(nodes) - set(our_nodes)) if state else ()
+
+
+def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfig) -> Optional[MarkingConfig]:
+    """Settings with the robot whose scans a submission subscribes to; None: that does not tell.
+
+    It does not where it subscribes to none, or to several topics of scans that are no robot's.
+    """
+    topics = topics_subscribed(uri, our_nodes)
+    if config.scan_topic in topics:
+        return config
+    for version, (topic, _) in ROBOT_VERSIONS.items():
+        if version != SMB and topic in topics:
+            return replace(config, robot=version)
+    types = dict(_ask(uri, "getTopicTypes") or ())
+    scans = [topic for topic in topics if types.get(topic) == SCAN]
+    return replace(config, robot="husky", scans=scans[0]) if len(scans) == 1 else None
+
+
+def listens_to(config: MarkingConfig) -> str:
+    """A sentence that says why the robot is that of a configuration, by what the submission subscribes to."""
+    if config.scans:
+        return f"scans are sent on {config.scans}, the only topic of scans that it subscribes to"
+    return f"the simulated robot is the {ROBOT_TITLES[config.robot]}: it subscribes to {config.scan_topic}"
 
 
 def _ask(uri: str, method: str, *arguments: Any) -> Any:

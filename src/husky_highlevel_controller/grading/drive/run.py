@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import signal
@@ -9,26 +10,20 @@ import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Sequence, Tuple
 
+from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.drive.call_plan import BAG
-from husky_highlevel_controller.grading.drive.plan import (
-    SIMULATOR_LAUNCH,
-    SIMULATOR_NODES,
-    Submission,
-    notes_on,
-    read_events,
-    start,
-)
 from husky_highlevel_controller.grading.drive.progress import settles
-from husky_highlevel_controller.grading.drive.robot_version import check_robot
 from husky_highlevel_controller.grading.drive.ros_graph import (
     has_service,
     is_up,
+    listens_to,
+    robot_listened_to,
     set_parameters,
 )
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
-from husky_highlevel_controller.grading.isolation.files import write_whole
+from husky_highlevel_controller.grading.isolation.files import create, read_regular, write_whole
 from husky_highlevel_controller.grading.isolation.forked import (
     BAG_PLAYER,
     RECORDER,
@@ -39,24 +34,30 @@ from husky_highlevel_controller.grading.isolation.process import Process, wait
 from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.recording import (
-    CUT_OFF,
     RECORDING,
     Assignment,
-    ExchangedError,
-    Recording,
-    RecordingError,
+    Closing,
     empty_recording,
-    load,
     to_json,
 )
 from husky_highlevel_controller.grading.records import MarkingConfig
 from husky_highlevel_controller.grading.records import to_json as record_to_json
+from husky_highlevel_controller.grading.submission import (
+    SIMULATOR_NODES,
+    SUBMISSION_FOLDER,
+    Submission,
+    notes_on,
+    read_events,
+    starter,
+)
+from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import load_robot
 
+SIMULATOR_LAUNCH = share_folder() / "launch" / "simulator.launch"
 STALL_DEADLINE = 90.0  # [s] of wall time in which simulated time must get on
 PROGRESS_PERIOD = 0.2  # [s] of wall time between two looks at a drive; each costs the ROS master milliseconds
 START_PERIOD = 0.05  # [s] of wall time between two looks at a program of ours that starts
-FLOOD = 300.0  # commands a simulated second; 50 answer the scans
+MAX_RECORDING = 500_000_000  # [bytes]
 KEPT_OUTPUT = 20000  # letters of what a submission printed
 RECORDER_NODE = "marking_recorder"  # its node's name
 _SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}  # by launch arguments
@@ -65,13 +66,12 @@ SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that it offers
 
 def simulate(
     network: Network,
-    world: str,
     trial: Trial,
     config: MarkingConfig,
     pace: float,
     truth_socket: str = "",
 ) -> Process:
-    """Start our simulator with a world, and wait until it is up.
+    """Start our simulator with the world of a trial, and wait until it is up.
 
     With a socket it writes true poses there, and runs in lockstep; `pace` is its real-time factor.
 
@@ -79,7 +79,7 @@ def simulate(
         MarkingError: it does not start.
     """
     file = network.folder / "drive.world"
-    file.write_text(world)
+    file.write_text(trial_world(trial, config.robot_name))
     parameters, arguments = _simulator_setup(network, config.simulator_arguments)
     values = {
         "world_name": str(file), "x": trial.start.x, "y": trial.start.y, "yaw": trial.start.yaw,
@@ -98,7 +98,7 @@ def _once_up(simulator: Process, is_up: Callable[[], bool]) -> Process:
     return simulator
 
 
-def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: str) -> Process:
+def play(network: Network, trial: Trial, config: MarkingConfig, pace: float, truth_socket: str) -> Process:
     """Start the player of the bag in the simulator's place; a signal SIGUSR1 lets it begin.
 
     Raises:
@@ -106,7 +106,7 @@ def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: st
     """
     parameters, _ = _simulator_setup(network, config.simulator_arguments)
     set_parameters(network.uri, {"/run_id": "marking", **parameters})
-    numbers = map(str, (trial.seed, config.pace, config.deadline))
+    numbers = map(str, (trial.seed, pace, config.deadline))
     command = [BAG_PLAYER, config.robot_name, *numbers]
     player = network.start("simulator", command, HUSKY_TRUTH_SOCKET=truth_socket)
     return _once_up(player, lambda: bool(_told(player, "ready")))
@@ -133,29 +133,50 @@ def _simulator_setup(network: Network, arguments: Tuple[str, ...]) -> Tuple[Dict
     return _SETUPS[arguments]
 
 
+class OtherRobotError(HuskyError):
+    """A submission that listens to the scans of another robot than it was started with."""
+
+    def __init__(self, config: MarkingConfig) -> None:
+        super().__init__(config.robot)
+        self.config = config  # with its robot
+
+
 def drive(
     submission: Submission,
     trial: Trial,
     config: MarkingConfig,
     folder: Path,
+    note: str = "",
+    chance: str = "",
     on_time: Callable[[float], None] = lambda _: None,
     is_guess: bool = False,
-) -> Recording:
-    """Let the submission drive once, and bring back what was seen; `on_time` gets simulated times [s].
+) -> bool:
+    """Let a submission drive once, and write recording.json; whether it moved.
+
+    Args:
+        submission: what to start.
+        trial: start and pillar.
+        config: with its robot.
+        folder: for the recording and logs.
+        note: on the robot.
+        chance: a variable that is read before it is written, in a sentence.
+        on_time: gets simulated times [s].
+        is_guess: the robot is one.
 
     Raises:
         MarkingError: our own part of it does not work.
         OtherRobotError: the robot is a guess, and it listens to another one's scans; it has not driven.
     """
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
-        output, assignment = folder / RECORDING, folder / "assignment.json"
+        output, assignment, closing = folder / RECORDING, folder / "assignment.json", Path(private, "closing")
         topic, plays = config.scan_topic, trial.driver == BAG
         if plays:
             topic = f"/{load_robot(config.robot_name).topics.wheel_odometry}"
         task = Assignment(
             str(output), f"{private}/truth", trial.start, trial.pillar, config.deadline, topic,
-            config.robot_name, trial.driver, trial.ends_at_pillar, SIMULATOR_NODES,
-            tuple(map(str, submission.workspace.packages)),
+            config.robot_name, trial.driver, trial.ends_at_pillar, config.robot, str(closing),
+            SIMULATOR_NODES, tuple(map(str, submission.workspace.packages)), chance, submission.players,
+            submission.curves,
         )  # fmt: skip
         assignment.write_text(record_to_json(task))
         recorder = network.start("recorder", [RECORDER, str(assignment)])
@@ -166,16 +187,15 @@ def drive(
         wait(lambda: told("recording"), START_DEADLINE, START_PERIOD)
         if not recorder.running:
             raise MarkingError(f"the recorder does not start: {recorder.output.strip()[-500:]}")
-        if plays:
-            simulator = play(network, trial, config, task.truth_socket)
-        else:
-            world = trial_world(trial, config.robot_name)
-            simulator = simulate(network, world, trial, config, config.pace, task.truth_socket)
+        bring_up = play if plays else simulate
+        simulator = bring_up(network, trial, config, config.pace, task.truth_socket)
         submitted, events = start(network, submission)
         our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
         joined = settles(submitted, lambda: told("joined"), lambda: is_up(network.uri, our_nodes))
         if is_guess and not joined:
-            check_robot(network.uri, our_nodes, config.scan_topic)
+            listened = robot_listened_to(network.uri, our_nodes, config) or config
+            if listened != config:
+                raise OtherRobotError(listened)
         if recorder.running and not joined:
             recorder.popen.send_signal(signal.SIGUSR1)  # lockstep would wait for the submission
         if plays:
@@ -192,23 +212,45 @@ def drive(
             stalled = time.monotonic() - since > STALL_DEADLINE
             if not submitted.running:
                 recorder.popen.send_signal(signal.SIGUSR2)  # no node is left to drive it
-            return stalled or not (recorder.running and simulator.running)
+            return stalled or told("over") or not simulator.running
 
         ended = None
         if not wait(is_over, config.wall_limit, PROGRESS_PERIOD):
             ended = Note(Kind.SLOW, f"it took longer than {config.wall_limit:.0f} s")
-        elif recorder.running and simulator.running:
+        elif not told("over") and simulator.running:
             ended = Note(Kind.STALLED, f"the simulation made no progress for {STALL_DEADLINE:g} s")
-        elif recorder.running:
+        elif not told("over"):
             ended = Note(Kind.STALLED, "the simulator was ended")
+        if is_guess and _told(recorder, "subscribed"):
+            note = listens_to(config)
+        notes = [Note(Kind.ROBOT, note)] * bool(note) + notes_on(read_events(events), submitted.output)
+        notes += [Note(Kind.LIMIT, submitted.problem)] * bool(submitted.problem)
+        write_whole(closing, record_to_json(Closing(tuple(notes), ended, _shortened(submitted.output))))
         if ended:
             recorder.interrupt()
-            wait(lambda: not recorder.running, START_DEADLINE)
-        notes = notes_on(read_events(events), submitted.output)
-        notes += [Note(Kind.LIMIT, submitted.problem)] * bool(submitted.problem)
-    recording = _finish(output, recorder, trial, config, notes, ended, submitted.output)
-    write_whole(output, to_json(recording))
-    return recording
+        wait(lambda: not recorder.running, START_DEADLINE)
+    if not output.is_file():
+        raise MarkingError(f"no recording; the recorder said: {recorder.output.strip()[-500:]}")
+    if was_exchanged(output, _told(recorder, r"sha256 (\w{64})")):
+        words = f"{RECORDING} was exchanged after the drive"
+        recording = empty_recording(trial.pillar, config.deadline, (Note(Kind.CUT_OFF, words),))
+        recording = replace(recording, violations=(words,), robot=config.robot_name, simulated=config.robot)
+        write_whole(output, to_json(replace(recording, scan_topic=config.scan_topic)))
+        return False
+    return bool(_told(recorder, "moved"))
+
+
+def was_exchanged(path: Path, digests: Sequence[str]) -> bool:
+    """Whether a file is not the one of which its writer told the SHA-256, if it told one."""
+    return bool(digests) and hashlib.sha256(read_regular(path, MAX_RECORDING)).hexdigest() not in digests
+
+
+def start(network: Network, submission: Submission, action: str = "run") -> Tuple[Process, Path]:
+    """Start a submission in a network; the program, and the file of its events."""
+    events = network.folder_of(SUBMISSION_FOLDER) / "events.jsonl"
+    create(events).close()
+    command = starter(events, action, [submission.launchable], submission.kept)
+    return network.start(SUBMISSION_FOLDER, command, submission.workspace), events
 
 
 def _told(recorder: Process, line: str) -> List[str]:
@@ -216,32 +258,6 @@ def _told(recorder: Process, line: str) -> List[str]:
     return re.findall(rf"^{line}$", recorder.output, re.MULTILINE)
 
 
-def _finish(
-    path: Path,
-    recorder: Process,
-    trial: Trial,
-    config: MarkingConfig,
-    notes: Sequence[Note],
-    ended: Optional[Note],
-    output: str,
-) -> Recording:
-    """The recording that the recorder wrote, with notes, the end, and what was printed."""
-    try:
-        recording = load(path, "".join(_told(recorder, r"sha256 (\w{64})")))
-    except ExchangedError as error:
-        recording = empty_recording(trial.pillar, config.deadline, (Note(Kind.CUT_OFF, str(error)),))
-        recording = replace(recording, violations=(str(error),))
-    except RecordingError as error:
-        raise MarkingError(f"{error}; the recorder said: {recorder.output.strip()[-500:]}") from error
-    if len(output) > KEPT_OUTPUT:
-        output = output[: KEPT_OUTPUT // 2] + "\n[...]\n" + output[-KEPT_OUTPUT // 2 :]
-    died = any(note.kind in (Kind.NODE_ENDED, Kind.NODE_FAILED) for note in notes)
-    notes = [*notes, *([] if died else recording.notes)]
-    seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
-    if recording.command_count / seconds > FLOOD:
-        words = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s"
-        notes.append(Note(Kind.FLOOD, words))
-    if ended or recording.ended == CUT_OFF:
-        why = ended.text if ended else "the recorder was ended"
-        notes.append(Note(Kind.CUT_OFF, f"the drive was cut off at {seconds:.2f} s: {why}", seconds))
-    return replace(recording, notes=tuple(notes), ended=ended or recording.ended, output=output)
+def _shortened(output: str) -> str:
+    half = KEPT_OUTPUT // 2
+    return output if len(output) <= KEPT_OUTPUT else f"{output[:half]}\n[...]\n{output[-half:]}"

@@ -32,7 +32,7 @@ from husky_highlevel_controller.grading.isolation.files import (
 )
 from husky_highlevel_controller.grading.isolation.forked import import_early
 from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
-from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace, clean_environment
 
 BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
 RETRIES = 2  # of a build that fails
@@ -206,7 +206,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     """
     import_early()  # while the compiler waits for the disk
     notes: List[str] = []
-    missing = missing_packages(folders.packages, needed, underlay.env)
+    missing = missing_packages(folders.packages, needed, os.environ)
     output, code = "", None
     for _ in range(MAX_MISSING):
         _write_stand_ins(folders, missing)
@@ -236,7 +236,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
         raise NotMarkableError("its build puts links in place of src or devel/setup.bash")
     setups = (*underlay.setups, *places[1:])
-    workspace = Workspace(underlay.env, setups, (places[0],), underlay.hidden, own_modules=False)
+    workspace = Workspace(setups, (*underlay.packages, places[0]), underlay.hidden, own_modules=False)
     return Build(workspace, tuple(filter(None, (*notes, error))), error)
 
 
@@ -269,7 +269,7 @@ def _catkin_make(
     """Output and exit code of one build; None: it did not end in time."""
     folders.stand_ins.mkdir(parents=True, exist_ok=True)
     write_whole(folders.stand_ins / PRELUDE, repair + PLAIN_TYPES)
-    env = {**underlay.env, "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}
+    env = {**clean_environment(), "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}
     env["CMAKE_PREFIX_PATH"] = os.pathsep.join(
         filter(None, [env.get("CMAKE_PREFIX_PATH", ""), str(folders.stand_ins)])
     )

@@ -17,7 +17,9 @@ _DEBIAN_NAMES = ("lib{}-dev", "libros-{}-dev", "ros-{}", "python3-{}")  # of a R
 _COMPONENTS = re.compile(r"find_package\s*\(\s*catkin\b([^()]*)\)", re.IGNORECASE)
 
 
-def missing_packages(packages: Mapping[str, Path], needed: Collection[str], env: Dict[str, str]) -> Set[str]:
+def missing_packages(
+    packages: Mapping[str, Path], needed: Collection[str], env: Mapping[str, str]
+) -> Set[str]:
     """Catkin components that the CMakeLists.txt of packages ask for, and that are nowhere.
 
     Args:

@@ -7,10 +7,14 @@ from pathlib import Path
 from typing import Tuple
 
 from defusedxml import ElementTree
+from defusedxml.common import DefusedXmlException
 
-from husky_highlevel_controller.grading.hand_in.launch_choice import MAX_LAUNCH, UNREADABLE
-from husky_highlevel_controller.grading.isolation.files import read_regular, walk
+from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_regular, walk
 
+MAX_FILE = 1_000_000  # [bytes]
+UNREADABLE = (  # no XML, entities, an unknown encoding, elements nested deeper than any such file's
+    UnreadableFileError, ElementTree.ParseError, DefusedXmlException, ValueError, LookupError, RecursionError,
+)  # fmt: skip
 MAX_CURVES, MAX_NAME = 100, 200  # of a package; letters of a topic or field
 
 
@@ -20,7 +24,7 @@ def curves_in(package: Path) -> Tuple[Tuple[str, str], ...]:
     for path in walk(package):
         if path.suffix == ".xml":
             with contextlib.suppress(*UNREADABLE):
-                root = ElementTree.fromstring(read_regular(path, MAX_LAUNCH))
+                root = ElementTree.fromstring(read_regular(path, MAX_FILE))
                 for axes in root.iter("axes") if root.tag == "rqt_multiplot" else ():
                     sides = [axes.find(side) for side in ("x_axis", "y_axis")]
                     names = [

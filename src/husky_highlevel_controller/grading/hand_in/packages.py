@@ -35,6 +35,7 @@ KNOWN = frozenset({
 })  # fmt: skip
 COPIED = {"husky_gazebo", "smb_gazebo"}  # to put one's own worlds and launch files into
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+_ATTRIBUTE = re.compile(r"""\b(pkg|type)\s*=\s*["']([^"']*)""")
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
 _WORD = r"(?:exercises?|exercice|exo|ex|course|session|uebung|\u00fcbung|task|homework|hw|lab|tp|sheet)"
 _COUNT = r"0*([1-9]\d?|" + "|".join(_NUMBERS) + r")(?![\da-z])"
@@ -256,14 +257,16 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
     """Smaller is better: folders come before archives, outer ones before inner."""
     in_archive = any(suffix_of(part) for part in package.place.parts)
     fits, files = fits_exercise(package.place, exercise), list(walk(package.path, BUILT))
-    starts = any(_starts_node(path, package.name) for path in files if path.suffix == ".launch")
+    launched = {node for path in files if path.suffix == ".launch" for node in nodes_in(path)}
+    starts = any(node.partition("/")[0] == package.name for node in launched)
     return -fits, not starts, in_archive, -len(files), len(package.place.parts), str(package.place)
 
 
-def _starts_node(path: Path, package: str) -> bool:
-    """Whether a launch file names a package as a node's."""
+def nodes_in(launch_file: Path) -> Tuple[str, ...]:
+    """Nodes, package/type, that the text of a launch file names."""
     try:
-        text = re.sub(r"<!--.*?(?:-->|\Z)", "", read_text(path, MAX_MANIFEST), flags=re.DOTALL)
+        text = re.sub(r"<!--.*?(?:-->|\Z)", "", read_text(launch_file, MAX_MANIFEST), flags=re.DOTALL)
     except UnreadableFileError:
-        return False
-    return bool(re.search(rf"""\bpkg\s*=\s*["']{package}["']""", text))
+        return ()
+    nodes = [dict(_ATTRIBUTE.findall(node)) for node in re.findall(r"<node\b([^<>]{0,2000})", text)]
+    return tuple(dict.fromkeys(f"{node['pkg']}/{node.get('type', '')}" for node in nodes if "pkg" in node))

@@ -1,4 +1,4 @@
-"""From a hand-in to a submission: unpacked, its packages and launch file chosen, built."""
+"""First stage of marking: a hand-in, or a launchable of a sourced workspace, becomes a `Submission`."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import List, Sequence, Tuple
 
-from husky_highlevel_controller.grading.drive.plan import Submission
 from husky_highlevel_controller.grading.hand_in.build import Folders, build, copy_packages, is_built
 from husky_highlevel_controller.grading.hand_in.launch_choice import (
+    FILTER,
     LaunchFile,
     choose_launch_files,
-    named_launch_file,
+    read_launch_files,
     reasons,
 )
+from husky_highlevel_controller.grading.hand_in.multiplot import curves_in
 from husky_highlevel_controller.grading.hand_in.packages import (
     BUILT,
     Contents,
@@ -26,35 +27,95 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     open_hand_in,
     with_dependencies,
 )
-from husky_highlevel_controller.grading.isolation.files import copy, remove_tree, walk
-from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.records import Launchable, Override
+from husky_highlevel_controller.grading.hand_in.plan import Plan, plan, with_filter
+from husky_highlevel_controller.grading.hand_in.robot_version import named_bag, named_robot
+from husky_highlevel_controller.grading.hand_in.rviz_setup import files_of_others, find_setup
+from husky_highlevel_controller.grading.isolation import private_network
+from husky_highlevel_controller.grading.isolation.files import copy, remove_tree, walk, write_whole
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace, kind_of_sandbox
+from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.records import BAG_EXERCISE, Job, Launchable, Override, to_json
+from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
 
+PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
+FILES = ("plan", "ws", "copies", "stand_ins", "unpacked", "build.log", WORKSPACE)  # that this stage writes
 MAX_TRIED = 3  # copies of a package, and launch files, the next one where no node of one is built
 Choice = Tuple[List[Package], List[str]]  # packages, and notes
 
 
-def prepare(
-    path: Path, override: Override, exercise: int, underlay: Workspace, out: Path
-) -> Tuple[Submission, List[str]]:
-    """Unpack, choose and build a hand-in; the submission, and notes.
+def prepare(job: Job) -> Submission:
+    """Prepare the job's submission: unpacked, chosen, read and built; it is written to workspace.json, too.
+
+    Raises:
+        NotMarkableError: there is nothing in it that could be started.
+    """
+    out = Path(job.out)
+    for name in FILES:
+        remove_tree(out / name)
+    kept = (FILTER,) * (job.config.exercise == BAG_EXERCISE)
+    workspace = Workspace(
+        setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
+        hidden=tuple(map(Path, job.hidden)),
+    )  # fmt: skip
+    if job.launchable is None:
+        submission, planned = prepare_hand_in(
+            Path(job.hand_in), job.override, job.config.exercise, workspace, out, kept
+        )
+    else:
+        is_ours = job.launchable.package == PACKAGE and not job.setups
+        workspace = with_filter(workspace) if kept else replace(workspace, own_modules=is_ours)
+        submission = Submission(job.launchable, workspace)
+        planned = plan(job.launchable, workspace, out / "plan", kept)
+    launch_file = submission.launchable.name if submission.launchable.kind == "launch" else ""
+    rviz = find_setup(planned, submission.root, launch_file)
+    others = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
+    robot, names_robot = (named_bag if kept else named_robot)(planned)
+    submission = replace(
+        submission,
+        nodes=planned.nodes,
+        problem=submission.problem or (() if planned.nodes else planned.notes),
+        notes=(*submission.notes, *(Note(Kind.HAND_IN, each) for each in others), *planned.notes),
+        rviz=rviz,
+        robot=robot,
+        names_robot=names_robot,
+        sandbox=kind_of_sandbox(),
+        network="loopback only" if private_network.is_private() else "not kept apart",
+        kept=kept,
+        players=planned.players,
+        curves=curves_in(planned.package_path) if kept and planned.package_path else (),
+        made_of=job.made_of,
+    )
+    write_whole(out / WORKSPACE, to_json(submission))
+    return submission
+
+
+def prepare_hand_in(
+    path: Path,
+    override: Override,
+    exercise: int,
+    underlay: Workspace,
+    out: Path,
+    kept: Tuple[str, ...] = (),
+) -> Tuple[Submission, Plan]:
+    """Unpack, choose and build a hand-in.
 
     Args:
         path: folder or archive of the hand-in.
         override: what a teacher set for it.
         exercise: the exercise's number.
         underlay: the workspace that it is built on.
-        out: folder for `unpacked/` and `ws/`.
+        out: folder for `unpacked/`, `ws/` and logs.
+        kept: packages of the robot that it starts itself, to which a bag is played.
 
     Raises:
         NotMarkableError: there is nothing in it that could be started.
     """
     unpacked = out / "unpacked"
-    remove_tree(unpacked)
-    unpacked.mkdir()
+    unpacked.mkdir(parents=True)
     contents = open_hand_in(HandIn(out.name, path), unpacked)
     override = replace(override, exercise=override.exercise or exercise)
-    underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent))
+    hidden = (*underlay.hidden, path.parent, out.parent)
+    underlay = replace(underlay, hidden=hidden, own_modules=False)
     choices: List[Choice] = []
     for attempt in range(MAX_TRIED):
         choice = choose_packages(contents.packages, override.exercise or 0, attempt)
@@ -63,21 +124,26 @@ def prepare(
     unbuilt: List[Choice] = []
     for choice in choices:
         try:
-            submission, notes = _prepare_choice(contents, choice, override, underlay, out)
+            submission, planned = _prepare_choice(contents, choice, override, underlay, out, kept)
         except NotMarkableError as error:
             problems.append(str(error))
         else:
             if not submission.problem or len(choices) == 1:
-                return submission, notes
+                return submission, planned
             unbuilt.append(choice)
     if not unbuilt:
         raise NotMarkableError(problems[0])
-    return _prepare_choice(contents, unbuilt[0], override, underlay, out)
+    return _prepare_choice(contents, unbuilt[0], override, underlay, out, kept)
 
 
 def _prepare_choice(
-    contents: Contents, choice: Choice, override: Override, underlay: Workspace, out: Path
-) -> Tuple[Submission, List[str]]:
+    contents: Contents,
+    choice: Choice,
+    override: Override,
+    underlay: Workspace,
+    out: Path,
+    kept: Tuple[str, ...],
+) -> Tuple[Submission, Plan]:
     """Choose a launch file of chosen packages, and build them."""
     exercise = override.exercise or 0
     packages, aside = choice
@@ -85,31 +151,38 @@ def _prepare_choice(
         raise NotMarkableError("; ".join(["no catkin package in it", *contents.notes, *aside]))
     notes = [*contents.notes, *aside]
     by_name = {package.name: package for package in packages}
+    folders, repairs = copy_packages(packages, out / "ws")
+    known = copies_of_known(contents.packages)
+    copies, _ = copy_packages(known, out / "copies")
+    found = (*underlay.packages, folders.root / "src", *copies.packages.values())
+    unbuilt = replace(underlay, packages=found)
+    unbuilt = with_filter(unbuilt) if kept else unbuilt
     candidates: List[LaunchFile] = []
-    if override.launch:
-        candidates = [named_launch_file(contents, packages, override.launch)]
-        notes.append(f"launch file {candidates[0].place}, by marking.yaml")
-    elif not override.node:
+    if not override.node:
+        files = read_launch_files(
+            contents, [*packages, *known], folders.packages, copies.packages, unbuilt, out, override.launch,
+            override.arguments, kept,
+        )  # fmt: skip
         try:
-            candidates = choose_launch_files(contents, packages, exercise)
+            candidates = files if override.launch else choose_launch_files(files, exercise)
         except NotMarkableError as error:
             raise NotMarkableError("; ".join([str(error), *notes])) from error
     launch = candidates[0] if candidates else None
-    needed = set(launch.uses if launch else ()) or set(by_name)
-    folders, repairs = copy_packages(packages, out / "ws")
+    if launch and override.launch:
+        notes.append(f"launch file {launch.place}, by marking.yaml")
     notes += repairs
+    needed = set(launch.plan.uses if launch else ()) & set(by_name) or set(by_name)
     built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
     for other in candidates[1:MAX_TRIED]:
         if launch is None or _is_any_built(launch.nodes, folders):
             break
-        needed |= set(other.uses)
+        needed |= set(other.plan.uses) & set(by_name)
         rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
         if _is_any_built(other.nodes, folders):
             notes.append(f"launch file {launch.place} is passed over: {', '.join(launch.nodes)} is not built")
             launch, built = other, rebuilt
-    copies, _ = copy_packages(copies_of_known(contents.packages), out / "copies")
-    found = (*built.workspace.packages, *copies.packages.values())
-    built = replace(built, workspace=replace(built.workspace, packages=found))
+    workspace = replace(built.workspace, packages=(*built.workspace.packages, *copies.packages.values()))
+    workspace = with_filter(workspace) if kept else workspace
     if launch and not override.launch:
         notes.append(reasons(launch, candidates, exercise))
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
@@ -119,14 +192,19 @@ def _prepare_choice(
         package, node = (override.node or "").split()
         launchable = Launchable("node", package, node, override.arguments)
     else:
-        package = launch.package
-        file = launch_file_in(launch, by_name[package].path, folders.packages[package], folders.root)
         title = " ".join([str(launch.place), *override.arguments])
-        launchable = Launchable("launch", package, str(file), override.arguments, title)
-    nodes = launch.nodes if launch else (f"{package}/{node}",)
-    problem = "" if _is_any_built(nodes, folders) else built.error
-    package_path = folders.packages.get(package)
-    return Submission(launchable, built.workspace, folders.root, package_path, problem), notes
+        launchable = Launchable("launch", launch.package, str(launch.path), override.arguments, title)
+    planned = launch.plan if launch else Plan()
+    if not planned.is_read:  # it may need what was built
+        planned = plan(launchable, workspace, out / "plan", kept)
+    planned = replace(planned, package_path=folders.packages.get(launchable.package))
+    nodes = launch.nodes if launch else (f"{launchable.package}/{launchable.name}",)
+    problem = () if _is_any_built(nodes, folders) or not built.error else (Note(Kind.BUILD, built.error),)
+    submission = Submission(
+        launchable, workspace, folders.root, problem=problem,
+        notes=tuple(Note(Kind.HAND_IN, each) for each in notes),
+    )  # fmt: skip
+    return submission, planned
 
 
 def _is_any_built(nodes: Sequence[str], folders: Folders) -> bool:
@@ -146,12 +224,3 @@ def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
                 copy(path, package / path.name)  # the build may have laid a link there
                 added = True
     return added
-
-
-def launch_file_in(launch: LaunchFile, package: Path, built: Path, workspace: Path) -> Path:
-    """The launch file's copy in the workspace; one beside the packages is copied now."""
-    if package in launch.path.parents:
-        return built / launch.path.relative_to(package)
-    target = workspace / "src" / launch.path.name
-    copy(launch.path, target)
-    return target

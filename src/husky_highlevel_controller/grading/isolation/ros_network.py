@@ -15,7 +15,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.isolation.forked import MASTER, MODULES, ForkedProcess
 from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
-from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace, clean_environment
 
 START_DEADLINE = 600.0  # [s] of wall time for a program of ours to be up, on the busiest machine
 
@@ -79,7 +79,7 @@ class Network:
             workspace: of an untrusted program, which runs in the sandbox; None for one of ours.
             **more: further variables of its environment.
         """
-        env = dict(os.environ if workspace is None else workspace.env)
+        env = dict(os.environ) if workspace is None else clean_environment()
         for unwanted in ("DISPLAY", "ROS_HOSTNAME", "ROS_NAMESPACE", "WAYLAND_DISPLAY"):
             env.pop(unwanted, None)
         folder = self.folder if workspace is None else self.folder_of(name)

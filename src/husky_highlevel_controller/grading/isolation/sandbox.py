@@ -17,7 +17,7 @@ import stat
 import subprocess
 import sys
 import sysconfig
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Dict, List, Sequence, Tuple
@@ -63,9 +63,8 @@ def clean_environment() -> Dict[str, str]:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Environment of an untrusted program: variables, setup files it sources itself, what it may see."""
+    """Environment of an untrusted program: setup files that it sources itself, and what it may see."""
 
-    env: Dict[str, str] = field(default_factory=clean_environment)
     setups: Tuple[Path, ...] = ()  # setup.bash files, sourced in the sandbox, in this order
     packages: Tuple[Path, ...] = ()  # folders of packages that are found without being built
     hidden: Tuple[Path, ...] = ()  # folders whose content it must not see: other hand-ins and their results

@@ -18,6 +18,7 @@ from husky_highlevel_controller.grading.isolation.files import (
 )
 from husky_highlevel_controller.grading.recording import ADD, Recording, drive_number
 from husky_highlevel_controller.grading.records import Result, load, printable, to_json
+from husky_highlevel_controller.grading.reports import plots
 from husky_highlevel_controller.grading.reports.exports import to_step_summary, write_exports
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page
 from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_junit, to_moodle
@@ -25,6 +26,7 @@ from husky_highlevel_controller.replay import Replay, to_html
 from husky_highlevel_controller.robot import load_robot
 
 PICTURES = ("drive.png", "moment.png")
+FINGERPRINT = "fingerprint"  # of what decided how it drove; its file is written last
 LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
 HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
 RESULT = "result.json"  # of a student
@@ -85,10 +87,21 @@ def write_class(results: Sequence[Result], out: Path) -> None:
     add_step_summary(results)
 
 
-def write_replay(recording: Recording, title: str, folder: Path) -> None:
-    """Write a page that plays a drive with its markers as they came; none where nothing was recorded."""
-    if not len(recording.times):
-        return
+def write_pictures(recordings: Sequence[Recording], name: str, out: Path) -> None:
+    """Write the pictures of a student's drives, and a page for each that plays it."""
+    is_bag = recordings[0].playback is not None
+    draw = plots.draw_playback if is_bag else plots.draw_drives
+    (out / PICTURES[0]).write_bytes(draw(recordings, name))
+    if len(recordings[0].times) and not is_bag:
+        middle = float(recordings[0].times[-1]) / 2.0
+        (out / PICTURES[1]).write_bytes(plots.draw_moment(recordings[0], middle))
+    for number, recording in enumerate(recordings, 1):
+        if len(recording.times):
+            _write_replay(recording, f"{name}, drive {number}", out / f"drive_{number}")
+
+
+def _write_replay(recording: Recording, title: str, folder: Path) -> None:
+    """Write a page that plays a drive with its markers as they came."""
     marks = [(marker.at, *marker.position[:2]) for marker in recording.markers if marker.action == ADD]
     is_bag = recording.playback is not None
     if recording.playback:

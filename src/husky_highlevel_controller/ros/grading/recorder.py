@@ -7,6 +7,7 @@ import resource
 import signal
 import threading
 import time
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set, Tuple
@@ -16,6 +17,7 @@ import rosgraph
 import rospy
 from sensor_msgs.msg import LaserScan
 
+from husky_highlevel_controller.course import STANDS
 from husky_highlevel_controller.datatypes import Scan, TrueState
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.grading.drive.call_plan import BAG, FORWARD
@@ -33,7 +35,9 @@ from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.recording import (
     CUT_OFF,
     Assignment,
+    Closing,
     Recording,
+    closed,
     pose_jumps,
     scan_hits,
     to_json,
@@ -47,6 +51,7 @@ from husky_highlevel_controller.ros.grading.playback_watch import PlaybackWatch
 from husky_highlevel_controller.ros.node import run_node
 
 LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
+CLOSING_PERIOD = 0.02  # [s] of wall time between two looks for what marking has to say
 # to the robot's mux, or past it
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
 SILENT = 2.0  # [s], simulated: a submission that listens, but advertises no command by then, sends none
@@ -72,7 +77,8 @@ class DriveRecorder:
         self._watch = MarkerWatch(lambda: self._now, self._task.packages)
         is_bag = self._task.driver == BAG
         self._playback = PlaybackWatch(self._watch.place) if is_bag else None
-        self._subscribed = self._listens = self._advertises = self._joined = self._written = False
+        self._subscribed = self._listens = self._advertises = self._joined = False
+        self._moved = self._is_over = self._written = False
         self._types: Dict[str, str] = {}  # of topics
         self._silent: List[str] = []
         self._unread: List[str] = []
@@ -98,6 +104,11 @@ class DriveRecorder:
             tell(f"now {self._now}")
             cause = self._driver.work(self._now, self._speed) or self._over()
             time.sleep(LOOK_PERIOD)
+        self._is_over = True
+        self._watch.close()
+        tell("over")
+        while not Path(self._task.closing).exists() and not rospy.is_shutdown():
+            time.sleep(CLOSING_PERIOD)
         self._write(cause)
 
     # ------------------------------------------------------------------------ what comes
@@ -111,9 +122,12 @@ class DriveRecorder:
         return self._truth[-1].speed if self._truth else 0.0
 
     def _on_truth(self, state: TrueState) -> None:
-        if self._written or self._now >= self._task.deadline:
+        if self._is_over or self._now >= self._task.deadline:
             self._watch.close()
             return
+        if not self._moved and (abs(state.speed) > STANDS or abs(state.yaw_rate) > STANDS):
+            self._moved = True
+            tell("moved")
         with self._lock:
             self._truth.append(state)
         self._end.update(state)
@@ -129,7 +143,7 @@ class DriveRecorder:
             self._violations[words] = None
 
     def _on_command(self, msg: Any) -> None:
-        if msg._connection_header.get("callerid") in self._our_nodes:
+        if self._is_over or msg._connection_header.get("callerid") in self._our_nodes:
             return
         self._command_count += 1
         self._zero_count += not any(msg._buff)
@@ -138,6 +152,8 @@ class DriveRecorder:
             self._commands.append(now)
 
     def _on_scan(self, msg: LaserScan) -> None:
+        if self._is_over:
+            return
         scan = conversions.scan_from_msg(msg)
         self._nearest.append((scan.stamp, float(np.min(scan.ranges, where=scan.valid, initial=inf))))
         if not self._scans or scan.stamp >= self._scans[-1].stamp + HITS_PERIOD:
@@ -160,7 +176,9 @@ class DriveRecorder:
                 if self._playback:
                     self._playback.follow(topic, self._types.get(topic, ""))
         listeners: Set[str] = set(subscribers.get(self._task.scan_topic, ()))
-        self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
+        if not self._subscribed and listeners - self._our_nodes:
+            self._subscribed = True
+            tell("subscribed")
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
         simulator_topics = (TRUTH, "/clock", self._task.scan_topic)
@@ -255,9 +273,15 @@ class DriveRecorder:
             frames=frames,
             descriptions=self._driver.descriptions(frames),
             robot=self._task.robot,
-            playback=self._playback.playback if self._playback else None,
+            simulated=self._task.simulated,
+            scan_topic=self._task.scan_topic,
+            uninitialised=self._task.uninitialised,
+            playback=replace(self._playback.playback, players=self._task.players, curves=self._task.curves)
+            if self._playback
+            else None,
         )
-        text = to_json(recording)
+        closing = Path(self._task.closing)
+        text = to_json(closed(recording, load(Closing, closing) if closing.exists() else Closing()))
         part = Path(self._task.output + ".part")
         part.write_text(text)
         part.replace(self._task.output)

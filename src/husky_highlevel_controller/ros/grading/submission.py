@@ -11,9 +11,10 @@ import json
 import os
 import re
 import shutil
+import signal
 import sys
 from pathlib import Path
-from typing import Any, List, Optional
+from typing import Any, List, Optional, Set
 from xml.sax.saxutils import quoteattr
 
 if sys.version_info < (3, 12):  # roslaunch imports distutils: Python's own; tools/launch.py does the same
@@ -46,6 +47,9 @@ INTERACTIVE = {
     "urxvt", "gdb", "lldb", "cuda-gdb", "ddd", "screen", "tmux",
 }  # fmt: skip
 OWN_RVIZ = {"husky_rviz", "gazebo_gui"}  # RViz nodes of this package's launch files
+PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)  # the course's world
+LOAD_DEADLINE = 30  # [s] of wall time for a launch file
+MAX_FILES = 1000  # launch files that one reads, includes counted each time
 OUR_PARAMETERS = {"/use_sim_time", "/robot_description", "/rosdistro", "/rosversion", "/run_id"}
 
 
@@ -54,6 +58,10 @@ class Reporter(roslaunch.pmon.ProcessListener):
 
     def __init__(self, path: str) -> None:
         self._file = open(path, "a", buffering=1)  # noqa: SIM115 - as long as the process
+
+    def close(self) -> None:
+        """Write no more."""
+        self._file.close()
 
     def tell(self, event: str, **details: Any) -> None:
         """Write an event."""
@@ -71,6 +79,16 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         super().__init__()
         self._reporter = reporter
         self._simulator_files = simulator_files
+        self._files = 0
+        self.uses: Set[str] = set()  # packages that are named
+        self.pillar = False  # the course's world is named
+
+    def resolve_args(self, args: Any, context: Any) -> Any:
+        """Roslaunch calls it for each attribute; notes what is named."""
+        self.uses.update(re.findall(r"\$\(find +([^)]+?) *\)", args or ""))
+        value = super().resolve_args(args, context)
+        self.pillar = self.pillar or bool(PILLAR.search(str(value)))
+        return value
 
     def _try(self, tag_name: str, tag: Any, load: Any) -> Any:
         try:
@@ -88,6 +106,12 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
 
     def _include_tag(self, tag: Any, context: Any, ros_config: Any, machine: Any, *arguments: Any) -> Any:
         load = super()._include_tag
+        self._files += 1
+        if self._files > MAX_FILES:
+            raise ValueError(f"more than {MAX_FILES} files are included")
+        for argument in tag.getElementsByTagName("arg"):  # also of an include that is left out
+            with contextlib.suppress(Exception):
+                self.resolve_args(argument.getAttribute("value"), context)
         found = re.fullmatch(r"\$\(find +([^)]+)\)/+launch/([^/]+)", tag.getAttribute("file"))
         if found and found[1] in SIMULATION and found[2] in self._simulator_files:
             self._reporter.tell("left_out", package=found[1], tag="include")
@@ -178,7 +202,11 @@ def load(
         del config.params[name]
     config.clear_params = [name for name in config.clear_params if name != "/"]
     nodes = [f"{node.package}/{node.type}" for node in nodes_to_start]
-    reporter.tell("plan", nodes=nodes, left_out=sorted(set(left_out)), rviz=rviz, players=players)
+    uses = sorted({*loader.uses, *(node.package for node in nodes_to_start)})
+    reporter.tell(
+        "plan", nodes=nodes, left_out=sorted(set(left_out)), rviz=rviz, uses=uses, pillar=loader.pillar,
+        players=players,
+    )  # fmt: skip
     return config
 
 
@@ -229,19 +257,34 @@ class Parent(roslaunch.parent.ROSLaunchParent):
         self.config = self._ready
 
 
+def describe(launchable: List[str], reporter: Reporter, ours: List[List[str]]) -> Any:
+    """The configuration of a launchable, written down as events; None: it cannot be loaded."""
+    reporter.tell("launchable")
+    signal.alarm(LOAD_DEADLINE)
+    try:
+        return load(launchable, reporter, ours)
+    except Exception as error:  # an untrusted launch file may raise anything
+        reporter.tell("unloadable", error=" ".join(str(error).split())[:500])
+        return None
+    finally:
+        signal.alarm(0)
+
+
+def _out_of_time(*_: Any) -> None:
+    raise TimeoutError(f"it is not read within {LOAD_DEADLINE} s")
+
+
 def main(arguments: List[str]) -> int:
-    """Start it and wait for its end: `EVENTS describe|run|memcheck OURS --launch|--node ...`."""
-    events, action, ours, *launchable = arguments
+    """Describe launchables, or start one and wait for it: `EVENTS describe|run|memcheck OURS JSON ...`."""
+    events, action, ours, *launchables = arguments
     os.environ["HUSKY_SIMULATOR_IS_OURS"] = "1"  # our launch file, if it is graded, must not refuse it
     reporter = Reporter(events)
     refuse_aliases()
-    try:
-        config = load(launchable, reporter, json.loads(ours))
-    except Exception as error:  # an untrusted launch file may raise anything
-        reporter.tell("unloadable", error=" ".join(str(error).split())[:500])
-        return 1
-    if action == "describe":
-        return 0
+    signal.signal(signal.SIGALRM, _out_of_time)
+    for words in launchables:
+        config = describe(json.loads(words), reporter, json.loads(ours))
+    if action == "describe" or config is None:
+        return int(config is None)
     if action == "memcheck":
         run_in_valgrind(config.nodes, os.path.dirname(events))
     roslaunch.rlutil.update_terminal_name = lambda *_: None

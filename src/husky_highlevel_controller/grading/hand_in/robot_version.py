@@ -1,20 +1,17 @@
-"""Robot that a submission is written for: by the topics it subscribes to, and by what it names."""
+"""Robot that a submission is written for, by what the files of its package name."""
 
 from __future__ import annotations
 
 import re
 from contextlib import suppress
 from pathlib import Path
-from typing import Collection, Match, Optional, Pattern, Tuple
+from typing import Match, Optional, Pattern, Tuple
 
-from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.drive.plan import Plan
-from husky_highlevel_controller.grading.drive.ros_graph import scan_topics, topics_subscribed
+from husky_highlevel_controller.grading.hand_in.plan import Plan
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text, walk
-from husky_highlevel_controller.grading.records import ROBOT_VERSIONS, MarkingConfig
+from husky_highlevel_controller.grading.records import ROBOT_TITLES, SMB
 
-DEFAULT, SMB = "husky", "smb"
-TITLES = {"husky": "Husky", "husky_melodic": "Husky of ROS Melodic"}
+DEFAULT = "husky"
 MAX_TEXT = 200_000  # [bytes] of a file that is read
 # in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
@@ -25,59 +22,26 @@ SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 
 
-class OtherRobotError(HuskyError):
-    """A submission that listens to the scans of another robot than it was started with."""
-
-    def __init__(self, robot: str, scans: str) -> None:
-        super().__init__(robot)
-        self.robot = robot  # key of ROBOT_VERSIONS
-        self.scans = scans  # topic, if it is another than the robot's
-
-
-def guess_robot(planned: Plan) -> Tuple[str, str]:
+def named_robot(planned: Plan) -> Tuple[str, str]:
     """Robot that a submission names, a key of ROBOT_VERSIONS; and a sentence that says why.
 
     It is certain for the SMB; else the topic that the submission subscribes to decides.
     """
     words = _names_of_the_smb(planned)
     if words:
-        return SMB, f"the simulated robot is the SMB: {words}"
+        return SMB, f"the simulated robot is the {ROBOT_TITLES[SMB]}: {words}"
     mention = _named(planned, SCANS)
     version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
     words = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
-    return version, f"the simulated robot is the {TITLES[version]}: {words}"
+    return version, f"the simulated robot is the {ROBOT_TITLES[version]}: {words}"
 
 
-def guess_bag(planned: Plan) -> Tuple[str, str]:
+def named_bag(planned: Plan) -> Tuple[str, str]:
     """Robot of whose bag a filter is, by the parameters that it loads; and a sentence that says why."""
     mention = _named(planned, FILTERS_OF_THE_SMB)
     if mention:
         return SMB, f"the bag is the SMB's: {mention[0].name} names {mention[1].group()}"
     return DEFAULT, "the bag is the Husky's: it names no package of the SMB"
-
-
-def check_robot(uri: str, our_nodes: Collection[str], scan_topic: str) -> None:
-    """Compare the scans' topic of a guess with those that a submission subscribes to.
-
-    Raises:
-        OtherRobotError: it subscribes to another robot's topic, or to a single other topic of scans.
-    """
-    topics = topics_subscribed(uri, our_nodes)
-    if scan_topic in topics:
-        return
-    for version, (topic, _) in ROBOT_VERSIONS.items():
-        if version != SMB and topic in topics:
-            raise OtherRobotError(version, "")
-    scans = scan_topics(uri, our_nodes)
-    if len(scans) == 1:
-        raise OtherRobotError(DEFAULT, scans[0])
-
-
-def listens_to(config: MarkingConfig) -> str:
-    """A sentence that says why the robot is that of a configuration, by what the submission subscribes to."""
-    if config.scans:
-        return f"scans are sent on {config.scans}, the only topic of scans that it subscribes to"
-    return f"the simulated robot is the {TITLES[config.robot]}: it subscribes to {config.scan_topic}"
 
 
 def _names_of_the_smb(planned: Plan) -> str:

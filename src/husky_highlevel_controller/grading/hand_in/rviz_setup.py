@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.grading.displays import ROBOT, SCAN, TF, RvizConfig, read_config
-from husky_highlevel_controller.grading.drive.plan import Plan
+from husky_highlevel_controller.grading.hand_in.plan import Plan
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     is_below,

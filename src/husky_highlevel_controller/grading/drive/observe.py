@@ -1,0 +1,95 @@
+"""Second stage of marking: a submission drives; each drive leaves a recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Sequence
+
+from tqdm import tqdm
+
+from husky_highlevel_controller.grading.drive.call_plan import BAG
+from husky_highlevel_controller.grading.drive.memcheck import is_worth_checking, uninitialised
+from husky_highlevel_controller.grading.drive.ros_graph import listens_to
+from husky_highlevel_controller.grading.drive.run import OtherRobotError, drive
+from husky_highlevel_controller.grading.drive.trials import Trial
+from husky_highlevel_controller.grading.isolation.files import remove_tree, write_whole
+from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.recording import RECORDING, empty_recording, to_json
+from husky_highlevel_controller.grading.records import AUTO, SMB, MarkingConfig
+from husky_highlevel_controller.grading.submission import Submission
+
+
+def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConfig, out: Path) -> None:
+    """Let a submission drive, and write drive_N/recording.json; further ones only where the first one moved.
+
+    It is started once for each drive, and at most once more: where its memory is checked, which tells its
+    robot as well, or where the robot that its files name is not the one whose scans it subscribes to.
+
+    Args:
+        submission: that was prepared.
+        trials: drives.
+        config: its robot may be AUTO.
+        out: folder for the drives.
+
+    Raises:
+        MarkingError: our own part of it does not work.
+    """
+    for earlier in [*out.glob("drive_*"), out / "memcheck"]:
+        remove_tree(earlier)
+    is_named = config.robot == AUTO
+    if is_named:
+        config = replace(config, robot=submission.robot)
+    is_bag = trials[0].driver == BAG
+    is_guess = is_named and submission.robot != SMB and not is_bag  # the SMB's names are certain
+    why = submission.names_robot
+    if submission.problem:
+        _write_nothing(submission, trials[0], config, out, why * is_named)
+        return
+    chance = ""
+    if not is_bag and is_worth_checking(submission):  # else no code is handed in
+        checked = uninitialised(submission, trials[0], config, out / "memcheck", is_guess)
+        chance, is_guess = checked.sentence, False
+        if checked.config is not None:
+            config, why = checked.config, listens_to(checked.config)
+    for trial in trials:
+        folder = out / f"drive_{trial.number}"
+        with _bar(trial, len(trials), config) as bar:
+            act = partial(
+                drive, submission, trial, folder=folder, chance=chance, on_time=partial(_advance, bar)
+            )
+            try:
+                seen = act(config, note=why * is_named, is_guess=is_guess)
+            except OtherRobotError as other:
+                config = other.config
+                seen = act(config, note=listens_to(config))
+        if not seen:
+            break
+        is_guess = is_named = False
+
+
+def _write_nothing(submission: Submission, trial: Trial, config: MarkingConfig, out: Path, why: str) -> None:
+    """Write the recording of a drive that never begins."""
+    notes = (*[Note(Kind.ROBOT, why)] * bool(why), *submission.problem)
+    recording = replace(
+        empty_recording(trial.pillar, config.deadline, notes),
+        robot=config.robot_name,
+        simulated=config.robot,
+        scan_topic=config.scan_topic,
+    )
+    folder = out / f"drive_{trial.number}"
+    folder.mkdir(parents=True)
+    write_whole(folder / RECORDING, to_json(recording))
+
+
+def _bar(trial: Trial, trials: int, config: MarkingConfig) -> Any:
+    """Progress of a drive on a terminal, in simulated seconds up to its deadline; it may end earlier."""
+    title = f"drive {trial.number} of {trials}"
+    shape = "{desc}: {percentage:3.0f} %|{bar}| {n:.0f} of at most {total:.0f} s [{elapsed}<{remaining}]"
+    return tqdm(total=config.deadline, desc=title, bar_format=shape, disable=None, leave=False)
+
+
+def _advance(bar: Any, now: float) -> None:
+    """Show a simulated time [s]."""
+    bar.update(round(min(now, bar.total) - bar.n, 1))

@@ -1,0 +1,165 @@
+"""Submission that is ready to be started, as `workspace.json`, and the program that starts it.
+
+That program reads the launch file as roslaunch would, in the sandbox, and writes down what happens, one event
+a line; a submission can write anything into that file as well.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import signal
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Dict, List, Optional, Sequence, Tuple
+
+from husky_highlevel_controller.config import ConfigError, from_plain
+from husky_highlevel_controller.grading.displays import RvizConfig
+from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace
+from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.records import Launchable
+from husky_highlevel_controller.paths import share_folder
+
+WORKSPACE = "workspace.json"
+SUBMISSION_FOLDER = "submission"  # in the folder of a drive, the only one that the submission can write
+SIMULATOR_NODES = ("/husky_simulator",)  # another node of this name would end ours
+COMPAT = share_folder() / "compat"  # its launch files start a simulator
+_STARTER = str(Path(__file__).parents[1] / "ros" / "grading" / "submission.py")
+
+
+@dataclass(frozen=True)
+class Submission:
+    """Launchable, the workspace in which it runs, and what its files tell."""
+
+    launchable: Launchable
+    workspace: Workspace = field(default_factory=Workspace)
+    root: Optional[Path] = None  # folder of its built workspace; None: it was not built here
+    nodes: Tuple[str, ...] = ()  # package/type, that it would start
+    problem: Tuple[Note, ...] = ()  # why nothing of it can be started
+    notes: Tuple[Note, ...] = ()
+    rviz: RvizConfig = field(default_factory=RvizConfig)
+    robot: str = ""  # whose scans it names, a key of ROBOT_VERSIONS
+    names_robot: str = ""  # by what, in a sentence
+    sandbox: str = ""  # kind of sandbox
+    network: str = ""
+    kept: Tuple[str, ...] = ()  # packages of the robot that it starts itself; then marking plays the bag
+    players: Tuple[str, ...] = ()  # arguments of its rosbag players, which are left out
+    curves: Tuple[Tuple[str, str], ...] = ()  # of its rqt_multiplot files: /topic/field of x and of y
+    made_of: str = ""  # fingerprint of the files and settings that it was prepared from
+
+
+@dataclass(frozen=True)
+class RvizNode:
+    """An rviz node of a launch file."""
+
+    name: str
+    args: str
+    remap: Tuple[Tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Event:
+    """A line that the program wrote."""
+
+    event: str
+    node: str = ""
+    exit_code: Optional[int] = field(default=None, metadata={"min": -255, "max": 255})
+    error: str = ""
+    prefix: str = ""
+    package: str = ""
+    tag: str = ""
+    path: str = ""
+    nodes: Tuple[str, ...] = ()  # package/type
+    left_out: Tuple[str, ...] = ()  # package/type
+    rviz: Tuple[RvizNode, ...] = ()
+    uses: Tuple[str, ...] = ()  # packages that are named
+    pillar: bool = False  # the course's world is named
+    players: Tuple[str, ...] = ()  # arguments of rosbag play
+
+
+def starter(
+    events: Path, action: str, launchables: Sequence[Launchable], kept: Sequence[str] = ()
+) -> List[str]:
+    """The command that reads launch files (`describe`), or with `run` or `memcheck` starts a single one.
+
+    Nodes of the `kept` packages are the submission's, though they are the robot's otherwise.
+    """
+    # by its path: a package of the submission may have this package's name
+    code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
+    files = [file.name for file in COMPAT.glob("*/launch/*.launch")]
+    ours = json.dumps([SIMULATOR_NODES, files, kept])
+    words = [json.dumps(launchable.words) for launchable in launchables]
+    return [sys.executable, "-c", code, _STARTER, str(events), action, ours, *words]
+
+
+def read_events(path: Path) -> List[Event]:
+    """The events in a file; lines that the program did not write are left out."""
+    events = []
+    with contextlib.suppress(UnreadableFileError):
+        for line in read_text(path).splitlines():
+            with contextlib.suppress(ValueError, RecursionError, ConfigError):
+                events.append(from_plain(Event, json.loads(line), ""))
+    return events
+
+
+EVENTS = [Kind.LAUNCH_FILE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX]  # before a start, the worst first
+_CALLBACK = re.compile(
+    r"(?:\[ERROR\] \[[\d.]+(?:, (?P<at>[\d.]+))?\]: "
+    r"bad callback: <(?:function|bound method) (?P<name>[\w.]{1,200})[^\n]{0,500}"
+    r"|Exception in thread (?P<thread>[^\n]{0,200}):)\n"
+    r"Traceback \(most recent call last\):\n(?P<lines>(?:[ \t][^\n]*\n)*)(?P<error>\w[^\n]*)"
+)
+_LINE = re.compile(r'File "[^"\n]*?([^/"\n]+)", line (\d+)')
+
+
+def exceptions_in(output: str) -> List[Note]:
+    """Exceptions in callbacks and threads, after which rospy goes on, from what was printed."""
+    count: Dict[str, int] = {}
+    first: Dict[str, Optional[float]] = {}
+    for match in _CALLBACK.finditer(output):
+        places = _LINE.findall(match["lines"])
+        line = f" ({places[-1][0]}:{places[-1][1]})" if places else ""
+        source = f"callback {match['name']}" if match["name"] else "a thread"
+        words = f"{source} raises {match['error'][:200]}{line}"
+        count[words] = count.get(words, 0) + 1
+        first.setdefault(words, float(match["at"]) if match["at"] else None)
+    notes = []
+    for words, at in first.items():
+        moment = "" if at is None else f", first at {at:.2f} s"
+        notes.append(Note(Kind.EXCEPTION, f"{words}{moment}, {count[words]} times", at))
+    return notes
+
+
+def notes_on(events: Sequence[Event], output: str) -> List[Note]:
+    """Notes on what went wrong, each once, from events and from what was printed."""
+    notes = []
+    for event in events:
+        if event.event == "unloadable":
+            notes.append(Note(Kind.LAUNCH_FILE, f"the launch file cannot be loaded: {event.error}"))
+        elif event.event == "missing":
+            words = f"package '{event.package}' is missing; the <{event.tag}> that needs it is left out"
+            notes.append(Note(Kind.MISSING_PACKAGE, words))
+        elif event.event == "prefix":
+            words = f"launch-prefix '{event.prefix}' of node {event.node} is dropped"
+            notes.append(Note(Kind.LAUNCH_PREFIX, words))
+    notes.sort(key=lambda note: EVENTS.index(note.kind))
+    for node in re.findall(r"ERROR: cannot launch node of type \[([^\]\n]{1,200})\]", output):
+        words = f"node {node} cannot be started: no such package or program, or it is not executable"
+        notes.append(Note(Kind.NOT_STARTED, words))
+    notes += exceptions_in(output)
+    errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
+    for event in events:
+        if event.event == "died":
+            code = event.exit_code
+            how = f"exit code {code}"
+            if code is not None and code < 0:
+                how = f"signal {-code}" + (f", {signal.Signals(-code).name}" if -code < 32 else "")
+            lines = _LINE.findall(output)
+            line = f" ({lines[-1][0]}:{lines[-1][1]})" if lines else ""
+            why = f": {errors[-1][:200]}{line}" if errors and code else ""
+            kind = Kind.NODE_ENDED if code == 0 else Kind.NODE_FAILED
+            notes.append(Note(kind, f"node {event.node} ends during the drive ({how}){why}"))
+    return list(dict.fromkeys(notes))
