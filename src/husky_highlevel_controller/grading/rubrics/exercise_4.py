@@ -75,7 +75,7 @@ def judge_path(item: Item, recording: Recording, _view: RvizView, _rules: Rules)
 
 def _cause(recording: Recording) -> Note:
     """Cause for which no estimate came."""
-    silent = ", ".join(topic for topic in recording.silent_topics if not topic.endswith("/set_pose"))
+    silent = ", ".join(topic for topic in recording.silent_topics if topic.rpartition("/")[2] != "set_pose")
     if silent and not causes(recording):
         return Note(Kind.SILENT_TOPIC, f"it listens to {silent}, where nothing is sent")
     return (causes(recording) or [Note(Kind.NO_SCANS, "nothing listens to the bag's wheel odometry")])[0]
