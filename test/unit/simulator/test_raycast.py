@@ -12,10 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Pose, Shape, Sphere, beams_at
-from husky_highlevel_controller.geometry import (
-    matrix_from_quat,
-    quat_from_rpy,
-)
+from husky_highlevel_controller.geometry import matrix_from_quat, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors import raycast
 from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make_scene
 
@@ -31,15 +28,11 @@ edges = st.floats(0.05, 3.0)
 angles = st.one_of(st.sampled_from([0.0, pi / 2.0, pi]), st.floats(-pi, pi))
 quats = st.builds(quat_from_rpy, angles, angles, angles)
 lengths = st.floats(-8.0, 8.0)
-poses = st.builds(Pose, st.tuples(lengths, lengths, lengths), quats)
 # about the laser's height, so that most of them are met
 level_poses = st.builds(Pose, st.tuples(lengths, lengths, st.floats(-1.0, 1.0)), quats)
 tilts = st.one_of(st.just(0.0), st.floats(-0.3, 0.3))
-lasers = st.builds(
-    Pose,
-    st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(-0.5, 0.5)),
-    st.builds(quat_from_rpy, st.one_of(tilts, st.just(pi)), tilts, angles),
-)
+tilted = st.builds(quat_from_rpy, st.one_of(tilts, st.just(pi)), tilts, angles)
+lasers = st.builds(Pose, st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(-0.5, 0.5)), tilted)
 
 boxes = st.builds(Box, st.tuples(edges, edges, edges))
 cylinders = st.builds(Cylinder, edges, edges)
@@ -56,7 +49,7 @@ def cast(world: Placed, laser: Pose = ORIGIN, bearings=ALL_ROUND, reach: float =
 
 
 def ahead(world: Placed, reach: float = REACH) -> float:
-    """What the beam straight ahead reads."""
+    """Range of the beam straight ahead [m]."""
     return float(cast(world, bearings=[0.0], reach=reach)[0])
 
 
@@ -105,7 +98,9 @@ def free_lengths(world: Placed, start: np.ndarray, directions: np.ndarray, reach
     return flown
 
 
-def assert_true_to_the_distance_field(world: Placed, laser: Pose) -> None:
+@LAW
+@given(st.one_of(worlds(boxes, cylinders, spheres, planes), worlds(cylinders, most=3)), lasers)
+def test_every_beam_ends_on_the_first_surface_it_meets(world, laser):
     """Nothing stands before a hit, a hit is on a surface, and a laser inside a solid reads 0."""
     got = cast(world, laser)
     start, directions = beams_of(laser, ALL_ROUND)
@@ -121,18 +116,6 @@ def assert_true_to_the_distance_field(world: Placed, laser: Pose) -> None:
     stops = start + free[:, None] * directions
     blocked = (free < REACH - 1e-6) & (clearance(world, stops + 1e-3 * directions) < -1e-6)
     assert np.all(np.abs(got - free)[blocked] < 1e-3)
-
-
-@LAW
-@given(worlds(boxes, cylinders, spheres, planes), lasers)
-def test_every_beam_ends_on_the_first_surface_it_meets(world, laser):
-    assert_true_to_the_distance_field(world, laser)
-
-
-@LAW
-@given(worlds(cylinders, most=3), lasers)
-def test_cylinders_are_exact_at_any_tilt(world, laser):
-    assert_true_to_the_distance_field(world, laser)
 
 
 # ---------------------------------------------------------------------------- Bullet
@@ -184,7 +167,7 @@ def test_bullet_sees_the_same(bullet):
 # ---------------------------------------------------------------------------- laws
 
 
-def some_world(seed: int, count: int, spread: float = 8.0, planes: int = 0) -> Placed:
+def some_world(seed: int, count: int, spread: float = 8.0) -> Placed:
     """Shapes without anything special about where they stand: no ray touches an edge exactly."""
     rng = np.random.default_rng(seed)
     world: Placed = []
@@ -192,13 +175,15 @@ def some_world(seed: int, count: int, spread: float = 8.0, planes: int = 0) -> P
         a, b, c = rng.uniform(0.1, 1.5, 3)
         shape = [Box((a, b, c)), Cylinder(a / 2.0, b), Sphere(a / 2.0)][rng.integers(3)]
         x, y = rng.uniform(-spread, spread, 2)
-        world.append((shape, at(x, y, rng.uniform(-0.3, 0.3), *rng.uniform(-pi, pi, 3))))
-    for _ in range(planes):
-        world.append((Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0, 0.0, -2.0, *rng.uniform(-0.5, 0.5, 2))))
+        turned = rng.uniform(-pi, pi, 3) if rng.random() < 0.5 else (0.0, 0.0, rng.uniform(-pi, pi))
+        world.append((shape, at(x, y, rng.uniform(-0.3, 0.8), *turned)))
     return world
 
 
-SOME_WORLD = some_world(seed=2, count=20, planes=1)
+SOME_WORLD = [
+    *some_world(seed=2, count=20),
+    (Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0, 0.0, -2.0, roll=0.3, pitch=-0.2)),
+]
 
 
 def assert_same_ranges(got, expected) -> None:
@@ -217,14 +202,6 @@ def test_a_beam_reads_the_same_alone_as_among_others(world, laser):
     assert_same_ranges(cast(world, laser), alone)
 
 
-@LAW
-@given(worlds(boxes, cylinders, spheres, planes), worlds(boxes, cylinders, spheres, planes), lasers)
-def test_two_worlds_together_read_the_nearer_of_both(some, others, laser):
-    nearer = np.minimum(cast(some, laser), cast(others, laser))
-    assert_same_ranges(cast(some + others, laser), nearer)
-    assert_same_ranges(cast(others + some, laser), nearer)
-
-
 def test_few_shapes_read_the_same_one_by_one_as_all_at_once(monkeypatch):
     @settings(LAW, max_examples=200)
     @given(worlds(boxes, cylinders, spheres, planes), lasers, st.sampled_from([SICK[::6], ALL_ROUND]))
@@ -235,12 +212,6 @@ def test_few_shapes_read_the_same_one_by_one_as_all_at_once(monkeypatch):
             np.testing.assert_allclose(cast(world, laser, bearings), one_by_one, rtol=0.0, atol=1e-9)
 
     hold()
-
-
-def test_a_forest_reads_the_nearest_of_its_three_hundred_trees():
-    forest = some_world(seed=3, count=300, spread=11.0)
-    each = [cast([tree]) for tree in forest]
-    assert_same_ranges(cast(forest), np.min(each, axis=0))
 
 
 @LAW
@@ -276,35 +247,50 @@ def test_gazebo_sees_the_same_three_beams_of_the_exercise_s_pillar():
     assert ranges[323] == pytest.approx(20.2421, abs=0.03)
 
 
+CUBE, BALL, ROUND = Box((1.0, 1.0, 1.0)), Sphere(0.5), Cylinder(0.5, 2.0)
+
+
 @pytest.mark.parametrize(
     ("world", "distance"),
     [
         ([], inf),
         ([(Box((1.0, 2.0, 3.0)), at(5.0))], 4.5),
         ([(Box((1.0, 2.0, 3.0)), at(5.0, yaw=pi / 2.0))], 4.0),
-        ([(Box((1.0, 1.0, 1.0)), at(5.0, yaw=pi / 4.0))], 5.0 - 0.5**0.5),
-        ([(Box((1.0, 1.0, 1.0)), at(5.0, z=0.51))], inf),
-        ([(Box((1.0, 1.0, 1.0)), at(-5.0))], inf),
-        ([(Sphere(0.5), at(5.0, y=0.3))], 5.0 - 0.4),
-        ([(Sphere(0.5), at(5.0, z=0.3))], 5.0 - 0.4),
-        ([(Sphere(0.5), at(5.0, z=-0.51))], inf),
-        ([(Cylinder(0.5, 2.0), at(5.0))], 4.5),
-        ([(Cylinder(0.5, 2.0), at(5.0, z=1.01))], inf),
-        ([(Cylinder(0.5, 2.0), at(5.0, pitch=pi / 2.0))], 4.0),
-        ([(Cylinder(0.5, 2.0), at(5.0, y=0.3, roll=pi / 2.0))], 4.5),
-        ([(Cylinder(0.5, 2.0), at(5.0, z=0.51, roll=pi / 2.0))], inf),
-        ([(Sphere(0.5), at(7.0)), (Sphere(0.5), at(5.0)), (Sphere(0.5), at(9.0))], 4.5),
+        ([(CUBE, at(5.0, yaw=pi / 4.0))], 5.0 - 0.5**0.5),
+        ([(CUBE, at(5.0, z=0.51))], inf),
+        ([(CUBE, at(-5.0))], inf),
+        ([(CUBE, at(REACH + 0.5))], REACH),
+        ([(CUBE, at(REACH + 0.501))], inf),
+        ([(BALL, at(5.0, y=0.3))], 5.0 - 0.4),
+        ([(BALL, at(5.0, z=0.3))], 5.0 - 0.4),
+        ([(BALL, at(5.0, z=-0.51))], inf),
+        ([(ROUND, at(5.0))], 4.5),
+        ([(ROUND, at(5.0, z=1.01))], inf),
+        ([(ROUND, at(5.0, pitch=pi / 2.0))], 4.0),
+        ([(ROUND, at(5.0, y=0.3, roll=pi / 2.0))], 4.5),
+        ([(ROUND, at(5.0, z=0.51, roll=pi / 2.0))], inf),
+        ([(BALL, at(7.0)), (BALL, at(5.0)), (BALL, at(9.0))], 4.5),
     ],
 )
 def test_what_a_beam_straight_ahead_reads(world, distance):
     assert ahead(world) == pytest.approx(distance)
 
 
-def test_a_floor_is_met_where_a_tilted_laser_looks_down_and_nowhere_by_a_level_one():
-    floor = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0))]
-    assert set(cast(floor, at(0.0, z=0.5))) == {inf}
-    ranges = cast(floor, at(0.0, z=0.5, pitch=pi / 6.0), [-pi / 2.0, 0.0, pi / 3.0, pi])
+def test_a_far_shape_is_as_exact_as_a_near_one_and_no_beams_read_nothing():
+    assert ahead([(Cylinder(0.2, 2.0), at(900.0, 0.1))], 1000.0) == pytest.approx(900.0 - 0.03**0.5, abs=1e-9)
+    assert cast(SOME_WORLD, bearings=[]).shape == (0,)
+
+
+FLOOR = (Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0))
+
+
+def test_a_floor_is_met_where_a_tilted_laser_looks_down_as_far_as_the_reach_and_nowhere_by_a_level_one():
+    assert set(cast([FLOOR], at(0.0, z=0.5))) == {inf}
+    ranges = cast([FLOOR], at(0.0, z=0.5, pitch=pi / 6.0), [-pi / 2.0, 0.0, pi / 3.0, pi])
     assert ranges == pytest.approx([inf, 1.0, 2.0, inf])
+    for distance, seen in ((0.999 * REACH, 0.999 * REACH), (1.001 * REACH, inf)):
+        laser = at(0.0, z=0.5, pitch=float(np.arcsin(0.5 / distance)))
+        assert cast([FLOOR], laser, [0.0]) == pytest.approx([seen])
 
 
 def test_a_plane_s_normal_is_in_its_own_frame_and_both_sides_are_seen():
@@ -328,21 +314,10 @@ def test_a_shape_behind_is_seen_on_both_sides_of_the_seam(y):
     assert not np.isfinite(ranges[10:-10]).any()
 
 
-def test_a_shape_as_far_as_the_reach_is_seen_and_one_beyond_is_not():
-    box = [(Box((1.0, 1.0, 1.0)), at(5.0))]
-    assert ahead(box, reach=4.5) == 4.5
-    assert ahead(box, reach=4.499) == inf
-
-
 def test_a_wall_is_seen_as_far_as_the_reach_and_not_on_to_its_end():
     wall = [(Box((1.0, 6.0, 1.0)), at(5.0))]
     assert cast(wall, bearings=[-0.5, 0.0, 0.5], reach=5.1) == pytest.approx([inf, 4.5, inf])
     assert ahead(wall, reach=5.1) < cast(wall, bearings=[0.5])[0] < REACH
-
-
-def test_a_far_shape_is_as_exact_as_a_near_one_and_no_beams_read_nothing():
-    assert ahead([(Cylinder(0.2, 2.0), at(900.0, 0.1))], 1000.0) == pytest.approx(900.0 - 0.03**0.5, abs=1e-9)
-    assert cast(SOME_WORLD, bearings=[]).shape == (0,)
 
 
 def test_a_beam_along_a_face_reads_the_shape_or_nothing_but_no_third():
@@ -364,53 +339,13 @@ def test_a_shape_that_moved_is_seen_where_it_is_now(others):
 # ---------------------------------------------------------------------------- what is left out
 
 
-def some_field(seed: int, count: int) -> Placed:
-    """Objects that stand or lie about on a square of 100 m, on a floor."""
-    rng = np.random.default_rng(seed)
-    field: Placed = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0))]
-    for number in range(count):
-        a, b, c = rng.uniform(0.1, 1.5, 3)
-        shape = [Box((a, b, c)), Cylinder(a / 2.0, b), Sphere(a / 2.0)][number % 3]
-        x, y = rng.uniform(-50.0, 50.0, 2)
-        turned = rng.uniform(-pi, pi, 3) if rng.random() < 0.3 else (0.0, 0.0, rng.uniform(-pi, pi))
-        field.append((shape, at(x, y, rng.uniform(0.0, 0.8), *turned)))
-    return field
-
-
-FIELD = some_field(seed=4, count=1000)
-
-
-def every_pair(centers, _bounds, bearings, _reach):
-    """Every beam may meet every shape."""
-    shapes = np.arange(len(centers))
-    return shapes, np.zeros_like(shapes), np.full_like(shapes, len(bearings))
-
-
-def test_what_is_left_out_among_a_thousand_objects_would_not_have_been_seen(monkeypatch):
-    @settings(LAW, max_examples=20)
-    @given(
-        st.builds(
-            Pose,
-            st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(0.2, 0.8)),
-            st.builds(quat_from_rpy, st.one_of(tilts, st.just(pi)), tilts, angles),
-        ),
-        st.sampled_from([SICK[::6], ALL_ROUND]),
-    )
-    def hold(laser, bearings):
-        got = cast(FIELD, laser, bearings, 30.0)
-        with monkeypatch.context() as patch:
-            patch.setattr(raycast, "_candidates", every_pair)
-            assert_same_ranges(got, cast(FIELD, laser, bearings, 30.0))
-
-    hold()
+FIELD = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0)), *some_world(seed=4, count=1000, spread=50.0)]
 
 
 @settings(LAW, max_examples=20)
-@given(
-    st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(0.2, 0.8)),
-    st.builds(quat_from_rpy, st.one_of(tilts, st.just(pi)), tilts, angles),
-)
+@given(st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(0.2, 0.8)), tilted)
 def test_a_thousand_objects_read_the_same_all_at_once_as_each_alone(position, quat):
+    """None is left out that would have been seen."""
     laser = Pose(position, quat)
     each = [cast([body], laser, SICK, 30.0) for body in FIELD]
     np.testing.assert_allclose(cast(FIELD, laser, SICK, 30.0), np.min(each, axis=0), rtol=0.0, atol=1e-9)
@@ -418,11 +353,4 @@ def test_a_thousand_objects_read_the_same_all_at_once_as_each_alone(position, qu
 
 def test_a_field_of_a_thousand_objects_is_full_of_things_to_see():
     seen = np.isfinite(cast(FIELD, at(0.0, z=0.4), SICK, 30.0))
-    assert 100 < seen.sum() < 700
-
-
-def test_a_floor_is_met_as_far_as_the_reach_by_a_laser_that_hardly_looks_down():
-    floor = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0))]
-    for distance, seen in ((0.999 * REACH, 0.999 * REACH), (1.001 * REACH, inf)):
-        laser = at(0.0, z=0.5, pitch=float(np.arcsin(0.5 / distance)))
-        assert cast(floor, laser, [0.0]) == pytest.approx([seen])
+    assert 100 < seen.sum() < 710
