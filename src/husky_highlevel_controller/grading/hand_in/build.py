@@ -35,7 +35,6 @@ from husky_highlevel_controller.grading.isolation.process import Process, end_al
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, clean_environment
 
 BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
-RETRIES = 2  # of a build that fails
 MAX_TEXT = 1_000_000  # [bytes] of a launch file
 MAX_MISSING = 10  # packages that CMake misses one after the other
 LESS_COLLECTION = "--param ggc-min-heapsize=500000"  # [kB] before GCC collects garbage, a tenth of its time
@@ -62,6 +61,7 @@ PLAIN_PUBLISH_NOTE = (
 _HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
 _NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]+)"')
 _ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
+_NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")  # it may be generated too late
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
 _STAND_IN = """# {name} is not installed; whatever uses nothing of it builds without it
@@ -217,15 +217,12 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         missing |= unknown
     if missing:
         notes.append(missing_note(missing))
-    repair = ""
-    for _ in range(RETRIES):
-        if not code:
-            break
-        # headers may have been generated too late, and hide the error that the repair is for
-        repair = OLD_BOOST if needs_old_boost(output) else ""
+    repair = OLD_BOOST if code and needs_old_boost(output) else ""
+    if code and (repair or _NO_HEADER.search(output)):
         output, code = _catkin_make(folders, needed, underlay, repair)
-        if repair or not needs_old_boost(output):
-            break
+    if code and not repair and needs_old_boost(output):
+        repair = OLD_BOOST  # for an error that headers which were generated too late had hidden
+        output, code = _catkin_make(folders, needed, underlay, repair)
     notes += [OLD_BOOST_NOTE] * bool(repair)
     notes += [PLAIN_PUBLISH_NOTE] * _publishes_plain_values(folders.root / "devel" / "lib")
     error = f"it does not build: {build_error(output, folders.root)}" if code else ""
