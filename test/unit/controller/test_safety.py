@@ -18,22 +18,8 @@ from husky_highlevel_controller.controller.safety import (
     is_moving,
     too_close,
 )
-from husky_highlevel_controller.datatypes import (
-    STOP,
-    Box,
-    Cylinder,
-    Pose,
-    Pose2D,
-    RobotState,
-    Scan,
-    Twist2D,
-)
-from husky_highlevel_controller.geometry import (
-    advance,
-    pose_from_2d,
-    quat_from_rpy,
-    transform_point,
-)
+from husky_highlevel_controller.datatypes import STOP, Box, Cylinder, Pose, Pose2D, RobotState, Scan, Twist2D
+from husky_highlevel_controller.geometry import advance, inverse, pose_from_2d, quat_from_rpy, transform_point
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.diff_drive import Drive
 from husky_highlevel_controller.simulator.sensors.lidar import Lidar
@@ -42,6 +28,8 @@ from husky_highlevel_controller.simulator.simulator_config import simulator_conf
 
 LAW = settings(derandomize=True, deadline=None, max_examples=100)
 CONFIG, HUSKY = ProximityConfig(), load_robot()
+HULL = (0.9874 / 2, 0.5709 / 2)  # [m], half lengths and widths, husky_description 0.6.10
+WHEELS = (0.5120 / 2 + 0.1651, (0.5708 + 0.1143) / 2)
 NOSE, SIDE = 0.4937, 0.34255  # [m], half the Husky's length and width
 UPSIDE_DOWN = Pose((0.337, 0.0, 0.308), quat_from_rpy(pi, 0.0, 0.0))
 UPRIGHT = Pose((0.337, 0.0, 0.308))
@@ -74,22 +62,20 @@ def test_the_clearance_told_is_from_the_robot_s_nose_not_from_the_lidar(laser):
     assert verdict(wall_ahead(0.25), linear=1.0, laser=laser) == pytest.approx(0.25, abs=0.005)
 
 
-@pytest.mark.parametrize("speed", [0.05, 0.3, 0.6, 1.0])
-def test_the_faster_the_farther(speed):
-    needed = 0.1 + 0.2 * speed + speed**2 / 6.0  # margin, reaction, braking at 3 m/s^2
-    assert verdict(wall_ahead(needed - 0.01), linear=speed) is not None
-    assert verdict(wall_ahead(needed + 0.01), linear=speed) is None
-
-
-def test_each_parameter_has_its_meaning():
-    for change, needed in (
-        ({"margin": 0.5}, 0.5 + 0.2 + 1.0 / 6.0),
-        ({"reaction_time": 1.0}, 0.1 + 1.0 + 1.0 / 6.0),
-        ({"braking": 0.5}, 0.1 + 0.2 + 1.0),
-    ):
-        config = replace(CONFIG, **change)
-        assert verdict(wall_ahead(needed - 0.02), linear=1.0, config=config) is not None
-        assert verdict(wall_ahead(needed + 0.02), linear=1.0, config=config) is None
+@pytest.mark.parametrize(
+    ("speed", "change", "needed"),
+    [
+        # margin, reaction, braking at 3 m/s^2
+        *[(speed, {}, 0.1 + 0.2 * speed + speed**2 / 6.0) for speed in (0.05, 0.3, 0.6, 1.0)],
+        (1.0, {"margin": 0.5}, 0.5 + 0.2 + 1.0 / 6.0),
+        (1.0, {"reaction_time": 1.0}, 0.1 + 1.0 + 1.0 / 6.0),
+        (1.0, {"braking": 0.5}, 0.1 + 0.2 + 1.0),
+    ],
+)
+def test_the_faster_the_farther_by_margin_reaction_and_braking(speed, change, needed):
+    config = replace(CONFIG, **change)
+    assert verdict(wall_ahead(needed - 0.01), linear=speed, config=config) is not None
+    assert verdict(wall_ahead(needed + 0.01), linear=speed, config=config) is None
 
 
 @pytest.mark.parametrize(
@@ -115,28 +101,38 @@ def test_slower_than_2_cm_a_second_and_3_degrees_a_second_is_the_noise_of_standi
         assert is_moving(Twist2D(side * linear, side * angular)) is moving
 
 
-def test_what_the_robot_passes_at_a_distance_does_not_matter():
-    beside = Box((4.0, 0.1, 2.0)), Pose((2.5, SIDE + 0.15 + 0.05, 0.5))
-    assert verdict(beside, linear=1.0) is None
-    assert verdict(beside, linear=1.0, angular=1.0) is not None, "unless it turns towards it"
-    assert verdict(beside, linear=1.0, angular=-1.0) is None
+BESIDE = Box((4.0, 0.1, 2.0)), Pose((2.5, SIDE + 0.15 + 0.05, 0.5))
+AT_CORNER = post(hypot(NOSE, SIDE) * cos(0.9), hypot(NOSE, SIDE) * sin(0.9), radius=0.04)
 
 
-@pytest.mark.parametrize("laser", [UPSIDE_DOWN, UPRIGHT])
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_curve_is_followed_whichever_way_up_the_lidar_is(side, laser):
-    in_the_curve = post(0.75, side * 0.52)
-    assert verdict(in_the_curve, linear=0.9, angular=side * 0.9, laser=laser) is not None
-    assert verdict(in_the_curve, linear=0.9, laser=laser) is None
-    assert verdict(in_the_curve, linear=0.9, angular=side * -0.9, laser=laser) is None
+def after_turn(turn):
+    """A post that the hull's front corner would pass at half the margin after so much turning [rad]."""
+    distance, bearing = hypot(*HULL) + 0.09, atan2(HULL[1], HULL[0]) + turn
+    return post(distance * cos(bearing), distance * sin(bearing), radius=0.04)
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_turning_in_place_swings_the_corners(side):
-    corner = hypot(NOSE, SIDE)
-    beside_the_corner = post(corner * cos(0.9), side * corner * sin(0.9), radius=0.04)
-    assert verdict(beside_the_corner, angular=side * 1.0) is not None
-    assert verdict(beside_the_corner, angular=side * -1.0) is None
+WAYS = {
+    "passed at a distance": (BESIDE, 1.0, 0.0, False),
+    "turned towards": (BESIDE, 1.0, 1.0, True),
+    "turned away from": (BESIDE, 1.0, -1.0, False),
+    "in the curve": (post(0.75, 0.52), 0.9, 0.9, True),
+    "beside the straight way": (post(0.75, 0.52), 0.9, 0.0, False),
+    "outside of the curve": (post(0.75, 0.52), 0.9, -0.9, False),
+    "where a corner swings to": (AT_CORNER, 0.0, 1.0, True),
+    "where a corner swings from": (AT_CORNER, 0.0, -1.0, False),
+    # at 2 rad/s it turns 0.4 rad while it reacts and 0.33 rad while it brakes at 6 rad/s^2: 0.73 rad in all
+    "where a turn can be braked no more": (after_turn(0.95), 0.0, 2.0, True),
+    "where a turn can still be braked": (after_turn(1.10), 0.0, 2.0, False),
+}
+
+
+@pytest.mark.parametrize("laser", [UPSIDE_DOWN, UPRIGHT], ids=["upside down", "upright"])
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["left", "right"])
+@pytest.mark.parametrize(("body", "linear", "angular", "is_close"), WAYS.values(), ids=WAYS)
+def test_what_is_in_the_way_of_a_curve(body, linear, angular, is_close, side, laser):
+    shape, (x, y, z) = body[0], body[1].position
+    mirrored = shape, Pose((x, side * y, z))
+    assert (verdict(mirrored, linear=linear, angular=side * angular, laser=laser) is not None) is is_close
 
 
 def test_backwards_counts_what_a_lidar_that_looks_there_sees():
@@ -218,17 +214,6 @@ def drive(command, *shapes, start=STOP, delay=0.1, seconds=20.0, config=CONFIG):
     return poses, verdicts
 
 
-def gap(pose, x, y, radius):
-    """Between the robot's outline and a post."""
-    dx, dy = x - pose.x, y - pose.y
-    along, across = dx * cos(pose.yaw) + dy * sin(pose.yaw), dy * cos(pose.yaw) - dx * sin(pose.yaw)
-    return hypot(max(abs(along) - NOSE, 0.0), max(abs(across) - SIDE, 0.0)) - radius
-
-
-HULL, WHEELS = (
-    (0.9874 / 2, 0.5709 / 2),
-    (0.5120 / 2 + 0.1651, (0.5708 + 0.1143) / 2),
-)  # husky_description 0.6.10
 # backwards it would drive into what its lidar does not see
 twists = st.builds(Twist2D, st.floats(0.0, 1.0), st.floats(-2.0, 2.0))
 on_outline = st.tuples(
@@ -237,10 +222,9 @@ on_outline = st.tuples(
 
 
 def outline_gap(pose, x, y, radius):
-    """Between the robot's hull or wheels and a post."""
-    dx, dy = x - pose.x, y - pose.y
-    along, across = dx * cos(pose.yaw) + dy * sin(pose.yaw), dy * cos(pose.yaw) - dx * sin(pose.yaw)
-    return min(hypot(max(abs(along) - a, 0.0), max(abs(across) - b, 0.0)) for a, b in (HULL, WHEELS)) - radius
+    """Between the robot's hull or wheels and a post [m]."""
+    x, y, _ = transform_point(inverse(pose_from_2d(pose)), (x, y, 0.0))
+    return min(hypot(max(abs(x) - a, 0.0), max(abs(y) - b, 0.0)) for a, b in (HULL, WHEELS)) - radius
 
 
 @settings(
@@ -262,26 +246,9 @@ def test_whichever_way_it_drives_it_stops_before_it_touches_a_post_in_its_way(tw
     assert min(outline_gap(pose, x, y, radius) for pose in poses) > 0.08
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_turning_is_braked_with_the_drive_s_6_rad_s2_no_sooner_and_no_later(side):
-    """At 2 rad/s it turns 0.4 rad while it reacts and 0.33 rad while it brakes: 0.73 rad in all."""
-    corner = hypot(NOSE, HULL[1])
-    nearest = atan2(HULL[1], NOSE)
-
-    def beside(turn):
-        """A post that the front corner would pass at half the margin after so much turning."""
-        return post(
-            (corner + 0.09) * cos(nearest + turn), side * (corner + 0.09) * sin(nearest + turn), radius=0.04
-        )
-
-    assert verdict(beside(0.95), angular=side * 2.0) is not None
-    assert verdict(beside(1.10), angular=side * 2.0) is None
-
-
 def test_it_stops_with_the_margin_to_spare_and_not_much_sooner():
-    x, radius = 3.0, 0.2
-    poses, _ = drive(lambda _: Twist2D(1.0, 0.0), post(x, 0.0, radius))
-    assert 0.1 < gap(poses[-1], x, 0.0, radius) < 0.25
+    poses, _ = drive(lambda _: Twist2D(1.0, 0.0), post(3.0, 0.0, 0.2))
+    assert 0.1 < outline_gap(poses[-1], 3.0, 0.0, 0.2) < 0.25
 
 
 def p_control(stop_distance):
@@ -289,21 +256,21 @@ def p_control(stop_distance):
     return lambda scan: Twist2D(min(max(2.0 * (scan.ranges.min() - stop_distance), 0.0), 1.0), 0.0)
 
 
-def test_the_drive_to_the_pillar_is_disturbed_only_where_it_would_not_stop():
-    for stop_distance in (0.4, 0.0):
-        poses, verdicts = drive(p_control(stop_distance), post(4.0, 0.0, 0.2), seconds=8.0)
-        left = gap(poses[-1], 4.0, 0.0, 0.2)
-        assert bool(verdicts) is (stop_distance == 0.0)
-        assert left > 0.05
-        assert verdicts or left == pytest.approx(0.4 - (NOSE - 0.337), abs=0.01)
+@pytest.mark.parametrize("stop_distance", [0.4, 0.0])
+def test_the_drive_to_the_pillar_is_disturbed_only_where_it_would_not_stop(stop_distance):
+    poses, verdicts = drive(p_control(stop_distance), post(4.0, 0.0, 0.2), seconds=8.0)
+    left = outline_gap(poses[-1], 4.0, 0.0, 0.2)
+    assert bool(verdicts) is (stop_distance == 0.0)
+    assert left > 0.05
+    assert verdicts or left == pytest.approx(0.4 - (NOSE - 0.337), abs=0.01)
 
 
 # ---------------------------------------------------------------------------- latch
 
 
-def run(story, latch=Latch()):  # noqa: B008
+def run(story):
     """Times at which a stop is called for, in a story of (seconds, danger, moving)."""
-    calls, now = [], 0.0
+    calls, now, latch = [], 0.0, Latch()
     for seconds, danger, moving in story:
         for _ in range(round(seconds / 0.02)):
             latch, stop = advance_latch(latch, danger, moving, now)
@@ -335,7 +302,7 @@ def test_when_a_stop_is_called_for(story, calls):
     assert run(story) == calls
 
 
-def test_a_robot_that_somebody_else_drives_on_is_called_out_once_a_second():
+def test_a_robot_that_another_program_drives_on_is_stopped_once_a_second():
     calls = run([(3.5, True, True)])
     assert len(calls) == 4
     assert np.diff(calls) == pytest.approx(1.0, abs=0.03)
