@@ -12,7 +12,6 @@
       return getContext.call(this, kind, kind.startsWith("webgl") ? { ...options, antialias: false } : options);
     };
   }
-  if (location.search.includes("playbackPath=")) return; // a replay drives nothing
   const PERIOD = 50; // [ms] between two commands while something is held
   const KEYS = { KeyW: [1, 0], KeyS: [-1, 0], KeyA: [0, 1], KeyD: [0, -1] };
   const LOST = "Connection lost: the simulator has ended, or the network has. Start ./dev launch again; this page waits for it.";
@@ -183,12 +182,6 @@
   document.addEventListener("click", (event) => {
     const button = event.target instanceof Element ? event.target.closest("[data-husky-e-stop]") : null;
     if (button !== null) send({ e_stop: button.dataset.huskyEStop === "true" });
-  }, true);
-  document.addEventListener("change", (event) => {
-    const input = event.target instanceof Element ? event.target.closest("[data-husky-replay]") : null;
-    if (input === null || input.files.length !== 1) return;
-    window.open(`/?playbackPath=${encodeURIComponent(URL.createObjectURL(input.files[0]))}`);
-    input.value = ""; // the same file may be chosen again
   }, true);
   window.addEventListener("load", () => {
     if (location.search.includes("token=")) history.replaceState(null, "", "/"); // it is a cookie by now

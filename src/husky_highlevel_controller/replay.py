@@ -32,7 +32,7 @@ class Replay:
     summary: str  # how it ended
     times: np.ndarray  # (N,) [s], rising
     poses: np.ndarray  # (N, 3) [m, m, rad], x, y and yaw of base_link
-    pillars: np.ndarray  # (1, 2) or (N, 2) [m], centre of the pillar, for good or at each of the times
+    pillars: np.ndarray  # (0, 2), (1, 2) or (N, 2) [m], centre of the pillar, for good or at each time
     marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (M, 3) [s, m, m], of the pillar
     pillar_radius: float = PILLAR_RADIUS  # [m]
     robot: Robot = field(default_factory=load_robot)
@@ -41,7 +41,7 @@ class Replay:
 def to_html(replay: Replay) -> str:
     """The page, of at least one pose; it keeps those that the eye needs."""
     rows = _rows_to_show(replay.times)
-    pillars = replay.pillars if len(replay.pillars) == 1 else replay.pillars[rows]
+    pillars = replay.pillars if len(replay.pillars) < 2 else replay.pillars[rows]
     marks = replay.marks[np.isfinite(replay.marks).all(axis=1)]
     data = {
         "title": replay.title,

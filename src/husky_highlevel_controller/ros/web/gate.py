@@ -19,7 +19,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from husky_highlevel_controller.paths import share_folder
-from husky_highlevel_controller.ros.web.viser_private import embed_recording, page_html, started_behind
+from husky_highlevel_controller.ros.web.viser_private import page_html, started_behind
 
 DRIVE_PATH = "/drive"
 COOKIE = "husky_token"
@@ -61,18 +61,9 @@ def _shows(token: str, headers: Mapping[str, str], path: str) -> bool:
     return any(hmac.compare_digest(item.encode(), token.encode()) for item in tokens)
 
 
-def replay_page(recording: bytes) -> bytes:
-    """Viser's page as a player of one recording, as serialized by viser, without a server."""
-    return embed_recording(_page_html(), recording).encode()
-
-
-def _page_html() -> str:
-    return page_html().replace("<title>Viser</title>", "<title>Husky</title>")
-
-
 def page() -> bytes:
     """Viser's page with the package's script and style."""
-    html, folder = _page_html(), share_folder() / "web"
+    html, folder = page_html().replace("<title>Viser</title>", "<title>Husky</title>"), share_folder() / "web"
     script, style = (folder / "page.js").read_text(), (folder / "page.css").read_text()
     at = html.index("<head>") + len("<head>")
     additions = f"<script>{script}</script><style>{style}</style>"

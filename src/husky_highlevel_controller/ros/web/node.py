@@ -5,15 +5,13 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import gc
-import threading
 import time
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, Optional
 
 import rosgraph
 import rospy
-import viser
 from geometry_msgs.msg import PointStamped, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
@@ -32,7 +30,7 @@ from husky_highlevel_controller.ros.web.mouse import Mouse
 from husky_highlevel_controller.ros.web.numbers import Numbers
 from husky_highlevel_controller.ros.web.objects import Objects
 from husky_highlevel_controller.ros.web.page_server import serve
-from husky_highlevel_controller.ros.web.pages import Page, theme, wants_dark
+from husky_highlevel_controller.ros.web.pages import Pages, theme
 from husky_highlevel_controller.ros.web.plots import Plots
 from husky_highlevel_controller.ros.web.recorder import Recorder
 from husky_highlevel_controller.ros.web.scene import Scene
@@ -87,10 +85,6 @@ class WebNode:
         (config,) = read_config(rospy.get_param("~", {}), rospy.get_name() + "/", WebConfig)
         self._config: WebConfig = config
         self._description = ""
-        self._pages: Dict[int, Page] = {}
-        self._came = threading.Event()
-        self._clients_changed = threading.Lock()
-        self._arrivals: List[Tuple[viser.ClientHandle, bool]] = []
         self._log = LogBuffer()
         self._topics = Topics(_topic_names(config))
         self._actions, self._teleop = Actions(), Teleop()
@@ -105,7 +99,6 @@ class WebNode:
         self._was_master_silent = False  # at the last look at the network
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
         rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
-        self._server.on_client_connect(self._on_connect)
         # a token is for who sees this terminal: logs can be read by everybody
         (print if has_token else rospy.loginfo)(f"the page; open it in a browser: {address}")
 
@@ -126,7 +119,9 @@ class WebNode:
         with self._tabs["World"]:
             self._world = world = WorldTab(server, self._actions, config.simulator, config.fixed_frame)
         self._state_bar.on_elsewhere = lambda client: world.move_away(client, self._numbers.pillar)
-        self._mouse = Mouse(server, self._scene, self._objects, world, self._pages)
+        self._pages = Pages(server, self._tabs, self._log)
+        self._mouse = Mouse(server, self._scene, self._objects, world, self._pages.open)
+        self._pages.on_tool, self._pages.on_leave = self._mouse.bind, self._mouse.release
         with self._tabs["Tune"]:
             self._tuning = Tuning(server, self._actions, self._tabs["Tune"])
         with self._tabs["Curves"]:
@@ -147,12 +142,12 @@ class WebNode:
         period = 1.0 / self._config.rate
         readings_due = curves_due = network_due = 0.0
         while not rospy.is_shutdown():
-            self._admit_clients()
-            if not self._pages:
+            self._pages.admit()
+            if not self._pages.open:
                 with self._left_out.item("the end of the last page"):
                     self._forget()
-                self._came.wait(IDLE_PERIOD)
-                self._came.clear()
+                self._pages.came.wait(IDLE_PERIOD)
+                self._pages.came.clear()
                 readings_due = curves_due = network_due = 0.0
                 continue
             now = time.monotonic()
@@ -162,7 +157,7 @@ class WebNode:
                 network_due = now + NETWORK_PERIOD
             with self._server.atomic():
                 with self._left_out.item("a part of the view"):
-                    self._update(now)
+                    self._update()
                 if now >= readings_due:
                     with self._left_out.item("a reading"):
                         self._update_readings(now)
@@ -221,17 +216,18 @@ class WebNode:
         if description and description != self._description:
             self._description = description
             self._scene.draw_robot(description)
+            self._recorder.robot_name = self._scene.robot_name
             self._mouse.bind_robot()
 
     # ------------------------------------------------------------------ each tick
 
-    def _update(self, now: float) -> None:
+    def _update(self) -> None:
         self._scene.update(self._topics)
         self._objects.update(self._topics.take_all("objects"))
         base = self._scene.base
-        for page in self._pages.values():
+        for page in self._pages.open.values():
             page.update(base, self._numbers.pillar)
-        self._recorder.tick(now, None if base is None else base.position)
+        self._recorder.tick(self._numbers.time, base, self._numbers.pillar)
 
     def _update_readings(self, now: float) -> None:
         numbers = self._numbers
@@ -254,33 +250,6 @@ class WebNode:
         diagnostics = [received.msg for received in self._topics.take_all("diagnostics")]
         self._drive.update(numbers.readings, diagnostics, self._is_paused)
         self._world.show_loaded(self._world_name)
-
-    # ------------------------------------------------------------------ pages come and go
-
-    def _admit_clients(self) -> None:
-        with self._clients_changed:
-            arrivals, self._arrivals = self._arrivals, []
-        clients = self._server.get_clients()
-        leavers = self._pages.keys() - clients
-        for client, is_dark in arrivals:
-            if client.client_id not in clients:
-                continue  # it has left while its storage was asked
-            with self._left_out.item("a page that comes"):
-                tabs = (self._tabs["View"], self._tabs["Log"])
-                page = Page(client, tabs, self._log, self._mouse.bind, is_dark)
-                page.make_tools(self._tabs["World"])
-                self._pages[client.client_id] = page
-        for number in leavers:
-            self._pages.pop(number)
-            with self._left_out.item("a page that goes"):
-                self._mouse.release(number)
-                self._mouse.bind()
-
-    def _on_connect(self, client: viser.ClientHandle) -> None:
-        is_dark = wants_dark(client)
-        with self._clients_changed:
-            self._arrivals.append((client, is_dark))
-        self._came.set()
 
     def _on_parameter(self, change: str) -> None:
         if self._numbers.time is not None:

@@ -1,15 +1,17 @@
-"""Fields and settings of one page: camera, colours, tool of the mouse, view of the log."""
+"""Open pages, and the fields and settings of each: camera, colours, tool of the mouse, view of the log."""
 
 from __future__ import annotations
 
+import threading
 import time
-from typing import Any, Callable, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import viser
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.ros.web.backdrop import show_backdrop
 from husky_highlevel_controller.ros.web.camera import CAMERAS, Camera
+from husky_highlevel_controller.ros.web.drawing import LeftOut
 from husky_highlevel_controller.ros.web.log import LEVELS, Filter, LogBuffer, to_html
 from husky_highlevel_controller.ros.web.plots import choice_html
 
@@ -26,7 +28,7 @@ class Page:
     def __init__(
         self,
         client: viser.ClientHandle,
-        tabs: Tuple[Any, Any],
+        tabs: Mapping[str, Any],
         log: LogBuffer,
         on_tool: Callable[[], None],
         is_dark: bool,
@@ -35,7 +37,7 @@ class Page:
 
         Args:
             client: the browser.
-            tabs: those of view and log.
+            tabs: by name.
             log: what the log tab shows.
             on_tool: called when the mouse gets another tool.
             is_dark: whether it begins in dark colours.
@@ -44,8 +46,9 @@ class Page:
         self._camera = Camera(client)
         self._filter, self._log_count, self._log_due = Filter(), -1, 0.0
         self._on_tool = on_tool
-        self._make_view(tabs[0], is_dark)
-        self._make_log(tabs[1])
+        self._make_view(tabs["View"], is_dark)
+        self._make_log(tabs["Log"])
+        self._make_tools(tabs["World"])
 
     # ------------------------------------------------------------------ each tick
 
@@ -77,7 +80,7 @@ class Page:
         theme(self.client.gui, is_dark)
         show_backdrop(self.client, is_dark)
 
-    def make_tools(self, tab: Any) -> None:
+    def _make_tools(self, tab: Any) -> None:
         """Fields of the mouse's tools, the first of a tab."""
         with tab:
             self._chosen_tool = self.client.gui.add_html(choice_html(0), order=-1.5)
@@ -125,6 +128,44 @@ _HINTS = {
     MOVE: "**Drag** an object, or the robot, over the ground.",
     DELETE: "**Click** an object to delete it.",
 }
+
+
+class Pages:
+    """Pages that are open; they come in threads of viser's, and are admitted by the thread that draws."""
+
+    def __init__(self, server: viser.ViserServer, tabs: Mapping[str, Any], log: LogBuffer) -> None:
+        self.open: Dict[int, Page] = {}
+        self.came = threading.Event()
+        self.on_tool: Callable[[], None] = lambda: None  # called when a page's mouse gets another tool
+        self.on_leave: Callable[[int], None] = lambda page: None
+        self._server, self._tabs, self._log = server, tabs, log
+        self._left_out = LeftOut()
+        self._turn = threading.Lock()
+        self._arrivals: List[Tuple[viser.ClientHandle, bool]] = []
+        server.on_client_connect(self._on_connect)
+
+    def admit(self) -> None:
+        """Add the fields of pages that have come, and forget pages that have gone."""
+        with self._turn:
+            arrivals, self._arrivals = self._arrivals, []
+        clients = self._server.get_clients()
+        leavers = self.open.keys() - clients
+        for client, is_dark in arrivals:
+            if client.client_id not in clients:
+                continue  # it has left while its storage was asked
+            with self._left_out.item("a page that comes"):
+                self.open[client.client_id] = Page(client, self._tabs, self._log, self.on_tool, is_dark)
+        for number in leavers:
+            self.open.pop(number)
+            with self._left_out.item("a page that goes"):
+                self.on_leave(number)
+                self.on_tool()
+
+    def _on_connect(self, client: viser.ClientHandle) -> None:
+        is_dark = wants_dark(client)
+        with self._turn:
+            self._arrivals.append((client, is_dark))
+        self.came.set()
 
 
 def wants_dark(client: viser.ClientHandle) -> bool:

@@ -16,8 +16,8 @@ import viser
 CAPACITY = 1000  # samples
 WINDOW = 30.0  # [s] that a chart shows
 RESOLUTION = 0.4  # [s] between two points of a curve: more are not seen, and are sent again and again
-# of a chart, in px where the panel has its usual width: whole, and what labels take at its sides
-WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 360.0, 104.0, 36.0, 6.0, 18.0, 6.0
+# of a chart, in px in a window of 1280 px: whole, and what labels take at its sides
+WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 300.0, 130.0, 36.0, 6.0, 18.0, 6.0
 TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))
 LARGEST = 1e9  # of a value that is drawn
 MAX_MARKS = 8  # changes of parameters in one chart
@@ -82,7 +82,7 @@ class Plots:
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self.curves = {chart.name: Curve(len(chart.series)) for chart in CHARTS}
-        self._elements: List[Any] = [gui.add_html("") for _ in CHARTS]
+        self._element = gui.add_html("")
         self._marks: Deque[Mark] = deque(maxlen=MAX_MARKS)
 
     def mark(self, stamp: float, text: str) -> None:
@@ -91,8 +91,8 @@ class Plots:
 
     def update(self) -> None:
         """Send what is new."""
-        for chart, element in zip(CHARTS, self._elements):
-            set_html(element, chart_html(chart, self.curves[chart.name].arrays, list(self._marks)))
+        charts = (chart_html(chart, self.curves[chart.name].arrays, list(self._marks)) for chart in CHARTS)
+        set_html(self._element, f'<div class="husky-charts">{"".join(charts)}</div>')
 
 
 class Rate:

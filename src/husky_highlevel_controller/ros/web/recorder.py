@@ -1,106 +1,100 @@
-"""Records what the view shows, to be downloaded and replayed: as viser's own file, or as one HTML page.
-
-The file is replayed by this page (page.js hands it to viser's player in a tab of its own); the HTML page
-holds player and recording, and needs no server.
-"""
+"""Recording of a drive, to be downloaded as one HTML page that plays it, as marking's replays do."""
 
 from __future__ import annotations
 
-import threading
-from typing import Any, Optional
+from math import nan
+from typing import Any, List, Optional, Tuple
 
+import numpy as np
 import viser
 
-from husky_highlevel_controller.datatypes import HuskyError, Vector3
+from husky_highlevel_controller.course import PILLARS
+from husky_highlevel_controller.datatypes import HuskyError, Pose, Vector3
+from husky_highlevel_controller.geometry import pose_to_2d
+from husky_highlevel_controller.replay import Replay, to_html
+from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros.web.actions import Actions
-from husky_highlevel_controller.ros.web.gate import replay_page
+from husky_highlevel_controller.ros.web.plots import choice_html, set_html
 
-MAX_TIME = 300.0  # [s], then a recording ends by itself: it is kept in memory
-CAMERA_OFFSET = (-5.0, -4.0, 3.5)  # [m], of a replay's first view from where the robot is at the beginning
-OPEN = """<div class="husky-block"><label class="husky-open" title="a file that was saved here before">
-Replay a file<input type="file" accept=".viser" data-husky-replay="true"></label></div>"""
+MAX_TIME = 3600.0  # [s], then a recording ends by itself: it is kept in memory
 RECORD, STOP = "Record", "Stop"
-FILE, HTML = "Replay file", "HTML page"
 
 
 class Recorder:
-    """Buttons to record and to download, and the recording; `tick` is called by the thread that draws."""
+    """Buttons to record and to download, and the recording."""
 
     def __init__(self, server: viser.ViserServer, actions: Actions) -> None:
-        self._server, self._actions = server, actions
-        self._serializer: Optional[Any] = None
-        self._started, self._last = 0.0, 0.0  # [s]
-        self._request: Optional[bool] = None  # a change that the buttons ask for
-        self._turn = threading.Lock()
-        self._recording = b""
+        self._actions, self._is_on, self.robot_name = actions, False, ""
+        self._rows: List[
+            Tuple[float, ...]
+        ] = []  # time [s]; x, y, yaw of base_link; x, y of the pillar [m, rad]
         gui = server.gui
         with gui.add_folder("Recording"):
-            self._state = gui.add_html(_html("nothing is recorded"))
-            gui.add_button_group("View", (RECORD, STOP)).on_click(self._on_record)
-            gui.add_button_group(
-                "Save as", (FILE, HTML), hint="the file is replayed by this page; the HTML page from disk"
-            ).on_click(self._on_save)
-            gui.add_html(OPEN)
+            self._state = gui.add_html("")
+            self._chosen = gui.add_html("")
+            gui.add_button_group("Drive", (RECORD, STOP)).on_click(self._on_record)
+            gui.add_button_group("Save as", ("HTML page",), hint="plays the drive, from disk").on_click(
+                lambda event: actions.do(lambda: self._save(event.client), event.client, "Recording")
+            )
+        self._show()
 
-    def tick(self, now: float, base: Optional[Vector3]) -> None:
-        """Let `now` [s] pass in the recording; begin and end it as the buttons say."""
-        request, self._request = self._request, None
-        if request and self._serializer is None:
-            self._start(now, base)
-        elif self._serializer is not None:
-            self._serializer.insert_sleep(now - self._last)
-            self._last = now
-            length = now - self._started
-            if request is False or length >= MAX_TIME:
-                self.stop()
-            else:
-                self._say(f"recording, {length:.0f} s")
+    def tick(self, time: Optional[float], base: Optional[Pose], pillar: Optional[Vector3]) -> None:
+        """Record where the robot and the pillar are at a time [s], [m, fixed frame]."""
+        rows = self._rows
+        if not self._is_on or time is None or base is None or (rows and time <= rows[-1][0]):
+            return
+        rows.append((time, *pose_to_2d(base), *(pillar or (nan, nan))[:2]))
+        if time - rows[0][0] >= MAX_TIME:
+            self._is_on = False
+        self._show()
 
     def stop(self) -> None:
         """End a recording; it can be saved then."""
-        serializer, self._serializer = self._serializer, None
-        if serializer is not None:
-            length = self._last - self._started
-            self._actions.do(lambda: self._finish(serializer, length), None, "Recording")
-
-    def _start(self, now: float, base: Optional[Vector3]) -> None:
-        x, y, z = base or (0.0, 0.0, 0.0)
-        dx, dy, dz = CAMERA_OFFSET
-        camera = self._server.initial_camera
-        camera.up, camera.position, camera.look_at = (0.0, 0.0, 1.0), (x + dx, y + dy, z + dz), (x, y, z)
-        self._serializer = self._server.get_scene_serializer()
-        self._started = self._last = now
-        self._say("recording, 0 s")
-
-    def _finish(self, serializer: Any, length: float) -> None:
-        self._say(f"packing {length:.0f} s")
-        data: bytes = serializer.serialize()
-        with self._turn:
-            self._recording = data
-        self._say(f"{length:.0f} s recorded, {len(data) / 1e6:.1f} MB")
+        self._is_on = False
+        self._show()
 
     def _on_record(self, event: Any) -> None:
-        self._request = event.target.value == RECORD
+        if event.target.value == RECORD and not self._is_on:
+            self._rows = []
+        self._is_on = event.target.value == RECORD
+        self._show()
 
-    def _on_save(self, event: Any) -> None:
-        kind, client = event.target.value, event.client
-        self._actions.do(lambda: self._save(kind, client), client, "Recording")
+    def _save(self, client: Any) -> None:
+        client.send_file_download("drive.html", recording_page(list(self._rows), self.robot_name).encode())
 
-    def _save(self, kind: str, client: viser.ClientHandle) -> None:
-        with self._turn:
-            data = self._recording
-        if not data:
-            raise HuskyError(f"nothing is recorded yet: press {RECORD}, then {STOP}")
-        if kind == FILE:
-            client.send_file_download("drive.viser", data)
-        else:
-            client.send_file_download("drive.html", replay_page(data))
-
-    def _say(self, words: str) -> None:
-        content = _html(words)
-        if self._state.content != content:
-            self._state.content = content
+    def _show(self) -> None:
+        length = self._rows[-1][0] - self._rows[0][0] if self._rows else 0.0
+        text = f"recording, {length:.0f} s" if self._is_on else f"{length:.0f} s recorded"
+        set_html(self._state, f'<div class="husky-block">{text}</div>')
+        set_html(self._chosen, choice_html(0 if self._is_on else 1))
 
 
-def _html(words: str) -> str:
-    return f'<div class="husky-block">{words}</div>'
+def recording_page(rows: List[Tuple[float, ...]], robot_name: str) -> str:
+    """HTML page that plays a drive.
+
+    Args:
+        rows: time [s]; x, y, yaw of base_link; x, y of the pillar, NaN where it was not known [m, rad].
+        robot_name: of its description; where it is none of ROBOTS, the Husky is shown.
+
+    Raises:
+        HuskyError: there are no rows.
+    """
+    if not rows:
+        raise HuskyError(f"nothing is recorded yet: press {RECORD}, then {STOP}")
+    table = np.array(rows)
+    times, poses, pillars = table[:, 0], table[:, 1:4], table[:, 4:]
+    is_known = np.isfinite(pillars).all(axis=1)
+    if is_known.any():
+        pillars[~is_known] = pillars[is_known][0]
+    name = robot_name if robot_name in ROBOTS else "husky"
+    return to_html(
+        Replay(
+            "Drive",
+            f"{times[-1] - times[0]:.0f} s, recorded in the page",
+            times,
+            poses,
+            pillars if is_known.any() else pillars[:0],
+            pillar_radius=PILLARS[name].radius,
+            robot=load_robot(name),
+        )
+    )

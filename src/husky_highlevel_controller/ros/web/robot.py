@@ -32,8 +32,8 @@ class Visual(NamedTuple):
     pose_in_frame: Pose
 
 
-def rigid_groups(description: str) -> Dict[str, List[Visual]]:
-    """Visuals by the frame that they are fixed to: the root link, or a link behind a joint that moves.
+def rigid_groups(description: str) -> Tuple[str, Dict[str, List[Visual]]]:
+    """Name of a robot, and its visuals by the frame that moves them: the root link, or one behind a joint.
 
     Raises:
         DescriptionError: not a URDF, or an element in it that cannot be read.
@@ -49,7 +49,7 @@ def rigid_groups(description: str) -> Dict[str, List[Visual]]:
             if shape is not None:
                 pose_in_frame = compose(pose, origin_of(visual, label_of(link)))
                 groups.setdefault(frame, []).append(Visual(shape, pose_in_frame))
-    return groups
+    return robot.get("name", ""), groups
 
 
 def _fixed_to(link: str, links: Elements, joint_above: Elements) -> Tuple[str, Pose]:

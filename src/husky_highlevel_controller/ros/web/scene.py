@@ -81,6 +81,7 @@ class Scene:
         self.scan_stamp = 0.0  # [s]
         self.moment: Optional[float] = None  # [s] that is drawn: the newest scan's; None: each frame's newest
         self._robot: Dict[str, Any] = {}
+        self.robot_name = ""
         self._shadow: Any = None
         self.robot_shapes: List[Any] = []  # nodes that the mouse can take hold of
         self._drawn: Dict[Key, DrawnMarker] = {}
@@ -113,7 +114,7 @@ class Scene:
             node.remove()
         self._robot, self.robot_shapes, self._shadow = {}, [], None
         try:
-            groups = rigid_groups(description)
+            self.robot_name, groups = rigid_groups(description)
         except HuskyError as error:
             rospy.logwarn(str(error))
             return

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import base64
 import logging
 from contextlib import contextmanager
 from pathlib import Path
@@ -74,14 +73,6 @@ def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator
 def page_html() -> str:
     """Page of viser's client, which is one file."""
     return (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text()
-
-
-def embed_recording(html: str, recording: bytes) -> str:
-    """Page that plays a recording; StateSerializer.as_html has the same names, but works only once."""
-    at = html.index("</head>")
-    data = base64.b64encode(recording).decode()
-    script = f'window.__VISER_EMBED_DATA__="{data}";window.__VISER_EMBED_CONFIG__={{darkMode:false}};'
-    return f"{html[:at]}<script>{script}</script>{html[at:]}"
 
 
 def place(node: Any, pose: Pose) -> None:

@@ -190,7 +190,8 @@ URDF = """<robot name="r"><material name="red"><color rgba="1 0 0 1"/></material
 
 
 def test_visuals_hang_on_the_link_that_moves_them():
-    groups = rigid_groups(URDF)
+    name, groups = rigid_groups(URDF)
+    assert name == "r"
     assert set(groups) == {"base", "wheel"}
     box, mesh = groups["base"]
     assert box.shape.rgba == (1, 0, 0, 1)

@@ -1,27 +1,37 @@
 """What the page does: holding to drive, who may come in, parameters, the log, curves, worlds, rays."""
 
 import asyncio
-import base64
+import json
 import queue
 import re
 import threading
+from dataclasses import fields
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from sensor_msgs.msg import PointCloud2, PointField
 
+from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import IDENTITY, STOP, HuskyError, Twist2D
 from husky_highlevel_controller.ros.clouds import points_from_msg
 from husky_highlevel_controller.ros.web import actions, drawing, state_bar
-from husky_highlevel_controller.ros.web.gate import _parse, refusal, replay_page
+from husky_highlevel_controller.ros.web.gate import _parse, refusal
 from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, LogBuffer, to_html
 from husky_highlevel_controller.ros.web.mouse import Drag, Mouse, point_on_level
 from husky_highlevel_controller.ros.web.pages import MOVE
+from husky_highlevel_controller.ros.web.parameters import (
+    by_group,
+    from_yaml,
+    parameters,
+    shown_value,
+    to_yaml,
+)
 from husky_highlevel_controller.ros.web.plots import CHARTS, Curve, Mark, Rate, chart_html, fixed, nice_ticks
+from husky_highlevel_controller.ros.web.recorder import recording_page
 from husky_highlevel_controller.ros.web.state_bar import RobotStatus, state_html
 from husky_highlevel_controller.ros.web.teleop import EXPIRY, HoldToDrive, clamp_axis, set_speed
-from husky_highlevel_controller.ros.web.tuning import from_yaml, parameters, shown_value, to_yaml
 from husky_highlevel_controller.ros.web.viser_private import LoopEvent
 
 AHEAD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.8)
@@ -115,9 +125,21 @@ DESCRIPTION = {
 
 def test_parameters_of_all_groups_with_their_units():
     found = parameters(DESCRIPTION)
-    assert [item.label for item in found] == ["p_gain [1/s]", "beams", "search", "name"]
+    labels = ["p_gain [1/s]", "beams", "search (default on)", "name (default x)"]
+    assert [item.label for item in found] == labels
     assert [item.has_slider for item in found] == [True, True, False, False]
     assert [found[0].step, found[1].step] == [0.01, 1]
+
+
+def test_the_controller_s_parameters_are_grouped_and_another_server_s_are_as_it_says():
+    records = (*fields(ControlConfig), *fields(PillarConfig))
+    ours = parameters({"parameters": [entry(item.name, "double", 0.0, 1.0, 0.5) for item in records]})
+    groups = by_group(ours)
+    assert list(groups) == ["Gains", "Limits", "Search", "Detection"]
+    assert [item.name for item in groups["Gains"]] == ["p_gain_vel", "p_gain_ang"]
+    assert {item.name for item in groups["Detection"]} == {item.name for item in fields(PillarConfig)}
+    named = {"more": {**DESCRIPTION["groups"]["more"], "name": "more"}}
+    assert list(by_group(parameters({**DESCRIPTION, "groups": named}))) == ["", "Search", "more"]
 
 
 def test_an_enumeration_has_choices():
@@ -276,10 +298,16 @@ def test_a_number_that_rounds_to_nothing_has_no_sign():
     ]  # fmt: skip
 
 
-def test_a_saved_page_holds_the_recording_and_not_the_script_that_drives():
-    page = replay_page(b"recorded").decode()
-    assert base64.b64encode(b"recorded").decode() in page
-    assert "/drive" not in page
+def test_a_recording_is_a_page_of_the_drive_and_without_a_pillar_too():
+    rows = [(0.1 * step, 0.05 * step, 0.0, 0.0, np.nan, np.nan) for step in range(20)]
+    seen = [*rows, (2.0, 1.0, 0.0, 0.0, 3.0, 1.0)]
+    for rows_of_drive, robot, pillars in ((rows, "another", []), (seen, "smb", [[3.0, 1.0]])):
+        page = recording_page(rows_of_drive, robot)
+        drive = json.loads(re.search(r'id="data">(.*?)</script>', page).group(1))
+        assert drive["pillars"] == pillars
+        assert drive["times"][-1] == pytest.approx(rows_of_drive[-1][0])
+    with pytest.raises(HuskyError, match="nothing is recorded"):
+        recording_page([], "husky")
 
 
 # ---------------------------------------------------------------------------- what does not end the page

@@ -1,0 +1,165 @@
+"""Parameters of dynamic_reconfigure servers: kinds, ranges, groups, and YAML files of values.
+
+In: a server's description. Out: records.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from math import floor, isfinite, log10
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+import yaml
+
+from husky_highlevel_controller.datatypes import HuskyError
+
+WIDEST_SLIDER = 1e4  # from min to max; a slider of a wider range cannot be set to anything sensible
+STEPS = 1000  # of a slider, at least
+# of this package's controller, by the beginnings of its parameters' names; dynparam wants them flat
+GROUPS = {
+    "Gains": ("p_gain_",),
+    "Limits": ("max_linear", "max_angular", "stop_distance", "arrival_"),
+    "Search": ("search",),
+    "Detection": ("pillar_", "radius_", "max_residual", "range_noise", "min_beams"),
+}
+
+
+class Parameter(NamedTuple):
+    """Value that can be changed while its node runs."""
+
+    name: str
+    kind: str  # double, int, bool or str
+    default: Any
+    min: Any
+    max: Any
+    help: str
+    choices: Tuple[Tuple[str, Any], ...] = ()  # of an enumeration: name and value
+    server_group: str = ""  # of its server's groups
+
+    @property
+    def group(self) -> str:
+        """Group of the page; empty where it has none."""
+        ours = (group for group, beginnings in GROUPS.items() if self.name.startswith(beginnings))
+        return self.server_group or next(ours, "")
+
+    @property
+    def label(self) -> str:
+        """The name; the unit, where the help text ends with one; the default, where no slider marks it."""
+        unit = re.search(r"\[[^\]]+\]\s*$", self.help)
+        shown = (
+            {True: "on", False: "off"}[self.default]
+            if self.kind == "bool"
+            else shown_value(self, self.default)
+        )
+        default = "" if self.has_slider else f" (default {shown})"
+        return f"{self.name}{' ' + unit.group().strip() if unit else ''}{default}"
+
+    @property
+    def has_slider(self) -> bool:
+        """Whether its range is one that a slider can show."""
+        return (
+            self.kind in ("int", "double")
+            and not self.choices
+            and all(isfinite(limit) for limit in (self.min, self.max))
+            and 0 < self.max - self.min <= WIDEST_SLIDER
+        )
+
+    @property
+    def step(self) -> float:
+        """Step of the slider: 1 for whole numbers, else a power of ten that divides the range finely."""
+        if self.kind == "int":
+            return 1
+        return float(10.0 ** floor(log10((self.max - self.min) / STEPS)))
+
+    def checked(self, value: Any) -> Any:
+        """The value in this parameter's type.
+
+        Raises:
+            HuskyError: it is not of that type, or not within the range.
+        """
+        if self.kind in ("int", "double"):
+            is_number = isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
+            if not is_number or (self.kind == "int" and value != int(value)):
+                raise HuskyError(f"{self.name} = {value!r} is not a number of type {self.kind}")
+            if not self.min <= value <= self.max:
+                raise HuskyError(f"{self.name} = {value} is not within {self.min}..{self.max}")
+            return int(value) if self.kind == "int" else float(value)
+        if not isinstance(value, bool if self.kind == "bool" else str):
+            raise HuskyError(f"{self.name} = {value!r} is not of type {self.kind}")
+        return value
+
+
+def parameters(description: Mapping[str, Any], server_group: str = "") -> List[Parameter]:
+    """Parameters of all groups of a description."""
+    result = [_parameter(entry, server_group) for entry in description.get("parameters", ())]
+    groups = description.get("groups", {})
+    for group in groups.values() if isinstance(groups, Mapping) else groups:
+        names = {parameter.name for parameter in result}
+        of_group = parameters(group, str(group.get("name", "")))
+        result += [parameter for parameter in of_group if parameter.name not in names]
+    return result
+
+
+def by_group(all_parameters: Sequence[Parameter]) -> Dict[str, List[Parameter]]:
+    """Parameters by their group: those without one first, then GROUPS, then the server's own groups."""
+    names = dict.fromkeys(["", *GROUPS, *(parameter.group for parameter in all_parameters)])
+    groups = {name: [each for each in all_parameters if each.group == name] for name in names}
+    return {name: members for name, members in groups.items() if members}
+
+
+def to_yaml(values: Mapping[str, Mapping[str, Any]]) -> str:
+    """Values by node as a file that `from_yaml` reads and a person can edit."""
+    return str(yaml.safe_dump({node: dict(of_node) for node, of_node in values.items()}, sort_keys=True))
+
+
+def from_yaml(text: str, servers: Mapping[str, List[Parameter]]) -> Dict[str, Dict[str, Any]]:
+    """Checked values by node.
+
+    Args:
+        text: of the file.
+        servers: the parameters of every node there is.
+
+    Raises:
+        HuskyError: it is no such file, or names an unknown node or parameter, or a value cannot be.
+    """
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise HuskyError(f"this is no YAML: {error}") from None
+    if not isinstance(data, dict) or not all(isinstance(item, dict) for item in data.values()):
+        raise HuskyError("the file must name nodes, and below each its parameters")
+    return {node: _checked(node, values, servers) for node, values in data.items()}
+
+
+def _checked(node: str, values: Dict[str, Any], servers: Mapping[str, List[Parameter]]) -> Dict[str, Any]:
+    if node not in servers:
+        raise HuskyError(f"node '{node}' has no parameters to tune; there are {', '.join(servers) or 'none'}")
+    by_name = {parameter.name: parameter for parameter in servers[node]}
+    for name in values:
+        if name not in by_name:
+            raise HuskyError(f"{node} has no parameter '{name}'; there are {', '.join(by_name)}")
+    return {name: by_name[name].checked(value) for name, value in values.items()}
+
+
+def _parameter(entry: Mapping[str, Any], server_group: str) -> Parameter:
+    name, kind, default, low, high = (entry[key] for key in ("name", "type", "default", "min", "max"))
+    choices = _choices(entry.get("edit_method"))
+    return Parameter(name, kind, default, low, high, str(entry.get("description", "")), choices, server_group)
+
+
+def _choices(edit_method: Optional[Any]) -> Tuple[Tuple[str, Any], ...]:
+    """An enumeration travels as the text of a Python dictionary."""
+    if isinstance(edit_method, str) and edit_method:
+        try:
+            edit_method = ast.literal_eval(edit_method)
+        except (ValueError, SyntaxError):
+            return ()
+    if not isinstance(edit_method, dict):
+        return ()
+    return tuple((item["name"], item["value"]) for item in edit_method.get("enum", ()))
+
+
+def shown_value(parameter: Parameter, value: Any) -> Any:
+    """A value as its field shows it: one of an enumeration by its name."""
+    return next((name for name, item in parameter.choices if item == value), value)
