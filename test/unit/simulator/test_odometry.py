@@ -44,19 +44,17 @@ def test_a_robot_that_moves_as_its_wheels_say_is_where_its_twist_leads(start, li
     assert (reported.linear, reported.angular) == pytest.approx((linear, angular), abs=1e-12)
 
 
-def test_a_straight_metre():
-    assert_pose(drive(Twist2D(0.5, 0.0), 0.0, 2.0).pose_base_in_odom, 1.0, 0.0, 0.0)
-
-
-def test_wheels_that_skid_do_not_turn_the_heading_only_the_gyro_does():
-    odometry = drive(Twist2D(0.0, 2.0), 0.5, pi)
-    assert_pose(odometry.pose_base_in_odom, 0.0, 0.0, pi / 2.0)
-    assert odometry.twist_in_base.angular == 0.5
-
-
-def test_a_robot_shoved_around_with_its_wheels_still_knows_it_turned():
-    assert_pose(drive(Twist2D(), -1.0, 1.0).pose_base_in_odom, 0.0, 0.0, -1.0)
-
-
-def test_a_robot_at_rest_stays_where_it_is():
-    assert_pose(drive(Twist2D(), 0.0, 1.0, Pose2D(1.1, -2.2, 0.3)).pose_base_in_odom, 1.1, -2.2, 0.3)
+@pytest.mark.parametrize(
+    ("start", "twist", "yaw_rate", "seconds", "end"),
+    [
+        (ORIGIN, Twist2D(0.5, 0.0), 0.0, 2.0, (1.0, 0.0, 0.0)),
+        (ORIGIN, Twist2D(0.0, 2.0), 0.5, pi, (0.0, 0.0, pi / 2.0)),
+        (ORIGIN, Twist2D(), -1.0, 1.0, (0.0, 0.0, -1.0)),
+        (Pose2D(1.1, -2.2, 0.3), Twist2D(), 0.0, 1.0, (1.1, -2.2, 0.3)),
+    ],
+    ids=["a straight metre", "wheels that skid do not turn it", "shoved around it turns", "at rest it stays"],
+)
+def test_wheels_tell_the_way_and_the_gyro_the_heading(start, twist, yaw_rate, seconds, end):
+    odometry = drive(twist, yaw_rate, seconds, start)
+    assert_pose(odometry.pose_base_in_odom, *end)
+    assert odometry.twist_in_base.angular == yaw_rate

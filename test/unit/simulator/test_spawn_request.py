@@ -28,58 +28,49 @@ def test_a_shape_has_the_extents_asked_for(shape, size, made):
     assert [part.shape for part in (*body.collisions, *body.visuals)] == [made, made]
 
 
-@pytest.mark.parametrize("name", ["", "two words", "a/b", "a\nb", "<b>"])
-def test_a_name_is_a_name(name):
-    with pytest.raises(ObjectError, match="model_name '"):
-        make_object(name, "box", (1.0, 1.0, 1.0), 1.0, HERE)
-
-
-@pytest.mark.parametrize("value", [nan, inf, -inf, 1e308, -1.0, 0.0])
-def test_a_size_is_finite_positive_and_of_this_world(value):
-    with pytest.raises(ObjectError, match=f"size {re.escape(str(value))} is not within"):
-        make_object("it", "box", (1.0, value, 1.0), 1.0, HERE)
-
-
-@pytest.mark.parametrize("value", [nan, inf, 1e308, -1.0, 1e-9])
-def test_a_mass_is_zero_or_something_that_can_be_pushed(value):
-    with pytest.raises(ObjectError, match=f"mass {re.escape(str(value))} is not within"):
-        make_object("it", "box", (1.0, 1.0, 1.0), value, HERE)
-
-
-@pytest.mark.parametrize(("shape", "size"), [("cylinder", (1.0, 2.0, 1.0)), ("sphere", (1.0, 1.0, 2.0))])
-def test_what_is_round_is_round(shape, size):
-    with pytest.raises(ObjectError, match="diameters must be equal"):
-        make_object("it", shape, size, 1.0, HERE)
-
-
-def test_an_unknown_shape_is_answered_with_the_known_ones():
-    with pytest.raises(ObjectError, match="shape 'cone' is not one of box, cylinder, sphere"):
-        make_object("it", "cone", (1.0, 1.0, 1.0), 1.0, HERE)
-
-
-@pytest.mark.parametrize("value", [nan, inf, 1e308, -1e5])
-def test_a_position_is_finite_and_near(value):
-    with pytest.raises(ObjectError, match=f"position {re.escape(str(value))} is not within"):
-        checked_pose(Pose((0.0, value, 0.0)))
-
-
-@pytest.mark.parametrize("value", [nan, inf, 1e17])
-def test_a_shape_of_a_body_is_near_it(value):
-    body = make_object("it", "box", (1.0, 1.0, 1.0), 1.0, HERE)
-    part = replace(body.collisions[0], pose_in_body=Pose((value, 0.0, 0.0)))
-    for change in ({"collisions": (part,)}, {"visuals": (part,)}):
-        with pytest.raises(
-            ObjectError, match=f"position of a shape in it {re.escape(str(value))} is not within"
-        ):
-            checked(replace(body, **change))
+def box(name="it", size=1.0, mass=1.0):
+    return name, "box", (1.0, size, 1.0), mass
 
 
 @pytest.mark.parametrize(
-    "quat", [(0.0,) * 4, (nan,) * 4, (inf, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0), (1e308,) * 4]
+    ("request_", "sentence"),
+    [
+        *[(box(name=name), f"model_name '{name}'") for name in ("", "two words", "a/b", "<b>")],
+        (box(name="a\nb"), "model_name '"),
+        *[(box(size=size), f"size {size} is not within") for size in (nan, inf, -inf, 1e308, -1.0, 0.0)],
+        *[(box(mass=mass), f"mass {mass} is not within") for mass in (nan, inf, 1e308, -1.0, 1e-9)],
+        (("it", "cylinder", (1.0, 2.0, 1.0), 1.0), "diameters must be equal"),
+        (("it", "sphere", (1.0, 1.0, 2.0), 1.0), "diameters must be equal"),
+        (("it", "cone", (1.0, 1.0, 1.0), 1.0), "shape 'cone' is not one of box, cylinder, sphere"),
+    ],
 )
-def test_an_orientation_is_a_unit_quaternion(quat):
-    with pytest.raises(ObjectError, match="is not a unit quaternion"):
-        checked_pose(Pose((0.0, 0.0, 0.0), quat))
+def test_what_is_no_object_is_refused_by_name_and_value(request_, sentence):
+    with pytest.raises(ObjectError, match=re.escape(sentence)):
+        make_object(*request_, HERE)
+
+
+@pytest.mark.parametrize(
+    ("pose", "sentence"),
+    [
+        *[(Pose((0.0, x, 0.0)), f"position {x} is not within") for x in (nan, inf, 1e308, -1e5)],
+        *[
+            (Pose((0.0, 0.0, 0.0), quat), "is not a unit quaternion")
+            for quat in ((0.0,) * 4, (nan,) * 4, (inf, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0), (1e308,) * 4)
+        ],
+    ],
+)
+def test_a_pose_is_finite_near_and_a_rotation(pose, sentence):
+    with pytest.raises(ObjectError, match=re.escape(sentence)):
+        checked_pose(pose)
+
+
+@pytest.mark.parametrize("value", [nan, inf, 1e17])
+@pytest.mark.parametrize("parts", ["collisions", "visuals"])
+def test_a_shape_of_a_body_is_near_it(parts, value):
+    body = make_object(*box(), HERE)
+    part = replace(body.collisions[0], pose_in_body=Pose((value, 0.0, 0.0)))
+    with pytest.raises(ObjectError, match=re.escape(f"position of a shape in it {value} is not within")):
+        checked(replace(body, **{parts: (part,)}))
 
 
 def test_a_quaternion_rounded_by_hand_is_made_whole():
