@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from stage import GROUND
+from stage import drive
 
-from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Twist2D, World
+from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.rollout import model_of
 from husky_highlevel_controller.simulator.profile import RobotProfile
-from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 TRACK, RADIUS = 0.5708, 0.1651
@@ -18,31 +17,20 @@ HARD, SOFT = (replace(GAZEBO, real=RobotProfile().on(ground)) for ground in ("ha
 
 
 @pytest.fixture
-def simulate():
-    """Makes simulations of an empty plane, and closes them."""
-    made = []
-
-    def make(config, robot=None):
-        robot = robot or model_of(config.robot, "robot" if config.real else "gazebo")
-        made.append(Simulation(World("w", (GROUND,)), robot, config, Pose2D(), 0))
-        return made[-1]
-
-    yield make
-    for simulation in made:
-        simulation.close()
-
-
-def drive(simulation, seconds, *twist):
-    snapshots = []
-    for _ in range(round(seconds / simulation.dt)):
-        simulation.command(Twist2D(*twist))
-        snapshots.append(simulation.step())
-    return snapshots
+def simulate(simulate):
+    return lambda config: simulate(
+        config=config, robot=model_of(config.robot, "robot" if config.real else "gazebo")
+    )
 
 
 def steady(simulation, *twist):
     """Snapshots of the second half of 4 s."""
     return drive(simulation, 4.0, *twist)[400:]
+
+
+def with_friction(friction):
+    ground = replace(HARD.real.ground, friction=friction)
+    return replace(HARD, real=replace(HARD.real, ground=ground))
 
 
 def effective_track(snapshots):
@@ -61,59 +49,45 @@ TURNS = [(0.0, 0.2), (0.0, 0.5), (0.24, 0.25), (0.5, 0.5), (0.5, -0.5)]
 
 
 @pytest.mark.parametrize("twist", TURNS)
-def test_on_hard_ground_the_effective_track_is_as_measured(simulate, twist):
-    assert 1.70 <= effective_track(steady(simulate(HARD), *twist)) <= 1.85
-
-
-@pytest.mark.parametrize("twist", TURNS)
-def test_on_soft_ground_the_effective_track_is_as_measured(simulate, twist):
-    assert 1.9 <= effective_track(steady(simulate(SOFT), *twist)) <= 2.4
+@pytest.mark.parametrize(
+    ("config", "low", "high"), [(HARD, 1.70, 1.85), (SOFT, 1.9, 2.4)], ids=["hard ground", "soft ground"]
+)
+def test_the_effective_track_is_as_measured(config, low, high, twist, simulate):
+    assert low <= effective_track(steady(simulate(config), *twist)) <= high
 
 
 def test_on_hard_ground_the_track_hardly_depends_on_friction(simulate):
-    def with_friction(mu):
-        real = HARD.real
-        return replace(HARD, real=replace(real, ground=replace(real.ground, friction=mu)))
-
     tracks = [effective_track(steady(simulate(with_friction(mu)), 0.0, 0.5)) for mu in (0.3, 0.6, 1.0)]
     assert max(tracks) - min(tracks) < 0.02
 
 
 @pytest.mark.parametrize(
-    ("config", "twist", "measured"),
+    ("config", "twist", "measured", "within"),
     [
-        (HARD, (0.3, 0.0), 3.9),  # flooring
-        (HARD, (1.0, 0.0), 3.8),  # asphalt
-        (HARD, (0.0, 0.5), 18.0),  # flooring; the one figure that torque_per_ampere is fitted to
-        (SOFT, (0.3, 0.0), 7.5),  # loam
-        (SOFT, (0.0, 0.5), 23.0),  # loam
+        (HARD, (0.3, 0.0), 3.9, 0.1),  # flooring
+        (HARD, (1.0, 0.0), 3.8, 0.1),  # asphalt
+        (HARD, (0.0, 0.5), 18.0, 0.1),  # flooring; the one figure that torque_per_ampere is fitted to
+        (SOFT, (0.3, 0.0), 7.5, 0.1),  # loam
+        (SOFT, (0.0, 0.5), 23.0, 0.1),  # loam
+        (with_friction(0.25), (0.0, 0.5), 7.2, 0.15),  # ice
     ],
 )
-def test_the_motors_draw_the_measured_currents(simulate, config, twist, measured):
-    assert currents(steady(simulate(config), *twist)) == pytest.approx(measured, rel=0.1)
+def test_the_motors_draw_the_measured_currents(simulate, config, twist, measured, within):
+    assert currents(steady(simulate(config), *twist)) == pytest.approx(measured, rel=within)
 
 
-def test_on_ice_turning_draws_the_measured_current(simulate):
-    ground = replace(HARD.real.ground, friction=0.25)
-    ice = replace(HARD, real=replace(HARD.real, ground=ground))
-    assert currents(steady(simulate(ice), 0.0, 0.5)) == pytest.approx(7.2, rel=0.15)
-
-
-def test_a_fast_turn_is_scaled_as_the_real_base_does(simulate):
-    speed = np.mean([s.robot.velocity_in_base[0] for s in steady(simulate(HARD), 1.0, 1.0)])
-    assert speed == pytest.approx(0.65, abs=0.02), "commanded 1.0 m/s and 1.0 rad/s"
-
-
-@pytest.mark.parametrize("angular", [1.0, -1.0])
-def test_turning_does_not_change_the_speed_of_a_centred_mass(simulate, angular):
-    real, gazebo = (
-        np.mean([s.robot.velocity_in_base[0] for s in steady(simulate(config), 0.5, angular)])
-        for config in (HARD, GAZEBO)
-    )
-    assert real == pytest.approx(0.5, rel=0.05)
-    assert gazebo == pytest.approx(0.591 if angular > 0.0 else 0.436, rel=0.03), (
-        "the published mass: Gazebo's"
-    )
+@pytest.mark.parametrize(
+    ("config", "twist", "speed", "within"),
+    [
+        (HARD, (1.0, 1.0), 0.65, 0.02),  # scaled as the real base does
+        *[(HARD, (0.5, side), 0.5, 0.025) for side in (1.0, -1.0)],  # its mass is in the middle
+        (GAZEBO, (0.5, 1.0), 0.591, 0.0177),  # the published mass
+        (GAZEBO, (0.5, -1.0), 0.436, 0.0131),
+    ],
+)
+def test_turns_change_the_speed_as_measured(config, twist, speed, within, simulate):
+    speeds = [snapshot.robot.velocity_in_base[0] for snapshot in steady(simulate(config), *twist)]
+    assert np.mean(speeds) == pytest.approx(speed, abs=within)
 
 
 def test_rates_are_the_real_drivers(simulate):

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from math import dist, hypot, inf, nan
-from pathlib import Path
 
 import numpy as np
 import pybullet
@@ -22,9 +21,9 @@ from husky_highlevel_controller.datatypes import (
     World,
 )
 from husky_highlevel_controller.geometry import compose, quat_from_rpy, yaw_from_quat
+from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.simulator.bullet.world import PlacementError
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
-from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 EXACT = replace(simulator_config(), lidar=replace(simulator_config().lidar, noise=0.0))
@@ -172,7 +171,7 @@ def test_a_start_inside_something_is_refused_and_frees_the_engine(simulate):
     assert [client for client in range(64) if pybullet.isConnected(client)] == before
 
 
-def test_everything_goes_back_to_where_it_was_put(simulate):
+def test_everything_goes_back_to_where_it_was_put_and_a_reset_leaves_nothing_of_what_was_changed(simulate):
     simulation = simulate(crate(1.5))
     simulation.spawn([body("ball", Sphere(0.1), x=-2.0, z=0.1, mass=0.1)])
     drive(simulation, 4.0, 0.5)
@@ -182,12 +181,7 @@ def test_everything_goes_back_to_where_it_was_put(simulate):
     assert place(simulation) == pytest.approx((0.0, 0.0), abs=2e-3)
     assert simulation.pose_of("box").position == pytest.approx((1.5, 0.0, 0.5), abs=2e-3)
     assert simulation.pose_of("ball").position[:2] == pytest.approx((-2.0, 0.0), abs=2e-3)
-
-
-def test_a_reset_leaves_nothing_of_what_was_changed(simulate):
-    simulation = simulate(crate(1.5))
     simulation.delete("box")
-    simulation.spawn([body("ball", Sphere(0.1), x=-2.0, z=0.1, mass=0.1)])
     simulation.reset()
     assert set(simulation.bodies) == {"ground", "box"}
     assert ahead(simulation) == pytest.approx(1.3, abs=0.01)
@@ -218,22 +212,17 @@ def grant(simulation, name, argument):
 
 
 @pytest.mark.parametrize("examples", [5, pytest.param(200, marks=pytest.mark.slow)])
-def test_a_refused_request_changes_nothing_and_a_granted_one_all(examples):
-    settings(derandomize=True, max_examples=examples, deadline=None)(
-        given(st.lists(REQUESTS, min_size=1, max_size=6))(check_beside_a_twin)
-    )()
-
-
-def check_beside_a_twin(requests):
+def test_a_refused_request_changes_nothing_and_a_granted_one_all(examples, simulate):
     """Beside a twin that gets the granted requests alone, every later state is the same to the last bit."""
     screen = replace(body("screen", Box((0.1, 0.1, 0.1)), x=2.0), collisions=())
-    world = World("w", (GROUND, POST, crate(1.2), screen))
-    asked, twin = (Simulation(world, HUSKY, EXACT, Pose2D(), 1) for _ in range(2))
-    try:
+    asked, twin = (simulate(POST, crate(1.2), screen) for _ in range(2))
+
+    @settings(derandomize=True, max_examples=examples, deadline=None)
+    @given(st.lists(REQUESTS, min_size=1, max_size=6))
+    def hold(requests):
         for simulation in (asked, twin):
-            simulation.command(Twist2D(0.8, 0.1))
-            for _ in range(300):  # into the box, which slides
-                simulation.step()
+            simulation.reset(1)
+            drive(simulation, 1.5, 0.8, 0.1)  # into the box, which slides
         for name, argument in requests:
             try:
                 grant(asked, name, argument)
@@ -245,9 +234,8 @@ def check_beside_a_twin(requests):
             for _ in range(20):
                 assert asked.step().robot == twin.step().robot
                 assert all(asked.pose_of(each) == twin.pose_of(each) for each in asked.bodies)
-    finally:
-        for simulation in (asked, twin):
-            simulation.close()
+
+    hold()
 
 
 def test_a_thousand_things_come_and_go_and_leave_no_body_behind(simulate):
@@ -294,38 +282,24 @@ def test_the_robot_starts_moves_and_resets_on_top_of_a_slab(simulate):
         assert simulation.step().robot.pose_in_world.position[2] == pytest.approx(height, abs=1e-3)
     simulation.move("husky", Pose((6.0, 0.0, 0.0), UPRIGHT))
     assert simulation.step().robot.pose_in_world.position[2] == pytest.approx(height - 0.05, abs=1e-3)
-    with pytest.raises(PlacementError, match="'husky' would stand inside 'asphalt'"):
-        simulation.move("husky", Pose((4.0, 0.0, 0.0), UPRIGHT))  # half on it
+    # half on it
+    refused("'husky' would stand inside 'asphalt'", simulation.move, "husky", Pose((4.0, 0.0, 0.0), UPRIGHT))
 
 
-WORLDS = sorted((Path(__file__).parents[2] / "worlds").glob("*.world"))
+WORLDS = {path.stem: load_world(path) for path in sorted((share_folder() / "worlds").glob("*.world"))}
+WORLDS["moon"] = World("moon", (GROUND,), (0.0, 0.0, -1.62))  # Gazebo writes -9.8 or -9.81, by its version
 
 
-@pytest.mark.parametrize("path", WORLDS, ids=lambda path: path.stem)
-def test_a_loaded_world_is_as_if_begun_in_and_time_runs_on(path, simulate):
-    simulation, world = simulate(body("box", Box((1.0, 1.0, 1.0)), 3.0, 0.0, 0.5)), load_world(path)
+@pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS)
+def test_a_loaded_world_is_as_if_begun_in_and_time_runs_on(world, simulate):
+    simulation, begun = simulate(body("box", Box((1.0, 1.0, 1.0)), 3.0, 0.0, 0.5)), simulate(world)
     drive(simulation, 1.0, 0.5)
     simulation.load_world(world)
-    begun = Simulation(world, HUSKY, EXACT, Pose2D(), 1)
     assert list(simulation.bodies) == list(begun.bodies)
     assert simulation.stamp == 1.0
     assert ahead(simulation) == ahead(begun)
-    begun.close()
-
-
-def felt(simulation):
-    """What the IMU feels upwards after a second [m/s^2]."""
-    return [s.imu.specific_force[2] for s in drive(simulation, 1.0) if s.imu is not None][-1]
-
-
-def test_another_worlds_gravity_is_loaded_with_it(simulate):
-    # Gazebo writes -9.8 or -9.81, by its version
-    simulation, world = simulate(), World("moon", (GROUND,), (0.0, 0.0, -1.62))
-    drive(simulation, 1.0)
-    simulation.load_world(world)
-    begun = Simulation(world, HUSKY, EXACT, Pose2D(), 1)
-    assert felt(simulation) == felt(begun) == pytest.approx(1.62, abs=0.2)
-    begun.close()
+    forces = [[s.imu.specific_force[2] for s in drive(each, 0.5) if s.imu] for each in (simulation, begun)]
+    assert forces[0][-1] == forces[1][-1] == pytest.approx(-world.gravity[2], abs=0.2)
 
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.8), (0.0, 0.0, -1.6)])
@@ -334,13 +308,14 @@ def test_a_world_that_is_refused_changes_nothing(gravity, simulate):
     drive(simulation, 1.0, 0.5)
     before = place(simulation)
     on_the_start = body("wall", Box((1.0, 1.0, 1.0)), 0.0, 0.0, 0.5)
-    with pytest.raises(PlacementError):
-        simulation.load_world(World("blocked", (GROUND, on_the_start), gravity))
+    refused(
+        "'husky' would stand inside 'wall'",
+        simulation.load_world,
+        World("blocked", (GROUND, on_the_start), gravity),
+    )
     assert dist(place(simulation), before) < 0.01
     assert set(simulation.bodies) == {GROUND.name}
 
 
-def test_in_a_world_with_nothing_in_it_nothing_is_seen():
-    simulation = Simulation(World("w", ()), HUSKY, EXACT, Pose2D(), 1)
-    assert ahead(simulation) == inf
-    simulation.close()
+def test_in_a_world_with_nothing_in_it_nothing_is_seen(simulate):
+    assert ahead(simulate(World("w", ()))) == inf
