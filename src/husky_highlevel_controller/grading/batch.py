@@ -39,6 +39,7 @@ from husky_highlevel_controller.grading.records import (
     MarkingConfig,
     Override,
     Result,
+    ResultState,
     Rules,
     load,
     to_json,
@@ -93,6 +94,8 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[Result]:
         if name not in names:
             raise HuskyError(f"--only {name}: not in {batch.folder}; there are: {', '.join(names)}")
     overrides = read_overrides(batch.folder, names)
+    batch.out.mkdir(parents=True, exist_ok=True)
+    (batch.out / "CATKIN_IGNORE").touch()  # unpacked hand-ins are no packages of a workspace around them
     results: Dict[str, Result] = {}
     waiting: List[Job] = []
     for hand_in in hand_ins:
@@ -122,6 +125,8 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[Result]:
     write_class(ordered, batch.out)
     for result in ordered:
         print(f"{result.name:<40}{_sum(result)}")
+    if open_ones := [each.name for each in ordered if each.state is not ResultState.MARKED]:
+        print(f"\nnot decided, and so not in moodle.csv: {', '.join(open_ones)}")
     print(f"\ntable: {batch.out / 'results.csv'}\npage:  {batch.out / 'index.html'}")
     return ordered
 

@@ -42,7 +42,6 @@ from husky_highlevel_controller.grading.hand_in.build import (
     copy_packages,
     is_built,
 )
-from husky_highlevel_controller.grading.hand_in.dependencies import missing_packages
 from husky_highlevel_controller.grading.hand_in.launch_choice import (
     choose_launch_files,
     read_launch_files,
@@ -591,8 +590,11 @@ def test_a_build_that_puts_a_link_in_place_of_a_package_is_refused(tmp_path, mon
 def test_without_a_launch_file_that_fits_there_is_no_mark(ann, husky):
     launch(husky / "rviz.launch", RVIZ)
     put(husky / "broken.launch", "<launch>")
+    launch(husky / "off.launch", "<!--", NODE.format("husky"), "-->")
     os.mkfifo(husky / "fifo.launch")
-    with pytest.raises(NotMarkableError, match="no launch file starts a node of the hand-in"):
+    with pytest.raises(
+        NotMarkableError, match=r"hand-in; husky/controller is commented out in husky/off\.launch; launch"
+    ):
         launch_files(ann)
 
 
@@ -662,14 +664,13 @@ def test_paths_of_another_computer_are_read_in_the_hand_in(ann, husky, tmp_path)
     assert notes == [f"paths of another computer, read in the hand-in: {home}/config/a.yaml"]
 
 
-def test_all_packages_that_are_not_installed_are_found_at_once(ann, husky, tmp_path):
-    put(
-        husky / "CMakeLists.txt",
-        "find_package(catkin REQUIRED COMPONENTS # cmake\n  roscpp no_such_one husky\n no_such_two ${A}\n)",
-    )
-    folders, _ = copied(ann, tmp_path)
-    missing = missing_packages(folders.packages, {"husky"}, dict(os.environ))
-    assert missing - {"roscpp"} == {"no_such_one", "no_such_two"}
+def test_packages_that_cmake_misses_one_after_the_other_are_told_together(tmp_path, monkeypatch):
+    missing = 'Could not find a package configuration file provided by\n  "{}" with any'
+    outputs = [(missing.format(name), 2) for name in ("no_such_one", "no_such_two")] + [("", 0)]
+    monkeypatch.setattr(build_module, "_catkin_make", lambda *_: outputs.pop(0))
+    built = build_module.build(Folders(tmp_path / "ws"), frozenset(), Workspace())
+    assert not built.error
+    assert "not installed: no_such_one (not in Debian), no_such_two (not in Debian)" in built.notes[0]
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,8 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int) -> List[Laun
     if not fitting:
         names = ", ".join(sorted(str(file.place) for file in files)[:20]) or "none"
         what = "ekf_localization_node" if exercise == BAG_EXERCISE else "a node of the hand-in"
-        raise NotMarkableError(f"no launch file starts {what}; launch files: {names}")
+        off = [f"{n} is commented out in {each.place}; " for each in files for n in nodes_in(each.path, True)]
+        raise NotMarkableError(f"no launch file starts {what}; {''.join(off[:3])}launch files: {names}")
     return sorted(fitting, key=lambda file: _rank(file, exercise))
 
 

@@ -35,6 +35,7 @@ KNOWN = frozenset({
 })  # fmt: skip
 COPIED = {"husky_gazebo", "smb_gazebo"}  # to put one's own worlds and launch files into
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+_COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
 _ATTRIBUTE = re.compile(r"""\b(pkg|type)\s*=\s*["']([^"']*)""")
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
 _WORD = r"(?:exercises?|exercice|exo|ex|course|session|uebung|\u00fcbung|task|homework|hw|lab|tp|sheet)"
@@ -262,11 +263,12 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
     return -fits, not starts, in_archive, -len(files), len(package.place.parts), str(package.place)
 
 
-def nodes_in(launch_file: Path) -> Tuple[str, ...]:
-    """Nodes, package/type, that the text of a launch file names."""
+def nodes_in(launch_file: Path, in_comments: bool = False) -> Tuple[str, ...]:
+    """Nodes, package/type, that the text of a launch file names; or that its comments name."""
     try:
-        text = re.sub(r"<!--.*?(?:-->|\Z)", "", read_text(launch_file, MAX_MANIFEST), flags=re.DOTALL)
+        text = read_text(launch_file, MAX_MANIFEST)
     except UnreadableFileError:
         return ()
+    text = " ".join(_COMMENT.findall(text)) if in_comments else _COMMENT.sub("", text)
     nodes = [dict(_ATTRIBUTE.findall(node)) for node in re.findall(r"<node\b([^<>]{0,2000})", text)]
     return tuple(dict.fromkeys(f"{node['pkg']}/{node.get('type', '')}" for node in nodes if "pkg" in node))

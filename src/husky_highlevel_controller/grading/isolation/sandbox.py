@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import shlex
 import shutil
 import stat
 import subprocess
@@ -48,12 +47,7 @@ _BUBBLEWRAP = [
 ]  # fmt: skip
 _NO_NESTED_NAMESPACES = ["--disable-userns"]  # bubblewrap 0.8 and newer
 _NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
-_SOURCE = 'while [ "$1" != -- ]; do source "$1" >/dev/null || exit 1; shift; done; shift; '
-_HIDE = (
-    'P=":$PYTHONPATH:"; for H in "${MARKING_HIDDEN[@]}"; do P=${P//":$H:"/:}; done; '
-    "P=${P#:}; export PYTHONPATH=${P%:}; "
-)
-_PACKAGES = 'export ROS_PACKAGE_PATH="$MARKING_PACKAGES${MARKING_PACKAGES:+:}$ROS_PACKAGE_PATH"; exec "$@"'
+_IN_WORKSPACE = share_folder() / "tools" / "in_workspace.bash"
 
 
 def clean_environment() -> Dict[str, str]:
@@ -85,13 +79,11 @@ def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: D
     limits += [f"--nofile={DESCRIPTORS}"]
     if kind != NONE:
         limits.append(f"--nproc={THREADS}")
-    packages = os.pathsep.join(map(str, workspace.packages))
+    hidden = [] if workspace.own_modules else _own_modules()
+    lists = [os.pathsep.join(map(str, paths)) for paths in (workspace.packages, hidden)]
     setups = [str(path.resolve()) for path in workspace.setups]
-    script = f"MARKING_PACKAGES={shlex.quote(packages)}; {_SOURCE}"
-    if not workspace.own_modules:
-        script += f"MARKING_HIDDEN=({' '.join(map(shlex.quote, _own_modules()))}); {_HIDE}"
-    source = [system_program("bash"), "-c", script + _PACKAGES, "bash"]
-    inner = [*limits, *source, *setups, "--", system_program("stdbuf"), "-oL", *command]
+    source = [system_program("bash"), str(_IN_WORKSPACE), *lists, *setups]
+    inner = [*limits, *source, "--", system_program("stdbuf"), "-oL", *command]
     if kind == BUBBLEWRAP:
         return [system_program("bwrap"), *_bubblewrap(), *_mounts(workspace, folder, env), "--", *inner]
     return [system_program("unshare"), *_NAMESPACE, *inner] if kind == NAMESPACE else inner

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, hypot, isfinite, sin
+from math import atan2, cos, hypot, inf, isfinite, pi, sin
 from typing import Any, List, Sequence
 
 import numpy as np
@@ -62,12 +62,9 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
     if len(recording.poses):
         for row in (0, -1):
             draw_robot(axis, tuple(recording.poses[row]), load_robot(recording.robot).footprint)
-        axis.annotate(
-            "start", (x[0], y[0]), (0, 12), textcoords="offset points", ha="center", fontsize=9, zorder=8
-        )
-    axis.annotate(
-        "pillar", recording.pillar, (0, 10), textcoords="offset points", ha="center", fontsize=9, zorder=8
-    )
+        _label(axis, "start", (x[0], y[0]), recording.pillar, 18)
+    robot = tuple(recording.poses[-1, :2]) if len(recording.poses) else (-inf, 0.0)
+    _label(axis, "pillar", recording.pillar, robot, -12)
     markers = _near(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
     if markers:
         places = np.array([marker.position[:2] for marker in markers])
@@ -76,11 +73,21 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
             places[:, 0], places[:, 1], c=times, marker="x", s=34, linewidths=1.2, zorder=6, **colors
         )
         words = "marker" if len(markers) == 1 else "markers"
-        axis.annotate(
-            words, places[len(places) // 2], (0, -18), textcoords="offset points", ha="center", fontsize=9,
-            color=MARKER, arrowprops={"arrowstyle": "-", "color": MARKER},
-        )  # fmt: skip
+        arrow = {"arrowstyle": "-", "color": MARKER}
+        _label(axis, words, places[len(places) // 2], robot, 30, color=MARKER, arrowprops=arrow)
     return dots
+
+
+def _label(
+    axis: Any, text: str, at: Sequence[float], robot: Sequence[float], gap: float, **more: Any
+) -> None:
+    """Write a text beside the line from the robot to a place [m], points away from it; < 0: to its right."""
+    angle = atan2(at[1] - robot[1], at[0] - robot[0]) + pi / 2.0
+    offset = gap * cos(angle), gap * sin(angle)
+    side = "left" if offset[0] > 5.0 else "right" if offset[0] < -5.0 else "center"
+    axis.annotate(
+        text, at, offset, textcoords="offset points", ha=side, va="center", fontsize=9, zorder=8, **more
+    )
 
 
 def _near(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:
@@ -115,9 +122,7 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     for marker in markers:
         axis.plot(*marker.position[:2], "X", color=MARKER, markersize=12, markeredgecolor="white", zorder=7,
                   label=f"marker on {plain(marker.topic)}")  # fmt: skip
-    axis.annotate(
-        "pillar", recording.pillar, (0, 10), textcoords="offset points", ha="center", fontsize=9, zorder=8
-    )
+    _label(axis, "pillar", recording.pillar, (x, y), -12)
     axis.legend(fontsize=9)
     absent = "" if markers else "; no marker so far"
     axis.set_title(f"{recording.times[row]:.2f} s{absent}", fontsize=11)
