@@ -42,13 +42,7 @@ class Localization:
         self._slot = 0  # of the next estimate: its time in periods
 
     def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
-        """Put the robot at rest somewhere; earlier readings no longer count.
-
-        Args:
-            stamp: [s].
-            pose: x, y, yaw in odom [m, m, rad].
-            covariance: (3, 3).
-        """
+        """Put the robot at rest at x, y, yaw in odom [m, m, rad], covariance (3, 3), from a stamp [s] on."""
         self._ekf.set_pose(stamp, pose, covariance)
         self._waiting, self._set_at = [], stamp
         self._slot = ceil(stamp * self._frequency)
@@ -58,13 +52,7 @@ class Localization:
     def add(
         self, name: str, reading: Reading, mounting: Mounting, silent: Optional[Collection[str]] = None
     ) -> List[MotionEstimate]:
-        """Take a sensor's reading; the estimates that are due by it.
-
-        Args:
-            name: of the sensor.
-            reading: later than its last one.
-            mounting: frames of its numbers.
-            silent: sensors that are not waited for once they are PATIENCE behind; None: any.
+        """Estimates that are due by a sensor's reading; `silent` ones are not waited for, by default any.
 
         Raises:
             ReadingError: it is no later than the one before, or a number that counts is none.
@@ -82,7 +70,11 @@ class Localization:
         while self._waiting and self._waiting[0][0] <= horizon:
             stamp, name, reading, mounting = heapq.heappop(self._waiting)
             due += self._estimates(stamp - SAME_TIME)
-            self._process(name, reading, mounting)
+            if not self._ekf.started:
+                self._slot = ceil((stamp - SAME_TIME) * self._frequency)
+            yaw_rate = float(self._ekf.estimate.state[YAW_RATE])
+            for measurement in self._sensors[name].measurements(reading, mounting, yaw_rate):
+                self._ekf.process(measurement)
         return due + self._estimates(horizon + SAME_TIME)
 
     def _horizon(self, silent: Collection[str]) -> float:
@@ -91,21 +83,12 @@ class Localization:
         given_up = {name for name in silent if self._last.get(name, self._first) < behind}
         return min(self._last.get(name, -inf) for name in self._sensors if name not in given_up)
 
-    def _process(self, name: str, reading: Reading, mounting: Mounting) -> None:
-        started, yaw_rate = self._ekf.started, float(self._ekf.estimate.state[YAW_RATE])
-        for measurement in self._sensors[name].measurements(reading, mounting, yaw_rate):
-            self._ekf.process(measurement)
-        if self._ekf.started and not started:
-            self._slot = ceil((reading.stamp - SAME_TIME) * self._frequency)
-
     def _estimates(self, end: float) -> List[MotionEstimate]:
         """The estimates up to a time that no measurement lies before [s]."""
-        if not self._ekf.started:
-            return []
-        estimates = []
+        estimates: List[MotionEstimate] = []
         if end - self._ekf.estimate.stamp > MAX_PAUSE:
             self._slot = max(self._slot, ceil(end * self._frequency))
-        while (stamp := self._slot / self._frequency) < end:
+        while self._ekf.started and (stamp := self._slot / self._frequency) < end:
             self._slot += 1
             late = stamp - self._ekf.estimate.stamp >= self._timeout
             estimate = self._ekf.predicted(stamp) if self._predicts or late else self._ekf.estimate

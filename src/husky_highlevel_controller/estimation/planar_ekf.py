@@ -16,10 +16,8 @@ import numpy as np
 
 from husky_highlevel_controller.geometry import wrap_angle
 
-X, Y, YAW, VX, VY, YAW_RATE, AX, AY = range(
-    8
-)  # the states: pose in odom, velocity and acceleration in base_link
 STATES = 8
+X, Y, YAW, VX, VY, YAW_RATE, AX, AY = range(STATES)  # pose in odom, velocity, acceleration in base_link
 MIN_VARIANCE = 1e-9  # of a measured value
 INITIAL_VARIANCE = 1e-9
 MAX_STEP = 1e5  # [s]; a longer one is a change of clock, and counts as CLOCK_STEP
@@ -41,28 +39,20 @@ class MotionEstimate(NamedTuple):
     """Estimated motion of base_link."""
 
     stamp: float  # [s]
-    state: (
-        np.ndarray
-    )  # (8,): x, y [m], yaw [rad] in odom; vx, vy [m/s], yaw rate [rad/s], ax, ay [m/s^2] in base_link
+    state: np.ndarray  # (8,) [m, rad, m/s, rad/s, m/s^2], by the indices above
     covariance: np.ndarray  # (8, 8)
 
 
 class PlanarEkf:
     """The filter; it begins with the first measurement."""
 
-    def __init__(
-        self,
-        process_noise: Optional[np.ndarray] = None,
-        initial_covariance: Optional[np.ndarray] = None,
-    ) -> None:
-        """A filter at the origin.
+    def __init__(self, noise: Optional[np.ndarray] = None, initial: Optional[np.ndarray] = None) -> None:
+        """A filter at the origin, with process noise, which is growth of the covariance a second, (8, 8).
 
-        Args:
-            process_noise: growth of the covariance a second, (8, 8).
-            initial_covariance: of states that the first measurement does not hold, (8, 8).
+        `initial` is the covariance of states that the first measurement does not hold, (8, 8).
         """
-        self._process_noise = np.diag(PROCESS_NOISE) if process_noise is None else process_noise
-        initial = INITIAL_VARIANCE * np.eye(STATES) if initial_covariance is None else initial_covariance
+        self._process_noise = np.diag(PROCESS_NOISE) if noise is None else noise
+        initial = INITIAL_VARIANCE * np.eye(STATES) if initial is None else initial
         self.estimate = MotionEstimate(0.0, np.zeros(STATES), initial)
         self.started = False
 

@@ -24,7 +24,7 @@ from husky_highlevel_controller.geometry import (
     rotate,
     rpy_from_quat,
     wrap_angle,
-)
+)  # fmt: skip
 
 ON_PLANE = (0, 1, 5)  # x, y and yaw of six numbers
 SAME = 1e-6  # a direction that turns into another by no more than this is not measured there
@@ -57,15 +57,8 @@ class MotionSensor:
     """A topic's readings, of which differential and relative poses need those before."""
 
     def __init__(self, name: str, config: InputConfig, gravity: float) -> None:
-        """A sensor that has measured nothing.
-
-        Args:
-            name: of its parameters, odomN or imuN.
-            config: what of it counts.
-            gravity: [m/s^2].
-        """
-        self.name, self.config = name, config
-        self._is_imu, self._gravity = name.startswith("imu"), gravity
+        """A sensor by the name of its parameters, odomN or imuN; gravity in m/s^2."""
+        self._config, self._is_imu, self._gravity = config, name.startswith("imu"), gravity
         used = np.array(config.config, dtype=bool)
         if self._is_imu:
             used[[0, 1, 2, 6, 7, 8]] = False  # an IMU measures no position and no velocity
@@ -85,37 +78,26 @@ class MotionSensor:
         Raises:
             ReadingError: a number that counts is NaN or infinity.
         """
-        pose, pose_used = None, self._pose_used.copy()
-        pose_used[3:] |= self.config.remove_gravitational_acceleration and self._force_used.any()
-        if reading.pose is not None:
-            pose = np.array([*reading.pose.position, *rpy_from_quat(reading.pose.quat_xyzw)])
+        stamp, pose, *arrays = reading
+        pose_used = self._pose_used.copy()
+        pose_used[3:] |= self._config.remove_gravitational_acceleration and self._force_used.any()
         for part, values, covariance, used in (
-            ("pose", pose, reading.pose_covariance, pose_used),
+            ("pose", pose and _numbers(pose), reading.pose_covariance, pose_used),
             ("velocity", reading.velocity, reading.velocity_covariance, self._velocity_used),
             ("acceleration", reading.specific_force, reading.force_covariance, self._force_used),
         ):
-            if values is None:
-                continue
-            for kind, numbers in ((part, values[used]), (f"{part}'s covariance", covariance[used][:, used])):
+            counted = () if values is None else (values[used], covariance[used][:, used])
+            for kind, numbers in zip((part, f"{part}'s covariance"), counted):
                 if not np.isfinite(numbers).all():
                     raise ReadingError(f"its {kind} is {numbers.tolist()}")
-        stamp, full_pose, *arrays = reading
         finite: List[Any] = [None if array is None else _finite(array) for array in arrays]
-        return Reading(stamp, full_pose and Pose(*(tuple(_finite(part)) for part in full_pose)), *finite)
+        return Reading(stamp, pose and Pose(*(tuple(_finite(part)) for part in pose)), *finite)
 
     def measurements(self, reading: Reading, mounting: Mounting, yaw_rate: float) -> List[Measurement]:
-        """Planar measurements of base_link in a reading.
-
-        Args:
-            reading: of this sensor.
-            mounting: where its numbers are measured.
-            yaw_rate: of the robot, for what a sensor off its centre feels of it [rad/s].
-        """
-        parts = (
-            self._pose(reading, mounting),
-            self._velocity(reading, mounting.sensor_in_base, yaw_rate),
-            self._acceleration(reading, mounting.sensor_in_base, yaw_rate),
-        )
+        """Planar measurements of base_link, without what its yaw rate [rad/s] adds off the centre."""
+        parts = [self._pose(reading, mounting)]
+        for measure in (self._velocity, self._acceleration):
+            parts.append(measure(reading, mounting.sensor_in_base, yaw_rate))
         return [part for part in parts if part is not None and part.states]
 
     def _pose(self, reading: Reading, mounting: Mounting) -> Optional[Measurement]:
@@ -125,27 +107,25 @@ class MotionSensor:
         pose, turn = reading.pose, mounting.pose_frame_in_odom
         if self._is_imu:
             pose, turn = _level_attitude(pose, mounting.sensor_in_base)
-        elif self.config.differential:
+        elif self._config.differential:
             turn = Pose()
         axes = matrix_from_quat(turn.quat_xyzw)
         used, covariance = _turned(axes, self._pose_used), _both(axes, reading.pose_covariance)
-        if self.config.differential:
+        if self._config.differential:
             last, self._last = self._last, (reading.stamp, pose, covariance)
             if last is None:
                 return None
             stamp, pose_before, covariance_before = last
             duration = reading.stamp - stamp
-            moved = compose(inverse(pose_before), pose)
-            values = np.array([*moved.position, *rpy_from_quat(moved.quat_xyzw)]) / duration
+            values = _numbers(compose(inverse(pose_before), pose)) / duration
             spread = (covariance + covariance_before) * duration
             return _planar(reading.stamp, (VX, VY, YAW_RATE), used, values, spread)
-        if self.config.relative:
+        if self._config.relative:
             self._first = self._first or pose
             pose = compose(inverse(self._first), pose)
         if not self._is_imu:
             pose = compose(turn, pose)
-        values = np.array([*pose.position, *rpy_from_quat(pose.quat_xyzw)])
-        return _planar(reading.stamp, (X, Y, YAW), used, values, covariance)
+        return _planar(reading.stamp, (X, Y, YAW), used, _numbers(pose), covariance)
 
     def _velocity(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
         """A velocity without what turning adds at the sensor's place."""
@@ -164,7 +144,7 @@ class MotionSensor:
             return None
         axes = matrix_from_quat(sensor_in_base.quat_xyzw)
         force = reading.specific_force
-        if self.config.remove_gravitational_acceleration:
+        if self._config.remove_gravitational_acceleration:
             attitude = reading.pose.quat_xyzw if reading.pose else sensor_in_base.quat_xyzw
             force = force - rotate(quat_inverse(attitude), (0.0, 0.0, self._gravity))
         values = (axes @ force)[:2] + np.array(sensor_in_base.position[:2]) * yaw_rate**2
@@ -175,8 +155,12 @@ class MotionSensor:
 
 
 def _finite(numbers: Any) -> np.ndarray:
-    finite: np.ndarray = np.nan_to_num(numbers, nan=0.0, posinf=0.0, neginf=0.0)
-    return finite
+    return np.asarray(np.nan_to_num(numbers, nan=0.0, posinf=0.0, neginf=0.0))
+
+
+def _numbers(pose: Pose) -> np.ndarray:
+    """Position [m], roll, pitch and yaw [rad], (6,)."""
+    return np.array([*pose.position, *rpy_from_quat(pose.quat_xyzw)])
 
 
 def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:
@@ -200,8 +184,7 @@ def _turned(axes: np.ndarray, used: np.ndarray) -> np.ndarray:
 def _both(axes: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """The covariance (6, 6) of linear and angular parts after a turn of both."""
     turn = np.kron(np.eye(2), axes)
-    turned: np.ndarray = turn @ covariance @ turn.T
-    return turned
+    return np.asarray(turn @ covariance @ turn.T)
 
 
 def _planar(

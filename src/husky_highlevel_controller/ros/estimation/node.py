@@ -73,9 +73,7 @@ class LocalizationNode:
         with self._lock:
             now = rospy.get_time()  # not before: a fast bag goes on by seconds while this thread waits
             if now < self._now - CLOCK_BACK:
-                rospy.logwarn(
-                    f"the clock went back from {self._now:.3f} to {now:.3f} s: the filter begins anew"
-                )
+                rospy.logwarn(f"clock from {self._now:.3f} back to {now:.3f} s: the filter begins anew")
                 self._begin()
             self._now = max(now, self._now)
             self._heard[name] = time.monotonic()
@@ -118,25 +116,22 @@ class LocalizationNode:
             frames.append((options.odom_frame, msg.header.frame_id))
         poses = []
         for parent, child in frames:
-            if child.lstrip("/") in ("", parent):
-                poses.append(Pose())
-                continue
-            stamped = lookup_transform(self._transforms, parent, child)
-            if stamped is None:
+            is_same = child.lstrip("/") in ("", parent)
+            stamped = None if is_same else lookup_transform(self._transforms, parent, child)
+            if stamped is None and not is_same:
                 self._complain(name, f"TF has no transform from '{child}' to '{parent}'")
                 return None
-            poses.append(conversions.pose_from_transform(stamped))
+            poses.append(conversions.pose_from_transform(stamped) if stamped else Pose())
         return Mounting(*poses)
 
     def _on_set_pose(self, msg: PoseWithCovarianceStamped) -> None:
         place, quat = msg.pose.pose.position, _unit(msg.pose.pose.orientation) or Pose().quat_xyzw
         pose, covariance = [place.x, place.y, yaw_from_quat(quat)], _square(msg.pose.covariance)[PLANE]
+        frame, odom = msg.header.frame_id, self._config.options.odom_frame
         if not np.isfinite([*pose, *covariance.ravel()]).all():
             rospy.logwarn(f"set_pose: {pose} with covariance {covariance.tolist()} is no pose")
-        elif msg.header.frame_id.lstrip("/") not in ("", self._config.options.odom_frame):
-            rospy.logwarn(
-                f"set_pose: a pose in '{msg.header.frame_id}', not in '{self._config.options.odom_frame}'"
-            )
+        elif frame.lstrip("/") not in ("", odom):
+            rospy.logwarn(f"set_pose: a pose in '{frame}', not in '{odom}'")
         else:
             with self._lock:
                 stamp = (msg.header.stamp or rospy.Time.now()).to_sec()
@@ -156,36 +151,31 @@ def reading_from_msg(msg: Any) -> Reading:
     """Reading of a nav_msgs/Odometry or sensor_msgs/Imu, which may measure only some of it (REP 145)."""
     stamp = msg.header.stamp.to_sec()
     if isinstance(msg, Odometry):
-        place, twist = conversions.pose_from_msg(msg.pose.pose).position, msg.twist.twist
-        return Reading(
-            stamp,
-            Pose(place, _unit(msg.pose.pose.orientation) or Pose().quat_xyzw),
-            _square(msg.pose.covariance),
-            np.array([*_numbers(twist.linear), *_numbers(twist.angular)]),
-            _square(msg.twist.covariance),
-        )
-    attitude = _unit(msg.orientation) if msg.orientation_covariance[0] != -1.0 else None
-    turns, pushes = (
-        covariance[0] != -1.0
-        for covariance in (msg.angular_velocity_covariance, msg.linear_acceleration_covariance)
-    )
+        pose, twist = msg.pose.pose, msg.twist.twist
+        full_pose = Pose(_numbers(pose.position), _unit(pose.orientation) or Pose().quat_xyzw)
+        velocity = np.array([*_numbers(twist.linear), *_numbers(twist.angular)])
+        covariances = _square(msg.pose.covariance), _square(msg.twist.covariance)
+        return Reading(stamp, full_pose, covariances[0], velocity, covariances[1])
+    turns, rates = msg.orientation_covariance, msg.angular_velocity_covariance
+    forces = msg.linear_acceleration_covariance
+    attitude = _unit(msg.orientation) if turns[0] != -1.0 else None
+    velocity = np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)])
     return Reading(
         stamp,
         Pose(quat_xyzw=attitude) if attitude else None,
-        _of_angles(msg.orientation_covariance),
-        np.array([0.0, 0.0, 0.0, *_numbers(msg.angular_velocity)]) if turns else None,
-        _of_angles(msg.angular_velocity_covariance),
-        np.array(_numbers(msg.linear_acceleration)) if pushes else None,
-        _square(msg.linear_acceleration_covariance),
+        _of_angles(turns),
+        velocity if rates[0] != -1.0 else None,
+        _of_angles(rates),
+        np.array(_numbers(msg.linear_acceleration)) if forces[0] != -1.0 else None,
+        _square(forces),
     )
 
 
 def estimate_to_msg(estimate: MotionEstimate, odom: str, base: str) -> Odometry:
     """Pose in odom and twist in base, with their covariances."""
     x, y, yaw, vx, vy, yaw_rate = estimate.state[:6].tolist()
-    msg = conversions.odometry_to_msg(
-        PlanarOdometry(Pose2D(x, y, yaw), Twist2D(vx, yaw_rate)), estimate.stamp, odom, base
-    )
+    planar = PlanarOdometry(Pose2D(x, y, yaw), Twist2D(vx, yaw_rate))
+    msg = conversions.odometry_to_msg(planar, estimate.stamp, odom, base)
     msg.twist.twist.linear.y = vy
     for part, first in ((msg.pose, 0), (msg.twist, VX)):
         covariance = OFF_PLANE * np.eye(6)

@@ -64,9 +64,8 @@ def _place(msg: Odometry) -> Tuple[float, float]:
 def main() -> None:
     """Draw the paths; exit with 2 where there is nothing to draw."""
     parser = argparse.ArgumentParser(prog="plot_path", description=f"Draws x and y of {KIND} as a PNG.")
-    parser.add_argument(
-        "sources", nargs="+", metavar="FILE.bag|TOPIC", help="all odometry of a bag, or a topic until Ctrl-C"
-    )
+    source_help = "all odometry of a bag, or a topic until Ctrl-C"
+    parser.add_argument("sources", nargs="+", metavar="FILE.bag|TOPIC", help=source_help)
     parser.add_argument("-o", "--output", type=Path, default=Path("path.png"), help="default path.png")
     options = parser.parse_args(rospy.myargv()[1:])
     try:
