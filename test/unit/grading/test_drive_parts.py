@@ -40,39 +40,26 @@ def standing(x, start, seconds, speed=0.0):
     return [(start + 0.1 * n, x, speed) for n in range(int(10 * seconds))]
 
 
-def test_a_drive_ends_three_seconds_after_it_stands_at_the_pillar():
-    stamp, why = end_of([(1.0, 5.0, 1.0), *standing(9.2, 2.0, 5.0)])
-    assert why == "it stands at the pillar"
-    assert 4.8 <= stamp <= 5.3
+MOVES = (1.0, 5.0, 1.0)
+ABANDONED = "its nodes had ended, and it stood still for 3 s"
 
 
-def test_one_that_pushes_the_pillar_ends_three_seconds_after_the_touch():
-    stamp, why = end_of([(1.0, 5.0, 1.0), *standing(9.4, 2.0, 5.0, speed=1.0)])
-    assert why == "it reached the pillar and touched it"
-    assert 4.9 <= stamp <= 5.2
-
-
-def test_one_that_never_moves_has_twelve_seconds_of_which_it_may_sleep_ten():
-    stamp, why = end_of(standing(0.0, 0.0, 30.0))
-    assert (round(stamp, 1), why) == (12.0, "it did not move for 12 s")
-
-
-def test_one_that_stops_on_the_way_has_fifteen():
-    stamp, why = end_of([(1.0, 5.0, 1.0), *standing(5.0, 1.1, 30.0)])
-    assert (round(stamp, 1), why) == (16.0, "it stood still for 15 s")
-
-
-def test_one_whose_nodes_have_ended_rolls_out_and_stands_for_three_seconds():
-    braking = [(1.0, 5.0, 1.0), (2.0, 5.5, 0.2)]
-    stamp, why = end_of([*braking, *standing(5.6, 2.1, 30.0)], abandoned_at=1.0)
-    assert (round(stamp, 1), why) == (5.0, "its nodes had ended, and it stood still for 3 s")
-    stamp, why = end_of(standing(0.0, 0.0, 30.0), abandoned_at=0.0)
-    assert (round(stamp, 1), why) == (3.0, "its nodes had ended, and it stood still for 3 s")
-
-
-def test_one_whose_nodes_end_at_the_pillar_stands_at_the_pillar():
-    _, why = end_of([(1.0, 9.2, 1.0), *standing(9.2, 1.1, 5.0)], abandoned_at=2.0)
-    assert why == "it stands at the pillar"
+@pytest.mark.parametrize(
+    ("states", "abandoned_at", "ends_at", "why"),
+    [
+        ([MOVES, *standing(9.2, 2.0, 5.0)], inf, 5.0, "it stands at the pillar"),
+        ([MOVES, *standing(9.4, 2.0, 5.0, speed=1.0)], inf, 5.0, "it reached the pillar and touched it"),
+        (standing(0.0, 0.0, 30.0), inf, 12.0, "it did not move for 12 s"),  # of which it may sleep 10
+        ([MOVES, *standing(5.0, 1.1, 30.0)], inf, 16.0, "it stood still for 15 s"),
+        # its nodes have ended: it rolls out
+        ([MOVES, (2.0, 5.5, 0.2), *standing(5.6, 2.1, 30.0)], 1.0, 5.0, ABANDONED),
+        (standing(0.0, 0.0, 30.0), 0.0, 3.0, ABANDONED),
+        ([(1.0, 9.2, 1.0), *standing(9.2, 1.1, 5.0)], 2.0, 4.1, "it stands at the pillar"),
+    ],
+)
+def test_when_a_drive_is_over(states, abandoned_at, ends_at, why):
+    stamp, said = end_of(states, abandoned_at)
+    assert (stamp, said) == (pytest.approx(ends_at, abs=0.2), why)
 
 
 def test_calls_come_four_seconds_after_the_last_answer_from_a_second_after_it_drives():
@@ -92,23 +79,18 @@ def test_calls_come_four_seconds_after_the_last_answer_from_a_second_after_it_dr
     assert CallPlan().reason(26.0, offered=False).text == "no start/stop service for 25 s"
 
 
-def test_a_robot_that_waits_for_a_call_is_called_after_eight_seconds():
+def test_a_robot_that_waits_for_a_call_is_called_after_eight_seconds_and_exercise_2_drives_for_ten():
     plan = CallPlan()
-    assert plan.due(7.9, 0.0) is None
-    assert plan.due(8.0, 0.0) is False
-
-
-def test_exercise_2_drives_for_ten_seconds():
+    assert [plan.due(now, 0.0) for now in (7.9, 8.0)] == [None, False]
     assert [exercise_2_speed(now) for now in (1.0, 5.0, 12.5)] == [0.0, 0.5, 0.0]
-    assert not exercise_2_over(12.0)
-    assert exercise_2_over(13.5)
+    assert [exercise_2_over(now) for now in (12.0, 13.5)] == [False, True]
 
 
 def test_a_line_of_the_truth_becomes_a_row():
-    row = TrueState.from_numbers([1.5, 1.0, 2.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.3, -0.2])
-    assert (row.stamp, row.speed, row.yaw_rate) == (1.5, 0.3, -0.2)
-    assert row.pose_in_world.position == (1.0, 2.0, 0.1)
-    assert row.to_numbers() == (1.5, 1.0, 2.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.3, -0.2)
+    numbers = (1.5, 1.0, 2.0, 0.1, 0.0, 0.0, 1.0, 0.0, 0.3, -0.2)
+    row = TrueState.from_numbers(list(numbers))
+    assert (row.stamp, row.pose_in_world.position) == (1.5, (1.0, 2.0, 0.1))
+    assert (row.speed, row.yaw_rate, row.to_numbers()) == (0.3, -0.2, numbers)
 
 
 def test_each_state_is_answered_once_it_is_read(tmp_path):
@@ -210,40 +192,44 @@ def test_a_launch_file_without_rviz_takes_the_configuration_of_one_that_only_sho
     assert bool(setup.source) is taken
 
 
+def planned(folder, files, tmp_path):
+    """The plan of a.launch of a package of these files."""
+    for path, text in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text)
+    launchable = Launchable("launch", "a", str(folder / "a.launch"))
+    return plan(launchable, Workspace(packages=(folder,)), tmp_path / "plan")
+
+
+NODE = '<node name="n" pkg="p" type="t"/>'
+
+
 def test_aliases_in_a_parameter_file_are_refused(tmp_path):
-    package = tmp_path / "aliases"
-    package.mkdir()
-    (package / "a.yaml").write_text("a: &a [1, 2]\nb: [*a, *a]\n")
-    parameters = '<rosparam command="load" file="$(dirname)/a.yaml"/>'
-    (package / "a.launch").write_text(f'<launch>{parameters}<node name="n" pkg="p" type="t"/></launch>')
-    launchable = Launchable("launch", "aliases", str(package / "a.launch"))
-    planned = plan(launchable, Workspace(packages=(package,)), tmp_path / "plan")
-    assert not planned.nodes
-    assert "YAML aliases are refused" in planned.notes[0].text
+    load = '<rosparam command="load" file="$(dirname)/a.yaml"/>'
+    files = {"a.yaml": "a: &a [1, 2]\nb: [*a, *a]\n", "a.launch": f"<launch>{load}{NODE}</launch>"}
+    made = planned(tmp_path / "aliases", files, tmp_path)
+    assert not made.nodes
+    assert "YAML aliases are refused" in made.notes[0].text
 
 
 def test_files_of_a_copy_are_found_but_what_starts_a_simulator_is_left_out(tmp_path):
-    copy = tmp_path / "husky_gazebo"
-    for folder in ("launch", "config"):
-        (copy / folder).mkdir(parents=True)
-    (copy / "package.xml").write_text("<package><name>husky_gazebo</name></package>")
-    (copy / "config" / "mine.yaml").write_text("gain: 1")
-    (copy / "launch" / "spawn_husky.launch").write_text("<launch/>")  # without arguments
-    (copy / "launch" / "mine.launch").write_text('<launch><node name="n" pkg="p" type="t"/></launch>')
-    (copy / "a.launch").write_text(
-        """<launch>
+    files = {
+        "package.xml": "<package><name>husky_gazebo</name></package>",
+        "config/mine.yaml": "gain: 1",
+        "launch/spawn_husky.launch": "<launch/>",  # without arguments
+        "launch/mine.launch": f"<launch>{NODE}</launch>",
+        "a.launch": """<launch>
           <node name="gazebo" pkg="gazebo_ros" type="gzserver" args="$(find husky_gazebo)/a.world"/>
           <node name="post" pkg="gazebo_ros" type="spawn_model" args="-sdf -file post.sdf -model post"/>
           <include file="$(find husky_gazebo)/launch/spawn_husky.launch"><arg name="x" value="1"/></include>
           <include file="$(find husky_gazebo)/launch/mine.launch"/>
           <rosparam command="load" file="$(find husky_gazebo)/config/mine.yaml"/>
-        </launch>"""
-    )
-    launchable = Launchable("launch", "a", str(copy / "a.launch"))
-    planned = plan(launchable, Workspace(packages=(copy,)), tmp_path / "plan")
-    assert planned.nodes == ("p/t",), planned
-    assert planned.left_out == ("gazebo_ros/gzserver", "gazebo_ros/spawn_model")
-    assert planned.notes == ()
+        </launch>""",
+    }
+    made = planned(tmp_path / "husky_gazebo", files, tmp_path)
+    assert made.nodes == ("p/t",), made
+    assert made.left_out == ("gazebo_ros/gzserver", "gazebo_ros/spawn_model")
+    assert made.notes == ()
 
 
 def test_lines_of_the_truth_are_whole_when_threads_write_at_once(tmp_path, monkeypatch):
