@@ -17,17 +17,13 @@ from husky_highlevel_controller.robot import ROBOTS
 
 WALL_LIMIT = 360  # [s], for a rostest that hangs in spite of its own time limits
 HERE = Path(__file__).parent
-TOGETHER = "together.py"  # the script that runs the cases of others
 
 
 def scripts_of(test_file):
     """Scripts whose cases a .test file runs, also those of a file that it includes."""
     tree = ElementTree.parse(test_file)
     for test in tree.iter("test"):
-        if test.get("type") == TOGETHER:
-            yield from (HERE / f"test_{promise}.py" for promise in test.get("args").split())
-        else:
-            yield HERE / test.get("type")
+        yield from (HERE / f"test_{promise}.py" for promise in test.get("args").split())
     for include in tree.iter("include"):
         if "/test/ros/" in include.get("file"):
             yield from scripts_of(HERE / Path(include.get("file")).name)
@@ -41,7 +37,10 @@ def cases_of(script):
             yield from ((part.name, method) for method in methods if method.startswith("test"))
 
 
-collect_ignore = [TOGETHER, *{str(script) for file in HERE.glob("*.test") for script in scripts_of(file)}]
+collect_ignore = [
+    "together.py",
+    *{str(script) for file in HERE.glob("*.test") for script in scripts_of(file)},
+]
 
 
 @pytest.fixture

@@ -156,10 +156,3 @@ def twist(linear=0.0, angular=0.0):
 
 def stamp(msg):
     return msg.header.stamp.to_sec()
-
-
-def run(case):
-    """Run a test case as rostest wants it; call at the end of the script."""
-    import rostest
-
-    rostest.rosrun("husky_highlevel_controller", case.__name__, case)

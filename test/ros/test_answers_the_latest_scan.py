@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """With a queue of 1 a controller that was busy answers the latest scan, not those that came meanwhile."""
 
 import os
@@ -8,7 +7,6 @@ from xmlrpc.client import ServerProxy
 import rosgraph
 import rosnode
 import rospy
-from harness import run
 from player import NODE, Player, pillar_ahead
 
 SCANS = 15  # few enough to lie in the sockets' buffers
@@ -38,7 +36,3 @@ class AnswersTheLatestScan(Player):
             published = node.getBusStats("/test")[2][0]
         (connections,) = (each[2] for each in published if each[0] == self.scans.resolved_name)
         return sum(messages for _, _, messages, *_ in connections)
-
-
-if __name__ == "__main__":
-    run(AnswersTheLatestScan)

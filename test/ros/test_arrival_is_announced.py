@@ -1,8 +1,6 @@
-#!/usr/bin/env python3
 """Arriving is said once, in the log and on a latched topic; so is that the robot has left again."""
 
 import rospy
-from harness import run
 from player import NODE, Player, pillar_ahead
 from rosgraph_msgs.msg import Log
 from std_msgs.msg import Bool
@@ -71,7 +69,3 @@ class ArrivalIsAnnounced(Player):
 
     def arrivals(self, log):
         return [line.msg for line in list(log) if line.level == Log.INFO and "arrived after" in line.msg]
-
-
-if __name__ == "__main__":
-    run(ArrivalIsAnnounced)

@@ -1,10 +1,9 @@
-#!/usr/bin/env python3
 """The depth camera of kinect_enabled:=true: images, points, and the frame that ties them to the robot."""
 
 import numpy as np
 import rospy
 import tf2_ros
-from harness import RosTest, run, stamp
+from harness import RosTest, stamp
 from sensor_msgs.msg import CameraInfo, Image, LaserScan, PointCloud2
 
 from husky_highlevel_controller.geometry import transform_point
@@ -49,7 +48,3 @@ class CameraSeesThePillar(RosTest):
         self.assertTrue(np.allclose(np.round(gaps / 0.1, 6) % 1.0, 0.0), gaps)
         self.assertGreaterEqual(gaps.min(), 0.1 - 1e-6)
         self.assertTrue(np.allclose(np.diff([stamp(msg) for msg in scans]), 0.02), "no scan is missing")
-
-
-if __name__ == "__main__":
-    run(CameraSeesThePillar)

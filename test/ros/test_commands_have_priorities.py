@@ -1,11 +1,10 @@
-#!/usr/bin/env python3
 """A person takes over and hands back, an emergency stop locks everybody out: the Husky's twist_mux."""
 
 import subprocess
 
 import rospy
 from geometry_msgs.msg import Twist, TwistStamped
-from harness import RosTest, run, stamp, twist
+from harness import RosTest, stamp, twist
 from rosgraph_msgs.msg import Log
 from std_msgs.msg import Bool
 
@@ -78,7 +77,3 @@ class CommandsHavePriorities(RosTest):
         self.wait_until(warned, "it warns", 60.0)
         self.assertIn(rospy.get_name(), warned()[0])
         self.assertIn("/rostopic_", warned()[0])
-
-
-if __name__ == "__main__":
-    run(CommandsHavePriorities)

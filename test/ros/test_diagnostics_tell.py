@@ -1,9 +1,8 @@
-#!/usr/bin/env python3
 """/diagnostics reports once a second how the controller is: OK, WARN or ERROR, figures and a remedy."""
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from harness import run, stamp
+from harness import stamp
 from player import NODE, NOTHING, PERIOD, Player, pillar_ahead
 
 
@@ -44,7 +43,3 @@ class DiagnosticsTell(Player):
         self.assertEqual(self.last().level, DiagnosticStatus.ERROR)
         stamps = [stamp(array) for array in self.told][1:]  # the first is for whoever has just come
         self.assertGreater(min(b - a for a, b in zip(stamps, stamps[1:])), 0.5, "once a second")
-
-
-if __name__ == "__main__":
-    run(DiagnosticsTell)

@@ -1,10 +1,9 @@
-#!/usr/bin/env python3
 """The Husky arrives at the pillar, touches nothing, and marks the pillar where it is."""
 
 from math import asin, hypot
 
 from geometry_msgs.msg import Twist
-from harness import RosTest, run
+from harness import RosTest
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
@@ -49,7 +48,3 @@ class DrivesToPillar(RosTest):
         in_laser = [m for m in markers if m.header.frame_id == "front_laser" and m.action == Marker.ADD]
         self.assertGreater(len(in_laser), 500)
         self.assertNotEqual({m.ns for m in in_odom}, {m.ns for m in in_laser})
-
-
-if __name__ == "__main__":
-    run(DrivesToPillar)

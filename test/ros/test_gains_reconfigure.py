@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """A gain changed in mid-drive is seen in the drive; a value that cannot be is refused with a word."""
 
 import subprocess
@@ -6,7 +5,7 @@ from math import nan
 
 from dynamic_reconfigure.client import Client
 from geometry_msgs.msg import Twist
-from harness import RosTest, run, stamp
+from harness import RosTest, stamp
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
 
@@ -57,7 +56,3 @@ class GainsReconfigure(RosTest):
         )
         self.wait_until(lambda: warned("max_angular = nan"), "it says that nan is no number")
         self.assertEqual(client.update_configuration({"p_gain_ang": 1.5})["p_gain_ang"], 1.5, "it lives on")
-
-
-if __name__ == "__main__":
-    run(GainsReconfigure)

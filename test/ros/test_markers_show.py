@@ -1,11 +1,10 @@
-#!/usr/bin/env python3
 """Markers and numbers show what the robot sees, remembers, wants and does, where it is, and each once."""
 
 import subprocess
 from math import atan2, cos, hypot, pi, sin
 
 from geometry_msgs.msg import PointStamped, Vector3Stamped
-from harness import WALL_LIMIT, run, stamp
+from harness import WALL_LIMIT, stamp
 from player import LASER_X, NODE, NOTHING, Player, pillar_at
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -167,7 +166,3 @@ class MarkersShow(Player):
             count = "2" if namespace == "pillar_in_odom" else "1"
             shown = subprocess.check_output(["rostopic", "echo", "-n", count, topic], timeout=WALL_LIMIT)
             self.assertIn(f'ns: "{namespace}"', shown.decode())
-
-
-if __name__ == "__main__":
-    run(MarkersShow)

@@ -1,10 +1,9 @@
-#!/usr/bin/env python3
 """The bare node of examples/, launched with naive:=true, gets to the pillar and marks it."""
 
 from math import hypot
 
 from geometry_msgs.msg import Twist
-from harness import RosTest, run
+from harness import RosTest
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 from visualization_msgs.msg import Marker
@@ -34,7 +33,3 @@ class NaiveControllerArrives(RosTest):
         marker = markers[-1]
         self.assertEqual(marker.header.frame_id, "front_laser")
         self.assertAlmostEqual(hypot(marker.pose.position.x, marker.pose.position.y), nearest(), delta=0.02)
-
-
-if __name__ == "__main__":
-    run(NaiveControllerArrives)

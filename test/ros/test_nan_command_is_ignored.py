@@ -1,10 +1,9 @@
-#!/usr/bin/env python3
 """A command that is not a number is refused with a warning; the command before it stays in force."""
 
 from math import inf, nan
 
 from geometry_msgs.msg import Twist
-from harness import RosTest, run, twist
+from harness import RosTest, twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
 
@@ -32,7 +31,3 @@ class NanCommandIsIgnored(RosTest):
         self.assertGreater(max(speeds), 0.45)
         self.assertLess(max(speeds), 0.55)
         self.wait_until(lambda: any("cmd_vel" in m.msg and "nan" in m.msg for m in log), "it warns")
-
-
-if __name__ == "__main__":
-    run(NanCommandIsIgnored)

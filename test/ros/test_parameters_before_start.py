@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Parameters set before the node starts are those it drives with, and those that rqt_reconfigure shows."""
 
 from dataclasses import fields
@@ -6,7 +5,6 @@ from dataclasses import fields
 import rospy
 from dynamic_reconfigure.client import Client
 from geometry_msgs.msg import Twist
-from harness import run
 from player import NODE, NOTHING, Player, pillar_ahead
 from std_srvs.srv import SetBool
 
@@ -41,7 +39,3 @@ class ParametersBeforeStart(Player):
                     limits = (about[item.name]["min"], about[item.name]["max"])
                     self.assertEqual(limits, (item.metadata["min"], item.metadata["max"]), item.name)
         self.assertEqual(set(about), names, "and nothing else")
-
-
-if __name__ == "__main__":
-    run(ParametersBeforeStart)

@@ -1,10 +1,9 @@
-#!/usr/bin/env python3
 """Launched with paused:=true the world waits for gazebo/unpause_physics; gazebo/pause_physics holds it."""
 
 from math import isfinite
 
 import rospy
-from harness import RosTest, run
+from harness import RosTest
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Empty
@@ -44,7 +43,3 @@ class PauseHoldsClock(RosTest):
         unpause()
         self.wait_until(lambda: times()[-1] > held + 1.0, "time goes on where it was held")
         self.assertEqual(times(), sorted(times()), "it never ran backwards")
-
-
-if __name__ == "__main__":
-    run(PauseHoldsClock)

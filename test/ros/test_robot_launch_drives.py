@@ -1,11 +1,10 @@
-#!/usr/bin/env python3
 """robot.launch waits for its start service, then drives a Husky with a real one's drivers to the pillar."""
 
 from math import hypot
 
 import rospy
 from geometry_msgs.msg import Twist
-from harness import RosTest, run
+from harness import RosTest
 from husky_highlevel_controller.msg import HuskyStatus
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
@@ -43,7 +42,3 @@ class RobotLaunchDrives(RosTest):
         self.assertLessEqual(max(command.linear.x for command in commands), 0.5, "slow limits")
         self.assertGreater(max(message.left_driver_current for message in status), 1.0)
         self.assertFalse(status[-1].e_stop)
-
-
-if __name__ == "__main__":
-    run(RobotLaunchDrives)

@@ -1,11 +1,10 @@
-#!/usr/bin/env python3
 """RViz's tools change the world and RViz shows it: boxes dropped, dragged, deleted, the robot moved."""
 
 from math import dist, nan
 
 import rospy
 from geometry_msgs.msg import Point, PointStamped, Pose, PoseWithCovarianceStamped, Quaternion
-from harness import RosTest, run
+from harness import RosTest
 from husky_highlevel_controller.srv import ListObjects, SpawnObject
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
@@ -246,7 +245,3 @@ class RvizToolsChangeWorld(RosTest):
         later = list(self.updates)[count:]
         told = [update for update in later if update.poses]  # odom drifts a little
         self.assertLess(len(told), len(later) / 2, "what rests is not told again and again")
-
-
-if __name__ == "__main__":
-    run(RvizToolsChangeWorld)

@@ -1,7 +1,5 @@
-#!/usr/bin/env python3
 """A search is a full turn, then a widening drive; the log tells of each once, at INFO level."""
 
-from harness import run
 from player import NODE, NOTHING, Player, pillar_ahead
 from rosgraph_msgs.msg import Log
 
@@ -39,7 +37,3 @@ class SaysHowItSearches(Player):
         self.wait_until(lambda: "driving to the pillar" in last(), "it has found the pillar")
         self.assertEqual(len(said()), before + 1, "and nothing was said in between")
         self.assertRegex(said()[-1], r"smallest range 3\.000 m, pillar at x 3\.\d+ m", "with what it sees")
-
-
-if __name__ == "__main__":
-    run(SaysHowItSearches)

@@ -1,9 +1,7 @@
-#!/usr/bin/env python3
 """The service named by a parameter starts and stops the robot, at once and as often as one likes."""
 
 import rospy
 from geometry_msgs.msg import Twist
-from harness import run
 from player import Player, pillar_ahead
 from std_srvs.srv import SetBool
 
@@ -37,7 +35,3 @@ class StartAndStopService(Player):
             answer = service(wanted)
             self.assertTrue(answer.success)
             self.assertIn("already", answer.message)
-
-
-if __name__ == "__main__":
-    run(StartAndStopService)

@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """With crash_stop a robot stops after it has hit something, and not for hard driving."""
 
 from driver import ROBOT, Driver, gap, speed
-from harness import RosTest, run
+from harness import RosTest
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
 
@@ -46,7 +45,3 @@ class StopsAfterCrash(RosTest):
         self.assertEqual(driver.stops, 1, "nobody minds")
         driver.drive(0.6)
         self.wait_until(lambda: driver.stops == 2, "it is stopped after the next crash")
-
-
-if __name__ == "__main__":
-    run(StopsAfterCrash)

@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """With proximity_stop a robot stops before it touches, once for each start, and may always back off."""
 
 from driver import ROBOT, Driver, gap, speed
-from harness import RosTest, run
+from harness import RosTest
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
 
@@ -43,7 +42,3 @@ class StopsWhenTooClose(RosTest):
         driver.drive(-0.5)
         self.wait_until(lambda: gap(truth[-1]) > before + 0.5, "it backs off", 5.0)
         self.assertEqual(driver.stops, 2, "nobody minds")
-
-
-if __name__ == "__main__":
-    run(StopsWhenTooClose)

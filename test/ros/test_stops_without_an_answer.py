@@ -1,11 +1,10 @@
-#!/usr/bin/env python3
 """Where the stop service is missing or hangs, the guard commands zero itself until it is answered."""
 
 import threading
 
 from driver import Driver, gap, speed
 from geometry_msgs.msg import Twist
-from harness import RosTest, run
+from harness import RosTest
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
 
@@ -40,7 +39,3 @@ class StopsWithoutAnAnswer(RosTest):
         self.wait(1.0)
         self.assertLessEqual(len(zeros), count + 1)
         self.assertTrue(standing())
-
-
-if __name__ == "__main__":
-    run(StopsWithoutAnAnswer)

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """With search off the robot stands still where a scan has no pillar, the markers go, and the log says why."""
 
 from math import cos, inf
@@ -6,7 +5,6 @@ from math import cos, inf
 import rosnode
 import rospy
 from geometry_msgs.msg import Twist
-from harness import run
 from player import NODE, Player, bearings, pillar_ahead
 from rosgraph_msgs.msg import Log
 from visualization_msgs.msg import Marker
@@ -57,7 +55,3 @@ class StopsWithoutPillar(Player):
         self.assertGreater(self.answer(PILLAR).linear.x, 0.5)
         rosnode.kill_nodes([NODE])
         self.wait_until(lambda: self.commands[-1] == Twist(), "a zero Twist ends its work")
-
-
-if __name__ == "__main__":
-    run(StopsWithoutPillar)

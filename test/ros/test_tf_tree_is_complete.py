@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """TF ties every frame of the robot to odom, each by the parent that its URDF says."""
 
 import socket
@@ -11,7 +10,7 @@ from xmlrpc.client import ServerProxy
 import rosgraph
 import rospy
 from geometry_msgs.msg import Twist, Vector3
-from harness import RosTest, run
+from harness import RosTest
 from rosgraph.network import write_ros_handshake_header
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
@@ -115,7 +114,3 @@ def next_message(stream):
 def read_block(stream):
     """Bytes that follow their own number."""
     return stream.read(int.from_bytes(stream.read(4), "little"))
-
-
-if __name__ == "__main__":
-    run(TfTreeIsComplete)

@@ -1,8 +1,7 @@
-#!/usr/bin/env python3
 """Everything comes as on the Husky: types, frames, rates, and a twist in base_link however it stands."""
 
 from geometry_msgs.msg import Twist, TwistStamped, Vector3Stamped
-from harness import RosTest, run, stamp, twist
+from harness import RosTest, stamp, twist
 from husky_highlevel_controller.msg import Bumps
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
@@ -79,7 +78,3 @@ class TopicsAreTheHuskys(RosTest):
                 self.assertAlmostEqual(believed.x, true.x, delta=0.1)
                 self.assertAlmostEqual(believed.y, true.y, delta=0.1)
                 self.assertEqual(believed.z, 0.0)
-
-
-if __name__ == "__main__":
-    run(TopicsAreTheHuskys)

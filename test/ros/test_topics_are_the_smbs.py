@@ -1,9 +1,8 @@
-#!/usr/bin/env python3
 """With robot:=smb topics, frames, rates and TF are those of the course's SMB, and it obeys its own inputs."""
 
 import rospy
 from geometry_msgs.msg import Twist
-from harness import RosTest, run, twist
+from harness import RosTest, twist
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, LaserScan
 
@@ -50,7 +49,3 @@ class TopicsAreTheSmbs(RosTest):
 
             self.wait_until(fast, f"it drives as told on {topic}")
             self.wait_until(lambda: abs(truth[-1].twist.twist.linear.x) < 0.01, "and stops by itself")
-
-
-if __name__ == "__main__":
-    run(TopicsAreTheSmbs)

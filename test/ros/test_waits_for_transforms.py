@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Without a transform from the lidar to base_link the robot stands still, and the log says what it lacks."""
 
 from math import pi
@@ -6,7 +5,7 @@ from math import pi
 import rospy
 import tf2_ros
 from geometry_msgs.msg import Twist
-from harness import run, stamp
+from harness import stamp
 from player import LASER_X, NODE, Player, pillar_ahead, transform
 from rosgraph_msgs.msg import Log
 from visualization_msgs.msg import Marker
@@ -53,7 +52,3 @@ def places(markers):
     """Where each scan's pillar was shown in odom [m]; to whoever has just subscribed one is shown twice."""
     shown = {stamp(marker): marker for marker in list(markers) if marker.ns == "pillar_in_odom"}
     return [marker.pose.position.x for marker in shown.values()]
-
-
-if __name__ == "__main__":
-    run(WaitsForTransforms)

@@ -1,11 +1,10 @@
-#!/usr/bin/env python3
 """The world's services: each answers success and a sentence, and a refusal says why and changes nothing."""
 
 from pathlib import Path
 
 import rospy
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
-from harness import RosTest, run, stamp, twist
+from harness import RosTest, stamp, twist
 from husky_highlevel_controller.msg import Bumps
 from husky_highlevel_controller.srv import (
     DeleteObject,
@@ -213,7 +212,3 @@ class WorldServicesAnswer(RosTest):
         hit = next(msg for msg in bumps if msg.names)
         self.assertEqual((hit.names, hit.header.frame_id), (["crate"], "base_link"))
         self.assertEqual(bumps[0].names, [], "standing on the ground is no bump")
-
-
-if __name__ == "__main__":
-    run(WorldServicesAnswer)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The cases of several scripts in one process, and so in one launch, in order: together.py NAME ..."""
+"""The cases of scripts in one process, and so in one launch, in order: together.py NAME ..."""
 
 import sys
 from importlib import import_module

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, fields, is_dataclass
 from math import inf, nan
 from pathlib import Path
@@ -58,31 +59,13 @@ def read(**changes):
     return read_config({**GOOD, **changes}, "/cart/", Cart)[0]
 
 
-def assert_refused(*words, **changes):
-    with pytest.raises(ConfigError) as caught:
-        read(**changes)
-    for word in words:
-        assert word in str(caught.value)
-
-
 # ---------------------------------------------------------------------------- what is right
 
 
 def test_good_parameters_become_a_record():
     assert read() == Cart(0.25, 6, "trolley", True, Wheel(0.3))
-
-
-def test_a_whole_number_is_a_fine_float():
-    speed = read(speed=1).speed
-    assert (speed, type(speed)) == (1.0, float)
-
-
-@pytest.mark.parametrize("speed", [-1.0, 1.0])
-def test_the_limits_themselves_are_allowed(speed):
-    assert read(speed=speed).speed == speed
-
-
-def test_several_records_share_one_set_of_parameters():
+    assert [read(speed=speed).speed for speed in (-1.0, 1.0)] == [-1.0, 1.0], "the limits are allowed"
+    assert type(read(speed=1).speed) is float, "a whole number is a fine one"
     cart, driver = read_config({**GOOD, "age": 40}, "/cart/", Cart, Driver)
     assert (cart.name, driver.age) == ("trolley", 40)
 
@@ -90,12 +73,28 @@ def test_several_records_share_one_set_of_parameters():
 # ---------------------------------------------------------------------------- what is wrong
 
 
-def test_an_unknown_parameter_is_named_with_those_there_are():
-    assert_refused("/cart/sped is not a parameter", "speed", "wheels", "name", "loud", "wheel", sped=0.5)
-
-
-def test_a_field_that_is_not_for_users_cannot_be_set():
-    assert_refused("/cart/secret is not a parameter", secret=8.0)
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("sped", 0.5, "sped is not a parameter; there are: loud, name, speed, wheel, wheels"),
+        ("secret", 8.0, "secret is not a parameter"),  # a field that is not for users
+        ("name", "", "name is empty"),
+        *[("speed", value, "speed = .* is not a float") for value in ("0.5", True, None, [0.5])],
+        *[("wheels", value, "wheels = .* is not a int") for value in (4.0, True, "four")],
+        *[("loud", value, "loud = .* is not a bool") for value in (1, "true")],
+        ("name", 5, "name = 5 is not a str"),
+        *[("speed", value, rf"speed = {value} .*-1\.0\.\.1\.0") for value in (1.001, -2, nan, inf, -inf)],
+        *[("wheels", value, rf"wheels = {value} .*1\.\.18") for value in (0, 19)],
+        ("wheel", {"radius": 2.0}, r"wheel/radius = 2\.0 .*0\.01\.\.1\.0"),
+        ("wheel", {}, "wheel/radius is missing"),
+        ("wheel", {"radius": 0.3, "width": 0.1}, "wheel/width is not a parameter"),
+        *[("wheel", value, f"wheel .*{re.escape(repr(value))}") for value in (0.3, "0.3", None, [0.3])],
+    ],
+)
+def test_what_cannot_be_is_refused_by_name_value_and_what_may_be(name, value, words):
+    with pytest.raises(HuskyError, match=f"/cart/{words}") as caught:
+        read(**{name: value})
+    assert isinstance(caught.value, ConfigError)
 
 
 def test_a_parameter_known_to_no_record_is_refused_even_when_several_are_read():
@@ -112,41 +111,6 @@ def test_a_missing_parameter_is_named_with_what_it_is(name):
     assert meaning in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "kind"),
-    [
-        ("speed", "0.5", "float"),
-        ("speed", True, "float"),
-        ("speed", None, "float"),
-        ("speed", [0.5], "float"),
-        ("wheels", 4.0, "int"),
-        ("wheels", True, "int"),
-        ("wheels", "four", "int"),
-        ("loud", 1, "bool"),
-        ("loud", "true", "bool"),
-        ("name", 5, "str"),
-    ],
-)
-def test_a_value_of_the_wrong_type_is_refused_by_name_value_and_type(name, value, kind):
-    assert_refused(f"/cart/{name} = {value!r}", f"not a {kind}", **{name: value})
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "limits"),
-    [
-        ("speed", 1.001, "-1.0..1.0"),
-        ("speed", -2, "-1.0..1.0"),
-        ("speed", nan, "-1.0..1.0"),
-        ("speed", inf, "-1.0..1.0"),
-        ("speed", -inf, "-1.0..1.0"),
-        ("wheels", 0, "1..18"),
-        ("wheels", 19, "1..18"),
-    ],
-)
-def test_a_value_out_of_range_is_refused_by_name_value_and_range(name, value, limits):
-    assert_refused(f"/cart/{name} = {value}", limits, **{name: value})
-
-
 def test_infinity_is_refused_even_where_the_range_has_no_end():
     @dataclass(frozen=True)
     class Endless:
@@ -155,25 +119,6 @@ def test_infinity_is_refused_even_where_the_range_has_no_end():
     for value in (nan, inf):
         with pytest.raises(ConfigError, match=r"length = (nan|inf) is out of range"):
             read_config({"length": value}, "", Endless)
-
-
-def test_an_empty_text_is_refused():
-    assert_refused("/cart/name is empty", name="")
-
-
-def test_what_is_wrong_in_a_nested_record_is_named_by_its_whole_path():
-    assert_refused("/cart/wheel/radius = 2.0", "0.01..1.0", wheel={"radius": 2.0})
-    assert_refused("/cart/wheel/radius is missing", wheel={})
-    assert_refused("/cart/wheel/width is not a parameter", wheel={"radius": 0.3, "width": 0.1})
-
-
-@pytest.mark.parametrize("value", [0.3, "0.3", None, [0.3]])
-def test_a_plain_value_where_a_set_of_parameters_belongs_is_refused(value):
-    assert_refused("/cart/wheel", repr(value), wheel=value)
-
-
-def test_a_config_error_is_one_of_this_package_s():
-    assert issubclass(ConfigError, HuskyError)
 
 
 # ---------------------------------------------------------------------------- this package's own

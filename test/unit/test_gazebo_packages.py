@@ -176,17 +176,17 @@ def test_xacro_finds_packages_by_the_package_path(tmp_path):
         assert '<link name="theirs"/>' in printed.stdout
 
 
-def test_only_what_is_missing_is_added(tmp_path):
-    package(tmp_path, "pointcloud_to_laserscan")
+@pytest.mark.parametrize(
+    ("there", "added", "kept"),
+    [
+        (["pointcloud_to_laserscan"], ["husky_gazebo"], ["pointcloud_to_laserscan"]),
+        (["husky_gazebo", "gazebo_ros"], [], ["husky_gazebo", "gazebo_ros"]),  # a real Gazebo
+    ],
+)
+def test_only_what_is_missing_is_added(there, added, kept, tmp_path):
+    for name in there:
+        package(tmp_path, name, "launch/spawn_husky.launch")
     path = path_beside(tmp_path)
     assert path[0] == tmp_path
-    assert COMPAT / "husky_gazebo" in path
-    assert COMPAT / "pointcloud_to_laserscan" not in path
-
-
-def test_beside_a_real_gazebo_nothing_is_replaced(tmp_path):
-    package(tmp_path, "husky_gazebo", "launch/spawn_husky.launch")
-    package(tmp_path, "gazebo_ros")
-    path = path_beside(tmp_path)
-    assert path[0] == tmp_path
-    assert not {COMPAT / "husky_gazebo", COMPAT / "gazebo_ros"} & set(path)
+    assert {COMPAT / name for name in added} <= set(path)
+    assert not {COMPAT / name for name in kept} & set(path)

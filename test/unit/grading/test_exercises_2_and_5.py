@@ -36,23 +36,20 @@ def told(first, last, lines=50, shape="[INFO] [1700000000.123456, 17.420000]: sm
 
 
 @pytest.mark.parametrize(
-    ("output", "points"),
+    ("output", "subscribed", "points"),
     [
-        (told(20.0, 15.0), 40.0),
-        (told(20.0, 15.0, shape="{:.2f}"), 40.0),
-        (told(19.99, 19.98), 20.0),  # it does not follow the drive
-        (told(15.0, 20.0), 20.0),  # the wrong way round
-        (told(20.0, 15.0, lines=3), 0.0),
-        (told(1.0, 2.0), 0.0),  # the stamps of the log alone are not ranges
-        ("", 0.0),
+        (told(20.0, 15.0), True, 40.0),
+        (told(20.0, 15.0), False, 0.0),
+        (told(20.0, 15.0, shape="{:.2f}"), True, 40.0),
+        (told(19.99, 19.98), True, 20.0),  # it does not follow the drive
+        (told(15.0, 20.0), True, 20.0),  # the wrong way round
+        (told(20.0, 15.0, lines=3), True, 0.0),
+        (told(1.0, 2.0), True, 0.0),  # the stamps of the log alone are not ranges
+        ("", True, 0.0),
     ],
 )
-def test_the_smallest_range_must_be_printed_and_follow_the_drive(output, points):
-    assert judge_output(recording(subscribed=True, output=output)).points == points
-
-
-def test_without_a_subscription_nothing_is_the_scan_s():
-    assert judge_output(recording(output=told(20.0, 15.0))).points == 0.0
+def test_the_smallest_range_must_be_printed_and_follow_the_drive(output, subscribed, points):
+    assert judge_output(recording(subscribed=subscribed, output=output)).points == points
 
 
 @pytest.mark.parametrize(
@@ -83,13 +80,15 @@ def test_style_is_left_to_people():
 # ---------------------------------------------------------------------------- exercise 5
 
 
-def called(*pairs, services=("/start_stop",)):
-    """Calls every 4 s from 1 s on: (data, speed afterwards); before them it drives."""
+def called(*pairs, services=("/start_stop",), still=()):
+    """Calls every 4 s from 1 s on: (data, speed afterwards); it drives before, but between two moments."""
     speeds, calls = np.full(len(TIMES), 0.5), []
     for number, (data, speed) in enumerate(pairs):
         at = 1.0 + 4.0 * number
         calls.append(Call(at, data, True, "", at))
         speeds[at + 0.5 <= TIMES] = speed
+    if still:
+        speeds[(still[0] < TIMES) & (still[1] > TIMES)] = 0.0
     return recording(speeds, calls=tuple(calls), services=services)
 
 
@@ -117,33 +116,36 @@ def test_a_call_that_takes_long_is_judged_from_its_answer():
     assert judge_calls(late)[0].points == 50.0
 
 
+STANDS = [(False, 0.0), (True, 0.0), (False, 0.0), (True, 0.0)]
+
+
 def test_what_never_drives_cannot_be_stopped():
-    still = replace(
-        called((False, 0.0), (True, 0.0), (False, 0.0), (True, 0.0)), speeds=np.zeros((len(TIMES), 2))
-    )
-    items = judge_exercise_5([still], VIEW, SCAN)
+    items = judge_exercise_5([called(*STANDS, still=(0.0, 99.0))], VIEW, SCAN)
     assert [item.points for item in items] == [0.0, 0.0, None, None]
 
 
-def test_a_robot_that_stood_already_is_left_to_a_person():
-    stood = called((False, 0.0), (True, 0.0), (False, 0.0), (True, 0.0))
-    speeds = stood.speeds.copy()
-    speeds[stood.times > 0.4] = 0.0  # it stops by itself before the first call
-    items = judge_calls(replace(stood, speeds=speeds))
+def test_a_robot_that_stood_already_is_left_to_a_person_and_one_that_waits_for_its_first_start_is_judged():
+    items = judge_calls(called(*STANDS, still=(0.4, 99.0)))  # it stops by itself before the first call
     assert [item.points for item in items] == [None, None]
     assert "stood already before each call: for a person" in items[0].evidence
+    waits = called((False, 0.0), (True, 0.5), (False, 0.0), (True, 0.5), still=(0.0, 5.5))
+    assert [item.points for item in judge_calls(waits)] == [50.0, 50.0]
 
 
-def test_a_robot_that_waits_for_its_first_start_is_judged():
-    waits = called((False, 0.0), (True, 0.5), (False, 0.0), (True, 0.5))
-    speeds = waits.speeds.copy()
-    speeds[waits.times < 5.5] = 0.0
-    assert [item.points for item in judge_calls(replace(waits, speeds=speeds))] == [50.0, 50.0]
+SLOW = Note(Kind.UNANSWERED_SCANS, "it does not answer every scan with a command")
 
 
-def test_no_service_is_told():
-    items = judge_calls(recording(notes=(Note(Kind.NODE_FAILED, "node x ends"),)))
-    assert [item.evidence for item in items] == ["no std_srvs/SetBool service: node x ends"] * 2
+@pytest.mark.parametrize(
+    ("notes", "evidence"),
+    [
+        ((Note(Kind.NODE_FAILED, "node x ends"),), "no std_srvs/SetBool service: node x ends"),
+        # that it sleeps is no reason to have none
+        ((SLOW, Note(Kind.FLOOD, "it floods cmd_vel")), "no std_srvs/SetBool service"),
+    ],
+)
+def test_no_service_is_told(notes, evidence):
+    assert [item.evidence for item in judge_calls(recording(notes=notes))] == [evidence] * 2
+    assert "does not subscribe to the scans" in judge_output(recording(notes=(SLOW,))).evidence
 
 
 @pytest.mark.parametrize("speed", [0.0, 1.0])
@@ -151,13 +153,6 @@ def test_a_service_of_another_type_is_left_to_a_person(speed):
     items = judge_exercise_5([recording(speed, other_services=("/go (std_srvs/Empty)",))], VIEW, SCAN)
     assert [item.points for item in items[:2]] == [None, None]
     assert items[0].evidence == "no std_srvs/SetBool service, but /go (std_srvs/Empty): for a person"
-
-
-def test_that_it_sleeps_is_no_reason_to_have_no_service():
-    slow = Note(Kind.UNANSWERED_SCANS, "it does not answer every scan with a command")
-    items = judge_calls(recording(notes=(slow, Note(Kind.FLOOD, "it floods cmd_vel"))))
-    assert [item.evidence for item in items] == ["no std_srvs/SetBool service"] * 2
-    assert "does not subscribe to the scans" in judge_output(recording(notes=(slow,))).evidence
 
 
 @pytest.mark.parametrize(
