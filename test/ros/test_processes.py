@@ -24,9 +24,6 @@ def core(tmp_path_factory):
     network.end()
 
 
-# ---------------------------------------------------------------------------- starting
-
-
 ARGUMENTS = [
     "world_name:=empty.world",
     "laser_enabled:=false",
@@ -113,9 +110,6 @@ def test_as_fast_as_it_goes_time_waits_for_the_controller_that_was_launched(ros)
     assert float(seen_at) < 5.0  # it was ten and more, and the arrival as late
 
 
-# ---------------------------------------------------------------------------- bad input
-
-
 def start_node(core, executable, name, config, parameters):
     """A node with the parameters its launch file sets, some of them changed; None leaves one out."""
     core.master("deleteParam", name)
@@ -161,9 +155,6 @@ def test_a_node_ends_on_bad_input_and_names_it(start, change, words, core):
     assert process.wait() == 1, process.output
     assert words in process.output
     assert "Traceback" not in process.output
-
-
-# ---------------------------------------------------------------------------- ending
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])

@@ -59,18 +59,12 @@ def read(**changes):
     return read_config({**GOOD, **changes}, "/cart/", Cart)[0]
 
 
-# ---------------------------------------------------------------------------- what is right
-
-
 def test_good_parameters_become_a_record():
     assert read() == Cart(0.25, 6, "trolley", True, Wheel(0.3))
     assert [read(speed=speed).speed for speed in (-1.0, 1.0)] == [-1.0, 1.0], "the limits are allowed"
     assert type(read(speed=1).speed) is float, "a whole number is a fine one"
     cart, driver = read_config({**GOOD, "age": 40}, "/cart/", Cart, Driver)
     assert (cart.name, driver.age) == ("trolley", 40)
-
-
-# ---------------------------------------------------------------------------- what is wrong
 
 
 @pytest.mark.parametrize(
@@ -119,9 +113,6 @@ def test_infinity_is_refused_even_where_the_range_has_no_end():
     for value in (nan, inf):
         with pytest.raises(ConfigError, match=r"length = (nan|inf) is out of range"):
             read_config({"length": value}, "", Endless)
-
-
-# ---------------------------------------------------------------------------- this package's own
 
 
 def test_simulator_yaml_holds_the_camera_s_defaults():

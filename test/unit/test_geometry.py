@@ -53,9 +53,6 @@ def assert_same_pose_2d(a, b, tolerance=1e-9):
     assert wrap_angle(a.yaw - b.yaw) == near(0.0, tolerance)
 
 
-# ---------------------------------------------------------------------------- angles
-
-
 @LAW
 @given(st.floats(-1e4, 1e4))
 def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(angle):
@@ -68,9 +65,6 @@ def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(angle):
 @pytest.mark.parametrize("angle", [pi, -pi, 3.0 * pi, -3.0 * pi])
 def test_straight_behind_is_plus_pi_from_either_side(angle):
     assert wrap_angle(angle) == pi
-
-
-# ---------------------------------------------------------------------------- rotations
 
 
 @LAW
@@ -113,9 +107,6 @@ def test_a_laser_mounted_upside_down_sees_left_as_right_but_looks_ahead():
     assert yaw_from_quat(upside_down) == near(0.0)
 
 
-# ---------------------------------------------------------------------------- poses
-
-
 @LAW
 @given(poses)
 def test_a_pose_and_its_inverse_cancel(pose):
@@ -146,9 +137,6 @@ def test_a_pose_on_the_ground_survives_the_way_into_space_and_back(pose, z):
     in_space = pose_from_2d(pose, z)
     assert in_space.position[2] == z
     assert_same_pose_2d(pose_to_2d(in_space), pose)
-
-
-# ---------------------------------------------------------------------------- arcs
 
 
 @LAW

@@ -121,9 +121,6 @@ def test_many_displays_end():
     assert not shown(*deep).tf
 
 
-# ---------------------------------------------------------------------------- which file it is
-
-
 def put(path, text=""):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)

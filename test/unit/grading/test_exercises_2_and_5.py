@@ -77,9 +77,6 @@ def test_style_is_left_to_people():
     assert [item.max_points for item in items if item.points is None] == [30.0]
 
 
-# ---------------------------------------------------------------------------- exercise 5
-
-
 def called(*pairs, services=("/start_stop",), still=()):
     """Calls every 4 s from 1 s on: (data, speed afterwards); it drives before, but between two moments."""
     speeds, calls = np.full(len(TIMES), 0.5), []

@@ -9,8 +9,6 @@ from husky_highlevel_controller.grading.cli import parse
 from husky_highlevel_controller.grading.drive.trials import draw_trials, trial_world
 from husky_highlevel_controller.simulator.models.sdf_world import load_world
 
-# ---------------------------------------------------------------------------- drives
-
 
 def test_the_first_drive_is_the_course_s_and_all_are_the_same_for_a_seed():
     trials = draw_trials(5, seed=3)
@@ -32,9 +30,6 @@ def test_the_world_of_a_drive_has_its_pillar(tmp_path):
     (tmp_path / "a.world").write_text(trial_world(trial, "husky"))
     (pillar,) = (t for t in load_world(tmp_path / "a.world").bodies if t.name == "unit_cylinder")
     assert pillar.pose_in_world.position[:2] == trial.pillar
-
-
-# ---------------------------------------------------------------------------- the command line
 
 
 @pytest.mark.parametrize(

@@ -98,9 +98,6 @@ def test_noise_is_as_asked_for_on_each_axis_and_the_axes_have_their_own(force, r
     assert np.abs(np.corrcoef(numbers.T) - np.eye(6)).max() < 0.07
 
 
-# ---------------------------------------------------------------------------- over the wire
-
-
 def over_the_wire(msg):
     """The message as another node gets it."""
     buffer = BytesIO()

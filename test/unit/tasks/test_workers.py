@@ -109,9 +109,6 @@ def test_the_words_tell_hash_and_machine(tmp_path, monkeypatch):
     assert "numpy" in machine()
 
 
-# ---------------------------------------------------------------------------- fingerprints
-
-
 class Color(Enum):
     RED = 1
 
