@@ -14,6 +14,7 @@ from husky_highlevel_controller.grading.hand_in.plan import plan
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Launchable
 from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.ros.node import LAUNCH_FILES
 
 ROOT = share_folder()
 SIMULATOR = "$(find husky_highlevel_controller)/launch/simulator.launch"
@@ -237,16 +238,14 @@ def master_answers(ros):
 def test_a_node_without_parameters_names_its_launch_file(ros):
     ros.start("rosmaster", "--core", "-p", str(ros.port))
     wait_until(lambda: master_answers(ros), "there is a master")
-    launch_files = {
-        "husky_controller": "controller", "husky_simulator": "simulator", "husky_web": "web",
-        "crash_stop": "crash_stop", "proximity_stop": "proximity_stop", "arrival_exit": "controller",
-    }  # fmt: skip
-    started = {node: ros.start("rosrun", PACKAGE, node) for node in launch_files}
-    for node, file in launch_files.items():
-        assert (ROOT / "launch" / f"{file}.launch").is_file()
-        assert started[node].wait() == 1
-        assert " is missing" in started[node].output
-        assert f"; start it by roslaunch {PACKAGE} {file}.launch" in started[node].output
+    executables = {"husky_highlevel_controller": "husky_controller", "husky_simulator": "husky_simulator"}
+    started = {node: ros.start("rosrun", PACKAGE, program) for node, program in executables.items()}
+    for node, file in LAUNCH_FILES.items():
+        assert f'name="{node}"' in (ROOT / "launch" / f"{file}.launch").read_text()
+    for node, ran in started.items():
+        assert ran.wait() == 1
+        assert " is missing" in ran.output
+        assert f"; start it by roslaunch {PACKAGE} {LAUNCH_FILES[node]}.launch" in ran.output
     naive = ros.start("rosrun", PACKAGE, "naive_controller")
     wait_until(lambda: "/front/scan" in ros.subscriptions("/naive_controller"), "it runs with its defaults")
     assert naive.popen.poll() is None

@@ -44,6 +44,7 @@ def test_a_launch_file_that_starts_nothing_is_named(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_class_is_marked_by_a_cluster(tmp_path):
     pytest.importorskip("distributed")
     from dask_processes import WORKER, Processes

@@ -11,14 +11,14 @@ from husky_highlevel_controller.ros.estimation import plot_path
 from husky_highlevel_controller.ros.simulator import record_bag
 
 
-@pytest.fixture(params=ROBOTS)
-def bags(request, tmp_path, monkeypatch):
+@pytest.fixture(params=ROBOTS, scope="module")
+def bags(request, tmp_path_factory):
     """The bags of a short drive, twice: robot and folders."""
-    monkeypatch.setattr(record_bag, "DURATION", 10.0)
-    folders = tmp_path / "a", tmp_path / "b"
-    for folder in folders:
-        folder.mkdir()
-        record_bag.record(request.param, "hard", 0, folder)
+    folders = tmp_path_factory.mktemp("a"), tmp_path_factory.mktemp("b")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(record_bag, "DURATION", 10.0)
+        for folder in folders:
+            record_bag.record(request.param, "hard", 0, folder)
     return request.param, *folders
 
 
@@ -29,11 +29,11 @@ def test_the_same_arguments_give_the_same_bytes_and_nothing_is_overwritten(bags)
         assert first == second
         assert 10_000 < len(first) < 1_000_000
     with pytest.raises(HuskyError, match="already: move it away"):
-        record_bag.record(robot, "hard", 0, folders[0])
-    sensors = folders[0] / f"{robot}_navigation.bag"
+        record_bag.record(robot, "hard", 0, folders[1])
+    sensors = folders[1] / f"{robot}_navigation.bag"
     sensors.unlink()
     with pytest.raises(HuskyError, match=r"_truth\.bag already: move it away"):
-        record_bag.record(robot, "hard", 0, folders[0])
+        record_bag.record(robot, "hard", 0, folders[1])
     assert not sensors.exists(), "nothing half written is left"
 
 
