@@ -19,6 +19,31 @@ WALL_LIMIT = 360  # [s], for a rostest that hangs in spite of its own time limit
 HERE = Path(__file__).parent
 
 
+# those that take half a minute and more, the longest first: the others fill what is left of the workers' time
+LONGEST = (
+    "test_page_in_browser.py",
+    "test_grade.py",
+    "test_attacks.py",
+    "test_launch_command.py",
+    "test_faults.py",
+    "test_lockstep.py",
+    "stops_after_crash.test",
+    "test_sheets_launch_file.py",
+    "test_smb_sheets.py",
+    "test_processes.py",
+    "drives_under_guard.test",
+    "test_bag_gives_one_path.py",
+)
+
+
+def pytest_collection_modifyitems(items):
+    def rank(item):
+        name = item.path.name
+        return LONGEST.index(name) if name in LONGEST else len(LONGEST)
+
+    items.sort(key=rank)
+
+
 def scripts_of(test_file):
     """Scripts whose cases a .test file runs, also those of a file that it includes."""
     tree = ElementTree.parse(test_file)
