@@ -34,6 +34,9 @@ def from_lidar(trace, row=-1):
     return hypot(pillar_x - x - 0.337 * cos(yaw), pillar_y - y - 0.337 * sin(yaw)) - 0.2
 
 
+# ---------------------------------------------------------------------------- the course
+
+
 def test_from_the_course_s_start_it_arrives_nearly_as_fast_as_it_could():
     result = run(Setup(), COURSE)
     assert result.good
@@ -78,6 +81,9 @@ def test_from_a_random_start_it_arrives_without_a_touch(scenario):
     assert result.crossings <= 2
 
 
+# ---------------------------------------------------------------------------- a trace
+
+
 def test_a_trace_tells_what_happened():
     trace = rollout(NEAR)
     rows = len(trace.times)
@@ -114,6 +120,9 @@ def test_the_same_scenario_gives_the_same_trace_to_the_last_bit():
     assert first.poses.tobytes() == second.poses.tobytes()
     other = rollout(replace(NEAR, seed=1), seconds=3.0)
     assert other.poses.tobytes() != first.poses.tobytes()
+
+
+# ---------------------------------------------------------------------------- the evaluation
 
 
 def test_random_starts_are_as_far_away_as_they_should_be_and_face_anywhere():

@@ -1,0 +1,48 @@
+"""The report of many drives: one record, as text, as JSON and as a page."""
+
+from __future__ import annotations
+
+import json
+from math import inf
+
+from husky_highlevel_controller.evaluation.report import Cell, Report, Table, every_row
+
+
+def report(value=inf):
+    shown = Table(
+        "Times", ("figure", "value", ""), [("arrived [s]", value, Cell("MISSED", "missed")), ("n", 12, "")]
+    )
+    return Report(
+        "Title", "seed 0", [shown, every_row("Every <drive>", [{"t": value}])], "missed: t", True, "hash"
+    )
+
+
+def test_the_text_aligns_what_is_not_folded_and_ends_with_the_verdict():
+    assert str(report(2.0)).splitlines() == [
+        "seed 0",
+        "",
+        "Times",
+        "  figure       value",
+        "  arrived [s]  2.000  MISSED",
+        "  n               12",
+        "",
+        "missed: t",
+    ]
+
+
+def test_page_and_json_hold_every_table_and_what_is_not_finite_is_null(tmp_path):
+    page = report().write(tmp_path).read_text()
+    assert "Every &lt;drive&gt;" in page
+    assert '<p class="verdict missed">missed: t' in page
+    content = json.loads((tmp_path / "report.json").read_text(), parse_constant=refuse)
+    assert content["tables"][1]["rows"] == [[None]]
+    assert (content["verdict"], content["failed"]) == ("missed: t", True)
+
+
+def refuse(name):
+    raise AssertionError(f"{name} is no JSON")
+
+
+def test_reports_of_the_same_figures_are_equal():
+    assert report(1.0) == report(1.0)
+    assert report(1.0) != report(2.0)
