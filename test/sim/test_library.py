@@ -42,32 +42,28 @@ def bare(tmp_path_factory):
     return folder
 
 
-def test_the_environment_has_no_ros(bare):
+def test_rollout_of_the_readme_arrives_without_ros(bare):
     run(bare, "-c", "from importlib.util import find_spec as f; assert not (f('rospy') or f('catkin_pkg'))")
+    output = run(bare, ROOT / "examples" / "rollout")
+    assert re.search(r"arrived after 23\.\d\d s at \(19\.\d\d, 4\.\d\d\) m", output)
+    assert "contacts: none; fastest 1.00 m/s" in output
 
 
-def test_rollout_of_the_readme_arrives(bare):
-    assert re.search(r"arrived after 23\.\d\d s", run(bare, ROOT / "examples" / "rollout"))
-
-
-def test_the_commands_are_there(bare):
+def test_the_commands_are_there_and_explain_themselves(bare):
     entries = "distribution('husky_highlevel_controller').entry_points"
-    loaded = run(
-        bare,
-        "-c",
-        f"from importlib.metadata import distribution; print(*[e.load() and e.name for e in {entries}])",
-    )
+    load = f"from importlib.metadata import distribution; print(*[e.load() and e.name for e in {entries}])"
+    loaded = run(bare, "-c", load)
     assert sorted(loaded.split()) == [each for each in COMMANDS if (bare / "bin" / each).is_file()]
-    assert "usage: evaluate" in run(bare, bare / "bin" / "evaluate", "--help")
+    told = run(bare, bare / "bin" / "evaluate", "--help")
+    assert all(text in told for text in ("usage: evaluate", "--seed", "--scenes", "--starts", "--jobs"))
 
 
-def test_compare_drives_two_functions(bare):
+def test_compare_drives_two_functions_and_a_controller_is_not_worse_than_itself(bare):
     (bare / "mine.py").write_text("from husky_highlevel_controller.controller.behaviour import decide\n")
-    output = run(
-        bare, bare / "bin" / "compare", "--scenes", "1",
-        "husky_highlevel_controller.controller.behaviour:decide", "mine.py:decide",
-    )  # fmt: skip
-    assert "B is not worse than A" in output
+    reference = "husky_highlevel_controller.controller.behaviour:decide"
+    told = run(bare, bare / "bin" / "compare", "--scenes", "1", "--jobs", "2", reference, "mine.py:decide")
+    assert "+0.000 s [+0.000, +0.000]" in told
+    assert "B is not worse than A" in told
 
 
 @pytest.mark.slow
@@ -102,7 +98,6 @@ def test_pyproject_declares_what_is_imported():
 
 def test_the_changelog_begins_with_the_version_of_package_xml():
     version = re.search(r"<version>([^<]+)</version>", (ROOT / "package.xml").read_text())[1]
-    first = re.search(
-        r"^(Forthcoming|\d+\.\d+\.\d+) ?.*\n-+$", (ROOT / "CHANGELOG.rst").read_text(), re.MULTILINE
-    )[1]
+    changelog = (ROOT / "CHANGELOG.rst").read_text()
+    first = re.search(r"^(Forthcoming|\d+\.\d+\.\d+) ?.*\n-+$", changelog, re.MULTILINE)[1]
     assert first in ("Forthcoming", version)

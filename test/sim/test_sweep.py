@@ -24,7 +24,6 @@ from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.tasks.workers import Workers
 
 SHARE = share_folder()
-AXES = ["p_gain_vel=1,4", "stop_distance=0.4,1"]
 PNG = b"\x89PNG"
 
 
@@ -41,27 +40,17 @@ def swept(axes, scenes, resume=None):
         return result, workers.summary
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    out = tmp_path_factory.mktemp("sweep")
-    result, source = swept(AXES, 2)
-    sweep.write(result, "title", source, {}, out)
-    return out
-
-
-def test_there_is_a_row_for_each_drive_in_the_order_of_the_grid(folder):
-    rows = list(csv.DictReader((folder / "sweep.csv").read_text().splitlines()))
+def test_table_and_page_have_a_row_for_each_drive_and_point_in_the_order_of_the_grid(tmp_path):
+    result, source = swept(["p_gain_vel=1,4", "stop_distance=0.4,1"], 2)
+    sweep.write(result, "title", source, {}, tmp_path)
+    rows = list(csv.DictReader((tmp_path / "sweep.csv").read_text().splitlines()))
     assert [(row["p_gain_vel"], row["stop_distance"], row["scene"]) for row in rows][:3] == [
         ("1.0", "0.4", "start 0"), ("1.0", "0.4", "start 1"), ("1.0", "1.0", "start 0")
     ]  # fmt: skip
     assert [float(row["arrived_at"]) for row in rows] == [20.0] * 4 + [5.0] * 4
-
-
-def test_the_page_shows_the_picture_and_every_point(folder):
-    page = (folder / "index.html").read_text()
-    assert (folder / "sweep.png").read_bytes().startswith(PNG)
-    assert page.count("<img") == 4
-    assert page.count("<tr>") == 1 + 4
+    page = (tmp_path / "index.html").read_text()
+    assert (tmp_path / "sweep.png").read_bytes().startswith(PNG)
+    assert (page.count("<img"), page.count("<tr>")) == (4, 1 + 4)
     assert "results " in page
 
 
@@ -77,14 +66,14 @@ def test_the_command_drives_what_a_drive_alone_gives_and_the_second_time_takes_i
     assert (tmp_path / "results.sqlite").stat().st_mtime_ns == first, "nothing was driven"
 
 
-def test_bad_input_is_a_sentence_and_exit_code_2(capsys, tmp_path):
-    for words, sentence in [
-        (["p_gain_vel=1:2"], "p_gain_vel = '1:2'"),
-        (["p_gain_vel=1", "p_gain_vel=2"], "twice"),
-    ]:
-        with pytest.raises(SystemExit, match="2"):
-            sweep.main([*words, "--out", str(tmp_path)])
-        assert sentence in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("axes", "sentence"),
+    [(["p_gain_vel=1:2"], "p_gain_vel = '1:2'"), (["p_gain_vel=1", "p_gain_vel=2"], "twice")],
+)
+def test_bad_input_is_a_sentence_and_exit_code_2(axes, sentence, capsys, tmp_path):
+    with pytest.raises(SystemExit, match="2"):
+        sweep.main([*axes, "--out", str(tmp_path)])
+    assert sentence in capsys.readouterr().err
 
 
 def test_ctrl_c_ends_it_and_keeps_what_was_driven(tmp_path):
@@ -99,7 +88,7 @@ def test_ctrl_c_ends_it_and_keeps_what_was_driven(tmp_path):
     assert 1 <= kept(tmp_path / "results.sqlite") < 12 * 20
 
 
-def test_who_kills_a_sweep_kills_its_processes(tmp_path):
+def test_a_sweep_that_is_killed_leaves_no_process(tmp_path):
     running = start_sweep(tmp_path)
     workers = psutil.Process(running.pid).children()
     running.kill()

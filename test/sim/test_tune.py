@@ -73,7 +73,7 @@ def test_the_cost_is_as_it_says():
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "sentence"),
     [
         ("gain=1:2", "gain is not a number of the controller's; there are: arrival_tolerance, "),
         ("search", "search is not a number"),
@@ -82,20 +82,14 @@ def test_the_cost_is_as_it_says():
         ("min_beams=nan:3", "min_beams = 'nan:3' is not LOW:HIGH"),
         ("p_gain_vel=1:11", "p_gain_vel = 11.0 is out of range"),
         ("p_gain_vel=2:1", "p_gain_vel = 2:1: 2 is not below 1"),
+        (["time=1"], "time is not a weight"),
+        (["touch=a"], "'a' is not a number"),
+        (["touch=-1"], "not a positive"),
     ],
 )
-def test_what_is_no_range_is_named(text, words):
-    with pytest.raises(ConfigError, match=words):
-        parse_range(text, Setup())
-
-
-@pytest.mark.parametrize(
-    ("word", "sentence"),
-    [("time=1", "time is not a weight"), ("touch=a", "'a' is not a number"), ("touch=-1", "not a positive")],
-)
-def test_what_is_no_weight_is_named(word, sentence):
+def test_what_is_no_range_or_no_weight_is_named(text, sentence):
     with pytest.raises(ConfigError, match=sentence):
-        parse_weights([word])
+        parse_weights(text) if isinstance(text, list) else parse_range(text, Setup())
 
 
 def test_a_range_without_limits_is_all_that_is_allowed():
