@@ -38,9 +38,6 @@ def ahead(distance: float) -> Target:
     return at(LASER_X + 0.2 + distance, 0.0)
 
 
-# ---------------------------------------------------------------------------- the laws
-
-
 coordinate = st.floats(-30.0, 30.0)
 
 
@@ -92,9 +89,6 @@ def test_a_pillar_to_the_side_or_behind_is_turned_to_before_driving():
         twist = limited(steer(at(x, 5.0), CONFIG), CONFIG)
         assert twist.linear == pytest.approx(0.0, abs=1e-12)
         assert twist.angular == CONFIG.max_angular
-
-
-# ---------------------------------------------------------------------------- how far there is to go
 
 
 def test_the_way_to_go_ends_at_the_stop_distance_or_where_the_hull_meets_the_pillar_when_that_is_sooner():

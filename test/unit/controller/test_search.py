@@ -33,9 +33,6 @@ def point(x, y=0.0):
     return np.array([[x, y]])
 
 
-# ---------------------------------------------------------------------------- legs and turns
-
-
 def legs(config=CONFIG, count=5):
     """(turn before it [rad], length [m]) of the first legs in free space, by 0.1 rad and 0.05 m at a time."""
     search, pose, found = Search(), Pose2D(), []
@@ -89,9 +86,6 @@ def test_a_leg_ends_a_metre_before_what_stands_ahead_with_a_quarter_turn(clearan
     assert (twist != STOP) is goes_on
     assert search.to_drive == (5.0 if goes_on else 0.0)
     assert search.to_turn == (0.0 if goes_on else pytest.approx(pi / 2.0))
-
-
-# ---------------------------------------------------------------------------- what is near
 
 
 def scan_with(readings):
@@ -149,9 +143,6 @@ def test_points_are_where_the_bodies_are_whichever_way_up_the_lidar_hangs():
     assert len(points) > 5
     distances = np.hypot(points[:, 0] - x - 1.2, points[:, 1] - y - 0.9)
     assert distances == pytest.approx(0.1, abs=1e-6)
-
-
-# ---------------------------------------------------------------------------- which way is free
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

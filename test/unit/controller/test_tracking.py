@@ -54,9 +54,6 @@ def given_up(track, period=0.02, ranges=np.inf, seconds=30.0, start=0.0):
     return None
 
 
-# ---------------------------------------------------------------------------- when it is given up
-
-
 def test_an_empty_place_is_given_up_after_half_a_second():
     assert given_up(known(4.0)) == pytest.approx(0.52, abs=0.03)
 
@@ -114,9 +111,6 @@ def test_eight_places_given_up_are_remembered(others, remembered):
     assert (first is None) is remembered
 
 
-# ---------------------------------------------------------------------------- which one it is
-
-
 @pytest.mark.parametrize(
     ("distance", "deviation", "same", "another"),
     [
@@ -136,9 +130,6 @@ def test_how_far_off_a_pillar_is_taken_for_the_followed_one(distance, deviation,
 def test_of_two_that_might_be_it_the_nearer_to_the_old_place_is():
     _, sighting, _ = seen(known(4.0), 0.02, pillar(4.0, 0.3), pillar(4.0, -0.2))
     assert sighting.pillar.y == -0.2
-
-
-# ---------------------------------------------------------------------------- what stands, what walks
 
 
 def watch(speed, seconds, track=None, start=0.0, others=(), laser_speed=0.0):
@@ -191,9 +182,6 @@ def test_what_was_seen_for_a_moment_is_dropped_when_something_hides_it_and_belie
     assert seen(track, 2.0, pillar(3.0, -1.0, beams=3))[1] is not None
 
 
-# ---------------------------------------------------------------------------- how sure it is
-
-
 @pytest.mark.parametrize("distance", [1.0, 3.0, 20.0])
 def test_a_place_seen_once_is_as_sure_as_the_spacing_of_the_beams(distance):
     """5 mm, and a quarter of the distance from beam to beam."""
@@ -216,9 +204,6 @@ def test_two_equally_sure_looks_are_averaged():
     assert track.estimate.radius == pytest.approx(0.205, abs=1e-3)
     assert track.estimate.deviation == pytest.approx(once / 2.0**0.5, rel=0.02)
     assert track.beams == 25
-
-
-# ---------------------------------------------------------------------------- what a scan says of a place
 
 
 @pytest.mark.parametrize(

@@ -80,34 +80,22 @@ def test_driving_round_a_left_curve_is_felt_as_a_push_to_the_left():
     assert force == pytest.approx((0.0, 0.5, 9.8), abs=0.01)
 
 
-def test_a_knock_between_two_samples_is_felt_whole():
-    assert felt(moving((1.0, 0.0, 0.0)), moving()).specific_force[0] == pytest.approx(-1.0 / PERIOD)
-
-
-def test_turning_rates_are_those_of_now_along_the_robot_s_axes():
-    sample = felt(moving(), moving(spin=(0.1, -0.2, 0.3)))
+def test_a_knock_between_two_samples_is_felt_whole_and_turning_rates_are_those_of_now():
+    sample = felt(moving((1.0, 0.0, 0.0)), moving(spin=(0.1, -0.2, 0.3)))
+    assert sample.specific_force[0] == pytest.approx(-1.0 / PERIOD)
     assert (sample.angular_velocity, sample.stamp) == ((0.1, -0.2, 0.3), 1.5)
 
 
-@pytest.mark.parametrize(
-    "config",
-    [simulator_config().imu, replace(simulator_config().imu, acceleration_noise=0.1, rate_noise=0.3)],
-)
-def test_noise_is_as_asked_for_on_each_axis_and_the_axes_have_their_own(config):
+@pytest.mark.parametrize(("force", "rate"), [(0.005, 0.005), (0.1, 0.3)])  # the first are the Husky's
+def test_noise_is_as_asked_for_on_each_axis_and_the_axes_have_their_own(force, rate):
+    default = simulator_config().imu
+    config = default if force == 0.005 else replace(default, acceleration_noise=force, rate_noise=rate)
     imu = make_imu(config, seed=4)
     samples = [imu.sample(moving(), 0.0) for _ in range(3000)]
     numbers = np.array([(*sample.specific_force, *sample.angular_velocity) for sample in samples])
-    expected = [config.acceleration_noise] * 3 + [config.rate_noise] * 3
-    assert numbers.std(axis=0) == pytest.approx(expected, rel=0.05)
+    assert numbers.std(axis=0) == pytest.approx([force] * 3 + [rate] * 3, rel=0.05)
     assert np.abs(numbers.mean(axis=0) - (0, 0, 9.8, 0, 0, 0)) == pytest.approx([0.0] * 6, abs=0.02)
     assert np.abs(np.corrcoef(numbers.T) - np.eye(6)).max() < 0.07
-
-
-def test_the_husky_s_noise_is_the_default():
-    assert (simulator_config().imu.acceleration_noise, simulator_config().imu.rate_noise) == (0.005, 0.005)
-
-
-# ---------------------------------------------------------------------------- over the wire
 
 
 def over_the_wire(msg):
@@ -136,17 +124,16 @@ def test_covariances_are_as_the_husky_publishes_them():
 
 
 @pytest.mark.parametrize(
-    ("quat", "first_covariance"),
-    [((0.0, 0.0, 0.0, 0.0), 0.0), ((nan, nan, nan, nan), 0.0), ((0.6, 0.0, 0.0, 0.8), -1.0)],
+    ("quat", "first_covariance", "taken"),
+    [
+        ((0.0, 0.0, 0.0, 0.0), 0.0, LEVEL),  # it does not know how it stands
+        ((nan, nan, nan, nan), 0.0, LEVEL),
+        ((0.6, 0.0, 0.0, 0.8), -1.0, LEVEL),
+        ((0.0, 0.0, 0.7, 0.7), 0.0, (0.0, 0.0, 0.5**0.5, 0.5**0.5)),  # not quite normed
+    ],
 )
-def test_an_imu_that_does_not_know_how_it_stands_is_taken_to_stand_level(quat, first_covariance):
+def test_an_orientation_is_a_rotation_or_level(quat, first_covariance, taken):
     msg = ImuMsg()
     msg.orientation.x, msg.orientation.y, msg.orientation.z, msg.orientation.w = quat
     msg.orientation_covariance[0] = first_covariance
-    assert imu_from_msg(msg).quat_xyzw == LEVEL
-
-
-def test_an_orientation_not_quite_normed_is_a_rotation_all_the_same():
-    msg = ImuMsg()
-    msg.orientation.z, msg.orientation.w = 0.7, 0.7
-    assert imu_from_msg(msg).quat_xyzw == pytest.approx((0.0, 0.0, 0.5**0.5, 0.5**0.5))
+    assert imu_from_msg(msg).quat_xyzw == pytest.approx(taken)
