@@ -9,6 +9,9 @@ import rospy
 import tf2_ros
 from geometry_msgs.msg import Transform, TransformStamped
 
+from husky_highlevel_controller.datatypes import Pose
+from husky_highlevel_controller.ros.conversions import pose_from_transform
+
 MAX_COORDINATE = 1e6  # [m], farther away is no pose; tf2 refuses NaN, but neither infinity nor 1e308
 
 
@@ -28,6 +31,14 @@ def lookup_transform(
     except (tf2_ros.TransformException, ValueError):  # ValueError: an empty name, or one with a NUL
         return None
     return stamped if is_pose(stamped.transform) else None
+
+
+def lookup_pose(
+    transforms: tf2_ros.BufferCore, parent: str, child: str, stamp: Optional[rospy.Time] = None
+) -> Optional[Pose]:
+    """`lookup_transform` as the pose of the child frame."""
+    stamped = lookup_transform(transforms, parent, child, stamp)
+    return None if stamped is None else pose_from_transform(stamped)
 
 
 def latest_stamp(transforms: tf2_ros.BufferCore, parent: str, child: str) -> float:

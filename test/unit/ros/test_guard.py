@@ -134,7 +134,7 @@ def scan_of_a_wall(stamp, _):
 )
 def test_proximity_stop_guards_by_the_newest_odometry_where_the_clocks_differ(monkeypatch, ahead, told):
     robot = Robot(monkeypatch, proximity_stop.ProximityStopNode, ProximityConfig())
-    monkeypatch.setattr(proximity_stop.ProximityStopNode, "_laser_in_base", lambda *_: Pose())
+    monkeypatch.setattr(proximity_stop, "lookup_pose", lambda *_: Pose())
     stamp = (lambda now: 0.0) if ahead is None else (lambda now: now + ahead)
     robot.drive("front/scan", lambda _, a: scan_of_a_wall(stamp(robot.now), a), 0.0, SMOOTH[:400])
     assert [stop[:9] for stop in robot.stops] == ["something"]

@@ -17,11 +17,11 @@ from geometry_msgs.msg import TransformStamped
 
 from husky_highlevel_controller.controller.behaviour import Observation
 from husky_highlevel_controller.controller.sensor_faults import ClockOffset, frame_sentence
-from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan
+from husky_highlevel_controller.datatypes import Pose, Scan
 from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import pose_to_2d
-from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.display import BASE, ODOM
+from husky_highlevel_controller.ros.conversions import pose_from_transform
 from husky_highlevel_controller.ros.transforms import latest_stamp, lookup_transform
 
 START_TIMEOUT = 4.0  # [s] of wall time that the first scan waits for TF, so that lockstep runs start alike
@@ -143,9 +143,7 @@ class ScanPlacement:
         waiting, transform = self._base_in_odom(pending.stamp, overdue)
         if waiting:
             return None
-        base_in_odom: Optional[Pose2D] = None
-        if transform is not None:
-            base_in_odom = pose_to_2d(conversions.pose_from_transform(transform))
+        base_in_odom = pose_to_2d(pose_from_transform(transform)) if transform else None
         return Observation(pending.scan, self._laser_in_base(frame), base_in_odom, self._outline, self.ahead)
 
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
@@ -180,7 +178,7 @@ class ScanPlacement:
             rospy.logwarn_throttle(REPORT_PERIOD, f"the robot stands still: {frame_sentence(frame)}")
         if transform is None:
             return None
-        pose = conversions.pose_from_transform(transform)
+        pose = pose_from_transform(transform)
         if transform.header.stamp.is_zero():  # every transform of the chain is from /tf_static
             self._fixed = frame, pose
         return pose

@@ -14,7 +14,7 @@ from husky_highlevel_controller.datatypes import IDENTITY, Quaternion, Twist2D
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import named_robot, run_node
 from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig
-from husky_highlevel_controller.ros.transforms import lookup_transform
+from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
 QUEUE = 1000  # messages
@@ -66,10 +66,7 @@ class CrashStopNode:
         """Mounting of the IMU in base_link; as base_link where TF does not know."""
         if frame.lstrip("/") == BASE:
             return IDENTITY.quat_xyzw
-        transform = lookup_transform(self._transforms, BASE, frame)
-        if transform is None:
-            return IDENTITY.quat_xyzw
-        return conversions.pose_from_transform(transform).quat_xyzw
+        return (lookup_pose(self._transforms, BASE, frame) or IDENTITY).quat_xyzw
 
 
 def main() -> None:

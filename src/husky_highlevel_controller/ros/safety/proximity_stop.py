@@ -12,11 +12,10 @@ from sensor_msgs.msg import LaserScan
 from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.controller.safety import ProximityConfig, too_close
 from husky_highlevel_controller.controller.sensor_faults import frame_sentence
-from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import named_robot, run_node
 from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig
-from husky_highlevel_controller.ros.transforms import lookup_transform
+from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
 CLOCK_TOLERANCE = 0.3  # [s]; a slow lidar's scans are stamped up to 0.2 s before odometry's last
@@ -64,7 +63,7 @@ class ProximityStopNode:
             return
         stamp = self._guard.time_of(scan.stamp, "scans are", "the newest odometry is taken for theirs")
         twist = self._guard.twist(stamp)
-        laser_in_base = self._laser_in_base(scan.frame)
+        laser_in_base = lookup_pose(self._transforms, BASE, scan.frame)
         if twist is None or laser_in_base is None:
             reason = frame_sentence(scan.frame)
             if twist is None:
@@ -83,10 +82,6 @@ class ProximityStopNode:
                 f"{twist.linear:.2f} m/s, {twist.angular:.2f} rad/s"
             )
         self._guard.judge(stamp, danger)
-
-    def _laser_in_base(self, frame: str) -> Optional[Pose]:
-        transform = lookup_transform(self._transforms, BASE, frame)
-        return None if transform is None else conversions.pose_from_transform(transform)
 
 
 def main() -> None:

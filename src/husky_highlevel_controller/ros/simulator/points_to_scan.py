@@ -10,9 +10,9 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 
 from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.geometry import transform_points
-from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_from_msg
 from husky_highlevel_controller.ros.node import publish, run_node
+from husky_highlevel_controller.ros.transforms import lookup_pose
 from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten, parameters_of
 
 MAX_POINTS = 1_000_000
@@ -50,12 +50,10 @@ class PointsToScanNode(rospy.SubscribeListener):
         points = points_from_msg(msg, MAX_POINTS).astype(float)
         target = config.target_frame or frame
         if target != frame:
-            try:
-                pose = conversions.pose_from_transform(
-                    self._transforms.lookup_transform_core(target, frame, rospy.Time())
-                )
-            except (tf2_ros.TransformException, ValueError) as error:
-                rospy.logwarn_throttle(REPORT_PERIOD, f"no scan from the cloud in '{frame}': {error}")
+            pose = lookup_pose(self._transforms, target, frame)
+            if pose is None:
+                sentence = f"no scan from the cloud: no transform from '{frame}' to '{target}'"
+                rospy.logwarn_throttle(REPORT_PERIOD, sentence)
                 return
             points = transform_points(pose, points)
         scan = LaserScan(

@@ -26,6 +26,7 @@ from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.object_markers import DELETE, body_to_msg, upwards
 from husky_highlevel_controller.ros.simulator.publishers import ODOM
 from husky_highlevel_controller.ros.simulator.world_services import ask
+from husky_highlevel_controller.ros.transforms import lookup_pose
 from husky_highlevel_controller.simulator.bullet.world import ROBOT
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose
@@ -93,9 +94,10 @@ class WorldDisplay:
         self._dragged: Set[str] = set()
         self._transforms: Optional[tf2_ros.Buffer] = None
         self._server = _Server("~world", self._on_feedback)
+        drop, move = partial(self._ask, self._drop_box), partial(self._ask, self._move_robot)
         self._tools = (
-            rospy.Subscriber("clicked_point", PointStamped, self._on_click, queue_size=10),
-            rospy.Subscriber("initialpose", PoseWithCovarianceStamped, self._on_pose, queue_size=10),
+            rospy.Subscriber("clicked_point", PointStamped, drop, queue_size=10),
+            rospy.Subscriber("initialpose", PoseWithCovarianceStamped, move, queue_size=10),
         )
 
     def update(self, stamp: float) -> None:
@@ -126,7 +128,8 @@ class WorldDisplay:
             shown, pose = self._shown.get(name), self._simulation.pose_of(name)
             if shown and shown.body is not body:  # another one of that name
                 shown = None
-            if shown and not drifted and not _has_moved(shown.pose_in_world, pose):
+            before = shown.pose_in_world if shown and not drifted else None
+            if before and (before == pose or not _noticeable(before, pose, 1.0)):
                 continue
             pose_in_odom, up = compose(self._world_in_odom, pose), upwards(pose)
             if shown and dist(shown.up, up) < TIPPED:
@@ -175,21 +178,13 @@ class WorldDisplay:
     def _frame_in_odom(self, frame: str) -> Pose:
         if frame == ODOM:
             return Pose()
-        if self._transforms is None:
-            raise ObjectError(f"no transform from '{frame}' to '{ODOM}' yet")
-        try:  # the latest: a click is slower than TF
-            transform = self._transforms.lookup_transform(ODOM, frame, rospy.Time(0))
-        except (tf2_ros.TransformException, TypeError) as error:  # TypeError: no name of a frame
-            raise ObjectError(f"no transform from '{frame}' to '{ODOM}': {error}") from None
-        return conversions.pose_from_transform(transform)
+        # the latest: a click is slower than TF
+        pose = None if self._transforms is None else lookup_pose(self._transforms, ODOM, frame)
+        if pose is None:
+            raise ObjectError(f"no transform from '{frame}' to '{ODOM}'")
+        return pose
 
     # ------------------------------------------------------------------ callbacks
-
-    def _on_click(self, msg: PointStamped) -> None:
-        self._ask(self._drop_box, msg)
-
-    def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
-        self._ask(self._move_robot, msg)
 
     def _on_feedback(self, feedback: InteractiveMarkerFeedback) -> None:
         name, event = feedback.marker_name, feedback.event_type
@@ -205,10 +200,6 @@ class WorldDisplay:
         done, sentence = ask(self._calls, partial(work, msg))
         if done:
             rospy.loginfo(f"by the mouse: {sentence}")
-
-
-def _has_moved(before: Optional[Pose], now: Pose) -> bool:
-    return before is None or (before != now and _noticeable(before, now, 1.0))
 
 
 def _noticeable(before: Pose, after: Pose, radius: float) -> bool:

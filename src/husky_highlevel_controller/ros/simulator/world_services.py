@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Callable, List, Tuple
+from functools import partial
+from typing import Any, Callable, List, Tuple
 
 import rospy
 from geometry_msgs.msg import Pose as PoseMsg
@@ -24,19 +25,25 @@ class WorldServices:
 
     def __init__(self, simulation: Simulation, calls: CallQueue) -> None:
         self._simulation, self._calls = simulation, calls
-        rospy.Service("~spawn", srv.SpawnObject, self._on_spawn)
-        rospy.Service("~delete", srv.DeleteObject, self._on_delete)
-        rospy.Service("~move", srv.MoveObject, self._on_move)
+        for name, kind, response, work in (
+            ("~spawn", srv.SpawnObject, srv.SpawnObjectResponse, self._spawn),
+            ("~delete", srv.DeleteObject, srv.DeleteObjectResponse, self._delete),
+            ("~move", srv.MoveObject, srv.MoveObjectResponse, self._move),
+        ):
+            rospy.Service(name, kind, partial(self._on_change, work, response))
         rospy.Service("~list", srv.ListObjects, self._on_list)
+
+    def _on_change(self, work: Callable[[Any], str], response: Any, request: Any) -> Any:
+        return response(*ask(self._calls, partial(work, request)))
 
     def _spawn(self, request: srv.SpawnObjectRequest) -> str:
         pose = self._in_world(request.initial_pose, request.reference_frame)
         self._simulation.spawn(_bodies_of(request, pose))
         return f"'{request.model_name}' is there"
 
-    def _delete(self, name: str) -> str:
-        self._simulation.delete(name)
-        return f"'{name}' is gone"
+    def _delete(self, request: srv.DeleteObjectRequest) -> str:
+        self._simulation.delete(request.model_name)
+        return f"'{request.model_name}' is gone"
 
     def _move(self, request: srv.MoveObjectRequest) -> str:
         pose = self._in_world(request.pose, request.reference_frame)
@@ -59,17 +66,6 @@ class WorldServices:
         names = list(self._simulation.bodies)
         poses = [conversions.pose_to_msg(compose(to_frame, self._simulation.pose_of(name))) for name in names]
         return srv.ListObjectsResponse(True, f"{len(names)} objects", names, poses)
-
-    # ------------------------------------------------------------------ callbacks
-
-    def _on_spawn(self, request: srv.SpawnObjectRequest) -> srv.SpawnObjectResponse:
-        return srv.SpawnObjectResponse(*ask(self._calls, lambda: self._spawn(request)))
-
-    def _on_delete(self, request: srv.DeleteObjectRequest) -> srv.DeleteObjectResponse:
-        return srv.DeleteObjectResponse(*ask(self._calls, lambda: self._delete(request.model_name)))
-
-    def _on_move(self, request: srv.MoveObjectRequest) -> srv.MoveObjectResponse:
-        return srv.MoveObjectResponse(*ask(self._calls, lambda: self._move(request)))
 
     def _on_list(self, request: srv.ListObjectsRequest) -> srv.ListObjectsResponse:
         try:
