@@ -82,9 +82,9 @@ def test_the_cost_is_as_it_says():
         ("min_beams=nan:3", "min_beams = 'nan:3' is not LOW:HIGH"),
         ("p_gain_vel=1:11", "p_gain_vel = 11.0 is out of range"),
         ("p_gain_vel=2:1", "p_gain_vel = 2:1: 2 is not below 1"),
-        (["time=1"], "time is not a weight"),
+        (["time=1"], "'time' is not known"),
         (["touch=a"], "'a' is not a number"),
-        (["touch=-1"], "not a positive"),
+        (["touch=-1"], "-1.0 is out of range"),
     ],
 )
 def test_what_is_no_range_or_no_weight_is_named(text, sentence):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
-from typing import Callable, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import Scan, Snapshot
 from husky_highlevel_controller.evaluation.scenarios import Scenario
-from husky_highlevel_controller.geometry import advance, yaw_from_quat
+from husky_highlevel_controller.geometry import advance, pose_to_2d
 from husky_highlevel_controller.robot import Robot, load_robot
 from husky_highlevel_controller.simulator.models.description import robot_description
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
@@ -35,6 +35,11 @@ from husky_highlevel_controller.simulator.simulator_config import SimulatorConfi
 Controller = Callable[
     [ControllerState, Observation, bool, ControlConfig, PillarConfig], Tuple[ControllerState, ControlOutput]
 ]  # called like `behaviour.decide`; the first state is ControllerState()
+
+COLUMNS = {  # arrays of a trace, with the numbers in a row; 0: one
+    "times": 0, "poses": 3, "twists": 2, "estimates": 2, "pillars": 2,
+    "distance_errors": 0, "bearing_errors": 0, "nearest": 0,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,11 +141,10 @@ class _Recorder:
     """Collects the rows of a trace."""
 
     def __init__(self) -> None:
-        self._rows: List[Tuple[float, ...]] = []
+        self._rows: List[Tuple[Any, ...]] = []  # of the arrays of COLUMNS
         self._states: List[State] = []
-        self._touches: dict = {}
+        self._touches: Dict[str, float] = {}
         self._events: List[Tuple[float, str]] = []
-        self._said = ""
 
     def note_touches(self, snapshot: Snapshot) -> None:
         for name in snapshot.contacts:
@@ -149,46 +153,23 @@ class _Recorder:
     def note(
         self, snapshot: Snapshot, scan: Scan, output: ControlOutput, pillar_in_world: Tuple[float, float]
     ) -> None:
-        x, y, _ = snapshot.robot.pose_in_world.position
-        yaw = yaw_from_quat(snapshot.robot.pose_in_world.quat_xyzw)
-        estimate = (output.estimate.x, output.estimate.y) if output.estimate else (np.nan, np.nan)
+        estimate = output.estimate[:2] if output.estimate else (np.nan, np.nan)
+        numbers = (output.distance_error, output.bearing_error)
         nearest = float(np.min(scan.ranges, where=scan.valid, initial=inf))
-        twist, errors = output.twist, (output.distance_error, output.bearing_error)
-        self._rows.append(
-            (
-                snapshot.stamp,
-                x,
-                y,
-                yaw,
-                twist.linear,
-                twist.angular,
-                *estimate,
-                *pillar_in_world,
-                *errors,
-                nearest,
-            )
-        )
+        pose = pose_to_2d(snapshot.robot.pose_in_world)
+        self._rows.append((snapshot.stamp, pose, output.twist, estimate, pillar_in_world, *numbers, nearest))
         self._states.append(output.state)
         sentence = f"{output.state.value}: {output.reason}"
-        if sentence != self._said:
+        if not self._events or sentence != self._events[-1][1]:
             self._events.append((snapshot.stamp, sentence))
-            self._said = sentence
 
     def trace(self) -> Trace:
-        table = np.array(self._rows, dtype=float).reshape(-1, 13)
-        table.setflags(write=False)
-        times, poses, twists, estimates, pillars = np.split(table[:, :10], [1, 4, 6, 8], axis=1)
+        columns = list(zip(*self._rows)) or [()] * len(COLUMNS)
+        arrays = {
+            name: np.array(column, dtype=float).reshape((-1, width) if width else -1)
+            for (name, width), column in zip(COLUMNS.items(), columns)
+        }
+        for array in arrays.values():
+            array.setflags(write=False)
         touches = tuple((stamp, name) for name, stamp in self._touches.items())
-        return Trace(
-            times=times[:, 0],
-            poses=poses,
-            twists=twists,
-            estimates=estimates,
-            pillars=pillars,
-            distance_errors=table[:, 10],
-            bearing_errors=table[:, 11],
-            nearest=table[:, 12],
-            states=tuple(self._states),
-            touches=touches,
-            events=tuple(self._events),
-        )
+        return Trace(states=tuple(self._states), touches=touches, events=tuple(self._events), **arrays)

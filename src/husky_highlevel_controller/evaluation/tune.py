@@ -18,7 +18,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.metrics import Drive, DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import draw_trials
@@ -47,10 +47,12 @@ HEADER = ("defaults", "found", "found - defaults")
 class Objective:
     """Cost of one drive [s]: time beyond what the limits of the robot need, and penalties."""
 
-    failure: float = 60.0  # [s], for a drive that does not arrive, in place of its time
-    touch: float = 30.0  # [s], for a touch
-    overshoot: float = 100.0  # [s/m], for each metre beyond the stop distance
-    crossing: float = 1.0  # [s], for each swing across the pillar's direction
+    failure: float = number(
+        0.0, 1e6, "in place of the time of a drive that does not arrive [s]", default=60.0
+    )
+    touch: float = number(0.0, 1e6, "for a touch [s]", default=30.0)
+    overshoot: float = number(0.0, 1e6, "for each metre beyond the stop distance [s/m]", default=100.0)
+    crossing: float = number(0.0, 1e6, "for each swing across the pillar's direction [s]", default=1.0)
 
     def cost(self, drive: DriveResult) -> float:
         """Cost of one drive [s]."""
@@ -111,26 +113,14 @@ def parse_range(text: str, base: Setup) -> Range:
 
 
 def parse_weights(assignments: Sequence[str]) -> Objective:
-    """The objective with some weights changed: NAME=NUMBER.
-
-    Raises:
-        ConfigError: there is no such weight, or it is negative.
-    """
-    names = [item.name for item in fields(Objective)]
-    weights: Dict[str, float] = {}
-    for assignment in assignments:
-        name, _, number = assignment.partition("=")
-        if name not in names:
-            raise ConfigError(
-                f"--weights {assignment}: {name} is not a weight; there are: {', '.join(names)}"
-            )
+    """The objective with some weights changed: NAME=NUMBER; ConfigError for any other."""
+    weights: Dict[str, Any] = {}
+    for name, _, text in (assignment.partition("=") for assignment in assignments):
         try:
-            weights[name] = float(number)
-        except ValueError:
-            raise ConfigError(f"--weights {assignment}: '{number}' is not a number") from None
-        if not 0.0 <= weights[name] < inf:
-            raise ConfigError(f"--weights {assignment}: {number} is not a positive number")
-    return Objective(**weights)
+            weights[name] = float(text)
+        except ValueError:  # told by the reader of records
+            weights[name] = text
+    return from_plain(Objective, weights, "--weights ")
 
 
 def tune(
