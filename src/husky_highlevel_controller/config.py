@@ -21,7 +21,7 @@ import numpy as np
 from husky_highlevel_controller.datatypes import HuskyError
 
 Record = TypeVar("Record")
-_WORDS = {str: "text", int: "whole number", float: "number", bool: "truth value"}
+_TYPE_NAMES = {str: "text", int: "whole number", float: "number", bool: "truth value"}
 
 
 class ConfigError(HuskyError):
@@ -221,8 +221,8 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
     if kind is Any:
         return value
     if type(value) is not kind and not (kind is float and type(value) is int):  # YAML's 1 is a fine 1.0
-        word = kind.__name__ if parameters_only else _WORDS[kind]
-        raise ConfigError(f"{name} = {_short(value)} is not a {word}{help_text}")
+        type_name = kind.__name__ if parameters_only else _TYPE_NAMES[kind]
+        raise ConfigError(f"{name} = {_short(value)} is not a {type_name}{help_text}")
     if "min" in metadata and kind in (int, float):
         low, high = metadata["min"], metadata["max"]
         if not (abs(value) <= sys.float_info.max and low <= value <= high):  # NaN and 10**400 are not

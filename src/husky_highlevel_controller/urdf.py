@@ -84,7 +84,7 @@ def numbers_of(
             raise DescriptionError(f"{where}: {attribute} is missing")
         return default
     try:
-        numbers = tuple(float(word) for word in text.split())
+        numbers = tuple(map(float, text.split()))
     except ValueError:
         numbers = ()
     if len(numbers) != count or not all(map(isfinite, numbers)):

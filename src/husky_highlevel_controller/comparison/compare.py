@@ -15,7 +15,7 @@ import numpy as np
 
 from husky_highlevel_controller.comparison.contestant import Contestant, Outcome, contestant, drive_scene
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.plots import draw_pairs, draw_ways
+from husky_highlevel_controller.evaluation.plots import draw_pairs, draw_paths
 from husky_highlevel_controller.evaluation.report import Report, Table, every_row, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import add_drive_options, setup_of
@@ -131,9 +131,9 @@ def write(comparison: Comparison, report: Report, out: Path) -> Path:
         times = [(a.arrived_at, b.arrived_at) for a, b in comparison.pairs]
         pictures["time to arrival"] = draw_pairs(times, "time to arrival [s], a dot for each scene")
     for letter, a, b in comparison.failures():
-        ways = {f"A: {a.summary}": a.poses, f"B: {b.summary}": b.poses}
+        paths = {f"A: {a.summary}": a.poses, f"B: {b.summary}": b.poses}
         name = f"only {letter.lower()} fails {a.scene}"
-        pictures[name] = draw_ways(ways, a.pillar, f"{a.scene}: only {letter} fails")
+        pictures[name] = draw_paths(paths, a.pillar, f"{a.scene}: only {letter} fails")
         (out / f"{name.replace(' ', '_')}.png").write_bytes(pictures[name])
     return report.write(out, pictures)
 

@@ -1,6 +1,6 @@
 """Contestants of a comparison (parameters, a function, a launch file), and one drive of each.
 
-In: words of a command line, scenes. Out: `Outcome`s.
+In: texts of a command line, scenes. Out: `Outcome`s.
 
 All kinds are judged by the true poses alone, for a launch file tells nothing else.
 """
@@ -62,7 +62,7 @@ class Outcome:
     scene: str
     arrived_at: float  # [s], from when on it stands at the pillar; inf: it does not in the end
     nearest: float  # [m], smallest gap between outline and pillar
-    poses: np.ndarray  # (N, 3) [m, m, rad], some of the way
+    poses: np.ndarray  # (N, 3) [m, m, rad], evenly thinned
     pillar: Tuple[float, float]  # [m], where it stood at first
     notes: Tuple[str, ...] = ()  # what went wrong with its nodes, in sentences
 
@@ -73,7 +73,7 @@ class Outcome:
 
     @property
     def summary(self) -> str:
-        """End of the drive in words."""
+        """End of the drive as text."""
         touched = ", touched the pillar" if self.nearest <= TOUCH else ""
         touched += f" ({'; '.join(self.notes)})" if self.notes else ""
         if self.arrived_at == inf:

@@ -38,7 +38,7 @@ class Segment(NamedTuple):
 
     @property
     def middle(self) -> float:
-        """Half-way between the first and the last beam: the x axis of whatever is fitted."""
+        """Half-way between the first and the last beam: the x axis of the fit."""
         return 0.5 * float(self.beams[0] + self.beams[-1])
 
     @property

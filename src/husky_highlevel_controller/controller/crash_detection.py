@@ -30,7 +30,7 @@ from husky_highlevel_controller.geometry import cross, dot, minus, quat_inverse,
 
 GRAVITY = 9.8  # [m/s^2]
 LEVELLING_TIME = 2.0  # [s], time constant with which the accelerometer corrects the gyro's gravity
-LEVELLING_FORCE = 20.0  # [m/s^2], most that it believes of a force: the rest is a shock
+LEVELLING_FORCE = 20.0  # [m/s^2], largest force that corrects it: more is a shock
 LATENESS = 0.05  # [s], age of the window's end: odometry comes late
 AFTER, BEFORE = 0.15, 0.4  # [s], of the mean velocities
 MEMORY = 1.0  # [s], over which the ground's vibration is averaged

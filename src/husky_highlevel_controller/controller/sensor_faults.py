@@ -69,8 +69,8 @@ class ClockOffset:
 
 def clock_sentence(who: str, seconds: float, reference: str) -> str:
     """Sentence on messages ("scans are") stamped so far ahead of a reference [s]; negative: behind it."""
-    way = "ahead of" if seconds > 0.0 else "behind"
-    return f"{who} stamped {abs(seconds):.2f} s {way} {reference}: set the clocks (chrony)"
+    side = "ahead of" if seconds > 0.0 else "behind"
+    return f"{who} stamped {abs(seconds):.2f} s {side} {reference}: set the clocks (chrony)"
 
 
 def zero_sentence(who: str) -> str:

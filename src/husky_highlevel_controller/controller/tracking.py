@@ -68,7 +68,7 @@ class Track(NamedTuple):
 
     estimate: Optional[Estimate] = None
     missed_time: float = 0.0  # [s] that its place looked empty, less those that showed it
-    beams: int = 0  # most that a scan had on it
+    beams: int = 0  # largest number that a scan had on it
     updated_at: float = 0.0  # [s]
     rejected: Tuple[Tuple[float, float, int], ...] = ()  # places given up: x, y in odom [m]; beams they had
     anchor: Optional[Anchor] = None

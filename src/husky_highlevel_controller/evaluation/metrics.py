@@ -57,7 +57,7 @@ class DriveResult:
     name: str
     arrived_at: float  # [s]; inf if it did not
     bound: float  # [s], no robot with these limits could be there earlier, even if it faced the pillar
-    final_error: float  # [m], true distance from the lidar to the pillar, less the one asked for
+    final_error: float  # [m], true distance from the lidar to the pillar, less `stop_distance`
     gap: float  # [m], true, from the hull's front to the pillar, in the end
     pushed: float  # [m], how far the pillar was moved
     touched: Tuple[str, ...]

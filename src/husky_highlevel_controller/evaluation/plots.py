@@ -1,4 +1,4 @@
-"""Pictures of many drives: heat maps, curves, ways from above.
+"""Pictures of many drives: heat maps, curves, paths from above.
 
 In: arrays. Out: PNG.
 """
@@ -53,12 +53,12 @@ def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, titl
     return png(figure)
 
 
-def draw_ways(ways: Mapping[str, np.ndarray], pillar: Tuple[float, float], title: str) -> bytes:
-    """Ways, (N, 3) poses [m, m, rad] in the world by their label, to a pillar [m], seen from above."""
+def draw_paths(paths: Mapping[str, np.ndarray], pillar: Tuple[float, float], title: str) -> bytes:
+    """Paths, (N, 3) poses [m, m, rad] in the world by their label, to a pillar [m], seen from above."""
     figure = new_figure(5.6, 4.8)
     plot = figure.subplots()
     from_above(plot, pillar, PILLAR_RADIUS)
-    for color, style, (label, poses) in zip(COLORS, ("-", "--"), ways.items()):
+    for color, style, (label, poses) in zip(COLORS, ("-", "--"), paths.items()):
         plot.plot(poses[:, 0], poses[:, 1], style, color=color, label=plain(label))
         plot.plot(*poses[-1, :2], "o", color=color)
     plot.plot(*poses[0, :2], "k^", label="start")

@@ -182,7 +182,7 @@ def parse_axis(text: str) -> Axis:
 
 def _numbers(grid: str, is_geometric: bool) -> List[float]:
     if ":" not in grid:
-        numbers = sorted(float(word) for word in grid.split(","))
+        numbers = sorted(map(float, grid.split(",")))
         if not all(map(math.isfinite, numbers)):
             raise ValueError("a value is no number")
         return numbers

@@ -21,7 +21,7 @@ class Interval(NamedTuple):
     high: float
 
     def summary(self, unit: str, factor: float = 1.0) -> str:
-        """Interval in words."""
+        """Interval as text."""
         return f"{factor * self.mean:+.3f} {unit} [{factor * self.low:+.3f}, {factor * self.high:+.3f}]"
 
 

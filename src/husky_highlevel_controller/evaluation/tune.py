@@ -62,7 +62,7 @@ class Objective:
 
     @property
     def formula(self) -> str:
-        """Formula of the objective, in words."""
+        """Formula of the objective as text."""
         return (
             f"mean over the starts of: time beyond the bound [s], or {self.failure:g} if it does not arrive, "
             f"+ {self.touch:g} for a touch + {self.overshoot:g} x overshoot [m] + {self.crossing:g} x swings"
@@ -118,7 +118,7 @@ def parse_weights(assignments: Sequence[str]) -> Objective:
     for name, _, text in (assignment.partition("=") for assignment in assignments):
         try:
             weights[name] = float(text)
-        except ValueError:  # told by the reader of records
+        except ValueError:  # refused by the reader of records
             weights[name] = text
     return from_plain(Objective, weights, "--weights ")
 

@@ -35,21 +35,21 @@ class PromptConnection(QueuedConnection):
 
     def __init__(self, connection: Any, queue_size: int) -> None:
         self._turn = threading.Lock()  # of writing to the socket
-        self._rest = b""  # of a message of which the socket took only the beginning
+        self._unsent = b""  # of a message of which the socket took only the beginning
         super().__init__(connection, queue_size)
 
     def write_data(self, data: bytes) -> bool:
         """Send or queue a message."""
         if self._turn.acquire(blocking=False):
             try:
-                if not self._queue and not self._rest and self._connection.socket is not None:
+                if not self._queue and not self._unsent and self._connection.socket is not None:
                     return self._send(data)
             finally:
                 self._turn.release()
         return bool(super().write_data(data))
 
     def _send(self, data: bytes) -> bool:
-        """Send what there is room for; the rest is the thread's."""
+        """Send what there is room for; the thread sends what is left."""
         connection = self._connection
         try:
             sent = connection.socket.send(data, socket.MSG_DONTWAIT)
@@ -60,7 +60,7 @@ class PromptConnection(QueuedConnection):
         connection.stat_bytes += sent
         if sent < len(data):
             with self._lock:
-                self._rest = data[sent:]
+                self._unsent = data[sent:]
                 self._cond_data_available.notify()
         else:
             connection.stat_num_msg += 1
@@ -69,12 +69,12 @@ class PromptConnection(QueuedConnection):
     def _run(self) -> None:
         while not self._connection.done:
             with self._lock:
-                while not self._queue and not self._rest and not self._connection.done:
+                while not self._queue and not self._unsent and not self._connection.done:
                     self._cond_data_available.wait()
             with self._turn:  # what is in the queue by now goes before what comes later
                 with self._lock:
-                    unsent, queue = self._rest, self._queue
-                    self._rest, self._queue = b"", []
+                    unsent, queue = self._unsent, self._queue
+                    self._unsent, self._queue = b"", []
                 for data in [unsent, *queue] if unsent else queue:
                     try:
                         self._connection.write_data(data)

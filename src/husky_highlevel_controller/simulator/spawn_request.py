@@ -28,7 +28,7 @@ ROUNDING = 1e-3  # how far from 1 a quaternion's length may be
 
 
 class ObjectError(HuskyError):
-    """An object that cannot be; the text names what was asked for and the value."""
+    """An object that cannot be; the text names the parameter and its value."""
 
 
 def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world: Pose) -> Body:

@@ -13,10 +13,10 @@ TIMEOUT = 0.5  # [s], an input that was silent for longer gives way
 
 
 class CommandMux:
-    """Passes on the commands of the most important input that is not silent; a lock stops them all."""
+    """Passes on the commands of the strongest input that is not silent; a lock stops them all."""
 
     def __init__(self, inputs: Sequence[str]) -> None:
-        """`inputs`: topics, the most important first."""
+        """`inputs`: topics, the strongest first."""
         self._ranks = {topic: rank for rank, topic in enumerate(inputs)}
         self.locked = False
         self.forget()

@@ -2,7 +2,7 @@
 
 In: the address of a scheduler, a function, groups of items. Out: their results as they come.
 
-A worker gets work only after it was asked: it must have this Python and this version of the package, and one
+A worker gets work only after a check: it must have this Python and this version of the package, and one
 thread, for threads that share a simulator spoil each other's results. All it needs comes over the wire.
 """
 
@@ -118,15 +118,11 @@ class Cluster:
             return []
 
     def _wait_for_workers(self, starts_programs: bool) -> FrozenSet[str]:
-        """The workers that may be used now.
-
-        Raises:
-            HuskyError: there are only others, or none came in time.
-        """
+        """The workers that may be used now; HuskyError where there are only others, or none came in time."""
         end = time.monotonic() + WORKER_DEADLINE
         while True:
             infos = self._client.scheduler_info(n_workers=-1)["workers"]
-            self._ask({address: info for address, info in infos.items() if address not in self._refused})
+            self._check({address: info for address, info in infos.items() if address not in self._refused})
             workers = self._fit & set(infos)
             if starts_programs:
                 workers = frozenset(w for w in workers if ROS in infos[w].get("resources", {}))
@@ -142,8 +138,8 @@ class Cluster:
                 raise HuskyError(f"--cluster {self._address}: no worker came in {WORKER_DEADLINE:g} s")
             time.sleep(POLL_PERIOD)
 
-    def _ask(self, infos: Dict[str, Dict[str, Any]]) -> None:
-        """Ask new workers what they are, and say which are refused."""
+    def _check(self, infos: Dict[str, Dict[str, Any]]) -> None:
+        """Check new workers' threads, Python and package, and say which are refused."""
         new = [address for address in infos if address not in self._fit]
         if not new:
             return
@@ -154,7 +150,7 @@ class Cluster:
             if infos[address]["nthreads"] != 1:
                 why = f"it has {infos[address]['nthreads']} threads; start it with --nthreads 1"
             elif not python:
-                continue  # it did not answer: asked again
+                continue  # no answer: checked again
             elif python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
                 why = f"its Python is {python.split('.final')[0]}, here it is {sys.version.split()[0]}"
             else:

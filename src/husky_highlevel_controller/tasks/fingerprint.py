@@ -91,7 +91,7 @@ def code_version() -> str:
 
 
 def processor() -> str:
-    """Name of this machine's processor; empty where that cannot be told."""
+    """Name of this machine's processor; empty where it is unknown."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return next(line.split(": ", 1)[1] for line in lines if line.startswith("model name"))

@@ -53,7 +53,7 @@ def run_here(
 ) -> Generator[Tuple[int, Answer], None, None]:
     """The number of each group and its answer, in the order in which they end.
 
-    A process that is killed is replaced, and its group done again; closing the iterator cancels the rest.
+    A process that is killed is replaced, and its group done again; closing the iterator cancels the others.
 
     Raises:
         HuskyError: one group ended its process MAX_DEATHS times, without `on_error`.

@@ -21,11 +21,7 @@ class Store:
     """A file of results; what is saved is there even if the process is killed at once."""
 
     def __init__(self, path: Path) -> None:
-        """Open or make it.
-
-        Raises:
-            HuskyError: it is another kind of file, or cannot be written.
-        """
+        """Open or make it; HuskyError where it is another kind of file, or cannot be written."""
         self._path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -150,13 +150,13 @@ def _pillar_markers(observation: Observation, output: ControlOutput) -> List[Mar
 
 def next_step(viewers: Sequence[str]) -> str:
     """Sentence on how to drive again, by the names of the nodes that show the robot."""
-    ways = []
+    actions = []
     if any("husky_web" in name for name in viewers):
-        ways.append("press Drive again in the page")
+        actions.append("press Drive again in the page")
     if any("rviz" in name for name in viewers):
-        ways.append("put the robot elsewhere with RViz's 2D Pose Estimate")
-    way = " or ".join(ways) or "rosservice call /husky_simulator/reset"
-    return f"to drive again: {way}; Ctrl-C ends the launch"
+        actions.append("put the robot elsewhere with RViz's 2D Pose Estimate")
+    action = " or ".join(actions) or "rosservice call /husky_simulator/reset"
+    return f"to drive again: {action}; Ctrl-C ends the launch"
 
 
 def _state_markers(observation: Observation, output: ControlOutput, stop_distance: float) -> List[Marker]:

@@ -96,7 +96,7 @@ class Guard:
         return conversions.twist_from_msg(msg.twist.twist)
 
     def judge(self, stamp: float, danger: Optional[str]) -> None:
-        """Stop the controller if there is a danger, put in words, and it was not stopped for it already."""
+        """Stop the controller if there is a danger, as text, and it was not stopped for it already."""
         twist = self.twist(stamp)
         moving = twist is None or is_moving(twist)
         latch, stop = advance_latch(self._latch, danger is not None, moving, stamp)

@@ -44,7 +44,7 @@ class StopRequest:
         self.pending = False
 
     def start(self, danger: str) -> None:
-        """Ask for a stop because of a danger, put in words; ignored while one is pending. Any thread."""
+        """Request a stop because of a danger, as text; ignored while one is pending. Any thread."""
         with self._turn:  # sensors have a thread for each publisher
             if not self.pending:
                 self.pending = True

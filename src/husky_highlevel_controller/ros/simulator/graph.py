@@ -1,4 +1,4 @@
-"""ROS graph around the simulator: partners that must have joined before time begins, mistakes that are told.
+"""ROS graph around the simulator: partners that must have joined before time begins, and wrong topics.
 
 In: topics, the ROS master. Out: whether the partners are there; warnings.
 """

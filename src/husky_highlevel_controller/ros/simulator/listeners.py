@@ -158,7 +158,7 @@ def _in_python(process: int) -> bool:
 def _owners(ports: Set[Ports]) -> Dict[Ports, int]:
     """Process that receives, of each connection that ends on this machine.
 
-    The kernel takes 4 ms to list all connections: it is asked only when they change.
+    The kernel takes 4 ms to list all connections: they are listed only when they change.
     """
     sockets: Dict[str, Ports] = {}
     for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:

@@ -50,7 +50,7 @@ def refusal(name: str, master_uri: str) -> str:
 
 def has_own_master(command_line: Sequence[str]) -> bool:
     """Whether a program that reads a launch file starts its own master, whatever $ROS_MASTER_URI says."""
-    is_rostest = "rostest" in (word.rsplit("/", 1)[-1] for word in command_line)
+    is_rostest = "rostest" in (Path(argument).name for argument in command_line)
     return is_rostest and not {"-r", "--reuse-master"} & set(command_line)
 
 

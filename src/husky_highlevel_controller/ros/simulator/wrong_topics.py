@@ -60,9 +60,9 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
 def sentence(finding: WrongTopic) -> str:
     """A finding for the log."""
     if finding.publishes:
-        does = f"publishes {finding.kind} on {finding.topic}, which nobody reads"
+        does = f"publishes {finding.kind} on {finding.topic}, which no node reads"
     else:
-        does = f"subscribes to {finding.topic}, which nobody publishes"
+        does = f"subscribes to {finding.topic}, which no node publishes"
     return f"{finding.node} {does}: did you mean {finding.suggestion}?"
 
 

@@ -1,4 +1,4 @@
-"""PyBullet in this package's words; the only folder that imports pybullet.
+"""PyBullet behind records; the only folder that imports pybullet.
 
 Importing PyBullet prints its build time to standard error, from C. The first import happens here, with that
 descriptor pointed elsewhere: a program does not begin with a line that says nothing to its user.

@@ -119,7 +119,7 @@ class Node:
     def numbers(self, *counts: int) -> Tuple[float, ...]:
         """The finite numbers in it, as many as one of `counts`; anything else is a WorldError."""
         try:
-            values = tuple(float(word) for word in self.text.split())
+            values = tuple(map(float, self.text.split()))
         except ValueError:
             values = ()
         if len(values) not in counts or not all(isfinite(value) for value in values):
