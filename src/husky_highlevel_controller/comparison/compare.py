@@ -19,7 +19,7 @@ from husky_highlevel_controller.evaluation.plots import draw_pairs, draw_paths
 from husky_highlevel_controller.evaluation.report import Report, Table, every_row, write_table
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import add_drive_options, setup_of
-from husky_highlevel_controller.evaluation.statistics import Interval, bootstrap
+from husky_highlevel_controller.evaluation.statistics import bootstrap, paired_row
 from husky_highlevel_controller.grading.isolation.process import stop_on_signals
 from husky_highlevel_controller.tasks.command import between, exit_codes
 from husky_highlevel_controller.tasks.store import RESULTS
@@ -40,36 +40,25 @@ class Comparison:
         return [(a, b) for a, b in zip(self.a, self.b) if a.success and b.success]
 
     @property
-    def only_a_fails(self) -> List[Tuple[Outcome, Outcome]]:
-        """Scenes in which B does better."""
-        return [(a, b) for a, b in zip(self.a, self.b) if not a.success and b.success]
+    def failures(self) -> List[Tuple[str, Outcome, Outcome]]:
+        """Scenes in which only one fails: its letter, and what both did."""
+        both = zip(self.a, self.b)
+        return [("B" if a.success else "A", a, b) for a, b in both if a.success is not b.success]
 
-    @property
-    def only_b_fails(self) -> List[Tuple[Outcome, Outcome]]:
-        """Scenes in which A does better."""
-        return [(a, b) for a, b in zip(self.a, self.b) if a.success and not b.success]
-
-    def difference(self, quantity: str) -> Interval:
-        """B less A, over the scenes in which both succeed."""
-        return bootstrap([getattr(b, quantity) - getattr(a, quantity) for a, b in self.pairs])
-
-    def mean(self, quantity: str) -> Tuple[float, float]:
-        """Mean of a figure of A and of B, over the scenes in which both succeed."""
-        columns = [[getattr(outcome, quantity) for outcome in side] for side in zip(*self.pairs)]
-        a, b = columns or [[np.nan]] * 2
-        return float(np.mean(a)), float(np.mean(b))
+    def values(self, quantity: str) -> Tuple[List[float], List[float]]:
+        """A figure of A and of B, over the scenes in which both succeed."""
+        return [getattr(a, quantity) for a, _ in self.pairs], [getattr(b, quantity) for _, b in self.pairs]
 
     def worse(self, margin: float) -> str:
         """Reason why B is worse than A by more than a share of A's time; empty: it is not."""
-        lost, won = len(self.only_b_fails), len(self.only_a_fails)
+        letters = [letter for letter, _, _ in self.failures]
+        lost, won = letters.count("B"), letters.count("A")
         if lost > won:
             return f"it fails in {lost} scenes in which A does not, and A in {won} in which B does not"
         if not self.pairs:
-            return (
-                "" if any(b.success for b in self.b) else "it never succeeds" * any(a.success for a in self.a)
-            )
-        allowed = margin * self.mean("arrived_at")[0]
-        high = self.difference("arrived_at").high
+            return ""
+        a, b = self.values("arrived_at")
+        allowed, high = margin * float(np.mean(a)), bootstrap(np.subtract(b, a)).high
         return f"it may be {high:.3f} s slower, {allowed:.3f} s are allowed" if high > allowed else ""
 
     def table(self) -> List[Dict[str, Any]]:
@@ -80,23 +69,15 @@ class Comparison:
         """Means of the scenes in which both succeed, and the differences."""
         shares = [100.0 * sum(outcome.success for outcome in side) / len(self.a) for side in (self.a, self.b)]
         rows: List[Sequence[Any]] = [("stands at the pillar, no touch [%]", *shares, "")]
-        for title, quantity, unit, factor in (
-            ("time to arrival [s]", "arrived_at", "s", 1.0), ("nearest approach [cm]", "nearest", "cm", 100.0)
-        ):  # fmt: skip
-            means = (factor * value for value in self.mean(quantity))
-            rows.append((title, *means, self.difference(quantity).summary(unit, factor)))
+        rows.append(paired_row("time to arrival [s]", *self.values("arrived_at"), "s"))
+        rows.append(paired_row("nearest approach [cm]", *self.values("nearest"), "cm", 100.0))
         title = f"Times and distances of the {len(self.pairs)} scenes in which both succeed"
         return Table(title, ("", "A", "B", "B - A, 95 % of the bootstrap"), rows)
-
-    def failures(self) -> List[Tuple[str, Outcome, Outcome]]:
-        """Scenes in which only one fails: its letter, and what both did."""
-        sides = (("A", self.only_a_fails), ("B", self.only_b_fails))
-        return [(letter, a, b) for letter, scenes in sides for a, b in scenes]
 
     def report(self, margin: float, source: str) -> Report:
         """Figures, failures, every scene, and the verdict."""
         why, tables = self.worse(margin), [self.figures()]
-        if failures := [(f"{a.scene}: only {x} fails", a.summary, b.summary) for x, a, b in self.failures()]:
+        if failures := [(f"{a.scene}: only {x} fails", a.summary, b.summary) for x, a, b in self.failures]:
             tables.append(Table("Scenes in which only one fails", ("", "A", "B"), failures))
         verdict = f"B is worse than A: {why}" if why else "B is not worse than A"
         lead = f"{len(self.a)} scenes; A: {self.names[0]}; B: {self.names[1]}"
@@ -130,7 +111,7 @@ def write(comparison: Comparison, report: Report, out: Path) -> Path:
     if comparison.pairs:
         times = [(a.arrived_at, b.arrived_at) for a, b in comparison.pairs]
         pictures["time to arrival"] = draw_pairs(times, "time to arrival [s], a dot for each scene")
-    for letter, a, b in comparison.failures():
+    for letter, a, b in comparison.failures:
         paths = {f"A: {a.summary}": a.poses, f"B: {b.summary}": b.poses}
         name = f"only {letter.lower()} fails {a.scene}"
         pictures[name] = draw_paths(paths, a.pillar, f"{a.scene}: only {letter} fails")

@@ -6,9 +6,10 @@ In: differences. Out: means with confidence intervals.
 from __future__ import annotations
 
 from math import nan
-from typing import NamedTuple, Sequence
+from typing import Any, NamedTuple, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 RESAMPLES, LEVEL = 10000, 0.95
 
@@ -25,7 +26,7 @@ class Interval(NamedTuple):
         return f"{factor * self.mean:+.3f} {unit} [{factor * self.low:+.3f}, {factor * self.high:+.3f}]"
 
 
-def bootstrap(differences: Sequence[float]) -> Interval:
+def bootstrap(differences: ArrayLike) -> Interval:
     """Mean of finite paired differences, with the percentile interval of the bootstrap; nan without any.
 
     The resampling has one seed: same differences, same interval.
@@ -37,3 +38,11 @@ def bootstrap(differences: Sequence[float]) -> Interval:
     means = np.array([values[rng.integers(len(values), size=len(values))].mean() for _ in range(RESAMPLES)])
     low, high = np.quantile(means, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0])
     return Interval(float(values.mean()), float(low), float(high))
+
+
+def paired_row(
+    title: str, a: Sequence[float], b: Sequence[float], unit: str, factor: float = 1.0
+) -> Sequence[Any]:
+    """Row of a table: means of A and of B in the same scenes, and B - A with its interval, times a factor."""
+    means = (factor * float(np.mean(side)) if len(side) else nan for side in (a, b))
+    return title, *means, bootstrap(np.subtract(b, a)).summary(unit, factor)

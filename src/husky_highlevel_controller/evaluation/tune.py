@@ -12,7 +12,7 @@ import argparse
 import sys
 from dataclasses import dataclass, fields
 from itertools import product
-from math import inf, isfinite, nan
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
@@ -33,7 +33,7 @@ from husky_highlevel_controller.evaluation.setup import (
     to_yaml,
     unit_of,
 )
-from husky_highlevel_controller.evaluation.statistics import bootstrap
+from husky_highlevel_controller.evaluation.statistics import paired_row
 from husky_highlevel_controller.tasks.command import exit_codes, positive
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
@@ -193,12 +193,10 @@ def check(
     shares = (100.0 * float(np.mean([result.good for result in side])) for side in sides)
     rows: List[Sequence[Any]] = [("arrived, within 2 cm, no touch [%]", *shares, "")]
     pairs = [(a, b) for a, b in zip(*sides) if a.arrived_at < inf and b.arrived_at < inf]
-    times = [[result.arrived_at for result in side] for side in zip(*pairs)] or [[], []]
-    costs = [[objective.cost(result) for result in side] for side in sides]
-    for title, (first, second) in (("time to arrival, mean [s]", times), ("objective [s]", costs)):
-        interval = bootstrap(np.subtract(second, first).tolist())
-        means = (float(np.mean(side)) if side else nan for side in (first, second))
-        rows.append((title, *means, interval.summary("s")))
+    times = ([result.arrived_at for result, _ in pairs], [result.arrived_at for _, result in pairs])
+    before, after = ([objective.cost(result) for result in side] for side in sides)
+    rows.append(paired_row("time to arrival, mean [s]", *times, "s"))
+    rows.append(paired_row("objective [s]", before, after, "s"))
     return Table(f"Both on {len(scenes)} fresh starts", ("", *HEADER), rows)
 
 
