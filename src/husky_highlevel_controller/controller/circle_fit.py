@@ -182,8 +182,6 @@ def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
     return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
-# ---------------------------------------------------------------------------- lines and corners
-
 # The inverse range of a straight wall is linear in the cosine and sine of the beam, 1 / r = a cos + b sin.
 # Times r^2, so that it counts along the beam: r = a r^2 cos + b r^2 sin.
 

@@ -40,9 +40,6 @@ def is_moving(twist: Twist2D) -> bool:
     return not (abs(twist.linear) <= MOVING_LINEAR and abs(twist.angular) <= MOVING_ANGULAR)
 
 
-# ---------------------------------------------------------------------------- before the touch
-
-
 def too_close(
     scan: Scan, pose_laser_in_base: Pose, twist_in_base: Twist2D, config: ProximityConfig, robot: Robot
 ) -> Optional[float]:
@@ -118,9 +115,6 @@ def _clearance(points_in_base: np.ndarray, pose: Pose2D, outline: Footprint) -> 
     c, s = np.cos(pose.yaw), np.sin(pose.yaw)
     from_robot = (points_in_base - (pose.x, pose.y)) @ np.array([[c, -s], [s, c]])
     return outline.clearance(from_robot)
-
-
-# ---------------------------------------------------------------------------- one stop for one danger
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,6 @@ ALIGNED = 0.005  # [rad], within this the robot faces the pillar; a swing beyond
 DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0  # [s] of simulated time after which a run ends
 
 
-# ---------------------------------------------------------------------------- single scans
-
-
 def center_error(number: int, seed: int, clutter: bool, lidar: LidarConfig = SICK) -> float:
     """Distance from a random pillar to the nearest one found [m]; inf where none is the same."""
     scene = pillar_scene(number, seed, clutter, lidar)
@@ -45,9 +42,6 @@ def false_pillars(number: int, seed: int, lidar: LidarConfig = SICK) -> int:
     """Number of pillars of many beams that are found in a random scene without one."""
     pillars = find_pillars(bare_scene(number, seed, lidar).scan, PillarConfig())
     return sum(pillar.beams >= MANY_BEAMS for pillar in pillars)
-
-
-# ---------------------------------------------------------------------------- whole runs
 
 
 @dataclass(frozen=True)

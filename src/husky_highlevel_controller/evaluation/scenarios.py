@@ -53,9 +53,6 @@ class PillarScan:
     pillar: Optional[Disc]
 
 
-# ---------------------------------------------------------------------------- runs
-
-
 def course_scenario(seed: int = 0) -> Scenario:
     """The course's own: from the origin to the pillar at (20, 5)."""
     return Scenario("course", load_world(course_world()), Pose2D(), seed)
@@ -73,9 +70,6 @@ def random_starts(count: int, seed: int) -> List[Scenario]:
         start = Pose2D(x + distance * cos(bearing), y + distance * sin(bearing), rng.uniform(-pi, pi))
         scenarios.append(Scenario(f"start {number}", course.world, start, int(rng.integers(2**31))))
     return scenarios
-
-
-# ---------------------------------------------------------------------------- random scans
 
 
 def scan_of(ranges: np.ndarray, lidar: LidarConfig = SICK) -> Scan:

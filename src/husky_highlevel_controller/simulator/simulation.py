@@ -195,8 +195,6 @@ class Simulation:
         treads = (speeds[0] * radius, speeds[1] * radius)
         return power.update(sides, treads, self._equipment.wheel_steps * self.dt)
 
-    # ------------------------------------------------------------------ the world
-
     @property
     def bodies(self) -> Mapping[str, Body]:
         """Bodies but the robot, by name; a body's own pose is where it was put."""

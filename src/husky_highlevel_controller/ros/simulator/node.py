@@ -193,8 +193,6 @@ class SimulatorNode:
         if delay > 0.0:
             time.sleep(delay)
 
-    # ------------------------------------------------------------------ services
-
     def _offer_services(self) -> None:
         self._world_services = WorldServices(self._simulation, self._calls)
         self._display: Optional[WorldDisplay] = None

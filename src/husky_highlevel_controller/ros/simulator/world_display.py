@@ -139,8 +139,6 @@ class WorldDisplay:
                 self._server.insert(body_to_msg(body, pose_in_odom, ODOM))
             self._shown[name] = _Shown(body, up, pose)
 
-    # ------------------------------------------------------------------ for the simulation's thread
-
     def _drop_box(self, msg: PointStamped) -> str:
         clicked = self._in_world(PoseMsg(msg.point, Quaternion(w=1.0)), msg.header.frame_id)
         x, y, z = clicked.position
@@ -183,8 +181,6 @@ class WorldDisplay:
         if pose is None:
             raise ObjectError(f"no transform from '{frame}' to '{ODOM}'")
         return pose
-
-    # ------------------------------------------------------------------ callbacks
 
     def _on_feedback(self, feedback: InteractiveMarkerFeedback) -> None:
         name, event = feedback.marker_name, feedback.event_type

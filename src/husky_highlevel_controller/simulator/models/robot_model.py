@@ -166,8 +166,6 @@ def _write_wheel(
     return Wheel(name, child, pose, radius, width, inertial[0], axial_inertia), inertial
 
 
-# ---------------------------------------------------------------------------- bodies
-
 Inertial = Tuple[float, Vector3, np.ndarray]  # mass [kg], its centre [m], inertia about that (3, 3) [kg m^2]
 
 

@@ -121,9 +121,6 @@ def _tell_notes(load: Load) -> None:
         log.warning("%s: %s%s", sentence, "; ".join(places[:3]), more)
 
 
-# ---------------------------------------------------------------------------- models and links
-
-
 @dataclass(frozen=True)
 class _Place:
     """World, model or link that holds an element."""
