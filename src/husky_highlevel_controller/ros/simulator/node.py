@@ -198,28 +198,23 @@ class SimulatorNode:
         self._display: Optional[WorldDisplay] = None
         if not self._publishers.truth_log.is_open:
             self._display = WorldDisplay(self._simulation, self._calls)
-        for name, gazebo_name, work in (
-            ("pause", "pause_physics", self._pause),
-            ("resume", "unpause_physics", self._resume),
-            ("reset", "reset_simulation", self._reset),
-            ("reset_world", "reset_world", self._reset_poses),
+        # what changes the world waits for the end of a step in lockstep
+        for name, gazebo_name, work, changes in (
+            ("pause", "pause_physics", partial(self._set_paused, True), False),
+            ("resume", "unpause_physics", partial(self._set_paused, False), False),
+            ("reset", "reset_simulation", self._reset, True),
+            ("reset_world", "reset_world", self._reset_poses, True),
         ):
-            changes = work not in (self._pause, self._resume)  # those wait for the end of a step in lockstep
             # Gazebo's answer with nothing; ours with a sentence
             rospy.Service(f"gazebo/{gazebo_name}", Empty, partial(self._on_empty, work, changes))
             rospy.Service(f"~{name}", Trigger, partial(self._on_trigger, work, changes))
         rospy.Service("~step", srv.StepWorld, self._on_step)
         rospy.Service("~load_world", srv.LoadWorld, self._on_load_world)
 
-    def _pause(self) -> str:
-        self._paused = True
-        self._paused_topic.publish(True)
-        return f"paused at {self._simulation.stamp:.3f} s"
-
-    def _resume(self) -> str:
-        self._paused = False
-        self._paused_topic.publish(False)
-        return f"running from {self._simulation.stamp:.3f} s"
+    def _set_paused(self, paused: bool) -> str:
+        self._paused = paused
+        self._paused_topic.publish(paused)
+        return f"{'paused at' if paused else 'running from'} {self._simulation.stamp:.3f} s"
 
     def _reset(self) -> str:
         self._simulation.reset()
