@@ -105,26 +105,19 @@ def rotate(quat: Quaternion, vector: Sequence[float]) -> Vector3:
     )
 
 
-def matrix_from_quat(quat: Quaternion) -> np.ndarray:
-    """Rotation matrix (3, 3) of a unit quaternion; its columns are the turned axes."""
-    x, y, z, w = quat
-    return np.array(
-        (
-            (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
-            (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
-            (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
-        )
-    )
-
-
 def axes_from_quat(quat: Quaternion) -> Axes:
-    """The turned x, y and z axes: the columns of `matrix_from_quat`, without the price of an array."""
+    """The turned x, y and z axes of a unit quaternion."""
     x, y, z, w = quat
     return (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)),
         (2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)),
         (2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)),
     )
+
+
+def matrix_from_quat(quat: Quaternion) -> np.ndarray:
+    """Rotation matrix (3, 3) of a unit quaternion; its columns are the turned axes."""
+    return np.array(tuple(zip(*axes_from_quat(quat))))
 
 
 def yaw_from_quat(quat: Quaternion) -> float:

@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from typing import Any, Callable, Deque, Optional
+from concurrent.futures import Future, wait
+from typing import Any, Callable, Deque, Tuple
 
 import rospy
 
 SHUTDOWN_POLL_PERIOD = 0.1  # [s] of wall time between two checks whether the node ends
-
-
-class _Call:
-    def __init__(self, work: Callable[[], Any]) -> None:
-        self.work = work
-        self.done = threading.Event()
-        self.result: Any = None
-        self.error: Optional[Exception] = None
 
 
 class CallQueue:
@@ -28,8 +21,8 @@ class CallQueue:
     def __init__(self, on_change: Callable[[str], None] = lambda _: None) -> None:
         """Call `on_change` with a sentence about each request that changed or read the world."""
         self.on_change = on_change
-        self._calls: Deque[_Call] = deque()
-        self._calls_between_steps: Deque[_Call] = deque()
+        self._calls: Deque[Tuple[Callable[[], Any], Future]] = deque()
+        self._calls_between_steps: Deque[Tuple[Callable[[], Any], Future]] = deque()
         self._arrived = threading.Event()
 
     def call(self, work: Callable[[], Any], between_steps: bool = False) -> Any:
@@ -42,15 +35,13 @@ class CallQueue:
         Raises:
             ROSInterruptException: the node ends before the work was done.
         """
-        call = _Call(work)
-        (self._calls_between_steps if between_steps else self._calls).append(call)
+        future: Future = Future()
+        (self._calls_between_steps if between_steps else self._calls).append((work, future))
         self._arrived.set()
-        while not call.done.wait(SHUTDOWN_POLL_PERIOD):
+        while not wait([future], SHUTDOWN_POLL_PERIOD).done:
             if rospy.is_shutdown():
                 raise rospy.ROSInterruptException("the simulator ends")
-        if call.error is not None:
-            raise call.error
-        return call.result
+        return future.result()
 
     def process(self, timeout: float = 0.0) -> None:
         """Make all calls; if there is none, wait for one up to `timeout` s. Owner only, between two steps."""
@@ -59,17 +50,16 @@ class CallQueue:
             self._arrived.clear()
         self.process_during_step()
         while self._calls_between_steps:
-            _make(self._calls_between_steps.popleft())
+            _make(*self._calls_between_steps.popleft())
 
     def process_during_step(self) -> None:
         """Make the calls that need not wait for a step's end. Owner only, also in the middle of a step."""
         while self._calls:
-            _make(self._calls.popleft())
+            _make(*self._calls.popleft())
 
 
-def _make(call: _Call) -> None:
+def _make(work: Callable[[], Any], future: Future) -> None:
     try:
-        call.result = call.work()
+        future.set_result(work())
     except Exception as error:  # raised again in the caller's thread
-        call.error = error
-    call.done.set()
+        future.set_exception(error)
