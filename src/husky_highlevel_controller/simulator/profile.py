@@ -14,7 +14,7 @@ The friction is the URDF's on either ground, for nothing measured contradicts it
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 from husky_highlevel_controller.config import number, setting
 from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
@@ -43,25 +43,21 @@ SOFT = Ground(
 
 
 @dataclass(frozen=True)
-class RealHusky:
-    """The real Husky on one ground."""
-
-    lidar: Lms1xxConfig
-    base: HuskyBaseConfig
-    power: PowerConfig
-    ground: Ground
-
-
-@dataclass(frozen=True)
 class RobotProfile:
-    """The real Husky, and the grounds there are."""
+    """The real Husky, the grounds there are, and which of them it drives on."""
 
-    lidar: Lms1xxConfig = field(default_factory=Lms1xxConfig, metadata={"help": "the lidar and its driver"})
-    base: HuskyBaseConfig = field(default_factory=HuskyBaseConfig, metadata={"help": "the drive"})
-    power: PowerConfig = field(default_factory=PowerConfig, metadata={"help": "battery and motors"})
+    lidar: Lms1xxConfig = setting("the lidar and its driver", default=Lms1xxConfig())
+    base: HuskyBaseConfig = setting("the drive", default=HuskyBaseConfig())
+    power: PowerConfig = setting("battery and motors", default=PowerConfig())
     hard: Ground = setting("floors and asphalt", default=HARD)
     soft: Ground = setting("loam and snow", default=SOFT)
+    surface: str = "hard"  # one of GROUNDS
 
-    def on(self, ground: str) -> RealHusky:
-        """The real Husky on `ground`, one of GROUNDS."""
-        return RealHusky(self.lidar, self.base, self.power, self.soft if ground == "soft" else self.hard)
+    def on(self, surface: str) -> RobotProfile:
+        """The real Husky on one of GROUNDS."""
+        return replace(self, surface=surface)
+
+    @property
+    def ground(self) -> Ground:
+        """Ground under the robot."""
+        return self.soft if self.surface == "soft" else self.hard

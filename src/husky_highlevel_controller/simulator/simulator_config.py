@@ -10,7 +10,7 @@ from typing import Optional
 from husky_highlevel_controller.config import number, read_config, setting
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.robot import Robot, load_robot, robot_file
-from husky_highlevel_controller.simulator.profile import RealHusky
+from husky_highlevel_controller.simulator.profile import RobotProfile
 from husky_highlevel_controller.simulator.sensors.gps import GpsConfig
 from husky_highlevel_controller.simulator.sensors.imu import ImuConfig
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
@@ -35,7 +35,7 @@ class SimulatorConfig:
     points: PointsConfig = setting("the 3D lidar")
     robot: Robot = field(default_factory=load_robot)
     traction: TractionConfig = field(default_factory=TractionConfig)
-    real: Optional[RealHusky] = None  # what a real Husky does differently; None: Gazebo's robot
+    real: Optional[RobotProfile] = None  # what a real Husky does differently; None: Gazebo's robot
 
 
 @lru_cache(maxsize=None)
