@@ -55,7 +55,7 @@ class Setup:
         changed = {}
         for item in fields(self):
             record = getattr(self, item.name)
-            changes = {name: values[name] for name, _ in _parameters(record) if name in values}
+            changes = {name: values[name] for name, _, _ in _parameters(record) if name in values}
             changed[item.name] = replace_parameters(record, changes, source)
         return Setup(**changed)
 
@@ -111,18 +111,22 @@ def add_drive_options(parser: argparse.ArgumentParser, scenes: int) -> None:
 
 def parameters(setup: Setup) -> Dict[str, Any]:
     """Every parameter and its value, by name."""
-    records = (setup.control, setup.detector, setup.simulator)
-    return dict(pair for record in records for pair in _parameters(record))
+    return {name: value for name, value, _ in _all_parameters(setup)}
 
 
-def _parameters(record: Any, prefix: str = "") -> Iterator[Tuple[str, Any]]:
-    """Name and value of each parameter of a record, and of the records in it."""
+def _all_parameters(setup: Setup) -> Iterator[Tuple[str, Any, Mapping[str, Any]]]:
+    for record in (setup.control, setup.detector, setup.simulator):
+        yield from _parameters(record)
+
+
+def _parameters(record: Any, prefix: str = "") -> Iterator[Tuple[str, Any, Mapping[str, Any]]]:
+    """Name, value and metadata of each parameter of a record, and of the records in it."""
     for item in fields(record):
         value = getattr(record, item.name)
         if is_dataclass(value) and item.metadata:
             yield from _parameters(value, f"{prefix}{item.name}/")
         elif item.metadata:
-            yield prefix + item.name, value
+            yield prefix + item.name, value, item.metadata
 
 
 def unit_of(name: str) -> str:
@@ -133,12 +137,7 @@ def unit_of(name: str) -> str:
 
 def metadata_of(name: str) -> Mapping[str, Any]:
     """The metadata of a parameter: min, max, help."""
-    records: List[Any] = [ControlConfig(), PillarConfig(), simulator_config()]
-    *places, last = name.split("/")
-    for place in places:
-        records = [getattr(record, place) for record in records if hasattr(record, place)]
-    (item,) = (item for record in records for item in fields(record) if item.name == last and item.metadata)
-    return item.metadata
+    return next(metadata for key, _, metadata in _all_parameters(Setup()) if key == name)
 
 
 def help_line(name: str) -> str:

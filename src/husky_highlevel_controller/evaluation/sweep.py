@@ -106,27 +106,21 @@ def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
     setups = {"defaults": Setup(), "the course's gains": Setup(COURSE_GAINS)}
     if profile == "robot":
         setups["robot.launch's gains"] = Setup(ROBOT_GAINS)
-    positions = {
-        name: [float(parameters(setup)[axis.name]) for axis in axes] for name, setup in setups.items()
-    }
-    unlike = {tuple(values): name for name, values in reversed(positions.items())}
-    inside = {
-        name: list(values) for values, name in unlike.items()
-        if all(min(axis.values) <= value <= max(axis.values) for axis, value in zip(axes, values))
-    }  # fmt: skip
-    return dict(sorted(inside.items(), key=lambda pair: list(positions).index(pair[0])))
+    inside: Dict[str, List[float]] = {}
+    for name, setup in setups.items():
+        values = [float(parameters(setup)[axis.name]) for axis in axes]
+        is_inside = all(min(axis.values) <= value <= max(axis.values) for axis, value in zip(axes, values))
+        if is_inside and values not in inside.values():
+            inside[name] = values
+    return inside
 
 
 def summary(result: Sweep) -> List[Dict[str, Any]]:
     """A row for each point."""
-    names = [axis.name for axis in result.axes]
     panels = result.panels()
+    names = [*(axis.name for axis in result.axes), *(panel.title for panel in panels)]
     columns = [panel.values.ravel().tolist() for panel in panels]
-    titles = [panel.title for panel in panels]
-    return [
-        {**dict(zip(names, point)), **dict(zip(titles, values))}
-        for point, values in zip(result.points, zip(*columns))
-    ]
+    return [dict(zip(names, (*point, *values))) for point, values in zip(result.points, zip(*columns))]
 
 
 def write(result: Sweep, title: str, source: str, marked: Mapping[str, Sequence[float]], out: Path) -> None:
