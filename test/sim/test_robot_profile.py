@@ -30,7 +30,7 @@ def steady(simulation, *twist):
 
 def with_friction(friction):
     ground = replace(HARD.real.ground, friction=friction)
-    return replace(HARD, real=replace(HARD.real, ground=ground))
+    return replace(HARD, real=replace(HARD.real, hard=ground))
 
 
 def effective_track(snapshots):
