@@ -9,13 +9,11 @@ lets them pass.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import asin, atan2, ceil, cos, floor, hypot, inf, isfinite, log, sin
 from typing import Callable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.config import number
 from husky_highlevel_controller.controller.circle_fit import (
     Circle,
     Segment,
@@ -24,7 +22,12 @@ from husky_highlevel_controller.controller.circle_fit import (
     fit_circle,
     line_sum_squared_error,
 )
-from husky_highlevel_controller.controller.circle_screen import Limits, may_be_pillars
+from husky_highlevel_controller.controller.circle_screen import (
+    HIDDEN_ODDS,
+    LINE_ODDS,
+    PillarConfig,
+    may_be_pillars,
+)
 from husky_highlevel_controller.datatypes import Scan
 
 
@@ -48,25 +51,7 @@ class Pillar(NamedTuple):
         return hypot(self.x, self.y) - self.radius
 
 
-@dataclass(frozen=True)
-class PillarConfig:
-    """Limits of a pillar: size, number of beams, clearance."""
-
-    pillar_radius: float = number(0.02, 2.0, "radius of the pillar looked for [m]", default=0.2)
-    radius_tolerance: float = number(0.001, 1.0, "how far a measured radius may be off [m]", default=0.05)
-    max_residual: float = number(
-        0.001, 0.5, "largest root mean square distance from the circle [m]", default=0.05
-    )
-    range_noise: float = number(0.0001, 0.2, "differences in range not worth explaining [m]", default=0.003)
-    min_beams: int = number(2, 100, "fewest beams that make a pillar", default=2)
-
-
-# By how much a rival shape must explain the ranges better before it wins: logarithm of the ratio of squares,
-# times the beams to spare. Measured with 8 beams: at 30 mm noise 1 % of pillars lose to a corner at this
-# setting, at 1 mm less than 1 % of boxes escape; with more beams the two part quickly.
-_LINE_ODDS = 4.0
-_CORNER_ODDS = 1.0  # for each beam
-_HIDDEN_ODDS = 2.0  # by which a circle must beat a line where part of the silhouette is hidden
+_CORNER_ODDS = 1.0  # as LINE_ODDS, for each beam
 _UNSCREENED = 8  # up to so many segments are fitted without a screen, which takes as long as some fits
 MAX_FITS = 24  # exact fits for one scan; they bound the time that clutter takes
 _MAX_SKIPPED = 2  # beams without a return that a pillar may have between two with one
@@ -88,15 +73,7 @@ def _candidates(scan: Scan, config: PillarConfig) -> Segments:
     segments = cluster(scan, config)
     segments = segments.select(_plausible(segments, config))
     if len(segments.counts) > _UNSCREENED:
-        limits = Limits(
-            config.pillar_radius,
-            config.radius_tolerance,
-            config.max_residual,
-            config.range_noise,
-            _LINE_ODDS,
-            -_HIDDEN_ODDS,
-        )
-        segments = may_be_pillars(scan, segments, limits)
+        segments = may_be_pillars(scan, segments, config)
     if len(segments.counts) > MAX_FITS:
         nearest = np.zeros(len(segments.counts), dtype=bool)
         nearest[np.argsort(segments.near, kind="stable")[:MAX_FITS]] = True
@@ -193,7 +170,7 @@ def _stands_out(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
 
     return (
         missing <= beams // 10
-        and beats(line_sum_squared_error, 2, -_HIDDEN_ODDS if hidden else _LINE_ODDS)
+        and beats(line_sum_squared_error, 2, -HIDDEN_ODDS if hidden else LINE_ODDS)
         and (beams <= 5 or beats(corner_sum_squared_error, 5, _CORNER_ODDS * beams))
     )
 
