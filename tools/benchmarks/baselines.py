@@ -19,9 +19,10 @@ import pybullet
 from network import peak_megabytes
 
 from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Pose, Shape, Sphere, even_beams
-from husky_highlevel_controller.evaluation.rollout import husky
+from husky_highlevel_controller.evaluation.rollout import model_of
 from husky_highlevel_controller.evaluation.scenarios import course_scenario
 from husky_highlevel_controller.geometry import matrix_from_quat
+from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
@@ -58,7 +59,7 @@ def bare_loop(seconds: float, tuned: bool = False, paced: bool = False) -> Dict[
     lidar, reach = simulator_config().lidar, simulator_config().lidar.range_max
     x, y = even_beams(-lidar.angle_max, lidar.angle_max, lidar.beams).directions
     beams = np.column_stack([x, y, np.zeros(lidar.beams)])
-    mount = husky().fixed_poses[husky().laser_frame]
+    mount = model_of(load_robot()).fixed_poses[model_of(load_robot()).laser_frame]
     info = pybullet.getDynamicsInfo(robot, -1, physicsClientId=client)
     base_in_inertial = pybullet.invertTransform(info[3], info[4])
     laser = pybullet.multiplyTransforms(*base_in_inertial, mount.position, mount.quat_xyzw)
@@ -122,8 +123,8 @@ class BulletRays:
 def _load_husky(client: int, flags: int) -> int:
     handle, path = tempfile.mkstemp(suffix=".urdf")
     with os.fdopen(handle, "w") as file:
-        file.write(_with_joints(husky()))
-    height = husky().wheels[0].radius - husky().wheels[0].position[2]
+        file.write(_with_joints(model_of(load_robot())))
+    height = model_of(load_robot()).wheels[0].radius - model_of(load_robot()).wheels[0].position[2]
     robot: int = pybullet.loadURDF(path, (0.0, 0.0, height), flags=flags, physicsClientId=client)
     os.remove(path)
     joints = range(pybullet.getNumJoints(robot, client))

@@ -29,9 +29,10 @@ from std_srvs.srv import Empty
 from tf2_msgs.msg import TFMessage
 
 from husky_highlevel_controller.datatypes import Pose2D, Snapshot, Twist2D
-from husky_highlevel_controller.evaluation.rollout import husky
+from husky_highlevel_controller.evaluation.rollout import model_of
 from husky_highlevel_controller.evaluation.scenarios import course_scenario
 from husky_highlevel_controller.geometry import pose_from_2d
+from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
@@ -102,7 +103,7 @@ def latency(count: int) -> Dict[str, Any]:
     fixed = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
     tree = rospy.Publisher("/tf", TFMessage, queue_size=10)
     scan = rospy.Publisher("/front/scan", LaserScan, queue_size=10)
-    robot = husky()
+    robot = model_of(load_robot())
     fixed.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
     while not scan.get_num_connections() and not rospy.is_shutdown():
         time.sleep(PERIOD)
@@ -129,7 +130,7 @@ def recorded(count: int) -> List[Snapshot]:
     (pillar,) = (body for body in course.world.bodies if body.name == course.pillar)
     x, y, _ = pillar.pose_in_world.position
     start = Pose2D(yaw=atan2(y, x))
-    simulation = Simulation(course.world, husky(), simulator_config(), start, course.seed)
+    simulation = Simulation(course.world, model_of(load_robot()), simulator_config(), start, course.seed)
     found: List[Snapshot] = []
     while simulation.stamp < WAY:
         simulation.command(Twist2D(1.0, 0.0))

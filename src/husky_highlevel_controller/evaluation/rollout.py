@@ -26,7 +26,7 @@ from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import Scan, Snapshot
 from husky_highlevel_controller.evaluation.scenarios import Scenario
 from husky_highlevel_controller.geometry import advance, pose_to_2d
-from husky_highlevel_controller.robot import Robot, load_robot
+from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.models.description import robot_description
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel, robot_model
 from husky_highlevel_controller.simulator.simulation import Simulation
@@ -76,11 +76,6 @@ class Trace:
 def model_of(robot: Robot, profile: str = "gazebo") -> RobotModel:
     """A robot with its lidar, without meshes."""
     return robot_model(robot_description(robot.name, meshes="", profile=profile), robot)
-
-
-def husky() -> RobotModel:
-    """The Husky with its lidar, without meshes."""
-    return model_of(load_robot())
 
 
 def rollout(
