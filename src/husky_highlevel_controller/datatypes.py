@@ -66,10 +66,20 @@ class Cylinder:
     radius: float  # [m]
     length: float  # [m], along the geometry's z axis, centred
 
+    @property
+    def size(self) -> Vector3:
+        """Edges of the box around it [m]."""
+        return (2.0 * self.radius, 2.0 * self.radius, self.length)
+
 
 @dataclass(frozen=True)
 class Sphere:
     radius: float  # [m]
+
+    @property
+    def size(self) -> Vector3:
+        """Edges of the box around it [m]."""
+        return (2.0 * self.radius,) * 3
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def check_bounds(body: Body) -> None:
     if body.mass != 0.0:
         _within(body.mass, MASSES, "mass", "kg, or 0 for what never moves")
     for geometry in body.collisions:
-        for value in _lengths(geometry.shape):
+        for value in () if isinstance(geometry.shape, Plane) else geometry.shape.size:
             _within(value, SIZES, "size", "m")
     for geometry in (*body.collisions, *body.visuals):
         for value in geometry.pose_in_body.position:
@@ -97,16 +97,6 @@ def _shape(shape: str, size: Vector3) -> Shape:
     if shape in ("cylinder", "sphere"):
         raise ObjectError(f"size {size} is not that of a {shape}: its diameters must be equal")
     raise ObjectError(f"shape '{shape}' is not one of box, cylinder, sphere")
-
-
-def _lengths(shape: Shape) -> Sequence[float]:
-    if isinstance(shape, Box):
-        return shape.size
-    if isinstance(shape, Cylinder):
-        return (2.0 * shape.radius, shape.length)
-    if isinstance(shape, Plane):
-        return ()
-    return (2.0 * shape.radius,)
 
 
 def _within(value: float, limits: Sequence[float], name: str, unit: str) -> float:

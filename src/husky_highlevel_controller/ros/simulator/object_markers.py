@@ -13,7 +13,17 @@ from geometry_msgs.msg import Vector3 as Vector3Msg
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import InteractiveMarker, InteractiveMarkerControl, Marker, MenuEntry
 
-from husky_highlevel_controller.datatypes import Body, Box, Cylinder, Geometry, Plane, Pose, Rgba, Vector3
+from husky_highlevel_controller.datatypes import (
+    Body,
+    Box,
+    Cylinder,
+    Geometry,
+    Plane,
+    Pose,
+    Rgba,
+    Sphere,
+    Vector3,
+)
 from husky_highlevel_controller.geometry import compose, quat_between, quat_inverse, rotate
 from husky_highlevel_controller.ros import conversions
 
@@ -61,14 +71,10 @@ def _geometry_to_msg(geometry: Geometry) -> Marker:
     if isinstance(shape, Box) and shape.size[2] < PAINT:
         top = Pose((0.0, 0.0, shape.size[2] / 2.0))
         return _sheet(compose(pose, top), shape.size[:2], geometry.rgba)
-    if isinstance(shape, Box):
-        kind, size = Marker.CUBE, shape.size
-    elif isinstance(shape, Cylinder):
-        diameter = SLIM * 2.0 * shape.radius
-        kind, size = Marker.CYLINDER, (diameter, diameter, shape.length)
-    else:
-        kind, size = Marker.SPHERE, (2.0 * shape.radius, 2.0 * shape.radius, 2.0 * shape.radius)
-    color, scale = ColorRGBA(*geometry.rgba), Vector3Msg(*size)
+    kind = {Box: Marker.CUBE, Cylinder: Marker.CYLINDER, Sphere: Marker.SPHERE}[type(shape)]
+    color, scale = ColorRGBA(*geometry.rgba), Vector3Msg(*shape.size)
+    if kind == Marker.CYLINDER:
+        scale.x, scale.y = SLIM * scale.x, SLIM * scale.y
     return Marker(type=kind, pose=conversions.pose_to_msg(pose), scale=scale, color=color)
 
 

@@ -41,7 +41,7 @@ def compound_shape(geometries: Sequence[Geometry], client: int) -> int:
         shapeTypes=[kinds[type(shape)] for shape in shapes],
         radii=[getattr(shape, "radius", 0.0) for shape in shapes],
         lengths=[getattr(shape, "length", 0.0) for shape in shapes],
-        halfExtents=[[edge / 2.0 for edge in getattr(shape, "size", (0.0, 0.0, 0.0))] for shape in shapes],
+        halfExtents=[[edge / 2.0 for edge in shape.size] for shape in shapes],  # only boxes need them
         collisionFramePositions=[geometry.pose_in_body.position for geometry in geometries],
         collisionFrameOrientations=[geometry.pose_in_body.quat_xyzw for geometry in geometries],
         physicsClientId=client,

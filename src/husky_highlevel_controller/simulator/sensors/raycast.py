@@ -31,6 +31,7 @@ from husky_highlevel_controller.simulator.sensors.ray_shapes import (
 # Up to so many solid shapes are met one by one. All at once, the scan of the course takes three times as
 # long; one by one, a scan of 1000 objects takes ten times as long.
 FEW = 10
+KINDS = {Box: BOX, Cylinder: CYLINDER, Sphere: SPHERE}
 
 Indices = np.ndarray
 
@@ -84,7 +85,8 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
         if isinstance(shape, Plane):
             planes.append((pose.position, rotate(pose.quat_xyzw, shape.normal)))
             continue
-        kind, size = _kind_and_size(shape)
+        x, y, z = shape.size
+        kind, size = KINDS[type(shape)], (x / 2.0, y / 2.0, z / 2.0)
         bound = size[0] if kind == SPHERE else hypot(*size[1:]) if kind == CYLINDER else hypot(*size)
         solids.append(RaySolid(kind, size, bound, pose.position, axes_from_quat(pose.quat_xyzw)))
     return RayScene(
@@ -96,17 +98,6 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
         positions=np.array([solid.position for solid in solids], dtype=float).reshape(-1, 3),
         axes=np.array([solid.axes for solid in solids], dtype=float).reshape(-1, 3, 3),
     )
-
-
-def _kind_and_size(shape: Shape) -> Tuple[int, Tuple[float, float, float]]:
-    if isinstance(shape, Box):
-        x, y, z = shape.size
-        return BOX, (x / 2.0, y / 2.0, z / 2.0)
-    if isinstance(shape, Cylinder):
-        return CYLINDER, (shape.radius, shape.radius, shape.length / 2.0)
-    if isinstance(shape, Sphere):
-        return SPHERE, (shape.radius,) * 3
-    raise TypeError(f"{shape} is not solid")
 
 
 # parallel to a face: inf, or more than a float holds; beside a round shape: nan
