@@ -1,5 +1,6 @@
 """Damages inputs at random, always the same way for the same random generator."""
 
+import math
 import random
 import re
 
@@ -14,6 +15,9 @@ NUMBERS = [
     "0", "-0.0", "1", "-1", "0.5", "3.2", "1e-300", "5e-324", "1e-12", "1e-4", "1e3", "1e6", "1e12", "3e38",
     "1e300", "-1e300", "nan", "inf", "-inf", "1e999", "9" * 400, "x", "", "0x10", "1 2",
 ]  # fmt: skip
+
+
+ODD = [0.0, -0.0, 1.0, -1.0, 5e-324, 1e-9, 1e9, 1e20, 3e38, 1e300, -1e300, math.nan, math.inf, -math.inf]
 _NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?(?![\w.])")
 
 
@@ -30,16 +34,13 @@ def damaged(rng, text):
 def renumbered(rng, text):
     """Text with some of its numbers replaced by others, possible and impossible."""
     places = list(_NUMBER.finditer(text))
-    for place in sorted(rng.sample(places, min(rng.choice([1, 1, 2, 3, 8]), len(places))), key=_end)[::-1]:
-        new = (
-            rng.choice(NUMBERS) if rng.random() < 0.6 else repr(float(place.group()) * 10 ** rng.gauss(0, 2))
-        )
+    chosen = sorted(rng.sample(range(len(places)), min(rng.choice([1, 1, 2, 3, 8]), len(places))))
+    for place in (places[index] for index in reversed(chosen)):
+        new = rng.choice(NUMBERS)
+        if rng.random() > 0.6:
+            new = repr(float(place.group()) * 10 ** rng.gauss(0, 2))
         text = text[: place.start()] + new + text[place.end() :]
     return text
-
-
-def _end(place):
-    return place.end()
 
 
 def mutated(rng, value):
@@ -61,22 +62,7 @@ def number(rng):
     """A float: mostly an ordinary one."""
     if rng.random() < 0.75:
         return rng.gauss(0.0, 1.0) * 10 ** rng.uniform(-2, 2)
-    return rng.choice(
-        [
-            0.0,
-            -0.0,
-            1.0,
-            -1.0,
-            5e-324,
-            1e-9,
-            1e9,
-            1e20,
-            3e38,
-            1e300,
-            -1e300,
-            *map(float, ("nan", "inf", "-inf")),
-        ]
-    )
+    return rng.choice(ODD)
 
 
 def generators(name, count):

@@ -26,9 +26,6 @@ def mean_force(*args, **kwargs):
     return samples(*args, **kwargs)[:, :3].mean(axis=0)
 
 
-# ---------------------------------------------------------------------------- what it feels
-
-
 def test_speeding_up_braking_and_curves_are_felt(simulate):
     simulation = simulate(config=QUIET)
     drive(simulation, 1.0)
@@ -42,9 +39,6 @@ def test_speeding_up_braking_and_curves_are_felt(simulate):
         assert rates == pytest.approx((0.0, 0.0, side), abs=0.03)
     drive(simulation, 2.0, 1.0)
     assert mean_force(simulation, 0.3, 0.0) == pytest.approx((-3.0, 0.0, 9.8), abs=0.1)
-
-
-# ---------------------------------------------------------------------------- crashes
 
 
 def hardest(simulation, *args, detector=None, **kwargs):
@@ -82,9 +76,6 @@ def test_what_gives_way_is_not_felt(simulate):
     assert hardest(simulation, 3.0, 1.0) == 0.0
     assert simulation.step().contacts == ("pillar",)
     assert hardest(simulation, 1.0, 1.0) == 0.0
-
-
-# ---------------------------------------------------------------------------- rates and repetition
 
 
 @pytest.mark.parametrize("rate", [50, 100, 200])

@@ -113,9 +113,6 @@ def test_the_same_seed_repeats_a_run_to_the_bit_and_so_does_a_reset(simulate):
     assert run(first) == outcome
 
 
-# ---------------------------------------------------------------------------- the IMU's 3.9 m/s^2
-
-
 def peak(simulation, *twists):
     """Largest horizontal specific force [m/s^2] in the last of some seconds of driving."""
     drive(simulation, 1.0)

@@ -28,9 +28,6 @@ def from_lidar(trace, row=-1):
     return hypot(pillar_x - x - 0.337 * cos(yaw), pillar_y - y - 0.337 * sin(yaw)) - 0.2
 
 
-# ---------------------------------------------------------------------------- the course
-
-
 DRIVES = {
     "the course's start": (Setup(), COURSE),
     "the course's gains": (Setup(COURSE_GAINS), NEAR),
@@ -69,9 +66,6 @@ def test_with_the_lidar_upright_it_arrives_as_well():
     assert trace.distance_errors[-1] == pytest.approx(0.0, abs=0.02)
 
 
-# ---------------------------------------------------------------------------- a trace
-
-
 def test_a_trace_tells_what_happened():
     trace = rollout(NEAR)
     rows = len(trace.times)
@@ -102,9 +96,6 @@ def test_the_same_scenario_gives_the_same_trace_to_the_last_bit():
     assert first.poses.tobytes() == second.poses.tobytes()
     assert (first.arrived_at, first.times[-1]) == (None, pytest.approx(2.0)), "it does not arrive"
     assert rollout(replace(NEAR, seed=1), seconds=2.0).poses.tobytes() != first.poses.tobytes()
-
-
-# ---------------------------------------------------------------------------- the evaluation
 
 
 def test_random_starts_are_as_far_away_as_they_should_be_and_face_anywhere():

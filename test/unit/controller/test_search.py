@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import atan2, cos, degrees, hypot, pi, radians, sin
+from math import atan2, cos, hypot, pi, radians, sin
 
 import numpy as np
 import pytest
 from scenes import UPSIDE_DOWN, look
 
 from husky_highlevel_controller.controller.control import ControlConfig, target_at
-from husky_highlevel_controller.controller.search import (
-    Search,
-    free_bearing,
-    is_free,
-    near_points,
-    search_on,
-)
+from husky_highlevel_controller.controller.search import Search, free_bearing, is_free, near_points, search_on
 from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Twist2D
 from husky_highlevel_controller.evaluation.scenarios import SICK, scan_of
 from husky_highlevel_controller.robot import load_robot
@@ -54,15 +48,12 @@ def legs(config=CONFIG, count=5):
     return found
 
 
-def test_it_looks_all_round_and_then_drives_a_square_that_widens_every_second_leg():
+def test_it_looks_all_round_and_then_drives_a_square_that_widens_every_second_leg_by_its_parameter():
     turns, lengths = zip(*legs())
     assert lengths == pytest.approx((1.5, 1.5, 3.0, 3.0, 4.5), abs=0.06)
     assert turns[0] == pytest.approx(2.0 * pi, abs=0.11)
     # all round, and a quarter on to the next side
     assert turns[1:] == pytest.approx([2.5 * pi] * 4, abs=0.11)
-
-
-def test_the_search_widens_by_its_parameter():
     lengths = [length for _, length in legs(replace(CONFIG, search_radius_step=0.5), 3)]
     assert lengths == pytest.approx([0.5, 0.5, 1.0], abs=0.06)
 
@@ -122,18 +113,23 @@ def test_near_is_within_two_metres_of_the_lidar_and_no_speckle(readings, near):
 AHEAD = [(SICK.beams - 1) // 2, (SICK.beams + 1) // 2]  # the two middle beams
 
 
-@pytest.mark.parametrize(("beyond", "kept"), [(0.007, 0), (0.015, 2)])
-def test_returns_within_a_centimetre_of_the_outline_are_the_robot_itself(beyond, kept):
-    scan = scan_with(dict.fromkeys(AHEAD, HALF_LENGTH + beyond))
-    assert len(near_points(scan, Pose(), None, OUTLINE)) == kept
+PILLAR = target_at((6.5, 0.0), 0.2, AWAY, OUTLINE)
 
 
-@pytest.mark.parametrize(("off", "kept"), [(0.12, 0), (0.18, 2)])
-def test_what_is_within_15_cm_of_the_pillar_is_not_in_the_way_to_it(off, kept):
-    target = target_at((6.5, 0.0), 0.2, AWAY, OUTLINE)
-    scan = scan_with(dict.fromkeys(AHEAD, 1.5 - 0.2 - off))
-    assert len(near_points(scan, AWAY, target, OUTLINE)) == kept
-    assert len(near_points(scan, AWAY, None, OUTLINE)) == 2
+@pytest.mark.parametrize(
+    ("distance", "laser", "target", "kept"),
+    [
+        # a centimetre around its outline is the robot itself
+        (HALF_LENGTH + 0.007, Pose(), None, 0),
+        (HALF_LENGTH + 0.015, Pose(), None, 2),
+        # 15 cm around the pillar are not in the way to it
+        (1.5 - 0.2 - 0.12, AWAY, PILLAR, 0),
+        (1.5 - 0.2 - 0.18, AWAY, PILLAR, 2),
+        (1.5 - 0.2 - 0.12, AWAY, None, 2),
+    ],
+)
+def test_neither_the_robot_itself_nor_its_pillar_is_in_the_way(distance, laser, target, kept):
+    assert len(near_points(scan_with(dict.fromkeys(AHEAD, distance)), laser, target, OUTLINE)) == kept
 
 
 def test_points_are_where_the_bodies_are_whichever_way_up_the_lidar_hangs():
@@ -168,14 +164,15 @@ def ring(gap_at, radius=1.4):
     return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
-@pytest.mark.parametrize("gap", [30, -45, 105, -120])
-def test_it_finds_the_one_way_that_is_free_in_steps_of_15_degrees(gap):
-    assert degrees(free_bearing(ring(radians(gap)), 0.0, LOOK_AHEAD, OUTLINE)) == pytest.approx(gap)
-
-
-def test_it_looks_for_a_way_no_farther_round_than_120_degrees():
-    assert free_bearing(ring(radians(135)), 0.0, LOOK_AHEAD, OUTLINE) is None
-    assert degrees(free_bearing(ring(radians(135)), radians(30), LOOK_AHEAD, OUTLINE)) == pytest.approx(135.0)
+@pytest.mark.parametrize(
+    ("gap", "wanted", "found"),
+    [*[(gap, 0, gap) for gap in (30, -45, 105, -120)], (135, 30, 135), (135, 0, None)],
+)
+def test_it_finds_the_one_way_that_is_free_in_steps_of_15_degrees_no_farther_round_than_120(
+    gap, wanted, found
+):
+    way = free_bearing(ring(radians(gap)), radians(wanted), LOOK_AHEAD, OUTLINE)
+    assert way == (None if found is None else pytest.approx(radians(found)))
 
 
 def test_the_wanted_way_is_taken_if_it_is_free_however_short_it_is():

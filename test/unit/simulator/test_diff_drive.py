@@ -27,9 +27,6 @@ allowed = st.builds(Twist2D, st.floats(-1.0, 1.0), st.floats(-2.0, 2.0))
 steps = st.floats(0.0, 1.0)
 
 
-# ---------------------------------------------------------------------------- limits
-
-
 def assert_within_limits(twist, previous, dt):
     assert abs(twist.linear) <= 1.0
     assert abs(twist.angular) <= 2.0
@@ -54,9 +51,6 @@ def test_what_can_be_reached_in_time_is_reached_exactly(target, previous):
     assert limit(target, previous, 0.7, CONFIG) == target
 
 
-# ---------------------------------------------------------------------------- wheels
-
-
 @LAW
 @given(anything)
 def test_wheel_odometry_of_the_wheel_speeds_of_a_twist_gives_that_twist_back(twist):
@@ -67,9 +61,6 @@ def test_wheels_turn_alike_straight_on_and_apart_over_the_widened_track_in_a_tur
     assert wheel_speeds(Twist2D(1.0, 0.0), CONFIG) == pytest.approx((1.0 / 0.1651,) * 2)
     # 1.875 x 0.5708 m between the wheels of the Noetic Husky
     assert wheel_speeds(Twist2D(0.0, 1.0), CONFIG) == pytest.approx((-3.24122, 3.24122), abs=1e-5)
-
-
-# ---------------------------------------------------------------------------- the drive in time
 
 
 def run(drive, start, duration):

@@ -52,9 +52,6 @@ def ranges_of(distances, config=QUIET, seed=0):
     return look(lambda *_: np.array(distances, dtype=float), config, seed).ranges
 
 
-# ---------------------------------------------------------------------------- geometry
-
-
 def test_a_circle_is_seen_at_its_distance_in_its_direction_and_nothing_elsewhere():
     scan = look(circle(3.0, 4.0, 0.5))
     seen = np.flatnonzero(scan.valid)
@@ -85,9 +82,6 @@ def test_beams_are_cast_where_the_scan_says_they_point_and_as_far_as_it_reaches(
             array[0] = 1.0
 
 
-# ---------------------------------------------------------------------------- limits (REP 117)
-
-
 @pytest.mark.parametrize("noise", [0.0, 0.001, 0.5])
 @pytest.mark.parametrize(
     ("distance", "reading"), [(inf, inf), (30.0, inf), (31.0, inf), (0.0, -inf), (0.05, -inf), (0.1, -inf)]
@@ -102,9 +96,6 @@ def test_noise_never_turns_a_hit_into_a_miss_nor_leaves_the_range_limits(distanc
     ranges = ranges_of([distance] * 50, replace(SICK, noise=noise), seed)
     assert ranges.min() >= SICK.range_min
     assert ranges.max() <= SICK.range_max
-
-
-# ---------------------------------------------------------------------------- noise
 
 
 def test_noise_has_its_standard_deviation_and_no_bias_far_away_as_close_by():
