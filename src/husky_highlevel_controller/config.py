@@ -63,11 +63,7 @@ def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[
 
 
 def replace_parameters(record: Record, values: Mapping[str, Any], source: str = "") -> Record:
-    """A record with some of its parameters changed, by paths of fields such as "lidar/noise".
-
-    Raises:
-        ConfigError: a value is not allowed.
-    """
+    """A record with changed parameters by paths such as "lidar/noise"; ConfigError for a wrong value."""
     by_field: Dict[str, Dict[str, Any]] = {}
     for path, value in values.items():
         name, _, below = path.partition("/")

@@ -30,11 +30,7 @@ class DescriptionError(HuskyError):
 
 
 def read_urdf(text: str) -> Tuple[ET.Element, Elements, Elements]:
-    """Root, links and joints of a URDF.
-
-    Raises:
-        DescriptionError: not a URDF, or a link or joint without a name.
-    """
+    """Root, links and joints of a URDF; DescriptionError where it is none, or one has no name."""
     try:
         robot = defusedxml.ElementTree.fromstring(text)
     except (ET.ParseError, defusedxml.DefusedXmlException, ValueError) as error:

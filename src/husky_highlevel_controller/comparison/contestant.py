@@ -140,11 +140,7 @@ def _module(source: str) -> ModuleType:
 
 
 def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
-    """Drive a scene; a task for `Workers.map`.
-
-    Raises:
-        HuskyError: the function fails, or ROS does not work here.
-    """
+    """Drive a scene, as a task for `Workers.map`; HuskyError where the function or ROS fails."""
     contestant, scenario = item
     if contestant.launch is not None:
         return _launched(contestant, contestant.launch, scenario)

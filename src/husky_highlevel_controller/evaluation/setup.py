@@ -75,11 +75,7 @@ class Axis:
 
 
 def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky") -> Setup:
-    """Setup that `evaluate` drives with: PROFILES and GROUNDS of simulator/profile.py, ROBOTS.
-
-    Raises:
-        ConfigError: the robot has no such profile.
-    """
+    """Setup that `evaluate` drives with; ConfigError where the robot has no such profile."""
     simulator = simulator_config(robot)
     if profile not in simulator.robot.profiles:
         raise ConfigError(f"profile '{profile}' is not the {simulator.robot.title}'s")
@@ -198,11 +194,7 @@ def _numbers(grid: str, is_geometric: bool) -> List[float]:
 
 
 def load_setup(path: Path, base: Setup) -> Setup:
-    """A setup from a YAML file with some of the controller's parameters, or all.
-
-    Raises:
-        ConfigError: it cannot be read, or holds something else.
-    """
+    """Setup from a YAML file with some of the controller's parameters; ConfigError for anything else."""
     try:
         values = yaml.safe_load(path.read_text())
     except (OSError, UnicodeError, yaml.YAMLError) as error:

@@ -133,11 +133,7 @@ def tune(
     workers: Workers,
     drive: Drive = run_scene,
 ) -> Tuned:
-    """Try setups, the first of them `base`, and keep the one of the smallest cost.
-
-    Raises:
-        HuskyError: Optuna is not installed.
-    """
+    """Try setups, `base` first, and keep the one of the smallest cost; HuskyError without Optuna."""
     optuna = _optuna()
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
     defaults = parameters(base)

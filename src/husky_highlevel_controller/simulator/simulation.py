@@ -140,11 +140,7 @@ class Simulation:
         return self._steps / self._rate
 
     def command(self, twist: Twist2D) -> None:
-        """Give a velocity command, as if it arrived now.
-
-        Raises:
-            CommandError: it is not finite; the one before stays in force.
-        """
+        """Take a velocity command now; CommandError where it is not finite: the one before stays in force."""
         self._equipment.drive.command(twist, self._since_reset)
 
     def step(self) -> Snapshot:

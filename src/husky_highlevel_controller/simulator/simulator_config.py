@@ -40,22 +40,14 @@ class SimulatorConfig:
 
 @lru_cache(maxsize=None)
 def simulator_config(robot: str = "husky") -> SimulatorConfig:
-    """The simulation of a robot, one of ROBOTS, as config/robots/NAME.yaml has it.
-
-    Raises:
-        ConfigError: there is no such robot, or its file is wrong.
-    """
+    """Simulation of one of ROBOTS, as config/robots/NAME.yaml has it; ConfigError where that is wrong."""
     values = {name: value for name, value in robot_file(robot).items() if name != "robot"}
     (config,) = read_config(values, f"config/robots/{robot}.yaml: ", SimulatorConfig)
     return replace(config, robot=load_robot(robot))
 
 
 def steps_per(rate: float, physics_rate: float, name: str) -> int:
-    """Number of physics steps in one period of `rate` [Hz].
-
-    Raises:
-        HuskyError: the period is not a whole multiple of the physics step.
-    """
+    """Number of physics steps in a period of `rate` [Hz]; HuskyError where it is not a whole one."""
     ratio = physics_rate / rate
     if round(ratio) < 1 or not isclose(ratio, round(ratio), rel_tol=1e-9):
         raise HuskyError(

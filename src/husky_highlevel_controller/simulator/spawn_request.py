@@ -70,11 +70,7 @@ def check_bounds(body: Body) -> None:
 
 
 def checked_pose(pose: Pose) -> Pose:
-    """The pose itself, its quaternion of length 1 to the last digit.
-
-    Raises:
-        ObjectError: it is not finite, too far away, or its quaternion is no rotation.
-    """
+    """The pose, its quaternion of length 1 to the last digit; ObjectError where it is far away or none."""
     for value in pose.position:
         _within(value, (-FARTHEST, FARTHEST), "position", "m")
     length = hypot(*pose.quat_xyzw)

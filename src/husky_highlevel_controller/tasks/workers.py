@@ -24,12 +24,9 @@ class Workers:
     """Processes that do the tasks; a context manager."""
 
     def __init__(self, jobs: int = 2, cluster: str = "", resume: Optional[Path] = None) -> None:
-        """Connect to them.
+        """Connect to processes of this machine, or to the Dask scheduler at tcp://host:8786 or the like.
 
-        Args:
-            jobs: processes of this machine.
-            cluster: address of a Dask scheduler, such as tcp://host:8786; empty: this machine.
-            resume: file that keeps results: what is in it is not computed again. None: nothing is kept.
+        What the file `resume` has kept is not computed again.
 
         Raises:
             HuskyError: Dask is not installed, no scheduler answers, or the file is of another kind.

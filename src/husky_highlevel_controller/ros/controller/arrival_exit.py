@@ -37,11 +37,7 @@ class ArrivalExit:
         rospy.Subscriber("/diagnostics", DiagnosticArray, self._on_diagnostics)
 
     def run(self) -> None:
-        """Return at arrival.
-
-        Raises:
-            HuskyError: the deadline has passed, or something has stopped the controller on its way.
-        """
+        """Return at arrival; HuskyError at the deadline, or where the controller is stopped on its way."""
         while not (self._arrived or rospy.is_shutdown()):
             if self._starts_enabled and self._state == State.STOPPED.value:
                 raise HuskyError(

@@ -28,12 +28,8 @@ class CallQueue:
     def call(self, work: Callable[[], Any], between_steps: bool = False) -> Any:
         """Let the owner do `work`, and return its result or raise its error; not for the owner's thread.
 
-        Args:
-            work: what to do.
-            between_steps: whether it must not be done in the middle of a step, while lockstep waits.
-
-        Raises:
-            ROSInterruptException: the node ends before the work was done.
+        Work `between_steps` is not done in the middle of a step, while lockstep waits. A node that ends
+        before it is done raises ROSInterruptException.
         """
         future: Future = Future()
         (self._calls_between_steps if between_steps else self._calls).append((work, future))

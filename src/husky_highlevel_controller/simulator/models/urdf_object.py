@@ -23,11 +23,7 @@ def is_urdf(text: str) -> bool:
 
 
 def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
-    """A body called `name` of the text of a URDF; it never moves without mass, or where <gazebo> says static.
-
-    Raises:
-        DescriptionError: the text is broken, or nothing in it has a collision shape.
-    """
+    """A body called `name` of the text of a URDF, static without mass or by <gazebo>; or DescriptionError."""
     robot, links, joints = urdf.read_urdf(text)
     joined = urdf.joined_links(links, joints.values())
     roots = set(links) - {child for _, child, _ in joined}
