@@ -8,7 +8,7 @@ from math import pi
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import UPRIGHT, UPSIDE_DOWN
+from scenes import UPSIDE_DOWN
 
 from husky_highlevel_controller.controller.control import (
     ControlConfig,
@@ -102,11 +102,3 @@ def test_the_last_quarter_metre_to_a_touch_is_slow_but_never_stands():
     assert steer(ahead(0.1567 + 0.26), TOUCHING).linear > 0.4
     for config in (TOUCHING, ControlConfig(p_gain_vel=0.1, stop_distance=0.0)):
         assert steer(ahead(0.1567), config).linear == pytest.approx(0.04)
-
-
-def test_the_distance_is_the_same_whichever_way_up_the_lidar_hangs():
-    x, _, z = UPRIGHT.position
-    below = target_at((4.0, 1.0), 0.2, UPSIDE_DOWN, OUTLINE)
-    above = target_at((4.0 + x - LASER_X, 1.0), 0.2, UPRIGHT, OUTLINE)
-    assert z < UPSIDE_DOWN.position[2]
-    assert below.distance == pytest.approx(above.distance)
