@@ -115,27 +115,23 @@ def scan_from_msg(msg: LaserScan) -> Scan:
 
 def _check_geometry(msg: LaserScan, beams: int) -> None:
     """Refuse angles and limits of ranges that no lidar of so many beams has."""
-    whose = f"a scan of {beams} beams in '{msg.header.frame_id}' has"
-    degrees = "are its angles in degrees?"
+    turn, increment, problem = 2.0 * pi + TURN_TOLERANCE, abs(msg.angle_increment), ""
     if not isfinite(msg.angle_min):
-        raise ScanError(f"{whose} angle_min = {msg.angle_min} rad")
-    if abs(msg.angle_min) > 2.0 * pi + TURN_TOLERANCE:
-        raise ScanError(f"{whose} angle_min = {msg.angle_min:g} rad, more than a turn; {degrees}")
-    increment = abs(msg.angle_increment)
-    if beams > 1 and not MIN_INCREMENT <= increment <= 2.0 * pi:
-        raise ScanError(
-            f"{whose} angle_increment = {msg.angle_increment} rad; {MIN_INCREMENT:g} to {2.0 * pi:.2f} rad "
-            "are possible"
-        )
-    if increment * (beams - 2) > 2.0 * pi + TURN_TOLERANCE:  # some send the first beam twice
-        raise ScanError(
-            f"{whose} angle_increment = {msg.angle_increment:g} rad, together "
-            f"{increment * (beams - 1):.4g} rad, more than a turn; {degrees}"
-        )
-    if not 0.0 <= msg.range_min < inf:
-        raise ScanError(f"{whose} range_min = {msg.range_min} m")
-    if not msg.range_max > msg.range_min:
-        raise ScanError(f"{whose} range_max = {msg.range_max} m, and range_min = {msg.range_min:g} m")
+        problem = f"angle_min = {msg.angle_min} rad"
+    elif abs(msg.angle_min) > turn:
+        problem = f"angle_min = {msg.angle_min:g} rad, more than a turn; are its angles in degrees?"
+    elif beams > 1 and not MIN_INCREMENT <= increment <= 2.0 * pi:
+        limits = f"{MIN_INCREMENT:g} to {2.0 * pi:.2f} rad are possible"
+        problem = f"angle_increment = {msg.angle_increment} rad; {limits}"
+    elif increment * (beams - 2) > turn:  # some send the first beam twice
+        together = f"together {increment * (beams - 1):.4g} rad, more than a turn"
+        problem = f"angle_increment = {msg.angle_increment:g} rad, {together}; are its angles in degrees?"
+    elif not 0.0 <= msg.range_min < inf:
+        problem = f"range_min = {msg.range_min} m"
+    elif not msg.range_max > msg.range_min:
+        problem = f"range_max = {msg.range_max} m, and range_min = {msg.range_min:g} m"
+    if problem:
+        raise ScanError(f"a scan of {beams} beams in '{msg.header.frame_id}' has {problem}")
 
 
 def _check_unit(scan: Scan) -> None:

@@ -202,20 +202,17 @@ def _require_solid(inertial: Inertial, what: str) -> Inertial:
     """The inertial itself; DescriptionError where no solid body has it, or none that physics can compute."""
     mass, _, inertia = inertial
     moments = np.linalg.eigvalsh(inertia)
-    if mass <= 0.0 or moments[0] <= 0.0:
-        raise DescriptionError(
-            f"{what}: mass {mass}, principal moments of inertia {moments}; they must be positive"
-        )
-    if moments[-1] > FLATNESS * (moments[0] + moments[1]):  # the engine would take them all for zero
-        raise DescriptionError(
-            f"{what}: principal moments of inertia {moments}; no body has one above the sum of the others"
-        )
     low, high = mass * MIN_GYRATION**2, mass * MAX_GYRATION**2
-    if mass < MIN_MASS or moments[0] < low or moments[-1] > high:
-        raise DescriptionError(
-            f"{what}: mass {mass}, principal moments of inertia {moments}; the mass must be at least "
-            f"{MIN_MASS} kg, and its radii of gyration {MIN_GYRATION} to {MAX_GYRATION:g} m"
-        )
+    problem = ""
+    if mass <= 0.0 or moments[0] <= 0.0:
+        problem = "they must be positive"
+    elif moments[-1] > FLATNESS * (moments[0] + moments[1]):  # the engine would take them all for zero
+        problem = "no body has one above the sum of the others"
+    elif mass < MIN_MASS or moments[0] < low or moments[-1] > high:
+        gyration = f"its radii of gyration {MIN_GYRATION} to {MAX_GYRATION:g} m"
+        problem = f"the mass must be at least {MIN_MASS} kg, and {gyration}"
+    if problem:
+        raise DescriptionError(f"{what}: mass {mass}, principal moments of inertia {moments}; {problem}")
     return inertial
 
 
