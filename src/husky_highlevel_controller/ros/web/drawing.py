@@ -9,7 +9,7 @@ import numpy as np
 import rospy
 import viser
 
-from husky_highlevel_controller.datatypes import Pose, Rgba
+from husky_highlevel_controller.datatypes import Pose, Rgba, Vector3
 from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_highlevel_controller.ros.web import meshes
 from husky_highlevel_controller.ros.web.markers import Label, Lines, MeshFile, Piece, Points, Solid
@@ -17,6 +17,7 @@ from husky_highlevel_controller.ros.web.viser_private import wxyz
 
 LETTER_SCALE = 1.0  # of a text marker: 12 px whatever its size in the scene, sharp at any distance
 LINE_WIDTH = 0.01  # [m], of a line without a width
+DASH, MAX_DASHES = 0.25, 100.0  # [m], of a dash and of a gap; of all dashes
 MIN_OPACITY = 0.02  # what is fainter is not drawn: RViz shows nothing either
 
 
@@ -50,27 +51,21 @@ def draw(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose: Pose
         if isinstance(piece, MeshFile):
             nodes += draw(scene, f"{name}m", meshes.load(piece), pose)
         elif isinstance(piece, Solid) and piece.rgba[3] >= MIN_OPACITY:
-            nodes.append(_solid(scene, name, piece, where))
+            mesh, looks = (
+                piece.mesh,
+                {"color": rgb(piece.rgba), "opacity": _opacity(piece.rgba), "side": "double"},
+            )
+            where.update(looks, scale=piece.scale)
+            nodes.append(scene.add_mesh_simple(name, mesh.vertices, mesh.faces, **where))
         elif isinstance(piece, Lines):
             width = piece.width or LINE_WIDTH
             nodes.append(scene.add_line_segments(name, piece.points, piece.colors, thickness=width, **where))
         elif isinstance(piece, Points):
-            nodes.append(
-                scene.add_point_cloud(
-                    name, piece.points, piece.colors, point_size=piece.size, precision="float32", **where
-                )
-            )
+            where.update(point_size=piece.size, precision="float32")
+            nodes.append(scene.add_point_cloud(name, piece.points, piece.colors, **where))
         elif isinstance(piece, Label):
-            nodes.append(
-                scene.add_label(
-                    name,
-                    piece.text,
-                    font_size_mode="screen",
-                    font_screen_scale=LETTER_SCALE,
-                    anchor="bottom-center",
-                    **where,
-                )
-            )
+            where.update(font_size_mode="screen", font_screen_scale=LETTER_SCALE, anchor="bottom-center")
+            nodes.append(scene.add_label(name, piece.text, **where))
     return nodes
 
 
@@ -123,18 +118,15 @@ def rgb(rgba: Rgba) -> Tuple[int, int, int]:
     return (r, g, b)
 
 
-def _solid(scene: viser.SceneApi, name: str, solid: Solid, where: Any) -> Any:
-    return scene.add_mesh_simple(
-        name,
-        solid.mesh.vertices,
-        solid.mesh.faces,
-        color=rgb(solid.rgba),
-        opacity=_opacity(solid.rgba),
-        scale=solid.scale,
-        side="double",
-        **where,
-    )
-
-
 def _opacity(rgba: Rgba) -> Optional[float]:
     return None if rgba[3] >= 1.0 else rgba[3]
+
+
+def dashes(start: Vector3, end: Vector3) -> np.ndarray:
+    """Segments (N, 2, 3) of a dashed line [m]; counted from its start, they stay while its end moves."""
+    way = np.array(end) - np.array(start)
+    length = float(np.linalg.norm(way))
+    count = int(min(length, MAX_DASHES) / DASH + 1.0) // 2
+    marks = DASH * np.arange(2.0 * count).reshape(-1, 2, 1)
+    segments: np.ndarray = (np.array(start) + marks * way / max(length, DASH)).astype(np.float32)
+    return segments

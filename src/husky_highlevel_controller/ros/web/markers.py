@@ -1,6 +1,6 @@
 """Markers as RViz draws them: what a Marker message looks like, and which markers there are.
 
-In: visualization_msgs. Out: meshes, lines, points and words in the marker's own frame.
+In: visualization_msgs. Out: meshes, lines, points and texts in the marker's own frame.
 """
 
 from __future__ import annotations
@@ -103,13 +103,12 @@ def primitives(marker: Marker) -> List[Piece]:
     if kind == Marker.TRIANGLE_LIST:
         whole = 3 * (len(points) // 3)
         corners = points[:whole].reshape(-1, 3, 3) * np.array(size)
-        return _by_color(
-            list(corners), colors[:whole:3], lambda group: shapes.triangles(np.concatenate(group))
-        )
+        return _by_color(corners, colors[:whole:3], lambda group: shapes.triangles(np.concatenate(group)))
     if kind in (Marker.CUBE_LIST, Marker.SPHERE_LIST):
         unit = shapes.cube() if kind == Marker.CUBE_LIST else shapes.sphere()
-        copies = [shapes.moved(shapes.scaled(unit, size), point) for point in points[:MAX_COPIES]]
-        return _by_color(copies, colors, shapes.joined)
+        return _by_color(
+            points[:MAX_COPIES], colors, lambda group: shapes.copies(unit, size, np.array(group))
+        )
     return []
 
 
@@ -129,6 +128,11 @@ def appearance(marker: Marker) -> Tuple[Any, ...]:
         marker.mesh_resource,
         marker.mesh_use_embedded_materials,
     )
+
+
+def frame_of(msg: Any) -> str:
+    """Frame of a message, without a slash that TF does not know."""
+    return str(msg.header.frame_id).lstrip("/")
 
 
 def points_of(marker: Marker) -> np.ndarray:
@@ -234,17 +238,14 @@ def _arrow(marker: Marker, size: Sequence[float]) -> List[Piece]:
 
 
 def _lines(kind: int, points: np.ndarray, colors: np.ndarray, width: float) -> List[Piece]:
-    if kind == Marker.LINE_LIST:
-        starts = np.arange(0, len(points) - 1, 2)
-    else:
-        starts = np.arange(0, max(len(points) - 1, 0))
+    starts = np.arange(0, max(len(points) - 1, 0), 2 if kind == Marker.LINE_LIST else 1)
     if not len(starts):
         return []
     ends = np.stack([starts, starts + 1], axis=1)
     return [Lines(points[ends], _bytes(colors[ends][..., :3]), width)]
 
 
-def _by_color(parts: Sequence[Any], colors: np.ndarray, make: Any) -> List[Piece]:
+def _by_color(parts: Any, colors: np.ndarray, make: Any) -> List[Piece]:
     """Solids of the parts, one for each colour."""
     groups: Dict[Rgba, List[Any]] = {}
     for part, color in zip(parts, colors):

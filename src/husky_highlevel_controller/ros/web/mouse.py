@@ -77,8 +77,6 @@ class Mouse:
             if shown.is_movable and self._is_used(MOVE):
                 node.on_drag("left")(partial(self._on_drag_object, key))
 
-    # ------------------------------------------------------------------ events, in viser's threads
-
     def _on_ground(self, event: Any) -> None:
         if self._tool(event) != PUT:
             return
@@ -95,7 +93,8 @@ class Mouse:
         if shown is None or self._tool(event) != MOVE:
             return
         if event.phase == "start":
-            pose = Pose(_vector(shown.node.position), _xyzw(shown.node.wxyz))
+            w, x, y, z = shown.node.wxyz
+            pose = Pose(tuple(shown.node.position), (x, y, z, w))
             self._drags[key] = Drag(
                 pose,
                 partial(self._objects.dragged.__setitem__, key),
@@ -159,12 +158,3 @@ def point_on_level(origin: Sequence[float], direction: Sequence[float], z: float
     if not 0.0 < distance < FARTHEST:
         return None
     return (origin[0] + distance * direction[0], origin[1] + distance * direction[1], z)
-
-
-def _vector(values: Any) -> Any:
-    return tuple(float(value) for value in values)
-
-
-def _xyzw(wxyz: Any) -> Any:
-    w, x, y, z = (float(value) for value in wxyz)
-    return (x, y, z, w)

@@ -6,7 +6,7 @@ import contextlib
 import ctypes
 import gc
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Dict, Optional
 
@@ -18,7 +18,7 @@ from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool
 
-from husky_highlevel_controller.config import read_config
+from husky_highlevel_controller.config import number, read_config, setting
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.web.actions import Actions
@@ -57,24 +57,18 @@ SOFTWARE = (  # shown by page.js in place of viser's warning, which covers the s
 class WebConfig:
     """Parameters of the page."""
 
-    address: str = field(
-        default="127.0.0.1",
-        metadata={"help": "to listen on; any other than a loopback address asks for a token"},
-    )
-    port: int = field(default=8080, metadata={"min": 1, "max": 65535, "help": "the next free one if taken"})
-    rate: float = field(default=20.0, metadata={"min": 1.0, "max": 60.0, "help": "of the view [Hz]"})
-    fixed_frame: str = field(default="odom", metadata={"help": "in which everything is drawn"})
-    controller: str = field(
-        default="/husky_highlevel_controller", metadata={"help": "node to start and stop"}
-    )
-    simulator: str = field(default="/husky_simulator", metadata={"help": "node of pause, spawn and the like"})
-    scan_topic: str = field(default=load_robot().topics.scan, metadata={"help": "sensor_msgs/LaserScan"})
-    cloud_topic: str = field(default="camera/depth/points", metadata={"help": "sensor_msgs/PointCloud2"})
-    odometry_topic: str = field(default=load_robot().topics.odometry, metadata={"help": "nav_msgs/Odometry"})
-    truth_topic: str = field(default="ground_truth/odom", metadata={"help": "nav_msgs/Odometry, if any"})
-    command_topic: str = field(
-        default=load_robot().topics.limited_command,
-        metadata={"help": "geometry_msgs/TwistStamped, the wheels' command"},
+    address: str = setting("to listen on; any other than a loopback address asks for a token", "127.0.0.1")
+    port: int = number(1, 65535, "the next free one if taken", 8080)
+    rate: float = number(1.0, 60.0, "of the view [Hz]", 20.0)
+    fixed_frame: str = setting("in which everything is drawn", "odom")
+    controller: str = setting("node to start and stop", "/husky_highlevel_controller")
+    simulator: str = setting("node of pause, spawn and the like", "/husky_simulator")
+    scan_topic: str = setting("sensor_msgs/LaserScan", load_robot().topics.scan)
+    cloud_topic: str = setting("sensor_msgs/PointCloud2", "camera/depth/points")
+    odometry_topic: str = setting("nav_msgs/Odometry", load_robot().topics.odometry)
+    truth_topic: str = setting("nav_msgs/Odometry, if any", "ground_truth/odom")
+    command_topic: str = setting(
+        "geometry_msgs/TwistStamped, the wheels' command", load_robot().topics.limited_command
     )
 
 
@@ -203,9 +197,8 @@ class WebNode:
         has_truth = self._topics.name("truth") in offered
         self._topics.listen("truth", Odometry, has_truth)
         self._topics.listen("odometry", Odometry, not has_truth)
-        self._topics.listen("command", TwistStamped, self._topics.name("command") in offered)
-        self._topics.listen("error", Vector3Stamped, self._topics.name("error") in offered)
-        self._topics.listen("pillar", PointStamped, self._topics.name("pillar") in offered)
+        for use, kind in (("command", TwistStamped), ("error", Vector3Stamped), ("pillar", PointStamped)):
+            self._topics.listen(use, kind, self._topics.name(use) in offered)
         self._topics.listen("cloud", PointCloud2, self._scene.layers["depth"])
         has_camera = self._topics.name("cloud") in offered
         if self._depth_box.visible != has_camera:
@@ -218,8 +211,6 @@ class WebNode:
             self._scene.draw_robot(description)
             self._recorder.robot_name = self._scene.robot_name
             self._mouse.bind_robot()
-
-    # ------------------------------------------------------------------ each tick
 
     def _update(self) -> None:
         self._scene.update(self._topics)

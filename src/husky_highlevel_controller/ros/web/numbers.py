@@ -25,9 +25,11 @@ class Numbers:
         self._curves = curves
         self._scan_rate, self._clock_rate = Rate(), Rate()
         self._heard_at = -inf  # [s] of `now`, the last odometry
-        self._error: Optional[Tuple[float, float]] = None
         self._speeds: Dict[str, Tuple[float, float]] = {}
         self.time: Optional[float] = None  # [s]
+        self.distance: Optional[float] = None  # [m] to go
+        self.speed: Optional[float] = None  # [m/s], measured
+        self._bearing: Optional[float] = None  # [rad]
         self.pillar: Optional[Vector3] = None  # [m], fixed frame
 
     def take(self, topics: Topics, scene: Scene, now: float) -> None:
@@ -36,15 +38,15 @@ class Numbers:
         if odometry is not None:
             self._heard_at = now
             self._speeds["measured"] = conversions.twist_from_msg(odometry.twist.twist)
-            self.time = odometry.header.stamp.to_sec()
+            self.time, self.speed = odometry.header.stamp.to_sec(), self._speeds["measured"][0]
         command = topics.take("command")
         if command is not None:
             self._speeds["commanded"] = conversions.twist_from_msg(command.twist)
         error = topics.take("error")
         if error is not None:
-            self._error = (error.vector.x, error.vector.y)
-            for name, value in zip(("distance", "bearing"), self._error):
-                self._curves[name].add(error.header.stamp.to_sec(), value)
+            self.distance, self._bearing = error.vector.x, error.vector.y
+            self._curves["distance"].add(error.header.stamp.to_sec(), error.vector.x)
+            self._curves["bearing"].add(error.header.stamp.to_sec(), error.vector.y)
         pillar = topics.take("pillar")
         if pillar is not None:
             frame = scene.frames.pose(pillar.header.frame_id, scene.fixed_frame)
@@ -65,18 +67,6 @@ class Numbers:
         return now - self._heard_at > NO_NEWS_TIME
 
     @property
-    def distance(self) -> Optional[float]:
-        """Distance to go [m]."""
-        return None if self._error is None else self._error[0]
-
-    @property
-    def speed(self) -> Optional[float]:
-        """Measured speed [m/s]."""
-        measured = self._speeds.get("measured")
-        return None if measured is None else measured[0]
-
-    @property
     def readings(self) -> Readings:
         """Numbers of the Drive tab."""
-        bearing = None if self._error is None else self._error[1]
-        return Readings(bearing, self._clock_rate.value, self._scan_rate.value)
+        return Readings(self._bearing, self._clock_rate.value, self._scan_rate.value)

@@ -22,7 +22,7 @@ from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, contact_shadow
 from husky_highlevel_controller.ros.web.drawing import LeftOut, bounds, clickable, draw
 from husky_highlevel_controller.ros.web.frames import Frames
-from husky_highlevel_controller.ros.web.markers import Piece, Solid, pose_of, primitives
+from husky_highlevel_controller.ros.web.markers import Piece, Solid, frame_of, pose_of, primitives
 from husky_highlevel_controller.ros.web.topics import Received
 from husky_highlevel_controller.ros.web.viser_private import place
 
@@ -159,7 +159,7 @@ class Objects:
             contact_shadow(self._scene, f"{path}/shadow", high - low, below)
         self.shown[key] = Object(
             node,
-            marker.header.frame_id.lstrip("/"),
+            frame_of(marker),
             conversions.pose_from_msg(marker.pose),
             nodes,
             tuple((entry.id, entry.title) for entry in marker.menu_entries),

@@ -33,15 +33,7 @@ class Page:
         on_tool: Callable[[], None],
         is_dark: bool,
     ) -> None:
-        """Add the page's own fields.
-
-        Args:
-            client: the browser.
-            tabs: by name.
-            log: what the log tab shows.
-            on_tool: called when the mouse gets another tool.
-            is_dark: whether it begins in dark colours.
-        """
+        """Add the page's own fields to the tabs; `on_tool` is called when its mouse gets another tool."""
         self.client, self.tool, self._log = client, LOOK, log
         self._camera = Camera(client)
         self._filter, self._log_count, self._log_due = Filter(), -1, 0.0
@@ -50,8 +42,6 @@ class Page:
         self._make_log(tabs["Log"])
         self._make_tools(tabs["World"])
 
-    # ------------------------------------------------------------------ each tick
-
     def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
         """Move the camera with what it looks at [m, fixed frame], and show new lines of the log."""
         self._camera.update(base, pillar)
@@ -59,8 +49,6 @@ class Page:
         if self._log_count != self._log.count and now >= self._log_due:
             self._log_count, self._log_due = self._log.count, now + LOG_PERIOD
             self._show_log()
-
-    # ------------------------------------------------------------------ fields
 
     def _make_view(self, tab: Any, is_dark: bool) -> None:
         with tab:

@@ -18,6 +18,8 @@ from husky_highlevel_controller.ros.web.plots import choice_html, set_html
 
 MAX_TIME = 3600.0  # [s], then a recording ends by itself: it is kept in memory
 RECORD, STOP = "Record", "Stop"
+# time [s]; x, y, yaw of base_link; x, y of the pillar, NaN where it is not known [m, rad]
+Row = Tuple[float, ...]
 
 
 class Recorder:
@@ -25,9 +27,7 @@ class Recorder:
 
     def __init__(self, server: viser.ViserServer, actions: Actions) -> None:
         self._actions, self._is_on, self.robot_name = actions, False, ""
-        self._rows: List[
-            Tuple[float, ...]
-        ] = []  # time [s]; x, y, yaw of base_link; x, y of the pillar [m, rad]
+        self._rows: List[Row] = []
         gui = server.gui
         with gui.add_folder("Recording"):
             self._state = gui.add_html("")
@@ -69,12 +69,8 @@ class Recorder:
         set_html(self._chosen, choice_html(0 if self._is_on else 1))
 
 
-def recording_page(rows: List[Tuple[float, ...]], robot_name: str) -> str:
-    """HTML page that plays a drive.
-
-    Args:
-        rows: time [s]; x, y, yaw of base_link; x, y of the pillar, NaN where it was not known [m, rad].
-        robot_name: of its description; where it is none of ROBOTS, the Husky is shown.
+def recording_page(rows: List[Row], robot_name: str) -> str:
+    """HTML page that plays a drive of a robot, which looks like the Husky where it is none of ROBOTS.
 
     Raises:
         HuskyError: there are no rows.

@@ -13,20 +13,21 @@ import rospy
 import viser
 from visualization_msgs.msg import Marker
 
-from husky_highlevel_controller.datatypes import HuskyError, Pose, Vector3
+from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import compose, transform_points
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import MAX_POINTS, points_from_msg, points_from_scan
 from husky_highlevel_controller.ros.transforms import is_pose
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, Backdrop, contact_shadow
-from husky_highlevel_controller.ros.web.drawing import LeftOut, bounds, clickable, draw, redraw
+from husky_highlevel_controller.ros.web.drawing import LeftOut, bounds, clickable, dashes, draw, redraw
 from husky_highlevel_controller.ros.web.frames import Frames
 from husky_highlevel_controller.ros.web.markers import (
     Key,
     Markers,
     Solid,
     appearance,
+    frame_of,
     markers_of,
     points_of,
     pose_of,
@@ -41,7 +42,7 @@ TRAIL_COLOR, PLAN_COLOR = (20, 120, 255), (255, 120, 0)
 POINT_SIZE = 0.05  # [m], of the scan's points
 RAYS = 60  # at most; a few show which beams have returned
 TRAIL_STEP, TRAIL_POINTS = 0.25, 1000  # [m] between two points of the trail, and how many
-LINE_WIDTH, DASH, PLAN_LENGTH = 0.03, 0.25, 100.0  # [m], of a line, of a dash and of a gap, of all dashes
+LINE_WIDTH = 0.03  # [m]
 PLAN_PERIOD = 0.3  # [s] between two plans
 LINE_HEIGHT = 0.025  # [m] of trail and plan above the ground
 TRAIL_JUMP = 1.0  # [m] from here on the robot was put elsewhere, and the trail begins anew
@@ -89,12 +90,10 @@ class Scene:
         self._trail: List[Tuple[float, float, float]] = []
         self._backdrop = Backdrop(self._scene)
         empty = np.zeros((0, 3), np.float32)
-        self._scan = self._scene.add_point_cloud(
-            "/scan", empty, SCAN_COLOR, point_size=POINT_SIZE, point_shape="circle", precision="float32"
-        )
-        self._cloud = self._scene.add_point_cloud(
-            "/depth", empty, CLOUD_COLOR, point_size=0.03, precision="float32"
-        )
+        exact: Any = {"point_shape": "circle", "precision": "float32"}
+        add_points = self._scene.add_point_cloud
+        self._scan = add_points("/scan", empty, SCAN_COLOR, point_size=POINT_SIZE, **exact)
+        self._cloud = add_points("/depth", empty, CLOUD_COLOR, point_size=0.03, **exact)
         self._rays = self._add_lines("/rays", RAY_COLOR, thickness=1.0, thickness_units="screen")
         self._trail_line = self._add_lines("/trail", TRAIL_COLOR, thickness=LINE_WIDTH)
         self._plan_line = self._add_lines("/plan", PLAN_COLOR, thickness=LINE_WIDTH)
@@ -105,8 +104,6 @@ class Scene:
 
     def _add_lines(self, name: str, color: Tuple[int, int, int], **looks: Any) -> Any:
         return self._scene.add_line_segments(name, np.zeros((0, 2, 3), np.float32), color, **looks)
-
-    # ------------------------------------------------------------------ robot
 
     def draw_robot(self, description: str) -> None:
         """Draw the robot of a URDF; a text that is none is a warning."""
@@ -143,8 +140,6 @@ class Scene:
         pose = self.frames.pose(FOOTPRINT, self.fixed_frame)
         return 0.0 if pose is None else pose.position[2]
 
-    # ------------------------------------------------------------------ each tick
-
     def update(self, topics: Topics) -> None:
         """Draw what has come in."""
         for received in topics.take_all("tf"):
@@ -152,8 +147,7 @@ class Scene:
                 if not is_pose(msg.transform):
                     continue
                 stamp, pose = msg.header.stamp.to_sec(), conversions.pose_from_transform(msg)
-                parent, child = msg.header.frame_id.lstrip("/"), msg.child_frame_id.lstrip("/")
-                self.frames.update(parent, child, stamp, pose)
+                self.frames.update(frame_of(msg), msg.child_frame_id.lstrip("/"), stamp, pose)
         with self._left_out.item(topics.name("scan")):
             self._update_scan(topics.take("scan"))
         newest = self.frames.stamp(BASE)
@@ -211,7 +205,7 @@ class Scene:
         self._cloud.visible = self.layers["depth"]
         if msg is None or not self.layers["depth"]:
             return
-        pose = self.frames.pose(msg.header.frame_id.lstrip("/"), self.fixed_frame, msg.header.stamp.to_sec())
+        pose = self.frames.pose(frame_of(msg), self.fixed_frame, msg.header.stamp.to_sec())
         if pose is not None:
             self._cloud.points = transform_points(pose, points_from_msg(msg)).astype(np.float32)
 
@@ -230,14 +224,10 @@ class Scene:
 
     def _begin_trail(self, path: Marker) -> None:
         """Begin the trail with the controller's path: the way driven before a page was open."""
-        frame = self.frames.pose(path.header.frame_id.lstrip("/"), self.fixed_frame)
-        if len(self._trail) > 1 or frame is None:
-            return
-        points = points_of(path)
-        if len(points) < 2 or not np.isfinite(points).all():
-            return
-        height = self.ground + LINE_HEIGHT
-        self._draw_trail([(x, y, height) for x, y, _ in transform_points(frame, points).tolist()])
+        frame, points = self.frames.pose(frame_of(path), self.fixed_frame), points_of(path)
+        if len(self._trail) < 2 <= len(points) and frame is not None and np.isfinite(points).all():
+            height = self.ground + LINE_HEIGHT
+            self._draw_trail([(x, y, height) for x, y, _ in transform_points(frame, points).tolist()])
 
     def _draw_trail(self, trail: List[Tuple[float, float, float]]) -> None:
         self._trail = trail
@@ -253,7 +243,7 @@ class Scene:
         base, target, shown = self.base, None, self.markers.shown if self.layers["markers"] else {}
         for (topic, namespace, _), marker in shown.items():
             if namespace == TARGET and topic.startswith(self._controller):
-                frame = self.frames.pose(marker.header.frame_id.lstrip("/"), self.fixed_frame)
+                frame = self.frames.pose(frame_of(marker), self.fixed_frame)
                 target = None if frame is None else compose(frame, pose_of(marker) or Pose())
         height = self.ground + LINE_HEIGHT
         ends = [] if base is None or target is None else [target.position, base.position]
@@ -295,7 +285,7 @@ class Scene:
         if not is_known or drawing.is_stale:
             self._draw_looks(drawing, marker, now)
         stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
-        frame = self.frames.pose(marker.header.frame_id.lstrip("/"), self.fixed_frame, stamp)
+        frame = self.frames.pose(frame_of(marker), self.fixed_frame, stamp)
         pose = pose_of(marker)
         self._show(drawing.node, None if frame is None or pose is None else compose(frame, pose))
 
@@ -323,13 +313,3 @@ class Scene:
                 axes = self._scene.add_frame(path, axes_length=0.25, axes_radius=0.01, visible=False)
                 self._axes[name] = (axes, self._scene.add_label(f"{path}/name", name, **_NAME_LABEL))
             self._show(self._axes[name][0], self.frames.pose(name, self.fixed_frame))
-
-
-def dashes(start: Vector3, end: Vector3) -> np.ndarray:
-    """Segments (N, 2, 3) of a dashed line [m]; counted from its start, they stay while its end moves."""
-    way = np.array(end) - np.array(start)
-    length = float(np.linalg.norm(way))
-    count = int(min(length, PLAN_LENGTH) / DASH + 1.0) // 2
-    marks = DASH * np.arange(2.0 * count).reshape(-1, 2, 1)
-    segments: np.ndarray = (np.array(start) + marks * way / max(length, DASH)).astype(np.float32)
-    return segments

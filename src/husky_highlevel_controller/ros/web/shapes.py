@@ -23,22 +23,11 @@ class Mesh(NamedTuple):
     faces: np.ndarray  # (F, 3) uint32, rows of `vertices`
 
 
-def scaled(mesh: Mesh, size: Sequence[float]) -> Mesh:
-    """The mesh stretched along x, y and z."""
-    return Mesh((mesh.vertices * np.asarray(size)).astype(np.float32), mesh.faces)
-
-
-def moved(mesh: Mesh, offset: Sequence[float]) -> Mesh:
-    """The mesh shifted by `offset` [m]."""
-    return Mesh((mesh.vertices + np.asarray(offset)).astype(np.float32), mesh.faces)
-
-
-def joined(meshes: Sequence[Mesh]) -> Mesh:
-    """Mesh of several meshes."""
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    vertices = np.concatenate([np.zeros((0, 3), np.float32), *(mesh.vertices for mesh in meshes)])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, starts)]
-    return Mesh(vertices, np.concatenate([np.zeros((0, 3), np.uint32), *faces]).astype(np.uint32))
+def copies(unit: Mesh, size: Sequence[float], points: np.ndarray) -> Mesh:
+    """Mesh of copies of a unit shape, stretched along x, y and z, at points (N, 3) [m]."""
+    corners = points[:, None] + unit.vertices * np.asarray(size)
+    faces = np.arange(len(points))[:, None, None] * len(unit.vertices) + unit.faces
+    return Mesh(corners.reshape(-1, 3).astype(np.float32), faces.reshape(-1, 3).astype(np.uint32))
 
 
 @lru_cache(maxsize=None)

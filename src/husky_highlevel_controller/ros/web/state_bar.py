@@ -28,7 +28,7 @@ AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 
 
 class RobotStatus(NamedTuple):
-    """Numbers and words of the state bar."""
+    """Numbers and texts of the state bar."""
 
     is_locked: bool = False  # by the emergency stop
     has_listener: bool = True  # a node besides this one subscribes to the emergency stop
@@ -112,8 +112,8 @@ def state_html(status: RobotStatus) -> str:
     )
 
 
-def _button(style: str, locks: str, words: str) -> str:
+def _button(style: str, locks: str, text: str) -> str:
     return (
         '<div class="husky-block">'
-        f'<button class="husky-e-stop {style}" data-husky-e-stop="{locks}">{words}</button></div>'
+        f'<button class="husky-e-stop {style}" data-husky-e-stop="{locks}">{text}</button></div>'
     )

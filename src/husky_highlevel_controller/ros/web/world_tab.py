@@ -6,7 +6,7 @@ from html import escape
 from math import cos, dist, pi, sin
 from pathlib import Path
 from random import uniform
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, Optional
 
 import viser
 from geometry_msgs.msg import Vector3 as Vector3Msg
@@ -16,6 +16,7 @@ from husky_highlevel_controller.geometry import pose_from_2d, pose_to_2d
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.web.actions import LONG_TIMEOUT, Actions, answer_of, call
+from husky_highlevel_controller.ros.web.plots import set_html
 from husky_highlevel_controller.srv import DeleteObject, ListObjects, LoadWorld, MoveObject, SpawnObject
 
 ROBOT = "husky"  # what the simulator's services call the robot
@@ -28,14 +29,7 @@ class WorldTab:
     """Puts, moves, deletes and loads through the simulator's services."""
 
     def __init__(self, server: viser.ViserServer, actions: Actions, simulator: str, frame: str) -> None:
-        """Build the tab.
-
-        Args:
-            server: the page.
-            actions: does what is asked for.
-            simulator: name of the simulator's node.
-            frame: the frame that positions are given in; the simulator knows world and odom.
-        """
+        """Build the tab; positions are given in `frame`, of which the simulator knows world and odom."""
         self._actions, self._simulator, self._frame = actions, simulator, frame
         self._put_count = 0
         gui = server.gui
@@ -52,7 +46,8 @@ class WorldTab:
         self._shape.on_update(self._on_shape)
         with gui.add_folder("World"):
             self._loaded = gui.add_html("")
-            self._worlds: Any = gui.add_dropdown("File", self._files())
+            files = sorted(path.name for path in (share_folder() / "worlds").glob("*.world"))
+            self._worlds: Any = gui.add_dropdown("File", files)
             load = gui.add_button(
                 "Load", hint="the robot begins anew in this world; Reset leads back to its beginning"
             )
@@ -61,12 +56,9 @@ class WorldTab:
     def show_loaded(self, name: str) -> None:
         """Show the name or path of the world that is loaded, and choose its file when it is another one."""
         content = f'<div class="husky-block">loaded: <b>{escape(Path(name).name)}</b></div>' if name else ""
-        if content != self._loaded.content:
-            self._loaded.content = content
-            if Path(name).name in self._worlds.options:
-                self._worlds.value = Path(name).name
-
-    # ------------------------------------------------------------------ what pages ask for
+        if content != self._loaded.content and Path(name).name in self._worlds.options:
+            self._worlds.value = Path(name).name
+        set_html(self._loaded, content)
 
     def put(self, client: viser.ClientHandle, x: float, y: float, ground: float) -> None:
         """Put the chosen shape on the ground."""
@@ -87,8 +79,6 @@ class WorldTab:
     def move_away(self, client: viser.ClientHandle, point: Optional[Vector3]) -> None:
         """Move the object nearest to a point [m, the page's frame] elsewhere."""
         self._actions.do(lambda: self._move_away(point), client, "Move")
-
-    # ------------------------------------------------------------------ for the actions' thread
 
     def _move_away(self, point: Optional[Vector3]) -> str:
         poses = self._poses()
@@ -142,8 +132,3 @@ class WorldTab:
 
     def _on_shape(self, event: Any) -> None:
         self._size.value = SIZES[event.target.value]
-
-    @staticmethod
-    def _files() -> List[str]:
-        folder: Path = share_folder() / "worlds"
-        return sorted(path.name for path in folder.glob("*.world"))

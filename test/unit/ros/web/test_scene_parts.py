@@ -17,8 +17,9 @@ from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros.markers import line_to_marker
 from husky_highlevel_controller.ros.web import backdrop, camera, meshes
+from husky_highlevel_controller.ros.web.drawing import DASH, dashes
 from husky_highlevel_controller.ros.web.markers import MeshFile
-from husky_highlevel_controller.ros.web.scene import DASH, Scene, dashes
+from husky_highlevel_controller.ros.web.scene import Scene
 
 
 class Browser:
