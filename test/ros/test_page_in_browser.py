@@ -458,8 +458,9 @@ def test_a_recording_is_saved_as_a_page_that_plays_it_from_disk(page, browser, t
     page.wait_for_selector("text=/recording, [1-9]/")
     page.get_by_role("button", name="Stop", exact=True).locator("visible=true").click()
     page.wait_for_selector("text=s recorded")
+    press(page, "HTML page")
     with page.expect_download() as download:
-        press(page, "HTML page")
+        page.click("text=drive.html")
     download.value.save_as(tmp_path / "drive.html")
     plays_from_disk(browser, tmp_path / "drive.html", "recorded in the page")
     show(page, "Drive")
