@@ -204,6 +204,8 @@ def test_a_phone_shows_the_robot_above_the_panel_and_a_wide_window_beside_it(bro
     phone.wait_for_function(f"{canvas}.every(box => box.bottom === {charts}.top)")
     assert phone.evaluate(f"[{charts}.width, {charts}.bottom]") == [1280, 800]
     assert phone.locator(".husky-chart").count() == 4
+    show(phone, "Drive")
+    phone.wait_for_function(f"{canvas}.every(box => box.height === 800)")
     phone.close()
 
 
