@@ -51,6 +51,19 @@ def arrival(steps):
     return next(step.time for step in steps if step.output.state is State.ARRIVED)
 
 
+def first_output(scan, mount=UPSIDE_DOWN, **how):
+    """What the first scan of all is answered by."""
+    observation = Observation(scan, mount, Pose2D(), **how)
+    return decide(ControllerState(), observation, True, ControlConfig(), PillarConfig())[1]
+
+
+def with_scans(toy, change):
+    """The toy, with other scans."""
+    clean = toy.scan
+    toy.scan = lambda: change(clean())
+    return toy
+
+
 # ---------------------------------------------------------------------------- driving and arriving
 
 
@@ -100,9 +113,7 @@ def test_it_turns_to_the_pillar_whichever_way_up_the_lidar_is(y, mount):
 
 
 def test_a_tilted_lidar_s_pillar_is_where_its_beams_end():
-    tilted = Pose((0.3, 0.0, 0.3), quat_from_rpy(0.0, 0.2, 0.0))
-    observation = Observation(look([(5.0, 1.0, 0.2)]), tilted, Pose2D())
-    _, output = decide(ControllerState(), observation, True, ControlConfig(), PillarConfig())
+    output = first_output(look([(5.0, 1.0, 0.2)]), Pose((0.3, 0.0, 0.3), quat_from_rpy(0.0, 0.2, 0.0)))
     assert output.target_in_base == pytest.approx((0.3 + 5.0 * cos(0.2), 1.0), abs=0.01)
 
 
@@ -130,16 +141,17 @@ def test_it_stays_arrived_while_it_is_told_to_stand_still_at_the_pillar():
     assert not toy.drive(2.0)[-1].output.at_pillar, "it has not driven there"
 
 
-def test_stop_distance_zero_drives_slowly_into_a_touch_and_stops_there():
-    for gains in ({}, COURSE):
-        toy = Toy([(2.0, 0.1, 0.2)], stop_distance=0.0, seed=2, **gains)
-        steps = toy.drive(24.0)
-        gaps = [lidar_to(step.pose, 2.0, 0.1) - (HALF_LENGTH - 0.337) for step in steps]
-        assert steps[-1].output.state is State.ARRIVED
-        assert "touching" in steps[-1].output.reason
-        assert -0.012 < gaps[-1] <= 0.0  # a real pillar would have been pushed as much
-        assert all(step.output.twist.linear <= 0.1 for step, gap in zip(steps, gaps) if gap < 0.2)
-        assert steps[-1].output.twist == STOP
+@pytest.mark.parametrize(
+    ("gains", "seconds"), [({}, 8.0), (COURSE, 24.0)], ids=["defaults", "the course's gains"]
+)
+def test_stop_distance_zero_drives_slowly_into_a_touch_and_stops_there(gains, seconds):
+    steps = Toy([(2.0, 0.1, 0.2)], stop_distance=0.0, seed=2, **gains).drive(seconds)
+    gaps = [lidar_to(step.pose, 2.0, 0.1) - (HALF_LENGTH - 0.337) for step in steps]
+    assert steps[-1].output.state is State.ARRIVED
+    assert "touching" in steps[-1].output.reason
+    assert -0.012 < gaps[-1] <= 0.0  # a real pillar would have been pushed as much
+    assert all(step.output.twist.linear <= 0.1 for step, gap in zip(steps, gaps) if gap < 0.2)
+    assert steps[-1].output.twist == STOP
 
 
 @pytest.mark.parametrize(("gap", "state"), [(0.0025, State.ARRIVED), (0.004, State.DRIVING)])
@@ -287,10 +299,8 @@ def test_a_pillar_never_seen_is_searched_with_a_full_turn_and_then_ever_farther_
 def test_the_search_ends_where_a_pillar_comes_into_reach():
     # beyond the range of a short-sighted lidar at the start
     far = replace(SICK, range_max=6.0)
-    toy = Toy([(8.0, 3.0, 0.2)], period=0.05)
-    plain = toy.scan
-    toy.scan = lambda: replace(scan_of(plain().ranges, far), stamp=toy.time)
-    steps = toy.drive(200.0)
+    toy = Toy([(8.0, 3.0, 0.2)], period=0.1)
+    steps = with_scans(toy, lambda scan: replace(scan_of(scan.ranges, far), stamp=toy.time)).drive(200.0)
     assert states(steps)[0] is State.SEARCHING
     assert steps[-1].output.state is State.ARRIVED
 
@@ -300,7 +310,7 @@ def test_the_search_touches_nothing():
     toy = Toy([], room(5.0, centre.yaw, centre.x, centre.y) + box(1.8, 1.2, 0.5, 0.4, 0.4), period=0.1)
     corners = [(a * HALF_LENGTH, b * HALF_WIDTH, 0.0) for a in (-1, 1) for b in (-1, 0, 1)]
     to_room = inverse(pose_from_2d(centre))
-    for step in toy.drive(200.0):
+    for step in toy.drive(120.0):
         for corner in corners:
             place = transform_point(pose_from_2d(step.pose), corner)
             assert max(map(abs, transform_point(to_room, place))) < 2.5
@@ -333,7 +343,7 @@ def test_it_drives_round_what_stands_in_the_way(shift, mount):
 
 
 def test_a_pillar_close_to_a_wall_is_reached_straight():
-    toy = Toy([(6.0, 0.0, 0.2)], ((6.3, -5.0, 6.3, 5.0), (3.0, 1.2, 9.0, 1.2)), seed=5)
+    toy = Toy([(6.0, 0.0, 0.2)], ((6.3, -5.0, 6.3, 5.0), (3.0, 1.2, 9.0, 1.2)), seed=5, period=0.05)
     assert reasons(toy.drive(12.0)) == ["driving to the pillar", "arrived: at the stop distance"]
 
 
@@ -364,9 +374,7 @@ def test_without_the_lidar_s_place_it_waits():
 
 @pytest.mark.parametrize(("ahead", "drives"), [(0.5, True), (0.6, False), (3600.0, False)])
 def test_scans_more_than_half_a_second_ahead_of_odometry_make_it_stand(ahead, drives):
-    toy = Toy([(6.0, 0.0, 0.2)])
-    observation = Observation(toy.scan(), UPSIDE_DOWN, Pose2D(), ahead_of_odometry=ahead)
-    _, output = decide(ControllerState(), observation, True, ControlConfig(), PillarConfig())
+    output = first_output(look([(6.0, 0.0, 0.2)]), ahead_of_odometry=ahead)
     assert (output.twist != STOP, output.state is State.DRIVING) == (drives, drives)
     assert drives or "ahead of odometry" in output.reason
 
@@ -381,27 +389,23 @@ def test_without_odometry_it_drives_to_what_it_sees_and_waits_where_it_sees_none
     assert "no transform to odom" in output.reason
 
 
+@pytest.mark.parametrize("count", [0, 1, 720])
 @pytest.mark.parametrize("nothing", [inf, -inf, nan, 0.0])
-def test_a_scan_of_nothing_never_drives_it_anywhere(nothing):
+def test_a_scan_of_nothing_never_drives_it_anywhere(nothing, count):
     # the smallest of no ranges at index 0 would be a pillar at -135 degrees
-    for count in (0, 1, 720):
-        scan = replace(scan_of(np.full(count, 5.0)), ranges=np.full(count, nothing))
-        observation = Observation(scan, UPSIDE_DOWN, Pose2D())
-        _, output = decide(ControllerState(), observation, True, ControlConfig(), PillarConfig())
-        assert output.pillar is None
-        assert output.twist.linear == 0.0
-        # beams that meet nothing are a reason to look around; a covered lidar is not
-        blind = count == 0 or nothing == -inf
-        assert output.state is (State.WAITING if blind else State.SEARCHING)
-        assert (output.twist == STOP) is blind
+    output = first_output(replace(scan_of(np.full(count, 5.0)), ranges=np.full(count, nothing)))
+    assert output.pillar is None
+    assert output.twist.linear == 0.0
+    # beams that meet nothing are a reason to look around; a covered lidar is not
+    blind = count == 0 or nothing == -inf
+    assert output.state is (State.WAITING if blind else State.SEARCHING)
+    assert (output.twist == STOP) is blind
 
 
 def test_speckle_and_the_robot_s_own_body_do_not_stop_it():
-    toy, rng = Toy([(7.0, 0.5, 0.2)], seed=6), np.random.default_rng(6)
-    clean = toy.scan
+    rng = np.random.default_rng(6)
 
-    def dirty():
-        scan = clean()
+    def dirty(scan):
         ranges = scan.ranges.copy()
         ranges[rng.choice(720, 5)] = rng.uniform(0.2, 29.0, 5)
         ranges[rng.integers(330, 390)] = rng.uniform(0.4, 1.0)
@@ -409,8 +413,7 @@ def test_speckle_and_the_robot_s_own_body_do_not_stop_it():
         ranges[:6] = ranges[-6:] = 0.155
         return replace(scan, ranges=ranges)
 
-    toy.scan = dirty
-    steps = toy.drive(13.0)
+    steps = with_scans(Toy([(7.0, 0.5, 0.2)], seed=6, period=0.05), dirty).drive(13.0)
     assert steps[-1].output.state is State.ARRIVED
     assert State.SEARCHING not in states(steps)
     assert not any("in the way" in reason for reason in reasons(steps))
@@ -425,14 +428,11 @@ MISSES = {"rep_117": inf, "lms1xx": 0.0, "nan": nan, "range_max": SICK.range_max
 @pytest.mark.parametrize("miss", MISSES.values(), ids=MISSES)
 def test_whatever_the_driver_calls_a_miss_it_gives_up_an_empty_place_searches_and_arrives(miss, range_min):
     """A miss of 0 m is no obstacle, either."""
-    toy = Toy([(8.0, 0.5, 0.2)], period=0.1)
-    clean = toy.scan
 
-    def scan():
-        seen = clean()
-        return replace(seen, range_min=range_min, ranges=np.where(seen.ranges == inf, miss, seen.ranges))
+    def missing(scan):
+        return replace(scan, range_min=range_min, ranges=np.where(scan.ranges == inf, miss, scan.ranges))
 
-    toy.scan = scan
+    toy = with_scans(Toy([(8.0, 0.5, 0.2)], period=0.1), missing)
     steps = toy.drive(3.0)
     toy.circles = [(-4.0, 1.0, 0.2)]
     steps += toy.drive(30.0)
@@ -450,11 +450,9 @@ def test_max_angular_limits_every_command_also_of_the_search(pillars):
 
 
 def test_no_free_way_ahead_turns_within_max_angular():
-    control = ControlConfig(max_angular=0.1, search_rate=2.0)
-    toy = Toy([(3.0, 0.0, 0.2)], control=control)
+    toy = Toy([(3.0, 0.0, 0.2)], max_angular=0.1, search_rate=2.0)
     toy.drive(0.2)
-    around = box(0.0, 0.0, 0.0, 2.4, 2.4)  # walls on all sides, nearer than it could pass
-    toy.segments = list(around)
+    toy.segments = list(box(0.0, 0.0, 0.0, 2.4, 2.4))  # walls on all sides, nearer than it could pass
     steps = toy.drive(1.0)
     assert any("no free way ahead" in step.output.reason for step in steps)
     assert max(abs(step.output.twist.angular) for step in steps) == pytest.approx(0.1)
