@@ -151,7 +151,7 @@ const draw = () => {
     tyre.forEach((each) => solid(each, each.color, placed(x + c * dx - s * dy, y + s * dx + c * dy, robot.height + axle, pose[2], roll, mm, mm, mm), gl.SHORT));
   });
   if (pillar) solid(post, rgb("#a9afb5"), placed(...pillar, 0, 0, 0, pillarRadius, pillarRadius, 1.5), gl.FLOAT);
-  if (seen.length) solid(post, rgb("#ff7300"), placed(...seen[seen.length - 1].slice(1), 0, 0, 0, 0.07, 0.07, 1.9), gl.FLOAT);
+  if (pillar && seen.length) solid(post, rgb("#ff7300"), placed(...seen[seen.length - 1].slice(1), 0, 0, 0, 0.07, 0.07, 1.9), gl.FLOAT);
 };
 
 // ---------------------------------------------------------------------------- time and hands

@@ -103,17 +103,17 @@ def write_pictures(recordings: Sequence[Recording], name: str, out: Path) -> Non
 def _write_replay(recording: Recording, title: str, folder: Path) -> None:
     """Write a page that plays a drive with its markers as they came."""
     marks = [(marker.at, *marker.position[:2]) for marker in recording.markers if marker.action == ADD]
-    is_bag = recording.playback is not None
+    pillars = [recording.pillar]
     if recording.playback:
-        marks = list(map(tuple, recording.playback.path))
+        marks, pillars = list(map(tuple, recording.playback.path)), []
     page = to_html(
         Replay(
             title=title,
             summary=recording.ended.text if recording.ended else "no end was recorded",
             times=recording.times,
             poses=recording.poses,
-            pillars=np.array([recording.pillar]),
-            pillar_radius=0.0 if is_bag else recording.pillar_size.radius,
+            pillars=np.array(pillars).reshape(-1, 2),
+            pillar_radius=recording.pillar_size.radius,
             robot=load_robot(recording.robot),
             marks=np.array(marks, float).reshape(-1, 3),
         )

@@ -40,9 +40,9 @@ class PlaybackWatch:
             self._paths[topic].append((msg.header.stamp.to_sec(), place.x, place.y))
 
     def look(self, now: float) -> None:
-        """Keep where the top view is at a simulated time [s]."""
+        """Keep where the top view is at a simulated time [s], once for each: the clock may stand."""
         place = self._place_of(TOP_VIEW)
-        if place is not None:
+        if place is not None and now > (self._top_view[-1][0] if self._top_view else 0.0):
             self._top_view.append((now, *place))
 
     def is_over(self, end: float) -> bool:

@@ -53,7 +53,9 @@ class BagPlayer:
         for snapshot, topic, msg in chain(first, self._messages):
             if snapshot.stamp > now:
                 now = snapshot.stamp
-                time.sleep(max(0.0, begun + now / self._pace - time.monotonic()))
+                early = begun + now / self._pace - time.monotonic()
+                time.sleep(max(0.0, early))
+                begun -= min(0.0, early)  # what is late stays late: no burst that a filter cannot follow
                 publish(self._clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
                 return
