@@ -13,33 +13,37 @@ import yaml
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def call(*command, **how):
+    """What a command prints, of both kinds, and its exit code."""
+    done = subprocess.run(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False, **how
+    )
+    return done.stdout, done.returncode
+
+
 def bash(script, **env):
     """Run a script with the functions of ./dev; its output of both kinds and its exit code."""
     begin = f"cd {ROOT}; here=$PWD state=$PWD/.dev; source tools/packages.bash; source tools/install.bash\n"
-    done = subprocess.run(
-        ["bash", "-eo", "pipefail", "-c", begin + script],
-        env={**os.environ, **env}, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    return done.stdout + done.stderr, done.returncode
+    return call("bash", "-eo", "pipefail", "-c", begin + script, env={**os.environ, **env})
 
 
-TOP = [
-    "package.xml",
-    "CMakeLists.txt",
-    "setup.py",
-    "src",
-    "scripts",
-    "launch",
-    "config",
-    "urdf",
-    "worlds",
-    "rviz",
-    "test",
-]
+def copy_of_dev(folder, *parts):
+    """The commands in a folder of their own."""
+    folder.mkdir(exist_ok=True)
+    shutil.copy(ROOT / "dev", folder)
+    for part in ("tools", *parts):
+        if (ROOT / part).is_dir():
+            shutil.copytree(ROOT / part, folder / part)
+        else:
+            shutil.copy(ROOT / part, folder)
+    return folder / "dev"
+
+
+TOP = "package.xml CMakeLists.txt setup.py src scripts launch config urdf worlds rviz test"
 
 
 def test_the_top_level_is_what_the_package_promises():
-    assert [name for name in TOP if not (ROOT / name).exists()] == []
+    assert [name for name in TOP.split() if not (ROOT / name).exists()] == []
     assert (ROOT / "rviz" / "controller.rviz").is_file()
     old = ROOT / "config" / "controller.rviz"  # where launch files of others may still look for it
     assert old.resolve() == (ROOT / "rviz" / "controller.rviz").resolve()
@@ -47,17 +51,14 @@ def test_the_top_level_is_what_the_package_promises():
 
 def test_a_folder_with_a_space_in_its_name_is_refused_at_once(tmp_path):
     copy = tmp_path / "my robot"
-    copy.mkdir()
-    shutil.copy(ROOT / "dev", copy)
-    shutil.copytree(ROOT / "tools", copy / "tools")
-    done = subprocess.run([copy / "dev", "launch"], capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert f"the folder '{copy}' has a space or a colon in its name" in done.stderr
+    output, code = call(copy_of_dev(copy), "launch")
+    assert code == 1
+    assert f"the folder '{copy}' has a space or a colon in its name" in output
     assert not (copy / ".dev").exists()
 
 
 def test_each_example_of_the_help_works():
-    text = subprocess.run([ROOT / "dev", "help"], capture_output=True, text=True, check=True).stdout
+    text, _ = call(ROOT / "dev", "help")
     examples = re.findall(r"e\.g\. (\./dev .+)", text)
     assert examples == ["./dev test -k timeout", "./dev run rostopic list"]
     ends = {
@@ -67,15 +68,7 @@ def test_each_example_of_the_help_works():
     env = {**os.environ, "ROS_MASTER_URI": "http://127.0.0.1:1"}
     for example in examples:
         more, said = ends[example.split()[1]]
-        done = subprocess.run(
-            ["bash", "-c", f"{example} {more} 2>&1"],
-            cwd=ROOT,
-            env=env,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert said in done.stdout, example
+        assert said in call("bash", "-c", f"{example} {more}", cwd=ROOT, env=env)[0], example
 
 
 def test_the_workflow_runs_what_ci_runs_on_every_debian_with_ros_and_keeps_the_results():
@@ -157,12 +150,10 @@ def test_a_package_and_a_launch_file_are_found_as_roslaunch_finds_them(tmp_path)
         assert output.strip() == path or "no a.launch in a package 'theirs' where you stand" in output
 
 
-def test_an_unknown_command_is_one_sentence_with_the_nearest_one():
-    for name, hint in (("lauch", '; did you mean "launch"?'), ("qqq", "")):
-        done = subprocess.run([ROOT / "dev", name], capture_output=True, text=True, check=False)
-        assert done.returncode == 1
-        sentence = f"unknown command '{name}'{hint}; ./dev help lists the commands"
-        assert (done.stdout, done.stderr) == ("", f"[dev] error: {sentence}\n")
+@pytest.mark.parametrize(("name", "hint"), [("lauch", '; did you mean "launch"?'), ("qqq", "")])
+def test_an_unknown_command_is_one_sentence_with_the_nearest_one(name, hint):
+    sentence = f"unknown command '{name}'{hint}; ./dev help lists the commands"
+    assert call(ROOT / "dev", name) == (f"[dev] error: {sentence}\n", 1)
 
 
 def test_pip_gets_what_is_locked_for_this_python_only(tmp_path):
@@ -283,24 +274,19 @@ def test_roscore_listens_where_ros_master_uri_says(uri, arguments, port):
 
 @pytest.mark.skipif(not (ROOT / ".dev" / "venv-launch.done").exists(), reason="not installed by ./dev")
 def test_doctor_finds_what_dev_has_installed():
-    done = subprocess.run([ROOT / "dev", "doctor"], capture_output=True, text=True, check=False)
-    assert "ok       Python packages in .dev/venv" in done.stdout
-    assert "ok       the workspace in .dev/ws is built" in done.stdout
+    output, _ = call(ROOT / "dev", "doctor")
+    assert "ok       Python packages in .dev/venv" in output
+    assert "ok       the workspace in .dev/ws is built" in output
 
 
 def test_doctor_names_problems_and_fails_for_them(tmp_path):
-    for file in ("dev", "package.xml"):
-        shutil.copy(ROOT / file, tmp_path)
-    for folder in ("requirements", "tools"):
-        shutil.copytree(ROOT / folder, tmp_path / folder)
+    dev = copy_of_dev(tmp_path, "package.xml", "requirements")
     environment = {**os.environ, "ROS_MASTER_URI": "nowhere", "ROS_IP": "", "ROS_HOSTNAME": "no.such.host"}
-    done = subprocess.run(
-        [tmp_path / "dev", "doctor"], env=environment, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 1
-    assert "PROBLEM  ROS_MASTER_URI='nowhere' is not of the form http://HOST:PORT" in done.stdout
-    assert "PROBLEM  nodes give their address as 'no.such.host'" in done.stdout
-    assert "PROBLEM  the workspace in .dev/ws is not built: ./dev setup" in done.stdout
+    output, code = call(dev, "doctor", env=environment)
+    assert code == 1
+    assert "PROBLEM  ROS_MASTER_URI='nowhere' is not of the form http://HOST:PORT" in output
+    assert "PROBLEM  nodes give their address as 'no.such.host'" in output
+    assert "PROBLEM  the workspace in .dev/ws is not built: ./dev setup" in output
     assert not (tmp_path / ".dev").exists(), "doctor changes nothing"
 
 
@@ -308,14 +294,8 @@ def new(folder, *arguments):
     """`./dev new` of a copy of the commands, in that copy; its output and exit code."""
     copy = folder / "clone"
     if not copy.exists():
-        copy.mkdir()
-        shutil.copy(ROOT / "dev", copy)
-        for name in ("tools", "examples", "compat"):
-            shutil.copytree(ROOT / name, copy / name)
-    done = subprocess.run(
-        [copy / "dev", "new", *arguments], cwd=copy, capture_output=True, text=True, check=False
-    )
-    return done.stdout + done.stderr, done.returncode
+        copy_of_dev(copy, "examples", "compat")
+    return call(copy / "dev", "new", *arguments, cwd=copy)
 
 
 @pytest.mark.parametrize(
