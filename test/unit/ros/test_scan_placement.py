@@ -64,51 +64,36 @@ def placed():
     return fixture
 
 
-def test_a_pose_that_arrives_first_waits_for_its_scan(placed):
-    placed.pose(2.0, 20.0)
-    assert placed.answers() == []
-    placed.scan(2.0)
-    assert placed.answers() == [(2.0, 20.0)]
-
-
-def test_a_scan_that_arrives_first_waits_for_its_pose(placed):
-    placed.scan(2.0)
-    placed.pose(1.5, 15.0)
-    assert placed.answers() == []
-    placed.pose(2.0, 20.0)
-    placed.pose(3.0, 30.0)
-    assert placed.answers() == [(2.0, 20.0)]
-
-
-def test_a_stamp_between_two_poses_is_interpolated(placed):
-    placed.scan(1.5)
-    placed.pose(2.0, 20.0)
-    assert placed.answers() == [(1.5, pytest.approx(15.0))]
-
-
-def test_of_the_scans_that_arrive_while_one_is_pending_the_newest_is_next(placed):
-    for stamp in (2.0, 3.0, 4.0):
-        placed.scan(stamp)
-    placed.pose(2.0, 20.0)
-    placed.pose(3.0, 30.0)
-    assert placed.answers() == [(2.0, 20.0)]
-    placed.pose(4.0, 40.0)
-    assert placed.answers() == [(2.0, 20.0), (4.0, 40.0)]
-
-
-def test_poses_that_are_always_later_than_the_next_scan_starve_no_scan(placed):
-    for stamp in range(2, 20):
-        placed.scan(float(stamp))
-        placed.pose(stamp - 1.0, 0.0)
-    assert [stamp for stamp, _ in placed.answers()] == list(range(2, 19))
-
-
-def test_a_pending_scan_that_is_sent_again_is_answered_once(placed):
-    placed.scan(2.0)
-    placed.scan(2.0)
-    placed.pose(2.0, 20.0)
-    placed.pose(3.0, 30.0)
-    assert placed.answers() == [(2.0, 20.0)]
+@pytest.mark.parametrize(
+    ("story", "answers"),
+    [
+        # scans and poses by their stamps
+        ("pose 2", ""),
+        ("pose 2, scan 2", "2"),
+        ("scan 2, pose 1.5", ""),
+        ("scan 2, pose 1.5, pose 2, pose 3", "2"),
+        ("scan 1.5, pose 2", "1.5"),  # interpolated
+        # of those that arrive while one is pending the newest is next
+        ("scan 2, scan 3, scan 4, pose 2, pose 3", "2"),
+        ("scan 2, scan 3, scan 4, pose 2, pose 3, pose 4", "2 4"),
+        ("scan 2, scan 2, pose 2, pose 3", "2"),  # one that is sent again
+        # poses that are always later than the next scan starve none
+        (", ".join(f"scan {n}, pose {n - 1}" for n in range(2, 20)), " ".join(map(str, range(2, 19)))),
+        ("scan 2, scan 3, clock starts, pose 0.05, scan 0.1, pose 0.1, pose 3", "0.1"),
+        ("scan 2, scan 3, discard all, pose 3", ""),
+    ],
+)
+def test_each_scan_is_answered_once_with_the_pose_of_its_own_stamp(placed, story, answers):
+    for event in story.split(", "):
+        what, stamp = event.split()
+        if what == "pose":
+            placed.pose(float(stamp), 10.0 * float(stamp))
+        elif what == "scan":
+            placed.scan(float(stamp))
+        else:
+            {"clock": placed.transforms.clear, "discard": placed.placement.discard}[what]()
+    expected = [(float(stamp), pytest.approx(10.0 * float(stamp))) for stamp in answers.split()]
+    assert placed.answers() == expected
 
 
 def test_odometry_that_stops_is_waited_for_once_and_then_its_last_pose_has_to_do(placed):
@@ -125,25 +110,6 @@ def test_odometry_that_stops_is_waited_for_once_and_then_its_last_pose_has_to_do
     placed.pose(3.5, 35.0)
     placed.scan(4.0)
     assert len(placed.answers()) == 3, "odometry is back: its pose is waited for again"
-
-
-def test_a_clock_that_starts_again_drops_the_scans_of_before(placed):
-    placed.scan(2.0)
-    placed.scan(3.0)
-    placed.transforms.clear()
-    placed.pose(0.05, 0.5)
-    placed.scan(0.1)
-    placed.pose(0.1, 1.0)
-    placed.pose(3.0, 30.0)
-    assert placed.answers() == [(0.1, 1.0)]
-
-
-def test_discarded_scans_are_not_answered(placed):
-    placed.scan(2.0)
-    placed.scan(3.0)
-    placed.placement.discard()
-    placed.pose(3.0, 30.0)
-    assert placed.answers() == []
 
 
 def test_the_first_scan_waits_until_lidar_and_odometry_have_a_place():
