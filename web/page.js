@@ -23,15 +23,15 @@
   let timer = null;
 
   const root = document.documentElement;
-  const say = (words) => { // above everything, until the connection is back
+  const say = (text) => { // above everything, until the connection is back
     let banner = document.querySelector(".husky-banner");
-    if (banner === null && words !== "") {
+    if (banner === null && text !== "") {
       banner = document.createElement("div");
       banner.className = "husky-banner";
       banner.setAttribute("role", "alert");
       root.append(banner);
     }
-    if (banner !== null) banner.textContent = words;
+    if (banner !== null) banner.textContent = text;
   };
   root.classList.add("husky-connecting"); // not viser's panel for developers
   const ready = setInterval(() => {

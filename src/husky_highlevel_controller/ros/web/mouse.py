@@ -5,8 +5,6 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any, Callable, Dict, Optional, Sequence
 
-import viser
-
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.ros.web.objects import Key, Object, Objects
 from husky_highlevel_controller.ros.web.pages import DELETE, LOOK, MOVE, PUT, Page
@@ -21,19 +19,11 @@ FARTHEST = 200.0  # [m]; a click just below the horizon means no place
 class Mouse:
     """Binds clicks and drags to the nodes that some page's tool acts on; all others turn the view."""
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        scene: Scene,
-        objects: Objects,
-        world: WorldTab,
-        pages: Dict[int, Page],
-    ) -> None:
+    def __init__(self, scene: Scene, objects: Objects, world: WorldTab, pages: Dict[int, Page]) -> None:
         self._scene, self._objects, self._world, self._pages = scene, objects, world, pages
         self._drags: Dict[Any, Drag] = {}
         self._draggers: Dict[Any, int] = {}  # the page of each drag
         objects.on_new = self._bind_object
-        server.scene.on_click()(self._on_ground)
 
     def bind(self) -> None:
         """Bind every node by the tools that the pages have now."""
@@ -77,7 +67,8 @@ class Mouse:
             if shown.is_movable and self._is_used(MOVE):
                 node.on_drag("left")(partial(self._on_drag_object, key))
 
-    def _on_ground(self, event: Any) -> None:
+    def on_ground(self, event: Any) -> None:
+        """Put the chosen shape where a page with the tool for it has clicked."""
         if self._tool(event) != PUT:
             return
         point = point_on_level(event.ray_origin, event.ray_direction, self._scene.ground)
@@ -124,13 +115,7 @@ class Drag:
     """Object that the mouse drags over the ground, at the height where it was grasped."""
 
     def __init__(self, pose: Pose, show: Callable[[Pose], None], drop: Callable[[Any, Pose], None]) -> None:
-        """Begin.
-
-        Args:
-            pose: of the object at the beginning, in the fixed frame.
-            show: draws the object at a pose meanwhile.
-            drop: called with the page and the last pose.
-        """
+        """Begin at a pose in the fixed frame; `show` draws it, `drop` gets the page and the last one."""
         self._start, self._pose, self._show, self._drop = pose, pose, show, drop
         self._grasp: Any = None
 

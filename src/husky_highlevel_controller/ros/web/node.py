@@ -114,7 +114,8 @@ class WebNode:
             self._world = world = WorldTab(server, self._actions, config.simulator, config.fixed_frame)
         self._state_bar.on_elsewhere = lambda client: world.move_away(client, self._numbers.pillar)
         self._pages = Pages(server, self._tabs, self._log)
-        self._mouse = Mouse(server, self._scene, self._objects, world, self._pages.open)
+        self._mouse = Mouse(self._scene, self._objects, world, self._pages.open)
+        server.scene.on_click()(self._mouse.on_ground)
         self._pages.on_tool, self._pages.on_leave = self._mouse.bind, self._mouse.release
         with self._tabs["Tune"]:
             self._tuning = Tuning(server, self._actions, self._tabs["Tune"])

@@ -47,13 +47,10 @@ class Parameter(NamedTuple):
     def label(self) -> str:
         """The name; the unit, where the help text ends with one; the default, where no slider marks it."""
         unit = re.search(r"\[[^\]]+\]\s*$", self.help)
-        shown = (
-            {True: "on", False: "off"}[self.default]
-            if self.kind == "bool"
-            else shown_value(self, self.default)
-        )
-        default = "" if self.has_slider else f" (default {shown})"
-        return f"{self.name}{' ' + unit.group().strip() if unit else ''}{default}"
+        on_or_off = "on" if self.default else "off"
+        default = on_or_off if self.kind == "bool" else shown_value(self, self.default)
+        ending = "" if self.has_slider else f" (default {default})"
+        return f"{self.name}{' ' + unit.group().strip() if unit else ''}{ending}"
 
     @property
     def has_slider(self) -> bool:

@@ -44,12 +44,7 @@ class Curve:
     """The samples of the last `window` seconds."""
 
     def __init__(self, series: int, window: float = WINDOW) -> None:
-        """Begin empty.
-
-        Args:
-            series: values of one sample.
-            window: how far back the curve goes [s].
-        """
+        """Begin empty; `series` is how many values a sample has."""
         self._window, self._series = window, series
         self._samples: Deque[Tuple[float, ...]] = deque(maxlen=CAPACITY)  # time and values, the newest last
 

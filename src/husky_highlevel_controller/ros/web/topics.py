@@ -80,11 +80,7 @@ class Topics:
     """Subscriptions of the page; what came in is taken by the thread that draws."""
 
     def __init__(self, names: Dict[str, str]) -> None:
-        """Listen to nothing yet.
-
-        Args:
-            names: topics by use: scan, odometry, truth, command, error, pillar, cloud.
-        """
+        """Listen to nothing yet; `names` has the topics by use, such as scan or odometry."""
         self._names = names
         self.newest: Dict[str, Newest] = {}
         self._queues: Dict[str, Deque[Received]] = {

@@ -397,9 +397,8 @@ class Drags:
         self.objects = SimpleNamespace(
             shown={("t", "box"): shown}, dragged={}, drop=lambda *_: None, on_new=None
         )
-        server = SimpleNamespace(scene=SimpleNamespace(on_click=lambda: lambda _: None))
         scene = SimpleNamespace(robot_shapes=[], base=None, show_ghost=lambda _: None)
-        self.mouse = Mouse(server, scene, self.objects, None, {7: SimpleNamespace(tool=MOVE)})
+        self.mouse = Mouse(scene, self.objects, None, {7: SimpleNamespace(tool=MOVE)})
         self.objects.on_new(("t", "box"), shown)
 
     def event(self, phase):
