@@ -63,10 +63,16 @@ def test_its_imu_feels_that_it_is_ahead_of_the_middle(simulate):
     assert not any(snapshot.gps for snapshot in snapshots)
 
 
-def test_the_controller_drives_it_to_the_pillar():
-    for scenario in (course_scenario(0), *random_starts(2, 0)):
-        result = run(setup_of(robot="smb"), scenario)
-        assert result.good, result.summary
+SCENARIOS = [
+    pytest.param(course_scenario(0), id="course"),
+    *[pytest.param(start, id=start.name, marks=pytest.mark.slow) for start in random_starts(2, 0)],
+]
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_the_controller_drives_it_to_the_pillar(scenario):
+    result = run(setup_of(robot="smb"), scenario)
+    assert result.good, result.summary
 
 
 def test_its_outline_leaves_room_between_the_wheels():

@@ -80,9 +80,6 @@ def drive(contacts, duration, velocity=REST, external=LEVEL, dt=DT, config=CONFI
     return passed
 
 
-# ---------------------------------------------------------------------------- laws
-
-
 @LAW
 @given(contacts_of_a_robot, velocities, pulls, periods, configs)
 def test_a_wheel_in_the_air_gets_no_force(contacts, velocity, external, dt, config):
@@ -132,9 +129,6 @@ def test_wheels_at_rest_only_take_energy_away(contacts, velocity, dt, config):
     assert all(b <= a * (1.0 + (4.0 * dt) ** 2) for a, b in zip(energies, energies[1:]))
 
 
-# ---------------------------------------------------------------------------- standing
-
-
 def test_a_robot_at_rest_on_level_ground_feels_nothing():
     assert forces_on(robot()) == [(0.0, 0.0)] * 4
     assert forces_on(robot(loads=(100.0, 300.0, 50.0, 0.0))) == [(0.0, 0.0)] * 4
@@ -177,9 +171,6 @@ def test_half_the_friction_coefficient_is_half_the_grip():
     assert ice == [pytest.approx((x / 2.0, y / 2.0), rel=1e-4) for x, y in whole]
 
 
-# ---------------------------------------------------------------------------- driving
-
-
 @pytest.mark.parametrize("speed", [1.0, 0.1, -0.7])
 def test_driving_straight_it_reaches_its_wheels_speed_and_neither_overshoots_nor_veers(speed):
     passed = drive(robot(speed, speed), 0.5)
@@ -204,9 +195,6 @@ def test_it_turns_in_place_about_as_fast_as_commanded_with_the_husky_s_multiplie
     vx, vy, turning = drive(robot(left, right), 2.0)[-1]
     assert turning / yaw_rate == pytest.approx(1.04, abs=0.01)
     assert hypot(vx, vy) < 1e-6
-
-
-# ---------------------------------------------------------------------------- stability
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.0005])

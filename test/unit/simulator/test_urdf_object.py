@@ -37,15 +37,11 @@ def test_the_shapes_of_all_links_are_one_body():
     )  # fmt: skip
     body = parse_urdf_object(text, "post", POSE)
     assert (body.name, body.pose_in_world, body.mass) == ("post", POSE, 5.0)
-    place = {type(shape.shape): shape.pose_in_body.position for shape in body.collisions}
-    assert {shape.shape for shape in body.collisions} == {
-        Cylinder(0.2, 1.0),
-        Sphere(0.3),
-        Box((1.0, 2.0, 3.0)),
+    assert {part.shape: part.pose_in_body.position for part in body.collisions} == {
+        Cylinder(0.2, 1.0): (0.0, 0.0, 0.5),
+        Sphere(0.3): (0.0, 0.0, 1.2),
+        Box((1.0, 2.0, 3.0)): pytest.approx((0.0, 1.0, 1.2)),
     }
-    assert place[Cylinder] == (0.0, 0.0, 0.5)
-    assert place[Sphere] == (0.0, 0.0, 1.2)
-    assert place[Box] == pytest.approx((0.0, 1.0, 1.2))
 
 
 @pytest.mark.parametrize(
@@ -62,6 +58,11 @@ def test_without_mass_or_said_to_be_static_it_never_moves(parts):
 def test_a_mesh_is_left_out_with_a_warning(caplog):
     assert len(parse_urdf_object(urdf(link("base", MESH, SPHERE)), "post", POSE).collisions) == 1
     assert "link 'base'" in caplog.text
+
+
+@pytest.mark.parametrize("text", ["", '<sdf version="1.6"><model name="robot"/></sdf>'])
+def test_an_sdf_is_no_urdf(text):
+    assert not is_urdf(text)
 
 
 @pytest.mark.parametrize(
@@ -90,8 +91,3 @@ def test_a_long_chain_of_links_is_no_deep_recursion():
         urdf(*map(link, names), link("l5000", SPHERE), joint("l4999", "l5000"), *chain), "p", POSE
     )
     assert len(body.collisions) == 1
-
-
-def test_an_sdf_is_no_urdf():
-    assert not is_urdf('<sdf version="1.6"><model name="robot"/></sdf>')
-    assert not is_urdf("")
