@@ -20,7 +20,6 @@ from husky_highlevel_controller.grading.records import (
 )
 from husky_highlevel_controller.grading.reports.files import add_step_summary
 from husky_highlevel_controller.grading.reports.tables import table
-from husky_highlevel_controller.grading.review import write_review
 from husky_highlevel_controller.grading.settings import load_rules
 from husky_highlevel_controller.tasks.command import (
     add_cluster_option,
@@ -100,6 +99,9 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
 def run(options: argparse.Namespace) -> int:
     """Mark as the command line says; the exit code."""
     if options.review:
+        # its pictures are drawn by matplotlib, which takes longer to load than all else
+        from husky_highlevel_controller.grading.review import write_review
+
         print(f"open it in a browser: {write_review(options.review.resolve()).as_uri()}")
         return 0
     exercise = EXERCISES[options.exercise]

@@ -18,7 +18,6 @@ from husky_highlevel_controller.grading.isolation.files import (
 )
 from husky_highlevel_controller.grading.recording import ADD, Recording, drive_number
 from husky_highlevel_controller.grading.records import Result, load, printable, to_json
-from husky_highlevel_controller.grading.reports import plots
 from husky_highlevel_controller.grading.reports.exports import to_step_summary, write_exports
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page
 from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_junit, to_moodle
@@ -88,11 +87,16 @@ def write_class(results: Sequence[Result], out: Path) -> None:
 
 
 def write_pictures(recordings: Sequence[Recording], name: str, out: Path) -> None:
-    """Write the pictures of a student's drives, and a page for each that plays it."""
+    """Write the pictures of a student's drives, and a page for each that plays it; none without drives."""
     is_bag = recordings[0].playback is not None
+    if not is_bag and not len(recordings[0].times):
+        return
+    # matplotlib takes longer to load than all else here, and a class page and what is not driven need none
+    from husky_highlevel_controller.grading.reports import plots
+
     draw = plots.draw_playback if is_bag else plots.draw_drives
     (out / PICTURES[0]).write_bytes(draw(recordings, name))
-    if len(recordings[0].times) and not is_bag:
+    if not is_bag:
         middle = float(recordings[0].times[-1]) / 2.0
         (out / PICTURES[1]).write_bytes(plots.draw_moment(recordings[0], middle))
     for number, recording in enumerate(recordings, 1):
