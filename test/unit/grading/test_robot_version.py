@@ -36,7 +36,7 @@ def test_what_a_package_names_tells_the_smb(name, text, word, tmp_path):
 
 @pytest.mark.parametrize(("folder", "robot"), [("smb_control", "smb"), ("husky_control", "husky")])
 def test_the_filter_s_parameters_tell_the_robot_of_exercise_4(folder, robot, tmp_path):
-    (tmp_path / "ekf.launch").write_text(f"$(find {folder})/config/localization.yaml")
+    (tmp_path / "ekf.launch").write_text(f"$(find {folder})/config/localization.yaml smb_top_view")
     (tmp_path / "view.rviz").write_text("Topic: /rslidar_points")  # in both robots' bags
     assert named_bag(Plan(package_path=tmp_path))[0] == robot
 

@@ -15,8 +15,8 @@ DEFAULT = "husky"
 MAX_TEXT = 200_000  # [bytes] of a file that is read
 # in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
-# of its sheet 4; the Husky's bag has points on /rslidar_points, too
-FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description|top_view)\b")
+# of its sheet 4; a Husky's hand-in may name /rslidar_points and smb_top_view, too
+FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
 # where no node can be asked: its topic of scans
 SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
