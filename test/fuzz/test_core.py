@@ -32,16 +32,8 @@ from husky_highlevel_controller.simulator.simulator_config import SimulatorConfi
 from husky_highlevel_controller.simulator.spawn_request import checked, checked_pose, make_object
 
 ROOT = Path(__file__).parents[2]
-WORLDS = [
-    (ROOT / name).read_text()
-    for name in (
-        "worlds/singlePillar.world",
-        "worlds/ramp.world",
-        "worlds/empty.world",
-        "test/data/saved.world",
-        "test/data/frames.world",
-    )
-]
+FILES = ("worlds/singlePillar", "worlds/ramp", "worlds/empty", "test/data/saved", "test/data/frames")
+WORLDS = [(ROOT / f"{file}.world").read_text() for file in FILES]
 EMPTY = parse_world(WORLDS[2], "empty.world")
 STEPS = 12  # of physics; the third scan is the last
 SIMULATED = 10  # of so many cases that are taken, one is simulated: an engine takes long to start
@@ -208,10 +200,9 @@ def test_every_scan_is_answered_by_a_command_within_its_limits(cases):
     ],
 )
 def test_parameters_are_within_their_bounds_or_refused(cases, file, records):
+    fields = [each for record in records for each in record.__dataclass_fields__.items()]
+    names = {name for name, each in fields if each.metadata}
     whole = yaml.safe_load((ROOT / "config" / file).read_text())
-    names = {
-        name for record in records for name, each in record.__dataclass_fields__.items() if each.metadata
-    }
     whole = {name: value for name, value in whole.items() if name in names}
     found = 0
     for rng in cases[: len(cases) // 2]:

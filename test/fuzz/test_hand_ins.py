@@ -47,18 +47,14 @@ Visualization Manager:
     - {Class: rviz/Group, Displays: [{Class: rviz/LaserScan, Topic: /scan}, {Class: rviz/RobotModel}]}
   Views: {Current: {Class: rviz/Orbit, Distance: 10}}
 """
+RVIZ_NODE = {"name": "r", "args": "-d x", "remap": [["a", "b"]]}
 EVENTS = [
-    {
-        "event": "plan",
-        "nodes": ["a/b"],
-        "left_out": [],
-        "rviz": [{"name": "r", "args": "-d x", "remap": [["a", "b"]]}],
-    },
+    {"event": "plan", "nodes": ["a/b"], "left_out": [], "rviz": [RVIZ_NODE]},
     {"event": "died", "node": "n", "exit_code": -11},
     {"event": "missing", "package": "p", "tag": "include"},
     {"event": "unloadable", "error": "e"},
     {"event": "package", "path": "/tmp"},
-]  # fmt: skip
+]
 MARKING = (
     "students: {ann: {launch: a, robot: husky_melodic, "
     "points: {b: {points: 1, word: w}}, late: {percent: 1, word: w}}}"

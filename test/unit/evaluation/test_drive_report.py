@@ -9,25 +9,24 @@ from husky_highlevel_controller.evaluation.report import Cell, Report, Table, ev
 
 
 def report(value=inf):
-    shown = Table(
-        "Times", ("figure", "value", ""), [("arrived [s]", value, Cell("MISSED", "missed")), ("n", 12, "")]
-    )
-    return Report(
-        "Title", "seed 0", [shown, every_row("Every <drive>", [{"t": value}])], "missed: t", True, "hash"
-    )
+    rows = [("arrived [s]", value, Cell("MISSED", "missed")), ("n", 12, "")]
+    tables = [Table("Times", ("figure", "value", ""), rows), every_row("Every <drive>", [{"t": value}])]
+    return Report("Title", "seed 0", tables, "missed: t", True, "hash")
+
+
+TEXT = """\
+seed 0
+
+Times
+  figure       value
+  arrived [s]  2.000  MISSED
+  n               12
+
+missed: t"""
 
 
 def test_the_text_aligns_what_is_not_folded_and_ends_with_the_verdict():
-    assert str(report(2.0)).splitlines() == [
-        "seed 0",
-        "",
-        "Times",
-        "  figure       value",
-        "  arrived [s]  2.000  MISSED",
-        "  n               12",
-        "",
-        "missed: t",
-    ]
+    assert str(report(2.0)).splitlines() == TEXT.splitlines()
 
 
 def test_page_and_json_hold_every_table_and_what_is_not_finite_is_null(tmp_path):
