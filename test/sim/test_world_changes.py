@@ -298,8 +298,12 @@ def test_a_loaded_world_is_as_if_begun_in_and_time_runs_on(world, simulate):
     assert list(simulation.bodies) == list(begun.bodies)
     assert simulation.stamp == 1.0
     assert ahead(simulation) == ahead(begun)
+    for each in (simulation, begun):
+        each.spawn([body("drop", Sphere(0.1), x=-5.0, z=5.0, mass=1.0)])
     forces = [[s.imu.specific_force[2] for s in drive(each, 0.5) if s.imu] for each in (simulation, begun)]
     assert forces[0][-1] == forces[1][-1] == pytest.approx(-world.gravity[2], abs=0.2)
+    falls = [5.0 - each.pose_of("drop").position[2] for each in (simulation, begun)]
+    assert falls == pytest.approx([-world.gravity[2] * 0.5**2 / 2.0] * 2, rel=0.1)
 
 
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.8), (0.0, 0.0, -1.6)])
