@@ -13,6 +13,7 @@ from husky_highlevel_controller.grading.hand_in.launch_choice import (
     read_launch_files,
     reasons,
 )
+from husky_highlevel_controller.grading.hand_in.package_files import find_setup
 from husky_highlevel_controller.grading.hand_in.packages import (
     NotMarkableError,
     choose_packages,
@@ -22,7 +23,6 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     read_manifest,
 )
 from husky_highlevel_controller.grading.hand_in.plan import Plan
-from husky_highlevel_controller.grading.hand_in.rviz_setup import find_setup
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import Note
 from husky_highlevel_controller.grading.reports.files import load_result

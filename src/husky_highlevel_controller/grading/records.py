@@ -11,7 +11,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any, Mapping, Optional, Sequence, Tuple
 
-from husky_highlevel_controller.config import ConfigError, from_plain, to_plain
+from husky_highlevel_controller.config import ConfigError, from_plain, number, setting, to_plain
 from husky_highlevel_controller.course import REACHED
 from husky_highlevel_controller.grading.notes import Kind, Subject
 
@@ -33,29 +33,25 @@ MAX_TEXT = 1000  # letters of an evidence or note
 # ---------------------------------------------------------------------------- how it is marked
 
 
-def _number(default: float, high: float, help_text: str) -> Any:
-    return field(default=default, metadata={"min": 0.0, "max": high, "help": help_text})
-
-
 @dataclass(frozen=True)
 class Rules:
     """A rubric's tolerances and weights; the defaults are the course's sheet."""
 
-    reached: float = _number(REACHED, 5.0, "from the robot's outline to the pillar that it has reached [m]")
-    ramming_costs: float = _number(0.0, 30.0, "points that ramming the pillar costs")
-    gentle: float = _number(0.5, 5.0, "a robot that touches the pillar faster than this rams it [m/s]")
-    marker_full: float = _number(0.3, 5.0, "from the marker to the pillar's axis for all points [m]")
-    marker_half: float = _number(0.5, 5.0, "from the marker to the pillar's axis for half of the points [m]")
-    other_worlds: float = _number(1.0 / 3.0, 1.0, "what the drives in other worlds weigh, together")
-    no_rviz_config: str = field(
-        default="person",
-        metadata={
-            "choices": ("person", "zero", "node"),
-            "help": "without a configuration of RViz: a person judges, no points, or all of them for a "
-            "launch file that starts RViz",
-        },
+    reached: float = number(
+        0.0, 5.0, "from the robot's outline to the pillar that it has reached [m]", REACHED
     )
-    marker_per_metre: float = _number(0.005, 1.0, "added to both for each metre between robot and pillar")
+    ramming_costs: float = number(0.0, 30.0, "points that ramming the pillar costs", 0.0)
+    gentle: float = number(0.0, 5.0, "a robot that touches the pillar faster than this rams it [m/s]", 0.5)
+    marker_full: float = number(0.0, 5.0, "from the marker to the pillar's axis for all points [m]", 0.3)
+    marker_half: float = number(
+        0.0, 5.0, "from the marker to the pillar's axis for half of the points [m]", 0.5
+    )
+    other_worlds: float = number(0.0, 1.0, "what the drives in other worlds weigh, together", 1.0 / 3.0)
+    no_rviz_config: str = setting(
+        "without a configuration of RViz: a person judges, no points, or all of them for a launch file that "
+        "starts RViz", "person", choices=("person", "zero", "node"),
+    )  # fmt: skip
+    marker_per_metre: float = number(0.0, 1.0, "added to both for each metre between robot and pillar", 0.005)
     weights: Mapping[str, float] = field(  # points by item
         default_factory=dict, metadata={"min": 0.0, "max": 1000.0, "help": "an item's points"}
     )
@@ -136,7 +132,7 @@ class GivenPoints:
     """Points of one item, given by a person."""
 
     points: float = field(metadata={"min": 0.0, "max": 1000.0})
-    word: str = field(metadata={"help": "the reason, for the student"})
+    word: str = setting("the reason, for the student")
 
 
 @dataclass(frozen=True)
@@ -144,7 +140,7 @@ class Late:
     """A penalty for lateness."""
 
     percent: float = field(metadata={"min": 0.0, "max": 100.0})  # of all points
-    word: str = field(metadata={"help": "the reason, for the student"})
+    word: str = setting("the reason, for the student")
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from husky_highlevel_controller.grading.drive.call_plan import CallPlan, exercis
 from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
 from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
+from husky_highlevel_controller.grading.hand_in.package_files import files_of_others, find_setup
 from husky_highlevel_controller.grading.hand_in.plan import Plan, package_path, plan
-from husky_highlevel_controller.grading.hand_in.rviz_setup import files_of_others, find_setup
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import Launchable

@@ -47,7 +47,7 @@ from husky_highlevel_controller.grading.hand_in.launch_choice import (
     read_launch_files,
     reasons,
 )
-from husky_highlevel_controller.grading.hand_in.multiplot import curves_in
+from husky_highlevel_controller.grading.hand_in.package_files import curves_in
 from husky_highlevel_controller.grading.hand_in.packages import (
     HandIn,
     NotMarkableError,

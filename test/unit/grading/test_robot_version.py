@@ -10,8 +10,8 @@ from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.drive import ros_graph
 from husky_highlevel_controller.grading.drive.ros_graph import robot_listened_to
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
+from husky_highlevel_controller.grading.hand_in.package_files import named_bag, named_robot
 from husky_highlevel_controller.grading.hand_in.plan import Plan
-from husky_highlevel_controller.grading.hand_in.robot_version import named_bag, named_robot
 from husky_highlevel_controller.grading.recording import empty_recording, from_json, hull_gaps, to_json
 from husky_highlevel_controller.grading.records import ROBOT_VERSIONS, MarkingConfig
 from husky_highlevel_controller.robot import ROBOTS

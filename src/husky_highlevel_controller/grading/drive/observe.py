@@ -12,11 +12,11 @@ from tqdm import tqdm
 from husky_highlevel_controller.grading.drive.call_plan import BAG
 from husky_highlevel_controller.grading.drive.memcheck import is_worth_checking, uninitialised
 from husky_highlevel_controller.grading.drive.ros_graph import listens_to
-from husky_highlevel_controller.grading.drive.run import OtherRobotError, drive
+from husky_highlevel_controller.grading.drive.run import OtherRobotError, drive, write_nothing
 from husky_highlevel_controller.grading.drive.trials import Trial
-from husky_highlevel_controller.grading.isolation.files import remove_tree, write_whole
+from husky_highlevel_controller.grading.isolation.files import remove_tree
 from husky_highlevel_controller.grading.notes import Kind, Note
-from husky_highlevel_controller.grading.recording import RECORDING, empty_recording, to_json
+from husky_highlevel_controller.grading.recording import RECORDING
 from husky_highlevel_controller.grading.records import AUTO, SMB, MarkingConfig
 from husky_highlevel_controller.grading.submission import Submission
 
@@ -45,7 +45,10 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
     is_guess = is_named and submission.robot != SMB and not is_bag  # the SMB's names are certain
     why = submission.names_robot
     if submission.problem:
-        _write_nothing(submission, trials[0], config, out, why * is_named)
+        notes = (*[Note(Kind.ROBOT, why)] * is_named, *submission.problem)
+        folder = out / f"drive_{trials[0].number}"
+        folder.mkdir(parents=True)
+        write_nothing(folder / RECORDING, trials[0], config, notes)
         return
     chance = ""
     if not is_bag and is_worth_checking(submission):  # else no code is handed in
@@ -67,20 +70,6 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
         if not seen:
             break
         is_guess = is_named = False
-
-
-def _write_nothing(submission: Submission, trial: Trial, config: MarkingConfig, out: Path, why: str) -> None:
-    """Write the recording of a drive that never begins."""
-    notes = (*[Note(Kind.ROBOT, why)] * bool(why), *submission.problem)
-    recording = replace(
-        empty_recording(trial.pillar, config.deadline, notes),
-        robot=config.robot_name,
-        simulated=config.robot,
-        scan_topic=config.scan_topic,
-    )
-    folder = out / f"drive_{trial.number}"
-    folder.mkdir(parents=True)
-    write_whole(folder / RECORDING, to_json(recording))
 
 
 def _bar(trial: Trial, trials: int, config: MarkingConfig) -> Any:

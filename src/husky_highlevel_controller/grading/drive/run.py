@@ -233,11 +233,20 @@ def drive(
         raise MarkingError(f"no recording; the recorder said: {recorder.output.strip()[-500:]}")
     if was_exchanged(output, _told(recorder, r"sha256 (\w{64})")):
         words = f"{RECORDING} was exchanged after the drive"
-        recording = empty_recording(trial.pillar, config.deadline, (Note(Kind.CUT_OFF, words),))
-        recording = replace(recording, violations=(words,), robot=config.robot_name, simulated=config.robot)
-        write_whole(output, to_json(replace(recording, scan_topic=config.scan_topic)))
+        write_nothing(output, trial, config, [Note(Kind.CUT_OFF, words)], (words,))
         return False
     return bool(_told(recorder, "moved"))
+
+
+def write_nothing(
+    path: Path, trial: Trial, config: MarkingConfig, notes: Sequence[Note], violations: Tuple[str, ...] = ()
+) -> None:
+    """Write the recording of a drive of which nothing is known but notes."""
+    recording = replace(
+        empty_recording(trial.pillar, config.deadline, tuple(notes)), violations=violations,
+        robot=config.robot_name, simulated=config.robot, scan_topic=config.scan_topic,
+    )  # fmt: skip
+    write_whole(path, to_json(recording))
 
 
 def was_exchanged(path: Path, digests: Sequence[str]) -> bool:

@@ -14,7 +14,13 @@ from husky_highlevel_controller.grading.hand_in.launch_choice import (
     read_launch_files,
     reasons,
 )
-from husky_highlevel_controller.grading.hand_in.multiplot import curves_in
+from husky_highlevel_controller.grading.hand_in.package_files import (
+    curves_in,
+    files_of_others,
+    find_setup,
+    named_bag,
+    named_robot,
+)
 from husky_highlevel_controller.grading.hand_in.packages import (
     BUILT,
     Contents,
@@ -28,8 +34,6 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     with_dependencies,
 )
 from husky_highlevel_controller.grading.hand_in.plan import Plan, plan, with_filter
-from husky_highlevel_controller.grading.hand_in.robot_version import named_bag, named_robot
-from husky_highlevel_controller.grading.hand_in.rviz_setup import files_of_others, find_setup
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import copy, remove_tree, walk, write_whole
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, kind_of_sandbox

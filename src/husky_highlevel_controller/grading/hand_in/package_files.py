@@ -1,13 +1,17 @@
-"""Choice of the RViz configuration of a submission: its rviz node's, or a file of its package."""
+"""Names in the files of a submission's package: its RViz configuration, its robot, its plots."""
 
 from __future__ import annotations
 
 import contextlib
 import re
 import shlex
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Match, Optional, Pattern, Sequence, Tuple
+
+from defusedxml import ElementTree
+from defusedxml.common import DefusedXmlException
 
 from husky_highlevel_controller.grading.displays import ROBOT, SCAN, TF, RvizConfig, read_config
 from husky_highlevel_controller.grading.hand_in.plan import Plan
@@ -15,10 +19,12 @@ from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     is_below,
     is_regular,
+    read_regular,
     read_text,
     read_yaml,
     walk,
 )
+from husky_highlevel_controller.grading.records import ROBOT_TITLES, SMB
 from husky_highlevel_controller.paths import share_folder
 
 _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
@@ -103,3 +109,82 @@ def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizC
         return read_config(source, read_yaml(path), remaps)
     except (UnreadableFileError, ValueError, OverflowError):  # numbers of hundreds of digits
         return read_config(source, {})
+
+
+DEFAULT = "husky"
+MAX_TEXT = 200_000  # [bytes] of a file that is read
+# in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
+SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
+# of its sheet 4; a Husky's hand-in may name /rslidar_points and smb_top_view, too
+FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
+# where no node can be asked: its topic of scans
+SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
+TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
+
+
+def named_robot(planned: Plan) -> Tuple[str, str]:
+    """Robot that a submission names, a key of ROBOT_VERSIONS; and a sentence that says why.
+
+    It is certain for the SMB; else the topic that the submission subscribes to decides.
+    """
+    words = _names_of_the_smb(planned)
+    if words:
+        return SMB, f"the simulated robot is the {ROBOT_TITLES[SMB]}: {words}"
+    mention = _named(planned, SCANS)
+    version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
+    words = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
+    return version, f"the simulated robot is the {ROBOT_TITLES[version]}: {words}"
+
+
+def named_bag(planned: Plan) -> Tuple[str, str]:
+    """Robot of whose bag a filter is, by the parameters that it loads; and a sentence that says why."""
+    mention = _named(planned, FILTERS_OF_THE_SMB)
+    if mention:
+        return SMB, f"the bag is the SMB's: {mention[0].name} names {mention[1].group()}"
+    return DEFAULT, "the bag is the Husky's: it names no package of the SMB"
+
+
+def _names_of_the_smb(planned: Plan) -> str:
+    """Parts of the SMB that a submission includes or names, in words; empty: none."""
+    if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
+        return "its launch file starts the SMB's nodes"
+    mention = _named(planned, SMB_NAMES)
+    return f"{mention[0].name} names {mention[1].group()}" if mention else ""
+
+
+def _named(planned: Plan, pattern: Pattern[str]) -> Optional[Tuple[Path, Match[str]]]:
+    """The first file of a submission's package in which a pattern is found, and what fits it."""
+    folder = planned.package_path
+    with suppress(UnreadableFileError):  # too many files
+        for path in walk(folder) if folder else ():
+            if path.suffix in TEXTS:
+                with suppress(UnreadableFileError):  # a long one
+                    match = pattern.search(read_text(path, MAX_TEXT))
+                    if match:
+                        return path, match
+    return None
+
+
+MAX_FILE = 1_000_000  # [bytes]
+UNREADABLE = (  # no XML, entities, an unknown encoding, elements nested deeper than any such file's
+    UnreadableFileError, ElementTree.ParseError, DefusedXmlException, ValueError, LookupError, RecursionError,
+)  # fmt: skip
+MAX_CURVES, MAX_NAME = 100, 200  # of a package; letters of a topic or field
+
+
+def curves_in(package: Path) -> Tuple[Tuple[str, str], ...]:
+    """Quantities of each curve on x and on y, as /topic/field."""
+    curves = []
+    for path in walk(package):
+        if path.suffix == ".xml":
+            with contextlib.suppress(*UNREADABLE):
+                root = ElementTree.fromstring(read_regular(path, MAX_FILE))
+                for axes in root.iter("axes") if root.tag == "rqt_multiplot" else ():
+                    sides = [axes.find(side) for side in ("x_axis", "y_axis")]
+                    names = [
+                        (side.findtext("topic"), side.findtext("field")) for side in sides if side is not None
+                    ]
+                    if len(names) == 2 and all(map(all, names)):
+                        x, y = (f"/{topic.strip('/')}/{field}"[:MAX_NAME] for topic, field in names)
+                        curves.append((x, y))
+    return tuple(curves[:MAX_CURVES])
