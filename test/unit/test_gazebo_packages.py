@@ -1,6 +1,7 @@
 """Stand-ins for Gazebo's packages: what they take the place of, and the arguments that they accept."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -190,3 +191,15 @@ def test_only_what_is_missing_is_added(there, added, kept, tmp_path):
     assert path[0] == tmp_path
     assert {COMPAT / name for name in added} <= set(path)
     assert not {COMPAT / name for name in kept} & set(path)
+
+
+@pytest.mark.parametrize(("place", "prefix"), [("a", "a/.dev/ws/devel"), ("a/b", "devel"), ("a/b", ".")])
+def test_the_simulators_workspace_is_found_where_a_hand_in_hides_it(place, prefix, tmp_path):
+    script = "compat/husky_gazebo/scripts/in_simulator_workspace"
+    (tmp_path / place / script).parent.mkdir(parents=True)
+    shutil.copy(share_folder() / script, tmp_path / place / script)
+    (tmp_path / prefix).mkdir(parents=True, exist_ok=True)
+    (tmp_path / prefix / "setup.bash").write_text("export SOURCED=here")
+    command = [str(tmp_path / place / script), "printenv", "SOURCED"]
+    env = {**os.environ, "ROS_PACKAGE_PATH": ""}
+    assert subprocess.run(command, env=env, capture_output=True, text=True, check=True).stdout == "here\n"

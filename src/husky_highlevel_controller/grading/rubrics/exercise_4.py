@@ -35,13 +35,9 @@ STYLE = "in the display PointCloud2: Color Transformer AxisColor, Axis Z, Size (
 PLAYS = "a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
 # share of the points, None where a person judges; evidence; what to look at
 Verdict = Tuple[Optional[float], str, str]
+BY_PERSON: Verdict = (None, "for a person", "")
 _RATE = re.compile(r"(?:^|\s)(?:-r\s*|--rate(?:=|\s+))(\d*\.?\d+)")
 _POSITION = re.compile(r"(?P<topic>.+)/pose/pose/position/x")
-
-
-def judge_explanation(_recording: Recording, _playback: Playback, _view: RvizView) -> Verdict:
-    """An explanation, which a person judges."""
-    return None, "for a person", ""
 
 
 def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
@@ -124,8 +120,8 @@ def judge_half_speed(recording: Recording, playback: Playback, view: RvizView) -
 
 # items with their points of the Husky's and of the SMB's sheet
 SHEETS: Dict[str, Tuple[float, float, Subject, Callable[[Recording, Playback, RvizView], Verdict]]] = {
-    "explains the filter": (0.0, 10.0, Subject.CODE, judge_explanation),
-    "explains its topics": (0.0, 10.0, Subject.CODE, judge_explanation),
+    "explains the filter": (0.0, 10.0, Subject.CODE, lambda *_: BY_PERSON),
+    "explains its topics": (0.0, 10.0, Subject.CODE, lambda *_: BY_PERSON),
     "plots the simulated path": (30.0, 20.0, Subject.CODE, judge_plot),
     "recorded path": (40.0, 30.0, Subject.DRIVE, judge_path),
     "RViz shows the point cloud": (30.0, 10.0, Subject.DISPLAYS, judge_cloud),

@@ -82,14 +82,13 @@ def main() -> None:
 
 def _paths(sources: List[str]) -> Dict[str, np.ndarray]:
     """Paths (N, 2) by name; a bag's come first, so that a live one is drawn over them."""
-    paths: Dict[str, Points] = {}
     files = [source for source in sources if source.endswith(".bag")]
-    for file in files:
-        for topic, path in paths_of_bag(Path(file)).items():
-            paths[topic if topic not in paths else f"{topic} of {file}"] = path
     topics = [source for source in sources if source not in files]
-    for topic, path in (paths_of_topics(topics) if topics else {}).items():
+    found = [(*item, f"of {file}") for file in files for item in paths_of_bag(Path(file)).items()]
+    found += [(*item, "now") for item in (paths_of_topics(topics) if topics else {}).items()]
+    paths: Dict[str, np.ndarray] = {}
+    for topic, path, source in found:
         if not path:
             raise HuskyError(f"nothing came on {topic}")
-        paths[topic if topic not in paths else f"{topic} now"] = path
-    return {name: np.array(path) for name, path in paths.items()}
+        paths[f"{topic} {source}" if topic in paths else topic] = np.array(path)
+    return paths
