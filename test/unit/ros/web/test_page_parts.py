@@ -10,12 +10,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sensor_msgs.msg import PointCloud2, PointField
 
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import IDENTITY, STOP, HuskyError, Twist2D
-from husky_highlevel_controller.ros.clouds import points_from_msg
 from husky_highlevel_controller.ros.web import actions, drawing, state_bar
 from husky_highlevel_controller.ros.web.gate import _parse, refusal
 from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, LogBuffer, to_html
@@ -349,15 +347,6 @@ def test_an_item_that_cannot_be_shown_is_left_out_with_one_warning(monkeypatch):
         with items.item("/markers"):
             drawing.rgb((float("nan"), 0.0, 0.0, 1.0))
     assert warnings == ["/markers is not shown: ValueError: cannot convert float NaN to integer"]
-
-
-@pytest.mark.parametrize("step", [0, 4, 11])
-def test_a_cloud_whose_points_are_too_short_has_none(step):
-    fields = [PointField(axis, 4 * i, PointField.FLOAT32, 1) for i, axis in enumerate("xyz")]
-    msg = PointCloud2(
-        width=5, height=1, fields=fields, point_step=step, row_step=5 * step, data=bytes(5 * step)
-    )
-    assert points_from_msg(msg).shape == (0, 3)
 
 
 @pytest.mark.parametrize(
