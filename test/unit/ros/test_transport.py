@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from husky_highlevel_controller.ros import transport as transport_module
 from husky_highlevel_controller.ros.transport import PromptConnection, replace_transport
 
-TIMEOUT = 20.0  # [s] of wall time, for anything that hangs
+TIMEOUT = 60.0  # [s] of wall time, for anything that hangs
 SIZE = 200_000  # [bytes] of a message, more than a socket's buffer takes at once
 
 
