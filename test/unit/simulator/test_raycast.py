@@ -201,7 +201,7 @@ def test_a_beam_reads_the_same_alone_as_among_others(world, laser):
 
 
 def test_few_shapes_read_the_same_one_by_one_as_all_at_once(monkeypatch):
-    @settings(LAW, max_examples=200)
+    @settings(LAW, max_examples=80)
     @given(worlds(boxes, cylinders, spheres, planes), lasers, st.sampled_from([SICK[::6], ALL_ROUND]))
     def hold(world, laser, bearings):
         one_by_one = cast(world, laser, bearings)
@@ -328,7 +328,7 @@ def test_a_shape_that_moved_is_seen_where_it_is_now(others):
 FIELD = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0)), *some_world(seed=4, count=1000, spread=50.0)]
 
 
-@settings(LAW, max_examples=20)
+@settings(LAW, max_examples=10)
 @given(st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(0.2, 0.8)), tilted)
 def test_a_thousand_objects_read_the_same_all_at_once_as_each_alone(position, quat):
     """None is left out that would have been seen."""
