@@ -5,6 +5,8 @@ import signal
 import subprocess
 import sys
 
+import pytest
+
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros import restart
 
@@ -28,19 +30,17 @@ def run(path, crashes, code):
     return done.returncode, int(path.read_text()), done.stderr
 
 
-def test_a_crash_is_followed_by_one_more_start_that_is_announced(tmp_path):
-    code, starts, said = run(tmp_path / "starts", crashes=1, code=0)
-    assert (code, starts) == (0, 2)
-    assert "crashed with SIGABRT; starting it once more" in said
+ANNOUNCED = "crashed with SIGABRT; starting it once more"
 
 
-def test_a_second_crash_is_the_end(tmp_path):
-    code, starts, _ = run(tmp_path / "starts", crashes=9, code=0)
-    assert (code, starts) == (128 + signal.SIGABRT, 2)
-
-
-def test_an_error_of_the_program_s_own_is_not_repeated(tmp_path):
-    assert run(tmp_path / "starts", crashes=0, code=3)[:2] == (3, 1)
+@pytest.mark.parametrize(
+    ("crashes", "code", "end", "starts", "words"),
+    [(1, 0, 0, 2, ANNOUNCED), (9, 0, 128 + signal.SIGABRT, 2, ANNOUNCED), (0, 3, 3, 1, "")],
+)
+def test_a_crash_is_followed_by_one_more_start_that_is_announced(tmp_path, crashes, code, end, starts, words):
+    ended, started, said = run(tmp_path / "starts", crashes, code)
+    assert (ended, started) == (end, starts)
+    assert words in said
 
 
 def test_an_interrupt_reaches_the_program_and_ends_both(tmp_path):
