@@ -114,9 +114,9 @@ def logs_of(out, name):
 
 
 def assert_without_capabilities(out):
-    """Build, sourcing and node of `hooks_the_setup`."""
+    """Build and node of `hooks_the_setup`; launch files are read before its setup file is there."""
     logs = logs_of(out, "hooks_the_setup")
-    for place in ("build.log", "plan/plan.log", "drive_1/submission.log"):
+    for place in ("build.log", "drive_1/submission.log"):
         assert "CapEff:\t0000000000000000\nCapBnd:\t0000000000000000\n" in logs[place], place
         # it may write into a /tmp and a /var/tmp of its own
         assert not re.findall(r"^escaped: (?!write into ).*", logs[place], re.MULTILINE)
@@ -185,7 +185,7 @@ def home():
 
 
 def as_nobody(home):
-    """The words before a command; `home` is given to the user."""
+    """Arguments that run a command as the user nobody, to whom `home` is given."""
     subprocess.run(["chown", "-R", f"{NOBODY}:{NOBODY}", str(home)], check=True)
     return [*AS_NOBODY, "env", f"HOME={home}"]
 
@@ -220,9 +220,9 @@ def test_in_a_class_of_20_with_every_third_an_attack_the_others_get_what_they_ge
 ):
     folder = tmp_path if user == "root" else request.getfixturevalue("home")
     make_class(folder / "class", *HONEST, *EVERY_THIRD)
-    words = () if user == "root" else as_nobody(folder)
+    prefix = () if user == "root" else as_nobody(folder)
     begun = time.monotonic()
-    rows, _ = grade(folder / "class", "--deadline", "25", "--jobs", "2", user=words)
+    rows, _ = grade(folder / "class", "--deadline", "25", "--jobs", "2", user=prefix)
     with capfd.disabled():
         print(f"\n{len(rows)} hand-ins as {user}: {time.monotonic() - begun:.0f} s")
         for row in rows.values():

@@ -30,7 +30,7 @@ DRIVEN = (
 )  # fmt: skip
 
 # points of: drives towards it, reaches it, RViz, marker's place, marker in RViz (None: for a person, since no
-# RViz configuration was handed in); and words that must be said
+# RViz configuration was handed in); and sentences that it is told
 DESERVED = {
     "complete": ((20, 30, 20, 20, 10), ["odom, stamp 0: right 100 %", "robot model, laser scan to be seen"]),
     "crashes": (
