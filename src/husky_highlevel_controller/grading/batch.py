@@ -8,21 +8,19 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
 import os
 import platform
 import subprocess
 import sys
-import tarfile
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
 from tqdm import tqdm
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.hand_in.archives import MAX_BYTES, MAX_FILE
+from husky_highlevel_controller.grading.hand_in.archives import PackedPath
 from husky_highlevel_controller.grading.hand_in.packages import HandIn, find_hand_ins
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import (
@@ -33,7 +31,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     write_whole,
 )
 from husky_highlevel_controller.grading.isolation.process import Process, StoppedError, end_all, wait
-from husky_highlevel_controller.grading.judge import judge_again, settings_of
+from husky_highlevel_controller.grading.judge import judge_again, unmarked
 from husky_highlevel_controller.grading.records import (
     Job,
     MarkingConfig,
@@ -171,7 +169,10 @@ def _earlier(job: Job) -> Optional[Result]:
         if (out / FINGERPRINT).read_text() != job.fingerprint:
             return None
         result = load_result(out / RESULT)
-        is_as_before = not (out / WORKSPACE).exists() or _settings_before(out) == (job.config, job.override)
+        is_as_before = not (out / WORKSPACE).exists()
+        with contextlib.suppress(HuskyError):  # else it is not known how it was judged
+            before: Job = load(Job, out / JOB)
+            is_as_before |= (before.config, before.override) == (job.config, job.override)
         judged = result if is_as_before else judge_again(job)
     except PointsError:
         raise
@@ -186,14 +187,6 @@ def _earlier(job: Job) -> Optional[Result]:
     return judged
 
 
-def _settings_before(out: Path) -> Optional[Tuple[MarkingConfig, Override]]:
-    """Settings by which the result in a folder was judged; None: they are not known."""
-    with contextlib.suppress(HuskyError):
-        job: Job = load(Job, out / JOB)
-        return job.config, job.override
-    return None
-
-
 def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterator[Result]:
     """The result of each job, in the order in which they come."""
     title = f"hand-ins ({len(jobs)} to mark)"
@@ -201,8 +194,12 @@ def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterat
         for _, result in workers.as_completed(run_program, list(jobs), title, 1, True, _failed):
             yield result
         return
+
+    def failed(packed: Tuple[Job, PackedPath], error: Exception) -> Files:
+        return {RESULT: to_json(_failed(packed[0], error)).encode()}
+
     packed = [(job, PackedPath(Path(job.hand_in))) for job in jobs]
-    for number, files in workers.as_completed(run_there, packed, title, 1, True, _failed_there):
+    for number, files in workers.as_completed(run_there, packed, title, 1, True, failed):
         try:
             yield write_outputs(files, jobs[number])
         except Exception as error:
@@ -217,14 +214,7 @@ def _failed(job: Job, error: Exception) -> Result:
     """
     if isinstance(error, StoppedError):
         raise error
-    reason = " ".join(str(error).split())[:300]
-    problem = f"marking has failed: {type(error).__name__}: {reason}"
-    return Result(job.name, "", settings_of(job.config), (), (), problem)
-
-
-def _failed_there(packed: Tuple[Job, PackedPath], error: Exception) -> Files:
-    """The files of such a result."""
-    return {RESULT: to_json(_failed(packed[0], error)).encode()}
+    return unmarked(job, f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
 
 
 # ---------------------------------------------------------------------------- the program
@@ -266,45 +256,12 @@ def run_program(job: Job, shows_errors: bool = False) -> Result:
         if not in_time:
             problem = f"it did not end within {deadline:g} s"
             write_whole(out / FINGERPRINT, job.fingerprint)
-        result = Result(job.name, "", settings_of(job.config), (), (), problem)
+        result = unmarked(job, problem)
         write_result(result, out)
         return result
 
 
 # ---------------------------------------------------------------------------- on another machine
-
-
-class PackedPath:
-    """A file or folder that is read when it is sent, so that a class need not fit into memory.
-
-    Links and large files, which marking leaves out, are not sent.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path: Optional[Path] = path
-        self._content = b""
-
-    def __getstate__(self) -> Dict[str, Any]:
-        """The content."""
-        if self.path is None:
-            return {"path": None, "_content": self._content}
-        content, room = io.BytesIO(), MAX_BYTES
-        with tarfile.open(fileobj=content, mode="w:gz", compresslevel=1) as archive:
-            archive.add(self.path, self.path.name, recursive=False)
-            for file in walk(self.path) if self.path.is_dir() else ():
-                size = file.stat().st_size
-                if size <= min(MAX_FILE, room):
-                    room -= size
-                    archive.add(file, Path(self.path.name, file.relative_to(self.path)), recursive=False)
-        return {"path": None, "_content": content.getvalue()}
-
-    def unpack(self, folder: Path) -> Path:
-        """Lay it into an empty folder, with permissions as they were; its path."""
-        with tarfile.open(fileobj=io.BytesIO(self._content)) as archive:
-            names = archive.getnames()
-            keep = {"filter": "fully_trusted"} if hasattr(tarfile, "fully_trusted_filter") else {}
-            archive.extractall(folder, **keep)  # type: ignore[arg-type]
-        return folder / names[0]
 
 
 def run_there(packed: Tuple[Job, PackedPath]) -> Files:

@@ -44,6 +44,11 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     return with_override(result, job.override)
 
 
+def unmarked(job: Job, problem: str) -> Result:
+    """The result of a submission that could not be marked."""
+    return Result(job.name, "", settings_of(job.config), (), (), problem)
+
+
 def settings_of(config: MarkingConfig) -> Any:
     """The settings that a result shows."""
     settings = {key: value for key, value in vars(config).items() if key != "rules"}

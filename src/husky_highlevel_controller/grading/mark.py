@@ -23,7 +23,7 @@ from husky_highlevel_controller.grading.hand_in.prepare import prepare
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import remove_tree, write_whole
 from husky_highlevel_controller.grading.isolation.process import StoppedError, stop_on_signals
-from husky_highlevel_controller.grading.judge import judge, settings_of
+from husky_highlevel_controller.grading.judge import judge, unmarked
 from husky_highlevel_controller.grading.recording import recordings_in
 from husky_highlevel_controller.grading.records import Job, MarkingConfig, Result, load
 from husky_highlevel_controller.grading.reports.files import (
@@ -72,7 +72,7 @@ def mark(job: Job) -> Result:
         problem = f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
         traceback.print_exc()
     if problem:
-        result = Result(job.name, "", settings_of(job.config), (), (), problem)
+        result = unmarked(job, problem)
     write_result(result, out)
     if is_final:
         write_whole(out / FINGERPRINT, job.fingerprint)  # the last one: with it, it is done

@@ -22,7 +22,6 @@ from husky_highlevel_controller.grading import batch as batch_module
 from husky_highlevel_controller.grading import mark as mark_module
 from husky_highlevel_controller.grading.batch import (
     Batch,
-    PackedPath,
     job_of,
     mark_all,
     run_program,
@@ -34,7 +33,7 @@ from husky_highlevel_controller.grading.hand_in import archives
 from husky_highlevel_controller.grading.hand_in import build as build_module
 from husky_highlevel_controller.grading.hand_in import packages as packages_module
 from husky_highlevel_controller.grading.hand_in import prepare as prepare_module
-from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, unpack
+from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, PackedPath, unpack
 from husky_highlevel_controller.grading.hand_in.build import (
     OLD_BOOST,
     Folders,
@@ -1103,7 +1102,7 @@ def test_a_hand_in_travels_with_its_permissions_without_links_and_large_files(an
     put(ann / "src" / "node", "#!/usr/bin/env python3").chmod(0o755)
     (ann / "link").symlink_to("/etc/passwd")
     put(ann / "a.bag", "b" * 2000)
-    monkeypatch.setattr(batch_module, "MAX_FILE", 1000)
+    monkeypatch.setattr(archives, "MAX_FILE", 1000)
     sent = pickle.loads(pickle.dumps(PackedPath(ann)))
     shutil.rmtree(ann)
     (tmp_path / "there").mkdir()

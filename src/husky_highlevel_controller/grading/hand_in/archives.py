@@ -6,6 +6,7 @@ headers whole, whatever size these claim to have.
 
 from __future__ import annotations
 
+import io
 import json
 import resource
 import stat
@@ -16,9 +17,10 @@ import zipfile
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import IO, Iterator, List, Optional, Sequence, Tuple
+from typing import IO, Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.isolation.files import walk
 
 PROGRAM = "husky_highlevel_controller.grading.hand_in.archives"
 
@@ -169,6 +171,39 @@ def _tar_members(archive: Path) -> Iterator[_Member]:
         for info in opened:
             content = opened.extractfile(info) if info.isfile() else None
             yield info.name, bool(info.mode & 0o100), not (info.isfile() or info.isdir()), content
+
+
+class PackedPath:
+    """A file or folder that is read when it is sent, so that a class need not fit into memory.
+
+    Links and large files, which marking leaves out, are not sent.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path: Optional[Path] = path
+        self._content = b""
+
+    def __getstate__(self) -> Dict[str, Any]:
+        """The content."""
+        if self.path is None:
+            return {"path": None, "_content": self._content}
+        content, room = io.BytesIO(), MAX_BYTES
+        with tarfile.open(fileobj=content, mode="w:gz", compresslevel=1) as archive:
+            archive.add(self.path, self.path.name, recursive=False)
+            for file in walk(self.path) if self.path.is_dir() else ():
+                size = file.stat().st_size
+                if size <= min(MAX_FILE, room):
+                    room -= size
+                    archive.add(file, Path(self.path.name, file.relative_to(self.path)), recursive=False)
+        return {"path": None, "_content": content.getvalue()}
+
+    def unpack(self, folder: Path) -> Path:
+        """Lay it into an empty folder, with permissions as they were; its path."""
+        with tarfile.open(fileobj=io.BytesIO(self._content)) as archive:
+            names = archive.getnames()
+            keep = {"filter": "fully_trusted"} if hasattr(tarfile, "fully_trusted_filter") else {}
+            archive.extractall(folder, **keep)  # type: ignore[arg-type]
+        return folder / names[0]
 
 
 if __name__ == "__main__":
