@@ -108,7 +108,7 @@ def frames(page: Page, env: Dict[str, str], last: Optional[float] = None) -> Lis
         print(f"\r{pictures[-1][0] - begin:.1f} s", end="", file=sys.stderr, flush=True)
         if last is not None:
             break
-        if end is None and "arrived" in page.inner_text(".husky-state"):
+        if end is None and "at the pillar" in page.inner_text(".husky-state"):
             end = due + STANDS
     return pictures
 

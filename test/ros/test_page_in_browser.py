@@ -510,11 +510,14 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
     wait_until(lambda: ADDRESS.search(node.output), "the page's address is printed")
     page = opened(browser, f"http://127.0.0.1:{port}")
     page.wait_for_selector("text=no news from the robot")
+    over_the_view = "getComputedStyle(document.documentElement, '::before').content"
+    assert "Waiting for news of the robot" in page.evaluate(over_the_view)
     page.click(E_STOP)
     page.wait_for_selector(".husky-state:has-text('nobody listens to e_stop')")
     page.click(".husky-e-stop.locked")
     simulator = alone.roslaunch("simulator.launch", "web:=false")
     page.wait_for_selector(".husky-state[data-time]")
+    assert page.evaluate(over_the_view) == "none"
     wait_until(lambda: yellow_rows(page).size > 0, "the robot is drawn")
     node.popen.terminate()
     page.wait_for_selector(".husky-banner:has-text('Connection lost')")
