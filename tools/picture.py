@@ -64,7 +64,9 @@ def main() -> None:
             (DOCS / "page.png").write_bytes(frames(page, env, STILL_TIME)[0][1])
             page.close()
             page = open_page(browser, url, SIZE, WIDTH / SIZE["width"])
-            save(frames(page, env))
+            pictures = frames(page, env)
+            page.close()  # it would draw on
+            save(pictures)
         finally:
             launch.terminate()
             launch.wait()
