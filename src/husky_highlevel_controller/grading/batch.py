@@ -255,6 +255,7 @@ def run_program(job: Job, shows_errors: bool = False) -> Result:
         problem = f"marking has failed on {platform.node()} (exit code {process.popen.returncode}): {words}"
         if not in_time:
             problem = f"it did not end within {deadline:g} s"
+            (out / WORKSPACE).unlink(missing_ok=True)  # some drives are not to be judged
             write_whole(out / FINGERPRINT, job.fingerprint)
         result = unmarked(job, problem)
         write_result(result, out)

@@ -23,6 +23,7 @@ from husky_highlevel_controller.grading.hand_in.prepare import prepare
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import remove_tree, write_whole
 from husky_highlevel_controller.grading.isolation.process import StoppedError, stop_on_signals
+from husky_highlevel_controller.grading.isolation.sandbox import kind_of_sandbox
 from husky_highlevel_controller.grading.judge import judge, unmarked
 from husky_highlevel_controller.grading.recording import recordings_in
 from husky_highlevel_controller.grading.records import Job, MarkingConfig, Result, load
@@ -80,13 +81,18 @@ def mark(job: Job) -> Result:
 
 
 def kept_submission(job: Job) -> Optional[Submission]:
-    """Submission that an earlier marking prepared from the same files and settings; None: there is none."""
+    """Submission that an earlier marking prepared here from the same files and settings, if any."""
     try:
         submission: Submission = load(Submission, Path(job.out, WORKSPACE))
     except HuskyError:
         return None
-    is_there = submission.root is not None and (submission.root / "src").is_dir()
-    return submission if is_there and job.made_of and submission.made_of == job.made_of else None
+    root = Path(job.out, "ws")  # another one is a copy's, or another machine's
+    is_here = submission.root == root and (root / "src").is_dir()
+    is_shut = submission.sandbox == kind_of_sandbox() and {*map(Path, job.hidden)} <= {
+        *submission.workspace.hidden
+    }
+    is_same = bool(job.made_of) and submission.made_of == job.made_of
+    return submission if is_here and is_shut and is_same else None
 
 
 def trials_of(config: MarkingConfig) -> List[Trial]:

@@ -879,7 +879,11 @@ def test_another_deadline_drives_again_and_builds_nothing(batch, husky, monkeypa
         recording = empty_recording((20.0, 5.0), config.deadline, ())
         put(out / "drive_1" / "recording.json", recording_to_json(recording))
 
-    monkeypatch.setattr(prepare_module, "build", lambda *_: builds.append(1) or built(""))
+    def build(_folders, _names, underlay):
+        builds.append(1)
+        return replace(built(""), workspace=underlay)
+
+    monkeypatch.setattr(prepare_module, "build", build)
     monkeypatch.setattr(mark_module, "observe", observe)
     monkeypatch.setattr(batch_module, "run_program", mark)
     first, second = (mark_all(MarkingConfig(deadline=each), batch) for each in (60.0, 40.0))
@@ -890,6 +894,53 @@ def test_another_deadline_drives_again_and_builds_nothing(batch, husky, monkeypa
     put(husky / "new.txt", "x")
     mark_all(MarkingConfig(deadline=40.0), batch)
     assert len(builds) == 3, "another file"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda kept: replace(kept, root=kept.root.parents[1] / "copy" / "ws"),
+        lambda kept: replace(kept, sandbox="another"),
+        lambda kept: replace(kept, workspace=replace(kept.workspace, hidden=())),
+        lambda kept: replace(kept, made_of="another"),
+    ],
+)
+def test_a_workspace_of_another_place_sandbox_class_or_hand_in_is_not_kept(change, batch, ann):
+    job = job_of(HandIn("ann", ann), Override(), MarkingConfig(), batch)
+    (Path(job.out, "ws", "src")).mkdir(parents=True)
+    shutil.copytree(job.out, Path(job.out).parent / "copy")
+    kept = Submission(
+        Launchable("launch", "a", "a.launch"), Workspace(hidden=tuple(map(Path, job.hidden))),
+        Path(job.out, "ws"), sandbox=mark_module.kind_of_sandbox(), made_of=job.made_of,
+    )  # fmt: skip
+    put(Path(job.out, WORKSPACE), to_json(kept))
+    assert mark_module.kept_submission(job) == kept
+    put(Path(job.out, WORKSPACE), to_json(change(kept)))
+    assert mark_module.kept_submission(job) is None
+
+
+def test_a_result_folder_with_a_workspace_of_its_own_keeps_it(tmp_path):
+    source = put(tmp_path / "ws" / "src" / "node.py")
+    path = str(launch(tmp_path / "a.launch", NODE.format("husky")))
+    prepare_module.prepare(Job("a", str(tmp_path), MarkingConfig(), Launchable("launch", "husky", path)))
+    assert source.exists()
+
+
+def test_a_hand_in_that_cannot_be_marked_shows_no_drive_of_an_earlier_one(batch):
+    replay = put(batch.out / "hand_ins" / "ann" / "drive_1" / "replay.html", "the drive of yesterday")
+    (result,) = mark_all(MarkingConfig(), batch)
+    assert "no catkin package in it" in result.problem
+    assert not replay.exists()
+    assert "of yesterday" not in replay.parents[1].joinpath("feedback.html").read_text()
+
+
+def test_a_hand_in_that_did_not_end_is_not_judged_by_some_of_its_drives(marked, monkeypatch):
+    batch, out = marked
+    (out / FINGERPRINT).unlink()
+    monkeypatch.setattr(batch_module, "DEADLINE", -1e6)
+    (first,) = mark_all(MarkingConfig(), batch)
+    assert first.problem.startswith("it did not end within ")
+    assert mark_all(MarkingConfig(rules=Rules(reached=1.0)), batch) == [first]
 
 
 def test_a_hand_in_that_cannot_be_marked_is_not_tried_again(batch):

@@ -42,7 +42,8 @@ from husky_highlevel_controller.grading.records import BAG_EXERCISE, Job, Launch
 from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
 
 PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
-FILES = ("plan", "ws", "copies", "stand_ins", "unpacked", "build.log", WORKSPACE)  # that this stage writes
+FILES = (WORKSPACE, "plan", "build.log")  # that this stage writes; what tells that all are there goes first
+FOLDERS = ("ws", "copies", "stand_ins", "unpacked")  # likewise, of a hand-in
 MAX_TRIED = 3  # copies of a package, and launch files, the next one where no node of one is built
 Choice = Tuple[List[Package], List[str]]  # packages, and notes
 
@@ -54,8 +55,9 @@ def prepare(job: Job) -> Submission:
         NotMarkableError: there is nothing in it that could be started.
     """
     out = Path(job.out)
-    for name in FILES:
-        remove_tree(out / name)
+    names = FILES if job.launchable else (*FILES, *FOLDERS)  # `ws` may be anybody's
+    for earlier in [*(out / name for name in names), *out.glob("drive_*")]:
+        remove_tree(earlier)
     kept = (FILTER,) * (job.config.exercise == BAG_EXERCISE)
     workspace = Workspace(
         setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
