@@ -148,20 +148,18 @@ def filled(page, names):
     return next((name for name, color in zip(names, colors) if colors.count(color) == 1), None)
 
 
-def test_the_chosen_camera_is_filled(page):
+def test_a_filled_button_says_which_camera_is_chosen_whether_the_controller_is_started_and_the_world_runs(
+    page, network
+):
     show(page, "View")
-    cameras = ["Follow", "Pillar", "Above", "Free"]
     for name in ("Above", "Follow"):
         press(page, name)
-        wait_until(lambda name=name: filled(page, cameras) == name, f"{name} is filled")
-
-
-def test_a_filled_button_says_whether_the_controller_is_started_and_the_world_runs(page, network):
+        wait_until(lambda name=name: filled(page, ["Follow", "Pillar", "Above", "Free"]) == name, name)
     show(page, "Drive")
     wait_until(lambda: filled(page, ["Pause", "Step", "Resume"]) == "Resume", "the world runs")
     for request, name in (("false", "Stop"), ("true", "Start")):
         network.call("/husky_highlevel_controller/start_stop", request)
-        wait_until(lambda name=name: filled(page, ["Start", "Stop", "Step"]) == name, f"{name} is filled")
+        wait_until(lambda name=name: filled(page, ["Start", "Stop", "Step"]) == name, name)
 
 
 def test_every_control_that_the_keyboard_reaches_has_a_name(page):
@@ -312,7 +310,7 @@ def wait_until_it_stands(page, robot):
     wait_until(lambda: robot.commanded == 0.0 and abs(robot.speed) < 0.01, "the robot stands again")
 
 
-def test_a_key_drives_while_it_is_held(page, robot):
+def test_a_key_drives_while_it_is_held_and_the_pad_while_it_is_dragged(page, robot):
     press(page, "Stop")
     page.keyboard.down("w")
     wait_until(lambda: robot.speed > 0.4, "the robot drives")
@@ -321,9 +319,6 @@ def test_a_key_drives_while_it_is_held(page, robot):
     sent = robot.commands
     page.keyboard.type("q")
     assert robot.commands == sent
-
-
-def test_the_pad_drives_while_it_is_dragged(page, robot):
     box = page.locator(".husky-pad").bounding_box()
     x, y = box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0
     page.mouse.move(x, y)
