@@ -114,6 +114,26 @@ def test_one_key_gives_the_points_to_all_hand_ins_that_lack_the_same(review):
     assert given["bob"].points[RVIZ].points == 0.0
 
 
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+def test_points_stay_with_their_student_and_item_where_the_page_is_written_again(review):
+    sync_api = pytest.importorskip("playwright.sync_api")
+    out, folder = review
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page()
+        page.goto(write_review(out).as_uri())
+        for key in ("9", "1", "1"):
+            page.keyboard.press(key)
+        shutil.rmtree(folder / "ann")
+        page.goto(write_review(out).as_uri())
+        with page.expect_download() as saved:
+            page.keyboard.press("s")
+        saved.value.save_as(folder / "marking.yaml")
+        browser.close()
+    given = read_overrides(folder, ["bob"])
+    assert given["bob"].points[RVIZ].points == 0.0, "his own, not the first item's"
+
+
 def test_a_student_who_is_gone_has_no_open_items(review):
     out, folder = review
     shutil.rmtree(folder / "bob")
