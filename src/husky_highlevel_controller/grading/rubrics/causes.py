@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import List, Optional
 
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.recording import Recording
+from husky_highlevel_controller.grading.records import Item
 
 SILENT = 5.0  # [s], simulated: so long without a command, it has ceased to send any
 NO_SCANS = Note(Kind.NO_SCANS, "it does not subscribe to the scans")
@@ -30,6 +32,11 @@ RAN_ON = {
     Kind.TOUCHES, Kind.AT_PILLAR, Kind.NEVER_MOVED, Kind.STOOD_STILL, Kind.SLOW, Kind.NO_PUBLISHER,
     Kind.CUT_OFF,
 }  # fmt: skip
+
+
+def with_cause(item: Item, loss: str, cause: Note) -> Item:
+    """The item with what was lost and its cause as evidence, and the hint for that cause."""
+    return replace(item, evidence=f"{loss}: {cause.text}", hint=hint_on(cause))
 
 
 def hint_on(cause: Note) -> str:
@@ -74,11 +81,11 @@ def cause_of_stop(recording: Recording) -> Optional[Note]:
     if not len(recording.commands) or recording.times[-1] - recording.commands[-1] < SILENT:
         return None
     last = float(recording.commands[-1])
-    words = (
+    text = (
         f"{recording.command_count} commands, the last at {last:.2f} s, then none: its callback waits (for a "
         "service, in a loop or a sleep), takes a branch without one, or gets no scan"
     )
-    return Note(Kind.COMMANDS_CEASE, words, last)
+    return Note(Kind.COMMANDS_CEASE, text, last)
 
 
 def behind(cause: Optional[Note]) -> str:

@@ -12,7 +12,7 @@ from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.recording import Recording
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules
-from husky_highlevel_controller.grading.rubrics.causes import NO_SCANS, causes, hint_on
+from husky_highlevel_controller.grading.rubrics.causes import NO_SCANS, causes, with_cause
 from husky_highlevel_controller.grading.rubrics.exercise_3 import DISPLAYS, without_config
 from husky_highlevel_controller.grading.rubrics.items import forfeited, weighted
 
@@ -25,8 +25,7 @@ ITEMS = (
 SAME = 0.02  # [m], a number printed this near to a range measured is that range
 LEAST_LINES = 5  # with such a number
 SPAN = 0.5  # of the change of the smallest range must be printed
-
-# what a student looks at, by where points are lost
+# hints
 PRINT = "print the smallest range in the scans' callback, by ROS_INFO or rospy.loginfo, with output=screen"
 MINIMUM = (
     "take the smallest of the ranges that are valid (range_min <= r <= range_max), anew in each callback"
@@ -42,17 +41,18 @@ def judge_output(recording: Recording) -> Item:
     item = Item(ITEMS[0], 0.0, 40.0, "")
     truth = recording.nearest[np.isfinite(recording.nearest[:, 1]), 1]
     if not recording.subscribed or not len(truth):
-        cause = (causes(recording) or [NO_SCANS])[0]
-        return replace(item, evidence=f"nothing to print: {cause.text}", hint=hint_on(cause))
+        return with_cause(item, "nothing to print", (causes(recording) or [NO_SCANS])[0])
     low, high = float(truth.min()), float(truth.max())
     printed = [value for line in recording.output.splitlines() for value in _ranges_in(line, low, high)]
     if len(printed) < LEAST_LINES:
-        words = f"{len(printed)} lines with a range between {low:.2f} and {high:.2f} m, wanted {LEAST_LINES}"
-        return replace(item, evidence=words, hint=PRINT)
-    words = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
-    words += f"measured {high:.2f} to {low:.2f} m"
+        evidence = (
+            f"{len(printed)} lines with a range between {low:.2f} and {high:.2f} m, wanted {LEAST_LINES}"
+        )
+        return replace(item, evidence=evidence, hint=PRINT)
+    evidence = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
+    evidence += f"measured {high:.2f} to {low:.2f} m"
     follows = max(printed) - min(printed) >= SPAN * (high - low) and printed[0] > printed[-1]
-    return replace(item, points=40.0 if follows else 20.0, evidence=words, hint=MINIMUM)
+    return replace(item, points=40.0 if follows else 20.0, evidence=evidence, hint=MINIMUM)
 
 
 def _ranges_in(line: str, low: float, high: float) -> List[float]:
@@ -77,9 +77,9 @@ def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
     if view.problem:
         return replace(item, evidence=view.problem)
     is_visible = view.scan and scan_topic in view.topics
-    words = f"{view.source}: laser scan {'' if is_visible else 'not '}to be seen"
-    words += f", fixed frame '{view.fixed_frame}'"
-    return replace(item, points=(10.0 + 5.0 * (view.fixed_frame == "odom")) * is_visible, evidence=words)
+    evidence = f"{view.source}: laser scan {'' if is_visible else 'not '}to be seen"
+    evidence += f", fixed frame '{view.fixed_frame}'"
+    return replace(item, points=(10.0 + 5.0 * (view.fixed_frame == "odom")) * is_visible, evidence=evidence)
 
 
 def judge_exercise_2(

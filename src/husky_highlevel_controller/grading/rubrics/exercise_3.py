@@ -1,4 +1,4 @@
-"""Judges recorded drives by the rubric of exercise 3; docs/rubrics.md says the same in words."""
+"""Judges recorded drives by the rubric of exercise 3; docs/rubrics.md says the same."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from husky_highlevel_controller.grading.rubrics.causes import (
     causes,
     first_cause,
     hint_on,
+    with_cause,
 )
 from husky_highlevel_controller.grading.rubrics.items import forfeited, over_trials, weighted
 from husky_highlevel_controller.grading.rubrics.marker_faults import CHECK
@@ -39,9 +40,16 @@ ITEMS = (
     "marker in RViz",
 )
 NO_VIEW = "no RViz configuration was handed in"
-
-
-# ---------------------------------------------------------------------------- one drive
+NO_DRIVE = "there was no drive"
+# hints
+STOPS = "compare the velocities that you send at this moment with the distance that you compute"
+SLOW = "drive faster while the pillar is far away"
+TURNS = "check the sign of angular.z: positive turns left, and the angle is in the lidar's own frame"
+SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pillar"
+SAVE = (
+    "save RViz's configuration into your package (File, Save Config As) and name it in the launch file, by -d"
+)
+DISPLAYS = "add the displays that are missing, with the fixed frame odom, and save the configuration"
 
 
 def judge_approach(recording: Recording) -> Item:
@@ -49,34 +57,33 @@ def judge_approach(recording: Recording) -> Item:
     item = Item(ITEMS[0], 0.0, 20.0, "", subject=Subject.DRIVE)
     gaps, times = recording.hull_gaps, recording.times
     if not recording.moving.any():
-        first = first_cause(recording)
-        return replace(item, evidence=f"the robot never moves: {first.text}", hint=hint_on(first))
+        return with_cause(item, "the robot never moves", first_cause(recording))
     way = max(gaps[0], 1e-6)
     nearest = int(np.argmin(gaps))
     nearer, distance = way - gaps[nearest], f"of the {way:.2f} m to the pillar"
     if nearer >= HALF_WAY * way:
         half = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * way)])
-        words = f"half {distance} are behind it after {half:.2f} s"
+        evidence = f"half {distance} are behind it after {half:.2f} s"
         if gaps[nearest] > max(PAST * way, MIN_PAST) and gaps[-1] > gaps[nearest] + MIN_PAST:
-            words += f", but it drives past the pillar, {gaps[nearest]:.2f} m away"
+            evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away"
             return replace(
-                item, points=10.0, evidence=words, at=float(times[nearest]), hint=_turning_hint(recording)
+                item, points=10.0, evidence=evidence, at=float(times[nearest]), hint=_turning_hint(recording)
             )
-        return replace(item, points=20.0, evidence=words, at=half)
+        return replace(item, points=20.0, evidence=evidence, at=half)
     at, end, points = float(times[nearest]), float(times[-1]), 0.0
     turns = float(np.abs(np.diff(np.unwrap(recording.poses[:, 2]))).sum()) / (2.0 * np.pi)
     if nearer >= FIRST_STEPS * way:
-        words, points = f"covers {nearer:.2f} m {distance}, less than half, by {at:.2f} s", 10.0
+        evidence, points = f"covers {nearer:.2f} m {distance}, less than half, by {at:.2f} s", 10.0
     elif gaps[-1] > way + 0.5:
-        words = f"drives away: {gaps[-1] - way:.2f} m farther from the pillar after {end:.2f} s"
+        evidence = f"drives away: {gaps[-1] - way:.2f} m farther from the pillar after {end:.2f} s"
         at = end
     elif turns > 1.0:
-        words = f"turns round {turns:.1f} times in {end:.2f} s and comes no nearer"
+        evidence = f"turns round {turns:.1f} times in {end:.2f} s and comes no nearer"
     else:
-        words = f"comes only {max(nearer, 0.0):.2f} m nearer, {distance}"
+        evidence = f"comes only {max(nearer, 0.0):.2f} m nearer, {distance}"
     cause = cause_of_stop(recording)
     hint = hint_on(cause) if cause else _turning_hint(recording)
-    return replace(item, points=points, evidence=words + behind(cause), at=at, hint=hint)
+    return replace(item, points=points, evidence=evidence + behind(cause), at=at, hint=hint)
 
 
 def _turning_hint(recording: Recording) -> str:
@@ -88,8 +95,10 @@ def _turning_hint(recording: Recording) -> str:
     if not len(right) or float(np.mean(right)) <= MOSTLY:
         return TURNS
     speed = float(np.median(np.abs(recording.speeds[aside, 0])))
-    words = f"it turns towards the pillar, but too slowly for {speed:.1f} m/s"
-    return f"{words}: a larger gain, or slower while the angle is large"
+    return (
+        f"it turns towards the pillar, but too slowly for {speed:.1f} m/s: a larger gain, or slower while "
+        "the angle is large"
+    )
 
 
 def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
@@ -97,67 +106,59 @@ def judge_arrival(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     item = Item(ITEMS[1], 0.0, 30.0, "", subject=Subject.DRIVE)
     gaps, times = recording.hull_gaps, recording.times
     if not len(times):
-        return no_drive(item, recording)
+        return with_cause(item, NO_DRIVE, first_cause(recording))
     nearest = int(np.argmin(gaps))
     if gaps[nearest] > rules.reached:
         at = float(times[nearest])
         if _runs_out_of_time(recording):
-            words = f"for a person: {gaps[-1]:.2f} m to go, and on its way, at the deadline of {at:.0f} s"
-            return replace(item, points=None, evidence=words, at=at, hint=SLOW)
-        words = f"nearest {gaps[nearest]:.2f} m from the pillar, wanted {rules.reached:g} m, at {at:.2f} s"
+            evidence = f"for a person: {gaps[-1]:.2f} m to go, and on its way, at the deadline of {at:.0f} s"
+            return replace(item, points=None, evidence=evidence, at=at, hint=SLOW)
+        evidence = f"nearest {gaps[nearest]:.2f} m from the pillar, wanted {rules.reached:g} m, at {at:.2f} s"
         if not recording.driving[nearest + 1 :].any() and recording.driving.any():
-            words = f"stops short: {words}"
+            evidence = f"stops short: {evidence}"
         if not recording.moving.any():
-            return replace(item, evidence=words, at=at, hint=hint_on(first_cause(recording)))
+            return replace(item, evidence=evidence, at=at, hint=hint_on(first_cause(recording)))
         cause = cause_of_stop(recording)
         hint = hint_on(cause) if cause else STOPS
-        return replace(item, evidence=words + behind(cause), at=at, hint=hint)
+        return replace(item, evidence=evidence + behind(cause), at=at, hint=hint)
     reached = float(times[np.argmax(gaps <= rules.reached)])
-    touches = np.flatnonzero(gaps <= TOUCH)
-    if len(touches):
-        at = float(times[touches[0]])
+    at = first_touch(recording)
+    if at < np.inf:
         # the speed just before: the touch itself slows the robot down
         before = recording.speeds[(times >= at - 0.2) & (times <= at), 0]
         speed = float(np.abs(before).max())
         if rules.rams(speed):
-            words = f"rams the pillar at {speed:.2f} m/s, at most {rules.gentle:g} m/s are gentle"
+            evidence = f"rams the pillar at {speed:.2f} m/s, at most {rules.gentle:g} m/s are gentle"
             points = max(30.0 - rules.ramming_costs, 0.0)
-            return replace(item, points=points, evidence=words, at=at, hint=SLOWS)
+            return replace(item, points=points, evidence=evidence, at=at, hint=SLOWS)
         return replace(item, points=30.0, evidence=f"reaches it, at {speed:.2f} m/s", at=at)
     stood = _stands_since(recording)
     if stood is not None and gaps[-1] <= rules.reached:
-        words = f"stands {gaps[-1]:.2f} m from it since {stood:.2f} s"
-        return replace(item, points=30.0, evidence=words, at=stood)
-    words = f", but stands {gaps[-1]:.2f} m away in the end"
+        evidence = f"stands {gaps[-1]:.2f} m from it since {stood:.2f} s"
+        return replace(item, points=30.0, evidence=evidence, at=stood)
+    evidence = f", but stands {gaps[-1]:.2f} m away in the end"
     if stood is None:
-        words = f" at {float(times[nearest]):.2f} s, but does not stop there"
-    words = f"comes within {gaps[nearest]:.2f} m{words}"
-    return replace(item, points=20.0, evidence=words, at=reached, hint=SLOWS)
+        evidence = f" at {float(times[nearest]):.2f} s, but does not stop there"
+    evidence = f"comes within {gaps[nearest]:.2f} m{evidence}"
+    return replace(item, points=20.0, evidence=evidence, at=reached, hint=SLOWS)
 
 
 def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
     """The marker is at the pillar: 20, by how near it is and how much of the time."""
     item = Item(ITEMS[3], 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
     if not len(recording.times) and causes(recording):
-        return no_drive(item, recording)
+        return with_cause(item, NO_DRIVE, first_cause(recording))
     if not recording.marker_topics:
-        words = "no topic of type visualization_msgs/Marker or MarkerArray"
-        return replace(item, evidence=words, hint="publish a visualization_msgs/Marker")
+        evidence = "no topic of type visualization_msgs/Marker or MarkerArray"
+        return replace(item, evidence=evidence, hint="publish a visualization_msgs/Marker")
     # after a push it is not known where the pillar is
     placements = judge_namespaces(recording, first_touch(recording), rules)
     if not placements:
-        words = f"nothing came on {', '.join(recording.marker_topics)}"
-        return replace(item, evidence=words, hint="publish the marker in the scans' callback")
+        evidence = f"nothing came on {', '.join(recording.marker_topics)}"
+        return replace(item, evidence=evidence, hint="publish the marker in the scans' callback")
     best = max(placements, key=lambda placement: placement.score)
-    points = round(20.0 * best.score, 1)
     hint = MARKER_HINTS.get(best.fault, CHECK) if best.fault else CHECK
-    return replace(item, points=points, evidence=best.evidence, at=best.at, hint=hint)
-
-
-def no_drive(item: Item, recording: Recording) -> Item:
-    """The item of a submission of which nothing was started."""
-    cause = first_cause(recording)
-    return replace(item, evidence=f"there was no drive: {cause.text}", hint=hint_on(cause))
+    return replace(item, points=round(20.0 * best.score, 1), evidence=best.evidence, at=best.at, hint=hint)
 
 
 def first_touch(recording: Recording) -> float:
@@ -184,31 +185,15 @@ def _stands_since(recording: Recording) -> Optional[float]:
     return float(recording.times[row])
 
 
-# what a student looks at, by where points are lost
-STOPS = "compare the velocities that you send at this moment with the distance that you compute"
-SLOW = "drive faster while the pillar is far away"
-TURNS = "check the sign of angular.z: positive turns left, and the angle is in the lidar's own frame"
-SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pillar"
-# ---------------------------------------------------------------------------- the whole submission
-
-
 def without_config(item: Item, view: RvizView, rules: Rules) -> Item:
     """The item of a submission without a configuration of RViz, by the rubric."""
     item = replace(item, evidence=NO_VIEW, hint=SAVE)
     if rules.no_rviz_config == "zero":
         return replace(item, points=0.0)
     if rules.no_rviz_config == "person":
-        words = f"for a person: {NO_VIEW}"
-        return replace(item, points=None, evidence=words, reason=Kind.NO_RVIZ_FILE)
-    does = "starts" if view.started else "does not start"
-    words = f"{NO_VIEW}; its launch file {does} RViz"
-    return replace(item, points=item.max_points * view.started, evidence=words)
-
-
-SAVE = (
-    "save RViz's configuration into your package (File, Save Config As) and name it in the launch file, by -d"
-)
-DISPLAYS = "add the displays that are missing, with the fixed frame odom, and save the configuration"
+        return replace(item, points=None, evidence=f"for a person: {NO_VIEW}", reason=Kind.NO_RVIZ_FILE)
+    evidence = f"{NO_VIEW}; its launch file {'starts' if view.started else 'does not start'} RViz"
+    return replace(item, points=item.max_points * view.started, evidence=evidence)
 
 
 def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
@@ -227,11 +212,11 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
     ]
     visible = [part for _, is_visible, part in parts if is_visible]
     invisible = [part for _, is_visible, part in parts if not is_visible]
-    words = [f"{', '.join(visible)} to be seen"] * bool(visible)
-    words += [f"{', '.join(invisible)} not to be seen"] * bool(invisible)
-    words += [f"does not subscribe to {scan_topic}"] * (not listens)
+    findings = [f"{', '.join(visible)} to be seen"] * bool(visible)
+    findings += [f"{', '.join(invisible)} not to be seen"] * bool(invisible)
+    findings += [f"does not subscribe to {scan_topic}"] * (not listens)
     points = sum(points for points, is_visible, _ in parts if is_visible)
-    return replace(item, points=points, evidence=f"{view.source}: {'; '.join(words)}")
+    return replace(item, points=points, evidence=f"{view.source}: {'; '.join(findings)}")
 
 
 def judge_shown(
@@ -250,13 +235,15 @@ def judge_shown(
     drawn = {each.topic for each in markers if (each.topic, each.namespace) not in view.hidden}
     shown_topics = sorted(drawn & set(view.topics))
     if not shown_topics and topics & set(view.topics):
-        words = f"the namespace of the marker is switched off in its display of {', '.join(sorted(topics))}"
-        return replace(item, evidence=words, hint="switch it on, and save the configuration")
+        evidence = (
+            f"the namespace of the marker is switched off in its display of {', '.join(sorted(topics))}"
+        )
+        return replace(item, evidence=evidence, hint="switch it on, and save the configuration")
     if not shown_topics:
-        words = f"RViz does not subscribe to {', '.join(sorted(topics))}"
-        words += f": {view.problem}" * bool(view.problem)
+        evidence = f"RViz does not subscribe to {', '.join(sorted(topics))}"
+        evidence += f": {view.problem}" * bool(view.problem)
         hint = "add a Marker display of this topic, and save the configuration"
-        return replace(item, evidence=words, hint=hint)
+        return replace(item, evidence=evidence, hint=hint)
     return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown_topics)}")
 
 

@@ -11,7 +11,7 @@ from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.recording import Call, Recording
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules
-from husky_highlevel_controller.grading.rubrics.causes import causes, first_cause, hint_on
+from husky_highlevel_controller.grading.rubrics.causes import causes, first_cause, hint_on, with_cause
 from husky_highlevel_controller.grading.rubrics.items import forfeited, weighted
 
 ITEMS = (
@@ -23,7 +23,7 @@ ITEMS = (
 BEFORE = 0.5  # [s], simulated, before a call: what the robot did then counts as just before
 SETTLED, CALM = 1.5, 4.0  # [s], simulated, after a call's answer: from when to when it is looked at
 SLOW, FAST = 0.05, 0.1  # [m/s]: stands, drives
-# what a student looks at, by where points are lost
+# hints
 SERVICE = "advertise a service of type std_srvs/SetBool in the constructor"
 STOP = "keep the request in a member, and let each callback of the scans send a zero twist while it says stop"
 START = "let the other request clear that member, so that the scans' callback drives again"
@@ -92,57 +92,53 @@ def _speeds(recording: Recording, call: Call) -> List[float]:
 def _judge_stops(item: Item, name: str, effects: Sequence[Effect]) -> Item:
     driving = [effect for effect in effects if effect.before >= FAST]
     if not driving:
-        words = f"{name}: not judged, the robot stood already before each call: for a person"
-        return replace(item, points=None, evidence=words)
-    good = sum(effect.stopped for effect in driving)
-    words = f"{name}: stands after {good} of {len(driving)} calls"
-    return _judged(item, words, good, driving, [effect for effect in driving if not effect.stopped])
+        evidence = f"{name}: not judged, the robot stood already before each call: for a person"
+        return replace(item, points=None, evidence=evidence)
+    wrong = [effect for effect in driving if not effect.stopped]
+    return _judged(item, f"{name}: stands", driving, wrong)
 
 
 def _judge_starts(item: Item, name: str, effects: Sequence[Effect]) -> Item:
     if not effects:
         return replace(item, evidence=f"{name}: no call had stopped it, so none could start it again")
-    wrong = [effect for effect in effects if effect.after < FAST]
-    good = len(effects) - len(wrong)
-    return _judged(item, f"{name}: drives after {good} of {len(effects)} calls", good, effects, wrong)
+    return _judged(item, f"{name}: drives", effects, [effect for effect in effects if effect.after < FAST])
 
 
 def _judge_starts_from_rest(item: Item, name: str, recording: Recording, effects: Sequence[Effect]) -> Item:
     """Item of a robot that stood before every call."""
     if any(effect.after >= FAST for effect in effects):
-        words = f"{name}: it drives after a call, but no call had stopped it before: for a person"
-        return replace(item, points=None, evidence=words)
+        evidence = f"{name}: it drives after a call, but no call had stopped it before: for a person"
+        return replace(item, points=None, evidence=evidence)
     if not (np.abs(recording.speeds[:, 0]) >= FAST).any():
-        cause = first_cause(recording)
-        return replace(item, evidence=f"{name}: it never drives: {cause.text}", hint=hint_on(cause))
-    words = f"{name}: not judged, it had stopped by itself before the first call: for a person"
-    return replace(item, points=None, evidence=words)
+        return with_cause(item, f"{name}: it never drives", first_cause(recording))
+    evidence = f"{name}: not judged, it had stopped by itself before the first call: for a person"
+    return replace(item, points=None, evidence=evidence)
 
 
-def _judged(item: Item, words: str, good: int, effects: Sequence[Effect], wrong: Sequence[Effect]) -> Item:
+def _judged(item: Item, effect: str, effects: Sequence[Effect], wrong: Sequence[Effect]) -> Item:
+    good = len(effects) - len(wrong)
+    evidence = f"{effect} after {good} of {len(effects)} calls"
     at = effects[0].call.at
     if wrong:
         call, speed, at = wrong[0].call, wrong[0].after, wrong[0].call.at
-        words += f"; after {str(call.data).lower()} at {call.at:.2f} s it drives at {speed:.2f} m/s"
-        words += f" ({call.answer})" * (not call.success and bool(call.answer))
+        evidence += f"; after {str(call.data).lower()} at {call.at:.2f} s it drives at {speed:.2f} m/s"
+        evidence += f" ({call.answer})" * (not call.success and bool(call.answer))
     points = item.max_points if good == len(effects) else item.max_points / 2.0 if good else 0.0
-    return replace(item, points=points, evidence=words, at=at)
+    return replace(item, points=points, evidence=evidence, at=at)
 
 
 def judge_exercise_5(
     recordings: Sequence[Recording], _view: RvizView, _scan_topic: str, rules: Rules = DEFAULT_RULES
 ) -> List[Item]:
     """Items of exercise 5: 50 and 50, and two bonuses by hand."""
-    by_hand = "for a person: a node of its own"
     items = judge_calls(recordings[0])
     drives = (np.abs(recordings[0].speeds[:, 0]) > FAST).any()
     if not drives and (recordings[0].services or not recordings[0].other_services):
-        cause = first_cause(recordings[0])
-        why = f"it never drives, so it cannot be stopped: {cause.text}"
-        hint = hint_on(cause)
-        items = [
-            replace(items[0], points=0.0, evidence=why, hint=hint),
-            replace(items[1], points=0.0, hint=hint),
-        ]
-    items += [Item(name, None, 25.0, by_hand, subject=Subject.SERVICE) for name in ITEMS[2:]]
+        stop, start = (replace(item, points=0.0) for item in items)
+        stop = with_cause(stop, "it never drives, so it cannot be stopped", first_cause(recordings[0]))
+        items = [stop, replace(start, hint=stop.hint)]
+    items += [
+        Item(name, None, 25.0, "for a person: a node of its own", subject=Subject.SERVICE)
+        for name in ITEMS[2:]
+    ]
     return weighted(forfeited(items, recordings), rules)

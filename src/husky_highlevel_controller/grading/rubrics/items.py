@@ -29,24 +29,24 @@ def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
     first, *further = scores
     mean = float(np.mean(further))
     points = round((1.0 - other_worlds) * first + other_worlds * mean, 1)
-    words = f"{worst.evidence}; likewise in {len(further)} other worlds"
+    evidence = f"{worst.evidence}; likewise in {len(further)} other worlds"
     if not worst.full:
-        words = (
+        evidence = (
             f"{worst.evidence} (drive {number + 1}; of {worst.max_points:g} points {first:g} in the course's"
         )
-        words += f" world, {round(mean, 1):g} in {len(further)} others)"
-    return replace(worst, points=points, evidence=words, drive=number + 1)
+        evidence += f" world, {round(mean, 1):g} in {len(further)} others)"
+    return replace(worst, points=points, evidence=evidence, drive=number + 1)
 
 
 def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[Item]:
     """Without points where a submission interfered with the simulator or the recording."""
-    violations = list(dict.fromkeys(words for recording in recordings for words in recording.violations))
+    violations = list(dict.fromkeys(each for recording in recordings for each in recording.violations))
     if not violations:
         return list(items)
-    words = f"no points: {'; '.join(violations)}"
+    evidence = f"no points: {'; '.join(violations)}"
     hint = "read scans and TF, and send commands, markers and services: nothing else is a controller's"
     return [
-        item if item.points is None else replace(item, points=0.0, evidence=words, hint=hint)
+        item if item.points is None else replace(item, points=0.0, evidence=evidence, hint=hint)
         for item in items
     ]
 
@@ -56,9 +56,9 @@ def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
     judged, reason = [], f"{cause}, so that it drives by chance"
     for item in items:
         if item.points is not None and item.subject is not Subject.DISPLAYS:
-            words = f"for a person: {reason}; in our drive: {item.evidence} ({item.points:g} points)"
+            evidence = f"for a person: {reason}; in our drive: {item.evidence} ({item.points:g} points)"
             hint = "; then ".join([INITIALISE, *[item.hint] * bool(item.hint)])
-            item = replace(item, points=None, evidence=words, hint=hint)
+            item = replace(item, points=None, evidence=evidence, hint=hint)
             reason = "by chance, as above"
         judged.append(item)
     return judged

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, remainder, sin, tau
+from math import atan2, cos, hypot, sin
 from typing import NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -15,9 +15,7 @@ from husky_highlevel_controller.robot import load_robot
 
 FEW = 3  # markers that show no fault yet
 MOSTLY = 0.8  # of the wrong markers off the axis must have a fault
-IMAGE_SLOPE = (
-    0.1  # [m] of error for each metre of distance, at which a marker is still at an image of the pillar
-)
+IMAGE_SLOPE = 0.1  # [m/m], error by distance at which a marker is still at an image of the pillar
 EXACT = 0.05  # [m], of a coordinate that is 0, or a whole number of metres
 ALONG = 0.35  # [m], of a distance that is right
 HEIGHT_MARGIN = 0.3  # [m], above and below the pillar, for all points
@@ -99,7 +97,8 @@ def _seen(recording: Recording, marker: MarkerSample, rules: Rules) -> Seen:
 
 def _from_robot(recording: Recording, position: Sequence[float], at: float) -> Tuple[float, float]:
     """A place in the world (x, y) in base_link at a moment [s]."""
-    x, y, yaw = map(float, recording.poses[row_at(recording, at)])
+    row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
+    x, y, yaw = map(float, recording.poses[row])
     dx, dy = position[0] - x, position[1] - y
     return dx * cos(yaw) + dy * sin(yaw), dy * cos(yaw) - dx * sin(yaw)
 
@@ -132,29 +131,23 @@ def distance_to_pillar(recording: Recording, marker: MarkerSample) -> float:
     return hypot(marker.position[0] - x, marker.position[1] - y)
 
 
-def row_at(recording: Recording, at: float) -> int:
-    """Row of a recording at a moment [s]."""
-    return min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
-
-
 def pillar_from_robot(recording: Recording, at: float) -> Tuple[float, float]:
     """Distance [m] and bearing [rad] of the pillar in base_link at a moment [s]."""
-    x, y, yaw = map(float, recording.poses[row_at(recording, at)])
-    dx, dy = recording.pillar[0] - x, recording.pillar[1] - y
-    return hypot(dx, dy), remainder(atan2(dy, dx) - yaw, tau)
+    ahead, left = _from_robot(recording, recording.pillar, at)
+    return hypot(ahead, left), atan2(left, ahead)
 
 
 def fault_text(recording: Recording, marker: MarkerSample) -> str:
-    """Fault of a marker in words: which way it is off, seen from the robot."""
+    """Fault of a marker: which way it is off, seen from the robot."""
     if marker.problem:
         return f"not to be seen: {marker.problem}"
     x, y = recording.pillar
     px, py, pz = marker.position
-    words = f"at ({px:.2f}, {py:.2f}, {pz:.2f}), the pillar at ({x:.2f}, {y:.2f})"
+    text = f"at ({px:.2f}, {py:.2f}, {pz:.2f}), the pillar at ({x:.2f}, {y:.2f})"
     height = recording.pillar_size.height
     if height_score(marker, height) < 1.0:
-        words += f": z is wrong, it is drawn from {marker.low:.2f} to {marker.high:.2f} m"
-        return f"{words}, the pillar from 0 to {height:g} m"
+        text += f": z is wrong, it is drawn from {marker.low:.2f} to {marker.high:.2f} m"
+        return f"{text}, the pillar from 0 to {height:g} m"
     at = marker.stamp or marker.at
     distance, bearing = pillar_from_robot(recording, at)
     ahead, left = _from_robot(recording, marker.position, at)
@@ -165,4 +158,4 @@ def fault_text(recording: Recording, marker: MarkerSample) -> str:
         parts.append(f"{abs(along):.2f} m too {'far' if along > 0.0 else 'near'}")
     if 2.0 * abs(across) >= abs(along):
         parts.append(f"{abs(across):.2f} m too far {'left' if across > 0.0 else 'right'}")
-    return f"{words}: {' and '.join(parts)}, seen from the robot"
+    return f"{text}: {' and '.join(parts)}, seen from the robot"

@@ -115,37 +115,37 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     name = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
     invisible = [marker for marker in added if marker.problem]
     if len(invisible) == len(added):
-        words = f"{name}: not to be seen: {invisible[0].problem}"
+        evidence = f"{name}: not to be seen: {invisible[0].problem}"
         fault = Kind.NOT_A_NUMBER if not invisible[0].finite else None
-        return Placement(0.0, words, invisible[0].at, fault)
+        return Placement(0.0, evidence, invisible[0].at, fault)
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _moments(markers, scores)
     groups = _by_axis(recording, moments, rules)
     score = _score(groups)
     full = sum(moment >= 1.0 for _, moment in moments) / len(moments)
     distances = [distance_to_pillar(recording, marker) for marker in added if not marker.problem]
-    words = f"{name}: right {100.0 * full:.0f} % of the time"
-    words += f", {np.median(distances):.2f} m from the pillar's axis (median)"
+    evidence = f"{name}: right {100.0 * full:.0f} % of the time"
+    evidence += f", {np.median(distances):.2f} m from the pillar's axis (median)"
     wrong = next((marker for marker in added if scores[id(marker)] < 1.0), None)
     if wrong is None:
-        return Placement(score, words, added[0].at)
+        return Placement(score, evidence, added[0].at)
     if len(groups) > 1:
         parts = [f"{100.0 * _share(group):.0f} % {axis}" for axis, group in groups.items()]
-        words += f"; near enough for points: {', '.join(parts)}"
+        evidence += f"; near enough for points: {', '.join(parts)}"
     fault = find_fault(recording, [marker for marker in added if scores[id(marker)] < 1.0], rules)
     if fault is Kind.MIRRORED:
         score = min(score, 0.5)
         hangs = ", for this laser hangs upside down" * load_robot(recording.robot).lidar_mount.upside_down
-        words = f"mirrored: y has the wrong sign{hangs}; {words}"
+        evidence = f"mirrored: y has the wrong sign{hangs}; {evidence}"
     elif fault in FAULTS:
-        words = f"{FAULTS[fault]}; {words}"
-    words += f"; at {wrong.at:.2f} s {fault_text(recording, wrong)}"
+        evidence = f"{FAULTS[fault]}; {evidence}"
+    evidence += f"; at {wrong.at:.2f} s {fault_text(recording, wrong)}"
     crowd = len({(marker.topic, marker.namespace, marker.id) for marker in added})
     series = len({(marker.topic, marker.namespace) for marker in added})
     if crowd > 1:
         holder = f"namespace '{first.namespace}'" if series == 1 else f"{series} topics and namespaces"
-        words += f"; {crowd} markers in {holder}, half of those drawn must be right"
-    return Placement(score, words, wrong.at, fault)
+        evidence += f"; {crowd} markers in {holder}, half of those drawn must be right"
+    return Placement(score, evidence, wrong.at, fault)
 
 
 def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[Tuple[float, float]]:
