@@ -134,7 +134,7 @@ def test_a_launch_file_is_known_by_its_package_and_drives_with_one_profile_only(
     option, sentence, tmp_path, capsys
 ):
     one = contestant("husky_highlevel_controller/controller.launch naive:=true", Setup())
-    assert one.launch.words[1:] == ("husky_highlevel_controller", "controller.launch", "naive:=true")
+    assert one.launch.command[1:] == ("husky_highlevel_controller", "controller.launch", "naive:=true")
     with pytest.raises(SystemExit, match="2"):
         compare.main([one.name, one.name, *option, "--out", str(tmp_path)])
     assert sentence in capsys.readouterr().err

@@ -217,15 +217,10 @@ def _failed(job: Job, error: Exception) -> Result:
     return unmarked(job, f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
 
 
-# ---------------------------------------------------------------------------- the program
-
-
 def run_program(job: Job, shows_errors: bool = False) -> Result:
     """Run the marking program for a job; the result, also where the program dies.
 
-    Args:
-        job: of the marking.
-        shows_errors: its standard error is this program's, for its progress bar, in place of mark.log.
+    With `shows_errors` its standard error is this program's, for its progress bar, in place of mark.log.
 
     Raises:
         StoppedError: marking is to end.
@@ -251,8 +246,8 @@ def run_program(job: Job, shows_errors: bool = False) -> Result:
     try:
         return load_result(out / RESULT)
     except HuskyError:
-        words = " ".join(process.output.split())[-500:] or "its errors are above"
-        problem = f"marking has failed on {platform.node()} (exit code {process.popen.returncode}): {words}"
+        output = " ".join(process.output.split())[-500:] or "its errors are above"
+        problem = f"marking has failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
         if not in_time:
             problem = f"it did not end within {deadline:g} s"
             (out / WORKSPACE).unlink(missing_ok=True)  # some drives are not to be judged
@@ -260,9 +255,6 @@ def run_program(job: Job, shows_errors: bool = False) -> Result:
         result = unmarked(job, problem)
         write_result(result, out)
         return result
-
-
-# ---------------------------------------------------------------------------- on another machine
 
 
 def run_there(packed: Tuple[Job, PackedPath]) -> Files:

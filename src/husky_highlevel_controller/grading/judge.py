@@ -16,21 +16,13 @@ from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
 
 
 def judge_again(job: Job) -> Result:
-    """The result by the files in the job's folder.
-
-    Raises:
-        HuskyError: there are none; or as `judge`.
-    """
+    """The result by the files in the job's folder; HuskyError: there are none, or as `judge`."""
     out = Path(job.out)
     return judge(load(Submission, out / WORKSPACE), recordings_in(out), job)
 
 
 def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> Result:
-    """The result, with points by hand and less a late penalty.
-
-    Raises:
-        ConfigError: points by hand do not fit the rubric.
-    """
+    """The result, with points by hand and less a late penalty; PointsError: these do not fit the rubric."""
     first = recordings[0]
     tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
     view = view_of(submission.rviz, tree)
@@ -38,8 +30,12 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     if first.uninitialised:
         items = left_to_chance(items, first.uninitialised)
     notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
-    found = {"sandbox": submission.sandbox, "network": submission.network, "simulated": first.simulated}
-    settings = {**settings_of(job.config), **found}
+    settings = {
+        **settings_of(job.config),
+        "sandbox": submission.sandbox,
+        "network": submission.network,
+        "simulated": first.simulated,
+    }
     result = Result(job.name, submission.launchable.summary, settings, tuple(items), tuple(texts(notes)))
     return with_override(result, job.override)
 

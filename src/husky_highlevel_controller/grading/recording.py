@@ -6,11 +6,11 @@ import json
 from dataclasses import dataclass, field, replace
 from math import inf, nan
 from pathlib import Path
-from typing import List, Mapping, Optional, Sequence, Tuple
+from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.config import ConfigError, from_plain, to_plain
+from husky_highlevel_controller.config import ConfigError, from_plain, setting, to_plain
 from husky_highlevel_controller.course import PILLARS, STANDS, PillarSize
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Scan
 from husky_highlevel_controller.grading.notes import Kind, Note
@@ -21,6 +21,12 @@ ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker m
 
 class RecordingError(HuskyError):
     """A file that is no recording."""
+
+
+def table(columns: int, help_text: str) -> Any:
+    """Field of an array with so many columns; without rows by default."""
+    metadata = {"shape": (-1, columns), "help": help_text}
+    return field(default_factory=lambda: np.zeros((0, columns)), metadata=metadata)
 
 
 @dataclass(frozen=True)
@@ -47,13 +53,9 @@ class MarkerSample:
 class Playback:
     """Path and top view of a filter while a bag was played to it, and what its hand-in plays and plots."""
 
-    path: np.ndarray = field(  # (K, 3) [s, m, m], x and y of its odometry by stamps
-        default_factory=lambda: np.zeros((0, 3)), metadata={"shape": (-1, 3)}
-    )
+    path: np.ndarray = table(3, "[s, m, m], x and y of its odometry by stamps")
     topic: str = ""  # of that odometry
-    top_view: np.ndarray = field(  # (M, 4) [s, m, m, m], the frame's place in base_link
-        default_factory=lambda: np.zeros((0, 4)), metadata={"shape": (-1, 4)}
-    )
+    top_view: np.ndarray = table(4, "[s, m, m, m], the frame's place in base_link")
     players: Tuple[str, ...] = ()  # arguments of its launch file's rosbag players
     curves: Tuple[Tuple[str, str], ...] = ()  # of its rqt_multiplot files: /topic/field of x and of y
 
@@ -65,7 +67,7 @@ class Call:
     at: float  # [s], simulated
     data: bool  # what was sent
     success: bool
-    answer: str  # its words, or what went wrong
+    answer: str  # its text, or what went wrong
     answered_at: float  # [s], simulated; on a busy machine more than a second later
 
 
@@ -107,20 +109,14 @@ class Recording:
     start: Pose2D  # of base_link in the world
     pillar: Tuple[float, float]  # [m], its centre in the world, before anybody pushes it
     deadline: float  # [s], simulated
-    times: np.ndarray = field(metadata={"shape": (-1,)})  # (N,) [s], simulated, of the true poses
-    poses: np.ndarray = field(
-        metadata={"shape": (-1, 3)}
-    )  # [m, m, rad], true x, y, yaw of base_link in the world
-    speeds: np.ndarray = field(metadata={"shape": (-1, 2)})  # [m/s, rad/s], true, in base_link
-    commands: np.ndarray = field(metadata={"shape": (-1,)})  # [s], when commands came; one for each true pose
+    times: np.ndarray = setting("(N,) [s], simulated, of the true poses", shape=(-1,))
+    poses: np.ndarray = setting("[m, m, rad], true x, y, yaw of base_link in the world", shape=(-1, 3))
+    speeds: np.ndarray = setting("[m/s, rad/s], true, in base_link", shape=(-1, 2))
+    commands: np.ndarray = setting("[s], when commands came; one for each true pose", shape=(-1,))
     command_count: int = 0  # all of them
     zero_count: int = 0  # of these, how many were zero in every component
-    nearest: np.ndarray = field(  # (K, 2) [s, m], smallest valid range of each scan; inf for none
-        default_factory=lambda: np.zeros((0, 2)), metadata={"shape": (-1, 2)}
-    )
-    hits: np.ndarray = field(  # (M, 3) [s, m, m], points in the world of some of the scans
-        default_factory=lambda: np.zeros((0, 3)), metadata={"shape": (-1, 3)}
-    )
+    nearest: np.ndarray = table(2, "[s, m], smallest valid range of each scan; inf for none")
+    hits: np.ndarray = table(3, "[s, m, m], points in the world of some of the scans")
     markers: Tuple[MarkerSample, ...] = ()
     marker_topics: Tuple[str, ...] = ()  # that the submission publishes, whether or not anything came
     services: Tuple[str, ...] = ()  # std_srvs/SetBool that the submission offers
@@ -184,11 +180,7 @@ def drive_number(folder: Path) -> int:
 
 
 def recordings_in(out: Path) -> List[Recording]:
-    """The recordings of the drives in a folder of results, in order.
-
-    Raises:
-        RecordingError: one is broken.
-    """
+    """The recordings of the drives in a folder of results, in order; RecordingError: one is broken."""
     paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: drive_number(path.parent))
     return [load(path) for path in paths]
 
@@ -200,8 +192,8 @@ def closed(recording: Recording, closing: Closing) -> Recording:
         notes += recording.notes
     seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
     if recording.command_count / seconds > FLOOD:
-        words = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s"
-        notes.append(Note(Kind.FLOOD, words))
+        text = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s"
+        notes.append(Note(Kind.FLOOD, text))
     if closing.ended or recording.ended == CUT_OFF:
         why = closing.ended.text if closing.ended else "the recorder was ended"
         notes.append(Note(Kind.CUT_OFF, f"the drive was cut off at {seconds:.2f} s: {why}", seconds))
@@ -214,13 +206,9 @@ def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float], robot: str) -> np.
 
 
 def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot: str) -> np.ndarray:
-    """Points at which the beams of scans ended, (M, 3) [s, m, m] in the world.
+    """Points at which the beams of the robot's scans ended, (M, 3) [s, m, m] in the world.
 
-    Args:
-        scans: of the robot's lidar.
-        times: (N,) [s] of the true poses.
-        poses: (N, 3) [m, m, rad] of base_link in the world.
-        robot: one of ROBOTS.
+    `times` (N,) [s] and `poses` (N, 3) [m, m, rad] are the true ones of base_link in the world.
     """
     mount, hits = load_robot(robot).lidar_mount, [np.zeros((0, 3))]
     for scan in scans if len(times) else ():
@@ -239,11 +227,7 @@ def to_json(recording: Recording) -> str:
 
 
 def from_json(text: str) -> Recording:
-    """A recording from the text that `to_json` wrote.
-
-    Raises:
-        RecordingError: it did not write this.
-    """
+    """A recording from the text that `to_json` wrote; RecordingError: it did not write this."""
     try:
         return from_plain(Recording, json.loads(text), "")
     except (ValueError, RecursionError, ConfigError) as error:
@@ -251,11 +235,7 @@ def from_json(text: str) -> Recording:
 
 
 def load(path: Path) -> Recording:
-    """A recording from its file.
-
-    Raises:
-        RecordingError: there is none, or it is broken.
-    """
+    """A recording from its file; RecordingError: there is none, or it is broken."""
     try:
         text = path.read_text()
     except (OSError, ValueError) as error:
@@ -266,19 +246,12 @@ def load(path: Path) -> Recording:
         raise RecordingError(f"{path}: {error}") from error
 
 
-# ---------------------------------------------------------------------------- jumps
-
 MAX_ROBOT_SPEED = 4.0  # [m/s], four times the Husky's: contacts may push it
 JUMP_SLACK = 0.1  # [m], for one period's solver corrections
 
 
 def pose_jumps(times: np.ndarray, poses: np.ndarray) -> List[str]:
-    """The first jump of a drive, in a sentence.
-
-    Args:
-        times: (N,) [s].
-        poses: (N, 3) [m, m, rad] of base_link in the world.
-    """
+    """The first jump of a drive, in a sentence, by times (N,) [s] and poses (N, 3) [m, m, rad]."""
     if len(times) < 2:
         return []
     steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)

@@ -30,9 +30,6 @@ RAMMING_MARGIN = 0.05  # [m/s], a measured speed is not exact: a robot commanded
 MAX_TEXT = 1000  # letters of an evidence or note
 
 
-# ---------------------------------------------------------------------------- how it is marked
-
-
 @dataclass(frozen=True)
 class Rules:
     """A rubric's tolerances and weights; the defaults are the course's sheet."""
@@ -62,19 +59,16 @@ class Rules:
         return self.ramming_costs > 0.0 and speed > self.gentle + RAMMING_MARGIN
 
 
-_SECONDS = {"min": 0.1, "max": 3600.0}
-
-
 @dataclass(frozen=True)
 class MarkingConfig:
     """Settings of a marking, the same for every submission."""
 
     exercise: int = 3
-    robot: str = field(default=AUTO, metadata={"choices": (AUTO, *ROBOT_VERSIONS)})
-    seed: int = field(default=0, metadata={"min": 0, "max": 2**31})  # of starts, pillars and noise
-    trials: int = field(default=3, metadata={"min": 1, "max": 1000})  # drives
-    deadline: float = field(default=120.0, metadata=_SECONDS)  # [s], simulated, of each drive
-    pace: float = field(default=5.0, metadata=_SECONDS)  # simulated seconds a second, at most
+    robot: str = setting("version of the robot", AUTO, choices=(AUTO, *ROBOT_VERSIONS))
+    seed: int = number(0, 2**31, "of starts, pillars and noise", 0)
+    trials: int = number(1, 1000, "drives", 3)
+    deadline: float = number(0.1, 3600.0, "of each drive, simulated [s]", 120.0)
+    pace: float = number(0.1, 3600.0, "simulated seconds a second, at most", 5.0)
     rules: Rules = field(default_factory=Rules)
     scans: str = ""  # topic of the scans that the submission subscribes to; empty: the robot's
 
@@ -108,30 +102,27 @@ class Launchable:
     package: str
     name: str  # of the launch file, in its package or an absolute path; type of the node
     arguments: Tuple[str, ...] = ()
-    title: str = ""  # of the result; empty: the command line's words
+    title: str = ""  # of the result; empty: the command line
 
     @property
-    def words(self) -> Tuple[str, ...]:
-        """Its words on a command line."""
+    def command(self) -> Tuple[str, ...]:
+        """Its arguments on a command line."""
         return (f"--{self.kind}", self.package, self.name, *self.arguments)
 
     @property
     def summary(self) -> str:
-        """The title, or the command line's words."""
-        return self.title or " ".join(self.words)
+        """The title, or the command line."""
+        return self.title or " ".join(self.command)
 
 
 DEFAULT_RULES = Rules()
-
-
-# ---------------------------------------------------------------------------- what a teacher sets
 
 
 @dataclass(frozen=True)
 class GivenPoints:
     """Points of one item, given by a person."""
 
-    points: float = field(metadata={"min": 0.0, "max": 1000.0})
+    points: float = number(0.0, 1000.0, "of the item")
     word: str = setting("the reason, for the student")
 
 
@@ -139,7 +130,7 @@ class GivenPoints:
 class Late:
     """A penalty for lateness."""
 
-    percent: float = field(metadata={"min": 0.0, "max": 100.0})  # of all points
+    percent: float = number(0.0, 100.0, "of all points")
     word: str = setting("the reason, for the student")
 
 
@@ -147,11 +138,11 @@ class Late:
 class Override:
     """Settings for one student; None is left to marking."""
 
-    launch: Optional[str] = field(default=None, metadata={"help": "place of a launch file, or the end of it"})
-    node: Optional[str] = field(default=None, metadata={"help": "package and type of a node"})
+    launch: Optional[str] = setting("place of a launch file, or the end of it", None)
+    node: Optional[str] = setting("package and type of a node", None)
     arguments: Tuple[str, ...] = ()  # of the launch file or node
-    robot: Optional[str] = field(default=None, metadata={"choices": tuple(ROBOT_VERSIONS)})
-    exercise: Optional[int] = field(default=None, metadata={"min": 1, "max": 99})  # number in names
+    robot: Optional[str] = setting("version of the robot", None, choices=tuple(ROBOT_VERSIONS))
+    exercise: Optional[int] = number(1, 99, "number in names", None)
     points: Mapping[str, GivenPoints] = field(default_factory=dict)  # by item
     late: Optional[Late] = None
     hold: bool = False  # feedback is kept back
@@ -182,9 +173,6 @@ class Job:
     time_limit: float = 0.0  # [s] of wall time; 0: the usual one
 
 
-# ---------------------------------------------------------------------------- what comes of it
-
-
 @dataclass(frozen=True)
 class Item:
     """Line of the table."""
@@ -206,7 +194,7 @@ class Item:
 
 
 class ResultState(Enum):
-    """ResultState of a result."""
+    """State of a result."""
 
     MARKED = "marked"
     FOR_A_PERSON = "for a person"
@@ -250,11 +238,8 @@ class Result:
         """Marked, or left to a person at least in part, or not marked at all."""
         if self.problem:
             return ResultState.NOT_MARKED
-        return (
-            ResultState.FOR_A_PERSON
-            if any(item.points is None for item in self.items)
-            else ResultState.MARKED
-        )
+        is_open = any(item.points is None for item in self.items)
+        return ResultState.FOR_A_PERSON if is_open else ResultState.MARKED
 
     @property
     def full(self) -> bool:
@@ -285,21 +270,13 @@ def printable(text: str, limit: int = MAX_TEXT) -> str:
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
-# ---------------------------------------------------------------------------- as JSON
-
-
 def to_json(record: Any, **more: Any) -> str:
     """A record as text that `load` reads; `more` is for other programs."""
     return json.dumps({**to_plain(record), **more}, indent=2) + "\n"
 
 
 def load(kind: Any, path: Path, *ignored: str) -> Any:
-    """A record from its JSON file.
-
-    Args:
-        kind: its class.
-        path: of the file.
-        *ignored: keys of the file that are for other programs.
+    """A record of a class from its JSON file, whose `ignored` keys are for other programs.
 
     Raises:
         ConfigError: it cannot be read, or is of another kind.

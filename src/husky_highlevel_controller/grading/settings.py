@@ -27,10 +27,6 @@ class _MarkingFile:
 def load_rules(path: Path, items: Sequence[str]) -> Rules:
     """The rules of a rubric file: tolerances by name, `weights` (item: points), `by_person` (items).
 
-    Args:
-        path: of a YAML file.
-        items: names of the exercise's items.
-
     Raises:
         ConfigError: it cannot be read, or a key or value is not allowed.
     """
@@ -54,11 +50,7 @@ def read_overrides(folder: Path, students: Sequence[str]) -> Dict[str, Override]
 
 
 def read_settings(path: Path) -> Any:
-    """Content of a teacher's YAML file; an empty one is {}.
-
-    Raises:
-        ConfigError: it cannot be read.
-    """
+    """Content of a teacher's YAML file; {} where it is empty; ConfigError: it cannot be read."""
     try:
         return yaml.safe_load(read_text(path.resolve())) or {}
     except (LookupError, TypeError, AttributeError) as error:  # such as `!!bool x`
@@ -90,6 +82,6 @@ def with_override(result: Result, override: Override) -> Result:
     penalty = []
     if override.late:
         before = sum(item.points or 0.0 for item in items.values())
-        words = f"{override.late.percent:g} % of {before:g} points: {override.late.word}"
-        penalty = [Item("late", -round(before * override.late.percent / 100.0, 1), 0.0, words)]
+        evidence = f"{override.late.percent:g} % of {before:g} points: {override.late.word}"
+        penalty = [Item("late", -round(before * override.late.percent / 100.0, 1), 0.0, evidence)]
     return replace(result, items=(*items.values(), *penalty), held=override.hold)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Dict, List, Optional, Sequence, Tuple
 
-from husky_highlevel_controller.config import ConfigError, from_plain
+from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.grading.displays import RvizConfig
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
@@ -66,7 +66,7 @@ class Event:
 
     event: str
     node: str = ""
-    exit_code: Optional[int] = field(default=None, metadata={"min": -255, "max": 255})
+    exit_code: Optional[int] = number(-255, 255, "of a node", None)
     error: str = ""
     prefix: str = ""
     package: str = ""
@@ -91,8 +91,8 @@ def starter(
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
     files = [file.name for file in COMPAT.glob("*/launch/*.launch")]
     ours = json.dumps([SIMULATOR_NODES, files, kept])
-    words = [json.dumps(launchable.words) for launchable in launchables]
-    return [sys.executable, "-c", code, _STARTER, str(events), action, ours, *words]
+    commands = [json.dumps(launchable.command) for launchable in launchables]
+    return [sys.executable, "-c", code, _STARTER, str(events), action, ours, *commands]
 
 
 def read_events(path: Path) -> List[Event]:
@@ -123,13 +123,13 @@ def exceptions_in(output: str) -> List[Note]:
         places = _LINE.findall(match["lines"])
         line = f" ({places[-1][0]}:{places[-1][1]})" if places else ""
         source = f"callback {match['name']}" if match["name"] else "a thread"
-        words = f"{source} raises {match['error'][:200]}{line}"
-        count[words] = count.get(words, 0) + 1
-        first.setdefault(words, float(match["at"]) if match["at"] else None)
+        text = f"{source} raises {match['error'][:200]}{line}"
+        count[text] = count.get(text, 0) + 1
+        first.setdefault(text, float(match["at"]) if match["at"] else None)
     notes = []
-    for words, at in first.items():
+    for text, at in first.items():
         moment = "" if at is None else f", first at {at:.2f} s"
-        notes.append(Note(Kind.EXCEPTION, f"{words}{moment}, {count[words]} times", at))
+        notes.append(Note(Kind.EXCEPTION, f"{text}{moment}, {count[text]} times", at))
     return notes
 
 
@@ -140,15 +140,15 @@ def notes_on(events: Sequence[Event], output: str) -> List[Note]:
         if event.event == "unloadable":
             notes.append(Note(Kind.LAUNCH_FILE, f"the launch file cannot be loaded: {event.error}"))
         elif event.event == "missing":
-            words = f"package '{event.package}' is missing; the <{event.tag}> that needs it is left out"
-            notes.append(Note(Kind.MISSING_PACKAGE, words))
+            text = f"package '{event.package}' is missing; the <{event.tag}> that needs it is left out"
+            notes.append(Note(Kind.MISSING_PACKAGE, text))
         elif event.event == "prefix":
-            words = f"launch-prefix '{event.prefix}' of node {event.node} is dropped"
-            notes.append(Note(Kind.LAUNCH_PREFIX, words))
+            text = f"launch-prefix '{event.prefix}' of node {event.node} is dropped"
+            notes.append(Note(Kind.LAUNCH_PREFIX, text))
     notes.sort(key=lambda note: EVENTS.index(note.kind))
     for node in re.findall(r"ERROR: cannot launch node of type \[([^\]\n]{1,200})\]", output):
-        words = f"node {node} cannot be started: no such package or program, or it is not executable"
-        notes.append(Note(Kind.NOT_STARTED, words))
+        text = f"node {node} cannot be started: no such package or program, or it is not executable"
+        notes.append(Note(Kind.NOT_STARTED, text))
     notes += exceptions_in(output)
     errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
     for event in events:

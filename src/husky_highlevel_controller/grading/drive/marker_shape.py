@@ -39,14 +39,9 @@ def draw(
     points: Sequence[Sequence[float]],
     axis: Tuple[float, float],
 ) -> Drawn:
-    """Place a marker's shape.
+    """Place a marker's shape by its type, scale [m] and points in its frame [m].
 
-    Args:
-        kind: `type` of visualization_msgs/Marker.
-        pose_in_world: of the marker.
-        scale: x, y, z [m].
-        points: in the marker's frame [m].
-        axis: x, y of the vertical axis in the world [m].
+    `axis` is x, y of the vertical axis in the world [m].
     """
     references, corners = _shape(kind, scale, points)
     placed = [transform_point(pose_in_world, point) for point in references]
@@ -66,9 +61,9 @@ def _shape(
         tip = (float(scale[0]), 0.0, 0.0)
         return [tip], [tip]
     if kind in LISTS and len(points):
-        points_to_measure = list(points[:MAX_POINTS])
-        ends: List[Sequence[float]] = [points_to_measure[0], points_to_measure[-1]] if kind in LINES else []
-        middle = _middle(np.array(points_to_measure, dtype=float))
+        measured = list(points[:MAX_POINTS])
+        ends = [measured[0], measured[-1]] if kind in LINES else []
+        middle = _middle(np.array(measured, dtype=float))
         return [middle, *ends], [middle, *ends]
     if kind in (TEXT, MESH):  # a text turns to the camera; a mesh's size is in its file
         return [(0.0, 0.0, 0.0)], [(0.0, 0.0, 0.0)]

@@ -80,17 +80,12 @@ def uninitialised(
 ) -> Memcheck:
     """Start a submission that is worth checking in valgrind.
 
-    Args:
-        submission: what to start.
-        trial: a drive, for its world.
-        config: the marking's, with its robot.
-        folder: for logs.
-        is_guess: the robot is one; where the submission listens to another one's scans, these are sent.
+    Where the robot is a guess, and the submission listens to another one's scans, these are sent.
 
     Raises:
         MarkingError: our own part of it does not work.
     """
-    sources, told = (submission.root or folder) / "src", None
+    sources, listened = (submission.root or folder) / "src", None
     with Network(folder) as network:
         simulator = simulate(network, trial, config, 1.0)
         process, _ = start(network, submission, "memcheck")
@@ -100,17 +95,17 @@ def uninitialised(
 
         joined = settles(process, subscribes, lambda: is_up(network.uri, SIMULATOR_NODES))
         if is_guess:
-            told = robot_listened_to(network.uri, SIMULATOR_NODES, config)
-        if told is not None and told != config:
+            listened = robot_listened_to(network.uri, SIMULATOR_NODES, config)
+        if listened is not None and listened != config:
             simulator.kill()
-            simulate(network, trial, told, 1.0)
+            simulate(network, trial, listened, 1.0)
             joined = process.running
         if joined:
             _let_it_compute(process)
         # before it is ended: a `getParam` that the end interrupts leaves its variable as it was
         logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
         log = "\n".join(map(_text, logs))
-    return Memcheck(sentence(reads_in(log, sources), sources), told)
+    return Memcheck(sentence(reads_in(log, sources), sources), listened)
 
 
 def _let_it_compute(process: Process) -> None:
@@ -178,15 +173,15 @@ def _first_own(stack: str, own_files: Collection[str]) -> Optional[Place]:
 
 
 def sentence(reads: Sequence[Tuple[Optional[Place], Optional[Place]]], sources: Path) -> str:
-    """The first read in words, with the variable's name where the line tells it; empty: there is none."""
+    """A sentence on the first read, with the variable's name where the line has it; empty: there is none."""
     if not reads:
         return ""
     texts = _texts(sources)
     places = _declared(texts)
     for line, _ in reads:
         if line is not None:
-            words = texts.get(line.file, "").splitlines()[line.line - 1 : line.line]
-            names = [name for name in re.findall(r"\w+", " ".join(words)) if name in places]
+            code = texts.get(line.file, "").splitlines()[line.line - 1 : line.line]
+            names = [name for name in re.findall(r"\w+", " ".join(code)) if name in places]
             if names:
                 place = places[names[0]]
                 name = f"`{names[0]}` ({place.file}:{place.line})"

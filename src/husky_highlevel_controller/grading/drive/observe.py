@@ -27,12 +27,6 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
     It is started once for each drive, and at most once more: where its memory is checked, which tells its
     robot as well, or where the robot that its files name is not the one whose scans it subscribes to.
 
-    Args:
-        submission: that was prepared.
-        trials: drives.
-        config: its robot may be AUTO.
-        out: folder for the drives.
-
     Raises:
         MarkingError: our own part of it does not work.
     """
@@ -63,11 +57,11 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
                 drive, submission, trial, folder=folder, chance=chance, on_time=partial(_advance, bar)
             )
             try:
-                seen = act(config, note=why * is_named, is_guess=is_guess)
+                moved = act(config, note=why * is_named, is_guess=is_guess)
             except OtherRobotError as other:
                 config = other.config
-                seen = act(config, note=listens_to(config))
-        if not seen:
+                moved = act(config, note=listens_to(config))
+        if not moved:
             break
         is_guess = is_named = False
 

@@ -21,10 +21,7 @@ def settles(process: Process, done: Callable[[], bool], is_up: Callable[[], bool
 
     A program that is starved of CPU time is runnable, and so not idle: a busy machine ends no wait.
 
-    Args:
-        process: the program.
-        done: the condition.
-        is_up: whether the program has started; some sleep for 10 s before they do anything.
+    `is_up` says whether it has started; some sleep for 10 s before they do anything.
     """
     idle_since = time.monotonic()
 
@@ -49,10 +46,10 @@ def state_of_tree(root: int) -> Tuple[bool, float]:
     while waiting:
         pid = waiting.pop()
         for task in _tasks(pid):
-            words = _read(task / "stat").rpartition(")")[2].split()
-            if words:
-                runs |= words[0] in _RUNNING
-                ticks += int(words[11]) + int(words[12])
+            fields = _read(task / "stat").rpartition(")")[2].split()
+            if fields:
+                runs |= fields[0] in _RUNNING
+                ticks += int(fields[11]) + int(fields[12])
         waiting += _children(pid)
     return runs, ticks / _TICKS
 

@@ -109,7 +109,7 @@ def play(network: Network, trial: Trial, config: MarkingConfig, pace: float, tru
     numbers = map(str, (trial.seed, pace, config.deadline))
     command = [BAG_PLAYER, config.robot_name, *numbers]
     player = network.start("simulator", command, HUSKY_TRUTH_SOCKET=truth_socket)
-    return _once_up(player, lambda: bool(_told(player, "ready")))
+    return _once_up(player, lambda: bool(_lines(player, "ready")))
 
 
 def _simulator_setup(network: Network, arguments: Tuple[str, ...]) -> Tuple[Dict[str, Any], List[str]]:
@@ -181,17 +181,17 @@ def drive(
         assignment.write_text(record_to_json(task))
         recorder = network.start("recorder", [RECORDER, str(assignment)])
 
-        def told(word: str) -> bool:
-            return not recorder.running or bool(_told(recorder, word))
+        def reports(line: str) -> bool:
+            return not recorder.running or bool(_lines(recorder, line))
 
-        wait(lambda: told("recording"), START_DEADLINE, START_PERIOD)
+        wait(lambda: reports("recording"), START_DEADLINE, START_PERIOD)
         if not recorder.running:
             raise MarkingError(f"the recorder does not start: {recorder.output.strip()[-500:]}")
         bring_up = play if plays else simulate
         simulator = bring_up(network, trial, config, config.pace, task.truth_socket)
         submitted, events = start(network, submission)
         our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
-        joined = settles(submitted, lambda: told("joined"), lambda: is_up(network.uri, our_nodes))
+        joined = settles(submitted, lambda: reports("joined"), lambda: is_up(network.uri, our_nodes))
         if is_guess and not joined:
             listened = robot_listened_to(network.uri, our_nodes, config) or config
             if listened != config:
@@ -205,23 +205,23 @@ def drive(
 
         def is_over() -> bool:
             nonlocal reached, since
-            now = float(["0", *_told(recorder, r"now ([\d.]+)")][-1])
+            now = float(["0", *_lines(recorder, r"now ([\d.]+)")][-1])
             on_time(now)
             if now > reached:
                 reached, since = now, time.monotonic()
             stalled = time.monotonic() - since > STALL_DEADLINE
             if not submitted.running:
                 recorder.popen.send_signal(signal.SIGUSR2)  # no node is left to drive it
-            return stalled or told("over") or not simulator.running
+            return stalled or reports("over") or not simulator.running
 
         ended = None
         if not wait(is_over, config.wall_limit, PROGRESS_PERIOD):
             ended = Note(Kind.SLOW, f"it took longer than {config.wall_limit:.0f} s")
-        elif not told("over") and simulator.running:
+        elif not reports("over") and simulator.running:
             ended = Note(Kind.STALLED, f"the simulation made no progress for {STALL_DEADLINE:g} s")
-        elif not told("over"):
+        elif not reports("over"):
             ended = Note(Kind.STALLED, "the simulator was ended")
-        if is_guess and _told(recorder, "subscribed"):
+        if is_guess and _lines(recorder, "subscribed"):
             note = listens_to(config)
         notes = [Note(Kind.ROBOT, note)] * bool(note) + notes_on(read_events(events), submitted.output)
         notes += [Note(Kind.LIMIT, submitted.problem)] * bool(submitted.problem)
@@ -231,11 +231,11 @@ def drive(
         wait(lambda: not recorder.running, START_DEADLINE)
     if not output.is_file():
         raise MarkingError(f"no recording; the recorder said: {recorder.output.strip()[-500:]}")
-    if was_exchanged(output, _told(recorder, r"sha256 (\w{64})")):
-        words = f"{RECORDING} was exchanged after the drive"
-        write_nothing(output, trial, config, [Note(Kind.CUT_OFF, words)], (words,))
+    if was_exchanged(output, _lines(recorder, r"sha256 (\w{64})")):
+        violation = f"{RECORDING} was exchanged after the drive"
+        write_nothing(output, trial, config, [Note(Kind.CUT_OFF, violation)], (violation,))
         return False
-    return bool(_told(recorder, "moved"))
+    return bool(_lines(recorder, "moved"))
 
 
 def write_nothing(
@@ -250,7 +250,7 @@ def write_nothing(
 
 
 def was_exchanged(path: Path, digests: Sequence[str]) -> bool:
-    """Whether a file is not the one of which its writer told the SHA-256, if it told one."""
+    """Whether a file is not the one whose SHA-256 its writer printed, if it printed one."""
     return bool(digests) and hashlib.sha256(read_regular(path, MAX_RECORDING)).hexdigest() not in digests
 
 
@@ -262,7 +262,7 @@ def start(network: Network, submission: Submission, action: str = "run") -> Tupl
     return network.start(SUBMISSION_FOLDER, command, submission.workspace), events
 
 
-def _told(recorder: Process, line: str) -> List[str]:
+def _lines(recorder: Process, line: str) -> List[str]:
     """Lines of the recorder that match, or the group in them."""
     return re.findall(rf"^{line}$", recorder.output, re.MULTILINE)
 

@@ -21,13 +21,7 @@ class TruthFeed:
     def __init__(
         self, path: Path, on_truth: Callable[[TrueState], None], on_event: Callable[[str, str], None]
     ) -> None:
-        """Listen, and read in a thread of its own.
-
-        Args:
-            path: of the socket; it is gone once the simulator has connected.
-            on_truth: called for each state of the robot.
-            on_event: called with the kind of an event and its words.
-        """
+        """Listen on a socket, which is gone once the simulator has connected; events are kind and text."""
         self._path, self._on_truth, self._on_event = path, on_truth, on_event
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))

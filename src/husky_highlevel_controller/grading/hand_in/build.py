@@ -186,9 +186,6 @@ def _repair_manifest(folder: Path, package: Package) -> List[str]:
     return [f"catkin refuses the package.xml of {package.name} ({reason}); marked with a corrected copy"]
 
 
-# ---------------------------------------------------------------------------- the build
-
-
 def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Build:
     """Build packages of a workspace and what they depend on; what needs no build is found without one.
 

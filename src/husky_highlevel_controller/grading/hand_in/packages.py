@@ -182,9 +182,6 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
     return name, frozenset(str(node.text or "").strip() for tag in tags for node in root.iter(tag))
 
 
-# ---------------------------------------------------------------------------- which exercise
-
-
 def exercise_numbers(name: str) -> Set[int]:
     """Numbers of exercises in the name of a file or folder: ex3.launch, course_03, 5th_exercise, 3.
 

@@ -57,21 +57,13 @@ def write_result(result: Result, out: Path) -> None:
 
 
 def load_result(path: Path) -> Result:
-    """A result from its result.json.
-
-    Raises:
-        HuskyError: there is none, or it is of another kind.
-    """
+    """A result from its result.json; HuskyError: there is none, or it is of another kind."""
     result: Result = load(Result, path, *SUMS)
     return result
 
 
 def write_class(results: Sequence[Result], out: Path) -> None:
-    """Write the table, the page and the test report of a class.
-
-    Raises:
-        OSError: such as a full disk.
-    """
+    """Write the table, the page and the test report of a class; OSError: such as a full disk."""
     # one each: the page of thirty is long enough
     pictures: Dict[str, Sequence[bytes]] = {
         each.name: _pictures(out / HAND_INS / each.name)[:1] for each in results

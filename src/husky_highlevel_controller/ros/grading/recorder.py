@@ -111,8 +111,6 @@ class DriveRecorder:
             time.sleep(CLOSING_PERIOD)
         self._write(cause)
 
-    # ------------------------------------------------------------------------ what comes
-
     @property
     def _now(self) -> float:
         return self._truth[-1].stamp if self._truth else 0.0
@@ -160,8 +158,6 @@ class DriveRecorder:
             self._scans.append(scan)
         self._driver.answer(scan.stamp)
 
-    # ------------------------------------------------------------------------ the graph
-
     def _look_at_graph(self) -> None:
         try:
             published, subscribed, services = self._master.getSystemState()
@@ -206,8 +202,6 @@ class DriveRecorder:
             rospy.Subscriber(
                 self._task.scan_topic, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True
             )
-
-    # ------------------------------------------------------------------------ the end
 
     def _over(self) -> Optional[Note]:
         if self._playback:
