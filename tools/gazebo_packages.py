@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Dict, List
 from xml.etree.ElementTree import ParseError
 
-import defusedxml
 import rospkg
 from defusedxml import ElementTree
 
@@ -92,8 +91,8 @@ def keep_world_and_pose(copy: Path, link: Path) -> None:
     """Make a link to a launch file of ours a file with the copy's world and pose, where they differ."""
     try:
         given = world_and_pose(copy)
-    except (OSError, ParseError, defusedxml.DefusedXmlException):
-        return  # the copy has no such file, or one that is no XML
+    except (OSError, ParseError, ValueError, LookupError):
+        return  # the copy has no such file, or one that is no XML, has entities or an unknown encoding
     ours = world_and_pose(link)
     given = {name: value for name, value in given.items() if value != ours.get(name, value)}
     if not given:

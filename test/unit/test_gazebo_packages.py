@@ -143,6 +143,14 @@ def test_the_world_and_pose_of_an_edited_launch_file_stay(tmp_path, files, kept)
     assert changed == kept
 
 
+@pytest.mark.parametrize("encoding", ["shift_jis", "none"])
+def test_a_launch_file_in_an_encoding_that_no_parser_knows_costs_nothing_else(encoding, tmp_path):
+    copy = package(tmp_path, "husky_gazebo", "launch/playpen.launch")
+    (copy / "launch" / "playpen.launch").write_text(f'<?xml version="1.0" encoding="{encoding}"?><launch/>')
+    (joined, *_) = path_beside(tmp_path)
+    assert (joined / "launch" / "playpen.launch").resolve() == COMPAT / "husky_gazebo/launch/playpen.launch"
+
+
 def test_a_copy_of_a_description_keeps_its_urdf(tmp_path):
     files = ("urdf/husky.urdf.xacro", "launch/description.launch", "launch/mine.launch")
     copy = package(tmp_path, "husky_description", *files)
