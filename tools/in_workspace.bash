@@ -11,7 +11,7 @@ done
 shift
 path=":$PYTHONPATH:"
 for folder in "${hidden_folders[@]}"; do
-  path=${path//":$folder:"/:}
+  while [[ $path == *":$folder:"* ]]; do path=${path//":$folder:"/:}; done
 done
 path=${path#:}
 export PYTHONPATH=${path%:}

@@ -612,3 +612,19 @@ def test_ctrl_c_and_sigterm_end_every_wait(number):
     marking.send_signal(number)
     _, error = marking.communicate(timeout=60)
     assert "the marking was stopped" in error
+
+
+def test_a_folder_that_is_named_twice_in_a_row_is_hidden_too():
+    command = [
+        "bash",
+        str(SOURCES.parent / "tools" / "in_workspace.bash"),
+        "",
+        "/a",
+        "--",
+        "printenv",
+        "PYTHONPATH",
+    ]
+    shown = subprocess.run(
+        command, env={**os.environ, "PYTHONPATH": "/a:/a:/b"}, capture_output=True, text=True, check=True
+    )
+    assert shown.stdout == "/b\n"
