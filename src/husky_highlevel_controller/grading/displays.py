@@ -32,7 +32,7 @@ class RvizDisplay:
 class RvizConfig:
     """Configuration with which a submission would start RViz."""
 
-    source: str = ""  # of it, in words; empty: there is none
+    source: str = ""  # of it, for a sentence; empty: there is none
     fixed_frame: str = ""
     displays: Tuple[RvizDisplay, ...] = ()
     problem: str = ""  # why there is nothing to look at
@@ -167,10 +167,9 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
     if not config.source or config.problem:
         return view
     if not tree.connects(config.fixed_frame):
-        words = (
-            f"no transform connects the fixed frame '{config.fixed_frame}' with {BASE}, so nothing is shown"
-        )
-        return replace(view, problem=words)
+        frame = config.fixed_frame
+        problem = f"no transform connects the fixed frame '{frame}' with {BASE}, so nothing is shown"
+        return replace(view, problem=problem)
     by_kind = {kind: [each for each in config.displays if each.kind == kind] for kind in (TF, ROBOT, SCAN)}
     markers = [display for display in config.displays if display.kind in MARKERS]
     # the SMB's own launch file, in whose place ours runs, calls its parameter so

@@ -58,15 +58,7 @@ def large_files_note(names: Sequence[str]) -> List[str]:
 
 
 def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
-    """Unpack an archive into a folder.
-
-    Args:
-        archive: a regular file.
-        folder: an existing, empty folder.
-        allowance: what may be unpacked; it is used up.
-
-    Returns:
-        Sentences on what was left out.
+    """Unpack a regular file into an existing, empty folder, and use up the allowance; what was left out.
 
     Raises:
         ArchiveError: see there; the folder may then hold a part of it.
@@ -118,14 +110,14 @@ def main(archive: str, folder: str, files: str, size: str) -> None:
     """Unpack, and print [links, large files, files and bytes still allowed, error or empty] as JSON."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (DEADLINE, DEADLINE))
-    allowance, words = Allowance(int(files), int(size)), ""
+    allowance, problem = Allowance(int(files), int(size)), ""
     left_out = 0
     large: List[str] = []
     try:
         left_out, large = _unpack(Path(archive), Path(folder), allowance)
     except ArchiveError as error:
-        words = str(error)
-    print(json.dumps([left_out, large, allowance.files, allowance.size, words]))
+        problem = str(error)
+    print(json.dumps([left_out, large, allowance.files, allowance.size, problem]))
 
 
 def _inside(name: str, archive: Path) -> PurePosixPath:

@@ -137,7 +137,7 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
             notes.append(f"made executable, which a copy through an archive may undo: {', '.join(scripts)}")
         notes += _repair_manifest(target, package)
     notes += large_files_note(large)
-    paths = [words for folder in copies.values() for words in _repair_paths(folder, copies)]
+    paths = [path for folder in copies.values() for path in _repair_paths(folder, copies)]
     if paths:
         notes.append(f"paths of another computer, read in the hand-in: {', '.join(dict.fromkeys(paths))}")
     (root / "src" / ".catkin_workspace").touch()
@@ -187,12 +187,7 @@ def _repair_manifest(folder: Path, package: Package) -> List[str]:
 
 
 def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Build:
-    """Build packages of a workspace and what they depend on; what needs no build is found without one.
-
-    Args:
-        folders: copies of all packages of the hand-in.
-        needed: names of those to build.
-        underlay: what the workspace is built on.
+    """Build the packages of a hand-in that are needed; the others serve without a build.
 
     Raises:
         NotMarkableError: its build leads out of the workspace.

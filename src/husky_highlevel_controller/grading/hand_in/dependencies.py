@@ -29,8 +29,8 @@ def debian_packages(names: Collection[str]) -> Dict[str, str]:
 def missing_note(names: Collection[str]) -> str:
     """A sentence on packages that are not installed, all at once."""
     debian = debian_packages(names)
-    words = [
+    packages = [
         f"{name} ({f'apt install {debian[name]}' if name in debian else 'not in Debian'})"
         for name in sorted(names)
     ]
-    return f"not installed: {', '.join(words)}; what needs them may not build"
+    return f"not installed: {', '.join(packages)}; what needs them may not build"

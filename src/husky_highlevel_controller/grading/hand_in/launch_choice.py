@@ -91,7 +91,7 @@ def read_launch_files(
         Launchable("launch", name or next(iter(folders)), str(path), tuple(arguments))
         for name, (path, _) in zip(inside, files)
     ]
-    found = []
+    launch_files = []
     counted = {*kept, "rosbag"} if kept else set(folders)
     for (path, place), name, plan in zip(files, inside, plans(launchables, workspace, out / "plan", kept)):
         nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
@@ -99,8 +99,8 @@ def read_launch_files(
         owners = [name, *(node.partition("/")[0] for node in nodes), *folders]
         package = next(owner for owner in owners if owner in folders)
         scans = bool({node.partition("/")[0] for node in nodes} & scanning)
-        found.append(LaunchFile(path, place, package, plan, nodes, scans))
-    return found
+        launch_files.append(LaunchFile(path, place, package, plan, nodes, scans))
+    return launch_files
 
 
 def choose_launch_files(files: Sequence[LaunchFile], exercise: int) -> List[LaunchFile]:
@@ -120,12 +120,12 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int) -> List[Laun
 
 def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> str:
     """A sentence that says why a launch file was chosen."""
-    words = [f"starts {', '.join(launch.nodes)}"]
+    merits = [f"starts {', '.join(launch.nodes)}"]
     if fits_exercise(launch.place, exercise) == 2:
-        words.append(f"is named for exercise {exercise}")
-    words += ["uses the world singlePillar"] * launch.plan.pillar + ["starts RViz"] * bool(launch.plan.rviz)
+        merits.append(f"is named for exercise {exercise}")
+    merits += ["uses the world singlePillar"] * launch.plan.pillar + ["starts RViz"] * bool(launch.plan.rviz)
     choice = f" (chosen of {len(candidates)})" if len(candidates) > 1 else ""
-    return f"launch file {launch.place}: {', '.join(words)}{choice}"
+    return f"launch file {launch.place}: {', '.join(merits)}{choice}"
 
 
 def _names_scans(folder: Path) -> bool:

@@ -95,13 +95,13 @@ def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Dict[
 
 def _display_config(arguments: str) -> Optional[Path]:
     try:
-        words = shlex.split(arguments)
+        options = shlex.split(arguments)
     except ValueError:  # a quote that is not closed
-        words = arguments.replace('"', " ").replace("'", " ").split()
-    for flag, value in zip(words, words[1:]):
+        options = arguments.replace('"', " ").replace("'", " ").split()
+    for flag, value in zip(options, options[1:]):
         if flag in ("-d", "--display-config"):
             return Path(value)
-    return next((Path(word) for word in words if word.endswith(".rviz")), None)
+    return next((Path(option) for option in options if option.endswith(".rviz")), None)
 
 
 def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizConfig:
@@ -117,7 +117,7 @@ MAX_TEXT = 200_000  # [bytes] of a file that is read
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
 # of its sheet 4; a Husky's hand-in may name /rslidar_points and smb_top_view, too
 FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
-# where no node can be asked: its topic of scans
+# topic of scans in a package whose nodes are not started
 SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 
@@ -127,13 +127,14 @@ def named_robot(planned: Plan) -> Tuple[str, str]:
 
     It is certain for the SMB; else the topic that the submission subscribes to decides.
     """
-    words = _names_of_the_smb(planned)
-    if words:
-        return SMB, f"the simulated robot is the {ROBOT_TITLES[SMB]}: {words}"
-    mention = _named(planned, SCANS)
-    version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
-    words = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
-    return version, f"the simulated robot is the {ROBOT_TITLES[version]}: {words}"
+    reason, version = "its launch file starts the SMB's nodes", SMB
+    if not any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
+        mention = _named(planned, SMB_NAMES)
+        if not mention:
+            mention = _named(planned, SCANS)
+            version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
+        reason = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
+    return version, f"the simulated robot is the {ROBOT_TITLES[version]}: {reason}"
 
 
 def named_bag(planned: Plan) -> Tuple[str, str]:
@@ -144,16 +145,8 @@ def named_bag(planned: Plan) -> Tuple[str, str]:
     return DEFAULT, "the bag is the Husky's: it names no package of the SMB"
 
 
-def _names_of_the_smb(planned: Plan) -> str:
-    """Parts of the SMB that a submission includes or names, in words; empty: none."""
-    if any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
-        return "its launch file starts the SMB's nodes"
-    mention = _named(planned, SMB_NAMES)
-    return f"{mention[0].name} names {mention[1].group()}" if mention else ""
-
-
 def _named(planned: Plan, pattern: Pattern[str]) -> Optional[Tuple[Path, Match[str]]]:
-    """The first file of a submission's package in which a pattern is found, and what fits it."""
+    """The first file of a submission's package that a pattern matches, and the match."""
     folder = planned.package_path
     with suppress(UnreadableFileError):  # too many files
         for path in walk(folder) if folder else ():

@@ -110,11 +110,7 @@ def _printable_name(name: str) -> str:
 
 
 def open_hand_in(hand_in: HandIn, scratch: Path) -> Contents:
-    """Unpack what is an archive, and find every package.
-
-    Args:
-        hand_in: what was handed in; it is only read.
-        scratch: an existing, empty folder for archives.
+    """Unpack archives into an existing, empty folder, and find every package; the hand-in is only read.
 
     Raises:
         NotMarkableError: it cannot be read.
@@ -187,8 +183,8 @@ def exercise_numbers(name: str) -> Set[int]:
 
     A number counts only beside a word for exercise, or alone: tb3, ur3 and 5ro14 are names of other things.
     """
-    words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.replace(".launch", "")).lower()
-    numbers = [next(filter(None, groups)) for groups in _EXERCISE.findall(words)]
+    text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.replace(".launch", "")).lower()
+    numbers = [next(filter(None, groups)) for groups in _EXERCISE.findall(text)]
     return {_NUMBERS[word] if word in _NUMBERS else int(word) for word in numbers}
 
 

@@ -58,14 +58,7 @@ def plan(launchable: Launchable, workspace: Workspace, folder: Path, kept: Seque
 def plans(
     launchables: Sequence[Launchable], workspace: Workspace, folder: Path, kept: Sequence[str] = ()
 ) -> List[Plan]:
-    """Read launch files, or look nodes up, without starting anything.
-
-    Args:
-        launchables: of one workspace.
-        workspace: in which they would be started.
-        folder: for logs.
-        kept: see `starter`.
-    """
+    """Read launch files, or look nodes up, without starting anything; `kept`: see `starter`."""
     folder.mkdir(parents=True, exist_ok=True)
     events_file = folder / "plan.jsonl"
     create(events_file).close()
@@ -106,8 +99,10 @@ def _plan(events: Sequence[Event], workspace: Workspace, problem: str) -> Plan:
         return Plan(package_path=package, notes=tuple(notes))
     if not planned.nodes:
         notes.append(Note(Kind.LAUNCH_FILE, "it starts no node of its own"))
-    found = planned.nodes, planned.left_out, planned.rviz, planned.uses, planned.pillar
-    return Plan(*found, package, tuple(notes), True, planned.players)
+    return Plan(
+        planned.nodes, planned.left_out, planned.rviz, planned.uses, planned.pillar, package, tuple(notes),
+        True, planned.players,
+    )  # fmt: skip
 
 
 def package_path(events: Sequence[Event], workspace: Workspace) -> Optional[Path]:

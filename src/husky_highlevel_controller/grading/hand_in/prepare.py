@@ -103,15 +103,9 @@ def prepare_hand_in(
     out: Path,
     kept: Tuple[str, ...] = (),
 ) -> Tuple[Submission, Plan]:
-    """Unpack, choose and build a hand-in.
+    """Unpack, choose and build a hand-in, a folder or archive, on a workspace.
 
-    Args:
-        path: folder or archive of the hand-in.
-        override: what a teacher set for it.
-        exercise: the exercise's number.
-        underlay: the workspace that it is built on.
-        out: folder for `unpacked/`, `ws/` and logs.
-        kept: packages of the robot that it starts itself, to which a bag is played.
+    Into `out` go `unpacked/`, `ws/` and logs; to nodes of the `kept` packages a bag is played.
 
     Raises:
         NotMarkableError: there is nothing in it that could be started.
@@ -160,8 +154,9 @@ def _prepare_choice(
     folders, repairs = copy_packages(packages, out / "ws")
     known = copies_of_known(contents.packages)
     copies, _ = copy_packages(known, out / "copies")
-    found = (*underlay.packages, folders.root / "src", *copies.packages.values())
-    unbuilt = replace(underlay, packages=found)
+    unbuilt = replace(
+        underlay, packages=(*underlay.packages, folders.root / "src", *copies.packages.values())
+    )
     unbuilt = with_filter(unbuilt) if kept else unbuilt
     candidates: List[LaunchFile] = []
     if not override.node:

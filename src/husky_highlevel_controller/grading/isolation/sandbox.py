@@ -18,6 +18,7 @@ import sys
 import sysconfig
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Dict, List, Sequence, Tuple
 
@@ -60,7 +61,7 @@ class Workspace:
     """Environment of an untrusted program: setup files that it sources itself, and what it may see."""
 
     setups: Tuple[Path, ...] = ()  # setup.bash files, sourced in the sandbox, in this order
-    packages: Tuple[Path, ...] = ()  # folders of packages that are found without being built
+    packages: Tuple[Path, ...] = ()  # folders of packages that need no build
     hidden: Tuple[Path, ...] = ()  # folders whose content it must not see: other hand-ins and their results
     own_modules: bool = True  # it can import this package's modules; a hand-in has one of the same name
 
@@ -68,11 +69,7 @@ class Workspace:
 def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: Dict[str, str]) -> List[str]:
     """The command that runs a command in the sandbox, with its workspace sourced inside.
 
-    Args:
-        workspace: what it runs in.
-        command: program and arguments.
-        folder: existing; the only one that it may write.
-        env: the environment the whole command will be started with.
+    It may write the existing `folder` alone; `env` is the environment of the whole.
     """
     kind = kind_of_sandbox()
     limits = [system_program("prlimit"), f"--fsize={FILE_SIZE}", f"--data={PROCESS_MEMORY}", "--core=0"]
@@ -172,9 +169,9 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
         if not shown & {link, *link.parents}:  # it leads to something that is
             steps.append((len(link.parts), 1, ["--symlink", os.readlink(link), str(link)]))
     steps.append((len(place.parts), 2, ["--bind", str(place), str(place)]))
-    words = [word for _, _, words in sorted(steps, key=lambda step: step[:2]) for word in words]
-    read_only = [word for path in (Path("/"), *hidden) for word in ("--remount-ro", str(path))]
-    return [*_system(), *words, *read_only]
+    mounts = chain.from_iterable(options for _, _, options in sorted(steps, key=lambda step: step[:2]))
+    read_only = [option for path in (Path("/"), *hidden) for option in ("--remount-ro", str(path))]
+    return [*_system(), *mounts, *read_only]
 
 
 def _own_modules() -> List[str]:

@@ -55,8 +55,8 @@ def to_gradescope(result: Result) -> str:
             test.update(score=item.points, max_score=item.max_points)
             test["status"] = "passed" if item.full else "failed"
         tests.append(test)
-    words = "\n".join([f"could not be marked: {result.problem}"] * bool(result.problem) + list(result.notes))
-    content: Dict[str, Any] = {"output": words, "output_format": "text", "tests": tests}
+    lines = [*[f"could not be marked: {result.problem}"] * bool(result.problem), *result.notes]
+    content: Dict[str, Any] = {"output": "\n".join(lines), "output_format": "text", "tests": tests}
     if not result.problem:
         content["score"] = result.points
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
@@ -65,10 +65,7 @@ def to_gradescope(result: Result) -> str:
 def to_classroom50(result: Result, variables: Mapping[str, str], moment: str) -> str:
     """result.json of Classroom 50, whose scores are whole numbers.
 
-    Args:
-        result: of one student.
-        variables: environment, in which Classroom 50's runner names the submission.
-        moment: when it was marked, as 2026-06-01T14:32:01Z.
+    Its runner's environment `variables` name the submission; `moment` is like 2026-06-01T14:32:01Z.
     """
     tests: List[Dict[str, Any]] = [
         {

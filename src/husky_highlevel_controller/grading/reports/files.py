@@ -138,22 +138,23 @@ def replays(out: Path) -> Dict[int, Path]:
 
 
 def _logs(out: Path) -> Dict[str, str]:
-    """The ends of what its build and its nodes printed, by words."""
+    """The ends of what its build and its nodes printed, by title."""
     logs = {"Output of the build": out / "build.log"}
     for folder in sorted(out.glob("drive_*"), key=drive_number):
         logs[f"Output of your nodes in drive {drive_number(folder)}"] = folder / "submission.log"
     texts = {}
-    for words, path in logs.items():
+    for title, path in logs.items():
         with suppress(UnreadableFileError):
             text = COLOURS.sub("", read_text(path)[-MAX_LOG:].strip())
-            texts[words] = "\n".join(map(printable, text.splitlines()))
-    return {words: text for words, text in texts.items() if text}
+            if text:
+                texts[title] = "\n".join(map(printable, text.splitlines()))
+    return texts
 
 
 def _files(name: Path, out: Path) -> List[Tuple[str, str]]:
-    """Words and addresses, relative to the class's page, of what there is of a student."""
+    """Titles and addresses, relative to the class's page, of what there is of a student."""
     logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]
     for folder in sorted((out / name).glob("drive_*"), key=drive_number):
         logs.append((f"replay of {folder.name.replace('_', ' ')}", f"{folder.name}/{REPLAY}"))
         logs.append((f"log of {folder.name.replace('_', ' ')}", f"{folder.name}/submission.log"))
-    return [(words, f"{name}/{path}") for words, path in logs if (out / name / path).is_file()]
+    return [(title, f"{name}/{path}") for title, path in logs if (out / name / path).is_file()]

@@ -24,7 +24,7 @@ class Row:
     result: Result
     cells: Tuple[Optional[Item], ...]  # one for each column
     pictures: Tuple[bytes, ...]  # PNG
-    files: Tuple[Tuple[str, str], ...] = ()  # words and address
+    files: Tuple[Tuple[str, str], ...] = ()  # title and address
     replays: Tuple[Tuple[int, str, float], ...] = ()  # number of the drive, HTML, and the moment it shows [s]
 
     def replay_of(self, item: Item) -> str:
@@ -52,13 +52,7 @@ def class_page(
     pictures: Mapping[str, Sequence[bytes]],
     files: Mapping[str, Sequence[Tuple[str, str]]],
 ) -> str:
-    """The teacher's page, sorted by name.
-
-    Args:
-        results: of all students.
-        pictures: PNGs by name.
-        files: by name, (words, path relative to the page) of logs.
-    """
+    """The teacher's page, sorted by name; pictures are PNGs, files (title, path from the page), by name."""
     ordered = sorted(results, key=lambda result: result.name.casefold())
     columns = list(dict.fromkeys(item.name for result in ordered for item in result.items))
     rows = [
@@ -66,7 +60,7 @@ def class_page(
             result,
             tuple({item.name: item for item in result.items}.get(name) for name in columns),
             tuple(pictures.get(result.name, ())),
-            tuple((words, quote(path)) for words, path in files.get(result.name, ())),
+            tuple((title, quote(path)) for title, path in files.get(result.name, ())),
         )
         for result in ordered
     ]
@@ -95,11 +89,7 @@ def feedback_page(
 ) -> str:
     """Page for one student, which needs no other file and names no other student.
 
-    Args:
-        result: the student's.
-        pictures: PNGs.
-        replays: HTML pages that play the drives, by number.
-        logs: texts by their words, such as the output of its nodes.
+    Pictures are PNGs, replays HTML by the number of the drive, logs texts by title.
     """
     cause = result.cause
     shown = tuple(
@@ -136,7 +126,7 @@ def moment_of(item: Item) -> float:
 
 
 def _course_robot(results: Sequence[Result]) -> str:
-    """The robot that a teacher asked for, else the sheets': one that is another's is coloured."""
+    """The robot of the command line, else the sheets': another one is coloured."""
     robot = str(results[0].settings.get("robot", AUTO)) if results else AUTO
     return COURSE_ROBOT if robot == AUTO else robot
 

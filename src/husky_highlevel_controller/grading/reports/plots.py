@@ -72,9 +72,9 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
         axis.scatter(
             places[:, 0], places[:, 1], c=times, marker="x", s=34, linewidths=1.2, zorder=6, **colors
         )
-        words = "marker" if len(markers) == 1 else "markers"
+        name = "marker" if len(markers) == 1 else "markers"
         arrow = {"arrowstyle": "-", "color": MARKER}
-        _label(axis, words, places[len(places) // 2], robot, 30, color=MARKER, arrowprops=arrow)
+        _label(axis, name, places[len(places) // 2], robot, 30, color=MARKER, arrowprops=arrow)
     return dots
 
 

@@ -15,17 +15,16 @@ WIDTH = 110  # letters of the table
 
 
 def points(item: Item) -> str:
-    """Points of an item, in words."""
+    """Points of an item, as text."""
     return f"{'-' if item.points is None else f'{item.points:g}'}/{item.max_points:g}"
 
 
 def table(result: Result) -> str:
     """Table of a result, for a terminal."""
+    notes = [line for note in result.notes for line in textwrap.wrap(f"note: {note}", WIDTH)]
     if result.problem:
-        words = textwrap.wrap(f"{result.name}: could not be marked: {result.problem}", WIDTH)
-        return "\n".join(
-            [*words, *(line for note in result.notes for line in textwrap.wrap(f"note: {note}", WIDTH))]
-        )
+        lines = textwrap.wrap(f"{result.name}: could not be marked: {result.problem}", WIDTH)
+        return "\n".join(lines + notes)
     name = max(len(item.name) for item in result.items) + 2
     lines = [f"{result.name}  ({result.what})" if result.name != result.what else result.name, ""]
     for item in result.items:
@@ -40,8 +39,7 @@ def table(result: Result) -> str:
     by_hand = sum(item.max_points for item in result.items if item.points is None)
     if by_hand:
         lines[-1] += f"  and {by_hand:g} that a person has to give"
-    lines += [line for note in result.notes for line in textwrap.wrap(f"note: {note}", WIDTH)]
-    return "\n".join(lines)
+    return "\n".join(lines + notes)
 
 
 def to_junit(results: Sequence[Result]) -> str:
@@ -60,13 +58,13 @@ def to_junit(results: Sequence[Result]) -> str:
             ET.SubElement(case, "error", message=f"could not be marked: {result.problem}")
         for item in items:
             case = ET.SubElement(suite, "testcase", name=item.name, classname=result.name)
-            words = f"{points(item)}: {item.evidence}"
+            evidence = f"{points(item)}: {item.evidence}"
             if item.points is None:
-                ET.SubElement(case, "skipped", message=words)
+                ET.SubElement(case, "skipped", message=evidence)
             elif not item.full:
-                ET.SubElement(case, "failure", message=words)
+                ET.SubElement(case, "failure", message=evidence)
             else:
-                ET.SubElement(case, "system-out").text = words
+                ET.SubElement(case, "system-out").text = evidence
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
@@ -86,9 +84,8 @@ def to_csv(results: Sequence[Result]) -> str:
     return text.getvalue()
 
 
-MOODLE = re.compile(
-    r"^(.+)_(\d+)_assignsubmission_"
-)  # name of a folder that Moodle packs: student and number
+# name of a folder that Moodle packs: student and number
+MOODLE = re.compile(r"^(.+)_(\d+)_assignsubmission_")
 
 
 def to_moodle(results: Sequence[Result]) -> str:

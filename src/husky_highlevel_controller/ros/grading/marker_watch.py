@@ -140,7 +140,7 @@ class MarkerWatch:
     def _has(self, mesh: str) -> bool:
         """Whether RViz finds a mesh, file://PATH or package://NAME/PATH; for http there is no network.
 
-        Only packages are looked into: a submission is told nothing of other files of this machine.
+        Only packages are looked into: a submission learns nothing of other files of this machine.
         """
         scheme, _, place = mesh.partition("://")
         if scheme == "file":
@@ -154,16 +154,12 @@ class MarkerWatch:
     def samples(
         self, times: np.ndarray, poses: Sequence[Pose], pillar: Tuple[float, float]
     ) -> Tuple[MarkerSample, ...]:
-        """All recorded markers at their places in the world.
+        """All recorded markers in the world, by times (N,) [s] and N poses of base_link in the world.
 
-        Args:
-            times: when base_link stood where, (N,) [s].
-            poses: of base_link in the world, N.
-            pillar: x, y of its axis in the world [m].
+        `pillar` is x, y of its axis in the world [m].
         """
-        return (
-            tuple(self._sample(m, times, poses, pillar) for m in list(self._messages)) if len(times) else ()
-        )
+        messages = list(self._messages) if len(times) else []
+        return tuple(self._sample(message, times, poses, pillar) for message in messages)
 
     def _sample(
         self, message: _Message, times: np.ndarray, poses: Sequence[Pose], pillar: Tuple[float, float]

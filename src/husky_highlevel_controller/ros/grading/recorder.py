@@ -130,15 +130,15 @@ class DriveRecorder:
             self._truth.append(state)
         self._end.update(state)
 
-    def _on_event(self, kind: str, words: str) -> None:
+    def _on_event(self, kind: str, text: str) -> None:
         if kind == "changed":
-            self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {words}")
+            self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
         elif kind == "unanswered":
-            self._unanswered = words
+            self._unanswered = text
 
-    def _violate(self, words: str) -> None:
+    def _violate(self, text: str) -> None:
         if len(self._violations) < MAX_VIOLATIONS:
-            self._violations[words] = None
+            self._violations[text] = None
 
     def _on_command(self, msg: Any) -> None:
         if self._is_over or msg._connection_header.get("callerid") in self._our_nodes:

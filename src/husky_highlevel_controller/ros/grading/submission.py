@@ -112,9 +112,9 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         for argument in tag.getElementsByTagName("arg"):  # also of an include that is left out
             with contextlib.suppress(Exception):
                 self.resolve_args(argument.getAttribute("value"), context)
-        found = re.fullmatch(r"\$\(find +([^)]+)\)/+launch/([^/]+)", tag.getAttribute("file"))
-        if found and found[1] in SIMULATION and found[2] in self._simulator_files:
-            self._reporter.tell("left_out", package=found[1], tag="include")
+        match = re.fullmatch(r"\$\(find +([^)]+)\)/+launch/([^/]+)", tag.getAttribute("file"))
+        if match and match[1] in SIMULATION and match[2] in self._simulator_files:
+            self._reporter.tell("left_out", package=match[1], tag="include")
             return None
         return self._try("include", tag, lambda: load(tag, context, ros_config, machine, *arguments))
 
@@ -169,9 +169,9 @@ def load(
     with contextlib.suppress(ResourceNotFound):
         reporter.tell("package", path=RosPack().get_path(package))
     if kind == "--node":
-        words = f"<launch><node name={quoteattr(Path(name).stem)} pkg={quoteattr(package)} "
-        words += f'type={quoteattr(name)} args={quoteattr(" ".join(arguments))} output="screen"/></launch>'
-        loader.load_string(words, config, verbose=False)
+        text = f"<launch><node name={quoteattr(Path(name).stem)} pkg={quoteattr(package)} "
+        text += f'type={quoteattr(name)} args={quoteattr(" ".join(arguments))} output="screen"/></launch>'
+        loader.load_string(text, config, verbose=False)
     else:
         (file, *_) = (
             [name] if os.path.isabs(name) else roslaunch.rlutil.resolve_launch_arguments([package, name])
@@ -212,9 +212,8 @@ def load(
 
 def drop_prefix(node: Any, reporter: Reporter) -> None:
     """Without a terminal or debugger in front of a node: roslaunch would start nothing at all."""
-    words = (node.launch_prefix or "").split()
-    program = os.path.basename(words[0]) if words else ""
-    if words and (program in INTERACTIVE or shutil.which(words[0]) is None):
+    program = next(iter((node.launch_prefix or "").split()), "")
+    if program and (os.path.basename(program) in INTERACTIVE or shutil.which(program) is None):
         reporter.tell("prefix", node=node.name, prefix=node.launch_prefix)
         node.launch_prefix = None
 
@@ -281,8 +280,8 @@ def main(arguments: List[str]) -> int:
     reporter = Reporter(events)
     refuse_aliases()
     signal.signal(signal.SIGALRM, _out_of_time)
-    for words in launchables:
-        config = describe(json.loads(words), reporter, json.loads(ours))
+    for launchable in launchables:
+        config = describe(json.loads(launchable), reporter, json.loads(ours))
     if action == "describe" or config is None:
         return int(config is None)
     if action == "memcheck":
