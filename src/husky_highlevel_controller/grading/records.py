@@ -122,7 +122,7 @@ DEFAULT_RULES = Rules()
 class GivenPoints:
     """Points of one item, given by a person."""
 
-    points: float = number(0.0, 1000.0, "of the item")
+    points: float = number(0.0, 1000.0, "an item's points")
     word: str = setting("the reason, for the student")
 
 
