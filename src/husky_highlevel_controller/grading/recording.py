@@ -49,6 +49,9 @@ class MarkerSample:
     finite: bool = True  # its numbers are neither inf nor NaN
 
 
+FILTERED = "/odometry/filtered"  # topic of exercise 4, on which a filter tells the robot's pose
+
+
 @dataclass(frozen=True, eq=False)
 class Playback:
     """Path and top view of a filter while a bag was played to it, and what its hand-in plays and plots."""

@@ -67,6 +67,7 @@ def test_both_sheets_are_100_points_and_the_smbs_has_a_bonus_of_10():
         (PATH[TIMES > 6.0], 15.0),
         (PATH[TIMES < 80.0], 15.0),  # it ends on the way
         (np.where(np.equal(PATH, PATH[500, 1]), np.nan, PATH), 15.0),
+        (PATH * (1.0, np.nan, np.nan), 0.0),
         (PATH[:5], 0.0),
         (np.zeros((0, 3)), 0.0),
     ],

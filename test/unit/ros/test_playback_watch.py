@@ -30,8 +30,9 @@ def test_while_the_clock_stands_a_place_is_kept_once(watch):
     assert watch.playback.top_view.tolist() == [[1.0, 0.0, 0.0, 2.0], [2.0, 0.0, 0.0, 2.0]]
 
 
-def test_the_longest_path_is_kept_and_only_odometry_is_followed(watch):
-    come(watch, 1.0, topic="/other")
+def test_the_longest_path_is_kept_unless_the_sheets_topic_has_one_and_only_odometry_is_followed(watch):
+    come(watch, 1.0, 2.0, 3.0, topic="/other")
+    assert watch.playback.topic == "/other"
     come(watch, 1.0, 2.0)
     watch.follow("/imu/data", "sensor_msgs/Imu")
     assert watch.playback.topic == "/odometry/filtered"

@@ -13,13 +13,12 @@ import numpy as np
 
 from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.notes import Kind, Note, Subject
-from husky_highlevel_controller.grading.recording import Playback, Recording
+from husky_highlevel_controller.grading.recording import FILTERED, Playback, Recording
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules
 from husky_highlevel_controller.grading.rubrics.causes import causes, hint_on
 from husky_highlevel_controller.grading.rubrics.exercise_3 import DISPLAYS, without_config
 from husky_highlevel_controller.grading.rubrics.items import forfeited, weighted
 
-FILTERED = "/odometry/filtered"
 CLOUDS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}  # of our bags; of the Husky's of 2018
 MIN_ESTIMATES = 10
 BEGIN, END = 5.0, 2.0  # [s], after the begin and before the end of the bag: between them it must estimate
@@ -52,9 +51,10 @@ def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Ve
 
 def judge_path(recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
     """The filter's path of the bag is complete and true: all; half if it comes and differs."""
-    if len(playback.path) < MIN_ESTIMATES or not len(recording.times):
+    estimates = int(np.isfinite(playback.path).all(axis=1).sum())
+    if estimates < MIN_ESTIMATES or not len(recording.times):
         cause = _cause(recording)
-        evidence = f"{len(playback.path)} estimates on {playback.topic or FILTERED}: {cause.text}"
+        evidence = f"{estimates} estimates on {playback.topic or FILTERED}: {cause.text}"
         return 0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS
     stamps, end = playback.path[:, 0], float(recording.times[-1])
     true = [np.interp(stamps, recording.times, column) for column in recording.poses[:, :2].T]

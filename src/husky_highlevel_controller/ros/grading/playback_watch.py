@@ -9,7 +9,7 @@ import numpy as np
 import rospy
 from nav_msgs.msg import Odometry
 
-from husky_highlevel_controller.grading.recording import Playback
+from husky_highlevel_controller.grading.recording import FILTERED, Playback
 
 TOP_VIEW = "smb_top_view"  # frame
 MAX_TOPICS, MAX_ESTIMATES = 10, 50_000
@@ -53,7 +53,8 @@ class PlaybackWatch:
 
     @property
     def playback(self) -> Playback:
-        """The longest path, and the top view."""
-        topic = max(self._paths, key=lambda topic: len(self._paths[topic]), default="")
+        """The path of the sheet's topic, where it comes, else the longest one; and the top view."""
+        longest = max(self._paths, key=lambda topic: len(self._paths[topic]), default="")
+        topic = FILTERED if self._paths.get(FILTERED) else longest
         path = np.array(self._paths.get(topic, ())).reshape(-1, 3)
         return Playback(path, topic, np.array(self._top_view).reshape(-1, 4))
