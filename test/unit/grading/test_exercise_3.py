@@ -276,6 +276,11 @@ def test_a_marker_elsewhere_is_wrong_and_the_coordinate_is_named(position, fault
     assert not fault or item.at == PERIOD
 
 
+def test_a_coordinate_without_a_value_is_not_told_by_its_digits():
+    text = judge_place(markers(GOOD, (10.0, 0.0, -1.5e33))).evidence
+    assert "at (1.0e+01, 0.0e+00, -1.5e+33): has each coordinate been given a value?" in text
+
+
 @pytest.mark.parametrize(("share", "points"), [(0.1, 0.0), (0.3, 3.3), (0.5, 10.0), (0.7, 16.7), (0.9, 20.0)])
 def test_points_grow_with_the_time_for_which_the_marker_is_right(share, points):
     last = share * len(GOOD.times)

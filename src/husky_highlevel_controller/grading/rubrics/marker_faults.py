@@ -18,6 +18,7 @@ MOSTLY = 0.8  # of the wrong markers off the axis must have a fault
 IMAGE_SLOPE = 0.1  # [m/m], error by distance at which a marker is still at an image of the pillar
 EXACT = 0.05  # [m], of a coordinate that is 0, or a whole number of metres
 ALONG = 0.35  # [m], of a distance that is right
+OUT_OF_THE_WORLD = 1e6  # [m], of a coordinate: a number of no meaning
 HEIGHT_MARGIN = 0.3  # [m], above and below the pillar, for all points
 HEIGHT_FADE = 0.7  # [m] beyond the margin, for none
 FAULTS = {
@@ -143,6 +144,8 @@ def fault_text(recording: Recording, marker: MarkerSample) -> str:
         return f"not to be seen: {marker.problem}"
     x, y = recording.pillar
     px, py, pz = marker.position
+    if max(abs(px), abs(py), abs(pz)) > OUT_OF_THE_WORLD:
+        return f"at ({px:.1e}, {py:.1e}, {pz:.1e}): has each coordinate been given a value?"
     text = f"at ({px:.2f}, {py:.2f}, {pz:.2f}), the pillar at ({x:.2f}, {y:.2f})"
     height = recording.pillar_size.height
     if height_score(marker, height) < 1.0:
