@@ -21,14 +21,8 @@ COURSE_PACKAGES = (
     "husky_control", "husky_description", "husky_gazebo", "smb_control", "smb_description", "smb_gazebo",
 )  # fmt: skip
 OURS_FIRST = ("launch", "scripts")  # folders whose files need Gazebo
-WORLD_AND_POSE = (
-    "world",
-    "world_name",
-    "world_file",
-    "x",
-    "y",
-    "yaw",
-)  # arguments that people edit in a copy
+# arguments that people edit in a copy
+WORLD_AND_POSE = ("world", "world_name", "world_file", "x", "y", "yaw")
 
 
 def package_path(paths: List[str], folder: Path) -> List[str]:
