@@ -52,36 +52,47 @@ def review(tmp_path):
     return tmp_path / "out", folder
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
-def test_keys_give_the_points_and_the_page_saves_them_as_marking_yaml(review):
+@pytest.fixture
+def page():
+    """A page of a browser."""
     sync_api = pytest.importorskip("playwright.sync_api")
-    out, folder = review
+    if CHROMIUM is None:
+        pytest.skip("needs chromium")
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page()
-        said = []
-        page.on("dialog", lambda dialog: said.append(dialog.message))
-        page.goto(write_review(out).as_uri())
-        page.get_by_role("heading", name=f"ann: {RVIZ}").wait_for()
-        assert "<script>alert(1)" in page.locator("pre:visible").inner_text(), "as text"
-        picture = page.locator("img:visible").first
-        assert picture.evaluate("image => image.decode().then(() => image.naturalWidth)") > 600
-        page.keyboard.press("w")
-        page.keyboard.type("two of 3 displays")
-        page.keyboard.press("Enter")
-        page.keyboard.press("5")
-        page.get_by_role("heading", name=f"ann: {MARKER}").wait_for()
-        page.keyboard.press("n")
-        page.get_by_role("heading", name=f"bob: {RVIZ}").wait_for()
-        page.keyboard.press("9")
-        page.reload()
-        page.get_by_role("heading", name=f"ann: {MARKER}").wait_for()
-        assert "2 done" in page.get_by_role("status").inner_text(), "kept where the page is closed"
-        with page.expect_download() as saved:
-            page.keyboard.press("s")
-        saved.value.save_as(folder / "marking.yaml")
+        yield browser.new_page()
         browser.close()
-        assert not said
+
+
+def save(page, folder):
+    """Save marking.yaml by the review's key."""
+    with page.expect_download() as saved:
+        page.keyboard.press("s")
+    saved.value.save_as(folder / "marking.yaml")
+
+
+def test_keys_give_the_points_and_the_page_saves_them_as_marking_yaml(review, page):
+    out, folder = review
+    said = []
+    page.on("dialog", lambda dialog: said.append(dialog.message))
+    page.goto(write_review(out).as_uri())
+    page.get_by_role("heading", name=f"ann: {RVIZ}").wait_for()
+    assert "<script>alert(1)" in page.locator("pre:visible").inner_text(), "as text"
+    picture = page.locator("img:visible").first
+    assert picture.evaluate("image => image.decode().then(() => image.naturalWidth)") > 600
+    page.keyboard.press("w")
+    page.keyboard.type("two of 3 displays")
+    page.keyboard.press("Enter")
+    page.keyboard.press("5")
+    page.get_by_role("heading", name=f"ann: {MARKER}").wait_for()
+    page.keyboard.press("n")
+    page.get_by_role("heading", name=f"bob: {RVIZ}").wait_for()
+    page.keyboard.press("9")
+    page.reload()
+    page.get_by_role("heading", name=f"ann: {MARKER}").wait_for()
+    assert "2 done" in page.get_by_role("status").inner_text(), "kept where the page is closed"
+    save(page, folder)
+    assert not said
     given = read_overrides(folder, ["ann", "bob"])
     points, word = given["ann"].points[RVIZ].points, given["ann"].points[RVIZ].word
     assert (points, word) == (10.0, "two of 3 displays")
@@ -90,46 +101,30 @@ def test_keys_give_the_points_and_the_page_saves_them_as_marking_yaml(review):
     assert given["bob"].late.percent == 10.0, "what was there stays"
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
-def test_one_key_gives_the_points_to_all_hand_ins_that_lack_the_same(review):
-    sync_api = pytest.importorskip("playwright.sync_api")
+def test_one_key_gives_the_points_to_all_hand_ins_that_lack_the_same(review, page):
     out, folder = review
     (folder / "marking.yaml").write_text("students: {ann: }")  # an empty entry is one without keys
     for path in (out / "hand_ins").glob("*/result.json"):
         result = load_result(path)
         items = [replace(each, reason=Kind.NO_RVIZ_FILE) for each in result.items]
         write_result(replace(result, items=tuple(items)), path.parent)
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page()
-        page.goto(write_review(out).as_uri())
-        for key in ("a", "1"):
-            page.keyboard.press(key)
-        with page.expect_download() as saved:
-            page.keyboard.press("s")
-        saved.value.save_as(folder / "marking.yaml")
-        browser.close()
+    page.goto(write_review(out).as_uri())
+    for key in ("a", "1"):
+        page.keyboard.press(key)
+    save(page, folder)
     given = read_overrides(folder, ["ann", "bob"])
     assert given["ann"].points == given["bob"].points, "another item of the same student is another thing"
     assert given["bob"].points[RVIZ].points == 0.0
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
-def test_points_stay_with_their_student_and_item_where_the_page_is_written_again(review):
-    sync_api = pytest.importorskip("playwright.sync_api")
+def test_points_stay_with_their_student_and_item_where_the_page_is_written_again(review, page):
     out, folder = review
-    with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        page = browser.new_page()
-        page.goto(write_review(out).as_uri())
-        for key in ("9", "1", "1"):
-            page.keyboard.press(key)
-        shutil.rmtree(folder / "ann")
-        page.goto(write_review(out).as_uri())
-        with page.expect_download() as saved:
-            page.keyboard.press("s")
-        saved.value.save_as(folder / "marking.yaml")
-        browser.close()
+    page.goto(write_review(out).as_uri())
+    for key in ("9", "1", "1"):
+        page.keyboard.press(key)
+    shutil.rmtree(folder / "ann")
+    page.goto(write_review(out).as_uri())
+    save(page, folder)
     given = read_overrides(folder, ["bob"])
     assert given["bob"].points[RVIZ].points == 0.0, "his own, not the first item's"
 
