@@ -33,8 +33,8 @@ from husky_highlevel_controller.grading.drive.trials import Trial
 from husky_highlevel_controller.grading.hand_in.plan import plan
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import texts
-from husky_highlevel_controller.grading.recording import RECORDING, load
-from husky_highlevel_controller.grading.records import Launchable, MarkingConfig
+from husky_highlevel_controller.grading.recording import RECORDING, Recording
+from husky_highlevel_controller.grading.records import Launchable, MarkingConfig, load
 from husky_highlevel_controller.grading.submission import Submission
 from husky_highlevel_controller.robot import Robot, load_robot
 
@@ -164,7 +164,7 @@ def _launched(contestant: Contestant, launch: Launchable, scenario: Scenario) ->
     config = MarkingConfig(robot="husky", deadline=LAUNCH_DEADLINE, pace=LAUNCH_PACE)
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
         drive(Submission(launch), trial, config, Path(folder))
-        recording = load(Path(folder, RECORDING))
+        recording: Recording = load(Recording, Path(folder, RECORDING))
     if not len(recording.times):
         why = "; ".join(texts(recording.notes)) or "no drive"
         raise HuskyError(f"{contestant.name} in {scenario.name}: {why}")

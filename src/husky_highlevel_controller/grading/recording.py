@@ -10,23 +10,20 @@ from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.config import ConfigError, from_plain, setting, to_plain
+from husky_highlevel_controller.config import to_plain
 from husky_highlevel_controller.course import PILLARS, STANDS, PillarSize
-from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Scan
+from husky_highlevel_controller.datatypes import Pose2D, Scan
 from husky_highlevel_controller.grading.notes import Kind, Note
+from husky_highlevel_controller.grading.records import load
 from husky_highlevel_controller.robot import load_robot
 
 ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker message
 
 
-class RecordingError(HuskyError):
-    """A file that is no recording."""
-
-
-def table(columns: int, help_text: str) -> Any:
-    """Field of an array with so many columns; without rows by default."""
-    metadata = {"shape": (-1, columns), "help": help_text}
-    return field(default_factory=lambda: np.zeros((0, columns)), metadata=metadata)
+def table(help_text: str, *columns: int) -> Any:
+    """Field of an array with so many columns, or of one dimension; without rows by default."""
+    metadata = {"shape": (-1, *columns), "help": help_text}
+    return field(default_factory=lambda: np.zeros((0, *columns)), metadata=metadata)
 
 
 @dataclass(frozen=True)
@@ -56,9 +53,9 @@ FILTERED = "/odometry/filtered"  # topic of exercise 4, on which a filter tells 
 class Playback:
     """Path and top view of a filter while a bag was played to it, and what its hand-in plays and plots."""
 
-    path: np.ndarray = table(3, "[s, m, m], x and y of its odometry by stamps")
+    path: np.ndarray = table("[s, m, m], x and y of its odometry by stamps", 3)
     topic: str = ""  # of that odometry
-    top_view: np.ndarray = table(4, "[s, m, m, m], the frame's place in base_link")
+    top_view: np.ndarray = table("[s, m, m, m], the frame's place in base_link", 4)
     players: Tuple[str, ...] = ()  # arguments of its launch file's rosbag players
     curves: Tuple[Tuple[str, str], ...] = ()  # of its rqt_multiplot files: /topic/field of x and of y
 
@@ -78,22 +75,14 @@ class Call:
 class Assignment:
     """Task of the recorder for one drive."""
 
-    output: str  # file for the recording
+    recording: Recording  # as far as it is known before the drive
+    output: str  # file for the whole of it
     truth_socket: str  # where the simulator connects
-    start: Pose2D  # [m, m, rad], of base_link in the world
-    pillar: Tuple[float, float]  # [m], in the world
-    deadline: float  # [s], simulated
-    scan_topic: str
-    robot: str  # one of ROBOTS
+    closing: str  # file with a `Closing`, once the drive is over
     driver: str  # see `exercises.Exercise`
     ends_at_pillar: bool
-    simulated: str  # a key of ROBOT_VERSIONS
-    closing: str  # file with a `Closing`, once the drive is over
     ours: Tuple[str, ...]  # nodes that are not the submission's
     packages: Tuple[str, ...] = ()  # folders of the submission's packages, for meshes
-    uninitialised: str = ""  # see `Recording`
-    players: Tuple[str, ...] = ()  # see `Playback`
-    curves: Tuple[Tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -112,14 +101,14 @@ class Recording:
     start: Pose2D  # of base_link in the world
     pillar: Tuple[float, float]  # [m], its centre in the world, before anybody pushes it
     deadline: float  # [s], simulated
-    times: np.ndarray = setting("(N,) [s], simulated, of the true poses", shape=(-1,))
-    poses: np.ndarray = setting("[m, m, rad], true x, y, yaw of base_link in the world", shape=(-1, 3))
-    speeds: np.ndarray = setting("[m/s, rad/s], true, in base_link", shape=(-1, 2))
-    commands: np.ndarray = setting("[s], when commands came; one for each true pose", shape=(-1,))
+    times: np.ndarray = table("(N,) [s], simulated, of the true poses")
+    poses: np.ndarray = table("[m, m, rad], true x, y, yaw of base_link in the world", 3)
+    speeds: np.ndarray = table("[m/s, rad/s], true, in base_link", 2)
+    commands: np.ndarray = table("[s], when commands came; one for each true pose")
     command_count: int = 0  # all of them
     zero_count: int = 0  # of these, how many were zero in every component
-    nearest: np.ndarray = table(2, "[s, m], smallest valid range of each scan; inf for none")
-    hits: np.ndarray = table(3, "[s, m, m], points in the world of some of the scans")
+    nearest: np.ndarray = table("[s, m], smallest valid range of each scan; inf for none", 2)
+    hits: np.ndarray = table("[s, m, m], points in the world of some of the scans", 3)
     markers: Tuple[MarkerSample, ...] = ()
     marker_topics: Tuple[str, ...] = ()  # that the submission publishes, whether or not anything came
     services: Tuple[str, ...] = ()  # std_srvs/SetBool that the submission offers
@@ -164,14 +153,6 @@ class Recording:
         return np.abs(self.speeds[:, 0]) > STANDS
 
 
-def empty_recording(pillar: Tuple[float, float], deadline: float, notes: Tuple[Note, ...]) -> Recording:
-    """Recording of a drive that never began."""
-    nothing = np.zeros(0)
-    return Recording(
-        Pose2D(), pillar, deadline, nothing, np.zeros((0, 3)), np.zeros((0, 2)), nothing, notes=notes
-    )
-
-
 RECORDING = "recording.json"  # file in the folder of a drive
 FLOOD = 300.0  # commands a simulated second; 50 answer the scans
 CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")  # why a drive ended that the recorder did not end
@@ -183,9 +164,9 @@ def drive_number(folder: Path) -> int:
 
 
 def recordings_in(out: Path) -> List[Recording]:
-    """The recordings of the drives in a folder of results, in order; RecordingError: one is broken."""
+    """The recordings of the drives in a folder of results, in order; ConfigError: one is broken."""
     paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: drive_number(path.parent))
-    return [load(path) for path in paths]
+    return [load(Recording, path) for path in paths]
 
 
 def closed(recording: Recording, closing: Closing) -> Recording:
@@ -227,26 +208,6 @@ def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot
 def to_json(recording: Recording) -> str:
     """A recording as text."""
     return json.dumps(to_plain(recording))
-
-
-def from_json(text: str) -> Recording:
-    """A recording from the text that `to_json` wrote; RecordingError: it did not write this."""
-    try:
-        return from_plain(Recording, json.loads(text), "")
-    except (ValueError, RecursionError, ConfigError) as error:
-        raise RecordingError(f"not a recording: {error}") from error
-
-
-def load(path: Path) -> Recording:
-    """A recording from its file; RecordingError: there is none, or it is broken."""
-    try:
-        text = path.read_text()
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"no recording: {error}") from error
-    try:
-        return from_json(text)
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
 
 
 MAX_ROBOT_SPEED = 4.0  # [m/s], four times the Husky's: contacts may push it

@@ -21,8 +21,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     write_whole,
 )
 from husky_highlevel_controller.grading.notes import Subject
-from husky_highlevel_controller.grading.recording import RECORDING
-from husky_highlevel_controller.grading.recording import load as load_recording
+from husky_highlevel_controller.grading.recording import RECORDING, Recording
 from husky_highlevel_controller.grading.records import Item, Job, load
 from husky_highlevel_controller.grading.reports.files import (
     HAND_INS,
@@ -78,7 +77,7 @@ class OpenItem:
     def moment(self) -> bytes:
         """PNG of robot, scan and marker at the item's moment, else in mid-drive; empty: it did not drive."""
         with suppress(HuskyError):
-            recording = load_recording(self.out / f"drive_{self.item.drive}" / RECORDING)
+            recording: Recording = load(Recording, self.out / f"drive_{self.item.drive}" / RECORDING)
             if len(recording.times):
                 return draw_moment(
                     recording, recording.times[-1] / 2.0 if self.item.at is None else self.item.at

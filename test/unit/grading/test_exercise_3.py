@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+import json
 import re
 import sys
 from dataclasses import replace
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
-from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.config import ConfigError, from_plain
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.drive.drive_end import NODES_ENDED
@@ -27,14 +28,11 @@ from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.recording import (
     MarkerSample,
     Recording,
-    RecordingError,
-    empty_recording,
-    from_json,
     hull_gaps,
     pose_jumps,
     to_json,
 )
-from husky_highlevel_controller.grading.records import DEFAULT_RULES, Rules, total
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Rules, load, total
 from husky_highlevel_controller.grading.rubrics import exercise_3
 from husky_highlevel_controller.grading.rubrics.exercise_3 import (
     ITEMS,
@@ -454,6 +452,8 @@ def test_what_is_deleted_or_too_old_is_no_longer_drawn():
     assert judge_place(with_samples(mortal + right)).points == 20.0
     cleared = replace(wrong[0], at=0.03, action="delete all")
     assert judge_place(with_samples([*wrong, cleared, *right])).points == 20.0
+    gone = judge_place(with_samples([right[0], replace(right[0], action="delete")]))
+    assert (gone.points, "deleted as soon as it comes" in gone.evidence) == (0.0, True)
 
 
 def test_the_best_of_several_namespaces_counts():
@@ -554,7 +554,7 @@ def test_all_of_it_is_100_points_nothing_is_none_and_what_is_not_judged_is_not_c
     assert total(items) == (100.0, 100.0)
     assert all(item.full for item in items)
     assert total(judge_exercise_3([all_of_it], RvizView(), SCAN)) == (70.0, 70.0)
-    empty = empty_recording(PILLAR, 60.0, (Note(Kind.LAUNCH_FILE, "no such file"),))
+    empty = Recording(Pose2D(), PILLAR, 60.0, notes=(Note(Kind.LAUNCH_FILE, "no such file"),))
     nothing = judge_exercise_3([empty], RvizView(), SCAN)
     assert total(nothing) == (0.0, 80.0)
     assert "no such file" in nothing[0].evidence
@@ -616,7 +616,7 @@ def test_other_sentences_get_the_same_marks_and_hints(recording):
         ended=recording.ended and replace(recording.ended, text="it ends during the drive"),
         violations=tuple("other words" for _ in recording.violations),
     )
-    assert from_json(to_json(reworded)).notes == reworded.notes
+    assert from_plain(Recording, json.loads(to_json(reworded)), "").notes == reworded.notes
     both = [judge_exercise_3([each], FULL_VIEW, SCAN) for each in (recording, reworded)]
     marks = [
         [(item.points, item.hint, item.at) for item in judge]
@@ -649,7 +649,7 @@ def test_a_callback_that_hangs_is_named():
 
 def test_a_recording_comes_back_from_its_file():
     made = markers(GOOD, (10.0, 0.0, nan))
-    again = from_json(to_json(made))
+    again = from_plain(Recording, json.loads(to_json(made)), "")
     assert np.array_equal(again.poses, np.round(made.poses, 4))
     assert again.markers[3].topic == "/marker"
     assert again.start == made.start
@@ -657,9 +657,10 @@ def test_a_recording_comes_back_from_its_file():
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"start": {"x": 1}}'])
-def test_what_is_no_recording_is_an_error(text):
-    with pytest.raises(RecordingError):
-        from_json(text)
+def test_what_is_no_recording_is_an_error_that_names_the_file(text, tmp_path):
+    (tmp_path / "recording.json").write_text(text)
+    with pytest.raises(ConfigError, match=r"recording\.json: "):
+        load(Recording, tmp_path / "recording.json")
 
 
 def test_interfering_with_the_simulator_ends_the_claim_to_points():

@@ -1,10 +1,12 @@
 """Exercise 4: what a filter's path, its displays and its launch file are worth, by both sheets."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from husky_highlevel_controller.config import from_plain
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading import recording as recordings
 from husky_highlevel_controller.grading.displays import RvizDisplay, RvizView
@@ -161,13 +163,13 @@ def test_the_cloud_and_its_style_are_seen_in_rviz(view, worth):
 
 
 def test_a_hand_in_that_never_began_has_no_points_for_what_it_does():
-    never = replace(recordings.empty_recording((0, 0), 90.0, ()), robot="smb")
+    never = recordings.Recording(Pose2D(), (0, 0), 90.0, robot="smb")
     judged = points(never, RvizView())
     assert [judged[name] for name in ("recorded path", "top view moves with the robot")] == [0.0, 0.0]
 
 
 def test_a_recording_with_its_track_comes_back_from_its_text():
-    back = recordings.from_json(recordings.to_json(recording()))
+    back = from_plain(recordings.Recording, json.loads(recordings.to_json(recording())), "")
     assert back.playback.path == pytest.approx(PATH, abs=1e-4)
     assert back.playback.top_view.shape == TOP_VIEW.shape
     assert (back.playback.players, back.playback.curves) == (PLAYBACK.players, PLAYBACK.curves)

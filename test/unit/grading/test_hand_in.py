@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import pytest
 
 from husky_highlevel_controller.config import ConfigError
-from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.datatypes import HuskyError, Pose2D
 from husky_highlevel_controller.grading import batch as batch_module
 from husky_highlevel_controller.grading import mark as mark_module
 from husky_highlevel_controller.grading.batch import (
@@ -65,7 +65,7 @@ from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.judge import judge_again
 from husky_highlevel_controller.grading.mark import mark
 from husky_highlevel_controller.grading.notes import Kind, Note
-from husky_highlevel_controller.grading.recording import empty_recording
+from husky_highlevel_controller.grading.recording import Recording
 from husky_highlevel_controller.grading.recording import to_json as recording_to_json
 from husky_highlevel_controller.grading.records import (
     GivenPoints,
@@ -876,7 +876,7 @@ def test_another_deadline_drives_again_and_builds_nothing(batch, husky, monkeypa
 
     def observe(submission, trials, config, out):
         driven.append(config.deadline)
-        recording = empty_recording((20.0, 5.0), config.deadline, ())
+        recording = Recording(Pose2D(), (20.0, 5.0), config.deadline)
         put(out / "drive_1" / "recording.json", recording_to_json(recording))
 
     def build(_folders, _names, underlay):
@@ -957,7 +957,8 @@ def marked(batch, ann):
     """A class whose only hand-in was driven before, and the folder of its result."""
     job = job_of(HandIn("ann", ann), Override(), MarkingConfig(), batch)
     out = Path(job.out)
-    recording = empty_recording((20.0, 5.0), 120.0, (Note(Kind.LAUNCH_FILE, "it starts no node of its own"),))
+    notes = (Note(Kind.LAUNCH_FILE, "it starts no node of its own"),)
+    recording = Recording(Pose2D(), (20.0, 5.0), 120.0, notes=notes)
     put(out / "drive_1" / "recording.json", recording_to_json(recording))
     notes = (Note(Kind.HAND_IN, "a note"),)
     put(out / WORKSPACE, to_json(Submission(Launchable("launch", "a", "a.launch"), notes=notes)))

@@ -6,6 +6,7 @@ import pytest
 import rospy
 from nav_msgs.msg import Odometry
 
+from husky_highlevel_controller.grading.recording import Playback
 from husky_highlevel_controller.ros.grading import playback_watch
 from husky_highlevel_controller.ros.grading.playback_watch import PlaybackWatch
 
@@ -13,7 +14,7 @@ from husky_highlevel_controller.ros.grading.playback_watch import PlaybackWatch
 @pytest.fixture
 def watch(monkeypatch):
     monkeypatch.setattr(playback_watch.rospy, "Subscriber", lambda *_, **__: None)
-    return PlaybackWatch(lambda frame: (0.0, 0.0, 2.0) if frame == "smb_top_view" else None)
+    return PlaybackWatch(lambda frame: (0.0, 0.0, 2.0) if frame == "smb_top_view" else None, Playback())
 
 
 def come(watch, *stamps, topic="/odometry/filtered"):

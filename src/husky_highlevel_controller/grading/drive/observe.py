@@ -12,11 +12,11 @@ from tqdm import tqdm
 from husky_highlevel_controller.grading.drive.call_plan import BAG
 from husky_highlevel_controller.grading.drive.memcheck import is_worth_checking, uninitialised
 from husky_highlevel_controller.grading.drive.ros_graph import listens_to
-from husky_highlevel_controller.grading.drive.run import OtherRobotError, drive, write_nothing
+from husky_highlevel_controller.grading.drive.run import OtherRobotError, drive, not_begun
 from husky_highlevel_controller.grading.drive.trials import Trial
-from husky_highlevel_controller.grading.isolation.files import remove_tree
+from husky_highlevel_controller.grading.isolation.files import remove_tree, write_whole
 from husky_highlevel_controller.grading.notes import Kind, Note
-from husky_highlevel_controller.grading.recording import RECORDING
+from husky_highlevel_controller.grading.recording import RECORDING, to_json
 from husky_highlevel_controller.grading.records import AUTO, SMB, MarkingConfig
 from husky_highlevel_controller.grading.submission import Submission
 
@@ -42,7 +42,7 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
         notes = (*[Note(Kind.ROBOT, why)] * is_named, *submission.problem)
         folder = out / f"drive_{trials[0].number}"
         folder.mkdir(parents=True)
-        write_nothing(folder / RECORDING, trials[0], config, notes)
+        write_whole(folder / RECORDING, to_json(replace(not_begun(trials[0], config), notes=notes)))
         return
     chance = ""
     if not is_bag and is_worth_checking(submission):  # else no code is handed in

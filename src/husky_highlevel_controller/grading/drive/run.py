@@ -37,7 +37,8 @@ from husky_highlevel_controller.grading.recording import (
     RECORDING,
     Assignment,
     Closing,
-    empty_recording,
+    Playback,
+    Recording,
     to_json,
 )
 from husky_highlevel_controller.grading.records import MarkingConfig
@@ -169,14 +170,14 @@ def drive(
     """
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
         output, assignment, closing = folder / RECORDING, folder / "assignment.json", Path(private, "closing")
-        topic, plays = config.scan_topic, trial.driver == BAG
+        known, plays = replace(not_begun(trial, config), uninitialised=chance), trial.driver == BAG
         if plays:
             topic = f"/{load_robot(config.robot_name).topics.wheel_odometry}"
+            played = Playback(players=submission.players, curves=submission.curves)
+            known = replace(known, scan_topic=topic, playback=played)
         task = Assignment(
-            str(output), f"{private}/truth", trial.start, trial.pillar, config.deadline, topic,
-            config.robot_name, trial.driver, trial.ends_at_pillar, config.robot, str(closing),
-            SIMULATOR_NODES, tuple(map(str, submission.workspace.packages)), chance, submission.players,
-            submission.curves,
+            known, str(output), f"{private}/truth", str(closing), trial.driver, trial.ends_at_pillar,
+            SIMULATOR_NODES, tuple(map(str, submission.workspace.packages)),
         )  # fmt: skip
         assignment.write_text(record_to_json(task))
         recorder = network.start("recorder", [RECORDER, str(assignment)])
@@ -233,20 +234,18 @@ def drive(
         raise MarkingError(f"no recording; the recorder said: {recorder.output.strip()[-500:]}")
     if was_exchanged(output, _lines(recorder, r"sha256 (\w{64})")):
         violation = f"{RECORDING} was exchanged after the drive"
-        write_nothing(output, trial, config, [Note(Kind.CUT_OFF, violation)], (violation,))
+        exchanged = replace(not_begun(trial, config), violations=(violation,))
+        write_whole(output, to_json(replace(exchanged, notes=(Note(Kind.CUT_OFF, violation),))))
         return False
     return bool(_lines(recorder, "moved"))
 
 
-def write_nothing(
-    path: Path, trial: Trial, config: MarkingConfig, notes: Sequence[Note], violations: Tuple[str, ...] = ()
-) -> None:
-    """Write the recording of a drive of which nothing is known but notes."""
-    recording = replace(
-        empty_recording(trial.pillar, config.deadline, tuple(notes)), violations=violations,
-        robot=config.robot_name, simulated=config.robot, scan_topic=config.scan_topic,
+def not_begun(trial: Trial, config: MarkingConfig) -> Recording:
+    """Recording of a drive that has not begun."""
+    return Recording(
+        trial.start, trial.pillar, config.deadline, robot=config.robot_name, simulated=config.robot,
+        scan_topic=config.scan_topic,
     )  # fmt: skip
-    write_whole(path, to_json(recording))
 
 
 def was_exchanged(path: Path, digests: Sequence[str]) -> bool:

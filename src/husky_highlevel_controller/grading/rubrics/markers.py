@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left, insort
 from collections import defaultdict
-from dataclasses import dataclass, field
-from heapq import heappop, heappush
-from itertools import groupby
-from math import ceil, inf
+from dataclasses import dataclass
+from math import ceil
 from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -16,7 +13,6 @@ from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.grading.notes import Kind
 from husky_highlevel_controller.grading.recording import (
     ADD,
-    DELETE,
     DELETE_ALL,
     MarkerSample,
     Recording,
@@ -40,7 +36,6 @@ MOST = 0.5  # of what is drawn in a namespace must be right at a moment
 MAX_SERIES = 6  # topics and namespaces that are judged apart; where more came, all that is drawn is judged
 ALWAYS, NEVER = 0.8, 0.2  # of the time, for all points and for none; linear in between
 FEW = 3  # moments that make no group yet
-Key = Tuple[str, str, int]  # topic, namespace, id
 
 
 @dataclass(frozen=True)
@@ -51,42 +46,6 @@ class Placement:
     evidence: str
     at: float  # [s], when it was first right, or first wrong
     fault: Optional[Kind] = None  # of the markers that were wrong
-
-
-@dataclass
-class _Drawn:
-    """Markers that RViz draws: the latest of each topic, namespace and id, until it is deleted or too old."""
-
-    scores: Dict[str, Dict[Key, Tuple[float, float]]] = field(default_factory=lambda: defaultdict(dict))
-    ordered: List[float] = field(default_factory=list)  # the scores
-    ends: List[Tuple[float, Key]] = field(default_factory=list)  # heap of ends of life [s]
-
-    def put(self, key: Key, score: float, until: float) -> None:
-        self.remove(key)
-        self.scores[key[0]][key] = (score, until)
-        insort(self.ordered, score)
-        if until < inf:
-            heappush(self.ends, (until, key))
-
-    def remove(self, key: Key) -> None:
-        score, _ = self.scores[key[0]].pop(key, (None, inf))
-        if score is not None:
-            del self.ordered[bisect_left(self.ordered, score)]
-
-    def clear(self, topic: str) -> None:
-        for key in list(self.scores[topic]):
-            self.remove(key)
-
-    def expire(self, now: float) -> None:
-        while self.ends and self.ends[0][0] <= now:
-            until, key = heappop(self.ends)
-            if self.scores[key[0]].get(key, (0.0, inf))[1] == until:  # it has not been sent again
-                self.remove(key)
-
-    @property
-    def score(self) -> float:
-        """The score that most of what is drawn has, at least."""
-        return self.ordered[-ceil(MOST * len(self.ordered))]
 
 
 def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Placement]:
@@ -120,6 +79,8 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
         return Placement(0.0, evidence, invisible[0].at, fault)
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _moments(markers, scores)
+    if not moments:
+        return Placement(0.0, f"{name}: deleted as soon as it comes", first.at)
     groups = _by_axis(recording, moments, rules)
     score = _score(groups)
     full = sum(moment >= 1.0 for _, moment in moments) / len(moments)
@@ -149,23 +110,32 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
 
 
 def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[Tuple[float, float]]:
-    """(when [s], score of all that is drawn), for each moment at which something came."""
-    display, moments = _Drawn(), []
-    for at, group in groupby(markers, key=lambda marker: marker.at):
-        display.expire(at)
-        came = False
-        for marker in group:
-            key = (marker.topic, marker.namespace, marker.id)
-            if marker.action == ADD:
-                came = True
-                display.put(key, scores[id(marker)], marker.until)
-            elif marker.action == DELETE:
-                display.remove(key)
-            else:
-                display.clear(marker.topic)
-        if came and display.ordered:
-            moments.append((at, display.score))
+    """(when [s], score that most of what is drawn has), for each moment at which something came."""
+    begins, ends, ordered = _drawn(markers, scores)
+    moments = []
+    for at in np.unique(begins):
+        drawn = ordered[(begins <= at) & (at < ends)]
+        if len(drawn):
+            moments.append((float(at), float(drawn[-ceil(MOST * len(drawn))])))
     return moments
+
+
+def _drawn(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> np.ndarray:
+    """Begin and end [s] of what RViz draws, (3, N), ordered by the score in the third row.
+
+    A marker is drawn until it is too old, deleted, or replaced by one of its topic, namespace and id.
+    """
+    rows: List[List[float]] = []
+    topics: Dict[str, Dict[Tuple[str, int], List[float]]] = defaultdict(dict)
+    for marker in markers:
+        latest, key = topics[marker.topic], (marker.namespace, marker.id)
+        for over in list(latest) if marker.action == DELETE_ALL else [key] * (key in latest):
+            row = latest.pop(over)
+            row[1] = min(row[1], marker.at)
+        if marker.action == ADD:
+            latest[key] = [marker.at, marker.until, scores[id(marker)]]
+            rows.append(latest[key])
+    return np.array(sorted(rows, key=lambda row: row[2])).T
 
 
 def _by_axis(

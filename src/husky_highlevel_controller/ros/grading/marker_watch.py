@@ -165,7 +165,8 @@ class MarkerWatch:
         self, message: _Message, times: np.ndarray, poses: Sequence[Pose], pillar: Tuple[float, float]
     ) -> MarkerSample:
         marker = message.marker
-        until = message.at + marker.lifetime.to_sec() if marker.lifetime else inf
+        lifetime = marker.lifetime.to_sec()
+        until = message.at + lifetime if lifetime > 0.0 else inf
         sample = MarkerSample(
             message.topic, marker.ns, marker.id, message.at, marker.header.stamp.to_sec(), _frame(marker),
             (nan, nan, nan), until=until, action=ACTIONS[marker.action], problem=message.problem,

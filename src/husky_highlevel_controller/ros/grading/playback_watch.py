@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Callable, Dict, List, Optional, Tuple
 
 import numpy as np
@@ -20,9 +21,9 @@ SILENCE = 10.0  # [s] of wall time without an estimate after the bag's end: no m
 class PlaybackWatch:
     """Callbacks append; `is_over` tells when all has come."""
 
-    def __init__(self, place_of: Callable[[str], Optional[Tuple[float, ...]]]) -> None:
-        """`place_of` gives a frame's place in base_link now [m]."""
-        self._place_of = place_of
+    def __init__(self, place_of: Callable[[str], Optional[Tuple[float, ...]]], known: Playback) -> None:
+        """`place_of` gives a frame's place in base_link now [m]; `known` is what its hand-in says."""
+        self._place_of, self._known = place_of, known
         self._paths: Dict[str, List[Tuple[float, float, float]]] = {}
         self._top_view: List[Tuple[float, ...]] = []
         self._came_at = time.monotonic()
@@ -57,4 +58,4 @@ class PlaybackWatch:
         longest = max(self._paths, key=lambda topic: len(self._paths[topic]), default="")
         topic = FILTERED if self._paths.get(FILTERED) else longest
         path = np.array(self._paths.get(topic, ())).reshape(-1, 3)
-        return Playback(path, topic, np.array(self._top_view).reshape(-1, 4))
+        return replace(self._known, path=path, topic=topic, top_view=np.array(self._top_view).reshape(-1, 4))

@@ -36,7 +36,6 @@ from husky_highlevel_controller.grading.recording import (
     CUT_OFF,
     Assignment,
     Closing,
-    Recording,
     closed,
     pose_jumps,
     scan_hits,
@@ -67,16 +66,17 @@ class DriveRecorder:
     def __init__(self) -> None:
         path = Path(rospy.myargv()[1])
         self._task: Assignment = load(Assignment, path)
+        self._known = self._task.recording
         self._lock = threading.Lock()
         self._truth: List[TrueState] = []
-        self._end = DriveEnd(self._task.pillar, self._task.robot)
+        self._end = DriveEnd(self._known.pillar, self._known.robot)
         self._commands: List[float] = []
         self._command_count = self._zero_count = 0
         self._nearest: List[Tuple[float, float]] = []
         self._scans: List[Scan] = []
         self._watch = MarkerWatch(lambda: self._now, self._task.packages)
-        is_bag = self._task.driver == BAG
-        self._playback = PlaybackWatch(self._watch.place) if is_bag else None
+        played = self._known.playback
+        self._playback = PlaybackWatch(self._watch.place, played) if played else None
         self._subscribed = self._listens = self._advertises = self._joined = False
         self._moved = self._is_over = self._written = False
         self._types: Dict[str, str] = {}  # of topics
@@ -92,7 +92,7 @@ class DriveRecorder:
         self._our_nodes = {*self._task.ours, "/rosout", rospy.get_name()}
         for topic in VELOCITY_TOPICS:
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000, tcp_nodelay=True)
-        self._driver = ExerciseDriver(self._task.driver, self._task.scan_topic, self._our_nodes)
+        self._driver = ExerciseDriver(self._task.driver, self._known.scan_topic, self._our_nodes)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
         tell("recording")
 
@@ -120,7 +120,7 @@ class DriveRecorder:
         return self._truth[-1].speed if self._truth else 0.0
 
     def _on_truth(self, state: TrueState) -> None:
-        if self._is_over or self._now >= self._task.deadline:
+        if self._is_over or self._now >= self._known.deadline:
             self._watch.close()
             return
         if not self._moved and (abs(state.speed) > STANDS or abs(state.yaw_rate) > STANDS):
@@ -171,13 +171,13 @@ class DriveRecorder:
                 self._watch.follow(topic, self._types.get(topic, ""))
                 if self._playback:
                     self._playback.follow(topic, self._types.get(topic, ""))
-        listeners: Set[str] = set(subscribers.get(self._task.scan_topic, ()))
+        listeners: Set[str] = set(subscribers.get(self._known.scan_topic, ()))
         if not self._subscribed and listeners - self._our_nodes:
             self._subscribed = True
             tell("subscribed")
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
-        simulator_topics = (TRUTH, "/clock", self._task.scan_topic)
+        simulator_topics = (TRUTH, "/clock", self._known.scan_topic)
         for topic, node in forged_topics(publishers, simulator_topics, self._our_nodes):
             self._violate(f"node {node} publishes on {topic}, as the simulator does")
         for topic, node in topics_of_truth(subscribers, self._our_nodes):
@@ -200,14 +200,14 @@ class DriveRecorder:
             if not is_ready:
                 self._driver.answer_scans()
             rospy.Subscriber(
-                self._task.scan_topic, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True
+                self._known.scan_topic, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True
             )
 
     def _over(self) -> Optional[Note]:
         if self._playback:
             return self._bag_over(self._playback)
-        if self._now >= self._task.deadline:
-            return Note(Kind.DEADLINE, f"the deadline of {self._task.deadline:g} s")
+        if self._now >= self._known.deadline:
+            return Note(Kind.DEADLINE, f"the deadline of {self._known.deadline:g} s")
         if not self._task.ends_at_pillar:
             return None
         if self._listens and not self._advertises and self._now >= SILENT:
@@ -220,7 +220,7 @@ class DriveRecorder:
         playback.look(self._now)
         if self._abandoned.is_set():
             return Note(Kind.NODES_ENDED, "its nodes had ended")
-        end = self._task.deadline - BAG_MARGIN
+        end = self._known.deadline - BAG_MARGIN
         done = self._now >= end and playback.is_over(end)
         return Note(Kind.PLAN_DONE, "the bag was played") if done else None
 
@@ -236,10 +236,8 @@ class DriveRecorder:
         times, poses = table[:, 0], table[:, 1:4]
         topic_parameters, queue_parameters = self._driver.parameters()
         frames = self._watch.frames
-        recording = Recording(
-            start=self._task.start,
-            pillar=self._task.pillar,
-            deadline=self._task.deadline,
+        recording = replace(
+            self._known,
             times=times,
             poses=poses,
             speeds=table[:, 4:6],
@@ -247,8 +245,8 @@ class DriveRecorder:
             command_count=self._command_count,
             zero_count=self._zero_count,
             nearest=np.array(self._nearest).reshape(-1, 2),
-            hits=scan_hits(self._scans, times, poses, self._task.robot),
-            markers=self._watch.samples(times, [row.pose_in_world for row in truth], self._task.pillar),
+            hits=scan_hits(self._scans, times, poses, self._known.robot),
+            markers=self._watch.samples(times, [row.pose_in_world for row in truth], self._known.pillar),
             marker_topics=self._watch.topics,
             services=tuple(sorted(self._driver.services)),
             other_services=tuple(sorted(self._driver.other_services)),
@@ -266,13 +264,7 @@ class DriveRecorder:
             ended=cause,
             frames=frames,
             descriptions=self._driver.descriptions(frames),
-            robot=self._task.robot,
-            simulated=self._task.simulated,
-            scan_topic=self._task.scan_topic,
-            uninitialised=self._task.uninitialised,
-            playback=replace(self._playback.playback, players=self._task.players, curves=self._task.curves)
-            if self._playback
-            else None,
+            playback=self._playback.playback if self._playback else None,
         )
         closing = Path(self._task.closing)
         text = to_json(closed(recording, load(Closing, closing) if closing.exists() else Closing()))
