@@ -3,7 +3,6 @@
 import ast
 import hashlib
 import json
-import re
 import sys
 from dataclasses import replace
 from math import nan
@@ -14,15 +13,11 @@ import pytest
 import yaml
 
 from husky_highlevel_controller.config import ConfigError, from_plain
+from husky_highlevel_controller.course import PILLARS
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.displays import RvizView
+from husky_highlevel_controller.grading.drive import ros_graph
 from husky_highlevel_controller.grading.drive.drive_end import NODES_ENDED
-from husky_highlevel_controller.grading.drive.ros_graph import (
-    forged_topics,
-    silent_topics,
-    topics_of_truth,
-    unread_topics,
-)
 from husky_highlevel_controller.grading.drive.run import was_exchanged
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.recording import (
@@ -35,13 +30,10 @@ from husky_highlevel_controller.grading.recording import (
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Rules, load, total
 from husky_highlevel_controller.grading.rubrics import exercise_3
 from husky_highlevel_controller.grading.rubrics.exercise_3 import (
-    ITEMS,
     judge_approach,
     judge_arrival,
     judge_exercise_3,
     judge_place,
-    judge_rviz,
-    judge_shown,
 )
 from husky_highlevel_controller.grading.rubrics.items import left_to_chance, over_trials
 from husky_highlevel_controller.grading.settings import load_rules
@@ -88,59 +80,51 @@ def markers(recording, position, stamp=None, problem="", every=5):
     return replace(recording, markers=shown, marker_topics=("/marker",))
 
 
-def shown(view, recording, rules=DEFAULT_RULES):
-    return judge_shown(view, [recording], [judge_place(recording, rules)], rules)
-
-
 def over_arrivals(recordings, other_worlds):
     return over_trials(list(map(judge_arrival, recordings)), other_worlds)
 
 
-TO_PILLAR = 10.0 - 0.2 - NOSE - 0.2  # [m], 0.2 m from the surface
+WAY = 10.0 - 0.2 - NOSE  # [m], to the pillar's surface
+TO_PILLAR = WAY - 0.2  # [m], 0.2 m from the surface
 GOOD = drive((TO_PILLAR, 0.5), (3.0, 0.0))
 
 
-# ---------------------------------------------------------------------------- geometry
-
-
 @pytest.mark.parametrize(
-    ("pose", "gap"),
+    ("robot", "pose", "gap"),
     [
-        ((0.0, 0.0, 0.0), 10.0 - 0.2 - NOSE),
-        ((0.0, 0.0, np.pi / 2), 10.0 - 0.2 - 0.34255),  # its wheels stick out sideways
-        ((10.0, -1.0, np.pi / 2), 1.0 - 0.2 - NOSE),
-        ((10.0, 0.0, 0.0), -0.2),
+        ("husky", (0.0, 0.0, 0.0), WAY),
+        ("husky", (0.0, 0.0, np.pi / 2), 10.0 - 0.2 - 0.34255),  # its wheels stick out sideways
+        ("husky", (10.0, -1.0, np.pi / 2), 1.0 - 0.2 - NOSE),
+        ("husky", (10.0, 0.0, 0.0), -0.2),
+        ("smb", (0.0, 0.0, 0.0), np.hypot(10.0 - 0.4059, 0.235) - 1.0),  # whose pillar is thicker
     ],
 )
-def test_the_gap_is_from_the_outline_to_the_surface(pose, gap):
-    assert hull_gaps(np.array([pose]), PILLAR, "husky")[0] == pytest.approx(gap, abs=1e-9)
+def test_the_gap_is_from_the_outline_of_the_robot_that_drove_to_the_surface_of_its_pillar(robot, pose, gap):
+    assert hull_gaps(np.array([pose]), PILLAR, robot)[0] == pytest.approx(gap, abs=1e-4)
 
 
 # ---------------------------------------------------------------------------- towards the pillar
 
 
-def spinning():
+def turning_in_place():
     still = drive((13.0, 0.0))
     poses, speeds = still.poses.copy(), still.speeds.copy()
     poses[:, 2], speeds[:, 1] = still.times, 1.0
     return replace(still, poses=poses, speeds=speeds)
 
 
-WAY = 10.0 - 0.2 - NOSE  # [m]
-
-
 @pytest.mark.parametrize(
     ("recording", "points", "at", "evidence"),
     [
         (GOOD, 20.0, 9.3, "half of the 9.30 m"),
-        *[
-            (drive((covered * WAY, 0.5), (3.0, 0.0)), points, None, "")
-            for covered, points in ((0.08, 0.0), (0.12, 10.0), (0.48, 10.0), (0.52, 20.0))
-        ],
-        (replace(drive((20.0, 0.5)), pillar=(15.0, 1.5)), 20.0, None, ""),
+        (drive((0.08 * WAY, 0.5), (3.0, 0.0)), 0.0, None, "comes only"),
+        (drive((0.12 * WAY, 0.5), (3.0, 0.0)), 10.0, None, "covers"),
+        (drive((0.48 * WAY, 0.5), (3.0, 0.0)), 10.0, None, "covers"),
+        (drive((0.52 * WAY, 0.5), (3.0, 0.0)), 20.0, None, "half of"),
+        (replace(drive((20.0, 0.5)), pillar=(15.0, 1.5)), 20.0, None, "half of"),
         (replace(drive((20.0, 0.5)), pillar=(15.0, 4.0)), 10.0, None, "drives past the pillar, 3."),
         (drive((-5.0, -0.5)), 0.0, 10.0, "drives away: 4.99 m farther"),
-        (spinning(), 0.0, None, "turns round 2.1 times"),
+        (turning_in_place(), 0.0, None, "turns round 2.1 times"),
     ],
 )
 def test_points_for_driving_towards_the_pillar(recording, points, at, evidence):
@@ -152,43 +136,36 @@ def test_points_for_driving_towards_the_pillar(recording, points, at, evidence):
 
 
 @pytest.mark.parametrize(
-    ("more", "cause", "hint"),
+    ("more", "cause"),
     [
-        ({"notes": (Note(Kind.NODE_FAILED, "node x ends"),)}, "node x ends", ""),
-        ({"subscribed": False}, "it does not subscribe to the scans", ""),
-        (
-            {"subscribed": False, "silent_topics": ("/scan",)},
-            "it listens to /scan, where nothing is sent",
-            "rostopic list",
-        ),
-        ({"zero_count": 250}, "all 250 commands were zero", "a gain of 0"),
-        (
-            {"zero_count": 250, "notes": (Note(Kind.LAUNCH_PREFIX, "dropped"),)},
-            "all 250 commands were zero",
-            "a gain of 0",
-        ),
+        ({"notes": (Note(Kind.NODE_FAILED, "node x ends"),)}, "node x ends"),
+        ({"subscribed": False}, "it does not subscribe to the scans"),
+        ({"zero_count": 250, "notes": (Note(Kind.LAUNCH_PREFIX, "dropped"),)}, "all 250 commands were zero"),
         (
             {"command_count": 0, "unread_topics": ("/husky/cmd_vel",)},
-            "it sends its commands to /husky/cmd_vel, which has no subscriber",
-            "",
+            "it sends its commands to /husky/cmd_ve",
         ),
-        ({"command_count": 0}, "nothing came on cmd_vel", "publish the velocity"),
-        ({"command_count": 0, "advertised": False}, "it advertises no cmd_vel", "make a publisher"),
-        ({}, "in spite of 250 commands", ""),
-        (
-            {"notes": (Note(Kind.EXCEPTION, "callback f raises NameError: x (a.py:3), 9 times"),)},
-            "callback f raises",
-            "the line named",
-        ),
+        ({}, "in spite of 250 commands"),
     ],
 )
-def test_who_never_moves_has_a_cause_and_a_hint(more, cause, hint):
+def test_who_never_moves_is_told_the_cause(more, cause):
     stands = drive((5.0, 0.0), **more)
     item = judge_approach(stands)
-    assert item.points == 0.0
-    assert re.match(f"the robot never moves(: |, ){cause}", item.evidence), item.evidence
-    assert hint in item.hint
-    assert hint in judge_arrival(stands).hint
+    assert item.evidence.startswith(f"the robot never moves: {cause}")
+    assert (item.points, item.hint) == (0.0, judge_arrival(stands).hint)
+
+
+@pytest.mark.parametrize(
+    ("ended", "cause"),
+    [
+        (Note(Kind.NEVER_MOVED, "it stood"), "nothing came on cmd_vel"),
+        (NODES_ENDED, "node n ends during the drive"),
+    ],
+)
+def test_a_node_that_ends_without_an_error_is_a_cause_where_no_other_runs(ended, cause):
+    notes = (Note(Kind.NODE_ENDED, "node n ends during the drive (exit code 0)"),)
+    stands = drive((5.0, 0.0), command_count=0, notes=notes, ended=ended)
+    assert cause in judge_approach(stands).evidence
 
 
 # ---------------------------------------------------------------------------- at the pillar
@@ -204,6 +181,9 @@ def short_by(gap):
     return drive((WAY - gap, 0.5), (3.0, 0.0))
 
 
+HUNG = replace(drive((3.0, 0.5), (9.0, 0.0)), commands=np.array([0.02, 0.04]), command_count=2)
+
+
 @pytest.mark.parametrize(
     ("recording", "points", "at", "evidence"),
     [
@@ -215,9 +195,14 @@ def short_by(gap):
         (drive((TO_PILLAR, 0.5), (5.0, -0.5), (3.0, 0.0)), 20.0, None, "but stands 4.31 m away in the end"),
         (drive((TO_PILLAR, 0.5), (5.0, -0.5)), 20.0, None, "does not stop there"),
         (drive((TO_PILLAR, 0.5), (0.5, 0.0)), 20.0, None, "does not stop there"),
-        (short_by(0.34), 30.0, None, ""),
+        (short_by(0.34), 30.0, None, "stands"),
         (short_by(0.36), 0.0, None, "stops short: nearest 0.36 m from the pillar"),
-        (short_by(3.0), 0.0, None, "stops short: nearest 3.00 m from the pillar"),
+        (HUNG, 0.0, None, "2 commands, the last at 0.04 s, then none: its callback waits"),
+        # who is on its way at the deadline is for a person, not who is too slow, stands, or ended before it
+        (drive((6.0, 0.1)), None, 60.0, "on its way, at the deadline of 60 s"),
+        (drive((3.5, 0.0585)), 0.0, None, "nearest 5.81 m"),
+        (drive((5.8, 0.1), (2.0, 0.0)), 0.0, None, "stops short: nearest 3.51 m"),
+        (drive((6.0, 0.15)), 0.0, None, "nearest 3.31 m"),
     ],
 )
 def test_points_for_reaching_the_pillar(recording, points, at, evidence):
@@ -225,6 +210,7 @@ def test_points_for_reaching_the_pillar(recording, points, at, evidence):
     assert item.points == points
     assert at is None or item.at == pytest.approx(at, abs=0.1)
     assert evidence in item.evidence
+    assert ("then none" in item.evidence) == (recording is HUNG)
 
 
 @pytest.mark.parametrize(
@@ -234,20 +220,6 @@ def test_ramming_may_cost_points_and_never_at_the_speed_that_is_allowed(speed, p
     item = judge_arrival(drive((12.0, speed)), Rules(ramming_costs=10.0))
     assert item.points == points
     assert ("rams the pillar" in item.evidence) == (points < 30.0)
-
-
-@pytest.mark.parametrize(
-    ("legs", "points"),
-    [([(6.0, 0.1)], None), ([(3.5, 0.0585)], 0.0), ([(5.8, 0.1), (2.0, 0.0)], 0.0), ([(6.0, 0.15)], 0.0)],
-    ids=["on its way", "too slow", "stands at the end", "ended before"],
-)
-def test_who_is_on_its_way_at_the_deadline_is_for_a_person(legs, points):
-    item = judge_arrival(drive(*legs))
-    assert item.points == points
-    assert ("on its way, at the deadline of 60 s" in item.evidence) == (points is None)
-    assert over_arrivals([drive((TO_PILLAR, 0.5)), drive(*legs)], 0.3).points == (
-        None if points is None else 14.0
-    )
 
 
 # ---------------------------------------------------------------------------- the marker
@@ -274,200 +246,6 @@ def test_a_marker_elsewhere_is_wrong_and_the_coordinate_is_named(position, fault
     assert not fault or item.at == PERIOD
 
 
-def test_a_coordinate_without_a_value_is_not_told_by_its_digits():
-    text = judge_place(markers(GOOD, (10.0, 0.0, -1.5e33))).evidence
-    assert "at (1.0e+01, 0.0e+00, -1.5e+33): has each coordinate been given a value?" in text
-
-
-@pytest.mark.parametrize(("share", "points"), [(0.1, 0.0), (0.3, 3.3), (0.5, 10.0), (0.7, 16.7), (0.9, 20.0)])
-def test_points_grow_with_the_time_for_which_the_marker_is_right(share, points):
-    last = share * len(GOOD.times)
-    item = judge_place(markers(GOOD, lambda row: (10.0, 0.0, 0.0) if row < last else (0.0, 0.0, 0.0)))
-    assert item.points == pytest.approx(points, abs=0.2)
-
-
-def test_points_fall_with_the_distance_and_the_height_without_a_cliff():
-    rules = Rules(marker_per_metre=0.0)
-    places = [((10.0 - off, 0.0, 0.0), points) for off, points in ((0.3, 20.0), (0.4, 15.0), (0.5, 10.0))]
-    places += [((9.4, 0.0, 0.0), 5.0), ((9.2, 0.0, 0.0), 0.0)]
-    places += [((10.0, 0.0, 2.64), 16.0), ((10.0, 0.0, 2.85), 10.0), ((10.0, 0.0, -0.64), 16.0)]
-    for place, points in places:
-        assert judge_place(markers(GOOD, place), rules).points == pytest.approx(points, abs=0.05), place
-
-
-def test_a_marker_in_base_link_without_the_lidar_s_place_gets_half():
-    far = replace(drive((20.0 - NOSE - 0.2, 0.5)), pillar=(20.0, 0.0))  # the sheet's distance
-    assert judge_place(markers(far, (20.0 - 0.54, 0.0, 0.0))).points == pytest.approx(10.0, abs=1.0)
-
-
-def turning(place_of, frame="odom", every=5):
-    """A drive that turns 25 degrees to the pillar in 4 s and drives there; markers by base_link."""
-    straight = drive((4.0, 0.0), (TO_PILLAR, 0.5))
-    yaw = np.clip(-0.44 + 0.44 * straight.times / 4.0, -0.44, 0.0)
-    poses = np.column_stack([straight.poses[:, :2], yaw])
-    seen = replace(straight, poses=poses)
-
-    def place(row):
-        x, y, yaw = poses[row]
-        dx, dy = 10.0 - x, -y
-        ahead, left = place_of(dx * np.cos(yaw) + dy * np.sin(yaw), dy * np.cos(yaw) - dx * np.sin(yaw))
-        return (
-            x + ahead * np.cos(yaw) - left * np.sin(yaw), y + ahead * np.sin(yaw) + left * np.cos(yaw), 0.0,
-        )  # fmt: skip
-
-    marked = markers(seen, place, every=every)
-    return replace(marked, markers=tuple(replace(each, frame=frame) for each in marked.markers))
-
-
-def right(x, y):
-    return x, y
-
-
-def mirrored(x, y):
-    return x, -y
-
-
-def test_a_mirrored_marker_gets_half_at_most_and_is_named():
-    assert judge_place(turning(right)).points == 20.0
-    item = judge_place(turning(mirrored))
-    assert 9.0 <= item.points <= 10.0
-    assert item.evidence.startswith("mirrored: y has the wrong sign, for this laser hangs upside down; ")
-    assert "0 % with the pillar to the side, 100 % with it ahead" in item.evidence
-    assert "change no sign" in item.hint
-    upright = replace(turning(mirrored), robot="smb")
-    assert "upside down" not in judge_place(upright).evidence
-
-
-@pytest.mark.parametrize(
-    ("place_of", "frame", "evidence", "hint"),
-    [
-        (lambda x, y: (y, x), "front_laser", "x and y are swapped", "x is ahead"),
-        (lambda x, y: (x, 0.0), "base_link", "y is always 0", "r sin(angle)"),
-        (lambda x, y: (np.trunc(x), np.trunc(y)), "base_link", "whole metres", "in double"),
-        (
-            lambda x, y: (0.9 * x - 0.43 * y, 0.43 * x + 0.9 * y),
-            "odom",
-            "its angle is not",
-            "angle_increment",
-        ),
-        (lambda x, y: (x - 1.5, y), "base_link", "m too near, seen", "not in base_link's origin"),
-        (lambda x, y: (x - 1.5, y), "front_laser", "m too near, seen", "check header.frame_id"),
-        (lambda x, y: (nan, y), "front_laser", "", "inf or NaN"),
-    ],
-)
-def test_the_fault_of_a_marker_is_named_as_it_is_in_the_code(place_of, frame, evidence, hint):
-    recording = turning(place_of, frame)
-    if np.isnan(recording.markers[0].position[0]):
-        lost = tuple(replace(each, problem="no number", finite=False) for each in recording.markers)
-        recording = replace(recording, markers=lost)
-        clear = tuple(replace(each, problem="its alpha is 0", finite=True) for each in lost)
-        assert "NaN" not in judge_place(replace(recording, markers=clear)).hint
-    item = judge_place(recording)
-    assert evidence in item.evidence
-    assert hint in item.hint
-    assert ("base_link" in item.hint) is (frame == "base_link" and "too near" in evidence)
-
-
-@pytest.mark.parametrize(("sign", "hint"), [(1.0, "too slowly for 1.0 m/s"), (-1.0, "check the sign")])
-def test_a_robot_that_turns_too_slowly_is_told_so(sign, hint):
-    times = np.round(PERIOD * np.arange(1, 1500), 2)
-    yaw = sign * 0.02 * times
-    xs, ys = np.cumsum(np.cos(yaw)) * PERIOD, np.cumsum(np.sin(yaw)) * PERIOD
-    speeds = np.column_stack([np.ones(len(times)), np.full(len(times), sign * 0.02)])
-    passing = replace(
-        GOOD,
-        pillar=(10.0, 4.0),
-        times=times,
-        poses=np.column_stack([xs, ys, yaw]),
-        speeds=speeds,
-        commands=times,
-    )
-    item = judge_approach(passing)
-    assert item.points == 10.0
-    assert hint in item.hint
-
-
-def test_chance_is_told_once_and_the_second_fault_keeps_its_hint():
-    items = left_to_chance(judge_exercise_3([turning(mirrored)], FULL_VIEW, SCAN), "`gain` is read first")
-    approach, arrival, displays, place, _ = items
-    assert approach.evidence.startswith(
-        "for a person: `gain` is read first, so that it drives by chance; in our"
-    )
-    assert "`gain`" not in arrival.evidence + place.evidence
-    assert displays.points == 20.0
-    assert place.hint.startswith("give each member a value in the constructor; then x = r cos(angle)")
-
-
-def with_samples(samples):
-    return replace(GOOD, markers=tuple(samples), marker_topics=("/marker",))
-
-
-@pytest.mark.parametrize(
-    ("position", "size", "points"),
-    [
-        ((9.1, 0.0, 0.0), {"reach": 0.2}, 10.0),  # a wide one that touches the pillar
-        ((0.0, 0.0, 0.0), {"reach": 0.0}, 0.0),  # a huge one around it
-        ((10.0, 0.0, 2.5), {"low": 0.8}, 20.0),  # a tall one whose middle is above it
-    ],
-)
-def test_points_for_large_markers(position, size, points):
-    large = with_samples(replace(marker, **size) for marker in markers(GOOD, position).markers)
-    assert judge_place(large, Rules(marker_per_metre=0.0)).points == points
-
-
-@pytest.mark.parametrize("apart", ["id", "namespace", "topic"])
-def test_a_grid_of_guesses_earns_nothing_whatever_tells_them_apart(apart):
-    places = [(x + 10.0, float(y), 0.0) for x in range(-7, 7) for y in range(-7, 7)]
-    item = judge_place(
-        with_samples(
-            replace(sample(float(t), place), **{apart: number if apart == "id" else f"/a{number}"})
-            for t in GOOD.times[::50]
-            for number, place in enumerate(places)
-        )
-    )
-    assert item.points == 0.0
-    words = "196 markers in 196 topics and namespaces, half of those drawn must be right"
-    assert apart == "id" or words in item.evidence
-
-
-def test_a_new_id_for_each_scan_counts_by_all_that_is_drawn():
-    times = GOOD.times[::5]
-
-    def counted(right):
-        return with_samples(
-            sample(float(t), (10.0, 0.0, 0.0) if right(row) else (3.0, 0.0, 0.0), row)
-            for row, t in enumerate(times)
-        )
-
-    assert judge_place(counted(lambda row: True)).points == 20.0
-    assert judge_place(counted(lambda row: row >= 10)).points == 20.0  # right after a while
-    assert judge_place(counted(lambda row: row % 10 == 0)).points == 0.0  # nine of ten are wrong
-
-
-def test_what_is_deleted_or_too_old_is_no_longer_drawn():
-    wrong = [sample(0.02, (3.0, 0.0, 0.0), number) for number in range(1, 9)]
-    mortal = [replace(marker, until=0.1) for marker in wrong]
-    right = [sample(float(t), (10.0, 0.0, 0.0)) for t in GOOD.times[::5]]
-    assert judge_place(with_samples(wrong + right)).points == 0.0
-    assert judge_place(with_samples(mortal + right)).points == 20.0
-    cleared = replace(wrong[0], at=0.03, action="delete all")
-    assert judge_place(with_samples([*wrong, cleared, *right])).points == 20.0
-    gone = judge_place(with_samples([right[0], replace(right[0], action="delete")]))
-    assert (gone.points, "deleted as soon as it comes" in gone.evidence) == (0.0, True)
-
-
-def test_the_best_of_several_namespaces_counts():
-    right, wrong = markers(GOOD, (10.0, 0.0, 0.0)), markers(GOOD, (0.0, 0.0, 0.0))
-    renamed = tuple(replace(marker, namespace="path") for marker in wrong.markers)
-    assert judge_place(replace(right, markers=renamed + right.markers)).points == 20.0
-
-
-def test_after_a_push_nobody_knows_where_the_pillar_is():
-    rammed = drive((14.0, 1.0))
-    moved = markers(rammed, lambda row: (max(10.0, rammed.poses[row, 0] + 0.7), 0.0, 0.0))
-    assert judge_place(moved).points == 20.0
-
-
 LOST = '"map" passed to lookupTransform does not exist'
 
 
@@ -477,6 +255,10 @@ LOST = '"map" passed to lookupTransform does not exist'
         (GOOD, "no topic of type visualization_msgs/Marker"),
         (replace(GOOD, marker_topics=("/marker",)), "nothing came on /marker"),
         (markers(GOOD, (nan, nan, nan), problem=LOST), f"not to be seen: {LOST}"),
+        (
+            markers(GOOD, (10.0, 0.0, -1.5e33)),
+            "at (1.0e+01, 0.0e+00, -1.5e+33): has each coordinate been giv",
+        ),
     ],
 )
 def test_what_nobody_can_see_is_no_marker(recording, evidence):
@@ -485,23 +267,120 @@ def test_what_nobody_can_see_is_no_marker(recording, evidence):
     assert evidence in item.evidence
 
 
-# ---------------------------------------------------------------------------- RViz
+@pytest.mark.parametrize(("share", "points"), [(0.1, 0.0), (0.3, 3.3), (0.5, 10.0), (0.7, 16.7), (0.9, 20.0)])
+def test_points_grow_with_the_time_for_which_the_marker_is_right(share, points):
+    last = share * len(GOOD.times)
+    item = judge_place(markers(GOOD, lambda row: (10.0, 0.0, 0.0) if row < last else (0.0, 0.0, 0.0)))
+    assert item.points == pytest.approx(points, abs=0.2)
 
 
 @pytest.mark.parametrize(
-    ("change", "points"),
+    ("position", "size", "points"),
     [
-        ({}, 20.0),
-        ({"tf": False}, 14.0),
-        ({"robot": False}, 13.0),
-        ({"scan": False}, 13.0),
-        ({"topics": ("/scan",)}, 13.0),  # points of another topic
-        ({"problem": "RViz ends"}, 0.0),
-        ({"source": ""}, None),  # for a person
+        # no cliff in the distance and the height
+        ((9.7, 0.0, 0.0), {}, 20.0),
+        ((9.6, 0.0, 0.0), {}, 15.0),
+        ((9.5, 0.0, 0.0), {}, 10.0),
+        ((9.4, 0.0, 0.0), {}, 5.0),
+        ((9.2, 0.0, 0.0), {}, 0.0),
+        ((10.0, 0.0, 2.64), {}, 16.0),
+        ((10.0, 0.0, 2.85), {}, 10.0),
+        ((10.0, 0.0, -0.64), {}, 16.0),
+        ((9.1, 0.0, 0.0), {"reach": 0.2}, 10.0),  # a wide one that touches the pillar
+        ((0.0, 0.0, 0.0), {"reach": 0.0}, 0.0),  # a huge one around it
+        ((10.0, 0.0, 2.5), {"low": 0.8}, 20.0),  # a tall one whose middle is above it
     ],
 )
-def test_each_display_has_its_points(change, points):
-    assert judge_rviz(replace(FULL_VIEW, **change), SCAN).points == points
+def test_points_by_the_distance_the_height_and_the_size_of_a_marker(position, size, points):
+    sized = with_samples(replace(marker, **size) for marker in markers(GOOD, position).markers)
+    assert judge_place(sized, Rules(marker_per_metre=0.0)).points == pytest.approx(points, abs=0.05)
+
+
+def turning(place_of, frame="odom", **more):
+    """A drive that turns 25 degrees to the pillar in 4 s and drives there; markers by base_link."""
+    straight = drive((4.0, 0.0), (TO_PILLAR, 0.5))
+    yaw = np.clip(-0.44 + 0.44 * straight.times / 4.0, -0.44, 0.0)
+    poses = np.column_stack([straight.poses[:, :2], yaw])
+
+    def place(row):
+        x, y, yaw = poses[row]
+        c, s, dx, dy = np.cos(yaw), np.sin(yaw), 10.0 - x, -y
+        ahead, left = place_of(dx * c + dy * s, dy * c - dx * s)
+        return x + ahead * c - left * s, y + ahead * s + left * c, 0.0
+
+    marked = markers(replace(straight, poses=poses), place)
+    return replace(marked, markers=tuple(replace(each, frame=frame, **more) for each in marked.markers))
+
+
+def mirrored(x, y):
+    return x, -y
+
+
+def test_a_mirrored_marker_gets_half_at_most_and_is_named():
+    assert judge_place(turning(lambda x, y: (x, y))).points == 20.0
+    item = judge_place(turning(mirrored))
+    assert 9.0 <= item.points <= 10.0
+    assert item.evidence.startswith("mirrored: y has the wrong sign, for this laser hangs upside down; ")
+    assert "0 % with the pillar to the side, 100 % with it ahead" in item.evidence
+    assert "upside down" not in judge_place(replace(turning(mirrored), robot="smb")).evidence
+
+
+def test_the_fault_of_a_marker_is_named_as_it_is_in_the_code():
+    """Those of test/submissions are named in their recordings."""
+    whole_metres = judge_place(turning(lambda x, y: (np.trunc(x), np.trunc(y)), "base_link"))
+    assert "whole metres" in whole_metres.evidence
+    near = judge_place(turning(lambda x, y: (x - 1.5, y), "front_laser"))
+    assert "m too near, seen" in near.evidence
+    assert near.hint.startswith("check header.frame_id")
+    assert "base_link" not in near.hint
+    assert "NaN" not in judge_place(turning(lambda x, y: (nan, y), problem="its alpha is 0")).hint
+
+
+def with_samples(samples):
+    return replace(GOOD, markers=tuple(samples), marker_topics=("/marker",))
+
+
+@pytest.mark.parametrize("apart", ["namespace", "topic"])
+def test_a_grid_of_guesses_earns_nothing_whatever_tells_them_apart(apart):
+    places = [(x + 10.0, float(y), 0.0) for x in range(-7, 7) for y in range(-7, 7)]
+    item = judge_place(
+        with_samples(
+            replace(sample(float(t), place), **{apart: f"/a{number}"})
+            for t in GOOD.times[::50]
+            for number, place in enumerate(places)
+        )
+    )
+    assert item.points == 0.0
+    assert "196 markers in 196 topics and namespaces, half of those drawn must be right" in item.evidence
+
+
+RIGHT, WRONG = (10.0, 0.0, 0.0), (3.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("is_right", "points"),
+    [(lambda row: True, 20.0), (lambda row: row >= 10, 20.0), (lambda row: row % 10 == 0, 0.0)],
+    ids=["always", "after a while", "one of ten"],
+)
+def test_a_new_id_for_each_scan_counts_by_all_that_is_drawn(is_right, points):
+    times = enumerate(GOOD.times[::5])
+    drawn = (sample(float(t), RIGHT if is_right(row) else WRONG, row) for row, t in times)
+    assert judge_place(with_samples(drawn)).points == points
+
+
+def test_what_is_deleted_too_old_or_in_another_namespace_is_not_drawn_in_its_place():
+    wrong = [sample(0.02, WRONG, number) for number in range(1, 9)]
+    right = [sample(float(t), RIGHT) for t in GOOD.times[::5]]
+    cleared = replace(wrong[0], at=0.03, action="delete all")
+    for others, points in (
+        (wrong, 0.0),
+        ([replace(marker, until=0.1) for marker in wrong], 20.0),
+        ([*wrong, cleared], 20.0),
+        ([replace(marker, namespace="path") for marker in wrong], 20.0),
+    ):
+        assert judge_place(with_samples([*others, *right])).points == points
+    gone = judge_place(with_samples([right[0], replace(right[0], action="delete")]))
+    assert (gone.points, "deleted as soon as it comes" in gone.evidence) == (0.0, True)
 
 
 def lines_run(function):
@@ -527,49 +406,50 @@ def test_twice_the_markers_take_twice_the_work_also_where_they_live_long_or_are_
         row = range(count)
         samples = [sample(0.02 * (n + 1), (10.0, 0.0, 0.5), n, until=0.02 * n + until) for n in row]
         deleted = [replace(each, action="delete all", topic=f"/{n % 20}") for n, each in enumerate(samples)]
-        recording = replace(GOOD, markers=(*samples, *deleted), marker_topics=("/marker",))
-        return lines_run(lambda: judge_exercise_3([recording], FULL_VIEW, SCAN))
+        return lines_run(lambda: judge_exercise_3([with_samples([*samples, *deleted])], FULL_VIEW, SCAN))
 
     work(100)  # fills caches
     assert work(800) < 2.5 * work(400)
 
 
-def test_the_marker_in_rviz_counts_only_where_it_is_right():
-    right, wrong = markers(GOOD, (10.0, 0.0, 0.0)), markers(GOOD, (0.0, 0.0, 0.0))
-    assert shown(FULL_VIEW, right).points == 10.0
-    assert shown(FULL_VIEW, wrong).points == 0.0
-    deaf = shown(replace(FULL_VIEW, topics=(SCAN,)), right)
-    assert (deaf.points, deaf.evidence) == (0.0, "RViz does not subscribe to /marker")
-    hidden = shown(replace(FULL_VIEW, hidden=(("/marker", "pillar"),)), right)
-    assert (hidden.points, "switched off" in hidden.evidence) == (0.0, True)
-    assert shown(replace(FULL_VIEW, hidden=(("/marker", "other"),)), right).points == 10.0
+# ---------------------------------------------------------------------------- RViz
 
 
-# ---------------------------------------------------------------------------- everything
+def shown(view, position=RIGHT, rules=DEFAULT_RULES):
+    recording = markers(GOOD, position)
+    return exercise_3.judge_shown(view, [recording], [judge_place(recording, rules)], rules)
 
 
-def test_all_of_it_is_100_points_nothing_is_none_and_what_is_not_judged_is_not_counted():
-    all_of_it = markers(GOOD, (10.0, 0.0, 0.0))
-    items = judge_exercise_3([all_of_it], FULL_VIEW, SCAN)
-    assert total(items) == (100.0, 100.0)
-    assert all(item.full for item in items)
-    assert total(judge_exercise_3([all_of_it], RvizView(), SCAN)) == (70.0, 70.0)
-    empty = Recording(Pose2D(), PILLAR, 60.0, notes=(Note(Kind.LAUNCH_FILE, "no such file"),))
-    nothing = judge_exercise_3([empty], RvizView(), SCAN)
-    assert total(nothing) == (0.0, 80.0)
-    assert "no such file" in nothing[0].evidence
+@pytest.mark.parametrize(
+    ("change", "points"),
+    [
+        ({}, 20.0),
+        ({"tf": False}, 14.0),
+        ({"robot": False}, 13.0),
+        ({"scan": False}, 13.0),
+        ({"topics": ("/scan",)}, 13.0),  # points of another topic
+        ({"problem": "RViz ends"}, 0.0),
+        ({"source": ""}, None),  # for a person
+    ],
+)
+def test_each_display_has_its_points(change, points):
+    assert exercise_3.judge_rviz(replace(FULL_VIEW, **change), SCAN).points == points
 
 
-def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():
-    short, third = drive((3.0, 0.0)), 1.0 / 3.0
-    item = over_arrivals([GOOD, short, GOOD], third)
-    assert item.points == 25.0
-    assert item.evidence.endswith("(drive 2; of 30 points 30 in the course's world, 15 in 2 others)")
-    assert item.drive == 2
-    assert over_arrivals([GOOD, short, short], third).points == 20.0
-    assert over_arrivals([short, GOOD, GOOD], third).points == 10.0
-    assert over_arrivals([GOOD, short, short], 0.0).points == 30.0
-    assert over_arrivals([short], third).points == 0.0
+@pytest.mark.parametrize(
+    ("view", "position", "points", "evidence"),
+    [
+        ({}, RIGHT, 10.0, "RViz subscribes to /marker"),
+        ({}, (0.0, 0.0, 0.0), 0.0, "no marker at the pillar"),
+        ({"topics": (SCAN,)}, RIGHT, 0.0, "RViz does not subscribe to /marker"),
+        ({"hidden": (("/marker", "pillar"),)}, RIGHT, 0.0, "switched off"),
+        ({"hidden": (("/marker", "other"),)}, RIGHT, 10.0, "RViz subscribes to /marker"),
+    ],
+)
+def test_the_marker_in_rviz_counts_only_where_it_is_right(view, position, points, evidence):
+    item = shown(replace(FULL_VIEW, **view), position)
+    assert item.points == points
+    assert evidence in item.evidence
 
 
 @pytest.mark.parametrize(
@@ -578,22 +458,44 @@ def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():
 )
 def test_a_teacher_says_what_a_hand_in_without_rviz_s_configuration_gets(no_rviz_config, started, points):
     rules, view = Rules(no_rviz_config=no_rviz_config), RvizView(started=started)
-    assert judge_rviz(view, SCAN, rules).points == points
-    in_rviz = shown(view, markers(GOOD, (10.0, 0.0, 0.0)), rules)
-    assert in_rviz.points == (points if points is None else points / 2.0)
+    assert exercise_3.judge_rviz(view, SCAN, rules).points == points
+    assert shown(view, rules=rules).points == (points if points is None else points / 2.0)
 
 
-@pytest.mark.parametrize(
-    ("ended", "cause"),
-    [
-        (Note(Kind.NEVER_MOVED, "it stood"), "nothing came on cmd_vel"),
-        (NODES_ENDED, "node n ends during the drive"),
-    ],
-)
-def test_a_node_that_ends_without_an_error_is_a_cause_where_no_other_runs(ended, cause):
-    notes = (Note(Kind.NODE_ENDED, "node n ends during the drive (exit code 0)"),)
-    stands = drive((5.0, 0.0), command_count=0, notes=notes, ended=ended)
-    assert cause in judge_approach(stands).evidence
+# ---------------------------------------------------------------------------- everything
+
+
+def test_all_of_it_is_100_points_nothing_is_none_and_what_is_not_judged_is_not_counted():
+    all_of_it = markers(GOOD, RIGHT)
+    items = judge_exercise_3([all_of_it], FULL_VIEW, SCAN)
+    assert total(items) == (100.0, 100.0)
+    assert all(item.full for item in items)
+    assert left_to_chance(items, "chance")[2].points == 20.0, "RViz's displays are no chance"
+    assert total(judge_exercise_3([all_of_it], RvizView(), SCAN)) == (70.0, 70.0)
+    empty = Recording(Pose2D(), PILLAR, 60.0, notes=(Note(Kind.LAUNCH_FILE, "no such file"),))
+    nothing = judge_exercise_3([empty], RvizView(), SCAN)
+    assert total(nothing) == (0.0, 80.0)
+    assert "no such file" in nothing[0].evidence
+    cheated = replace(all_of_it, violations=("the robot jumps 19.87 m at 1.48 s",))
+    items = judge_exercise_3([all_of_it, cheated], FULL_VIEW, SCAN)
+    assert total(items) == (0.0, 100.0)
+    assert items[0].evidence == "no points: the robot jumps 19.87 m at 1.48 s"
+
+
+def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():
+    short, third = drive((3.0, 0.0)), 1.0 / 3.0
+    item = over_arrivals([GOOD, short, GOOD], third)
+    assert item.points == 25.0
+    assert item.evidence.endswith("(drive 2; of 30 points 30 in the course's world, 15 in 2 others)")
+    assert item.drive == 2
+    for drives, weight, points in (
+        ([GOOD, short, short], third, 20.0),
+        ([short, GOOD, GOOD], third, 10.0),
+        ([GOOD, short, short], 0.0, 30.0),
+        ([short], third, 0.0),
+        ([drive((TO_PILLAR, 0.5)), drive((6.0, 0.1))], 0.3, None),  # one is for a person
+    ):
+        assert over_arrivals(drives, weight).points == points
 
 
 ENDED = (Note(Kind.NODE_ENDED, "ends (exit code 0)"), Note(Kind.UNANSWERED_SCANS, "does not answer"))
@@ -602,7 +504,7 @@ ENDED = (Note(Kind.NODE_ENDED, "ends (exit code 0)"), Note(Kind.UNANSWERED_SCANS
 @pytest.mark.parametrize(
     "recording",
     [
-        markers(GOOD, (10.0, 0.0, 0.0)),
+        markers(GOOD, RIGHT),
         drive((5.0, 0.0), command_count=0, notes=ENDED, ended=Note(Kind.STOOD_STILL, "it stood")),
         drive((5.0, 0.0), notes=ENDED, ended=Note(Kind.DEADLINE, "the deadline")),
         drive((2.0, 0.5), (9.0, 0.0), notes=(Note(Kind.FLOOD, "floods"), Note(Kind.EXCEPTION, "raises"))),
@@ -628,58 +530,25 @@ def test_other_sentences_get_the_same_marks_and_hints(recording):
 
 def test_no_rule_of_marking_searches_a_sentence():
     folder = Path(exercise_3.__file__).parents[1]
-    for path in (
-        *folder.glob("rubrics/*.py"),
-        *folder.glob("reports/*.py"),
-        folder / "judge.py",
-        folder / "review.py",
-    ):
-        for node in ast.walk(ast.parse(path.read_text())):
-            assert not (isinstance(node, ast.Attribute) and node.attr in ("startswith", "endswith")), path
-            if isinstance(node, ast.Compare) and isinstance(node.left, ast.Constant):
-                found = isinstance(node.ops[0], (ast.In, ast.NotIn)) and isinstance(node.left.value, str)
-                assert not found or node.left.value == "#", f"{path}:{node.lineno}"
-
-
-def test_a_callback_that_hangs_is_named():
-    hung = replace(drive((3.0, 0.5), (9.0, 0.0)), commands=np.array([0.02, 0.04]), command_count=2)
-    assert "2 commands, the last at 0.04 s, then none: its callback waits" in judge_arrival(hung).evidence
-    assert "then none" not in judge_arrival(GOOD).evidence
-
-
-def test_a_recording_comes_back_from_its_file():
-    made = markers(GOOD, (10.0, 0.0, nan))
-    again = from_plain(Recording, json.loads(to_json(made)), "")
-    assert np.array_equal(again.poses, np.round(made.poses, 4))
-    assert again.markers[3].topic == "/marker"
-    assert again.start == made.start
-    assert judge_arrival(again) == judge_arrival(made)
-
-
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"start": {"x": 1}}'])
-def test_what_is_no_recording_is_an_error_that_names_the_file(text, tmp_path):
-    (tmp_path / "recording.json").write_text(text)
-    with pytest.raises(ConfigError, match=r"recording\.json: "):
-        load(Recording, tmp_path / "recording.json")
-
-
-def test_interfering_with_the_simulator_ends_the_claim_to_points():
-    cheated = replace(markers(GOOD, (10.0, 0.0, 0.0)), violations=("the robot jumps 19.87 m at 1.48 s",))
-    items = judge_exercise_3([GOOD, cheated], FULL_VIEW, SCAN)
-    assert total(items) == (0.0, 100.0)
-    assert items[0].evidence == "no points: the robot jumps 19.87 m at 1.48 s"
+    patterns = ("rubrics/*.py", "reports/*.py", "judge.py", "review.py")
+    files = [path for pattern in patterns for path in folder.glob(pattern)]
+    for path, node in ((file, node) for file in files for node in ast.walk(ast.parse(file.read_text()))):
+        assert not (isinstance(node, ast.Attribute) and node.attr in ("startswith", "endswith")), path
+        if isinstance(node, ast.Compare) and isinstance(node.left, ast.Constant):
+            found = isinstance(node.ops[0], (ast.In, ast.NotIn)) and isinstance(node.left.value, str)
+            assert not found or node.left.value == "#", f"{path}:{node.lineno}"
 
 
 def rules_of(content, folder):
     path = folder / "rubric.yaml"
     path.write_text(yaml.safe_dump(content))
-    return load_rules(path, ITEMS)
+    return load_rules(path, exercise_3.ITEMS)
 
 
 def test_a_teacher_may_weigh_items_and_leave_one_to_a_person(tmp_path):
     content = {"weights": {"reaches the pillar": 60}, "by_person": ["marker in RViz"], "ramming_costs": 10}
     rules = rules_of(content, tmp_path)
-    items = judge_exercise_3([markers(drive((12.0, 1.0)), (10.0, 0.0, 0.0))], FULL_VIEW, SCAN, rules)
+    items = judge_exercise_3([markers(drive((12.0, 1.0)), RIGHT)], FULL_VIEW, SCAN, rules)
     assert [item.points for item in items] == [20.0, 40.0, 20.0, 20.0, None]
     assert total(items) == (100.0, 120.0)
 
@@ -689,10 +558,7 @@ def test_a_teacher_may_weigh_items_and_leave_one_to_a_person(tmp_path):
     [
         ({"wieghts": {}}, "rubric.yaml: 'wieghts' is not known; there are: reached"),
         ({"weights": {"reaches": 10}}, "'reaches' is not an item; there are: drives towards"),
-        (
-            {"weights": {"reaches the pillar": -1}},
-            "weights/reaches the pillar = -1 is out of range",
-        ),
+        ({"weights": {"reaches the pillar": -1}}, "weights/reaches the pillar = -1 is out of range"),
         ({"reached": 9.0}, "reached = 9.0 is out of range"),
         ({"by_person": "all"}, "by_person = 'all' is not a list"),
     ],
@@ -702,14 +568,30 @@ def test_a_rubric_file_with_a_mistake_is_refused(content, words, tmp_path):
         rules_of(content, tmp_path)
 
 
-def test_a_recording_that_was_exchanged_is_refused(tmp_path):
-    path, text = tmp_path / "recording.json", to_json(GOOD)
+# ---------------------------------------------------------------------------- the recording
+
+
+def test_a_recording_comes_back_from_its_file_and_one_that_was_exchanged_is_refused(tmp_path):
+    made = replace(markers(GOOD, (10.0, 0.0, nan)), robot="smb")
+    path, text = tmp_path / "recording.json", to_json(made)
+    again = from_plain(Recording, json.loads(text), "")
+    assert np.array_equal(again.poses, np.round(made.poses, 4))
+    assert again.markers[3].topic == "/marker"
+    assert (again.start, again.pillar_size) == (made.start, PILLARS["smb"])
+    assert judge_arrival(again) == judge_arrival(made)
     path.write_text(text)
     digest = hashlib.sha256(text.encode()).hexdigest()
     assert not was_exchanged(path, [digest])
     path.write_text(to_json(drive((10.0, 1.0))))
     assert was_exchanged(path, [digest])
     assert not was_exchanged(path, []), "the recorder was killed before it told one"
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"start": {"x": 1}}'])
+def test_what_is_no_recording_is_an_error_that_names_the_file(text, tmp_path):
+    (tmp_path / "recording.json").write_text(text)
+    with pytest.raises(ConfigError, match=r"recording\.json: "):
+        load(Recording, tmp_path / "recording.json")
 
 
 def test_a_pose_that_jumps_is_named():
@@ -724,13 +606,13 @@ def test_topics_that_lead_nowhere_and_topics_that_are_forged():
     publishers = {"/front/scan": ["/husky_simulator", "/me"], "/drive": ["/me"], "/cmd_vel": ["/me"]}
     subscribers = {"/scan": ["/me"], "/clock": ["/me"], "/cmd_vel": ["/husky_simulator"]}
     types = {"/drive": "geometry_msgs/Twist", "/cmd_vel": "geometry_msgs/Twist"}
-    assert silent_topics(publishers, subscribers, ours) == ["/scan"]
-    assert unread_topics(publishers, subscribers, types, ours) == ["/drive"]
-    assert forged_topics(publishers, ("/clock", "/front/scan"), ours) == [("/front/scan", "/me")]
-    assert topics_of_truth(subscribers, ours) == []
+    assert ros_graph.silent_topics(publishers, subscribers, ours) == ["/scan"]
+    assert ros_graph.unread_topics(publishers, subscribers, types, ours) == ["/drive"]
+    assert ros_graph.forged_topics(publishers, ("/clock", "/front/scan"), ours) == [("/front/scan", "/me")]
+    assert ros_graph.topics_of_truth(subscribers, ours) == []
     for topic in (
         "/ground_truth/odom",
         "/husky_simulator/world/update_full",
         "/husky_simulator/world/update",
     ):
-        assert topics_of_truth({topic: ["/marking_recorder", "/me"]}, ours) == [(topic, "/me")]
+        assert ros_graph.topics_of_truth({topic: ["/marking_recorder", "/me"]}, ours) == [(topic, "/me")]

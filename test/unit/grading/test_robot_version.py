@@ -1,12 +1,9 @@
 """The robot that a hand-in is for is told from what it starts and names; its pillar is the sheets'."""
 
-import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from husky_highlevel_controller.config import from_plain
 from husky_highlevel_controller.course import PILLARS
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.drive import ros_graph
@@ -14,7 +11,6 @@ from husky_highlevel_controller.grading.drive.ros_graph import robot_listened_to
 from husky_highlevel_controller.grading.drive.trials import Trial, trial_world
 from husky_highlevel_controller.grading.hand_in.package_files import named_bag, named_robot
 from husky_highlevel_controller.grading.hand_in.plan import Plan
-from husky_highlevel_controller.grading.recording import Recording, hull_gaps, to_json
 from husky_highlevel_controller.grading.records import ROBOT_VERSIONS, MarkingConfig
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.models.sdf_world import parse_world
@@ -94,14 +90,6 @@ def test_the_world_has_the_pillar_of_the_robot_s_sheets(robot):
     (pillar,) = (b for b in parse_world(trial_world(trial, robot), "w").bodies if b.name == "unit_cylinder")
     shape = pillar.collisions[0].shape
     assert (shape.radius, shape.length) == PILLARS[robot]
-
-
-def test_gaps_are_of_the_robot_that_drove():
-    pose = np.array([[0.0, 0.0, 0.0]])
-    assert hull_gaps(pose, (10.0, 0.0), "husky")[0] == pytest.approx(10.0 - 0.4937 - 0.2)
-    assert hull_gaps(pose, (10.0, 0.0), "smb")[0] == pytest.approx(np.hypot(10.0 - 0.4059, 0.235) - 1.0)
-    kept = json.loads(to_json(Recording(Pose2D(), (10.0, 0.0), 60.0, robot="smb")))
-    assert from_plain(Recording, kept, "").pillar_size == PILLARS["smb"]
 
 
 def test_every_version_is_one_of_the_robots():
