@@ -7,6 +7,7 @@ A record that refuses two values together raises ValueError in its `__post_init_
 
 from __future__ import annotations
 
+import json
 import sys
 import typing
 from collections import abc
@@ -85,7 +86,7 @@ def from_plain(kind: Type[Record], value: Any, source: str) -> Record:
     """A record from what a YAML or JSON file holds; fields with a default may be absent.
 
     Args:
-        kind: a dataclass; its fields are plain values, arrays, records, tuples, mappings, or optional.
+        kind: a dataclass; its fields are plain values, arrays, records, sequences, mappings, or optional.
         value: mappings, lists and plain values.
         source: where they come from, for error texts, such as "marking.yaml: ".
 
@@ -114,6 +115,27 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
     return [to_plain(each) for each in value] if isinstance(value, (list, tuple)) else value
+
+
+def to_json(record: Any, **more: Any) -> str:
+    """A record as text that `load` reads, not finite numbers as null; `more` is for other programs."""
+    text = json.dumps({**to_plain(record), **more})
+    return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=2) + "\n"
+
+
+def load(kind: Type[Record], path: Path, *ignored: str) -> Record:
+    """A record of a class from its JSON file, whose `ignored` keys are for other programs.
+
+    Raises:
+        ConfigError: it cannot be read, or is of another kind.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+    if isinstance(content, dict):
+        content = {key: value for key, value in content.items() if key not in ignored}
+    return from_plain(kind, content, f"{path}: ")
 
 
 def _record(kind: Any, values: Mapping[str, Any], source: str, parameters_only: bool) -> Any:
@@ -162,6 +184,8 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
     if hasattr(kind, "_fields"):  # a named tuple
         hints = list(_hints(kind).values())
         return kind(*_items(hints, value, name, metadata, parameters_only))
+    if origin is abc.Sequence:
+        origin, args = tuple, (*args, ...)
     if origin is tuple:
         if args[-1] is not Ellipsis:
             return _items(args, value, name, metadata, parameters_only)

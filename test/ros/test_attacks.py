@@ -146,7 +146,7 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(names, tmp_path):
     assert got == {name: "20" if name.startswith("hooks") else "0" for name in got}  # for RViz
     if shutil.which("valgrind"):
         chance = (out / "hand_ins" / "drives_by_chance" / "table.txt").read_text()
-        assert "`start_` (controller.cpp:36) is read at" in chance
+        assert "`start_` (controller.cpp:36) is read at" in " ".join(chance.split())
     said = logs_of(out, "hooks_the_setup")["drive_1/submission.log"]
     assert "all attempted" in said
     assert "escaped: token" not in said

@@ -65,7 +65,7 @@ def test_times_are_compared_where_both_succeed():
     result = comparison([10.0, 20.0, inf], [9.0, 19.0, 1.0])
     assert result.values("arrived_at") == ([10.0, 20.0], [9.0, 19.0])
     assert "-1.000 s [-1.000, -1.000]" in str(result.figures())
-    (line,) = (line for line in str(result.report(0.05, "")).splitlines() if "start 2" in line)
+    (line,) = (line for line in str(result.result(0.05, "")).splitlines() if "start 2" in line)
     assert [text.strip() for text in line.split("  ") if text] == [
         "start 2: only A fails", "not at the pillar in the end", "at the pillar after 1.00 s"
     ]  # fmt: skip

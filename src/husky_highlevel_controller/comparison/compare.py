@@ -9,18 +9,19 @@ import argparse
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.comparison.contestant import Contestant, Outcome, contestant, drive_scene
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.plots import draw_pairs, draw_paths
-from husky_highlevel_controller.evaluation.report import Report, Table, every_row, write_table
+from husky_highlevel_controller.evaluation.report import write_page
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import add_drive_options, setup_of
 from husky_highlevel_controller.evaluation.statistics import bootstrap, paired_row
 from husky_highlevel_controller.grading.isolation.process import stop_on_signals
+from husky_highlevel_controller.result import Result, Table
 from husky_highlevel_controller.tasks.command import between, exit_codes
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
@@ -61,9 +62,16 @@ class Comparison:
         allowed, high = margin * float(np.mean(a)), bootstrap(np.subtract(b, a)).high
         return f"it may be {high:.3f} s slower, {allowed:.3f} s are allowed" if high > allowed else ""
 
-    def table(self) -> List[Dict[str, Any]]:
+    @property
+    def every_scene(self) -> Table:
         """A row for each scene."""
-        return [{"scene": a.scene, **_columns("a", a), **_columns("b", b)} for a, b in zip(self.a, self.b)]
+        kinds = ("success", "arrived_at", "nearest")
+        rows = [
+            (a.scene, *(getattr(side, kind) for side in (a, b) for kind in kinds))
+            for a, b in zip(self.a, self.b)
+        ]
+        header = ["scene", *(f"{side}_{kind}" for side in "ab" for kind in kinds)]
+        return Table("Every scene", header, rows, folded=True)
 
     def figures(self) -> Table:
         """Means of the scenes in which both succeed, and the differences."""
@@ -74,23 +82,15 @@ class Comparison:
         title = f"Times and distances of the {len(self.pairs)} scenes in which both succeed"
         return Table(title, ("", "A", "B", "B - A, 95 % of the bootstrap"), rows)
 
-    def report(self, margin: float, source: str) -> Report:
+    def result(self, margin: float, source: str) -> Result:
         """Figures, failures, every scene, and the verdict."""
         why, tables = self.worse(margin), [self.figures()]
         if failures := [(f"{a.scene}: only {x} fails", a.summary, b.summary) for x, a, b in self.failures]:
             tables.append(Table("Scenes in which only one fails", ("", "A", "B"), failures))
         verdict = f"B is worse than A: {why}" if why else "B is not worse than A"
         lead = f"{len(self.a)} scenes; A: {self.names[0]}; B: {self.names[1]}"
-        tables.append(every_row("Every scene", self.table()))
-        return Report("A and B on the same scenes", lead, tables, verdict, bool(why), source)
-
-
-def _columns(side: str, outcome: Outcome) -> Dict[str, Any]:
-    return {
-        f"{side}_success": outcome.success,
-        f"{side}_arrived_at": outcome.arrived_at,
-        f"{side}_nearest": outcome.nearest,
-    }
+        tables.append(self.every_scene)
+        return Result("A and B on the same scenes", lead, tables, verdict, bool(why), source)
 
 
 def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: Workers) -> Comparison:
@@ -102,9 +102,9 @@ def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: W
     return Comparison((a.name, b.name), sides[0], sides[1])
 
 
-def write(comparison: Comparison, report: Report, out: Path) -> Path:
+def write(comparison: Comparison, result: Result, out: Path) -> Path:
     """Write table, page and a picture of each scene in which one fails and the other does not; the page."""
-    write_table(comparison.table(), out / "compare")
+    comparison.every_scene.write(out / "compare")
     for old in out.glob("only_*_fails_*.png"):
         old.unlink()
     pictures = {}
@@ -116,11 +116,11 @@ def write(comparison: Comparison, report: Report, out: Path) -> Path:
         name = f"only {letter.lower()} fails {a.scene}"
         pictures[name] = draw_paths(paths, a.pillar, f"{a.scene}: only {letter} fails")
         (out / f"{name.replace(' ', '_')}.png").write_bytes(pictures[name])
-    return report.write(out, pictures)
+    return write_page(result, out, pictures)
 
 
-def main(arguments: Optional[Sequence[str]] = None) -> None:
-    """Run the command."""
+def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(
         prog="compare",
         description="Drive the same random scenes with A and with B. "
@@ -134,7 +134,12 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         help="of A's mean time, by which B may be slower and not be worse (default 0.05)",
     )  # fmt: skip
     add_drive_options(parser, scenes=50)
-    options = parser.parse_args(arguments)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> None:
+    """Run the command."""
+    options = parse(arguments)
     with exit_codes("compare"):
         base = setup_of(options.profile, options.ground, options.robot)
         a, b = contestant(options.a, base), contestant(options.b, base)
@@ -151,9 +156,9 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         # what a launch file starts is not known, so its drives are not kept
         with Workers(options.jobs, options.cluster, None if launches else options.out / RESULTS) as workers:
             comparison = compare(a, b, random_starts(options.scenes, options.seed), workers)
-            report = comparison.report(options.margin, workers.summary)
-        print(report)
-        page = write(comparison, report, options.out)
-        print(f"\n{report.source}\npage and pictures: {page}", file=sys.stderr)
-        if report.failed:
+            result = comparison.result(options.margin, workers.summary)
+        print(result)
+        page = write(comparison, result, options.out)
+        print(f"\n{result.source}\npage and pictures: {page}", file=sys.stderr)
+        if result.failed:
             raise SystemExit(1)

@@ -21,6 +21,7 @@ from typing import Any, Optional, Tuple
 
 import numpy as np
 
+from husky_highlevel_controller.config import load
 from husky_highlevel_controller.controller.behaviour import decide
 from husky_highlevel_controller.course import PILLAR_POSITION, PILLAR_RADIUS, REACHED, STANDS, TOUCH
 from husky_highlevel_controller.datatypes import HuskyError
@@ -34,7 +35,7 @@ from husky_highlevel_controller.grading.hand_in.plan import plan
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import texts
 from husky_highlevel_controller.grading.recording import RECORDING, Recording
-from husky_highlevel_controller.grading.records import Launchable, MarkingConfig, load
+from husky_highlevel_controller.grading.records import Launchable, MarkingConfig
 from husky_highlevel_controller.grading.submission import Submission
 from husky_highlevel_controller.robot import Robot, load_robot
 

@@ -25,9 +25,10 @@ from husky_highlevel_controller.evaluation.metrics import (
     run_scene,
     run_with_page,
 )
-from husky_highlevel_controller.evaluation.report import Cell, Report, Table
+from husky_highlevel_controller.evaluation.report import write_page
 from husky_highlevel_controller.evaluation.scenarios import Scenario, course_scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import COURSE_GAINS, Setup, add_profile_options, setup_of
+from husky_highlevel_controller.result import Cell, Result, Table
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive, seed_value
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -220,13 +221,13 @@ def drives(
     return [result for result, _ in pages]
 
 
-def report_of(sections: Sequence[Tuple[str, List[Figure]]], lead: str, source: str) -> Report:
+def result_of(sections: Sequence[Tuple[str, List[Figure]]], lead: str, source: str) -> Result:
     """All figures, and which of them miss their bounds."""
     header = ("figure", "value", "wanted", "verdict")
     tables = [Table(title, header, [figure.row for figure in figures]) for title, figures in sections]
     missed = "; ".join(figure.name for _, figures in sections for figure in figures if not figure.met)
     verdict = f"missed: {missed}" if missed else "every figure is within its bounds"
-    return Report("Evaluation of the controller", lead, tables, verdict, bool(missed), source)
+    return Result("Evaluation of the controller", lead, tables, verdict, bool(missed), source)
 
 
 def replay_links(folder: Path) -> Table:
@@ -236,8 +237,8 @@ def replay_links(folder: Path) -> Table:
     return Table(f"All {len(names)} replays", ("drive",), links, folded=True)
 
 
-def main(arguments: Optional[Sequence[str]] = None) -> None:
-    """Print the table; exit with 1 if a figure is not where it is wanted."""
+def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(prog="evaluate", description="Measure the controller, without ROS.")
     parser.add_argument("--seed", type=seed_value, default=0, help="of everything random (default 0)")
     parser.add_argument(
@@ -250,7 +251,12 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     )
     add_profile_options(parser)
     parser.add_argument("--replays", type=Path, help="folder for a page that plays each drive, and an index")
-    options = parser.parse_args(arguments)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> None:
+    """Print the table; exit with 1 if a figure is not where it is wanted."""
+    options = parse(arguments)
     with exit_codes("evaluate"):
         setup_of(options.profile, options.ground, options.robot)  # or the two do not go together
         if options.replays is not None:
@@ -261,10 +267,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
                 sections = evaluate_robot(seed, starts, workers, options.ground, replays)
             else:
                 sections = evaluate(seed, options.scenes, starts, workers, replays, options.robot)
-            report = report_of(sections, f"seed {seed}, profile {options.profile}", workers.summary)
-        print(report.source, file=sys.stderr)
-        print(report)
+            result = result_of(sections, f"seed {seed}, profile {options.profile}", workers.summary)
+        print(result.source, file=sys.stderr)
+        print(result)
         if replays is not None:
-            replace(report, tables=[*report.tables, replay_links(replays)]).write(replays)
-    if report.failed:
+            write_page(replace(result, tables=[*result.tables, replay_links(replays)]), replays)
+    if result.failed:
         raise SystemExit(1)

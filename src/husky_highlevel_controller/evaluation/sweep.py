@@ -17,7 +17,7 @@ import numpy as np
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.evaluation.metrics import Drive, DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import Panel, draw_sweep
-from husky_highlevel_controller.evaluation.report import Report, every_row, write_table
+from husky_highlevel_controller.evaluation.report import write_page
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     COURSE_GAINS,
@@ -31,6 +31,7 @@ from husky_highlevel_controller.evaluation.setup import (
     parse_axis,
     setup_of,
 )
+from husky_highlevel_controller.result import Result, Table, every_row
 from husky_highlevel_controller.tasks.command import exit_codes
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
@@ -49,11 +50,13 @@ class Sweep:
         """The values at each point."""
         return list(itertools.product(*(axis.values for axis in self.axes)))
 
-    def table(self) -> List[Dict[str, Any]]:
+    @property
+    def every_drive(self) -> Table:
         """A row for each drive."""
         names = [axis.name for axis in self.axes]
         pairs = itertools.product(self.points, range(len(self.scenes)))
-        return [{**dict(zip(names, point)), **row(drive)} for (point, _), drive in zip(pairs, self.drives)]
+        rows = [{**dict(zip(names, point)), **row(drive)} for (point, _), drive in zip(pairs, self.drives)]
+        return every_row("Every drive", rows)
 
     def grid(self, quantity: str, share: Any) -> np.ndarray:
         """A quantity of the drives, brought together over the scenes, with a dimension for each axis."""
@@ -115,29 +118,24 @@ def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
     return inside
 
 
-def summary(result: Sweep) -> List[Dict[str, Any]]:
-    """A row for each point."""
-    panels = result.panels()
-    names = [*(axis.name for axis in result.axes), *(panel.title for panel in panels)]
-    columns = [panel.values.ravel().tolist() for panel in panels]
-    return [dict(zip(names, (*point, *values))) for point, values in zip(result.points, zip(*columns))]
-
-
-def write(result: Sweep, title: str, source: str, marked: Mapping[str, Sequence[float]], out: Path) -> None:
+def write(swept: Sweep, title: str, source: str, marked: Mapping[str, Sequence[float]], out: Path) -> None:
     """Write table, picture and page into a folder, and say where they are."""
-    files = write_table(result.table(), out / "sweep")
-    pictures, panels, rows = {}, result.panels(), summary(result)
-    if len(result.axes) <= 2:
-        pictures = {panel.title: draw_sweep(result.axes, [panel], marked) for panel in panels}
-        (out / "sweep.png").write_bytes(draw_sweep(result.axes, panels, marked, title))
+    files, pictures, panels = swept.every_drive.write(out / "sweep"), {}, swept.panels()
+    if len(swept.axes) <= 2:
+        pictures = {panel.title: draw_sweep(swept.axes, [panel], marked) for panel in panels}
+        (out / "sweep.png").write_bytes(draw_sweep(swept.axes, panels, marked, title))
         files.append(out / "sweep.png")
-    lead = f"{len(result.scenes)} random starts at each of {len(result.points)} points"
-    files.append(Report(title, lead, [every_row("Every point", rows)], source=source).write(out, pictures))
+    header = [*(axis.name for axis in swept.axes), *(panel.title for panel in panels)]
+    columns = [panel.values.ravel().tolist() for panel in panels]
+    rows = [(*point, *values) for point, values in zip(swept.points, zip(*columns))]
+    lead = f"{len(swept.scenes)} random starts at each of {len(swept.points)} points"
+    result = Result(title, lead, [Table("Every point", header, rows, folded=True)], source=source)
+    files.append(write_page(result, out, pictures))
     print("\n".join([title, source, *(f"file: {file}" for file in files)]))
 
 
-def main(arguments: Optional[Sequence[str]] = None) -> None:
-    """Run the command."""
+def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(
         prog="sweep", description="Drive the same random scenes for every value of one or more parameters.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -148,7 +146,12 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         help="values of a parameter, at equal distances or ratios; or NAME=VALUE,VALUE,...",
     )  # fmt: skip
     add_drive_options(parser, scenes=20)
-    options = parser.parse_args(arguments)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> None:
+    """Run the command."""
+    options = parse(arguments)
     with exit_codes("sweep"):
         axes = [parse_axis(text) for text in options.axes]
         names = [axis.name for axis in axes]

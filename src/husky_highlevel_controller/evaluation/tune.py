@@ -22,7 +22,7 @@ from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.metrics import Drive, DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import draw_trials
-from husky_highlevel_controller.evaluation.report import Report, Table, every_row, write_table
+from husky_highlevel_controller.evaluation.report import write_page
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     Setup,
@@ -34,6 +34,7 @@ from husky_highlevel_controller.evaluation.setup import (
     unit_of,
 )
 from husky_highlevel_controller.evaluation.statistics import paired_row
+from husky_highlevel_controller.result import Result, Table, every_row
 from husky_highlevel_controller.tasks.command import exit_codes, positive
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
@@ -196,29 +197,29 @@ def check(
     return Table(f"Both on {len(scenes)} fresh starts", ("", *HEADER), rows)
 
 
-def report_of(
+def result_of(
     tuned: Tuned, base: Setup, objective: Objective, fresh: Table, tried: str, source: str
-) -> Report:
-    """Report of the setups that were `tried`, and of the figures of both setups on `fresh` starts."""
+) -> Result:
+    """Result of the setups that were `tried`, and of the figures of both setups on `fresh` starts."""
     defaults, best = parameters(base), min(row["objective"] for row in tuned.trials)
     values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
     tables = [Table("Parameters", ("", *HEADER[:2]), values), fresh, every_row("Every setup", tuned.trials)]
     lead = f"{best:.3f} s is the smallest objective {tried}: {objective.formula}"
-    return Report("Parameters found by tune", lead, tables, source=source)
+    return Result("Parameters found by tune", lead, tables, source=source)
 
 
-def write(report: Report, tuned: Tuned, tried: str, out: Path) -> None:
+def write(result: Result, tuned: Tuned, tried: str, out: Path) -> None:
     """Write parameters, trials and page into a folder, and print the result."""
     file = out / "tuned.yaml"
     file.write_text(to_yaml(tuned.values, f"Found by tune {tried}."))
-    write_table(tuned.trials, out / "trials")
-    page = report.write(out, {"setups": draw_trials([row["objective"] for row in tuned.trials])})
+    every_row("Every setup", tuned.trials).write(out / "trials")
+    page = write_page(result, out, {"setups": draw_trials([row["objective"] for row in tuned.trials])})
     command = f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}"
-    print(f"{report}\n\n{command}\npage: {page}")
+    print(f"{result}\n\n{command}\npage: {page}")
 
 
-def main(arguments: Optional[Sequence[str]] = None) -> None:
-    """Run the command."""
+def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
+    """The command line."""
     parser = argparse.ArgumentParser(
         prog="tune", description="Find parameters of the controller, and check them on fresh random starts."
     )
@@ -232,7 +233,12 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         help=f"of the objective: {Objective().formula} (failure, touch, overshoot, crossing)",
     )  # fmt: skip
     add_drive_options(parser, scenes=10)
-    options = parser.parse_args(arguments)
+    return parser.parse_args(arguments)
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> None:
+    """Run the command."""
+    options = parse(arguments)
     with exit_codes("tune"):
         base = setup_of(options.profile, options.ground, options.robot)
         objective = parse_weights(options.weights)
@@ -246,6 +252,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             figures = check(base, base.with_values(tuned.values), fresh, objective, workers)
             tried = f"of {options.trials} setups on {options.scenes} starts"
             tried += f", seed {seed}, profile {options.profile}"
-            report = report_of(tuned, base, objective, figures, tried, workers.summary)
-        write(report, tuned, tried, options.out)
-        print(report.source, file=sys.stderr)
+            result = result_of(tuned, base, objective, figures, tried, workers.summary)
+        write(result, tuned, tried, options.out)
+        print(result.source, file=sys.stderr)

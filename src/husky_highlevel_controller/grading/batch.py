@@ -19,6 +19,7 @@ from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
 from tqdm import tqdm
 
+from husky_highlevel_controller.config import load, to_json
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.hand_in.archives import PackedPath
 from husky_highlevel_controller.grading.hand_in.packages import HandIn, find_hand_ins
@@ -35,12 +36,10 @@ from husky_highlevel_controller.grading.judge import judge_again, unmarked
 from husky_highlevel_controller.grading.records import (
     Job,
     MarkingConfig,
+    MarkingResult,
     Override,
-    Result,
     ResultState,
     Rules,
-    load,
-    to_json,
 )
 from husky_highlevel_controller.grading.reports.files import (
     FINGERPRINT,
@@ -78,7 +77,7 @@ class Batch:
     time_limit: float = 0.0  # [s] of wall time for one hand-in; 0: DEADLINE and its drives
 
 
-def mark_all(config: MarkingConfig, batch: Batch) -> List[Result]:
+def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     """Mark every hand-in; those that could not be marked have a `problem` and no items.
 
     Raises:
@@ -94,7 +93,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[Result]:
     overrides = read_overrides(batch.folder, names)
     batch.out.mkdir(parents=True, exist_ok=True)
     (batch.out / "CATKIN_IGNORE").touch()  # unpacked hand-ins are no packages of a workspace around them
-    results: Dict[str, Result] = {}
+    results: Dict[str, MarkingResult] = {}
     waiting: List[Job] = []
     for hand_in in hand_ins:
         job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
@@ -129,11 +128,11 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[Result]:
     return ordered
 
 
-def _sum(result: Result) -> str:
+def _sum(result: MarkingResult) -> str:
     return "could not be marked" if result.problem else f"{result.points:g}/{result.max_points:g}"
 
 
-def _line(result: Result) -> str:
+def _line(result: MarkingResult) -> str:
     return f"{result.name}: {_sum(result)}" + (f": {result.problem}" if result.problem else "")
 
 
@@ -158,7 +157,7 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
     return replace(job, made_of=made_of, fingerprint=digest.hexdigest())
 
 
-def _earlier(job: Job) -> Optional[Result]:
+def _earlier(job: Job) -> Optional[MarkingResult]:
     """The result of an earlier marking of the same files with the same settings, judged again.
 
     Raises:
@@ -171,7 +170,7 @@ def _earlier(job: Job) -> Optional[Result]:
         result = load_result(out / RESULT)
         is_as_before = not (out / WORKSPACE).exists()
         with contextlib.suppress(HuskyError):  # else it is not known how it was judged
-            before: Job = load(Job, out / JOB)
+            before = load(Job, out / JOB)
             is_as_before |= (before.config, before.override) == (job.config, job.override)
         judged = result if is_as_before else judge_again(job)
     except PointsError:
@@ -187,7 +186,7 @@ def _earlier(job: Job) -> Optional[Result]:
     return judged
 
 
-def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterator[Result]:
+def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterator[MarkingResult]:
     """The result of each job, in the order in which they come."""
     title = f"hand-ins ({len(jobs)} to mark)"
     if not elsewhere:
@@ -206,7 +205,7 @@ def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterat
             yield _failed(jobs[number], error)
 
 
-def _failed(job: Job, error: Exception) -> Result:
+def _failed(job: Job, error: Exception) -> MarkingResult:
     """The result of a hand-in that marking itself has failed for; it is marked again at the next call.
 
     Raises:
@@ -217,7 +216,7 @@ def _failed(job: Job, error: Exception) -> Result:
     return unmarked(job, f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
 
 
-def run_program(job: Job, shows_errors: bool = False) -> Result:
+def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
     """Run the marking program for a job; the result, also where the program dies.
 
     With `shows_errors` its standard error is this program's, for its progress bar, in place of mark.log.
@@ -272,7 +271,7 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
         return files
 
 
-def write_outputs(files: Files, job: Job) -> Result:
+def write_outputs(files: Files, job: Job) -> MarkingResult:
     """Write the files that came back into the job's folder of results, the fingerprint last.
 
     Raises:

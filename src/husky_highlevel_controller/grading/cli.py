@@ -19,7 +19,7 @@ from husky_highlevel_controller.grading.records import (
     Rules,
 )
 from husky_highlevel_controller.grading.reports.files import add_step_summary
-from husky_highlevel_controller.grading.reports.tables import table
+from husky_highlevel_controller.grading.reports.tables import to_result
 from husky_highlevel_controller.grading.settings import load_rules
 from husky_highlevel_controller.tasks.command import (
     add_cluster_option,
@@ -123,7 +123,7 @@ def run(options: argparse.Namespace) -> int:
     job = Job(f"{package} {name}", str(out), config, launchable, setups=setups)
     result = run_program(job, shows_errors=True)
     add_step_summary([result])
-    print(table(result))
+    print(to_result(result))
     print(f"\npicture, JSON, JUnit XML and logs: {out}")
     return 2 if result.problem else int(not result.full)
 

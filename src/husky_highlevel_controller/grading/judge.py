@@ -5,23 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Sequence
 
+from husky_highlevel_controller.config import load
 from husky_highlevel_controller.grading.displays import STANDING, FrameTree, view_of
 from husky_highlevel_controller.grading.exercises import EXERCISES
 from husky_highlevel_controller.grading.notes import texts
 from husky_highlevel_controller.grading.recording import Recording, recordings_in
-from husky_highlevel_controller.grading.records import DEFAULT_RULES, Job, MarkingConfig, Result, load
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Job, MarkingConfig, MarkingResult
 from husky_highlevel_controller.grading.rubrics.items import left_to_chance
 from husky_highlevel_controller.grading.settings import with_override
 from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
 
 
-def judge_again(job: Job) -> Result:
+def judge_again(job: Job) -> MarkingResult:
     """The result by the files in the job's folder; HuskyError: there are none, or as `judge`."""
     out = Path(job.out)
     return judge(load(Submission, out / WORKSPACE), recordings_in(out), job)
 
 
-def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> Result:
+def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:
     """The result, with points by hand and less a late penalty; PointsError: these do not fit the rubric."""
     first = recordings[0]
     tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
@@ -36,13 +37,15 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
         "network": submission.network,
         "simulated": first.simulated,
     }
-    result = Result(job.name, submission.launchable.summary, settings, tuple(items), tuple(texts(notes)))
+    result = MarkingResult(
+        job.name, submission.launchable.summary, settings, tuple(items), tuple(texts(notes))
+    )
     return with_override(result, job.override)
 
 
-def unmarked(job: Job, problem: str) -> Result:
+def unmarked(job: Job, problem: str) -> MarkingResult:
     """The result of a submission that could not be marked."""
-    return Result(job.name, "", settings_of(job.config), (), (), problem)
+    return MarkingResult(job.name, "", settings_of(job.config), (), (), problem)
 
 
 def settings_of(config: MarkingConfig) -> Any:

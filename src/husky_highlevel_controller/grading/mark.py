@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import List, Optional
 
+from husky_highlevel_controller.config import load
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.drive.observe import observe
 from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
@@ -26,7 +27,7 @@ from husky_highlevel_controller.grading.isolation.process import StoppedError, s
 from husky_highlevel_controller.grading.isolation.sandbox import kind_of_sandbox
 from husky_highlevel_controller.grading.judge import judge, unmarked
 from husky_highlevel_controller.grading.recording import recordings_in
-from husky_highlevel_controller.grading.records import Job, MarkingConfig, Result, load
+from husky_highlevel_controller.grading.records import Job, MarkingConfig, MarkingResult
 from husky_highlevel_controller.grading.reports.files import (
     FINGERPRINT,
     PICTURES,
@@ -40,7 +41,7 @@ from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
 LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
 
 
-def mark(job: Job) -> Result:
+def mark(job: Job) -> MarkingResult:
     """Mark a submission; its result, whatever it holds, and its files are in the job's folder.
 
     A result that this machine is to blame for, such as a full disk, has no fingerprint: it is not kept.
@@ -83,7 +84,7 @@ def mark(job: Job) -> Result:
 def kept_submission(job: Job) -> Optional[Submission]:
     """Submission that an earlier marking prepared here from the same files and settings, if any."""
     try:
-        submission: Submission = load(Submission, Path(job.out, WORKSPACE))
+        submission = load(Submission, Path(job.out, WORKSPACE))
     except HuskyError:
         return None
     root = Path(job.out, "ws")  # another one is a copy's, or another machine's

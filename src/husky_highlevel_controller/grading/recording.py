@@ -10,11 +10,10 @@ from typing import Any, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.config import to_plain
+from husky_highlevel_controller.config import load, to_plain
 from husky_highlevel_controller.course import PILLARS, STANDS, PillarSize
 from husky_highlevel_controller.datatypes import Pose2D, Scan
 from husky_highlevel_controller.grading.notes import Kind, Note
-from husky_highlevel_controller.grading.records import load
 from husky_highlevel_controller.robot import load_robot
 
 ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker message

@@ -5,13 +5,11 @@ A job travels to the marking program, and the result back, as JSON that `config.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from pathlib import Path
 from typing import Any, Mapping, Optional, Sequence, Tuple
 
-from husky_highlevel_controller.config import ConfigError, from_plain, number, setting, to_plain
+from husky_highlevel_controller.config import number, setting
 from husky_highlevel_controller.course import REACHED
 from husky_highlevel_controller.grading.notes import Kind, Subject
 
@@ -202,7 +200,7 @@ class ResultState(Enum):
 
 
 @dataclass(frozen=True)
-class Result:
+class MarkingResult:
     """Result of one submission; its texts are printable, whatever a submission called its files and nodes."""
 
     name: str
@@ -268,23 +266,3 @@ def printable(text: str, limit: int = MAX_TEXT) -> str:
     text = text if len(text) <= limit else text[:limit] + " [...]"
     text = text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
     return "".join(letter if letter.isprintable() else " " for letter in text)
-
-
-def to_json(record: Any, **more: Any) -> str:
-    """A record as text that `load` reads; `more` is for other programs."""
-    return json.dumps({**to_plain(record), **more}, indent=2) + "\n"
-
-
-def load(kind: Any, path: Path, *ignored: str) -> Any:
-    """A record of a class from its JSON file, whose `ignored` keys are for other programs.
-
-    Raises:
-        ConfigError: it cannot be read, or is of another kind.
-    """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
-    if isinstance(content, dict):
-        content = {key: value for key, value in content.items() if key not in ignored}
-    return from_plain(kind, content, f"{path}: ")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import List, Tuple
 
-from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.config import ConfigError, load
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
@@ -22,7 +22,7 @@ from husky_highlevel_controller.grading.isolation.files import (
 )
 from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.recording import RECORDING, Recording
-from husky_highlevel_controller.grading.records import Item, Job, load
+from husky_highlevel_controller.grading.records import Item, Job
 from husky_highlevel_controller.grading.reports.files import (
     HAND_INS,
     JOB,

@@ -10,7 +10,7 @@ import yaml
 
 from husky_highlevel_controller.config import ConfigError, from_plain
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text
-from husky_highlevel_controller.grading.records import Item, Override, Result, Rules
+from husky_highlevel_controller.grading.records import Item, MarkingResult, Override, Rules
 
 FILE = "marking.yaml"  # in the folder of hand-ins
 
@@ -64,7 +64,7 @@ def _known(name: str, names: Sequence[str], refusal: str) -> None:
         raise ConfigError(f"{refusal}; there are: {', '.join(names)}")
 
 
-def with_override(result: Result, override: Override) -> Result:
+def with_override(result: MarkingResult, override: Override) -> MarkingResult:
     """The result with the points given by hand, and less the late penalty.
 
     Raises:

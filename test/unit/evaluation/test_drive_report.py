@@ -1,26 +1,30 @@
-"""The report of many drives: one record, as text, as JSON and as a page."""
+"""The result of many drives: one record, as text, as JSON and as a page."""
 
 from __future__ import annotations
 
 import json
 from math import inf
 
-from husky_highlevel_controller.evaluation.report import Cell, Report, Table, every_row
+from husky_highlevel_controller.config import load
+from husky_highlevel_controller.evaluation.report import write_page
+from husky_highlevel_controller.result import Cell, Result, Table, every_row
 
 
 def report(value=inf):
     rows = [("arrived [s]", value, Cell("MISSED", "missed")), ("n", 12, "")]
     tables = [Table("Times", ("figure", "value", ""), rows), every_row("Every <drive>", [{"t": value}])]
-    return Report("Title", "seed 0", tables, "missed: t", True, "hash")
+    return Result("Title", "seed 0", tables, "missed: t", True, "hash")
 
 
 TEXT = """\
+Title
+
 seed 0
 
 Times
-  figure       value
-  arrived [s]  2.000  MISSED
-  n               12
+figure       value
+arrived [s]  2.000  MISSED
+n               12
 
 missed: t"""
 
@@ -30,7 +34,7 @@ def test_the_text_aligns_what_is_not_folded_and_ends_with_the_verdict():
 
 
 def test_page_and_json_hold_every_table_and_what_is_not_finite_is_null(tmp_path):
-    page = report().write(tmp_path).read_text()
+    page = write_page(report(), tmp_path).read_text()
     assert "Every &lt;drive&gt;" in page
     assert '<p class="verdict missed">missed: t' in page
     content = json.loads((tmp_path / "report.json").read_text(), parse_constant=refuse)
@@ -42,6 +46,8 @@ def refuse(name):
     raise AssertionError(f"{name} is no JSON")
 
 
-def test_reports_of_the_same_figures_are_equal():
+def test_results_of_the_same_figures_are_equal_and_come_back_from_their_file(tmp_path):
     assert report(1.0) == report(1.0)
     assert report(1.0) != report(2.0)
+    write_page(report(1.0), tmp_path)
+    assert load(Result, tmp_path / "report.json") == report(1.0)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from husky_highlevel_controller.config import ConfigError, from_plain
+from husky_highlevel_controller.config import ConfigError, from_plain, load
 from husky_highlevel_controller.course import PILLARS
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.displays import RvizView
@@ -27,7 +27,7 @@ from husky_highlevel_controller.grading.recording import (
     pose_jumps,
     to_json,
 )
-from husky_highlevel_controller.grading.records import DEFAULT_RULES, Rules, load, total
+from husky_highlevel_controller.grading.records import DEFAULT_RULES, Rules, total
 from husky_highlevel_controller.grading.rubrics import exercise_3
 from husky_highlevel_controller.grading.rubrics.exercise_3 import (
     judge_approach,

@@ -2,22 +2,22 @@
 
 import json
 
-from husky_highlevel_controller.grading.records import Item, Result
+from husky_highlevel_controller.grading.records import Item, MarkingResult
 from husky_highlevel_controller.grading.reports.exports import (
     CLASSROOM50_FIELDS,
     to_classroom50,
     to_gradescope,
-    to_step_summary,
     write_exports,
 )
+from husky_highlevel_controller.grading.reports.tables import to_markdown
 
 ITEMS = (
     Item("drives", 20.0, 20.0, "half of the way after 10.20 s", 10.2),
     Item("arrives", 12.5, 30.0, "stops | <short>"),
     Item("style", None, 30.0, "for a person"),
 )
-RESULT = Result("ann", "a.launch", {"seed": 0}, ITEMS, ("package 'x' is missing",))
-BROKEN = Result("bob", "", {"seed": 0}, (), (), "it does not build")
+RESULT = MarkingResult("ann", "a.launch", {"seed": 0}, ITEMS, ("package 'x' is missing",))
+BROKEN = MarkingResult("bob", "", {"seed": 0}, (), (), "it does not build")
 
 
 def test_gradescope_has_a_test_for_each_item_and_no_score_where_a_person_gives_it():
@@ -59,7 +59,7 @@ def test_the_review_is_the_commit_where_the_runner_names_none():
 
 
 def test_the_step_summary_is_a_table_that_no_text_breaks():
-    text = to_step_summary([RESULT, BROKEN])
+    text = to_markdown([RESULT, BROKEN])
     assert "| ann | 32.5 / 50 | for a person |" in text
     assert "| bob |  | could not be marked |" in text
     assert "| arrives | 12.5/30 | stops &#124; &#60;short&#62; |" in text

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.config import ConfigError, load, to_json
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
 from husky_highlevel_controller.grading import batch as batch_module
 from husky_highlevel_controller.grading import mark as mark_module
@@ -73,11 +73,9 @@ from husky_highlevel_controller.grading.records import (
     Job,
     Launchable,
     MarkingConfig,
+    MarkingResult,
     Override,
-    Result,
     Rules,
-    load,
-    to_json,
 )
 from husky_highlevel_controller.grading.reports.files import FINGERPRINT, write_result
 from husky_highlevel_controller.grading.reports.page import class_page
@@ -780,7 +778,7 @@ def test_points_by_hand_and_a_late_penalty(tmp_path):
     put(tmp_path / "marking.yaml", MARKING)
     override = read_overrides(tmp_path, ["ann", "bob"])["ann"]
     assert (override.launch, override.arguments, override.robot) == ("ex3.launch", ("a:=b",), "husky_melodic")
-    result = Result("ann", "w", {}, (Item("drive", 35.0, 50.0, ""), Item("marker", None, 20.0, "?")))
+    result = MarkingResult("ann", "w", {}, (Item("drive", 35.0, 50.0, ""), Item("marker", None, 20.0, "?")))
     marked = with_override(result, override)
     assert [(item.name, item.points) for item in marked.items] == [
         ("drive", 35),
@@ -821,7 +819,7 @@ def test_a_mistake_in_marking_yaml_is_named(text, words, tmp_path):
 
 
 def test_points_for_an_item_that_is_none_or_too_many_are_refused(tmp_path):
-    result = Result("ann", "w", {}, (Item("drive", 35.0, 50.0, ""),))
+    result = MarkingResult("ann", "w", {}, (Item("drive", 35.0, 50.0, ""),))
     for given, words in (
         ("{x: {points: 1, word: w}}", "is not an item"),
         ("{drive: {points: 51, word: w}}", "more"),
@@ -1139,8 +1137,8 @@ def test_a_hand_in_of_thousands_of_packages_is_refused(ann):
 
 
 def test_what_could_not_be_marked_is_no_zero_in_any_file():
-    marked = Result("ann", "w", {}, (Item("drive", 35.0, 50.0, ""),))
-    unmarked = Result("bob", "", {}, (), (), "no launch file")
+    marked = MarkingResult("ann", "w", {}, (Item("drive", 35.0, 50.0, ""),))
+    unmarked = MarkingResult("bob", "", {}, (), (), "no launch file")
     assert not unmarked.full
     assert to_csv([unmarked, marked]).splitlines()[1] == "bob,,,,could not be marked: no launch file,"
     assert 'errors="1"' in to_junit([unmarked])
@@ -1181,7 +1179,7 @@ def test_files_that_a_hand_in_made_while_driving_stay_where_they_are(ann, batch,
     def marked(job):
         for number in range(30):
             put(Path(job.out, "drive_1", "submission", str(number)))
-        put(Path(job.out, "result.json"), to_json(Result("ann", "w", {}, ())))
+        put(Path(job.out, "result.json"), to_json(MarkingResult("ann", "w", {}, ())))
 
     monkeypatch.setattr(batch_module, "run_program", marked)
     monkeypatch.setattr(files_module, "MAX_ENTRIES", 10)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from husky_highlevel_controller.grading.records import Item, Result
+from husky_highlevel_controller.grading.records import Item, MarkingResult
 from husky_highlevel_controller.grading.reports.files import replays
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page, histogram
 from husky_highlevel_controller.replay import Replay, to_html
@@ -22,7 +22,7 @@ def result(name, points, open_points=0.0, **more):
         Item("drives", points, 50.0, "half of the way <b>after</b> 10.20 s", 10.2),
         Item("RViz", None if open_points else 20.0, 20.0, "for a person"),
     )
-    return Result(name, "controller.launch", SETTINGS, more.pop("items", items), **more)
+    return MarkingResult(name, "controller.launch", SETTINGS, more.pop("items", items), **more)
 
 
 CLASS = [
@@ -138,7 +138,7 @@ def test_a_replay_is_that_of_its_drive_by_number(tmp_path):
     assert list(found) == [1, 3, 10]
     items = [Item("marker", 0.0, 20.0, "wrong", at=4.0, drive=number) for number in (2, 3, 10)]
     pages = {number: path.read_text() for number, path in found.items()}
-    page = feedback_page(Result("ann", "a.launch", {}, tuple(items)), [], pages)
+    page = feedback_page(MarkingResult("ann", "a.launch", {}, tuple(items)), [], pages)
     assert re.findall(r'href="#(drive_\d+)"', page) == ["drive_3", "drive_10"]
     assert re.findall(r'<iframe id="drive_(\d+)"[^>]*srcdoc="drive (\d+)"', page) == [
         ("1", "1"), ("3", "3"), ("10", "10"),

@@ -9,10 +9,11 @@ from dataclasses import replace
 import pytest
 from defusedxml import ElementTree
 
+from husky_highlevel_controller.config import to_json
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.records import Item, Override, Result, to_json
+from husky_highlevel_controller.grading.records import Item, MarkingResult, Override
 from husky_highlevel_controller.grading.reports.files import load_result, write_result
-from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_junit, to_moodle
+from husky_highlevel_controller.grading.reports.tables import to_csv, to_junit, to_moodle, to_result
 from husky_highlevel_controller.grading.settings import with_override
 
 ITEMS = (
@@ -20,11 +21,13 @@ ITEMS = (
     Item("arrives", 12.5, 30.0, "stops <short> & far", 17.0),
     Item("style", None, 30.0, "for a person"),
 )
-RESULT = Result("=ann", "--launch ann a.launch", {"seed": 0}, ITEMS, ("<b>package</b> 'x' is missing",))
+RESULT = MarkingResult(
+    "=ann", "--launch ann a.launch", {"seed": 0}, ITEMS, ("<b>package</b> 'x' is missing",)
+)
 
 
 def test_the_table_has_item_points_evidence_moment_and_total():
-    lines = table(RESULT).splitlines()
+    lines = str(to_result(RESULT)).splitlines()
     assert any(
         re.search(r"^drives +20/20 +half of the way after 10.20 s \[10.20 s\]$", line) for line in lines
     )
@@ -56,15 +59,21 @@ def test_moodle_gets_what_is_decided_and_not_held_back(tmp_path):
 
 def test_full_marks_are_all_that_a_machine_can_give():
     assert not RESULT.full
-    assert Result("a", "", {}, (ITEMS[0], ITEMS[2])).full
+    assert MarkingResult("a", "", {}, (ITEMS[0], ITEMS[2])).full
 
 
 def test_what_a_submission_calls_itself_reaches_no_terminal():
     hostile = "a\x1b]0;x\x07 \x9b31m \u202e \udc80 \x00 b"
     item = Item(hostile, 1.0, 2.0, hostile)
-    result = Result(hostile, hostile, {}, (item,), (hostile, "x" * 5000), hostile)
+    result = MarkingResult(hostile, hostile, {}, (item,), (hostile, "x" * 5000), hostile)
     unmarked = replace(result, problem="")
-    for text in (table(result), table(unmarked), to_csv([result]), to_json(result), to_junit([result])):
+    for text in (
+        str(to_result(result)),
+        str(to_result(unmarked)),
+        to_csv([result]),
+        to_json(result),
+        to_junit([result]),
+    ):
         assert all(letter.isprintable() or letter == "\n" for letter in text)
         text.encode("utf-8")
     ElementTree.fromstring(to_junit([result]))

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.config import ConfigError, to_json
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Scan
 from husky_highlevel_controller.grading.notes import Kind, Subject
 from husky_highlevel_controller.grading.recording import MarkerSample, Recording, scan_hits
 from husky_highlevel_controller.grading.recording import to_json as recording_to_json
-from husky_highlevel_controller.grading.records import Item, Job, MarkingConfig, Result, to_json
+from husky_highlevel_controller.grading.records import Item, Job, MarkingConfig, MarkingResult
 from husky_highlevel_controller.grading.reports.files import load_result, write_result
 from husky_highlevel_controller.grading.review import open_items, write_review
 from husky_highlevel_controller.grading.settings import read_overrides
@@ -46,7 +46,8 @@ def review(tmp_path):
         (out / "drive_1" / "recording.json").write_text(recording_to_json(DRIVE))
         left = [Item(item, None, 20.0, "for a person: none", subject=Subject.DISPLAYS) for item in items]
         write_result(
-            Result(name, "a.launch", {}, (Item("reaches the pillar", 30.0, 30.0, "stands"), *left)), out
+            MarkingResult(name, "a.launch", {}, (Item("reaches the pillar", 30.0, 30.0, "stands"), *left)),
+            out,
         )
     (folder / "marking.yaml").write_text("# mine\nstudents: {bob: {late: {percent: 10, word: late}}}\n")
     return tmp_path / "out", folder

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Sequence, Tuple
 
+from husky_highlevel_controller.config import to_json as record_to_json
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.drive.call_plan import BAG
 from husky_highlevel_controller.grading.drive.progress import settles
@@ -42,7 +43,6 @@ from husky_highlevel_controller.grading.recording import (
     to_json,
 )
 from husky_highlevel_controller.grading.records import MarkingConfig
-from husky_highlevel_controller.grading.records import to_json as record_to_json
 from husky_highlevel_controller.grading.submission import (
     SIMULATOR_NODES,
     SUBMISSION_FOLDER,

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import List, Sequence, Tuple
 
+from husky_highlevel_controller.config import to_json
 from husky_highlevel_controller.grading.hand_in.build import Folders, build, copy_packages, is_built
 from husky_highlevel_controller.grading.hand_in.launch_choice import (
     FILTER,
@@ -38,7 +39,7 @@ from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import copy, remove_tree, walk, write_whole
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, kind_of_sandbox
 from husky_highlevel_controller.grading.notes import Kind, Note
-from husky_highlevel_controller.grading.records import BAG_EXERCISE, Job, Launchable, Override, to_json
+from husky_highlevel_controller.grading.records import BAG_EXERCISE, Job, Launchable, Override
 from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
 
 PACKAGE = "husky_highlevel_controller"  # its own nodes may import it

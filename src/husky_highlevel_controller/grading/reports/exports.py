@@ -10,11 +10,11 @@ import json
 import os
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Sequence
+from typing import Any, Dict, List, Mapping
 
 from husky_highlevel_controller.grading.isolation.files import write_whole
-from husky_highlevel_controller.grading.records import Result
-from husky_highlevel_controller.grading.reports.tables import points
+from husky_highlevel_controller.grading.records import MarkingResult
+from husky_highlevel_controller.grading.reports.tables import to_markdown
 
 CLASSROOM50_SCHEMA = "classroom50/result/v1"
 # field: variable that Classroom 50's runner sets
@@ -28,7 +28,7 @@ CLASSROOM50_FIELDS = {
 }
 
 
-def write_exports(result: Result, out: Path) -> None:
+def write_exports(result: MarkingResult, out: Path) -> None:
     """Write each platform's file under the name that it wants, in a folder of its own.
 
     Classroom 50 wants a score, so it gets no file of a submission that could not be marked.
@@ -37,7 +37,7 @@ def write_exports(result: Result, out: Path) -> None:
     for folder, name, text in (
         ("gradescope", "results.json", to_gradescope(result)),
         ("classroom50", "result.json", to_classroom50(result, os.environ, moment)),
-        ("github", "summary.md", to_step_summary([result])),
+        ("github", "summary.md", to_markdown([result])),
     ):
         (out / folder).mkdir(exist_ok=True)
         if result.problem and folder == "classroom50":
@@ -46,7 +46,7 @@ def write_exports(result: Result, out: Path) -> None:
         write_whole(out / folder / name, text)
 
 
-def to_gradescope(result: Result) -> str:
+def to_gradescope(result: MarkingResult) -> str:
     """results.json of Gradescope: a test for each item; without a score where a person gives it."""
     tests: List[Dict[str, Any]] = []
     for item in result.items:
@@ -62,7 +62,7 @@ def to_gradescope(result: Result) -> str:
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
-def to_classroom50(result: Result, variables: Mapping[str, str], moment: str) -> str:
+def to_classroom50(result: MarkingResult, variables: Mapping[str, str], moment: str) -> str:
     """result.json of Classroom 50, whose scores are whole numbers.
 
     Its runner's environment `variables` name the submission; `moment` is like 2026-06-01T14:32:01Z.
@@ -88,28 +88,3 @@ def to_classroom50(result: Result, variables: Mapping[str, str], moment: str) ->
         tests=tests,
     )
     return json.dumps(content, indent=2) + "\n"
-
-
-def to_step_summary(results: Sequence[Result]) -> str:
-    """Markdown for $GITHUB_STEP_SUMMARY: a table of all, then each one's evidence."""
-    lines = ["| student | points | state |", "|---|---|---|"]
-    for result in results:
-        sum_of = "" if result.problem else f"{result.points:g} / {result.max_points:g}"
-        lines.append(f"| {_plain(result.name)} | {sum_of} | {result.state.value} |")
-    for result in results:
-        lines += ["", f"### {_plain(result.name)}", ""]
-        if result.problem:
-            lines += [f"could not be marked: {_plain(result.problem)}", ""]
-        if result.items:
-            lines += ["| item | points | evidence |", "|---|---|---|"]
-            lines += [f"| {_plain(i.name)} | {points(i)} | {_plain(i.evidence)} |" for i in result.items]
-        lines += ["", *(f"- {_plain(note)}" for note in result.notes)]
-    return "\n".join(lines) + "\n"
-
-
-_ENTITIES = {ord(letter): f"&#{ord(letter)};" for letter in "\\`*_{}[]<>#|!~&"}
-
-
-def _plain(text: str) -> str:
-    """Text that Markdown and HTML take as it is, on one line."""
-    return " ".join(text.split()).translate(_ENTITIES)

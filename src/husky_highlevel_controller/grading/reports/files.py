@@ -10,6 +10,7 @@ from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 
+from husky_highlevel_controller.config import load, to_json
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_regular,
@@ -17,10 +18,16 @@ from husky_highlevel_controller.grading.isolation.files import (
     write_whole,
 )
 from husky_highlevel_controller.grading.recording import ADD, Recording, drive_number
-from husky_highlevel_controller.grading.records import Result, load, printable, to_json
-from husky_highlevel_controller.grading.reports.exports import to_step_summary, write_exports
+from husky_highlevel_controller.grading.records import MarkingResult, printable
+from husky_highlevel_controller.grading.reports.exports import write_exports
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page
-from husky_highlevel_controller.grading.reports.tables import table, to_csv, to_junit, to_moodle
+from husky_highlevel_controller.grading.reports.tables import (
+    to_csv,
+    to_junit,
+    to_markdown,
+    to_moodle,
+    to_result,
+)
 from husky_highlevel_controller.replay import Replay, to_html
 from husky_highlevel_controller.robot import load_robot
 
@@ -37,13 +44,13 @@ SUMS = ("points", "max_points", "full")  # keys of result.json for other program
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"  # variable with the file that GitHub Actions shows
 
 
-def write_result(result: Result, out: Path) -> None:
+def write_result(result: MarkingResult, out: Path) -> None:
     """Every file of one student's result; result.json is the last: with it, the marking is done.
 
     Raises:
         OSError: such as a full disk.
     """
-    write_whole(out / "table.txt", table(result) + "\n")
+    write_whole(out / "table.txt", f"{to_result(result)}\n")
     write_whole(out / "junit.xml", to_junit([result]))
     pages = {number: path.read_text(encoding="utf-8") for number, path in replays(out).items()}
     feedback = out / "feedback.html"
@@ -56,13 +63,12 @@ def write_result(result: Result, out: Path) -> None:
     write_whole(out / RESULT, to_json(result, **sums))
 
 
-def load_result(path: Path) -> Result:
+def load_result(path: Path) -> MarkingResult:
     """A result from its result.json; HuskyError: there is none, or it is of another kind."""
-    result: Result = load(Result, path, *SUMS)
-    return result
+    return load(MarkingResult, path, *SUMS)
 
 
-def write_class(results: Sequence[Result], out: Path) -> None:
+def write_class(results: Sequence[MarkingResult], out: Path) -> None:
     """Write the table, the page and the test report of a class; OSError: such as a full disk."""
     # one each: the page of thirty is long enough
     pictures: Dict[str, Sequence[bytes]] = {
@@ -74,7 +80,7 @@ def write_class(results: Sequence[Result], out: Path) -> None:
     write_whole(out / "moodle.csv", to_moodle(results))
     write_whole(out / "junit.xml", to_junit(results))
     write_whole(out / "index.html", class_page(results, pictures, files))
-    write_whole(out / "summary.md", to_step_summary(results))
+    write_whole(out / "summary.md", to_markdown(results))
     add_step_summary(results)
 
 
@@ -117,11 +123,11 @@ def _write_replay(recording: Recording, title: str, folder: Path) -> None:
     write_whole(folder / REPLAY, page)
 
 
-def add_step_summary(results: Sequence[Result]) -> None:
+def add_step_summary(results: Sequence[MarkingResult]) -> None:
     """In a job of GitHub Actions: the table on its page."""
     if os.environ.get(STEP_SUMMARY):
         with open(os.environ[STEP_SUMMARY], "a", encoding="utf-8") as file:
-            file.write(to_step_summary(results))
+            file.write(to_markdown(results))
 
 
 def _pictures(out: Path) -> List[bytes]:

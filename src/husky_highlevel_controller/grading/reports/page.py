@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 from urllib.parse import quote
 
-from husky_highlevel_controller.grading.records import AUTO, Item, Result, ResultState
+from husky_highlevel_controller.grading.records import AUTO, Item, MarkingResult, ResultState
 from husky_highlevel_controller.templates import render
 
 COURSE_ROBOT = "husky"  # of the sheets
@@ -21,7 +21,7 @@ COLOURS = {ResultState.MARKED: "ok", ResultState.FOR_A_PERSON: "person", ResultS
 class Row:
     """A result as a template sees it."""
 
-    result: Result
+    result: MarkingResult
     cells: Tuple[Optional[Item], ...]  # one for each column
     pictures: Tuple[bytes, ...]  # PNG
     files: Tuple[Tuple[str, str], ...] = ()  # title and address
@@ -48,7 +48,7 @@ class Row:
 
 
 def class_page(
-    results: Sequence[Result],
+    results: Sequence[MarkingResult],
     pictures: Mapping[str, Sequence[bytes]],
     files: Mapping[str, Sequence[Tuple[str, str]]],
 ) -> str:
@@ -82,7 +82,7 @@ def class_page(
 
 
 def feedback_page(
-    result: Result,
+    result: MarkingResult,
     pictures: Sequence[bytes],
     replays: Optional[Mapping[int, str]] = None,
     logs: Optional[Mapping[str, str]] = None,
@@ -125,7 +125,7 @@ def moment_of(item: Item) -> float:
     return max((item.at or 0.0) - LEAD, 0.0)
 
 
-def _course_robot(results: Sequence[Result]) -> str:
+def _course_robot(results: Sequence[MarkingResult]) -> str:
     """The robot of the command line, else the sheets': another one is coloured."""
     robot = str(results[0].settings.get("robot", AUTO)) if results else AUTO
     return COURSE_ROBOT if robot == AUTO else robot

@@ -1,17 +1,13 @@
-"""Tables of results: text for a terminal, JUnit XML, CSV."""
+"""Results of marking as every command's result, as Markdown, JUnit XML and CSV."""
 
 from __future__ import annotations
 
-import csv
-import io
 import re
-import textwrap
 import xml.etree.ElementTree as ET
 from typing import Sequence
 
-from husky_highlevel_controller.grading.records import Item, Result, ResultState
-
-WIDTH = 110  # letters of the table
+from husky_highlevel_controller.grading.records import Item, MarkingResult, ResultState
+from husky_highlevel_controller.result import Result, Table
 
 
 def points(item: Item) -> str:
@@ -19,30 +15,36 @@ def points(item: Item) -> str:
     return f"{'-' if item.points is None else f'{item.points:g}'}/{item.max_points:g}"
 
 
-def table(result: Result) -> str:
-    """Table of a result, for a terminal."""
-    notes = [line for note in result.notes for line in textwrap.wrap(f"note: {note}", WIDTH)]
-    if result.problem:
-        lines = textwrap.wrap(f"{result.name}: could not be marked: {result.problem}", WIDTH)
-        return "\n".join(lines + notes)
-    name = max(len(item.name) for item in result.items) + 2
-    lines = [f"{result.name}  ({result.what})" if result.name != result.what else result.name, ""]
-    for item in result.items:
-        moment = f" [{item.at:.2f} s]" if item.at is not None else ""
-        indent = " " * (name + 10)
-        evidence = textwrap.wrap(item.evidence + moment, WIDTH - len(indent)) or [""]
-        lines.append(f"{item.name:<{name}}{points(item):>8}  {evidence[0]}")
-        lines += [indent + line for line in evidence[1:]]
-        if item.hint:
-            lines += [indent + line for line in textwrap.wrap(f"look at: {item.hint}", WIDTH - len(indent))]
-    lines += ["", f"{'total':<{name}}{f'{result.points:g}/{result.max_points:g}':>8}"]
-    by_hand = sum(item.max_points for item in result.items if item.points is None)
-    if by_hand:
-        lines[-1] += f"  and {by_hand:g} that a person has to give"
-    return "\n".join(lines + notes)
+def to_result(marking: MarkingResult) -> Result:
+    """A marking as every command's result: items with their sum, notes, why it could not be marked."""
+    rows = [(item.name, points(item), _evidence(item)) for item in marking.items]
+    by_hand = sum(item.max_points for item in marking.items if item.points is None)
+    left = f"and {by_hand:g} that a person has to give" if by_hand else ""
+    total = ("total", f"{marking.points:g}/{marking.max_points:g}", left)
+    tables = [Table("", ("item", "points", "evidence"), [*rows, total])] if rows else []
+    tables += [Table("Notes", ("",), [[note] for note in marking.notes])] if marking.notes else []
+    verdict = f"could not be marked: {marking.problem}" if marking.problem else ""
+    lead = marking.what if marking.what != marking.name else ""
+    return Result(marking.name, lead, tables, verdict, not marking.full)
 
 
-def to_junit(results: Sequence[Result]) -> str:
+def _evidence(item: Item) -> str:
+    """Evidence, its moment, and what to look at on a line of its own."""
+    moment = f" [{item.at:.2f} s]" if item.at is not None else ""
+    return item.evidence + moment + (f"\nlook at: {item.hint}" if item.hint else "")
+
+
+def to_markdown(results: Sequence[MarkingResult]) -> str:
+    """Markdown for $GITHUB_STEP_SUMMARY: a table of all, then each one's items."""
+    rows = [
+        (each.name, "" if each.problem else f"{each.points:g} / {each.max_points:g}", each.state.value)
+        for each in results
+    ]
+    overview = Table("", ("student", "points", "state"), rows).to_markdown()
+    return "\n\n".join([overview, *(to_result(each).to_markdown() for each in results)]) + "\n"
+
+
+def to_junit(results: Sequence[MarkingResult]) -> str:
     """JUnit XML: a suite for each submission, a case for each item; full marks or a failure."""
     root = ET.Element("testsuites")
     for result in results:
@@ -68,42 +70,32 @@ def to_junit(results: Sequence[Result]) -> str:
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def to_csv(results: Sequence[Result]) -> str:
+def to_csv(results: Sequence[MarkingResult]) -> str:
     """A line for each submission, a column for each item."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     names = list(dict.fromkeys(item.name for result in results for item in result.items))
-    writer.writerow(["submission", *names, "total", "of", "state", "notes"])
+    rows = []
     for result in results:
         points_by_name = {item.name: item.points for item in result.items}
         marks = ["" if points_by_name.get(name) is None else f"{points_by_name[name]:g}" for name in names]
         total = ["", ""] if result.problem else [f"{result.points:g}", f"{result.max_points:g}"]
         state = result.state.value + f": {result.problem}" * bool(result.problem)
-        notes = _harmless(" | ".join(result.notes))
-        writer.writerow([_harmless(result.name), *marks, *total, _harmless(state), notes])
-    return text.getvalue()
+        rows.append([result.name, *marks, *total, state, " | ".join(result.notes)])
+    return Table("", ["submission", *names, "total", "of", "state", "notes"], rows).to_csv()
 
 
 # name of a folder that Moodle packs: student and number
 MOODLE = re.compile(r"^(.+)_(\d+)_assignsubmission_")
 
 
-def to_moodle(results: Sequence[Result]) -> str:
+def to_moodle(results: Sequence[MarkingResult]) -> str:
     """Moodle's grading worksheet: a line for each result that is decided as a whole and not held back."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["Identifier", "Full name", "Grade", "Maximum Grade", "Feedback comments"])
+    rows = []
     for result in results:
         if result.state is ResultState.MARKED and not result.held:
             name = MOODLE.match(result.name)
             identifier = f"Participant {name[2]}" if name else ""
             comments = "; ".join(f"{item.name} {points(item)}: {item.evidence}" for item in result.items)
             marks = [f"{result.points:g}", f"{result.max_points:g}"]
-            student = _harmless(name[1] if name else result.name)
-            writer.writerow([identifier, student, *marks, _harmless(comments)])
-    return text.getvalue()
-
-
-def _harmless(cell: str) -> str:
-    """A text that no spreadsheet runs as a formula."""
-    return "'" + cell if cell[:1] in ("=", "+", "-", "@") else cell
+            rows.append([identifier, name[1] if name else result.name, *marks, comments])
+    header = ["Identifier", "Full name", "Grade", "Maximum Grade", "Feedback comments"]
+    return Table("", header, rows).to_csv()

@@ -17,6 +17,7 @@ import rosgraph
 import rospy
 from sensor_msgs.msg import LaserScan
 
+from husky_highlevel_controller.config import load
 from husky_highlevel_controller.course import STANDS
 from husky_highlevel_controller.datatypes import Scan, TrueState
 from husky_highlevel_controller.geometry import pose_to_2d
@@ -41,7 +42,6 @@ from husky_highlevel_controller.grading.recording import (
     scan_hits,
     to_json,
 )
-from husky_highlevel_controller.grading.records import load
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.grading.exercise_driver import UNANSWERED, ExerciseDriver
@@ -65,7 +65,7 @@ class DriveRecorder:
 
     def __init__(self) -> None:
         path = Path(rospy.myargv()[1])
-        self._task: Assignment = load(Assignment, path)
+        self._task = load(Assignment, path)
         self._known = self._task.recording
         self._lock = threading.Lock()
         self._truth: List[TrueState] = []

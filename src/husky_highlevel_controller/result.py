@@ -1,0 +1,144 @@
+"""Result of a command, in evaluation and in marking: tables and a verdict, in one form of each kind.
+
+In: values. Out: text by `str`, Markdown, CSV, Parquet; by `config.to_json` a file that `config.load` reads.
+Results of the same values are equal.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, List, Mapping, NamedTuple, Sequence
+
+WIDTH = 110  # letters of a line
+MIN_WRAPPED = 30  # letters of a wrapped column
+FORMULA = re.compile(r"[=+\-@\t\r](?!\d[\d.]*$)")  # begins what a spreadsheet would run; no negative number
+ENTITIES = {ord(letter): f"&#{ord(letter)};" for letter in "\\`*_{}[]<>#|!~&"}
+
+
+class Cell(NamedTuple):
+    """Cell of a table."""
+
+    value: Any
+    style: str = ""  # ok or missed; empty: neither
+    link: str = ""  # address
+
+
+@dataclass(frozen=True)
+class Table:
+    """Table of a result; a cell that is no `Cell` is a plain value."""
+
+    title: str
+    header: Sequence[str]  # without any text it is not printed
+    rows: Sequence[Sequence[Any]]
+    folded: bool = False  # on the page, and left out of the text
+
+    def __post_init__(self) -> None:
+        """Make rows of what a JSON file holds, too."""
+        rows = [tuple(Cell(*x) if isinstance(x, list) else x for x in row) for row in self.rows]
+        object.__setattr__(self, "rows", tuple(rows))
+        object.__setattr__(self, "header", tuple(self.header))
+
+    @property
+    def cells(self) -> List[List[Cell]]:
+        """The rows, each of `Cell`s."""
+        return [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
+
+    @property
+    def values(self) -> List[List[Any]]:
+        """The rows without style and links."""
+        return [[cell.value for cell in row] for row in self.cells]
+
+    def __str__(self) -> str:
+        """Title and aligned columns, numbers to the right; the last column is wrapped."""
+        columns = list(zip(self.header, *self.values))
+        are_numbers = [any(type(value) in (int, float) for value in column) for column in columns]
+        widths = [max(len(_text(value)) for value in column) for column in columns]
+        indent = sum(widths[:-1]) + 2 * len(widths[:-1])
+        lines = [self.title] * bool(self.title)
+        for row in [self.header, *self.values][not any(self.header) :]:
+            *texts, last = map(_text, row)
+            last, *more = _wrapped(last, max(WIDTH - indent, MIN_WRAPPED))
+            padded = zip([*texts, last], widths, are_numbers)
+            aligned = [text.rjust(width) if right else text.ljust(width) for text, width, right in padded]
+            lines += ["  ".join(aligned).rstrip(), *(" " * indent + part for part in more)]
+        return "\n".join(lines)
+
+    def to_markdown(self) -> str:
+        """A table of Markdown that no text breaks."""
+        texts = [self.header, ["---"] * len(self.header), *(map(_text, row) for row in self.values)]
+        return "\n".join(f"| {' | '.join(map(plain_markdown, line))} |" for line in texts)
+
+    def to_csv(self) -> str:
+        """Header and rows, without cells that a spreadsheet runs as a formula."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.header)
+        writer.writerows(map(_harmless, row) for row in self.values)
+        return text.getvalue()
+
+    def write(self, path: Path) -> List[Path]:
+        """Write PATH.csv, and PATH.parquet where pyarrow is installed; the files written."""
+        files = [path.with_suffix(".csv"), path.with_suffix(".parquet")]
+        files[0].write_text(self.to_csv(), encoding="utf-8")
+        try:
+            from pyarrow import Table as Columns
+            from pyarrow import parquet
+        except ImportError:
+            return files[:1]
+        columns = map(list, zip(*self.values))
+        parquet.write_table(Columns.from_pydict(dict(zip(self.header, columns))), files[1])
+        return files
+
+
+def every_row(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Folded table of rows, one or more, that have the same keys."""
+    return Table(title, list(rows[0]), [list(row.values()) for row in rows], folded=True)
+
+
+@dataclass(frozen=True)
+class Result:
+    """Result of a command: tables and a verdict."""
+
+    title: str
+    lead: str  # the sentence below it
+    tables: Sequence[Table]
+    verdict: str = ""
+    failed: bool = False  # what the verdict says, for the exit code
+    source: str = ""  # hash of the drives, machines, versions
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tables", tuple(self.tables))
+
+    def __str__(self) -> str:
+        shown = [str(table) for table in self.tables if not table.folded]
+        lead, verdict = textwrap.fill(self.lead, WIDTH), textwrap.fill(self.verdict, WIDTH)
+        return "\n\n".join(filter(None, [self.title, lead, *shown, verdict]))
+
+    def to_markdown(self) -> str:
+        """A section of Markdown."""
+        lead, verdict = plain_markdown(self.lead), plain_markdown(self.verdict)
+        tables = [text for each in self.tables for text in (plain_markdown(each.title), each.to_markdown())]
+        return "\n\n".join(filter(None, [f"### {plain_markdown(self.title)}", lead, *tables, verdict]))
+
+
+def _wrapped(text: str, width: int) -> List[str]:
+    """The lines of a text, wrapped; one or more."""
+    return [part for line in text.split("\n") for part in textwrap.wrap(line, width) or [""]]
+
+
+def _text(value: Any) -> str:
+    return f"{value:.3f}" if isinstance(value, float) else str(value)
+
+
+def plain_markdown(text: str) -> str:
+    """Text that Markdown and HTML take as it is, on one line."""
+    return " ".join(text.split()).translate(ENTITIES)
+
+
+def _harmless(value: Any) -> Any:
+    return f"'{value}" if isinstance(value, str) and FORMULA.match(value) else value
