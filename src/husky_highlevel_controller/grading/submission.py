@@ -112,7 +112,7 @@ _CALLBACK = re.compile(
     r"|Exception in thread (?P<thread>[^\n]{0,200}):)\n"
     r"Traceback \(most recent call last\):\n(?P<lines>(?:[ \t][^\n]*\n)*)(?P<error>\w[^\n]*)"
 )
-_LINE = re.compile(r'File "[^"\n]*?([^/"\n]+)", line (\d+)')
+_LINE = re.compile(r'File "(?:[^"\n]*/)?([^/"\n]+)", line (\d+)')
 
 
 def exceptions_in(output: str) -> List[Note]:

@@ -12,6 +12,9 @@ CASES = {
     "build.build_error": ("a:1: error: ", "CMake Error at ", "\n"),
     "submission.exceptions_in": ("Exception in thread ", "[ERROR] [1.1]: bad callback: <function a"),
     "notes_on": ("\n", "ERROR: cannot launch node of type [", "a."),
+    "player": ("a", "a/"),
+    "traceback": ("a", "/", "a/"),
+    "valgrind": ("at 0x1: ", "by 0x1: a (a"),
     "memcheck.may_be_unwritten": ("(a", "/* ", "double a, ", "a)"),
 }
 CODE = """
@@ -20,9 +23,20 @@ from pathlib import Path
 from husky_highlevel_controller.grading import submission
 from husky_highlevel_controller.grading.drive import memcheck
 from husky_highlevel_controller.grading.hand_in import build
+from husky_highlevel_controller.grading.recording import Playback
+from husky_highlevel_controller.grading.rubrics.exercise_4 import judge_player
 
 def notes_on(text):
     submission.notes_on([], text)
+
+def traceback(text):
+    submission.notes_on([submission.Event("died", "n", 1)], "Error\\nFile \\"" + text)
+
+def player(text):
+    judge_player(None, Playback(players=(text,)), None)
+
+def valgrind(text):
+    memcheck.reads_in("Conditional jump\\n" + text, Path("/no/sources"))
 
 read, piece, size = eval(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 arguments = [Path("/")] if read is build.build_error else []

@@ -164,7 +164,7 @@ def reads_in(log: str, sources: Path) -> List[Tuple[Optional[Place], Optional[Pl
 
 def _first_own(stack: str, own_files: Collection[str]) -> Optional[Place]:
     for line in stack.splitlines()[: DEPTH + 1]:
-        frame = _FRAME.search(line.strip())
+        frame = _FRAME.match(line.strip())
         if frame and frame[2] in own_files:
             return Place(frame[2], int(frame[3]))
         if _PRINTS.search(line):

@@ -87,7 +87,7 @@ def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Dict[
     for path in walk(folder):
         if path.suffix == ".launch" and path.name != launch_file:
             with contextlib.suppress(UnreadableFileError):
-                text = read_text(path)
+                text = read_text(path, MAX_FILE)
                 if not but_viewers or {"rosbag", folder.name} & set(_NODE.findall(text)):
                     names.update(dict.fromkeys(re.findall(r"([\w.-]{1,200}\.rviz)\b", text), path))
     return names

@@ -36,6 +36,7 @@ PLAYS = "a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's
 Verdict = Tuple[Optional[float], str, str]
 BY_PERSON: Verdict = (None, "for a person", "")
 _RATE = re.compile(r"(?:^|\s)(?:-r\s*|--rate(?:=|\s+))(\d*\.?\d+)")
+_FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")  # of a file's path, up to its name
 _POSITION = re.compile(r"(?P<topic>.+)/pose/pose/position/x")
 
 
@@ -108,7 +109,7 @@ def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -
 
 def judge_player(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
     """The launch file plays a bag."""
-    calls = "; ".join(re.sub(r"[^\s=]*/", "", player) for player in playback.players)  # without folders
+    calls = "; ".join(_FOLDERS.sub("", player) for player in playback.players)
     return float(bool(calls)), f"its launch file plays {calls or 'no bag'}", PLAYS
 
 
