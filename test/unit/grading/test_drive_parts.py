@@ -7,19 +7,22 @@ import threading
 import time
 from math import inf
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from husky_highlevel_controller.datatypes import Pose, TrueState
+from husky_highlevel_controller.grading.drive import run as run_module
 from husky_highlevel_controller.grading.drive.call_plan import CallPlan, exercise_2_over, exercise_2_speed
 from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
-from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH
+from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH, simulate
+from husky_highlevel_controller.grading.drive.trials import draw_trials
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
 from husky_highlevel_controller.grading.hand_in.package_files import files_of_others, find_setup
 from husky_highlevel_controller.grading.hand_in.plan import Plan, package_path, plan
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import Kind, Note
-from husky_highlevel_controller.grading.records import Launchable
+from husky_highlevel_controller.grading.records import Launchable, MarkingConfig
 from husky_highlevel_controller.grading.submission import SIMULATOR_NODES, Event, RvizNode, notes_on
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
@@ -115,6 +118,25 @@ def test_the_names_kept_for_the_simulator_are_those_of_its_launch_file():
     assert done.returncode == 0, done.stderr
     printed = done.stdout.split()
     assert tuple(word for word in printed if word.startswith("/")) == SIMULATOR_NODES
+
+
+def test_start_and_seed_from_which_the_pillar_could_be_drawn_are_no_parameters_of_a_drive(
+    tmp_path, monkeypatch
+):
+    trial, parameters, config = draw_trials(2, 7)[1], {}, MarkingConfig(robot="husky")
+    monkeypatch.setattr(run_module, "_SETUPS", {config.simulator_arguments: ({}, [])})
+    monkeypatch.setattr(run_module, "set_parameters", lambda _, values: parameters.update(values))
+    monkeypatch.setattr(run_module, "has_service", lambda *_: True)
+    seen = []
+
+    def start(*_, **__):
+        seen.append(dict(parameters))
+        return SimpleNamespace(running=True)
+
+    simulate(SimpleNamespace(folder=tmp_path, uri="", start=start), trial, config, 1.0)
+    secrets = {trial.start.x, trial.start.y, trial.start.yaw, trial.seed}
+    assert secrets <= set(seen[0].values()), "the simulator reads them"
+    assert secrets.isdisjoint(parameters.values())
 
 
 RAISES = """[ERROR] [1700000000.12, 0.340000]: bad callback: <function on_scan at 0x7f00>

@@ -82,14 +82,18 @@ def simulate(
     file = network.folder / "drive.world"
     file.write_text(trial_world(trial, config.robot_name))
     parameters, arguments = _simulator_setup(network, config.simulator_arguments)
-    values = {
+    start = {
         "world_name": str(file), "x": trial.start.x, "y": trial.start.y, "yaw": trial.start.yaw,
-        "seed": trial.seed, "real_time_factor": pace, "lockstep": bool(truth_socket),
+        "seed": trial.seed,
     }  # fmt: skip
+    values = {**start, "real_time_factor": pace, "lockstep": bool(truth_socket)}
     simulator_values = {f"{SIMULATOR_NODES[0]}/{name}": value for name, value in values.items()}
     set_parameters(network.uri, {"/run_id": "marking", **parameters, **simulator_values})
     simulator = network.start("simulator", [SIMULATOR, *arguments], HUSKY_TRUTH_SOCKET=truth_socket)
-    return _once_up(simulator, lambda: has_service(network.uri, SIMULATOR_IS_UP))
+    _once_up(simulator, lambda: has_service(network.uri, SIMULATOR_IS_UP))
+    # a submission could draw from them where the pillar is
+    set_parameters(network.uri, {f"{SIMULATOR_NODES[0]}/{name}": 0 for name in start})
+    return simulator
 
 
 def _once_up(simulator: Process, is_up: Callable[[], bool]) -> Process:
