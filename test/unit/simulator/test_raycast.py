@@ -1,4 +1,4 @@
-"""Rays against shapes: held against Bullet, against distance fields, and against the laws of geometry."""
+"""Rays against shapes: held against distance fields, and against closed forms."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from math import inf, pi
 from typing import List, Tuple
 
 import numpy as np
-import pybullet
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from pybullet_utils.bullet_client import BulletClient
 
 from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Pose, Shape, Sphere, beams_at
 from husky_highlevel_controller.geometry import matrix_from_quat, quat_from_rpy
@@ -99,124 +97,30 @@ def free_lengths(world: Placed, start: np.ndarray, directions: np.ndarray, reach
     return flown
 
 
-@LAW
-@given(st.one_of(worlds(boxes, cylinders, spheres, planes), worlds(cylinders, most=3)), lasers)
-def test_every_beam_ends_on_the_first_surface_it_meets(world, laser):
+@pytest.mark.parametrize("few", [raycast.FEW, -1], ids=["one by one", "all at once"])
+def test_every_beam_ends_on_the_first_surface_it_meets(few, monkeypatch):
     """Nothing stands before a hit, a hit is on a surface, and a laser inside a solid reads 0."""
-    got = cast(world, laser)
-    start, directions = beams_of(laser, ALL_ROUND)
-    if clearance(world, start[None])[0] < -1e-6:
-        assert set(got) == {0.0}
-        return
-    hit = np.isfinite(got)
-    points = start + got[hit, None] * directions[hit]
-    assert np.abs(clearance(world, points)) == pytest.approx(0.0, abs=1e-6)
-    free = free_lengths(world, start, directions, REACH)
-    assert np.all(got >= free - 1e-6)
-    # where the march stopped, it met something that the ray must not fly through ...
-    stops = start + free[:, None] * directions
-    blocked = (free < REACH - 1e-6) & (clearance(world, stops + 1e-3 * directions) < -1e-6)
-    assert np.all(np.abs(got - free)[blocked] < 1e-3)
+    monkeypatch.setattr(raycast, "FEW", few)
 
-
-# ---------------------------------------------------------------------------- Bullet
-
-
-@pytest.fixture(scope="module")
-def bullet():
-    client = BulletClient(pybullet.DIRECT)
-    yield client
-    client.disconnect()
-
-
-def bullet_casts(bullet, world: Placed, starts: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """What Bullet makes of rays (N, 3), (N, 3): distances (N,) [m]."""
-    bullet.resetSimulation()
-    for shape, pose in world:
-        if isinstance(shape, Box):
-            size = {"shapeType": pybullet.GEOM_BOX, "halfExtents": [edge / 2.0 for edge in shape.size]}
-        elif isinstance(shape, Sphere):
-            size = {"shapeType": pybullet.GEOM_SPHERE, "radius": shape.radius}
-        else:
-            size = {"shapeType": pybullet.GEOM_PLANE, "planeNormal": shape.normal}
-        bullet.createMultiBody(0.0, bullet.createCollisionShape(**size), -1, pose.position, pose.quat_xyzw)
-    hits = bullet.rayTestBatch(starts.tolist(), (starts + REACH * directions).tolist())
-    return np.array([REACH * hit[2] if hit[0] >= 0 else np.inf for hit in hits])
-
-
-def test_bullet_sees_the_same(bullet):
     @LAW
-    @given(worlds(boxes, spheres, planes), lasers)
+    @given(st.one_of(worlds(boxes, cylinders, spheres, planes), worlds(cylinders, most=3)), lasers)
     def hold(world, laser):
-        start, directions = beams_of(laser, ALL_ROUND)
-        assume(clearance(world, start[None])[0] > 0.01)  # Bullet does not see what it starts in
-        # a ray that grazes an edge may fall on either side of it: Bullet's neighbours show both
-        up = np.broadcast_to(matrix_from_quat(laser.quat_xyzw)[:, 2], directions.shape)
-        side = np.cross(directions, up)
-        shifts = [0.003 * shift for shift in (0.0 * up, side, -side, up, -up)]
-        seen = [bullet_casts(bullet, world, start + shift, directions) for shift in shifts]
         got = cast(world, laser)
-        assert np.all(got >= np.min(seen, axis=0) - 0.001)
-        assert np.all(got <= np.max(seen, axis=0) + 0.001)
+        start, directions = beams_of(laser, ALL_ROUND)
+        if clearance(world, start[None])[0] < -1e-6:
+            assert set(got) == {0.0}
+            return
+        hit = np.isfinite(got)
+        points = start + got[hit, None] * directions[hit]
+        assert np.abs(clearance(world, points)) == pytest.approx(0.0, abs=1e-6)
+        free = free_lengths(world, start, directions, REACH)
+        assert np.all(got >= free - 1e-6)
+        # where the march stopped, it met something that the ray must not fly through ...
+        stops = start + free[:, None] * directions
+        blocked = (free < REACH - 1e-6) & (clearance(world, stops + 1e-3 * directions) < -1e-6)
+        assert np.all(np.abs(got - free)[blocked] < 1e-3)
 
     hold()
-
-
-# ---------------------------------------------------------------------------- laws
-
-
-def some_world(seed: int, count: int, spread: float = 8.0) -> Placed:
-    """Shapes without anything special about where they stand: no ray touches an edge exactly."""
-    rng = np.random.default_rng(seed)
-    world: Placed = []
-    for _ in range(count):
-        a, b, c = rng.uniform(0.1, 1.5, 3)
-        shape = [Box((a, b, c)), Cylinder(a / 2.0, b), Sphere(a / 2.0)][rng.integers(3)]
-        x, y = rng.uniform(-spread, spread, 2)
-        turned = rng.uniform(-pi, pi, 3) if rng.random() < 0.5 else (0.0, 0.0, rng.uniform(-pi, pi))
-        world.append((shape, at(x, y, rng.uniform(-0.3, 0.8), *turned)))
-    return world
-
-
-SOME_WORLD = [
-    *some_world(seed=2, count=20),
-    (Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0, 0.0, -2.0, roll=0.3, pitch=-0.2)),
-]
-
-
-def assert_same_ranges(got, expected) -> None:
-    np.testing.assert_allclose(got, expected, rtol=0.0, atol=1e-7)
-
-
-def test_the_world_of_these_laws_has_something_to_hit_and_something_to_miss():
-    seen = np.isfinite(cast(SOME_WORLD))
-    assert 20 < seen.sum() < len(seen) - 20
-
-
-@settings(LAW, max_examples=25)
-@given(worlds(boxes, cylinders, spheres, planes), lasers)
-def test_a_beam_reads_the_same_alone_as_among_others(world, laser):
-    alone = [cast(world, laser, [bearing])[0] for bearing in ALL_ROUND]
-    assert_same_ranges(cast(world, laser), alone)
-
-
-def test_few_shapes_read_the_same_one_by_one_as_all_at_once(monkeypatch):
-    @settings(LAW, max_examples=80)
-    @given(worlds(boxes, cylinders, spheres, planes), lasers, st.sampled_from([SICK[::6], ALL_ROUND]))
-    def hold(world, laser, bearings):
-        one_by_one = cast(world, laser, bearings)
-        with monkeypatch.context() as patch:
-            patch.setattr(raycast, "FEW", -1)
-            np.testing.assert_allclose(cast(world, laser, bearings), one_by_one, rtol=0.0, atol=1e-9)
-
-    hold()
-
-
-@LAW
-@given(st.floats(0.0, REACH))
-def test_a_shorter_reach_only_forgets_what_is_farther(reach):
-    full = cast(SOME_WORLD)
-    assert_same_ranges(cast(SOME_WORLD, reach=reach), np.where(full <= reach, full, np.inf))
 
 
 # ---------------------------------------------------------------------------- plain cases
@@ -241,20 +145,11 @@ CUBE, BALL, ROUND = Box((1.0, 1.0, 1.0)), Sphere(0.5), Cylinder(0.5, 2.0)
     [
         ([], inf),
         ([(Box((1.0, 2.0, 3.0)), at(5.0))], 4.5),
-        ([(Box((1.0, 2.0, 3.0)), at(5.0, yaw=pi / 2.0))], 4.0),
-        ([(CUBE, at(5.0, yaw=pi / 4.0))], 5.0 - 0.5**0.5),
-        ([(CUBE, at(5.0, z=0.51))], inf),
         ([(CUBE, at(-5.0))], inf),
         ([(CUBE, at(REACH + 0.5))], REACH),
         ([(CUBE, at(REACH + 0.501))], inf),
-        ([(BALL, at(5.0, y=0.3))], 5.0 - 0.4),
         ([(BALL, at(5.0, z=0.3))], 5.0 - 0.4),
-        ([(BALL, at(5.0, z=-0.51))], inf),
-        ([(ROUND, at(5.0))], 4.5),
-        ([(ROUND, at(5.0, z=1.01))], inf),
         ([(ROUND, at(5.0, pitch=pi / 2.0))], 4.0),
-        ([(ROUND, at(5.0, y=0.3, roll=pi / 2.0))], 4.5),
-        ([(ROUND, at(5.0, z=0.51, roll=pi / 2.0))], inf),
         ([(BALL, at(7.0)), (BALL, at(5.0)), (BALL, at(9.0))], 4.5),
     ],
 )
@@ -263,8 +158,9 @@ def test_what_a_beam_straight_ahead_reads(world, distance):
 
 
 def test_a_far_shape_is_as_exact_as_a_near_one_and_no_beams_read_nothing():
-    assert ahead([(Cylinder(0.2, 2.0), at(900.0, 0.1))], 1000.0) == pytest.approx(900.0 - 0.03**0.5, abs=1e-9)
-    assert cast(SOME_WORLD, bearings=[]).shape == (0,)
+    pillar = [(Cylinder(0.2, 2.0), at(900.0, 0.1))]
+    assert ahead(pillar, 1000.0) == pytest.approx(900.0 - 0.03**0.5, abs=1e-9)
+    assert cast(pillar, bearings=[]).shape == (0,)
 
 
 FLOOR = (Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0))
@@ -283,27 +179,6 @@ def test_a_plane_s_normal_is_in_its_own_frame_and_both_sides_are_seen():
     wall = [(Plane((1.0, 0.0, 0.0), (1.0, 1.0)), at(0.0, 3.0, yaw=pi / 2.0))]  # y = 3
     for y, distance in ((0.0, 3.0), (5.0, 2.0)):
         assert np.nanmin(cast(wall, at(7.0, y))) == pytest.approx(distance, abs=0.01)
-
-
-@pytest.mark.parametrize("shape", [Box((2.0, 2.0, 2.0)), Cylinder(1.0, 2.0), Sphere(1.0)])
-def test_a_laser_inside_a_solid_reads_zero_all_round(shape):
-    assert set(cast([(shape, at(0.3, -0.2, 0.4, yaw=1.0))])) == {0.0}
-
-
-@pytest.mark.parametrize("y", [0.0, 0.1, -0.1])
-def test_a_shape_behind_is_seen_on_both_sides_of_the_seam(y):
-    ranges = cast([(Sphere(0.5), at(-3.0, y))])
-    assert ranges[0] == pytest.approx(3.0 - (0.25 - y**2) ** 0.5)
-    assert ranges[-1] == pytest.approx(ranges[0])
-    assert np.isfinite(ranges[1])
-    assert np.isfinite(ranges[-2])
-    assert not np.isfinite(ranges[10:-10]).any()
-
-
-def test_a_wall_is_seen_as_far_as_the_reach_and_not_on_to_its_end():
-    wall = [(Box((1.0, 6.0, 1.0)), at(5.0))]
-    assert cast(wall, bearings=[-0.5, 0.0, 0.5], reach=5.1) == pytest.approx([inf, 4.5, inf])
-    assert ahead(wall, reach=5.1) < cast(wall, bearings=[0.5])[0] < REACH
 
 
 def test_a_beam_along_a_face_reads_the_shape_or_nothing_but_no_third():
@@ -325,7 +200,20 @@ def test_a_shape_that_moved_is_seen_where_it_is_now(others):
 # ---------------------------------------------------------------------------- what is left out
 
 
-FIELD = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0)), *some_world(seed=4, count=1000, spread=50.0)]
+def many_bodies(count: int) -> Placed:
+    """Shapes without anything special about where they stand: no ray touches an edge exactly."""
+    rng = np.random.default_rng(4)
+    world: Placed = []
+    for _ in range(count):
+        a, b, c = rng.uniform(0.1, 1.5, 3)
+        shape = [Box((a, b, c)), Cylinder(a / 2.0, b), Sphere(a / 2.0)][rng.integers(3)]
+        x, y = rng.uniform(-50.0, 50.0, 2)
+        turned = rng.uniform(-pi, pi, 3) if rng.random() < 0.5 else (0.0, 0.0, rng.uniform(-pi, pi))
+        world.append((shape, at(x, y, rng.uniform(-0.3, 0.8), *turned)))
+    return world
+
+
+FIELD = [FLOOR, *many_bodies(1000)]
 
 
 @settings(LAW, max_examples=10)
@@ -333,10 +221,6 @@ FIELD = [(Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0)), *some_world(seed=4, coun
 def test_a_thousand_objects_read_the_same_all_at_once_as_each_alone(position, quat):
     """None is left out that would have been seen."""
     laser = Pose(position, quat)
-    each = [cast([body], laser, SICK, 30.0) for body in FIELD]
-    np.testing.assert_allclose(cast(FIELD, laser, SICK, 30.0), np.min(each, axis=0), rtol=0.0, atol=1e-9)
-
-
-def test_a_field_of_a_thousand_objects_is_full_of_things_to_see():
-    seen = np.isfinite(cast(FIELD, at(0.0, z=0.4), SICK, 30.0))
-    assert 100 < seen.sum() < 710
+    each = np.min([cast([body], laser, SICK, 30.0) for body in FIELD], axis=0)
+    assert np.isfinite(each).sum() > 100, "there is something to see"
+    np.testing.assert_allclose(cast(FIELD, laser, SICK, 30.0), each, rtol=0.0, atol=1e-9)
