@@ -27,27 +27,6 @@ def test_the_outermost_pixels_look_half_the_field_of_view_aside():
     )
 
 
-def test_right_in_the_image_is_x_and_down_is_y():
-    points = points_of(DepthImage(0.0, "f", np.full((48, 64), 2.0, dtype=np.float32)), CAMERA)
-    assert (np.diff(points[..., 0], axis=1) > 0.0).all()
-    assert (np.diff(points[..., 1], axis=0) > 0.0).all()
-    assert (points[..., 2] == 2.0).all()
-
-
-@pytest.mark.parametrize("depth", [0.1, 0.5, 3.0, 7.9])
-def test_a_depth_buffer_becomes_metres(depth):
-    near, far = CAMERA.near, CAMERA.far
-    buffer = np.full((48, 64), far / (far - near) * (1.0 - near / depth))
-    image = image_of(buffer, CAMERA, 1.5, "f")
-    assert image.depth[0, 0] == pytest.approx(depth, rel=1e-6)
-    assert (image.stamp, image.frame, image.depth.shape, image.depth.dtype) == (
-        1.5,
-        "f",
-        (48, 64),
-        np.float32,
-    )
-
-
 def test_where_nothing_is_there_is_no_number():
     image = image_of(np.ones((48, 64)), CAMERA, 0.0, "f")
     assert np.isnan(image.depth).all()

@@ -42,14 +42,6 @@ def test_both_sides_are_scaled_alike(speeds, scaled):
     assert scale_to_limit(*speeds, 1.0) == pytest.approx(scaled)
 
 
-def test_a_fast_turn_is_scaled_by_0_65_and_keeps_its_radius():
-    left, right = treads(Twist2D(1.0, 1.0), 5.0)[-1]
-    half = DRIVE.wheel_separation * DRIVE.wheel_separation_multiplier / 2.0
-    assert right == pytest.approx(1.0, abs=1e-3)
-    assert (left + right) / 2.0 == pytest.approx(0.65, abs=0.01)
-    assert (right - left) / (2.0 * half) == pytest.approx((left + right) / 2.0, rel=1e-3), "1 rad/s for 1 m/s"
-
-
 def test_a_step_takes_0_7_s_from_10_to_90_percent_at_2_m_s2():
     speeds = [left for left, _ in treads(Twist2D(1.0, 0.0), 4.0)]
     rise = next(i for i in count() if speeds[i] > 0.9) - next(i for i in count() if speeds[i] > 0.1)

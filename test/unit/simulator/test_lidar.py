@@ -92,14 +92,3 @@ sights = st.lists(st.sampled_from([0.0, 0.5, 5.0, 50.0, inf]), min_size=20, max_
 def test_the_noise_of_a_beam_does_not_depend_on_what_the_other_beams_meet(some, others):
     alike = np.array(some) == np.array(others)
     assert np.array_equal(ranges_of(some, SICK)[alike], ranges_of(others, SICK)[alike])
-
-
-def test_the_same_seed_gives_the_same_scans_and_another_seed_others():
-    def two_scans(seed):
-        lidar = make_lidar(lambda *_: np.full(720, 2.0), SICK, seed)
-        return [lidar.sample(robot_at(), 0.0).ranges.tolist() for _ in range(2)]
-
-    first, second = two_scans(7)
-    assert two_scans(7) == [first, second]
-    assert first != second
-    assert two_scans(8) != [first, second]

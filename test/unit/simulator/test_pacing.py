@@ -16,11 +16,6 @@ def test_a_fast_machine_takes_as_long_as_asked(factor, wall):
     assert now - 100.0 == pytest.approx(wall)
 
 
-@pytest.mark.parametrize(("factor", "now", "delay"), [(2.0, 100.1, 0.4), (1.0, 101.2, 0.0)])
-def test_it_waits_until_the_wall_clock_has_caught_up_and_not_when_late(factor, now, delay):
-    assert Pacer(factor, 7.0, 100.0).delay(8.0, now) == pytest.approx(delay)
-
-
 def test_a_hiccup_is_made_up_for():
     pacer = Pacer(1.0, 0.0, 100.0)
     hiccup = 0.9 * MAX_LAG

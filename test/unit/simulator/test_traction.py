@@ -129,11 +129,6 @@ def test_wheels_at_rest_only_take_energy_away(contacts, velocity, dt, config):
     assert all(b <= a * (1.0 + (4.0 * dt) ** 2) for a, b in zip(energies, energies[1:]))
 
 
-def test_a_robot_at_rest_on_level_ground_feels_nothing():
-    assert forces_on(robot()) == [(0.0, 0.0)] * 4
-    assert forces_on(robot(loads=(100.0, 300.0, 50.0, 0.0))) == [(0.0, 0.0)] * 4
-
-
 def test_it_stops_when_its_wheels_do_and_slides_no_farther_than_friction_lets_it():
     passed = drive(robot(), 0.2, velocity=(1.0, 0.0, 0.0))
     braking = [v[0] for v in passed]
@@ -171,23 +166,6 @@ def test_half_the_friction_coefficient_is_half_the_grip():
     assert ice == [pytest.approx((x / 2.0, y / 2.0), rel=1e-4) for x, y in whole]
 
 
-@pytest.mark.parametrize("speed", [1.0, 0.1, -0.7])
-def test_driving_straight_it_reaches_its_wheels_speed_and_neither_overshoots_nor_veers(speed):
-    passed = drive(robot(speed, speed), 0.5)
-    assert passed[-1] == pytest.approx((speed, 0.0, 0.0), abs=1e-3)
-    assert max(abs(v[0]) for v in passed) <= abs(speed) + 1e-9
-    assert max(abs(v[1]) + abs(v[2]) for v in passed) < 1e-9
-
-
-def test_a_robot_heavier_on_its_right_still_drives_straight_in_the_end():
-    right_heavy = tuple(WEIGHT / 2.0 * share for share in (0.38, 0.62, 0.38, 0.62))
-    assert drive(robot(1.0, 1.0, right_heavy), 2.0)[-1] == pytest.approx((1.0, 0.0, 0.0), abs=2e-3)
-
-
-def test_spinning_wheels_accelerate_it_by_no_more_than_friction():
-    assert drive(robot(1.0, 1.0), DT)[0][0] == pytest.approx(GRAVITY * DT, rel=0.06)
-
-
 @pytest.mark.parametrize("yaw_rate", [0.25, 1.0, -1.0, 2.0])
 def test_it_turns_in_place_about_as_fast_as_commanded_with_the_husky_s_multiplier(yaw_rate):
     drive_config = load_robot().drive
@@ -207,14 +185,3 @@ def test_it_settles_at_any_step_and_slip_speed(dt, slip_speed, left, right):
     assert last == pytest.approx(before, abs=1e-4)
     assert last[0] == pytest.approx((left + right) / 2.0, abs=5e-3)
     assert last[1] == pytest.approx(0.0, abs=5e-3)
-
-
-def test_while_it_speeds_up_and_turns_coarse_steps_slip_as_fine_ones_do():
-    def speed_after(duration, dt):
-        velocity = REST
-        for step in range(1, round(duration / dt) + 1):
-            contacts = robot(3.0 * step * dt, 2.0 * step * dt)
-            velocity = after(contacts, velocity, LEVEL, dt, forces_on(contacts, velocity, dt=dt))
-        return velocity
-
-    assert speed_after(0.2, dt=0.005) == pytest.approx(speed_after(0.2, dt=0.0001), abs=0.002)
