@@ -63,7 +63,7 @@ def launch_files_read_here(monkeypatch):
     from husky_highlevel_controller.ros.grading import submission
 
     def describe(launchables, workspace, events, kept):
-        places = [*map(str, workspace.packages), str(share_folder().parent), "/usr/share"]
+        places = [*map(str, workspace.packages), str(share_folder()), "/usr/share"]
         monkeypatch.setenv("ROS_PACKAGE_PATH", os.pathsep.join(places))
         monkeypatch.setattr(substitution_args, "_rospack", None)
         reporter = submission.Reporter(str(events))
