@@ -5,11 +5,14 @@ Run by its path it prints a ROS_PACKAGE_PATH for plain roslaunch.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import os
+import re
 import shutil
+import tempfile
 from pathlib import Path
-from typing import Dict, List
+from typing import Dict, Iterable, List, Set
 from xml.etree.ElementTree import ParseError
 
 import rospkg
@@ -22,26 +25,43 @@ COURSE_PACKAGES = (
 )  # fmt: skip
 OURS_FIRST = ("launch", "scripts")  # folders whose files need Gazebo
 # arguments that people edit in a copy
-WORLD_AND_POSE = ("world", "world_name", "world_file", "x", "y", "yaw")
+WORLD_AND_POSE = {"world", "world_name", "world_file", "x", "y", "yaw"}
 
 
-def package_path(paths: List[str], folder: Path) -> List[str]:
-    """A ROS_PACKAGE_PATH with stand-ins for packages that `paths` lacks, and for copies of COURSE_PACKAGES.
-
-    Args:
-        paths: a ROS_PACKAGE_PATH.
-        folder: where packages are joined.
-    """
-    packages = rospkg.RosPack(paths)
-    known = set(packages.list())
+def package_path(paths: List[str], joined: Iterable[Path]) -> List[str]:
+    """A ROS_PACKAGE_PATH with joined packages first, and with stand-ins for packages that `paths` lacks."""
+    known = set(rospkg.RosPack(paths).list())
     stand_ins = [str(path) for path in sorted(COMPAT.iterdir()) if path.name not in known]
-    joined: List[str] = []
-    if "gazebo_ros" not in known:  # without it the launch files of a copy start nothing
-        for name in COURSE_PACKAGES:
-            if name in known and Path(packages.get_path(name)).resolve() != COMPAT / name:
-                join(Path(packages.get_path(name)), COMPAT / name, folder / name)
-                joined.append(str(folder / name))
-    return [*joined, *paths, *stand_ins]
+    return [*map(str, joined), *paths, *stand_ins]
+
+
+def join_copies(paths: List[str]) -> Dict[str, Path]:
+    """Folders of packages joined of ours and of copies of COURSE_PACKAGES in a ROS_PACKAGE_PATH, by name.
+
+    They are kept in ~/.ros/gazebo_packages, one for each copy, until the copy is gone.
+    """
+    kept = Path(rospkg.get_ros_home()) / "gazebo_packages"
+    for folder in kept.glob("[!.]*/*"):
+        if not (folder / "package.xml").exists():  # a link to that of a copy
+            shutil.rmtree(folder.parent, ignore_errors=True)
+    packages = rospkg.RosPack(paths)
+    known = packages.list()
+    if "gazebo_ros" in known:
+        return {}
+    joined = {}  # without it the launch files of a copy start nothing
+    for name in [name for name in COURSE_PACKAGES if name in known]:
+        copy = (Path(packages.get_path(name)) / "package.xml").resolve().parent  # or of one that is joined
+        if copy != COMPAT / name:
+            place = kept / hashlib.sha256(f"{copy}{COMPAT}".encode()).hexdigest()[:12]
+            joined[name] = place / name
+            kept.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(prefix=".", dir=kept) as new:
+                join(copy, COMPAT / name, Path(new) / name)
+                shutil.rmtree(place, ignore_errors=True)
+                with contextlib.suppress(OSError):  # another launch has just made the same
+                    place.mkdir()
+                    (Path(new) / name).rename(place / name)
+    return joined
 
 
 def join(copy: Path, ours: Path, target: Path) -> None:
@@ -64,9 +84,16 @@ def join(copy: Path, ours: Path, target: Path) -> None:
             (target / name).symlink_to(paths[-1].resolve())
 
 
+def references(text: str, names: Set[str]) -> Set[str]:
+    """Those of a launch file's arguments that a text has in $(arg ...) or $(eval ...)."""
+    commands = [text] if text.startswith("$(eval ") else re.findall(r"\$\(arg ([^)]*)\)", text)
+    return names & set(re.findall(r"\w+", " ".join(commands)))
+
+
 def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
     """World and pose that a launch file gives its robot, with what it includes from the same folder."""
     root = ElementTree.parse(file).getroot()
+    names = {arg.get("name", "") for arg in root.findall("arg")}
     given: Dict[str, str] = {}
     fixed: Dict[str, str] = {}
     for include in root.iter("include"):
@@ -74,9 +101,11 @@ def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
         inner = file.parent / Path(name).name
         if depth and "gazebo_ros" not in name and inner.is_file():
             given.update(world_and_pose(inner, depth - 1))
-        values = {arg.get("name", ""): arg.get("value", "$(arg") for arg in include.findall("arg")}
-        fixed.update({name: value for name, value in values.items() if "$(arg" not in value})
-    given.update({arg.get("name", ""): arg.get("default", "") for arg in root.findall("arg")})
+        values = {arg.get("name", ""): arg.get("value", "") for arg in include.findall("arg")}
+        fixed.update({name: value for name, value in values.items() if not references(value, names)})
+    defaults = {arg.get("name", ""): arg.get("default", "") for arg in root.findall("arg")}
+    # ours may lack the other arguments of a copy
+    given.update({name: text for name, text in defaults.items() if references(text, names) <= WORLD_AND_POSE})
     given.update(fixed)
     return {name: value for name, value in given.items() if name in WORLD_AND_POSE and value}
 
@@ -101,12 +130,9 @@ def keep_world_and_pose(copy: Path, link: Path) -> None:
 
 
 def main() -> None:
-    """Print a ROS_PACKAGE_PATH; packages are joined in a folder of ~/.ros."""
+    """Print a ROS_PACKAGE_PATH."""
     paths = [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
-    name = hashlib.sha256(os.pathsep.join(paths).encode()).hexdigest()[:12]
-    folder = Path(rospkg.get_ros_home()) / "gazebo_packages" / name
-    shutil.rmtree(folder, ignore_errors=True)
-    print(os.pathsep.join(package_path(paths, folder)))
+    print(os.pathsep.join(package_path(paths, join_copies(paths).values())))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ Usage: launch.py FILE.launch [name:=value ...] [options of roslaunch]. FILE is o
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import os
 import re
@@ -14,7 +13,6 @@ import shutil
 import signal
 import socket
 import sys
-import tempfile
 import threading
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set
@@ -158,13 +156,12 @@ def find_packages_for(file: Path) -> Path:
     workspace = next((path for path in file.resolve().parents if path.name == "src"), None)
     if package and workspace and workspace.parent != Path.home():
         paths.append(str(workspace))
-    joined = Path(tempfile.mkdtemp(prefix="gazebo_packages_"))
-    atexit.register(shutil.rmtree, joined, ignore_errors=True)
-    os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(gazebo_packages.package_path(paths, joined))
+    joined = gazebo_packages.join_copies(paths)
+    os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(gazebo_packages.package_path(paths, joined.values()))
     find_resource = substitution_args._find_resource
 
     def find(resolved: str, command: str, arguments: List[str], *others: Any, **named: Any) -> str:
-        if (joined / arguments[0]).is_dir():  # a copy that is built would be found first
+        if arguments[0] in joined:  # a copy that is built would be found first
             raise substitution_args.SubstitutionException("joined with a stand-in")
         return str(find_resource(resolved, command, arguments, *others, **named))
 
@@ -172,12 +169,14 @@ def find_packages_for(file: Path) -> Path:
     return replacement_of(file, package, joined)
 
 
-def replacement_of(file: Path, package: Optional[Path], joined: Path) -> Path:
+def replacement_of(file: Path, package: Optional[Path], joined: Dict[str, Path]) -> Path:
     """The stand-in of a launch file that needs Gazebo; else the file itself."""
     if package is None:
         return file
     name = (ElementTree.parse(package / "package.xml").findtext("name") or "").strip()
-    stand_in = joined / name / file.resolve().relative_to(package)
+    if name not in joined:
+        return file
+    stand_in = joined[name] / file.resolve().relative_to(package)
     if not stand_in.is_file() or stand_in.resolve() == file.resolve():
         return file
     ours = gazebo_packages.COMPAT / name / file.resolve().relative_to(package)

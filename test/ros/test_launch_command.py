@@ -290,9 +290,12 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 
 
 @pytest.mark.parametrize("which", range(1, 5))  # master, rosout, simulator, controller
-def test_a_signal_while_a_process_is_being_forked_ends_everything(which, ros):
+def test_a_signal_while_a_process_is_being_forked_ends_everything(which, ros, tmp_path):
     arguments = ("controller.launch", "gui:=false", "-p", str(ros.port))
-    launched = ros.start(sys.executable, "-c", INTERRUPTED, str(which), LAUNCH, *arguments)
+    (tmp_path / "tmp").mkdir()
+    command = (sys.executable, "-c", INTERRUPTED, str(which), LAUNCH, *arguments)
+    launched = ros.start(*command, TMPDIR=str(tmp_path / "tmp"))
     assert launched.wait() == 128 + signal.SIGINT
     assert "Traceback" not in launched.output
     assert ros.left() == []
+    assert list((tmp_path / "tmp").iterdir()) == []

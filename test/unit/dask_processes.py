@@ -35,7 +35,7 @@ class Processes:
 
     def start(self, name, words, path=SOURCES):
         log = self.folder / f"{name}.log"
-        env = {**os.environ, "PYTHONPATH": str(path)}
+        env = {**os.environ, "PYTHONPATH": str(path), "DASK_TEMPORARY_DIRECTORY": str(self.folder)}
         with log.open("wb") as output:
             command = [sys.executable, "-m", f"distributed.cli.{words[0]}", *words[1:]]
             self.started.append(

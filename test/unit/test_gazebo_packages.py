@@ -99,6 +99,10 @@ def test_a_copy_keeps_its_own_files_and_gets_launch_files_that_run_here(tmp_path
     for file in ("launch/spawn_husky.launch", "launch/husky_playpen.launch", "scripts/spawn_husky"):
         assert (joined / file).resolve() == COMPAT / "husky_gazebo" / file
     assert path_beside(tmp_path)[0] == joined  # and once more
+    assert len(list((tmp_path / "home" / "gazebo_packages").iterdir())) == 1
+    shutil.rmtree(copy)
+    path_beside(tmp_path)
+    assert not list((tmp_path / "home" / "gazebo_packages").iterdir())
 
 
 WORLD = '<include file="$(find gazebo_ros)/launch/empty_world.launch"><arg name="world_name" value="{}"/>'
@@ -124,6 +128,9 @@ PASSED_WORLD = WORLD.format("$(arg world_name)") + "</include>"
             {"husky_playpen": '<include file="$(dirname)/husky_playpen.launch"/>' + ARG.format("yaw", "1")},
             {"yaw": "1"},
         ),
+        ({"playpen": ARG.format("maze", "b") + WORLD.format("$(eval '/' + maze)") + "</include>"}, {}),
+        ({"playpen": WORLD.format("$(eval '/' + 'a')") + "</include>"}, {"world_name": "$(eval '/' + 'a')"}),
+        ({"spawn_husky": ARG.format("place", "2") + ARG.format("x", "$(arg place)")}, {}),
     ],
 )
 def test_the_world_and_pose_of_an_edited_launch_file_stay(tmp_path, files, kept):
