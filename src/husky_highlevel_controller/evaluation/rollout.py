@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import groupby
 from math import inf
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from operator import itemgetter
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -108,11 +110,14 @@ def rollout(
     robot = robot or model_of(simulator.robot, "robot" if simulator.real else "gazebo")
     simulation = Simulation(scenario.world, robot, simulator, scenario.start, scenario.seed)
     laser_in_base = robot.fixed_poses[robot.laser_frame]
-    controller_state, recorder, arrived_at = ControllerState(), _Recorder(), inf
+    controller_state, arrived_at = ControllerState(), inf
+    rows: List[Tuple[Any, ...]] = []
+    touches: Dict[str, float] = {}  # [s], by body
     try:
         while simulation.stamp < min(seconds, arrived_at + settle):
             snapshot = simulation.step()
-            recorder.note_touches(snapshot)
+            for name in snapshot.contacts:
+                touches.setdefault(name, snapshot.stamp)
             if snapshot.scan is None or snapshot.odometry is None:
                 continue
             odometry, age = snapshot.odometry.filtered, snapshot.stamp - snapshot.scan.stamp
@@ -124,47 +129,34 @@ def rollout(
                 controller_state, observation, True, control, detector_config
             )
             simulation.command(output.twist)
-            x, y, _ = simulation.pose_of(scenario.pillar).position
-            recorder.note(snapshot, snapshot.scan, output, (x, y))
+            pillar = simulation.pose_of(scenario.pillar).position[:2]
+            rows.append(_row(snapshot, snapshot.scan, output, pillar))
             arrived_at = min(arrived_at, snapshot.stamp) if output.state is State.ARRIVED else inf
     finally:
         simulation.close()
-    return recorder.trace()
+    return _trace(rows, touches)
 
 
-class _Recorder:
-    """Collects the rows of a trace."""
+def _row(
+    snapshot: Snapshot, scan: Scan, output: ControlOutput, pillar_in_world: Tuple[float, ...]
+) -> Tuple[Any, ...]:
+    """Values of COLUMNS, the state, and the state with its reason."""
+    estimate = output.estimate[:2] if output.estimate else (np.nan, np.nan)
+    errors = (output.distance_error, output.bearing_error)
+    nearest = float(np.min(scan.ranges, where=scan.valid, initial=inf))
+    pose = pose_to_2d(snapshot.robot.pose_in_world)
+    numbers = (snapshot.stamp, pose, output.twist, estimate, pillar_in_world, *errors, nearest)
+    return (*numbers, output.state, f"{output.state.value}: {output.reason}")
 
-    def __init__(self) -> None:
-        self._rows: List[Tuple[Any, ...]] = []  # of the arrays of COLUMNS
-        self._states: List[State] = []
-        self._touches: Dict[str, float] = {}
-        self._events: List[Tuple[float, str]] = []
 
-    def note_touches(self, snapshot: Snapshot) -> None:
-        for name in snapshot.contacts:
-            self._touches.setdefault(name, snapshot.stamp)
-
-    def note(
-        self, snapshot: Snapshot, scan: Scan, output: ControlOutput, pillar_in_world: Tuple[float, float]
-    ) -> None:
-        estimate = output.estimate[:2] if output.estimate else (np.nan, np.nan)
-        numbers = (output.distance_error, output.bearing_error)
-        nearest = float(np.min(scan.ranges, where=scan.valid, initial=inf))
-        pose = pose_to_2d(snapshot.robot.pose_in_world)
-        self._rows.append((snapshot.stamp, pose, output.twist, estimate, pillar_in_world, *numbers, nearest))
-        self._states.append(output.state)
-        sentence = f"{output.state.value}: {output.reason}"
-        if not self._events or sentence != self._events[-1][1]:
-            self._events.append((snapshot.stamp, sentence))
-
-    def trace(self) -> Trace:
-        columns = list(zip(*self._rows)) or [()] * len(COLUMNS)
-        arrays = {
-            name: np.array(column, dtype=float).reshape((-1, width) if width else -1)
-            for (name, width), column in zip(COLUMNS.items(), columns)
-        }
-        for array in arrays.values():
-            array.setflags(write=False)
-        touches = tuple((stamp, name) for name, stamp in self._touches.items())
-        return Trace(states=tuple(self._states), touches=touches, events=tuple(self._events), **arrays)
+def _trace(rows: Sequence[Tuple[Any, ...]], touches: Mapping[str, float]) -> Trace:
+    *columns, states, sentences = list(zip(*rows)) or [()] * (len(COLUMNS) + 2)
+    arrays = {
+        name: np.array(column, dtype=float).reshape((-1, width) if width else -1)
+        for (name, width), column in zip(COLUMNS.items(), columns)
+    }
+    for array in arrays.values():
+        array.setflags(write=False)
+    events = tuple(next(same) for _, same in groupby(zip(columns[0], sentences), itemgetter(1)))
+    first_touches = tuple((stamp, name) for name, stamp in touches.items())
+    return Trace(states=states, touches=first_touches, events=events, **arrays)

@@ -107,12 +107,7 @@ def add_drive_options(parser: argparse.ArgumentParser, scenes: int) -> None:
 
 def parameters(setup: Setup) -> Dict[str, Any]:
     """Every parameter and its value, by name."""
-    return {name: value for name, value, _ in _all_parameters(setup)}
-
-
-def _all_parameters(setup: Setup) -> Iterator[Tuple[str, Any, Mapping[str, Any]]]:
-    for record in (setup.control, setup.detector, setup.simulator):
-        yield from _parameters(record)
+    return {name: value for record in vars(setup).values() for name, value, _ in _parameters(record)}
 
 
 def _parameters(record: Any, prefix: str = "") -> Iterator[Tuple[str, Any, Mapping[str, Any]]]:
@@ -125,20 +120,20 @@ def _parameters(record: Any, prefix: str = "") -> Iterator[Tuple[str, Any, Mappi
             yield prefix + item.name, value, item.metadata
 
 
+METADATA = {
+    name: metadata for record in vars(Setup()).values() for name, _, metadata in _parameters(record)
+}  # min, max and help of every parameter
+
+
 def unit_of(name: str) -> str:
     """Unit of a parameter in brackets, as its help text ends with; empty: it has none."""
-    unit = re.search(r"\[[^]]+\]$", metadata_of(name)["help"])
+    unit = re.search(r"\[[^]]+\]$", METADATA[name]["help"])
     return unit.group() if unit else ""
-
-
-def metadata_of(name: str) -> Mapping[str, Any]:
-    """The metadata of a parameter: min, max, help."""
-    return next(metadata for key, _, metadata in _all_parameters(Setup()) if key == name)
 
 
 def help_line(name: str) -> str:
     """Range, default and help of a number."""
-    metadata, default = metadata_of(name), parameters(Setup())[name]
+    metadata, default = METADATA[name], parameters(Setup())[name]
     return f"{metadata['min']:g}..{metadata['max']:g}, default {default:g}: {metadata['help']}"
 
 
@@ -161,7 +156,7 @@ def parse_axis(text: str) -> Axis:
         raise ConfigError(f"{name} is not a parameter; there are: {', '.join(sorted(defaults))}")
     kind = type(defaults[name])
     if kind not in (int, float):
-        raise ConfigError(f"{name} is not a number ({metadata_of(name)['help']})")
+        raise ConfigError(f"{name} is not a number ({METADATA[name]['help']})")
     if not equals:
         raise ConfigError(f"{name} has no values, such as {name}=FIRST:LAST:COUNT; {help_line(name)}")
     is_geometric = grid.endswith(":log")
@@ -181,16 +176,16 @@ def _numbers(grid: str, is_geometric: bool) -> List[float]:
         if not all(map(math.isfinite, numbers)):
             raise ValueError("a value is no number")
         return numbers
-    first, last, count = grid.split(":")
+    *ends, count = grid.split(":")
+    first, last = map(float, ends)
     if not 1 <= int(count) <= MAX_VALUES:
         raise ValueError(f"{count} values are not in 1..{MAX_VALUES}")
-    if is_geometric and not (float(first) > 0.0 and float(last) > 0.0):
+    if not (math.isfinite(first) and math.isfinite(last)):
+        raise ValueError("a limit is no number")
+    if is_geometric and not (first > 0.0 and last > 0.0):
         raise ValueError("equal ratios need numbers above 0")
     space = np.geomspace if is_geometric else np.linspace
-    ends = (float(first), float(last))
-    if not all(map(math.isfinite, ends)):
-        raise ValueError("a limit is no number")
-    return [float(f"{value:.6g}") for value in space(*ends, int(count))]  # to be read, and typed again
+    return [float(f"{value:.6g}") for value in space(first, last, int(count))]  # to be read, and typed again
 
 
 def load_setup(path: Path, base: Setup) -> Setup:
@@ -207,5 +202,5 @@ def load_setup(path: Path, base: Setup) -> Setup:
 
 def to_yaml(values: Mapping[str, float], title: str) -> str:
     """A YAML file of the controller's parameters, each with its help."""
-    lines = [f"{name}: {value!r}  # {metadata_of(name)['help']}" for name, value in values.items()]
+    lines = [f"{name}: {value!r}  # {METADATA[name]['help']}" for name, value in values.items()]
     return "\n".join([f"# {title}", *lines]) + "\n"

@@ -25,9 +25,9 @@ from husky_highlevel_controller.evaluation.plots import draw_trials
 from husky_highlevel_controller.evaluation.report import write_page
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
+    METADATA,
     Setup,
     add_drive_options,
-    metadata_of,
     parameters,
     setup_of,
     to_yaml,
@@ -98,7 +98,7 @@ def parse_range(text: str, base: Setup) -> Range:
         raise ConfigError(
             f"{name} is not a number of the controller's; there are: {', '.join(sorted(numbers))}"
         )
-    limits = [str(metadata_of(name)["min"]), str(metadata_of(name)["max"])]
+    limits = [str(METADATA[name]["min"]), str(METADATA[name]["max"])]
     try:
         low, high = map(float, limits_text.split(":") if equals else limits)
         if not (isfinite(low) and isfinite(high)):
