@@ -9,6 +9,7 @@ import re
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import List, Tuple
 
@@ -40,6 +41,7 @@ from husky_highlevel_controller.templates import render
 PAGE = "review.html"
 KEYS = 9  # 1 gives nothing, 9 all points
 MAX_CODE = 200_000  # [bytes] of a source file that is looked into
+MAX_SOURCES = 500  # source files of a hand-in that are looked into
 MAX_LINE = 500  # letters of a line that are looked at
 BEFORE, AFTER = 6, 18  # lines of an excerpt around the line that fits
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h", ".launch"}
@@ -98,15 +100,18 @@ class OpenItem:
         """Place and lines of the code that the item is about; empty: there is none."""
         pattern = CODE[self.item.subject]
         sources = self.out / "ws" / "src"
-        for path in walk(sources) if sources.is_dir() else ():
-            if path.suffix in SOURCES and path.name != "CMakeLists.txt":
-                with suppress(UnreadableFileError):
-                    lines = [line[:MAX_LINE] for line in read_text(path, MAX_CODE).splitlines()]
-                    for number, line in enumerate(lines):
-                        if re.search(pattern, line):
-                            first = max(number - BEFORE, 0)
-                            place = f"{path.relative_to(sources)}:{number + 1}"
-                            return place, "\n".join(lines[first : number + AFTER])
+        paths: List[Path] = []
+        with suppress(UnreadableFileError):  # its build has made too many
+            code = (path for path in walk(sources) if path.suffix in SOURCES)
+            paths.extend(islice(code, MAX_SOURCES))
+        for path in paths:
+            with suppress(UnreadableFileError):
+                lines = [line[:MAX_LINE] for line in read_text(path, MAX_CODE).splitlines()]
+                for number, line in enumerate(lines):
+                    if re.search(pattern, line):
+                        first = max(number - BEFORE, 0)
+                        place = f"{path.relative_to(sources)}:{number + 1}"
+                        return place, "\n".join(lines[first : number + AFTER])
         return "", ""
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from husky_highlevel_controller.config import ConfigError, to_json
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D, Scan
+from husky_highlevel_controller.grading.isolation import files
 from husky_highlevel_controller.grading.notes import Kind, Subject
 from husky_highlevel_controller.grading.recording import MarkerSample, Recording, scan_hits
 from husky_highlevel_controller.grading.recording import to_json as recording_to_json
@@ -128,6 +129,29 @@ def test_points_stay_with_their_student_and_item_where_the_page_is_written_again
     save(page, folder)
     given = read_overrides(folder, ["bob"])
     assert given["bob"].points[RVIZ].points == 0.0, "his own, not the first item's"
+
+
+def test_a_student_may_be_called_as_a_property_of_every_object(review, page):
+    out, folder = review
+    for path in (out / "hand_ins").glob("*/result.json"):
+        name = {"ann": "constructor", "bob": "__proto__"}[path.parent.name]
+        write_result(replace(load_result(path), name=name), path.parent)
+    (folder / "marking.yaml").write_text("students: {__proto__: {hold: true}}")
+    page.goto(write_review(out).as_uri())
+    for key in "915":
+        page.keyboard.press(key)
+    save(page, folder)
+    given = read_overrides(folder, ["constructor", "__proto__"])
+    assert given["constructor"].points[RVIZ].points == 20.0
+    assert (given["__proto__"].points[RVIZ].points, given["__proto__"].hold) == (10.0, True)
+
+
+def test_too_many_files_that_a_build_made_leave_the_page(review, monkeypatch):
+    monkeypatch.setattr(files, "MAX_ENTRIES", 3)
+    for number in range(4):
+        (review[0] / "hand_ins" / "ann" / "ws" / "src" / f"{number}.txt").touch()
+    codes = {item.student: item.code[0] for item in open_items(review[0])[0]}
+    assert codes == {"ann": "", "bob": "husky/a.launch:1"}
 
 
 def test_a_student_who_is_gone_has_no_open_items(review):
