@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Iterable, List, Optional
 
+MAX_NOTES = 30  # of a result: a cell of a spreadsheet holds 32767 letters
+
 
 class Kind(Enum):
     """Kind of a finding."""
@@ -78,5 +80,7 @@ class Note:
 
 
 def texts(notes: Iterable[Note]) -> List[str]:
-    """The sentences of notes, each once, in order."""
-    return list(dict.fromkeys(note.text for note in notes))
+    """The sentences of notes, each once, in order, and how many more there are."""
+    sentences = list(dict.fromkeys(note.text for note in notes))
+    more = len(sentences) - MAX_NOTES
+    return sentences if more <= 0 else [*sentences[:MAX_NOTES], f"and {more} more notes"]

@@ -11,6 +11,7 @@ from defusedxml import ElementTree
 
 from husky_highlevel_controller.config import to_json
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.notes import Kind, Note, texts
 from husky_highlevel_controller.grading.records import Item, MarkingResult, Override
 from husky_highlevel_controller.grading.reports.files import load_result, write_result
 from husky_highlevel_controller.grading.reports.tables import to_csv, to_junit, to_moodle, to_result
@@ -100,6 +101,13 @@ def test_junit_has_a_case_for_each_item():
     assert [case.get("name") for case in cases] == ["drives", "arrives", "style"]
     assert cases[1].find("failure").get("message") == "12.5/30: stops <short> & far"
     assert cases[2].find("skipped") is not None
+
+
+def test_a_cell_holds_the_notes_of_a_hand_in_that_makes_thousands():
+    notes = texts(Note(Kind.EXCEPTION, f"{number} {'x' * 2000}") for number in range(10_000))
+    row = list(csv.reader(io.StringIO(to_csv([replace(RESULT, notes=tuple(notes))]))))[1]
+    assert len(row[-1]) < 32768
+    assert row[-1].endswith("and 9970 more notes")
 
 
 def test_csv_has_a_line_each_and_no_formulas():
