@@ -45,55 +45,39 @@ def test_a_cloud_is_known_by_topic_colour_and_size_even_where_no_transform_shows
     assert not shown({**cloud, **OFF}).clouds
 
 
-def test_the_smbs_own_description_is_the_simulators():
-    assert shown({**MODEL, "Robot Description": "/smb_description"}).robot
-    assert not shown(MODEL, tree=FrameTree({"base_link": "odom"})).robot
-
-
-def test_displays_in_groups_count_where_the_group_is_on():
-    group = {"Class": "rviz/Group", "Displays": [SCAN, {"Class": "rviz/Group", "Displays": [MODEL, TF]}]}
-    assert parts(shown(group)) == (True, True, True)
-    assert parts(shown({**group, **OFF}, TF)) == (True, False, False)
-
-
 @pytest.mark.parametrize(
-    "display",
+    ("display", "is_shown"),
     [
-        {**TF, **OFF},
-        {**TF, "Marker Scale": 0},
-        {**TF, "Show Axes": False, "Show Names": False, "Show Arrows": False},
-        {**TF, "Frames": {"All Enabled": False, "odom": {"Value": False}}},
-        {**SCAN, "Alpha": 0},
-        {**SCAN, "Style": "Points", "Size (Pixels)": 0},
-        {**SCAN, "Style": "Flat Squares", "Size (m)": 0},
-        {**MODEL, "Alpha": 0.0},
-        {**MODEL, "Visual Enabled": False},
-        {**MODEL, "Links": {"base_link": {"Value": False}}},
-        {**MODEL, "Robot Description": "my_robot"},
-        {"Class": "rviz/PointCloud2"},
-        {"Class": ["rviz/TF"]},
-        7,
+        ({**TF, **OFF}, False),
+        ({**TF, "Marker Scale": 0}, False),
+        ({**TF, "Show Axes": False, "Show Names": False, "Show Arrows": False}, False),
+        ({**TF, "Frames": {"All Enabled": False, "odom": {"Value": False}}}, False),
+        ({**TF, "Frames": {"All Enabled": False, "odom": {"Value": True}}}, True),  # in part
+        ({**SCAN, "Alpha": 0}, False),
+        ({**SCAN, "Style": "Points", "Size (Pixels)": 0}, False),
+        ({**SCAN, "Style": "Points", "Size (m)": 0}, True),
+        ({**SCAN, "Style": "Flat Squares", "Size (m)": 0}, False),
+        ({**MODEL, "Alpha": 0.0}, False),
+        ({**MODEL, "Visual Enabled": False}, False),
+        ({**MODEL, "Links": {"base_link": {"Value": False}}}, False),
+        ({**MODEL, "Links": {"base_link": {"Value": False}, "top": {"Value": True}}, "Alpha": "x"}, True),
+        ({**MODEL, "Robot Description": "my_robot"}, False),
+        ({**MODEL, "Robot Description": "/smb_description"}, True),  # the SMB's own
+        ({"Class": "rviz/Group", "Displays": [{"Class": "rviz/Group", "Displays": [TF]}]}, True),
+        ({"Class": "rviz/Group", "Displays": [SCAN, MODEL, TF], **OFF}, False),
+        ({"Class": "rviz/PointCloud2"}, False),
+        ({"Class": ["rviz/TF"]}, False),
+        (7, False),
     ],
 )
-def test_a_display_without_size_colour_or_parts_is_not_shown(display):
-    assert parts(shown(display)) == (False, False, False)
-
-
-@pytest.mark.parametrize(
-    "display",
-    [
-        {**SCAN, "Style": "Points", "Size (m)": 0},
-        {**TF, "Frames": {"All Enabled": False, "odom": {"Value": True}}},
-        {**MODEL, "Links": {"base_link": {"Value": False}, "top": {"Value": True}}, "Alpha": "x"},
-    ],
-)
-def test_a_display_that_is_shown_in_part_counts(display):
-    assert any(parts(shown(display)))
+def test_a_display_without_size_colour_or_parts_is_not_shown(display, is_shown):
+    assert any(parts(shown(display))) is is_shown
 
 
 def test_the_fixed_frame_must_be_connected():
     lost = shown(TF, SCAN, frame="map")
     assert parts(lost) == (False, False, False)
+    assert not shown(MODEL, tree=FrameTree({"base_link": "odom"})).robot, "which has no description"
     assert "fixed frame 'map'" in lost.problem
     slam = FrameTree({"odom": "map", "base_link": "odom"}, ("/robot_description",))
     assert parts(shown(TF, SCAN, MODEL, frame="/map", tree=slam)) == (True, True, True)
@@ -110,11 +94,8 @@ def test_topics_and_namespaces_of_markers():
 
 
 @pytest.mark.parametrize("content", [None, [], "x", {"Visualization Manager": []}])
-def test_what_is_no_configuration_of_rviz_is_told(content):
+def test_what_is_no_configuration_of_rviz_is_told_and_one_of_any_depth_ends(content):
     assert view_of(read_config("a.rviz", content), STANDING).problem == "the file is not RViz's"
-
-
-def test_many_displays_end():
     deep = [TF]
     for _ in range(600):
         deep = [{"Class": "rviz/Group", "Displays": deep}]
