@@ -22,12 +22,12 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     open_hand_in,
     read_manifest,
 )
-from husky_highlevel_controller.grading.hand_in.plan import Plan
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import Note
+from husky_highlevel_controller.grading.records import Override
 from husky_highlevel_controller.grading.reports.files import load_result
 from husky_highlevel_controller.grading.settings import read_overrides
-from husky_highlevel_controller.grading.submission import RvizNode, notes_on, read_events
+from husky_highlevel_controller.grading.submission import Plan, RvizNode, notes_on, read_events
 
 MANIFEST = (
     '<package format="2"><name>husky</name><version>0.0.0</version><description>d</description>'
@@ -77,13 +77,14 @@ def test_hand_ins_are_packages_and_a_launch_file_or_not_markable(cases, tmp_path
         for name in ("launch/a.launch", "launch/b.launch", "../ex3.launch"):
             put(package / name, damaged(rng, LAUNCH))
         (place / "scratch").mkdir()
-        (hand_in,) = find_hand_ins(place / "class")
+        (hand_in,) = find_hand_ins(place / "class").values()
         try:
             contents = open_hand_in(hand_in, place / "scratch")
             packages, _ = choose_packages(contents.packages, 3)
             folders = copy_packages(packages, place / "ws")[0]
             workspace = Workspace(packages=(folders.root / "src",))
-            files = read_launch_files(contents, packages, folders.packages, {}, workspace, place)
+            none = copy_packages([], place / "copies")[0]
+            files = read_launch_files(contents, packages, folders, none, workspace, Override())
             candidates = choose_launch_files(files, 3)
             why = reasons(candidates[0], candidates, 3)
             found += "starts husky/" in why

@@ -22,7 +22,7 @@ from tqdm import tqdm
 from husky_highlevel_controller.config import load, to_json
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.hand_in.archives import PackedPath
-from husky_highlevel_controller.grading.hand_in.packages import HandIn, find_hand_ins
+from husky_highlevel_controller.grading.hand_in.packages import find_hand_ins
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
@@ -83,9 +83,9 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     Raises:
         HuskyError: there is none, marking.yaml is wrong, or marking was interrupted.
     """
-    hand_ins = [each for each in find_hand_ins(batch.folder) if each.path.resolve() != batch.out]
-    names = [hand_in.name for hand_in in hand_ins]
-    if not hand_ins:
+    hand_ins = find_hand_ins(batch.folder)
+    names = [name for name, path in hand_ins.items() if path.resolve() != batch.out]
+    if not names:
         raise HuskyError(f"no hand-in in {batch.folder}: no folder, zip or tar archive")
     for name in batch.only:
         if name not in names:
@@ -95,8 +95,8 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     (batch.out / "CATKIN_IGNORE").touch()  # unpacked hand-ins are no packages of a workspace around them
     results: Dict[str, MarkingResult] = {}
     waiting: List[Job] = []
-    for hand_in in hand_ins:
-        job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
+    for name in names:
+        job = job_of(name, hand_ins[name], overrides.get(name, Override()), config, batch)
         if job.name in batch.only:  # all of it again
             Path(job.out, WORKSPACE).unlink(missing_ok=True)
         earlier = None if job.name in batch.only else _earlier(job)
@@ -136,21 +136,20 @@ def _line(result: MarkingResult) -> str:
     return f"{result.name}: {_sum(result)}" + (f": {result.problem}" if result.problem else "")
 
 
-def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Batch) -> Job:
-    """The job of one hand-in, with fingerprints of what it is made of, and of what decides how it drives."""
-    out = batch.out / HAND_INS / hand_in.name
+def job_of(name: str, path: Path, override: Override, config: MarkingConfig, batch: Batch) -> Job:
+    """The job of a student, with fingerprints of what it is made of, and of what decides how it drives."""
     job = Job(
-        hand_in.name, str(out), config, hand_in=str(hand_in.path), override=override, setups=batch.setups,
-        hidden=(str(batch.folder), str(batch.out)), time_limit=batch.time_limit,
+        name, str(batch.out / HAND_INS / name), config, hand_in=str(path), override=override,
+        setups=batch.setups, hidden=(str(batch.folder), str(batch.out)), time_limit=batch.time_limit,
     )  # fmt: skip
     choices = replace(override, robot=None, points={}, late=None, hold=False)
     built = [code_version(), config.exercise, to_json(choices), batch.setups]
     # a class is marked by one version of the simulator
     digest = hashlib.sha256(repr(built).encode())
     with contextlib.suppress(UnreadableFileError, OSError):  # too many files, or one is gone: marking says so
-        for file in walk(hand_in.path) if hand_in.path.is_dir() else [hand_in.path]:
+        for file in walk(path) if path.is_dir() else [path]:
             status = file.stat()
-            line = f"{file.relative_to(hand_in.path)} {status.st_size} {status.st_mtime_ns}\n"
+            line = f"{file.relative_to(path)} {status.st_size} {status.st_mtime_ns}\n"
             digest.update(line.encode(errors="replace"))
     made_of = digest.hexdigest()
     digest.update(to_json(replace(config, rules=Rules())).encode() + repr(override.robot).encode())

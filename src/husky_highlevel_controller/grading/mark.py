@@ -89,7 +89,8 @@ def kept_submission(job: Job) -> Optional[Submission]:
         return None
     root = Path(job.out, "ws")  # another one is a copy's, or another machine's
     is_here = submission.root == root and (root / "src").is_dir()
-    is_shut = submission.sandbox == kind_of_sandbox() and {*map(Path, job.hidden)} <= {
+    isolation = kind_of_sandbox(), private_network.reach()
+    is_shut = (submission.sandbox, submission.network) == isolation and {*map(Path, job.hidden)} <= {
         *submission.workspace.hidden
     }
     is_same = bool(job.made_of) and submission.made_of == job.made_of

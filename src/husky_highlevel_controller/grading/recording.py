@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass, field, replace
 from math import inf, nan
 from pathlib import Path
-from typing import Any, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -157,15 +157,16 @@ FLOOD = 300.0  # commands a simulated second; 50 answer the scans
 CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")  # why a drive ended that the recorder did not end
 
 
-def drive_number(folder: Path) -> int:
-    """Number of a drive, from the name of its folder: drive_N."""
-    return int(folder.name[len("drive_") :])
+def drive_folders(out: Path) -> Dict[int, Path]:
+    """Folders of the drives in a folder of results, drive_N, by their numbers, in order."""
+    folders = {path.name[len("drive_") :]: path for path in out.glob("drive_*")}
+    return {int(number): folders[number] for number in sorted(filter(str.isdecimal, folders), key=int)}
 
 
 def recordings_in(out: Path) -> List[Recording]:
     """The recordings of the drives in a folder of results, in order; ConfigError: one is broken."""
-    paths = sorted(out.glob(f"drive_*/{RECORDING}"), key=lambda path: drive_number(path.parent))
-    return [load(Recording, path) for path in paths]
+    paths = [folder / RECORDING for folder in drive_folders(out).values()]
+    return [load(Recording, path) for path in paths if path.exists()]
 
 
 def closed(recording: Recording, closing: Closing) -> Recording:

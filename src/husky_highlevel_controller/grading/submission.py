@@ -61,6 +61,22 @@ class RvizNode:
 
 
 @dataclass(frozen=True)
+class Plan:
+    """Nodes that a launchable would start."""
+
+    nodes: Tuple[str, ...] = ()  # package/type
+    left_out: Tuple[str, ...] = ()  # package/type, of simulators and drivers
+    rviz: Tuple[RvizNode, ...] = ()
+    uses: Tuple[str, ...] = ()  # packages that it names
+    pillar: bool = False  # it names the course's world
+    players: Tuple[str, ...] = ()  # arguments of its rosbag players, which are left out
+    # beside what its launch file says
+    is_read: bool = False  # it can be loaded
+    package_path: Optional[Path] = None  # folder of its package
+    notes: Tuple[Note, ...] = ()  # what is wrong with it
+
+
+@dataclass(frozen=True)
 class Event:
     """A line that the program wrote."""
 
@@ -72,12 +88,7 @@ class Event:
     package: str = ""
     tag: str = ""
     path: str = ""
-    nodes: Tuple[str, ...] = ()  # package/type
-    left_out: Tuple[str, ...] = ()  # package/type
-    rviz: Tuple[RvizNode, ...] = ()
-    uses: Tuple[str, ...] = ()  # packages that are named
-    pillar: bool = False  # the course's world is named
-    players: Tuple[str, ...] = ()  # arguments of rosbag play
+    plan: Optional[Plan] = None
 
 
 def starter(

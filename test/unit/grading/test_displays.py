@@ -7,8 +7,7 @@ import yaml
 
 from husky_highlevel_controller.grading.displays import STANDING, FrameTree, RvizConfig, read_config, view_of
 from husky_highlevel_controller.grading.hand_in.package_files import find_setup
-from husky_highlevel_controller.grading.hand_in.plan import Plan
-from husky_highlevel_controller.grading.submission import RvizNode
+from husky_highlevel_controller.grading.submission import Plan, RvizNode
 from husky_highlevel_controller.paths import share_folder
 
 OFF = {"Enabled": False}

@@ -19,11 +19,11 @@ from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH, simul
 from husky_highlevel_controller.grading.drive.trials import draw_trials
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
 from husky_highlevel_controller.grading.hand_in.package_files import files_of_others, find_setup
-from husky_highlevel_controller.grading.hand_in.plan import Plan, package_path, plan
+from husky_highlevel_controller.grading.hand_in.plan import package_path, plan
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import Launchable, MarkingConfig
-from husky_highlevel_controller.grading.submission import SIMULATOR_NODES, Event, RvizNode, notes_on
+from husky_highlevel_controller.grading.submission import SIMULATOR_NODES, Event, Plan, RvizNode, notes_on
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 

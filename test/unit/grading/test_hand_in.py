@@ -36,7 +36,6 @@ from husky_highlevel_controller.grading.hand_in.launch_choice import (
 )
 from husky_highlevel_controller.grading.hand_in.package_files import curves_in
 from husky_highlevel_controller.grading.hand_in.packages import (
-    HandIn,
     NotMarkableError,
     choose_packages,
     copies_of_known,
@@ -112,7 +111,7 @@ def archive(path, files):
 
 
 def opened(ann):
-    return open_hand_in(HandIn("ann", ann), ann.parents[1])
+    return open_hand_in(ann, ann.parents[1])
 
 
 def chosen(ann, exercise=3):
@@ -129,9 +128,8 @@ def launch_files(ann, exercise=3, **more):
     folders, _ = copy_packages(packages, out / "ws")
     copies, _ = copy_packages(known, out / "copies")
     workspace = Workspace(packages=(folders.root / "src", *copies.packages.values()))
-    files = read_launch_files(
-        contents, [*packages, *known], folders.packages, copies.packages, workspace, out, kept=kept, **more
-    )
+    override = Override(**more)
+    files = read_launch_files(contents, [*packages, *known], folders, copies, workspace, override, kept)
     return choose_launch_files(files, exercise)
 
 
@@ -139,7 +137,8 @@ def prepared(ann):
     """Submission and notes of a hand-in."""
     out = ann.parents[1] / "out"
     shutil.rmtree(out, ignore_errors=True)
-    submission, _ = prepare_module.prepare_hand_in(ann, Override(), 3, Workspace(), out)
+    job = Job("ann", str(out), MarkingConfig(), hand_in=str(ann))
+    submission, _ = prepare_module.prepare_hand_in(job, Workspace())
     return submission, [note.text for note in submission.notes]
 
 
@@ -187,11 +186,11 @@ def test_each_folder_and_archive_of_a_class_is_one_student(tmp_path):
         put(tmp_path / name)
     (tmp_path / "link").symlink_to(tmp_path / "ann")
     os.mkfifo(tmp_path / "fifo.zip")
-    assert [each.name for each in find_hand_ins(tmp_path)] == ["ann", "bob", "cid"]
+    assert list(find_hand_ins(tmp_path)) == ["ann", "bob", "cid"]
     put(tmp_path / "bob" / "package.xml")
     with pytest.raises(HuskyError, match=r"bob and bob\.ZIP are both called bob"):
         find_hand_ins(tmp_path)
-    assert [each.name for each in find_hand_ins(tmp_path / "ann" / "one")] == ["one"], "a package is one, too"
+    assert list(find_hand_ins(tmp_path / "ann" / "one")) == ["one"], "a package is one, too"
 
 
 def test_packages_are_found_in_folders_and_in_archives_inside(ann):
@@ -486,10 +485,10 @@ def test_a_launch_file_may_lie_beside_its_package_and_a_teacher_may_name_it(ann)
     candidates = launch_files(ann)
     assert (str(candidates[0].place), candidates[0].package) == ("exercise3/ex3.launch", "husky")
     assert "is named for exercise 3" in reasons(candidates[0], candidates, 3)
-    (only,) = launch_files(ann, named="launch/ex3.launch")
+    (only,) = launch_files(ann, launch="launch/ex3.launch")
     assert str(only.place) == "exercise3/launch/ex3.launch"
     with pytest.raises(NotMarkableError, match="2 fit it"):
-        launch_files(ann, named="ex3.launch")
+        launch_files(ann, launch="ex3.launch")
 
 
 def test_a_copy_of_a_known_package_may_have_the_launch_file(ann):
@@ -679,8 +678,8 @@ def test_a_changed_file_or_setting_changes_the_fingerprint_and_what_is_only_judg
     put(tmp_path / "a", "1")
 
     def fingerprint(config=MarkingConfig(), **override):  # noqa: B008
-        hand_in, batch = HandIn("ann", tmp_path), Batch(tmp_path.parent, tmp_path / "out")
-        return job_of(hand_in, Override(**override), config, batch).fingerprint
+        batch = Batch(tmp_path.parent, tmp_path / "out")
+        return job_of("ann", tmp_path, Override(**override), config, batch).fingerprint
 
     before = fingerprint()
     assert fingerprint() == before
@@ -689,6 +688,18 @@ def test_a_changed_file_or_setting_changes_the_fingerprint_and_what_is_only_judg
     assert fingerprint(MarkingConfig(rules=Rules(reached=1.0)), points={"a": GivenPoints(1.0, "w")}) == before
     put(tmp_path / "a", "12")
     assert fingerprint() != before
+
+
+def test_a_neighbour_whose_manifest_cannot_be_read_ends_no_reading(husky, ann, tmp_path, monkeypatch):
+    launch(husky / "launch" / "a.launch", '<include file="$(find husky)/b.launch"/>')
+    launch(husky / "b.launch", NODE.format("husky"))
+    put(tmp_path / "others" / "broken" / "package.xml", "<package")
+    (tmp_path / "others" / "gone").mkdir()
+    (tmp_path / "others" / "gone" / "package.xml").symlink_to(tmp_path / "nowhere")
+    monkeypatch.setattr(prepare_module, "build", lambda *given: replace(built(""), workspace=given[-1]))
+    job = Job("ann", str(tmp_path / "out"), MarkingConfig(), hand_in=str(ann))
+    _, planned = prepare_module.prepare_hand_in(job, Workspace(packages=(tmp_path / "others",)))
+    assert planned.nodes == ("husky/controller",), planned.notes
 
 
 # ---------------------------------------------------------------------------- what a teacher sets
@@ -830,17 +841,19 @@ def test_another_deadline_drives_again_and_builds_nothing(batch, husky, monkeypa
     [
         lambda kept: replace(kept, root=kept.root.parents[1] / "copy" / "ws"),
         lambda kept: replace(kept, sandbox="another"),
+        lambda kept: replace(kept, network="another"),
         lambda kept: replace(kept, workspace=replace(kept.workspace, hidden=())),
         lambda kept: replace(kept, made_of="another"),
     ],
 )
 def test_a_workspace_of_another_place_sandbox_class_or_hand_in_is_not_kept(change, batch, ann):
-    job = job_of(HandIn("ann", ann), Override(), MarkingConfig(), batch)
+    job = job_of("ann", ann, Override(), MarkingConfig(), batch)
     (Path(job.out, "ws", "src")).mkdir(parents=True)
     shutil.copytree(job.out, Path(job.out).parent / "copy")
     kept = Submission(
         Launchable("launch", "a", "a.launch"), Workspace(hidden=tuple(map(Path, job.hidden))),
         Path(job.out, "ws"), sandbox=mark_module.kind_of_sandbox(), made_of=job.made_of,
+        network=mark_module.private_network.reach(),
     )  # fmt: skip
     put(Path(job.out, WORKSPACE), to_json(kept))
     assert mark_module.kept_submission(job) == kept
@@ -871,7 +884,7 @@ def test_a_hand_in_that_cannot_be_marked_shows_no_drive_of_an_earlier_one_and_is
 def marked(batch, ann, monkeypatch):
     """A class whose only hand-in was driven before, and the folder of its result; nothing can be started."""
     monkeypatch.setattr(batch_module, "run_program", None)
-    job = job_of(HandIn("ann", ann), Override(), MarkingConfig(), batch)
+    job = job_of("ann", ann, Override(), MarkingConfig(), batch)
     out = Path(job.out)
     notes = (Note(Kind.LAUNCH_FILE, "it starts no node of its own"),)
     recording = Recording(Pose2D(), (20.0, 5.0), 120.0, notes=notes)
@@ -897,7 +910,7 @@ def test_a_typo_in_marking_yaml_is_told_and_costs_no_drive_also_where_it_comes_b
     monkeypatch.setattr(mark_module, "prepare", lambda _: load(Submission, out / WORKSPACE))
     monkeypatch.setattr(mark_module, "observe", lambda *_: None)
     override = Override(points={"mraker": GivenPoints(7.0, "seen")})
-    job = job_of(HandIn("ann", batch.folder / "ann"), override, MarkingConfig(), batch)
+    job = job_of("ann", batch.folder / "ann", override, MarkingConfig(), batch)
     put(out / "job.json", to_json(job))
     assert "mraker is not an item" in mark(job).problem
     (result,) = mark_all(MarkingConfig(), batch)
@@ -1008,7 +1021,7 @@ def test_a_failure_or_a_hand_in_of_too_many_files_is_a_result_and_the_class_gets
 
 
 def test_another_version_of_the_package_marks_again(batch, ann, monkeypatch):
-    job = HandIn("ann", ann), Override(), MarkingConfig(), batch
+    job = "ann", ann, Override(), MarkingConfig(), batch
     before = job_of(*job).fingerprint
     monkeypatch.setattr(batch_module, "code_version", lambda: "another")
     assert job_of(*job).fingerprint != before
@@ -1057,7 +1070,7 @@ def test_a_hand_in_travels_with_its_permissions_without_links_and_large_files(an
 
 
 def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(ann, batch):
-    job = job_of(HandIn("ann", ann), Override(), MarkingConfig(), batch)
+    job = job_of("ann", ann, Override(), MarkingConfig(), batch)
     files = run_there(pickle.loads(pickle.dumps((job, PackedPath(ann)))))
     assert "unpacked/readme.txt" not in files
     result = batch_module.write_outputs(files, job)
@@ -1068,7 +1081,7 @@ def test_a_hand_in_is_marked_where_it_was_sent_and_its_files_come_back(ann, batc
 
 
 def test_files_that_a_hand_in_made_while_driving_stay_where_they_are(ann, batch, monkeypatch):
-    job = job_of(HandIn("ann", ann), Override(), MarkingConfig(), batch)
+    job = job_of("ann", ann, Override(), MarkingConfig(), batch)
 
     def marked(job):
         for number in range(30):

@@ -331,7 +331,7 @@ def test_the_private_network_has_a_loopback_and_no_way_out(tmp_path):
     code = (
         "import socket, sys\n"
         "from husky_highlevel_controller.grading.isolation import private_network\nprivate_network.enter()\n"
-        "print(private_network.is_private())\nserver = socket.create_server(('127.0.0.1', 0))\n"
+        "print(private_network.reach())\nserver = socket.create_server(('127.0.0.1', 0))\n"
         "socket.create_connection(server.getsockname()).close()\n"
         "for address in ('192.0.2.1', 80), ('127.0.0.1', int(sys.argv[1])):\n"
         "    try:\n        socket.create_connection(address, 5)\n"
@@ -340,7 +340,7 @@ def test_the_private_network_has_a_loopback_and_no_way_out(tmp_path):
     (tmp_path / "inside.py").write_text(code)
     with socket.create_server(("127.0.0.1", 0)) as outside:
         lines = told(tmp_path / "inside.py", str(outside.getsockname()[1]))
-    assert lines == ["True", "Network is unreachable", "Connection refused"]
+    assert lines == ["loopback only", "Network is unreachable", "Connection refused"]
 
 
 # ---------------------------------------------------------------------------- what it may use up

@@ -134,6 +134,8 @@ def test_a_replay_is_that_of_its_drive_by_number(tmp_path):
     for number in (1, 3, 10):
         (tmp_path / f"drive_{number}").mkdir()
         (tmp_path / f"drive_{number}" / "replay.html").write_text(f"drive {number}")
+    (tmp_path / "drive_x").mkdir()
+    (tmp_path / "drive_x" / "replay.html").touch()
     found = replays(tmp_path)
     assert list(found) == [1, 3, 10]
     items = [Item("marker", 0.0, 20.0, "wrong", at=4.0, drive=number) for number in (2, 3, 10)]

@@ -7,8 +7,8 @@ import pytest
 from husky_highlevel_controller.grading.drive import ros_graph
 from husky_highlevel_controller.grading.drive.ros_graph import robot_listened_to
 from husky_highlevel_controller.grading.hand_in.package_files import named_bag, named_robot
-from husky_highlevel_controller.grading.hand_in.plan import Plan
 from husky_highlevel_controller.grading.records import MarkingConfig
+from husky_highlevel_controller.grading.submission import Plan
 
 
 @pytest.mark.parametrize(

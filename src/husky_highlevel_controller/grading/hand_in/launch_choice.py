@@ -7,8 +7,9 @@ import re
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Any, Collection, Iterator, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import Any, Collection, Iterator, List, Mapping, Sequence, Set, Tuple
 
+from husky_highlevel_controller.grading.hand_in.build import Folders
 from husky_highlevel_controller.grading.hand_in.packages import (
     Contents,
     NotMarkableError,
@@ -16,7 +17,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     fits_exercise,
     nodes_in,
 )
-from husky_highlevel_controller.grading.hand_in.plan import Plan, plans
+from husky_highlevel_controller.grading.hand_in.plan import plans
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     copy,
@@ -25,7 +26,8 @@ from husky_highlevel_controller.grading.isolation.files import (
     walk,
 )
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.records import BAG_EXERCISE, Launchable
+from husky_highlevel_controller.grading.records import BAG_EXERCISE, Launchable, Override
+from husky_highlevel_controller.grading.submission import Plan
 
 MAX_LAUNCH = 1_000_000  # [bytes]
 BESIDE = ".beside"  # folder of a workspace's sources: no package can have this name
@@ -55,12 +57,10 @@ class LaunchFile:
 def read_launch_files(
     contents: Contents,
     packages: Sequence[Package],
-    folders: Mapping[str, Path],
-    copies: Mapping[str, Path],
+    ws: Folders,
+    copies: Folders,
     workspace: Workspace,
-    out: Path,
-    named: Optional[str] = None,
-    arguments: Sequence[str] = (),
+    override: Override,
     kept: Sequence[str] = (),
 ) -> List[LaunchFile]:
     """Launch files of a hand-in, read as roslaunch would.
@@ -68,32 +68,34 @@ def read_launch_files(
     Args:
         contents: of the hand-in.
         packages: of these, those of the exercise, and known ones of which there are copies.
-        folders: of its packages' copies in the workspace, by name.
+        ws: its packages' copies.
         copies: likewise, of known packages, which are not the student's.
         workspace: in which they would be started.
-        out: folder with the workspace `ws`, and for logs.
-        named: place of the only one that counts, or the end of it.
-        arguments: of the launch file.
+        override: with the only one that counts, where it names one, and their arguments.
         kept: packages whose nodes count, in place of the hand-in's own, as do players of a bag.
 
     Raises:
         NotMarkableError: none, or more than one, fits the name.
     """
-    files = list(islice(_launch_files(contents, packages, {**copies, **folders}, out / "ws"), MAX_READ))
-    if named is not None:
-        parts = PurePosixPath(named).parts
+    folders = ws.packages
+    found = _launch_files(contents, packages, {**copies.packages, **folders}, ws.root)
+    files = list(islice(found, MAX_READ))
+    if override.launch is not None:
+        parts = PurePosixPath(override.launch).parts
         files = [(path, place) for path, place in files if place.parts[-len(parts) :] == parts]
         if len(files) != 1:
-            raise NotMarkableError(f"marking.yaml names the launch file {named!r}: {len(files)} fit it")
+            fit = f"{override.launch!r}: {len(files)} fit it"
+            raise NotMarkableError(f"marking.yaml names the launch file {fit}")
     scanning = {name for name, folder in folders.items() if _names_scans(folder)}
     inside = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
     launchables = [
-        Launchable("launch", name or next(iter(folders)), str(path), tuple(arguments))
+        Launchable("launch", name or next(iter(folders)), str(path), override.arguments)
         for name, (path, _) in zip(inside, files)
     ]
     launch_files = []
     counted = {*kept, "rosbag"} if kept else set(folders)
-    for (path, place), name, plan in zip(files, inside, plans(launchables, workspace, out / "plan", kept)):
+    planned = plans(launchables, workspace, ws.root.with_name("plan"), kept)
+    for (path, place), name, plan in zip(files, inside, planned):
         nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
         nodes = tuple(node for node in nodes if node.partition("/")[0] in counted)
         owners = [name, *(node.partition("/")[0] for node in nodes), *folders]

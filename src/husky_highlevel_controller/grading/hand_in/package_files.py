@@ -14,7 +14,6 @@ from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
 from husky_highlevel_controller.grading.displays import ROBOT, SCAN, TF, RvizConfig, read_config
-from husky_highlevel_controller.grading.hand_in.plan import Plan
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     is_below,
@@ -25,6 +24,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     walk,
 )
 from husky_highlevel_controller.grading.records import ROBOT_TITLES, SMB
+from husky_highlevel_controller.grading.submission import Plan
 from husky_highlevel_controller.paths import share_folder
 
 _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")

@@ -52,14 +52,6 @@ class NotMarkableError(HuskyError):
 
 
 @dataclass(frozen=True)
-class HandIn:
-    """Folder or archive of one student."""
-
-    name: str  # the student's
-    path: Path  # a folder or an archive
-
-
-@dataclass(frozen=True)
 class Package:
     """Catkin package of a hand-in."""
 
@@ -73,21 +65,21 @@ class Package:
 class Contents:
     """Packages of a hand-in, and notes."""
 
-    root: Path  # its folder, or that of the unpacked archive
     packages: Tuple[Package, ...]
-    places: Mapping[Path, PurePosixPath] = field(default_factory=dict)  # of folders: root, archives
+    # of its folder, or that of the unpacked archive, and of those of archives in it
+    places: Mapping[Path, PurePosixPath] = field(default_factory=dict)
     notes: Tuple[str, ...] = ()
 
 
-def find_hand_ins(folder: Path) -> List[HandIn]:
-    """Every folder and archive in a folder, by name; a folder that is itself a package is one hand-in.
+def find_hand_ins(folder: Path) -> Dict[str, Path]:
+    """Every folder and archive in a folder by its student; a folder that is itself a package is one hand-in.
 
     Raises:
         HuskyError: two entries belong to the same student.
     """
     if (folder / "package.xml").is_file():
-        return [HandIn(_printable_name(folder.name), folder)]
-    hand_ins: Dict[str, HandIn] = {}
+        return {_printable_name(folder.name): folder}
+    hand_ins: Dict[str, Path] = {}
     for path in sorted(folder.iterdir()):
         suffix = suffix_of(path.name)
         is_archive = bool(suffix) and path.is_file()
@@ -95,9 +87,9 @@ def find_hand_ins(folder: Path) -> List[HandIn]:
             continue
         name = _printable_name(path.name[: -len(suffix)] if is_archive else path.name)
         if name in hand_ins:
-            raise HuskyError(f"{folder}: {hand_ins[name].path.name} and {path.name} are both called {name}")
-        hand_ins[name] = HandIn(name, path)
-    return list(hand_ins.values())
+            raise HuskyError(f"{folder}: {hand_ins[name].name} and {path.name} are both called {name}")
+        hand_ins[name] = path
+    return hand_ins
 
 
 def _printable_name(name: str) -> str:
@@ -109,8 +101,8 @@ def _printable_name(name: str) -> str:
     return f"{text[:KEPT_NAME]}~{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
-def open_hand_in(hand_in: HandIn, scratch: Path) -> Contents:
-    """Unpack archives into an existing, empty folder, and find every package; the hand-in is only read.
+def open_hand_in(path: Path, scratch: Path) -> Contents:
+    """Unpack a folder's archives, or an archive, into an existing, empty folder, and find every package.
 
     Raises:
         NotMarkableError: it cannot be read.
@@ -118,11 +110,11 @@ def open_hand_in(hand_in: HandIn, scratch: Path) -> Contents:
     allowance = Allowance()
     notes: List[str] = []
     try:
-        root = hand_in.path
-        if root.is_file():
+        root = path
+        if path.is_file():
             root = scratch / "hand_in"
             root.mkdir()
-            notes += unpack(hand_in.path, root, allowance)
+            notes += unpack(path, root, allowance)
         places = {root: PurePosixPath(".")}
         inner = [path for path in walk(root, BUILT) if suffix_of(path.name)]
         for number, archive in enumerate(inner[:MAX_ARCHIVES]):
@@ -138,7 +130,7 @@ def open_hand_in(hand_in: HandIn, scratch: Path) -> Contents:
         raise NotMarkableError(f"it cannot be read: {error}") from error
     if len(packages) > MAX_PACKAGES:
         raise NotMarkableError(f"it holds {len(packages)} packages, more than {MAX_PACKAGES}")
-    return Contents(root, tuple(packages), places, tuple(notes))
+    return Contents(tuple(packages), places, tuple(notes))
 
 
 def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Package]:

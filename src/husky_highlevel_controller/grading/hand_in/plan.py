@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Optional, Sequence
 
 from husky_highlevel_controller.grading.isolation.files import create
 from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
@@ -15,28 +15,13 @@ from husky_highlevel_controller.grading.records import Launchable
 from husky_highlevel_controller.grading.submission import (
     COMPAT,
     Event,
-    RvizNode,
+    Plan,
     notes_on,
     read_events,
     starter,
 )
 
 LOAD_DEADLINE = 120.0  # [s] of wall time for launch files to be read
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Nodes that a launchable would start."""
-
-    nodes: Tuple[str, ...] = ()  # package/type
-    left_out: Tuple[str, ...] = ()  # package/type, of simulators and drivers
-    rviz: Tuple[RvizNode, ...] = ()
-    uses: Tuple[str, ...] = ()  # packages that it names
-    pillar: bool = False  # it names the course's world
-    package_path: Optional[Path] = None  # folder of its package
-    notes: Tuple[Note, ...] = ()  # what is wrong with it
-    is_read: bool = False  # its launch file can be loaded
-    players: Tuple[str, ...] = ()  # arguments of its rosbag players, which are left out
 
 
 def with_filter(workspace: Workspace) -> Workspace:
@@ -92,17 +77,13 @@ def _describe(
 
 def _plan(events: Sequence[Event], workspace: Workspace, problem: str) -> Plan:
     notes = notes_on(events, "")
-    package = package_path(events, workspace)
-    planned = next((event for event in events if event.event == "plan"), None)
+    planned = next((event.plan for event in events if event.plan), None)
     if planned is None:
         notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
-        return Plan(package_path=package, notes=tuple(notes))
-    if not planned.nodes:
+    elif not planned.nodes:
         notes.append(Note(Kind.LAUNCH_FILE, "it starts no node of its own"))
-    return Plan(
-        planned.nodes, planned.left_out, planned.rviz, planned.uses, planned.pillar, package, tuple(notes),
-        True, planned.players,
-    )  # fmt: skip
+    package, is_read = package_path(events, workspace), planned is not None
+    return replace(planned or Plan(), is_read=is_read, package_path=package, notes=tuple(notes))
 
 
 def package_path(events: Sequence[Event], workspace: Workspace) -> Optional[Path]:

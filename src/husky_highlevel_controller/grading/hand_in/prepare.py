@@ -25,7 +25,6 @@ from husky_highlevel_controller.grading.hand_in.package_files import (
 from husky_highlevel_controller.grading.hand_in.packages import (
     BUILT,
     Contents,
-    HandIn,
     NotMarkableError,
     Package,
     choose_packages,
@@ -34,13 +33,13 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     open_hand_in,
     with_dependencies,
 )
-from husky_highlevel_controller.grading.hand_in.plan import Plan, plan, with_filter
+from husky_highlevel_controller.grading.hand_in.plan import plan, with_filter
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import copy, remove_tree, walk, write_whole
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, kind_of_sandbox
 from husky_highlevel_controller.grading.notes import Kind, Note
-from husky_highlevel_controller.grading.records import BAG_EXERCISE, Job, Launchable, Override
-from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
+from husky_highlevel_controller.grading.records import BAG_EXERCISE, Job, Launchable
+from husky_highlevel_controller.grading.submission import WORKSPACE, Plan, Submission
 
 PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
 FILES = (WORKSPACE, "plan", "build.log")  # that this stage writes; what tells that all are there goes first
@@ -59,15 +58,13 @@ def prepare(job: Job) -> Submission:
     names = FILES if job.launchable else (*FILES, *FOLDERS)  # `ws` may be anybody's
     for earlier in [*(out / name for name in names), *out.glob("drive_*")]:
         remove_tree(earlier)
-    kept = (FILTER,) * (job.config.exercise == BAG_EXERCISE)
     workspace = Workspace(
         setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
         hidden=tuple(map(Path, job.hidden)),
     )  # fmt: skip
+    kept = _kept(job)
     if job.launchable is None:
-        submission, planned = prepare_hand_in(
-            Path(job.hand_in), job.override, job.config.exercise, workspace, out, kept
-        )
+        submission, planned = prepare_hand_in(job, workspace)
     else:
         is_ours = job.launchable.package == PACKAGE and not job.setups
         workspace = with_filter(workspace) if kept else replace(workspace, own_modules=is_ours)
@@ -86,7 +83,7 @@ def prepare(job: Job) -> Submission:
         robot=robot,
         names_robot=names_robot,
         sandbox=kind_of_sandbox(),
-        network="loopback only" if private_network.is_private() else "not kept apart",
+        network=private_network.reach(),
         kept=kept,
         players=planned.players,
         curves=curves_in(planned.package_path) if kept and planned.package_path else (),
@@ -96,58 +93,48 @@ def prepare(job: Job) -> Submission:
     return submission
 
 
-def prepare_hand_in(
-    path: Path,
-    override: Override,
-    exercise: int,
-    underlay: Workspace,
-    out: Path,
-    kept: Tuple[str, ...] = (),
-) -> Tuple[Submission, Plan]:
-    """Unpack, choose and build a hand-in, a folder or archive, on a workspace.
+def _kept(job: Job) -> Tuple[str, ...]:
+    """Packages of the robot whose nodes are the submission's own: of the filter, to which a bag is played."""
+    return (FILTER,) * (job.config.exercise == BAG_EXERCISE)
 
-    Into `out` go `unpacked/`, `ws/` and logs; to nodes of the `kept` packages a bag is played.
+
+def prepare_hand_in(job: Job, underlay: Workspace) -> Tuple[Submission, Plan]:
+    """Unpack, choose and build the job's hand-in on a workspace; its folder gets `unpacked/`, `ws/` and logs.
 
     Raises:
         NotMarkableError: there is nothing in it that could be started.
     """
-    unpacked = out / "unpacked"
-    unpacked.mkdir(parents=True)
-    contents = open_hand_in(HandIn(out.name, path), unpacked)
-    override = replace(override, exercise=override.exercise or exercise)
-    hidden = (*underlay.hidden, path.parent, out.parent)
-    underlay = replace(underlay, hidden=hidden, own_modules=False)
+    out, path = Path(job.out), Path(job.hand_in)
+    (out / "unpacked").mkdir(parents=True)
+    contents = open_hand_in(path, out / "unpacked")
+    job = replace(job, override=replace(job.override, exercise=job.override.exercise or job.config.exercise))
+    underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent), own_modules=False)
     choices: List[Choice] = []
     for attempt in range(MAX_TRIED):
-        choice = choose_packages(contents.packages, override.exercise or 0, attempt)
+        choice = choose_packages(contents.packages, job.override.exercise or 0, attempt)
         choices += [choice] * (choice not in choices)
-    problems: List[str] = []
+    problems: List[NotMarkableError] = []
     unbuilt: List[Choice] = []
     for choice in choices:
         try:
-            submission, planned = _prepare_choice(contents, choice, override, underlay, out, kept)
+            submission, planned = _prepare_choice(contents, choice, job, underlay)
         except NotMarkableError as error:
-            problems.append(str(error))
+            problems.append(error)
         else:
             if not submission.problem or len(choices) == 1:
                 return submission, planned
             unbuilt.append(choice)
     if not unbuilt:
-        raise NotMarkableError(problems[0])
-    return _prepare_choice(contents, unbuilt[0], override, underlay, out, kept)
+        raise problems[0]
+    return _prepare_choice(contents, unbuilt[0], job, underlay)
 
 
 def _prepare_choice(
-    contents: Contents,
-    choice: Choice,
-    override: Override,
-    underlay: Workspace,
-    out: Path,
-    kept: Tuple[str, ...],
+    contents: Contents, choice: Choice, job: Job, underlay: Workspace
 ) -> Tuple[Submission, Plan]:
     """Choose a launch file of chosen packages, and build them."""
-    exercise = override.exercise or 0
     packages, aside = choice
+    out, override, kept, exercise = Path(job.out), job.override, _kept(job), job.override.exercise or 0
     if not packages:
         raise NotMarkableError("; ".join(["no catkin package in it", *contents.notes, *aside]))
     notes = [*contents.notes, *aside]
@@ -161,10 +148,7 @@ def _prepare_choice(
     unbuilt = with_filter(unbuilt) if kept else unbuilt
     candidates: List[LaunchFile] = []
     if not override.node:
-        files = read_launch_files(
-            contents, [*packages, *known], folders.packages, copies.packages, unbuilt, out, override.launch,
-            override.arguments, kept,
-        )  # fmt: skip
+        files = read_launch_files(contents, [*packages, *known], folders, copies, unbuilt, override, kept)
         try:
             candidates = files if override.launch else choose_launch_files(files, exercise)
         except NotMarkableError as error:
@@ -202,11 +186,8 @@ def _prepare_choice(
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
     nodes = launch.nodes if launch else (f"{launchable.package}/{launchable.name}",)
     problem = () if _is_any_built(nodes, folders) or not built.error else (Note(Kind.BUILD, built.error),)
-    submission = Submission(
-        launchable, workspace, folders.root, problem=problem,
-        notes=tuple(Note(Kind.HAND_IN, each) for each in notes),
-    )  # fmt: skip
-    return submission, planned
+    hand_in_notes = tuple(Note(Kind.HAND_IN, each) for each in notes)
+    return Submission(launchable, workspace, folders.root, (), problem, hand_in_notes), planned
 
 
 def _is_any_built(nodes: Sequence[str], folders: Folders) -> bool:

@@ -34,9 +34,9 @@ def inside(command: Sequence[str]) -> Tuple[List[str], Dict[str, str]]:
     return [*prefix, *command], {VARIABLE: "private" if prefix else ""}
 
 
-def is_private() -> bool:
-    """Whether this program runs in a network of its own."""
-    return bool(os.environ.get(VARIABLE))
+def reach() -> str:
+    """Reach of this program's network, as text."""
+    return "loopback only" if os.environ.get(VARIABLE) else "not kept apart"
 
 
 def can_be_made() -> bool:

@@ -17,7 +17,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     read_text,
     write_whole,
 )
-from husky_highlevel_controller.grading.recording import ADD, Recording, drive_number
+from husky_highlevel_controller.grading.recording import ADD, Recording, drive_folders
 from husky_highlevel_controller.grading.records import MarkingResult, printable
 from husky_highlevel_controller.grading.reports.exports import write_exports
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page
@@ -140,14 +140,15 @@ def _pictures(out: Path) -> List[bytes]:
 
 def replays(out: Path) -> Dict[int, Path]:
     """Replays of a student by the number of the drive, in order."""
-    return dict(sorted((drive_number(path.parent), path) for path in out.glob(f"drive_*/{REPLAY}")))
+    paths = {number: folder / REPLAY for number, folder in drive_folders(out).items()}
+    return {number: path for number, path in paths.items() if path.is_file()}
 
 
 def _logs(out: Path) -> Dict[str, str]:
     """The ends of what its build and its nodes printed, by title."""
     logs = {"Output of the build": out / "build.log"}
-    for folder in sorted(out.glob("drive_*"), key=drive_number):
-        logs[f"Output of your nodes in drive {drive_number(folder)}"] = folder / "submission.log"
+    for number, folder in drive_folders(out).items():
+        logs[f"Output of your nodes in drive {number}"] = folder / "submission.log"
     texts = {}
     for title, path in logs.items():
         with suppress(UnreadableFileError):
@@ -160,7 +161,7 @@ def _logs(out: Path) -> Dict[str, str]:
 def _files(name: Path, out: Path) -> List[Tuple[str, str]]:
     """Titles and addresses, relative to the class's page, of what there is of a student."""
     logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]
-    for folder in sorted((out / name).glob("drive_*"), key=drive_number):
-        logs.append((f"replay of {folder.name.replace('_', ' ')}", f"{folder.name}/{REPLAY}"))
-        logs.append((f"log of {folder.name.replace('_', ' ')}", f"{folder.name}/submission.log"))
+    for number, folder in drive_folders(out / name).items():
+        logs.append((f"replay of drive {number}", f"{folder.name}/{REPLAY}"))
+        logs.append((f"log of drive {number}", f"{folder.name}/submission.log"))
     return [(title, f"{name}/{path}") for title, path in logs if (out / name / path).is_file()]

@@ -15,6 +15,7 @@ import signal
 import sys
 from pathlib import Path
 from typing import Any, List, Optional, Set
+from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
 if sys.version_info < (3, 12):  # roslaunch imports distutils: Python's own; tools/launch.py does the same
@@ -31,7 +32,7 @@ import roslaunch.rlutil
 import roslaunch.xmlloader
 import roslib.packages
 import yaml
-from rospkg import ResourceNotFound, RosPack
+from rospkg import ResourceNotFound, RosPack, rospack
 
 # they bring the robot or its world, which the marking brings, or wait for a person at a desk
 SIMULATION = {
@@ -141,6 +142,14 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
             return None
 
 
+def read_manifest(element: Any, file: str) -> Any:
+    """ElementTree of a package.xml, or of one without a name where a neighbour's cannot be read."""
+    try:
+        return ElementTree.ElementTree(element, file)
+    except (OSError, ElementTree.ParseError):
+        return ElementTree.ElementTree(ElementTree.fromstring("<package><name/></package>"))
+
+
 def refuse_aliases() -> None:
     """Refuse YAML aliases in parameter files: a few of these name billions of values."""
     compose_node = yaml.SafeLoader.compose_node
@@ -203,10 +212,8 @@ def load(
     config.clear_params = [name for name in config.clear_params if name != "/"]
     nodes = [f"{node.package}/{node.type}" for node in nodes_to_start]
     uses = sorted({*loader.uses, *(node.package for node in nodes_to_start)})
-    reporter.tell(
-        "plan", nodes=nodes, left_out=sorted(set(left_out)), rviz=rviz, uses=uses, pillar=loader.pillar,
-        players=players,
-    )  # fmt: skip
+    plan = {"nodes": nodes, "left_out": sorted(set(left_out)), "rviz": rviz, "uses": uses, "players": players}
+    reporter.tell("plan", plan={**plan, "pillar": loader.pillar})
     return config
 
 
@@ -259,6 +266,7 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 def describe(launchable: List[str], reporter: Reporter, ours: List[List[str]]) -> Any:
     """The configuration of a launchable, written down as events; None: it cannot be loaded."""
     reporter.tell("launchable")
+    rospack.ElementTree = read_manifest  # by which rospkg reads every package on the search path
     signal.alarm(LOAD_DEADLINE)
     try:
         return load(launchable, reporter, ours)
