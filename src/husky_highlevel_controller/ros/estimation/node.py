@@ -28,7 +28,8 @@ from husky_highlevel_controller.ros.transforms import lookup_transform
 
 QUEUE = 1000  # messages, at least: a bag that is played fast comes in bursts, and each message counts
 MAX_AHEAD = 60.0  # [s], of a stamp before the clock, which may lag behind a bag that is played fast
-SILENCE = 1.0  # [s] of wall time: a thread that waits its turn is no silent sensor
+# [s] of wall time without a message: at the start; later, when a busy machine may hold up a thread that long
+ABSENCE, SILENCE = 1.0, 3.0
 CLOCK_BACK = 1.0  # [s]; a clock that goes back by more is another run
 REPORT_PERIOD = 5.0  # [s] between two complaints about a topic
 OFF_PLANE = 1e-6  # variance of z, roll, pitch and their rates
@@ -70,6 +71,7 @@ class LocalizationNode:
 
     def _on_message(self, msg: Any, name: str) -> None:
         stamp = msg.header.stamp.to_sec()
+        self._heard[name] = inf  # while its thread waits its turn
         with self._lock:
             now = rospy.get_time()  # not before: a fast bag goes on by seconds while this thread waits
             if now < self._now - CLOCK_BACK:
@@ -93,8 +95,8 @@ class LocalizationNode:
                 self._add(name, message, mounting)
 
     def _add(self, name: str, msg: Any, mounting: Mounting) -> None:
-        since = time.monotonic() - SILENCE
-        silent = {other for other in self._config.inputs if self._heard.get(other, self._first_heard) < since}
+        now, absent_at = time.monotonic(), self._first_heard + ABSENCE - SILENCE
+        silent = {other for other in self._config.inputs if now > self._heard.get(other, absent_at) + SILENCE}
         try:
             estimates = self._filter.add(name, reading_from_msg(msg), mounting, silent)
         except ReadingError as error:
