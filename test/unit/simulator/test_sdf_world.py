@@ -2,24 +2,18 @@
 
 import logging
 import re
-from math import isfinite, pi
+from math import pi
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from husky_highlevel_controller.datatypes import (
-    Body,
     Box,
     Cylinder,
-    Geometry,
     HuskyError,
     Plane,
-    Pose,
     Sphere,
-    World,
 )
 from husky_highlevel_controller.geometry import compose, quat_from_rpy, transform_point, yaw_from_quat
 from husky_highlevel_controller.simulator.models.sdf_world import WorldError, load_world, parse_world
@@ -105,6 +99,7 @@ def test_poses_of_model_link_and_part_add_up():
     assert yaw_from_quat(foot.pose_in_world.quat_xyzw) == pytest.approx(pi / 2)
     box = compose(foot.pose_in_world, foot.collisions[0].pose_in_body)
     assert box.position == pytest.approx((10.0, 1.5, 0.5))
+    assert foot.collisions[0].pose_in_body.quat_xyzw == pytest.approx(quat_from_rpy(0.1, 0.2, 0.3))
     assert bodies["tower::flag"].pose_in_world.position == pytest.approx((10.0, 2.0, 0.0))
     assert bodies["floor"].pose_in_world.position == (0.0, 0.0, -1.0)
 
@@ -212,80 +207,17 @@ def test_a_saved_world_opens_as_it_was_saved(caplog):
 @pytest.mark.parametrize(
     ("shape", "scaled"),
     [
-        (Box((1.0, 2.0, 3.0)), Box((2.0, 10.0, 12.0))),
-        (Cylinder(1.0, 2.0), Cylinder(5.0, 8.0)),
-        (Sphere(1.0), Sphere(5.0)),
+        ("<box><size>1 2 3</size></box>", Box((2.0, 10.0, 12.0))),
+        ("<cylinder><radius>1</radius><length>2</length></cylinder>", Cylinder(5.0, 8.0)),
+        ("<sphere><radius>1</radius></sphere>", Sphere(5.0)),
     ],
 )
 def test_shapes_of_a_saved_model_are_scaled(shape, scaled):
     state = '<state><model name="m"><pose>0 0 0 0 0 0</pose><scale>2 5 4</scale></model></state>'
-    both = "".join(f'<{tag} name="p">{shape_text(shape)}</{tag}>' for tag in ("collision", "visual"))
-    body = only_thing(model(both), state)
+    geometry = f"<geometry>{shape}</geometry>"
+    parts = (f'<{tag} name="p">{geometry}</{tag}>' for tag in ("collision", "visual"))
+    body = only_thing(model(*parts), state)
     assert [part.shape for part in (*body.collisions, *body.visuals)] == [scaled, scaled]
-
-
-coordinates = st.floats(-500.0, 500.0)
-lengths = st.floats(2e-3, 400.0)  # whose diameters, too, are within what the simulation accepts
-shares = st.floats(0.0, 1.0)
-rpys = st.tuples(*[st.floats(-pi, pi)] * 3)
-shapes = st.one_of(
-    st.builds(Box, st.tuples(lengths, lengths, lengths)),
-    st.builds(Cylinder, lengths, lengths),
-    st.builds(Sphere, lengths),
-)
-
-
-def numbers(values):
-    return " ".join(repr(value) for value in values)
-
-
-def shape_text(shape):
-    sizes = {"size": numbers(shape.size)} if isinstance(shape, Box) else vars(shape)
-    inside = "".join(f"<{key}>{value}</{key}>" for key, value in sizes.items())
-    kind = type(shape).__name__.lower()
-    return f"<geometry><{kind}>{inside}</{kind}></geometry>"
-
-
-@st.composite
-def posed(draw):
-    """A pose as text and as record."""
-    position, rpy = draw(st.tuples(coordinates, coordinates, coordinates)), draw(rpys)
-    return f"<pose>{numbers(position + rpy)}</pose>", Pose(position, quat_from_rpy(*rpy))
-
-
-@st.composite
-def parts(draw, tag):
-    texts, records = [], []
-    for number in range(draw(st.integers(0, 2))):
-        (pose, pose_in_body), shape = draw(posed()), draw(shapes)
-        rgba = draw(st.tuples(shares, shares, shares, shares)) if tag == "visual" else Geometry(shape).rgba
-        look = f"<material><diffuse>{numbers(rgba)}</diffuse></material>" if tag == "visual" else ""
-        texts.append(f'<{tag} name="{number}">{pose}{shape_text(shape)}{look}</{tag}>')
-        records.append(Geometry(shape, pose_in_body, rgba))
-    return "".join(texts), tuple(records)
-
-
-@st.composite
-def worlds(draw):
-    """A world as text and as record."""
-    gravity = draw(st.tuples(coordinates, coordinates, coordinates))
-    texts, bodies = [f"<gravity>{numbers(gravity)}</gravity>"], []
-    for number in range(draw(st.integers(0, 3))):
-        (pose, pose_in_world), mass = draw(posed()), draw(st.one_of(st.just(0.0), lengths))
-        (collisions, solid_parts), (visuals, drawn_parts) = draw(parts("collision")), draw(parts("visual"))
-        weight = f"<inertial><mass>{mass}</mass></inertial>" if mass else ""
-        static = "" if mass else "<static>true</static>"
-        link = f'<link name="link">{weight}{collisions}{visuals}</link>'
-        texts.append(f'<model name="{number}">{static}{pose}{link}</model>')
-        bodies.append(Body(str(number), pose_in_world, solid_parts, drawn_parts, mass))
-    return sdf(*texts), World("w", tuple(bodies), gravity)
-
-
-@given(worlds())
-@settings(derandomize=True, deadline=None, max_examples=50)
-def test_what_is_written_is_what_is_read(both):
-    text, world = both
-    assert parse_world(text, "test.world") == world
 
 
 # ---------------------------------------------------------------------------- includes
@@ -392,17 +324,8 @@ def test_what_is_not_supported_is_named_once_per_kind(caplog):
     walls = bodies_of(world)["house::walls"]
     assert walls.collisions == ()
     assert [part.shape for part in walls.visuals] == [Box((1.0, 0.1, 2.0))]
-    kinds = [
-        "<mesh>",
-        "<heightmap>",
-        "<joint>",
-        "<sensor>",
-        "<plugin>",
-        "<actor>",
-        "<kinematic>",
-        "<gravity>",
-    ]
-    kinds += ["<model>", "<include>", "<inertial>", "material"]
+    kinds = ["<mesh>", "<heightmap>", "<joint>", "<sensor>", "<plugin>", "<actor>", "<kinematic>"]
+    kinds += ["<gravity>", "<model>", "<include>", "<inertial>", "material"]
     for kind in kinds:
         assert sum(kind in message.split(": ")[0] for message in caplog.messages) == 1, kind
     assert len(caplog.messages) == len(kinds)
@@ -613,21 +536,6 @@ def test_no_number_may_be_broken(broken):
         message = refusal(ElementTree.tostring(root, encoding="unicode"))
         assert element.tag in message
         assert broken in message
-
-
-@given(
-    st.integers(0, len(EVERYTHING)),
-    st.integers(0, 30),
-    st.sampled_from(["", "<", ">", "0", "-", "nan", "</link>", "é"]),
-)
-@settings(derandomize=True, deadline=None, max_examples=300)
-def test_a_sloppy_edit_is_read_or_refused_never_a_crash(start, length, replacement):
-    text = EVERYTHING[:start] + replacement + EVERYTHING[start + length :]
-    try:
-        world = parse_world(text, "test.world")
-    except WorldError:
-        return
-    assert all(isfinite(value) for body in world.bodies for value in body.pose_in_world.position)
 
 
 # ---------------------------------------------------------------------------- bounds
