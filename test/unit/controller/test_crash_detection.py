@@ -183,14 +183,6 @@ def test_what_is_felt_as_a_crash(felt, story):
     assert bool(story()) is felt
 
 
-def test_speeding_up_braking_and_curves_are_what_the_wheels_say():
-    ramp = np.linspace(0.0, 1.0, 33)
-    speeds = np.concatenate([np.zeros(100), ramp, np.ones(100), ramp[::-1], np.zeros(100)])
-    pushes = [push(1.0), push(0.33, 3.0), push(1.0), push(0.33, -3.0), push(1.0)]
-    assert not Drive(wheels_rate=50).go(np.concatenate(pushes), speeds)
-    assert not Drive(wheels_rate=50).go(push(3.0, left=1.0 * 2.0), 1.0, yaw_rate=2.0)
-
-
 LATE = [{"wheels_late": 1.5}, {"samples_late": 1.5}]
 
 

@@ -14,7 +14,7 @@ from scenes import box, cast, look, room
 
 from husky_highlevel_controller.controller import pillar_detection
 from husky_highlevel_controller.controller.circle_fit import fit_circle
-from husky_highlevel_controller.controller.pillar_detection import PillarConfig, cluster, find_pillars
+from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 from husky_highlevel_controller.datatypes import Scan
 from husky_highlevel_controller.evaluation.scenarios import SICK, bare_scene, pillar_scene, scan_of
 
@@ -91,14 +91,6 @@ def test_any_lidar_will_do(lidar, distance):
         assert hypot(pillar.x - x, pillar.y - y) < 0.02
 
 
-def test_two_beams_far_away_make_a_pillar_of_the_expected_radius():
-    scan = look([at(24.0, 0.0)])
-    assert scan.valid.sum() == 2
-    pillar = only(scan)
-    assert hypot(pillar.x - 24.0, pillar.y) < 0.02
-    assert pillar.radius == pytest.approx(0.2, abs=0.005)
-
-
 def test_another_radius_is_looked_for_when_asked():
     config = PillarConfig(pillar_radius=1.0)
     scan = look([(10.0, 2.0, 1.0), (5.0, -2.0, 0.2)], rng=np.random.default_rng(3))
@@ -120,16 +112,6 @@ def test_a_mirrored_scene_has_mirrored_pillars_and_a_lidar_that_turns_the_other_
     one = only(scan)
     for other, side in ((only(scan_of(scan.ranges[::-1])), -1.0), (only(backwards(scan)), 1.0)):
         assert (other.x, other.y) == (pytest.approx(one.x, abs=1e-6), pytest.approx(side * one.y, abs=1e-6))
-
-
-@given(distance=st.floats(0.7, 18.0), bearing=st.floats(-1.5, 1.5), steps=st.integers(-90, 90))
-@settings(derandomize=True, max_examples=40, deadline=None)
-def test_turning_the_scene_by_whole_beams_turns_the_pillar(distance, bearing, steps):
-    scan = look([at(distance, bearing)])
-    turned = scan_of(np.roll(scan.ranges, steps))
-    one, other = only(scan), only(turned)
-    assert other.bearing - one.bearing == pytest.approx(steps * scan.angle_increment, abs=1e-6)
-    assert other.distance == pytest.approx(one.distance, abs=1e-6)
 
 
 @pytest.mark.parametrize(("noise", "distance", "error"), [
@@ -337,20 +319,6 @@ def test_boxes_walls_corners_posts_and_speckle_are_no_pillars():
 
 
 # ---------------------------------------------------------------------------- its parts
-
-
-def test_runs_end_where_the_range_jumps_by_more_than_a_pillar_could():
-    scan = look([at(3.0, 0.0)], ((-9.0, -9.0, -9.0, 9.0), (4.0, -9.0, 4.0, 9.0)))
-    segments = cluster(scan, CONFIG)
-    assert segments.beams.tolist() == scan.valid.nonzero()[0].tolist()
-    assert segments.ranges.tolist() == scan.ranges[segments.beams].tolist()
-    assert [max(segment.ranges) < 3.0 for segment in segments.one_by_one()] == [False, True, False]
-
-
-def test_one_missing_beam_does_not_split_a_run():
-    ranges = look([at(3.0, 0.0)]).ranges.copy()
-    ranges[360] = nan
-    assert len(cluster(scan_of(ranges), CONFIG).counts) == 1
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

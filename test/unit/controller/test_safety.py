@@ -251,20 +251,6 @@ def test_it_stops_with_the_margin_to_spare_and_not_much_sooner():
     assert 0.1 < outline_gap(poses[-1], 3.0, 0.0, 0.2) < 0.25
 
 
-def p_control(stop_distance):
-    """The controller's default law of speed on the range straight ahead."""
-    return lambda scan: Twist2D(min(max(2.0 * (scan.ranges.min() - stop_distance), 0.0), 1.0), 0.0)
-
-
-@pytest.mark.parametrize("stop_distance", [0.4, 0.0])
-def test_the_drive_to_the_pillar_is_disturbed_only_where_it_would_not_stop(stop_distance):
-    poses, verdicts = drive(p_control(stop_distance), post(4.0, 0.0, 0.2), seconds=8.0)
-    left = outline_gap(poses[-1], 4.0, 0.0, 0.2)
-    assert bool(verdicts) is (stop_distance == 0.0)
-    assert left > 0.05
-    assert verdicts or left == pytest.approx(0.4 - (NOSE - 0.337), abs=0.01)
-
-
 # ---------------------------------------------------------------------------- latch
 
 
