@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
+from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.footprint import Footprint
 
 DPI = 110
@@ -52,15 +53,23 @@ def _axes_from_above(plot: Any, frame: str) -> None:
     plot.set_ylabel(f"y{frame} [m]")
 
 
-def draw_paths(paths: Mapping[str, np.ndarray], title: str = "") -> bytes:
-    """A PNG of paths (N, 2) [m] by name; a dot where each begins, a cross where it ends."""
+def draw_paths(
+    paths: Mapping[str, np.ndarray], title: str = "", pillar: Optional[Tuple[float, float]] = None
+) -> bytes:
+    """A PNG of paths (N, 2) [m] by name, in the world where there is a pillar [m].
+
+    A dot where each begins, a cross where it ends.
+    """
     figure = new_figure(7.0, 6.0)
     plot = figure.add_subplot()
     for (name, path), (color, line) in zip(paths.items(), cycle(STYLES)):
         plot.plot(*path.T, color=color, linestyle=line, label=plain(name))
         plot.plot(*path[0], color=color, marker="o")
         plot.plot(*path[-1], color=color, marker="x")
-    _axes_from_above(plot, "")
+    if pillar is None:
+        _axes_from_above(plot, "")
+    else:
+        from_above(plot, pillar, PILLAR_RADIUS)
     plot.set_title(plain(title), fontsize=11)
     if paths:
         plot.legend(loc="best")

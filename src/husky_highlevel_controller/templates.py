@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import base64
 from functools import lru_cache
-from typing import Any
+from pathlib import Path
+from typing import Any, Mapping, Optional
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from husky_highlevel_controller.config import to_json
 from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.result import Result
 
 
 def render(template: str, **values: Any) -> str:
     """The page of a template; it needs no other file."""
     return _environment().get_template(template).render(**values)
+
+
+def write_page(result: Result, folder: Path, pictures: Optional[Mapping[str, bytes]] = None) -> Path:
+    """Write index.html, with PNGs by their captions, and report.json into a folder; return the page."""
+    (folder / "report.json").write_text(to_json(result), encoding="utf-8")
+    page = folder / "index.html"
+    page.write_text(render("report.html", result=result, pictures=pictures or {}), encoding="utf-8")
+    return page
 
 
 @lru_cache(maxsize=1)

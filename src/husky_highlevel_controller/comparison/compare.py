@@ -9,22 +9,23 @@ import argparse
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from husky_highlevel_controller.comparison.contestant import Contestant, Outcome, contestant, drive_scene
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.plots import draw_pairs, draw_paths
-from husky_highlevel_controller.evaluation.report import write_page
+from husky_highlevel_controller.evaluation.plots import draw_pairs
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import add_drive_options, setup_of
 from husky_highlevel_controller.evaluation.statistics import bootstrap, paired_row
 from husky_highlevel_controller.grading.isolation.process import stop_on_signals
+from husky_highlevel_controller.plots import draw_paths
 from husky_highlevel_controller.result import Result, Table
 from husky_highlevel_controller.tasks.command import between, exit_codes
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
+from husky_highlevel_controller.templates import write_page
 
 
 @dataclass(frozen=True)
@@ -76,9 +77,11 @@ class Comparison:
     def figures(self) -> Table:
         """Means of the scenes in which both succeed, and the differences."""
         shares = [100.0 * sum(outcome.success for outcome in side) / len(self.a) for side in (self.a, self.b)]
-        rows: List[Sequence[Any]] = [("stands at the pillar, no touch [%]", *shares, "")]
-        rows.append(paired_row("time to arrival [s]", *self.values("arrived_at"), "s"))
-        rows.append(paired_row("nearest approach [cm]", *self.values("nearest"), "cm", 100.0))
+        rows = [
+            ("stands at the pillar, no touch [%]", *shares, ""),
+            paired_row("time to arrival [s]", self.values("arrived_at"), "s"),
+            paired_row("nearest approach [cm]", self.values("nearest"), "cm", 100.0),
+        ]
         title = f"Times and distances of the {len(self.pairs)} scenes in which both succeed"
         return Table(title, ("", "A", "B", "B - A, 95 % of the bootstrap"), rows)
 
@@ -112,9 +115,9 @@ def write(comparison: Comparison, result: Result, out: Path) -> Path:
         times = [(a.arrived_at, b.arrived_at) for a, b in comparison.pairs]
         pictures["time to arrival"] = draw_pairs(times, "time to arrival [s], a dot for each scene")
     for letter, a, b in comparison.failures:
-        paths = {f"A: {a.summary}": a.poses, f"B: {b.summary}": b.poses}
+        paths = {f"{side}: {each.summary}": each.poses[:, :2] for side, each in (("A", a), ("B", b))}
         name = f"only {letter.lower()} fails {a.scene}"
-        pictures[name] = draw_paths(paths, a.pillar, f"{a.scene}: only {letter} fails")
+        pictures[name] = draw_paths(paths, f"{a.scene}: only {letter} fails", a.pillar)
         (out / f"{name.replace(' ', '_')}.png").write_bytes(pictures[name])
     return write_page(result, out, pictures)
 

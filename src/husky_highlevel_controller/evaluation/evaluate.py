@@ -12,7 +12,7 @@ from functools import partial
 from itertools import product
 from math import inf, nan
 from pathlib import Path
-from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 from urllib.parse import quote
 
 import numpy as np
@@ -25,109 +25,100 @@ from husky_highlevel_controller.evaluation.metrics import (
     run_scene,
     run_with_page,
 )
-from husky_highlevel_controller.evaluation.report import write_page
 from husky_highlevel_controller.evaluation.scenarios import Scenario, course_scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import COURSE_GAINS, Setup, add_profile_options, setup_of
 from husky_highlevel_controller.result import Cell, Result, Table
 from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive, seed_value
 from husky_highlevel_controller.tasks.workers import Workers
+from husky_highlevel_controller.templates import write_page
 
 TOUCHING = ControlConfig(stop_distance=0.0)
 
 
-class Figure(NamedTuple):
-    """Row of the table."""
-
-    name: str
-    value: float
-    unit: str = ""
-    minimum: float = -inf
-    maximum: float = inf
-    replay: str = ""  # of the drive that the value is of, or of one that misses it
-
-    @property
-    def met(self) -> bool:
-        """Whether the value is within its bounds; nan is within none."""
-        return self.minimum <= self.value <= self.maximum or (self.minimum, self.maximum) == (-inf, inf)
-
-    @property
-    def row(self) -> Sequence[Any]:
-        """Row of the table; the value leads to the replay."""
-        low, high = (f">= {self.minimum:g}", f"<= {self.maximum:g}")
-        bounds = " ".join([low] * (self.minimum > -inf) + [high] * (self.maximum < inf))
-        verdict = Cell("ok", "ok") if self.met else Cell("MISSED", "missed")
-        name = f"{self.name} [{self.unit}]" if self.unit else self.name
-        value = Cell(float(self.value), link=quote(self.replay))
-        return name, value, bounds, verdict if bounds else Cell("")
+HEADER = ("figure", "value", "wanted", "verdict")
+GOOD = "arrived, within 2 cm, without a touch"
+Row = Tuple[Any, ...]  # of a table
 
 
-def extraction_figures(title: str, errors: Sequence[float], minimum: float, maximum: float) -> List[Figure]:
+def figure(
+    name: str, value: float, unit: str = "", minimum: float = -inf, maximum: float = inf, replay: str = ""
+) -> Row:
+    """Row of a figure, which misses its bounds where it is nan.
+
+    The value leads to the replay of the drive that it is of, or of one that misses it.
+    """
+    bounds = [f">= {minimum:g}"] * (minimum > -inf) + [f"<= {maximum:g}"] * (maximum < inf)
+    verdict = Cell("ok", "ok") if minimum <= value <= maximum else Cell("MISSED", "missed")
+    name = f"{name} [{unit}]" if unit else name
+    value_cell = Cell(float(value), link=quote(replay))
+    return name, value_cell, " ".join(bounds), verdict if bounds else Cell("")
+
+
+def extraction_figures(title: str, errors: Sequence[float], minimum: float, maximum: float) -> List[Row]:
     """Figures of the centre errors [m] in scenes with a pillar; inf is one not found."""
     finite = [error for error in errors if error < inf]
     p95 = float(np.quantile(finite, 0.95)) if finite else nan
     return [
-        Figure(f"{title}: found", 100.0 * len(finite) / len(errors), "%", minimum=minimum),
-        Figure(f"{title}: centre error, 95 % within", 100.0 * p95, "cm", maximum=maximum),
+        figure(f"{title}: found", 100.0 * len(finite) / len(errors), "%", minimum),
+        figure(f"{title}: centre error, 95 % within", 100.0 * p95, "cm", maximum=maximum),
     ]
 
 
-def start_figures(runs: Sequence[DriveResult]) -> List[Figure]:
+def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
     """Figures of the runs from random starts."""
-    good = sum(run.good for run in runs)
+    bad, touching = [run for run in runs if not run.good], [run for run in runs if run.touched]
+    replay_of_bad, replay_of_touching = (next((run.replay for run in some), "") for some in (bad, touching))
     ratios, delays = [run.ratio for run in runs], [run.arrived_at - run.bound for run in runs]
-    bad = next((run.replay for run in runs if not run.good), "")
-    touching = next((run.replay for run in runs if run.touched), "")
     late, slow = (runs[int(np.argmax(values))].replay for values in (ratios, delays))
     far, turning = max(runs, key=lambda run: abs(run.final_error)), max(runs, key=lambda run: run.crossings)
     return [
-        Figure("arrived, within 2 cm, without a touch", 100.0 * good / len(runs), "%", 100.0, replay=bad),
-        Figure(
-            "touched something", sum(bool(run.touched) for run in runs), "runs", maximum=0.0, replay=touching
-        ),
-        Figure(
-            "largest final distance error", 100.0 * abs(far.final_error), "cm", maximum=2.0, replay=far.replay
-        ),
-        Figure("time to arrival over the bound, median", float(np.median(ratios))),
-        Figure("time to arrival over the bound, largest", max(ratios), replay=late),
-        Figure("time to arrival beyond the bound, median", float(np.median(delays)), "s"),
-        Figure("time to arrival beyond the bound, largest", max(delays), "s", replay=slow),
-        Figure(
-            "zero crossings of the bearing, largest", turning.crossings, maximum=2.0, replay=turning.replay
-        ),
+        figure(GOOD, 100.0 * (len(runs) - len(bad)) / len(runs), "%", 100.0, replay=replay_of_bad),
+        figure("touched something", len(touching), "runs", maximum=0.0, replay=replay_of_touching),
+        figure("largest final distance error", 100.0 * abs(far.final_error), "cm", -inf, 2.0, far.replay),
+        figure("time to arrival over the bound, median", float(np.median(ratios))),
+        figure("time to arrival over the bound, largest", max(ratios), replay=late),
+        figure("time to arrival beyond the bound, median", float(np.median(delays)), "s"),
+        figure("time to arrival beyond the bound, largest", max(delays), "s", replay=slow),
+        figure("zero crossings of the bearing, largest", turning.crossings, "", -inf, 2.0, turning.replay),
     ]
 
 
-def course_figures(run: DriveResult, ratio: float = inf) -> List[Figure]:
+def course_figures(run: DriveResult, ratio: float = inf) -> List[Row]:
     """Figures of the run from the course's start."""
     return [
-        Figure("arrived, within 2 cm, without a touch", 100.0 * run.good, "%", 100.0, replay=run.replay),
-        Figure("time to arrival", run.arrived_at, "s"),
-        Figure("time to arrival over the bound", run.ratio, "", maximum=ratio),
-        Figure("final distance error", 100.0 * run.final_error, "cm", -2.0, 2.0),
-        Figure("zero crossings of the bearing", run.crossings, "", maximum=2.0),
+        figure(GOOD, 100.0 * run.good, "%", 100.0, replay=run.replay),
+        figure("time to arrival", run.arrived_at, "s"),
+        figure("time to arrival over the bound", run.ratio, maximum=ratio),
+        figure("final distance error", 100.0 * run.final_error, "cm", -2.0, 2.0),
+        figure("zero crossings of the bearing", run.crossings, maximum=2.0),
     ]
 
 
-def touch_figures(run: DriveResult) -> List[Figure]:
-    """Figures of the run from the course's start with stop_distance 0."""
+def late_figures(run: DriveResult) -> List[Row]:
+    """Figures of the run from the course's start that may end anywhere."""
+    is_good = run.arrived_at < inf and not run.touched
     return [
-        Figure(
-            "touched the pillar, and nothing else",
-            float(run.touched == ("unit_cylinder",)),
-            "",
-            1.0,
-            replay=run.replay,
-        ),
-        Figure("time to arrival", run.arrived_at, "s"),
-        Figure("gap in the end", 100.0 * run.gap, "cm", maximum=0.5),
-        Figure("pillar pushed by", 100.0 * run.pushed, "cm", maximum=2.0),
+        figure("arrived, without a touch", 100.0 * is_good, "%", 100.0, replay=run.replay),
+        figure("time to arrival", run.arrived_at, "s"),
+        figure("final distance error", 100.0 * run.final_error, "cm"),
+    ]
+
+
+def touch_figures(run: DriveResult) -> List[Row]:
+    """Figures of the run from the course's start with stop_distance 0."""
+    is_touched = float(run.touched == ("unit_cylinder",))
+    return [
+        figure("touched the pillar, and nothing else", is_touched, "", 1.0, replay=run.replay),
+        figure("time to arrival", run.arrived_at, "s"),
+        figure("gap in the end", 100.0 * run.gap, "cm", maximum=0.5),
+        figure("pillar pushed by", 100.0 * run.pushed, "cm", maximum=2.0),
     ]
 
 
 def evaluate_robot(
     seed: int, starts: int, workers: Workers, ground: str, replays: Optional[Path] = None
-) -> List[Tuple[str, List[Figure]]]:
-    """The runs on a real Husky's profile, in sections with a title.
+) -> Dict[str, List[Row]]:
+    """Figures of the runs on a real Husky's profile, by title.
 
     Its beams cannot surely see a pillar of 0.4 m at 20 m, so the controller searches until they do, and the
     time to arrival has no bound. Its wheels are late by 0.3 s, so the default gain drives 0.1 m past the stop
@@ -137,22 +128,11 @@ def evaluate_robot(
     setups = [replace(setup, control=ControlConfig()), setup]
     standard, slow = drives(setups, [course_scenario(seed)], workers, "course runs", replays)
     runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
-    late = [
-        Figure(
-            "arrived, without a touch",
-            100.0 * (standard.arrived_at < inf and not standard.touched),
-            "%",
-            100.0,
-            replay=standard.replay,
-        ),
-        Figure("time to arrival", standard.arrived_at, "s"),
-        Figure("final distance error", 100.0 * standard.final_error, "cm"),
-    ]
-    return [
-        (f"Profile robot, {ground} ground: course start, default gains", late),
-        ("Course start, gains of robot.launch", course_figures(slow)),
-        (f"{starts} random starts, 2-25 m away, gains of robot.launch", start_figures(runs)),
-    ]
+    return {
+        f"Profile robot, {ground} ground: course start, default gains": late_figures(standard),
+        "Course start, gains of robot.launch": course_figures(slow),
+        f"{starts} random starts, 2-25 m away, gains of robot.launch": start_figures(runs),
+    }
 
 
 def evaluate(
@@ -162,8 +142,8 @@ def evaluate(
     workers: Workers,
     replays: Optional[Path] = None,
     robot: str = "husky",
-) -> List[Tuple[str, List[Figure]]]:
-    """All figures on Gazebo's profile, in sections with a title.
+) -> Dict[str, List[Row]]:
+    """All figures on Gazebo's profile, by title.
 
     They are of `scenes` single scans of each kind and of `starts` random starts. Pages that play the drives
     go into `replays`.
@@ -171,37 +151,29 @@ def evaluate(
     setup = setup_of(robot=robot)
     control, simulator, lidar = setup.control, setup.simulator, setup.simulator.lidar
     numbers, chunk = range(scenes), min(50, scenes // 4 + 1)  # a scan takes a millisecond
-    alone = workers.map(
-        partial(center_error, seed=seed, clutter=False, lidar=lidar), numbers, "pillars alone", chunk
-    )
-    among = workers.map(
-        partial(center_error, seed=seed, clutter=True, lidar=lidar), numbers, "pillars in company", chunk
-    )
+    errors = partial(center_error, seed=seed, lidar=lidar)
+    alone = workers.map(partial(errors, clutter=False), numbers, "pillars alone", chunk)
+    among = workers.map(partial(errors, clutter=True), numbers, "pillars in company", chunk)
     false = workers.map(partial(false_pillars, seed=seed, lidar=lidar), numbers, "scenes without", chunk)
+    false_share = 100.0 * float(np.mean([count > 0 for count in false]))
     gentle = replace(control, p_gain_vel=COURSE_GAINS.p_gain_vel, p_gain_ang=COURSE_GAINS.p_gain_ang)
     setups = [replace(setup, control=gains) for gains in (control, gentle, TOUCHING)]
     standard, gains, touch = drives(setups, [course_scenario(seed)], workers, "course runs", replays)
     runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
-    false_share = 100.0 * float(np.mean([count > 0 for count in false]))
-    sections = [
-        (
-            f"Pillar extraction, {scenes} random scans of each kind, noise {1000.0 * lidar.noise:g} mm",
-            [
-                *extraction_figures("pillar alone, 3 beams or more", alone, 99.5, 2.0),
-                *extraction_figures("pillar in company, 3 beams or more", among, 99.5, 2.0),
-                Figure(
-                    "scans without a pillar that show one of 8 beams or more", false_share, "%", maximum=0.1
-                ),
-            ],
-        ),
-        ("Course start, default gains", course_figures(standard, 1.15)),
-        ("Course start, the course's gains 0.1 and 0.4", course_figures(gains)),
-        (f"{starts} random starts, 2-25 m away, default gains", start_figures(runs)),
-    ]
-    mount, outline = simulator.robot.lidar_mount, simulator.robot.footprint
-    if lidar.range_min < outline.hull[0] - mount.x:  # or it does not see what it touches
-        sections.insert(-1, ("Course start, stop_distance 0", touch_figures(touch)))
-    return sections
+    figures = {
+        f"Pillar extraction, {scenes} random scans of each kind, noise {1000.0 * lidar.noise:g} mm": [
+            *extraction_figures("pillar alone, 3 beams or more", alone, 99.5, 2.0),
+            *extraction_figures("pillar in company, 3 beams or more", among, 99.5, 2.0),
+            figure("scans without a pillar that show one of 8 beams or more", false_share, "%", maximum=0.1),
+        ],
+        "Course start, default gains": course_figures(standard, 1.15),
+        "Course start, the course's gains 0.1 and 0.4": course_figures(gains),
+        "Course start, stop_distance 0": touch_figures(touch),
+        f"{starts} random starts, 2-25 m away, default gains": start_figures(runs),
+    }
+    if lidar.range_min >= simulator.robot.footprint.hull[0] - simulator.robot.lidar_mount.x:
+        del figures["Course start, stop_distance 0"]  # it does not see what it touches
+    return figures
 
 
 def drives(
@@ -221,11 +193,11 @@ def drives(
     return [result for result, _ in pages]
 
 
-def result_of(sections: Sequence[Tuple[str, List[Figure]]], lead: str, source: str) -> Result:
+def result_of(figures: Mapping[str, Sequence[Row]], lead: str, source: str) -> Result:
     """All figures, and which of them miss their bounds."""
-    header = ("figure", "value", "wanted", "verdict")
-    tables = [Table(title, header, [figure.row for figure in figures]) for title, figures in sections]
-    missed = "; ".join(figure.name for _, figures in sections for figure in figures if not figure.met)
+    tables = [Table(title, HEADER, rows) for title, rows in figures.items()]
+    rows = [row for table in tables for row in table.rows]
+    missed = "; ".join(name for name, _, _, verdict in rows if verdict.style == "missed")
     verdict = f"missed: {missed}" if missed else "every figure is within its bounds"
     return Result("Evaluation of the controller", lead, tables, verdict, bool(missed), source)
 
@@ -264,10 +236,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         with Workers(options.jobs, options.cluster, options.resume) as workers:
             seed, starts, replays = options.seed, options.starts, options.replays
             if options.profile == "robot":
-                sections = evaluate_robot(seed, starts, workers, options.ground, replays)
+                figures = evaluate_robot(seed, starts, workers, options.ground, replays)
             else:
-                sections = evaluate(seed, options.scenes, starts, workers, replays, options.robot)
-            result = result_of(sections, f"seed {seed}, profile {options.profile}", workers.summary)
+                figures = evaluate(seed, options.scenes, starts, workers, replays, options.robot)
+            result = result_of(figures, f"seed {seed}, profile {options.profile}", workers.summary)
         print(result.source, file=sys.stderr)
         print(result)
         if replays is not None:

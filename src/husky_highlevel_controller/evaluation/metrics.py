@@ -5,6 +5,7 @@ In: numbers of random scenes, scenarios, gains. Out: errors, times, touches, aga
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from math import hypot, inf, pi
 from typing import Callable, Tuple
@@ -15,10 +16,10 @@ from husky_highlevel_controller.controller.behaviour import decide
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 from husky_highlevel_controller.course import PILLAR_RADIUS
-from husky_highlevel_controller.evaluation.report import replay_page
 from husky_highlevel_controller.evaluation.rollout import Controller, Trace, model_of, rollout
 from husky_highlevel_controller.evaluation.scenarios import SICK, Scenario, bare_scene, pillar_scene
 from husky_highlevel_controller.evaluation.setup import Setup
+from husky_highlevel_controller.replay import Replay, to_html
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 
@@ -92,12 +93,14 @@ def run_scene(item: Tuple[Setup, Scenario]) -> DriveResult:
 
 
 def run_with_page(item: Tuple[Setup, Scenario]) -> Tuple[DriveResult, str]:
-    """`run_scene`, with the text of a page that plays the drive."""
+    """`run_scene`, with the text of a page that plays the drive, whose name tells scenario and gains."""
     setup, scenario = item
     trace = drive(setup, scenario)
-    result = judge(trace, scenario, setup)
-    name, page = replay_page(result.name, result.summary, setup.control, trace, setup.simulator.robot)
-    return replace(result, replay=name), page
+    result, control = judge(trace, scenario, setup), setup.control
+    gains = f"gains {control.p_gain_vel:g} {control.p_gain_ang:g}, stop {control.stop_distance:g} m"
+    title, robot = f"{result.name}, {gains}", setup.simulator.robot
+    page = to_html(Replay(title, result.summary, trace.times, trace.poses, trace.pillars, robot=robot))
+    return replace(result, replay=f"{re.sub(r'[^a-z0-9.]+', '_', title.lower())}.html"), page
 
 
 def drive(setup: Setup, scenario: Scenario, controller: Controller = decide) -> Trace:

@@ -1,4 +1,4 @@
-"""Pictures of many drives: heat maps, curves, paths from above.
+"""Pictures of many drives: heat maps, curves, pairs.
 
 In: arrays. Out: PNG.
 """
@@ -12,11 +12,9 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
-from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.evaluation.setup import Axis
-from husky_highlevel_controller.plots import DRIVEN, MARKER, from_above, new_figure, plain, png
+from husky_highlevel_controller.plots import DRIVEN, MARKER, new_figure, plain, png
 
-COLORS = (DRIVEN, MARKER)  # of A and B
 MAX_LABELLED = 15  # values of an axis, up to which each cell is labelled
 SYMBOLS = "*os^"
 
@@ -50,20 +48,6 @@ def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, titl
     if handles:
         figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
     figure.suptitle(plain(title), fontsize=11)
-    return png(figure)
-
-
-def draw_paths(paths: Mapping[str, np.ndarray], pillar: Tuple[float, float], title: str) -> bytes:
-    """Paths, (N, 3) poses [m, m, rad] in the world by their label, to a pillar [m], seen from above."""
-    figure = new_figure(5.6, 4.8)
-    plot = figure.subplots()
-    from_above(plot, pillar, PILLAR_RADIUS)
-    for color, style, (label, poses) in zip(COLORS, ("-", "--"), paths.items()):
-        plot.plot(poses[:, 0], poses[:, 1], style, color=color, label=plain(label))
-        plot.plot(*poses[-1, :2], "o", color=color)
-    plot.plot(*poses[0, :2], "k^", label="start")
-    plot.legend(fontsize=8)
-    plot.set_title(title)
     return png(figure)
 
 

@@ -6,7 +6,7 @@ In: differences. Out: means with confidence intervals.
 from __future__ import annotations
 
 from math import nan
-from typing import Any, NamedTuple, Sequence
+from typing import Any, NamedTuple, Tuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,9 +40,8 @@ def bootstrap(differences: ArrayLike) -> Interval:
     return Interval(float(values.mean()), float(low), float(high))
 
 
-def paired_row(
-    title: str, a: Sequence[float], b: Sequence[float], unit: str, factor: float = 1.0
-) -> Sequence[Any]:
-    """Row of a table: means of A and of B in the same scenes, and B - A with its interval, times a factor."""
-    means = (factor * float(np.mean(side)) if len(side) else nan for side in (a, b))
-    return title, *means, bootstrap(np.subtract(b, a)).summary(unit, factor)
+def paired_row(title: str, sides: ArrayLike, unit: str, factor: float = 1.0) -> Tuple[Any, ...]:
+    """Row of a table: means of A and of B, (2, N) of N scenes, and B - A with its interval."""
+    a, b = np.asarray(sides, dtype=float)
+    means = [factor * float(side.mean()) if len(side) else nan for side in (a, b)]
+    return title, *means, bootstrap(b - a).summary(unit, factor)

@@ -17,7 +17,6 @@ import numpy as np
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.evaluation.metrics import Drive, DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import Panel, draw_sweep
-from husky_highlevel_controller.evaluation.report import write_page
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     COURSE_GAINS,
@@ -35,6 +34,7 @@ from husky_highlevel_controller.result import Result, Table, every_row
 from husky_highlevel_controller.tasks.command import exit_codes
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
+from husky_highlevel_controller.templates import write_page
 
 
 @dataclass(frozen=True)
@@ -54,16 +54,15 @@ class Sweep:
     def every_drive(self) -> Table:
         """A row for each drive."""
         names = [axis.name for axis in self.axes]
-        pairs = itertools.product(self.points, range(len(self.scenes)))
-        rows = [{**dict(zip(names, point)), **row(drive)} for (point, _), drive in zip(pairs, self.drives)]
+        at = (point for point in self.points for _ in self.scenes)
+        rows = [{**dict(zip(names, point)), **row(drive)} for point, drive in zip(at, self.drives)]
         return every_row("Every drive", rows)
 
     def grid(self, quantity: str, share: Any) -> np.ndarray:
         """A quantity of the drives, brought together over the scenes, with a dimension for each axis."""
         values = np.array([float(getattr(drive, quantity)) for drive in self.drives])
-        shape = [len(axis.values) for axis in self.axes]
-        grid: np.ndarray = share(values.reshape(*shape, len(self.scenes)), axis=-1)
-        return grid
+        shape = [*(len(axis.values) for axis in self.axes), len(self.scenes)]
+        return np.asarray(share(values.reshape(shape), axis=-1))
 
     def panels(self) -> List[Panel]:
         """Panels of the picture."""
@@ -100,7 +99,7 @@ def sweep(
     names = [axis.name for axis in axes]
     points = itertools.product(*(axis.values for axis in axes))
     setups = [setup.with_values(dict(zip(names, point))) for point in points]
-    drives = workers.map(drive, list(itertools.product(setups, scenes)), "drives")
+    drives = workers.map(drive, itertools.product(setups, scenes), "drives")
     return Sweep(tuple(axes), tuple(scene.name for scene in scenes), tuple(drives))
 
 

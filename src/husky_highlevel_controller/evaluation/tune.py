@@ -22,7 +22,6 @@ from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.metrics import Drive, DriveResult, run_scene
 from husky_highlevel_controller.evaluation.plots import draw_trials
-from husky_highlevel_controller.evaluation.report import write_page
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import (
     METADATA,
@@ -38,6 +37,7 @@ from husky_highlevel_controller.result import Result, Table, every_row
 from husky_highlevel_controller.tasks.command import exit_codes, positive
 from husky_highlevel_controller.tasks.store import RESULTS
 from husky_highlevel_controller.tasks.workers import Workers
+from husky_highlevel_controller.templates import write_page
 
 BATCH = 8  # setups that are proposed at once; fixed, for the proposals depend on it
 DIGITS = 4  # of a proposed value: what is driven is what the file says
@@ -141,13 +141,12 @@ def tune(
     study.enqueue_trial({name: min(max(defaults[name], low), high) for name, low, high in ranges})
     rows: List[Dict[str, Any]] = []
     while len(rows) < trials:
-        trials_asked = [study.ask() for _ in range(min(BATCH, trials - len(rows)))]
-        proposed = [_propose(trial, ranges, defaults) for trial in trials_asked]
-        items = list(product([base.with_values(values) for values in proposed], scenes))
-        results = workers.map(drive, items, f"setups from {len(rows) + 1}")
-        costs = [objective.cost(result) for result in results]
-        means = np.array(costs).reshape(len(trials_asked), len(scenes)).mean(axis=1).tolist()
-        for trial, values, mean in zip(trials_asked, proposed, means):
+        asked = [study.ask() for _ in range(min(BATCH, trials - len(rows)))]
+        proposed = [_propose(trial, ranges, defaults) for trial in asked]
+        items = product([base.with_values(values) for values in proposed], scenes)
+        costs = map(objective.cost, workers.map(drive, items, f"setups from {len(rows) + 1}"))
+        means = np.reshape(list(costs), (len(asked), len(scenes))).mean(axis=1).tolist()
+        for trial, values, mean in zip(asked, proposed, means):
             study.tell(trial, mean)
             rows.append({**values, "objective": mean})
     best = min(rows, key=lambda row: row["objective"])
@@ -185,15 +184,16 @@ def check(
     drive: Drive = run_scene,
 ) -> Table:
     """Figures of both setups on the same fresh scenes, with the paired differences."""
-    results = workers.map(drive, list(product([base, tuned], scenes)), "fresh starts")
+    results = workers.map(drive, product([base, tuned], scenes), "fresh starts")
     sides = results[: len(scenes)], results[len(scenes) :]
-    shares = (100.0 * float(np.mean([result.good for result in side])) for side in sides)
-    rows: List[Sequence[Any]] = [("arrived, within 2 cm, no touch [%]", *shares, "")]
-    pairs = [(a, b) for a, b in zip(*sides) if a.arrived_at < inf and b.arrived_at < inf]
-    times = ([result.arrived_at for result, _ in pairs], [result.arrived_at for _, result in pairs])
-    before, after = ([objective.cost(result) for result in side] for side in sides)
-    rows.append(paired_row("time to arrival, mean [s]", *times, "s"))
-    rows.append(paired_row("objective [s]", before, after, "s"))
+    shares = [100.0 * float(np.mean([result.good for result in side])) for side in sides]
+    times = np.array([[result.arrived_at for result in side] for side in sides])
+    costs = [[objective.cost(result) for result in side] for side in sides]
+    rows = [
+        ("arrived, within 2 cm, no touch [%]", *shares, ""),
+        paired_row("time to arrival, mean [s]", times[:, np.isfinite(times).all(axis=0)], "s"),
+        paired_row("objective [s]", costs, "s"),
+    ]
     return Table(f"Both on {len(scenes)} fresh starts", ("", *HEADER), rows)
 
 

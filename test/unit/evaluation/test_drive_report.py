@@ -6,8 +6,8 @@ import json
 from math import inf
 
 from husky_highlevel_controller.config import load
-from husky_highlevel_controller.evaluation.report import write_page
 from husky_highlevel_controller.result import Cell, Result, Table, every_row
+from husky_highlevel_controller.templates import write_page
 
 
 def report(value=inf):
