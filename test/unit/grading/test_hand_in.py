@@ -182,11 +182,13 @@ def test_each_folder_and_archive_of_a_class_is_one_student(tmp_path):
     package(tmp_path / "ann" / "one", "one")
     package(tmp_path / "ann" / "two", "two")
     archive(tmp_path / "bob.ZIP", {})
-    for name in ("cid.tar.gz", "marking.yaml", ".hidden/package.xml", "zip"):
+    for name in ("cid.tar.gz", "dan.7z", "marking.yaml", ".hidden/package.xml", "zip"):
         put(tmp_path / name)
     (tmp_path / "link").symlink_to(tmp_path / "ann")
     os.mkfifo(tmp_path / "fifo.zip")
-    assert list(find_hand_ins(tmp_path)) == ["ann", "bob", "cid"]
+    assert list(find_hand_ins(tmp_path)) == ["ann", "bob", "cid", "dan"]
+    with pytest.raises(NotMarkableError, match=r"dan\.7z is not opened: only \.zip, "):
+        open_hand_in(tmp_path / "dan.7z", tmp_path / "ann")
     put(tmp_path / "bob" / "package.xml")
     with pytest.raises(HuskyError, match=r"bob and bob\.ZIP are both called bob"):
         find_hand_ins(tmp_path)
@@ -196,11 +198,24 @@ def test_each_folder_and_archive_of_a_class_is_one_student(tmp_path):
 def test_packages_are_found_in_folders_and_in_archives_inside(ann):
     for place in ("build/a", "devel/b", "src/c/inner", "src/c", "src/d"):
         package(ann / place, place.split("/")[-1])
-    archive(ann / "e.zip", {"e/package.xml": MANIFEST.format("e", "", "")})
+    inner = archive(ann.parent / "inner.zip", {"g/package.xml": MANIFEST.format("g", "", "")})
+    archive(ann / "e.zip", {"e/package.xml": MANIFEST.format("e", "", ""), "g.zip": inner.read_bytes()})
     put(ann / "f.zip", "no archive")
+    put(ann / "h.rar")
     contents = opened(ann)
-    assert [str(each.place) for each in contents.packages] == ["src/c", "src/d", "e.zip/e"]
-    assert contents.notes == ("f.zip is broken: File is not a zip file",)
+    assert [str(each.place) for each in contents.packages] == ["src/c", "src/d", "e.zip/e", "e.zip/g.zip/g"]
+    assert contents.notes[0] == "f.zip is broken: File is not a zip file"
+    assert contents.notes[1].startswith("h.rar is not opened: only .zip, ")
+
+
+def test_names_in_a_zip_are_those_that_its_program_meant(tmp_path):
+    """Of a folder with a colon; by backslashes, of folders too; in UTF-8 without the flag that says so."""
+    made = archive(tmp_path / "a.zip", {"Lab: 3/a": "", "b\\": "", "b\\c": "", "\u00dcbung/d": ""})
+    made.write_bytes(made.read_bytes().replace(b"\x14\0\0\x08", b"\x14\0\0\0"))
+    (tmp_path / "to").mkdir()
+    assert unpack(made, tmp_path / "to", Allowance()) == []
+    files = {str(path.relative_to(tmp_path / "to")) for path in (tmp_path / "to").glob("*/*")}
+    assert files == {"Lab: 3/a", "b/c", "\u00dcbung/d"}
 
 
 @pytest.mark.parametrize("name", ["", "/tmp/elsewhere", "../up", "a b", "a;rm", "-flag", "a/b"])
@@ -314,6 +329,7 @@ def test_numbers_of_exercises_in_names():
         "exercise5/ex3.launch": 2,
         "exercise3/husky.launch": 2,
         "exercise3/ex5.launch": 0,
+        "U\u0308bung 3/a.launch": 2,
         "src/a": 1,
     }
     assert {place: fits_exercise(PurePosixPath(place), 3) for place in innermost} == innermost

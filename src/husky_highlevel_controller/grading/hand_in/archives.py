@@ -6,6 +6,7 @@ headers whole, whatever size these claim to have.
 
 from __future__ import annotations
 
+import contextlib
 import io
 import json
 import resource
@@ -25,9 +26,11 @@ from husky_highlevel_controller.grading.isolation.files import walk
 PROGRAM = "husky_highlevel_controller.grading.hand_in.archives"
 
 SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar")
+UNREAD = (".7z", ".rar", ".tar.zst")  # hand-ins that cannot be opened
 MAX_FILES, MAX_BYTES = 20_000, 500_000_000  # of all archives of one hand-in, unpacked; of a folder, copied
 MAX_FILE = 100_000_000  # [bytes] of one file; a larger one, such as a rosbag, is left out
 MAX_NAMED = 5  # files that a note names
+UTF_8 = 0x800  # flag of a member of a zip: its name is UTF-8, not code page 437
 CHUNK = 1 << 16  # [bytes]
 MEMORY, DEADLINE = 1_000_000_000, 120  # [bytes], [s] of CPU and wall time, of unpacking one archive
 _Member = Tuple[str, bool, bool, Optional[IO[bytes]]]  # name, executable, to be left out, content
@@ -47,7 +50,7 @@ class Allowance:
 
 def suffix_of(name: str) -> str:
     """The ending that makes a file an archive; empty: it is none."""
-    return next((suffix for suffix in SUFFIXES if name.lower().endswith(suffix)), "")
+    return next((suffix for suffix in (*SUFFIXES, *UNREAD) if name.lower().endswith(suffix)), "")
 
 
 def large_files_note(names: Sequence[str]) -> List[str]:
@@ -63,6 +66,8 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
     Raises:
         ArchiveError: see there; the folder may then hold a part of it.
     """
+    if suffix_of(archive.name) in UNREAD:
+        raise ArchiveError(f"{archive.name} is not opened: only {', '.join(SUFFIXES)} are")
     command = [sys.executable, "-m", PROGRAM, *map(str, (archive, folder, allowance.files, allowance.size))]
     try:
         process = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
@@ -123,7 +128,13 @@ def main(archive: str, folder: str, files: str, size: str) -> None:
 def _inside(name: str, archive: Path) -> PurePosixPath:
     """A member's name as a path below the folder."""
     path = PurePosixPath(name.replace("\\", "/"))
-    if path.is_absolute() or ".." in path.parts or "\0" in name or not path.parts or ":" in path.parts[0]:
+    if (
+        path.is_absolute()
+        or ".." in path.parts
+        or "\0" in name
+        or not path.parts
+        or path.parts[0][1:2] == ":"
+    ):
         raise ArchiveError(f"{archive.name} leads out of its folder: {name[:200]!r}")
     return path
 
@@ -154,8 +165,18 @@ def _zip_members(archive: Path) -> Iterator[_Member]:
         for info in opened.infolist():
             mode = info.external_attr >> 16
             special = stat.S_IFMT(mode) not in (0, stat.S_IFREG, stat.S_IFDIR)
-            content = None if special or info.is_dir() else opened.open(info)
-            yield info.filename, bool(mode & 0o100), special, content
+            name = _zip_name(info)
+            content = None if special or name.endswith("/") else opened.open(info)
+            yield name, bool(mode & 0o100), special, content
+
+
+def _zip_name(info: zipfile.ZipInfo) -> str:
+    """Name of a member: Info-ZIP and macOS write UTF-8 without its flag, Windows by backslashes."""
+    name = info.filename
+    if not info.flag_bits & UTF_8:
+        with contextlib.suppress(UnicodeError):
+            name = name.encode("cp437").decode("utf-8")
+    return name.replace("\\", "/")
 
 
 def _tar_members(archive: Path) -> Iterator[_Member]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import unicodedata
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -116,15 +117,19 @@ def open_hand_in(path: Path, scratch: Path) -> Contents:
             root.mkdir()
             notes += unpack(path, root, allowance)
         places = {root: PurePosixPath(".")}
-        inner = [path for path in walk(root, BUILT) if suffix_of(path.name)]
-        for number, archive in enumerate(inner[:MAX_ARCHIVES]):
-            unpacked = scratch / str(number)
-            unpacked.mkdir()
-            try:
-                notes += unpack(archive, unpacked, allowance)
-            except ArchiveError as error:
-                notes.append(str(error))
-            places[unpacked] = PurePosixPath(archive.relative_to(root).as_posix())
+        folders = [root]
+        for folder in folders:  # which grow: archives hold archives
+            for archive in (path for path in walk(folder, BUILT) if suffix_of(path.name)):
+                if len(folders) > MAX_ARCHIVES:
+                    break
+                unpacked = scratch / str(len(folders))
+                unpacked.mkdir()
+                try:
+                    notes += unpack(archive, unpacked, allowance)
+                except ArchiveError as error:
+                    notes.append(str(error))
+                places[unpacked] = places[folder] / archive.relative_to(folder).as_posix()
+                folders.append(unpacked)
         packages = [each for folder, place in places.items() for each in _packages(folder, place, notes)]
     except (ArchiveError, UnreadableFileError, OSError) as error:
         raise NotMarkableError(f"it cannot be read: {error}") from error
@@ -175,6 +180,7 @@ def exercise_numbers(name: str) -> Set[int]:
 
     A number counts only beside a word for exercise, or alone: tb3, ur3 and 5ro14 are names of other things.
     """
+    name = unicodedata.normalize("NFC", name)  # macOS writes an umlaut as two letters
     text = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.replace(".launch", "")).lower()
     numbers = [next(filter(None, groups)) for groups in _EXERCISE.findall(text)]
     return {_NUMBERS[word] if word in _NUMBERS else int(word) for word in numbers}
