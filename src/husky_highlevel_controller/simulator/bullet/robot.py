@@ -32,13 +32,8 @@ class RobotWorld(BulletWorld):
         self._robot = self._load(pose)
         self._names[self._robot], self._ids[ROBOT] = ROBOT, [self._robot]
         # no grip of Bullet's own (traction.py has it), nothing that slows the robot down
-        pybullet.changeDynamics(
-            self._robot,
-            BASE_INDEX,
-            lateralFriction=0.0,
-            linearDamping=0.0,
-            angularDamping=0.0,
-            physicsClientId=self._client,
+        self._engine.changeDynamics(
+            self._robot, BASE_INDEX, lateralFriction=0.0, linearDamping=0.0, angularDamping=0.0
         )
         self.check_room(ROBOT)
 
@@ -49,10 +44,10 @@ class RobotWorld(BulletWorld):
         try:
             with os.fdopen(handle, "w") as file:
                 file.write(self._model.physics_urdf)
-            body_id: int = pybullet.loadURDF(path, flags=_URDF_FLAGS, physicsClientId=self._client)
+            body_id: int = self._engine.loadURDF(path, flags=_URDF_FLAGS)
         finally:
             os.remove(path)
-        info = pybullet.getDynamicsInfo(body_id, BASE_INDEX, physicsClientId=self._client)
+        info = self._engine.getDynamicsInfo(body_id, BASE_INDEX)
         self._inertial_in_body[body_id] = Pose(info[3], info[4])
         self._put(body_id, pose)
         return body_id
@@ -71,12 +66,12 @@ class RobotWorld(BulletWorld):
 
     def robot_motion(self) -> Tuple[Pose, Vector3, Vector3]:
         """Pose of base_link, velocity of the centre of mass [m/s] and spin [rad/s], in the world."""
-        velocity, spin = pybullet.getBaseVelocity(self._robot, physicsClientId=self._client)
+        velocity, spin = self._engine.getBaseVelocity(self._robot)
         return self._pose(self._robot), velocity, spin
 
     def contact_points(self) -> List[ContactPoint]:
         """Contact points of the robot with other bodies."""
-        contacts = pybullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client)
+        contacts = self._engine.getContactPoints(bodyA=self._robot)
         names = self._names
         return [
             (names[contact[2]], contact[5], contact[7], contact[9])
@@ -86,11 +81,6 @@ class RobotWorld(BulletWorld):
 
     def push_robot(self, force_in_world: Vector3, point_in_world: Vector3) -> None:
         """Apply an external force to the robot during the next step, at a point [N, m]."""
-        pybullet.applyExternalForce(
-            self._robot,
-            BASE_INDEX,
-            force_in_world,
-            point_in_world,
-            pybullet.WORLD_FRAME,
-            physicsClientId=self._client,
+        self._engine.applyExternalForce(
+            self._robot, BASE_INDEX, force_in_world, point_in_world, pybullet.WORLD_FRAME
         )

@@ -5,7 +5,7 @@ In: records of geometries. Out: Bullet's shape, a point.
 
 from __future__ import annotations
 
-from typing import Sequence
+from typing import Any, Sequence
 
 import numpy as np
 import pybullet
@@ -33,17 +33,16 @@ def _volume(geometry: Geometry) -> float:
     raise TypeError(f"{shape} has no volume")
 
 
-def compound_shape(geometries: Sequence[Geometry], client: int) -> int:
+def compound_shape(geometries: Sequence[Geometry], engine: Any) -> int:
     """Compound collision shape of several geometries; cylinders are exact, not hulls of polygons."""
     kinds = {Box: pybullet.GEOM_BOX, Cylinder: pybullet.GEOM_CYLINDER, Sphere: pybullet.GEOM_SPHERE}
     shapes = [geometry.shape for geometry in geometries]
-    shape: int = pybullet.createCollisionShapeArray(
+    shape: int = engine.createCollisionShapeArray(
         shapeTypes=[kinds[type(shape)] for shape in shapes],
         radii=[getattr(shape, "radius", 0.0) for shape in shapes],
         lengths=[getattr(shape, "length", 0.0) for shape in shapes],
         halfExtents=[[edge / 2.0 for edge in shape.size] for shape in shapes],  # only boxes need them
         collisionFramePositions=[geometry.pose_in_body.position for geometry in geometries],
         collisionFrameOrientations=[geometry.pose_in_body.quat_xyzw for geometry in geometries],
-        physicsClientId=client,
     )
     return shape

@@ -6,8 +6,9 @@ In: records. Out: records. Only this folder talks to PyBullet.
 from __future__ import annotations
 
 import logging
+from functools import partial
 from math import degrees
-from typing import Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
 import pybullet
@@ -43,30 +44,41 @@ class PlacementError(HuskyError):
     """A body cannot be placed: its name is taken or unknown, or there is no room."""
 
 
+class _Engine:
+    """PyBullet's functions on a server of their own; pybullet_utils' BulletClient prints when it starts."""
+
+    def __init__(self) -> None:
+        self._client = pybullet.connect(pybullet.DIRECT)
+
+    def __getattr__(self, name: str) -> Any:
+        bound = partial(getattr(pybullet, name), physicsClientId=self._client)
+        setattr(self, name, bound)
+        return bound
+
+
 class BulletWorld:
     """A Bullet physics server, in this process and without a window."""
 
     def __init__(self, dt: float) -> None:
         """Start a server that steps `dt` s at a time."""
         self._dt = dt
-        self._client = pybullet.connect(pybullet.DIRECT)
-        if self._client < 0:
+        self._engine = _Engine()
+        if not self._engine.isConnected():
             raise HuskyError("PyBullet did not start a physics server")
 
     def close(self) -> None:
         """Disconnect from the server and free its memory; nothing else may be called afterwards."""
-        pybullet.disconnect(self._client)
+        self._engine.disconnect()
 
     def clear(self, gravity: Vector3) -> None:
         """Remove every body and set gravity."""
-        pybullet.resetSimulation(physicsClientId=self._client)
-        pybullet.setGravity(*gravity, physicsClientId=self._client)
-        pybullet.setPhysicsEngineParameter(
+        self._engine.resetSimulation()
+        self._engine.setGravity(*gravity)
+        self._engine.setPhysicsEngineParameter(
             fixedTimeStep=self._dt,
             numSolverIterations=_SOLVER_ITERATIONS,
             contactBreakingThreshold=_BREAKING_THRESHOLD,
             deterministicOverlappingPairs=1,
-            physicsClientId=self._client,
         )
         self._names: Dict[int, str] = {}
         self._ids: Dict[str, List[int]] = {}
@@ -103,7 +115,7 @@ class BulletWorld:
                 self._planes.remove(body_id)
 
     def _remove(self, body_id: int) -> None:
-        pybullet.removeBody(body_id, physicsClientId=self._client)
+        self._engine.removeBody(body_id)
         for record in (self._names, self._shape_ids, self._inertial_in_body):
             record.pop(body_id, None)
 
@@ -117,7 +129,7 @@ class BulletWorld:
         """Move a body that is no plane to another pose, at rest."""
         body_id = self._ids[name][-1]
         self._put(body_id, pose_in_world)
-        if pybullet.getDynamicsInfo(body_id, BASE_INDEX, physicsClientId=self._client)[0] > 0.0:
+        if self._engine.getDynamicsInfo(body_id, BASE_INDEX)[0] > 0.0:
             self._lift_out_of_the_ground(body_id)
 
     def set_pose_unchecked(self, name: str, pose_in_world: Pose) -> None:
@@ -135,15 +147,15 @@ class BulletWorld:
     ) -> np.ndarray:
         """OpenGL depth buffer of a camera at its optical frame, (height, width) in 0..1; in px, rad and m."""
         eye = pose_camera_in_world.position
-        view = pybullet.computeViewMatrix(
+        view = self._engine.computeViewMatrix(
             eye,
             transform_point(pose_camera_in_world, (0.0, 0.0, 1.0)),
             rotate(pose_camera_in_world.quat_xyzw, (0.0, -1.0, 0.0)),
         )
-        projection = pybullet.computeProjectionMatrixFOV(
+        projection = self._engine.computeProjectionMatrixFOV(
             degrees(vertical_field_of_view), width / height, near, far
         )
-        _, _, _, depth, _ = pybullet.getCameraImage(
+        _, _, _, depth, _ = self._engine.getCameraImage(
             width,
             height,
             view,
@@ -151,16 +163,13 @@ class BulletWorld:
             shadow=0,
             flags=pybullet.ER_NO_SEGMENTATION_MASK,
             renderer=pybullet.ER_TINY_RENDERER,
-            physicsClientId=self._client,
         )
         return np.reshape(depth, (height, width))
 
     def _put(self, body_id: int, pose_in_world: Pose) -> None:
         pose = compose(pose_in_world, self._inertial_in_body[body_id])
-        pybullet.resetBasePositionAndOrientation(
-            body_id, pose.position, pose.quat_xyzw, physicsClientId=self._client
-        )
-        pybullet.resetBaseVelocity(body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), physicsClientId=self._client)
+        self._engine.resetBasePositionAndOrientation(body_id, pose.position, pose.quat_xyzw)
+        self._engine.resetBaseVelocity(body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     def check_room(self, name: str) -> None:
         """Check that a body, or the robot, overlaps none but planes; PlacementError where it does."""
@@ -188,7 +197,7 @@ class BulletWorld:
     def _copy(self, name: str, pose_in_world: Pose) -> int:
         """Id of a new body with the shape of another, without planes."""
         body_id = self._ids[name][-1]
-        mass = pybullet.getDynamicsInfo(body_id, BASE_INDEX, physicsClientId=self._client)[0]
+        mass = self._engine.getDynamicsInfo(body_id, BASE_INDEX)[0]
         copy = self._create(self._shape_ids[body_id], mass, pose_in_world, self._inertial_in_body[body_id])
         self._names[copy] = name
         if mass > 0.0:
@@ -201,17 +210,13 @@ class BulletWorld:
         Raises:
             PlacementError: they reach into something else.
         """
-        pybullet.performCollisionDetection(physicsClientId=self._client)  # where every body is by now
+        self._engine.performCollisionDetection()  # where every body is by now
         for body_id in body_ids:
-            links = range(BASE_INDEX, pybullet.getNumJoints(body_id, physicsClientId=self._client))
-            boxes = [pybullet.getAABB(body_id, link, physicsClientId=self._client) for link in links]
-            near = {
-                other
-                for box in boxes
-                for other, _ in pybullet.getOverlappingObjects(*box, physicsClientId=self._client) or ()
-            }
+            links = range(BASE_INDEX, self._engine.getNumJoints(body_id))
+            boxes = [self._engine.getAABB(body_id, link) for link in links]
+            near = {other for box in boxes for other, _ in self._engine.getOverlappingObjects(*box) or ()}
             for other in sorted(near.difference(body_ids, ignored, self._planes)):
-                points = pybullet.getClosestPoints(body_id, other, 0.0, physicsClientId=self._client)
+                points = self._engine.getClosestPoints(body_id, other, 0.0)
                 if any(point[8] < -_TOO_DEEP for point in points):
                     raise PlacementError(f"'{name}' would stand inside '{self._names[other]}'")
 
@@ -220,23 +225,17 @@ class BulletWorld:
         return self._pose(self._ids[name][-1])
 
     def _pose(self, body_id: int) -> Pose:
-        position, quat = pybullet.getBasePositionAndOrientation(body_id, physicsClientId=self._client)
+        position, quat = self._engine.getBasePositionAndOrientation(body_id)
         return compose(Pose(position, quat), inverse(self._inertial_in_body[body_id]))
 
     def _add_plane(self, body: Body, normal: Vector3, pose_in_body: Pose) -> None:
         if body.mass > 0.0:
             raise PlacementError(f"'{body.name}' is a plane that can move ({body.mass} kg); make it static")
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_PLANE, planeNormal=normal, physicsClientId=self._client
-        )
+        shape = self._engine.createCollisionShape(pybullet.GEOM_PLANE, planeNormal=normal)
         pose = compose(body.pose_in_world, pose_in_body)
         plane = self._create_body(body.name, shape, 0.0, pose, Pose())
-        pybullet.changeDynamics(
-            plane,
-            BASE_INDEX,
-            contactStiffness=_GROUND_STIFFNESS,
-            contactDamping=_GROUND_DAMPING,
-            physicsClientId=self._client,
+        self._engine.changeDynamics(
+            plane, BASE_INDEX, contactStiffness=_GROUND_STIFFNESS, contactDamping=_GROUND_DAMPING
         )
         self._inertial_in_body[plane] = pose_in_body
         self._planes.append(plane)
@@ -250,14 +249,13 @@ class BulletWorld:
         return body_id
 
     def _create(self, shape: int, mass: float, pose: Pose, inertial_in_body: Pose) -> int:
-        body_id: int = pybullet.createMultiBody(
+        body_id: int = self._engine.createMultiBody(
             baseMass=mass,
             baseCollisionShapeIndex=shape,
             basePosition=pose.position,
             baseOrientation=pose.quat_xyzw,
             baseInertialFramePosition=inertial_in_body.position,
             baseInertialFrameOrientation=inertial_in_body.quat_xyzw,
-            physicsClientId=self._client,
         )
         self._shape_ids[body_id] = shape
         self._inertial_in_body[body_id] = inertial_in_body
@@ -267,21 +265,21 @@ class BulletWorld:
         """Collision shape; equal ones share it, because Bullet frees none before the next `clear`."""
         key = tuple((geometry.shape, geometry.pose_in_body) for geometry in solids)
         if key not in self._shapes:
-            self._shapes[key] = compound_shape(solids, self._client)
+            self._shapes[key] = compound_shape(solids, self._engine)
         return self._shapes[key]
 
     def _lift_out_of_the_ground(self, body_id: int) -> None:
         """Place a movable body on top of the plane it is sunk into; Bullet would fling it into the air."""
         for plane in self._planes:
-            points = pybullet.getClosestPoints(body_id, plane, 0.0, physicsClientId=self._client)
+            points = self._engine.getClosestPoints(body_id, plane, 0.0)
             depth, normal = max(((-point[8], point[7]) for point in points), default=(0.0, ()))
             if depth > _LIFT_FROM:
-                position, quat = pybullet.getBasePositionAndOrientation(body_id, physicsClientId=self._client)
+                position, quat = self._engine.getBasePositionAndOrientation(body_id)
                 lifted = [a + depth * n for a, n in zip(position, normal)]
-                pybullet.resetBasePositionAndOrientation(body_id, lifted, quat, physicsClientId=self._client)
+                self._engine.resetBasePositionAndOrientation(body_id, lifted, quat)
                 names = self._names[body_id], self._names[plane]
                 log.debug("'%s' was sunk %.2f m into '%s' and now stands on it", names[0], depth, names[1])
 
     def step(self) -> None:
         """Advance the physics by one step."""
-        pybullet.stepSimulation(physicsClientId=self._client)
+        self._engine.stepSimulation()
