@@ -65,8 +65,6 @@ from husky_highlevel_controller.grading.records import (
     Rules,
 )
 from husky_highlevel_controller.grading.reports.files import FINGERPRINT, write_result
-from husky_highlevel_controller.grading.reports.page import class_page
-from husky_highlevel_controller.grading.reports.tables import to_csv, to_junit
 from husky_highlevel_controller.grading.review import open_items
 from husky_highlevel_controller.grading.settings import read_overrides, with_override
 from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
@@ -1057,15 +1055,6 @@ def test_a_hand_in_of_thousands_of_packages_is_refused(ann):
         package(ann / f"p{number}", f"p{number}")
     with pytest.raises(NotMarkableError, match="it holds 201 packages, more than 200"):
         opened(ann)
-
-
-def test_what_could_not_be_marked_is_no_zero_in_any_file():
-    marked = MarkingResult("ann", "w", {}, (Item("drive", 35.0, 50.0, ""),))
-    unmarked = MarkingResult("bob", "", {}, (), (), "no launch file")
-    assert not unmarked.full
-    assert to_csv([unmarked, marked]).splitlines()[1] == "bob,,,,could not be marked: no launch file,"
-    assert 'errors="1"' in to_junit([unmarked])
-    assert "could not be marked: no launch file" in class_page([marked, unmarked], {}, {})
 
 
 # ---------------------------------------------------------------------------- on another machine
