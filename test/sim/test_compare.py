@@ -1,7 +1,5 @@
 """Two controllers on the same scenes: differences, scenes in which one fails, and the exit code for CI."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import dist, inf
 

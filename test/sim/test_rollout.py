@@ -1,7 +1,5 @@
 """The controller drives the simulated Husky: what the course asks for, and random starts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import cos, dist, hypot, sin
 

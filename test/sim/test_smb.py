@@ -1,7 +1,5 @@
 """The SMB: it obeys its published limits, measures as its sensors do, and finds the pillar."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A sweep drives the same scenes at every point, as its table, picture and page say."""
 
-from __future__ import annotations
-
 import csv
 import math
 import os

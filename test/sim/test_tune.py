@@ -1,7 +1,5 @@
 """Tuning finds the best values, the same for a seed, goes on after an end; the launch file loads them."""
 
-from __future__ import annotations
-
 import re
 import sys
 from math import inf

@@ -1,7 +1,5 @@
 """Shared by the unit tests of the controller: flat scenes, and a robot without physics."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import cos, pi, sin
 from typing import List, NamedTuple, Optional, Sequence, Tuple

@@ -1,10 +1,8 @@
 """What the robot does about the pillar: whole drives in flat worlds, and single decisions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import groupby
-from math import atan2, cos, degrees, hypot, inf, isnan, nan, pi, sin
+from math import atan2, cos, hypot, inf, isnan, nan, pi, sin
 
 import numpy as np
 import pytest
@@ -276,26 +274,19 @@ def test_time_that_jumps_back_makes_it_forget_the_old_odom():
 # ---------------------------------------------------------------------------- searching
 
 
-def test_a_pillar_never_seen_is_searched_with_a_full_turn_and_then_ever_farther_out():
-    steps = Toy(period=0.1).drive(170.0)
+def test_a_pillar_never_seen_is_searched_with_a_turn_and_ever_farther_out_and_nothing_is_touched():
+    centre = Pose2D(0.5, 0.2, 0.3)
+    toy = Toy([], room(5.0, centre.yaw, centre.x, centre.y) + box(1.8, 1.2, 0.5, 0.4, 0.4), period=0.1)
+    steps = toy.drive(120.0)
     assert states(steps) == [State.SEARCHING]
     turning, driving = reasons(steps)[:2]
     assert "turning to look around" in turning
     assert "driving a widening search" in driving
-    first_leg = next(i for i, step in enumerate(steps) if step.output.twist.linear > 0.0)
-    turned = sum(wrap_angle(b.pose.yaw - a.pose.yaw) for a, b in zip(steps[:first_leg], steps[1:]))
-    assert degrees(turned) == pytest.approx(360.0, abs=5.0)
     out = [hypot(step.pose.x, step.pose.y) for step in steps]
-    assert max(out[: len(out) // 2]) < max(out) - 0.5
-    assert max(out) > 2.0
-
-
-def test_the_search_touches_nothing():
-    centre = Pose2D(0.5, 0.2, 0.3)
-    toy = Toy([], room(5.0, centre.yaw, centre.x, centre.y) + box(1.8, 1.2, 0.5, 0.4, 0.4), period=0.1)
+    assert max(out[: len(out) // 4]) < max(out) - 0.2
     corners = [(a * HALF_LENGTH, b * HALF_WIDTH, 0.0) for a in (-1, 1) for b in (-1, 0, 1)]
     to_room = inverse(pose_from_2d(centre))
-    for step in toy.drive(120.0):
+    for step in steps:
         for corner in corners:
             place = transform_point(pose_from_2d(step.pose), corner)
             assert max(map(abs, transform_point(to_room, place))) < 2.5

@@ -1,7 +1,5 @@
 """The laws of the drive: gains, limits, how far there is to go."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import pi
 

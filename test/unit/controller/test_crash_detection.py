@@ -1,7 +1,5 @@
 """Collisions are detected on smooth and on rough ground, and rough ground alone is no collision."""
 
-from __future__ import annotations
-
 from collections import deque
 from math import cos, pi, radians, sin
 

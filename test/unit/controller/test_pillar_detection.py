@@ -1,7 +1,5 @@
 """The pillar in a scan: found, measured, and not mistaken for something else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import cos, hypot, inf, nan, pi, sin
 from typing import Tuple

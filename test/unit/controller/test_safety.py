@@ -1,7 +1,5 @@
 """When the robot is stopped: before it touches, after it has, once, and not for nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from math import atan2, cos, hypot, inf, pi, sin

@@ -1,7 +1,5 @@
 """The search's legs and turns, what counts as near, and which way is free."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import atan2, cos, hypot, pi, radians, sin
 

@@ -1,7 +1,5 @@
 """Clocks that differ are told from messages that are late."""
 
-from __future__ import annotations
-
 import pytest
 
 from husky_highlevel_controller.controller.sensor_faults import (

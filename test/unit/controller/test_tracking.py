@@ -1,7 +1,5 @@
 """Tracking of one pillar from scan to scan: when it is given up, how certain it is, which one matches."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The depth camera: what its pixels mean."""
 
-from __future__ import annotations
-
 from math import radians, tan
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Velocity commands on their way to the wheels: limits, geometry, timeout, nonsense refused."""
 
-from __future__ import annotations
-
 from math import inf, nan
 
 import pytest

@@ -1,7 +1,5 @@
 """The satellite receiver: where on Earth, how fast, how wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

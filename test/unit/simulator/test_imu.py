@@ -1,7 +1,5 @@
 """What the IMU measures of a motion: specific force, not acceleration, and along the robot's axes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from io import BytesIO
 from math import cos, nan, pi, sin

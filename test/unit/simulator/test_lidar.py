@@ -1,7 +1,5 @@
 """One sweep of the lidar over a circle in closed form: misses, limits, noise, seeds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import inf
 

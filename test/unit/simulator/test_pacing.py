@@ -1,7 +1,5 @@
 """Simulated time against the clock on the wall, with made-up clocks."""
 
-from __future__ import annotations
-
 import pytest
 
 from husky_highlevel_controller.simulator.pacing import MAX_LAG, Pacer

@@ -1,7 +1,5 @@
 """Rays against shapes: held against distance fields, and against closed forms."""
 
-from __future__ import annotations
-
 from math import inf, pi
 from typing import List, Tuple
 

@@ -1,7 +1,5 @@
 """What may be asked for as an object, and what the refusal says."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from math import inf, nan

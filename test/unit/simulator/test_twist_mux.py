@@ -1,7 +1,5 @@
 """Who drives the robot when several want to."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
