@@ -68,6 +68,7 @@ def at(x, y, z):
         ("recorded path", {"path": PATH[TIMES > 4.0]}, 30.0),  # it begins while the robot stands
         ("recorded path", {"path": PATH[TIMES > 6.0]}, 15.0),
         ("recorded path", {"path": PATH[TIMES < 80.0]}, 15.0),  # it ends on the way
+        ("recorded path", {"path": PATH[(TIMES < 3.0) | (TIMES > 88.0)]}, 15.0),  # where it stands
         ("recorded path", {"path": np.where(np.equal(PATH, PATH[500, 1]), np.nan, PATH)}, 15.0),
         ("recorded path", {"path": PATH * (1.0, np.nan, np.nan)}, 0.0),
         ("recorded path", {"path": PATH[:5]}, 0.0),

@@ -22,6 +22,7 @@ from husky_highlevel_controller.grading.rubrics.items import forfeited, weighted
 CLOUDS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}  # of our bags; of the Husky's of 2018
 MIN_ESTIMATES = 10
 BEGIN, END = 5.0, 2.0  # [s], after the begin and before the end of the bag: between them it must estimate
+GAP = 5.0  # [s], between two estimates, by their stamps
 TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02  # [m] from the true path, and of its length: the larger counts
 ABOVE, NEAR = (0.0, 0.0, 2.0), 0.1  # [m], place of the top view in base_link; so near it is there
 COLOURING, SIZE, SAME_SIZE = "AxisColor Z", 0.05, 0.005  # of the cloud's points [m]
@@ -61,10 +62,11 @@ def judge_path(recording: Recording, playback: Playback, _view: RvizView) -> Ver
     true = [np.interp(stamps, recording.times, column) for column in recording.poses[:, :2].T]
     off = float(np.hypot(*(playback.path[:, 1:].T - true)).max())
     length = float(np.hypot(*np.diff(recording.poses[:, :2], axis=0).T).sum())
-    is_whole = stamps[0] <= BEGIN and stamps[-1] >= end - END
+    gap = float(np.diff(np.sort(stamps)).max())
+    is_whole = stamps[0] <= BEGIN and stamps[-1] >= end - END and gap <= GAP
     is_true = off <= max(TOLERANCE, TOLERANCE_OF_LENGTH * length)
     evidence = f"{playback.topic}: from {stamps[0]:.1f} to {stamps[-1]:.1f} of {end:.1f} s, "
-    evidence += f"up to {off:.2f} m from the true path of {length:.1f} m"
+    evidence += f"at most {gap:.1f} s apart, up to {off:.2f} m from the true path of {length:.1f} m"
     return 1.0 if is_whole and is_true else 0.5, evidence, INPUTS
 
 
