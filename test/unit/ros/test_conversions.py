@@ -11,7 +11,6 @@ from geometry_msgs.msg import Point, Twist, Vector3
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_msgs.msg import LaserScan
-from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
 from husky_highlevel_controller.datatypes import (
@@ -25,14 +24,7 @@ from husky_highlevel_controller.datatypes import (
 )
 from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.markers import (
-    ball_to_marker,
-    disc_to_marker,
-    line_to_marker,
-    no_marker,
-    pillar_to_marker,
-    text_to_marker,
-)
+from husky_highlevel_controller.ros.controller.display import STATE, marker
 
 LAW = settings(derandomize=True, deadline=None, max_examples=60)
 
@@ -246,61 +238,16 @@ def test_joint_states_keep_each_wheel_s_numbers_with_its_name():
 # ---------------------------------------------------------------------------- markers
 
 
-def test_a_pillar_s_marker_is_an_upright_cylinder_as_wide_as_the_pillar():
-    color = ColorRGBA(0.1, 0.2, 0.3, 1.0)
-    msg = over_the_wire(pillar_to_marker(Point(1.0, 2.0, 0.4), 0.2, 2.5, "odom", "pillar", color))
-    assert (msg.action, msg.type) == (Marker.ADD, Marker.CYLINDER)
-    assert (msg.header.frame_id, msg.header.stamp.to_sec(), msg.ns) == ("odom", 2.5, "pillar")
-    assert xyz(msg.pose.position) == (1.0, 2.0, 0.4)
-    assert xyzw(msg.pose.orientation) == (0.0, 0.0, 0.0, 1.0)
-    assert (msg.scale.x, msg.scale.y) == (0.4, 0.4)
-    assert msg.scale.z > 0.0
-    assert msg.color.a == 1.0
-    assert msg.color.b == pytest.approx(0.3)
-    assert msg.lifetime.is_zero()  # until replaced or deleted
-
-
-def test_taking_a_marker_away_names_the_same_marker():
-    shown = pillar_to_marker(Point(), 0.2, 2.5, "odom", "pillar", ColorRGBA())
-    gone = over_the_wire(no_marker(2.6, "odom", "pillar"))
-    assert gone.action == Marker.DELETE
-    assert (gone.ns, gone.id) == (shown.ns, shown.id)
-
-
-# what RViz needs of each kind: visualization_msgs 1.13, display types of rviz 1.14
-AT, TO = Point(1.0, 2.0, 0.0), Point(3.0, 4.0, 0.0)
-HEAD = 2.5, "odom", "it", ColorRGBA()
-EACH_KIND = {
-    Marker.CYLINDER: disc_to_marker(AT, 0.3, *HEAD),
-    Marker.SPHERE: ball_to_marker(AT, 0.3, *HEAD),
-    Marker.LINE_STRIP: line_to_marker([AT, TO], 0.05, *HEAD),
-    Marker.TEXT_VIEW_FACING: text_to_marker("words", AT, 0.25, *HEAD),
-}
-
-
-@pytest.mark.parametrize("kind", EACH_KIND)
+@pytest.mark.parametrize("kind", [Marker.CYLINDER, Marker.SPHERE, Marker.LINE_STRIP, Marker.TEXT_VIEW_FACING])
 def test_a_marker_of_any_kind_has_type_place_name_and_a_rotation(kind):
-    msg = over_the_wire(EACH_KIND[kind])
-    assert (msg.type, msg.action, msg.ns) == (kind, Marker.ADD, "it")
+    msg = over_the_wire(marker(kind, STATE, 2.5, "odom", (0.1, 0.2, 0.3), Point(1.0, 2.0, 0.0), text="words"))
+    assert (msg.type, msg.action, msg.ns, msg.text) == (kind, Marker.ADD, STATE, "words")
     assert (msg.header.frame_id, msg.header.stamp.to_sec()) == ("odom", 2.5)
     assert xyzw(msg.pose.orientation) == (0.0, 0.0, 0.0, 1.0)
-    if kind != Marker.LINE_STRIP:  # its points say where it is
-        assert xyz(msg.pose.position) == (1.0, 2.0, 0.0)
-
-
-def test_sizes_are_where_rviz_looks_for_them():
-    scale = {kind: xyz(msg.scale) for kind, msg in EACH_KIND.items()}
-    assert scale[Marker.CYLINDER][:2] == (0.6, 0.6)
-    assert 0.0 < scale[Marker.CYLINDER][2] < 0.05, "a disc is flat"
-    assert scale[Marker.SPHERE] == (0.6, 0.6, 0.6)
-    assert scale[Marker.LINE_STRIP][0] == 0.05
-    assert scale[Marker.TEXT_VIEW_FACING][2] == 0.25
-
-
-def test_a_line_keeps_its_points_and_a_text_its_words():
-    line, text = EACH_KIND[Marker.LINE_STRIP], EACH_KIND[Marker.TEXT_VIEW_FACING]
-    assert [xyz(point) for point in over_the_wire(line).points] == [(1.0, 2.0, 0.0), (3.0, 4.0, 0.0)]
-    assert over_the_wire(text).text == "words"
+    assert xyz(msg.pose.position) == (1.0, 2.0, 0.0)
+    assert xyz(msg.scale) == (0.1, 0.2, 0.3)
+    assert msg.color.a == 1.0
+    assert msg.lifetime.is_zero()  # until replaced or deleted
 
 
 def test_a_frame_with_a_leading_slash_is_one_that_tf2_knows():

@@ -5,24 +5,16 @@ from __future__ import annotations
 import threading
 from collections import deque
 from math import hypot, inf
-from typing import Deque, Dict, List, Optional, Sequence, Set, Tuple
+from typing import Any, Deque, Dict, List, Optional, Sequence, Set, Tuple
 
 import rospy
-from geometry_msgs.msg import Point, PointStamped, Vector3, Vector3Stamped
+from geometry_msgs.msg import Point, PointStamped, Pose, Quaternion, Vector3, Vector3Stamped
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from husky_highlevel_controller.controller.behaviour import ControlOutput, Observation, State
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.markers import (
-    ball_to_marker,
-    disc_to_marker,
-    line_to_marker,
-    no_marker,
-    pillar_to_marker,
-    text_to_marker,
-)
 from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 ODOM, BASE = "odom", "base_link"
@@ -44,6 +36,7 @@ ABOVE_PILLAR, ABOVE_ROBOT = 2.3, 1.0  # [m] of the text above base_link
 # of the letters: [rad] as seen by a camera so far [m] behind the robot, as rviz/controller.rviz has it
 TEXT_ANGLE, CAMERA_BEHIND = 0.022, 8.0
 COLLAR = 1.5  # times the pillar's radius
+PILLAR_HEIGHT, DISC_HEIGHT = 0.8, 0.02  # [m]; a planar scan cannot see how tall a pillar is
 MIN_SPREAD = 0.05  # [m], of the estimate's rim beyond the pillar, or it would not be visible
 
 
@@ -93,8 +86,8 @@ class Display:
             self._path.clear()
         self._follow(observation.base_in_odom)
         if self._marker.get_num_connections():
-            for marker in self._deleting(self._marker, _pillar_markers(observation, output), stamp):
-                publish(self._marker, marker)
+            for each in self._deleting(self._marker, _pillar_markers(observation, output), stamp):
+                publish(self._marker, each)
         due = output.state is not self._state or stamp >= self._array_at + ARRAY_PERIOD
         if due and self._array.get_num_connections():
             markers = [*_state_markers(observation, output, stop_distance), *self._path_marker(stamp)]
@@ -112,12 +105,13 @@ class Display:
     def _path_marker(self, stamp: float) -> List[Marker]:
         if len(self._path) < 2:
             return []
-        return [line_to_marker(self._path, 0.04, stamp, ODOM, PATH, COLORS[PATH])]
+        return [marker(Marker.LINE_STRIP, PATH, stamp, ODOM, (0.04, 0.0, 0.0), points=list(self._path))]
 
     def _deleting(self, publisher: rospy.Publisher, markers: List[Marker], stamp: float) -> List[Marker]:
         """The markers, and orders to take away those that were shown before and are not among them."""
-        namespaces = {marker.ns for marker in markers}
-        deletions = [no_marker(stamp, BASE, namespace) for namespace in self._shown[publisher] - namespaces]
+        namespaces = {each.ns for each in markers}
+        header, gone = conversions.header(stamp, BASE), self._shown[publisher] - namespaces
+        deletions = [Marker(header=header, ns=namespace, action=Marker.DELETE) for namespace in gone]
         self._shown[publisher] = namespaces
         return markers + deletions
 
@@ -132,6 +126,27 @@ class Display:
             publish(self._error, Vector3Stamped(header, error))
 
 
+def marker(
+    kind: int,
+    namespace: str,
+    stamp: float,
+    frame: str,
+    size: Sequence[float],
+    position: Optional[Point] = None,
+    **fields: Any,
+) -> Marker:
+    """A marker in its namespace's colour; a line's size is (width, 0, 0), a text's (0, 0, height) [m]."""
+    return Marker(
+        header=conversions.header(stamp, frame),
+        ns=namespace,
+        type=kind,
+        pose=Pose(position or Point(), Quaternion(w=1.0)),  # an all-zero quaternion is not a rotation
+        scale=Vector3(*size),
+        color=COLORS[namespace],
+        **fields,
+    )
+
+
 def _pillar_markers(observation: Observation, output: ControlOutput) -> List[Marker]:
     """The pillar of this scan, as the lidar sees it and, by the transform of the same moment, in odom."""
     pillar, stamp = output.pillar, observation.scan.stamp
@@ -139,12 +154,12 @@ def _pillar_markers(observation: Observation, output: ControlOutput) -> List[Mar
         return []
 
     # in the laser's frame a collar in the scan's plane, to differ from the one in odom
-    center, color = Point(pillar.x, pillar.y, 0.0), COLORS[IN_LASER]
-    markers = [disc_to_marker(center, COLLAR * pillar.radius, stamp, observation.scan.frame, IN_LASER, color)]
+    width, center = 2.0 * pillar.radius, Point(pillar.x, pillar.y, 0.0)
+    collar = (COLLAR * width, COLLAR * width, DISC_HEIGHT)
+    markers = [marker(Marker.CYLINDER, IN_LASER, stamp, observation.scan.frame, collar, center)]
     if output.pillar_in_odom is not None:
-        center = Point(*output.pillar_in_odom)
-        color = COLORS[IN_ODOM]
-        markers.append(pillar_to_marker(center, pillar.radius, stamp, ODOM, IN_ODOM, color))
+        size, center = (width, width, PILLAR_HEIGHT), Point(*output.pillar_in_odom)
+        markers.append(marker(Marker.CYLINDER, IN_ODOM, stamp, ODOM, size, center))
     return markers
 
 
@@ -166,19 +181,19 @@ def _state_markers(observation: Observation, output: ControlOutput, stop_distanc
     markers = []
     if output.estimate is not None:
         estimate = output.estimate
-        spread = estimate.radius + max(2.0 * estimate.deviation, MIN_SPREAD)
-        center = Point(estimate.x, estimate.y, 0.0)
-        markers.append(disc_to_marker(center, spread, stamp, ODOM, ESTIMATE, COLORS[ESTIMATE]))
+        spread = 2.0 * (estimate.radius + max(2.0 * estimate.deviation, MIN_SPREAD))
+        size, center = (spread, spread, DISC_HEIGHT), Point(estimate.x, estimate.y, 0.0)
+        markers.append(marker(Marker.CYLINDER, ESTIMATE, stamp, ODOM, size, center))
         if output.target_in_base is not None and observation.laser_in_base is not None:
             goal = _stop_point(observation, output, stop_distance + estimate.radius)
-            markers.append(ball_to_marker(goal, 0.08, stamp, BASE, TARGET, COLORS[TARGET]))
+            markers.append(marker(Marker.SPHERE, TARGET, stamp, BASE, (0.16, 0.16, 0.16), goal))
     if output.target_in_base is not None and output.state is not State.ARRIVED:
         text += f", {output.distance_error:.2f} m to go"
     above = Point(0.0, 0.0, ABOVE_ROBOT)
     if output.target_in_base is not None:
         above = Point(*output.target_in_base, ABOVE_PILLAR)
-    height = TEXT_ANGLE * (CAMERA_BEHIND + hypot(above.x, above.y))
-    markers.append(text_to_marker(text, above, height, stamp, BASE, STATE, COLORS[STATE]))
+    letters = (0.0, 0.0, TEXT_ANGLE * (CAMERA_BEHIND + hypot(above.x, above.y)))
+    markers.append(marker(Marker.TEXT_VIEW_FACING, STATE, stamp, BASE, letters, above, text=text))
     return markers
 
 

@@ -10,12 +10,11 @@ import pytest
 import trimesh
 import viser
 from geometry_msgs.msg import Point
-from std_msgs.msg import ColorRGBA
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.ros.markers import line_to_marker
+from husky_highlevel_controller.ros.controller.display import PATH, marker
 from husky_highlevel_controller.ros.web import backdrop, camera, meshes
 from husky_highlevel_controller.ros.web.drawing import DASH, dashes
 from husky_highlevel_controller.ros.web.markers import MeshFile
@@ -130,8 +129,8 @@ def test_a_page_opened_after_the_drive_shows_the_way_that_the_controller_has_dri
     scene = Scene(server, "odom", "/controller")
     scene.frames.update("odom", "base_link", 30.0, pose(19.4))
     path = [Point(0.1 * step, 0.0, 0.0) for step in range(194)]
-    marker = line_to_marker(path, 0.04, 30.0, "odom", "path", ColorRGBA(1.0, 1.0, 1.0, 1.0))
-    markers = [("/controller/visualization_marker_array", MarkerArray([marker]))]
+    line = marker(Marker.LINE_STRIP, PATH, 30.0, "odom", (0.04, 0.0, 0.0), points=path)
+    markers = [("/controller/visualization_marker_array", MarkerArray([line]))]
     topics = SimpleNamespace(
         take=lambda use: None, name=str, take_all=lambda use: markers if use == "markers" else []
     )
