@@ -16,11 +16,11 @@ import warnings
 from collections import deque
 from concurrent.futures import CancelledError
 from functools import partial
-from typing import Any, Callable, Deque, Dict, FrozenSet, Generator, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, FrozenSet, List, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.tasks.fingerprint import PACKAGE, code_version
-from husky_highlevel_controller.tasks.local import Answer, Group, OnError, failure, perform
+from husky_highlevel_controller.tasks.local import Answers, Group, perform
 
 try:
     import cloudpickle
@@ -54,19 +54,13 @@ class Cluster:
         """Disconnect; the cluster goes on."""
         self._client.close(timeout=CONNECT_DEADLINE)
 
-    def run(
-        self,
-        task: Callable[[Any], Any],
-        groups: Sequence[Group],
-        starts_programs: bool,
-        on_error: Optional[OnError] = None,
-    ) -> Generator[Tuple[int, Answer], None, None]:
-        """The number of each group and its answer, in the order in which they end.
+    def run(self, task: Callable[[Any], Any], groups: Sequence[Group], starts_programs: bool) -> Answers:
+        """Answers in the order in which they come, or what a task raises.
 
         What a lost worker had is done by others; closing the iterator cancels what has not begun.
 
         Raises:
-            HuskyError: no worker can do it, one group ended several of them, or the scheduler is gone.
+            HuskyError: no worker can do it, or the scheduler is gone.
         """
         _send_by_value(task)
         todo: Deque[int] = deque(range(len(groups)))
@@ -86,15 +80,16 @@ class Cluster:
                     try:
                         payload = cloudpickle.dumps((task, groups[number]))
                     except Exception as error:  # such as a file that cannot be read
-                        yield number, failure(groups[number], error, on_error)
+                        yield number, error
                         continue
                     running[self._submit(payload, workers, starts_programs)] = (number, workers)
                 for future in self._ended(running):
                     number, _ = running.pop(future)
-                    if future.status == "error" and on_error is not None:
-                        yield number, failure(groups[number], future.exception(), on_error)
-                        continue
-                    yield number, pickle.loads(_result(future, number, len(groups)))
+                    failure = future.exception() if future.status == "error" else None
+                    if isinstance(failure, KilledWorker):
+                        place = f"task {number + 1} of {len(groups)}"
+                        failure = HuskyError(f"{place} ended every worker that did it: {failure}")
+                    yield number, failure or pickle.loads(future.result())
         except (CommClosedError, CancelledError, OSError) as error:
             raise HuskyError(f"--cluster {self._address}: the scheduler is gone: {error}") from None
         finally:
@@ -179,13 +174,6 @@ def perform_packed(payload: bytes) -> bytes:
     """Do a group of tasks on a worker; the scheduler sees bytes only."""
     task, group = pickle.loads(payload)
     return pickle.dumps(perform(task, group))
-
-
-def _result(future: Future, number: int, count: int) -> bytes:
-    try:
-        return bytes(future.result())
-    except KilledWorker as error:
-        raise HuskyError(f"task {number + 1} of {count} ended every worker that did it: {error}") from None
 
 
 def _asker(package: str) -> Callable[[], str]:

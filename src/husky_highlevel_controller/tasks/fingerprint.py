@@ -75,13 +75,8 @@ def code_version() -> str:
     digest, package, share = hashlib.sha256(), Path(__file__).resolve().parents[1], share_folder()
     files = {f"src/{path.relative_to(package).as_posix()}": path for path in package.rglob("*.py")}
     for folder in ("config", "urdf", "worlds"):
-        files.update(
-            {
-                path.relative_to(share).as_posix(): path
-                for path in (share / folder).rglob("*")
-                if path.is_file()
-            }
-        )
+        found = [path for path in (share / folder).rglob("*") if path.is_file()]
+        files.update({path.relative_to(share).as_posix(): path for path in found})
     for name in sorted(files):
         if name.split("/")[1] not in GENERATED:
             digest.update(f"{name} {hashlib.sha256(files[name].read_bytes()).hexdigest()}\n".encode())

@@ -19,15 +19,16 @@ from concurrent.futures import (
 )
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from typing import Any, Callable, Dict, Generator, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Generator, List, Sequence, Tuple, Union
 from typing import Counter as CounterType
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.tasks.fingerprint import machine
 
 Group = Sequence[Any]  # items that are sent to a worker together
-OnError = Callable[[Any, Exception], Any]  # result of an item whose task has failed; or it raises
 Answer = Tuple[str, List[Any]]  # the machine that computed, and the result of each item of a group
+# number of a group, and its answer or why there is none
+Answers = Generator[Tuple[int, Union[Answer, BaseException]], None, None]
 SET_PARENT_DEATH_SIGNAL = 1  # of prctl(2)
 MAX_DEATHS = 3  # of processes under one group; then it is its fault
 
@@ -37,26 +38,13 @@ def perform(task: Callable[[Any], Any], group: Group) -> Answer:
     return machine(), [task(item) for item in group]
 
 
-def failure(group: Group, error: Exception, on_error: Optional[OnError]) -> Answer:
-    """Answer for a group whose task has failed; without `on_error` the error is raised."""
-    if on_error is None:
-        raise error
-    return machine(), [on_error(item, error) for item in group]
-
-
 def run_here(
-    task: Callable[[Any], Any],
-    groups: Sequence[Group],
-    jobs: int,
-    starts_programs: bool,
-    on_error: Optional[OnError] = None,
-) -> Generator[Tuple[int, Answer], None, None]:
-    """The number of each group and its answer, in the order in which they end.
+    task: Callable[[Any], Any], groups: Sequence[Group], jobs: int, starts_programs: bool
+) -> Answers:
+    """Answers in the order in which they come, or what a task raises.
 
-    A process that is killed is replaced, and its group done again; closing the iterator cancels the others.
-
-    Raises:
-        HuskyError: one group ended its process MAX_DEATHS times, without `on_error`.
+    A process that is killed is replaced, and its group done again; a group that ends its process MAX_DEATHS
+    times has a HuskyError. Closing the iterator cancels the others.
     """
     todo = deque(range(len(groups)))
     deaths: CounterType[int] = Counter()
@@ -70,20 +58,17 @@ def run_here(
                     running[executor.submit(perform, task, groups[todo[0]])] = todo[0]
                     todo.popleft()
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    try:
-                        answer: Answer = future.result()
-                    except BrokenProcessPool:
-                        raise
-                    except Exception as error:
-                        answer = failure(groups[running[future]], error, on_error)
-                    yield running.pop(future), answer
+                    error = future.exception()
+                    if isinstance(error, BrokenProcessPool):
+                        raise error
+                    yield running.pop(future), error or future.result()
         except BrokenProcessPool:
             losses = sorted(running.values())
             deaths.update(losses)
             worst = max(losses, key=lambda number: deaths[number], default=0)
             if deaths[worst] >= MAX_DEATHS:
                 sentence = f"task {worst + 1} of {len(groups)} ended its process {MAX_DEATHS} times"
-                yield worst, failure(groups[worst], HuskyError(sentence), on_error)
+                yield worst, HuskyError(sentence)
                 losses.remove(worst)
             todo.extendleft(reversed(losses))
         finally:

@@ -8,16 +8,17 @@ from __future__ import annotations
 import hashlib
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Callable, Generator, Iterable, Iterator, List, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Iterable, Iterator, List, Optional, Set, Tuple
 
 from tqdm import tqdm
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint
-from husky_highlevel_controller.tasks.local import Answer, Group, OnError, run_here
+from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint, machine
+from husky_highlevel_controller.tasks.local import run_here
 from husky_highlevel_controller.tasks.store import Store
 
 Task = Callable[[Any], Any]
+OnError = Callable[[Any, Exception], Any]  # result of an item whose task has failed; or it raises
 
 
 class Workers:
@@ -46,9 +47,6 @@ class Workers:
         return self
 
     def __exit__(self, *_: Any) -> None:
-        self.close()
-
-    def close(self) -> None:
         """Leave the cluster, close the file."""
         if self._cluster:
             self._cluster.close()
@@ -90,7 +88,8 @@ class Workers:
         With `on_error`, what it returns for an item and an exception is the result of an item whose task
         raises, cannot be sent, or ends its worker.
         """
-        keys = self._keys(task, items)
+        common = fingerprint((code_version(), task)) if self._store else ""
+        keys = [fingerprint((common, item)) for item in items] if self._store else []
         waiting: List[int] = []
         with tqdm(total=len(items), desc=title, disable=None) as bar:
             for number in range(len(items)):
@@ -103,28 +102,23 @@ class Workers:
                     waiting.append(number)
             groups = [waiting[first : first + chunk] for first in range(0, len(waiting), chunk)]
             chunks = [[items[n] for n in group] for group in groups]
-            with closing(self._answers(task, chunks, starts_programs, on_error)) as answers:
-                for group_number, (machine, results) in answers:
-                    group = groups[group_number]
-                    self._machines.add(machine)
+            if self._cluster:
+                answers = self._cluster.run(task, chunks, starts_programs)
+            else:
+                answers = run_here(task, chunks, self.jobs, starts_programs)
+            with closing(answers):
+                for number, answer in answers:
+                    group = groups[number]
+                    if isinstance(answer, BaseException):
+                        if on_error is None or not isinstance(answer, Exception):
+                            raise answer
+                        answer = machine(), [on_error(items[n], answer) for n in group]
+                    computer, results = answer
+                    self._machines.add(computer)
                     if self._store:
-                        self._store.save({keys[n]: (machine, result) for n, result in zip(group, results)})
+                        self._store.save({keys[n]: (computer, result) for n, result in zip(group, results)})
                     bar.update(len(group))
                     yield from zip(group, results)
-
-    def _keys(self, task: Task, items: List[Any]) -> List[str]:
-        """Key of a kept result: the code, the task and the item; nothing without a file."""
-        if not self._store:
-            return []
-        common = fingerprint((code_version(), task))
-        return [fingerprint((common, item)) for item in items]
-
-    def _answers(
-        self, task: Task, groups: Sequence[Group], starts_programs: bool, on_error: Optional[OnError]
-    ) -> Generator[Tuple[int, Answer], None, None]:
-        if self._cluster:
-            return self._cluster.run(task, groups, starts_programs, on_error)
-        return run_here(task, groups, self.jobs, starts_programs, on_error)
 
     @property
     def results_hash(self) -> str:
