@@ -23,31 +23,16 @@ from husky_highlevel_controller.grading import batch as batch_module
 from husky_highlevel_controller.grading import mark as mark_module
 from husky_highlevel_controller.grading.batch import Batch, job_of, mark_all, run_program, run_there
 from husky_highlevel_controller.grading.drive import observe as observe_module
-from husky_highlevel_controller.grading.hand_in import archives
+from husky_highlevel_controller.grading.hand_in import archives, launch_choice
 from husky_highlevel_controller.grading.hand_in import build as build_module
 from husky_highlevel_controller.grading.hand_in import packages as packages_module
 from husky_highlevel_controller.grading.hand_in import prepare as prepare_module
 from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, PackedPath, unpack
 from husky_highlevel_controller.grading.hand_in.build import Folders, copy_packages
-from husky_highlevel_controller.grading.hand_in.launch_choice import (
-    choose_launch_files,
-    read_launch_files,
-    reasons,
-)
 from husky_highlevel_controller.grading.hand_in.package_files import curves_in
-from husky_highlevel_controller.grading.hand_in.packages import (
-    NotMarkableError,
-    choose_packages,
-    copies_of_known,
-    exercise_numbers,
-    find_hand_ins,
-    fits_exercise,
-    open_hand_in,
-)
-from husky_highlevel_controller.grading.hand_in.prepare import add_rviz_files
+from husky_highlevel_controller.grading.hand_in.packages import NotMarkableError, find_hand_ins, open_hand_in
 from husky_highlevel_controller.grading.isolation import files as files_module
 from husky_highlevel_controller.grading.isolation import process as process_module
-from husky_highlevel_controller.grading.isolation.process import StoppedError
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.judge import judge_again
 from husky_highlevel_controller.grading.mark import mark
@@ -114,7 +99,7 @@ def opened(ann):
 
 def chosen(ann, exercise=3):
     contents = opened(ann)
-    packages, notes = choose_packages(contents.packages, exercise)
+    packages, notes = packages_module.choose_packages(contents.packages, exercise)
     return contents, packages, [*contents.notes, *notes]
 
 
@@ -122,13 +107,15 @@ def launch_files(ann, exercise=3, **more):
     """Launch files that start something, the chosen one first, in copies of the packages."""
     contents, packages, _ = chosen(ann, exercise)
     kept = ("robot_localization",) * (exercise == 4)
-    out, known = ann.parents[1] / "out", copies_of_known(contents.packages)
+    out, known = ann.parents[1] / "out", packages_module.copies_of_known(contents.packages)
     folders, _ = copy_packages(packages, out / "ws")
     copies, _ = copy_packages(known, out / "copies")
     workspace = Workspace(packages=(folders.root / "src", *copies.packages.values()))
     override = Override(**more)
-    files = read_launch_files(contents, [*packages, *known], folders, copies, workspace, override, kept)
-    return choose_launch_files(files, exercise)
+    files = launch_choice.read_launch_files(
+        contents, [*packages, *known], folders, copies, workspace, override, kept
+    )
+    return launch_choice.choose_launch_files(files, exercise)
 
 
 def prepared(ann):
@@ -322,7 +309,7 @@ def test_numbers_of_exercises_in_names():
         name: {number} if number else set() for number, names in NUMBERS.items() for name in names.split()
     }
     assert len(table) >= 50
-    assert {name: exercise_numbers(name) for name in table} == table
+    assert {name: packages_module.exercise_numbers(name) for name in table} == table
     innermost = {
         "exercise5/ex3.launch": 2,
         "exercise3/husky.launch": 2,
@@ -330,7 +317,7 @@ def test_numbers_of_exercises_in_names():
         "U\u0308bung 3/a.launch": 2,
         "src/a": 1,
     }
-    assert {place: fits_exercise(PurePosixPath(place), 3) for place in innermost} == innermost
+    assert {place: packages_module.fits_exercise(PurePosixPath(place), 3) for place in innermost} == innermost
 
 
 @pytest.mark.parametrize(("exercise", "taken"), [(3, "ex3_husky.zip/husky"), (5, "course5/husky")])
@@ -359,11 +346,16 @@ def built(problem):
     return build_module.Build(Workspace(), (), problem)
 
 
-def test_a_copy_that_does_not_build_gives_way_to_the_next(ann, tmp_path, monkeypatch):
-    for name in ("first", "second", "third"):
-        folder = package(ann / name / "husky", "husky")
+def make_copies(ann, *places):
+    """Copies of a package that starts its node; the last one has the most files."""
+    for place in places:
+        folder = package(ann / place / "husky", "husky")
         launch(folder / "launch" / "a.launch", NODE.format("husky"))
     put(folder / "scripts" / "controller", "#!/bin/sh\n")
+
+
+def test_a_copy_that_does_not_build_gives_way_to_the_next(ann, monkeypatch):
+    make_copies(ann, "first", "second", "third")
 
     def build(folders, *_):
         works = (folders.packages["husky"] / "scripts").exists()
@@ -377,13 +369,14 @@ def test_a_copy_that_does_not_build_gives_way_to_the_next(ann, tmp_path, monkeyp
     submission, notes = prepared(ann)
     assert submission.problem == (Note(Kind.BUILD, "it does not build: a.cpp:1: error: x"),)
     assert any("package husky is taken from first/husky" in note for note in notes)
+    for each in ("first", "second"):
+        (ann / each / "husky" / "launch" / "a.launch").unlink()
+    with pytest.raises(NotMarkableError, match=r"no launch file starts .*taken from first/husky; left aside"):
+        prepared(ann)
 
 
 def test_what_does_not_build_gives_way_to_no_copy_of_another_exercise_and_is_built_once(ann, monkeypatch):
-    for place in ("ex3", "ex5"):
-        folder = package(ann / place / "husky", "husky")
-        launch(folder / "launch" / "a.launch", NODE.format("husky"))
-    put(folder / "scripts" / "controller", "#!/bin/sh\n")
+    make_copies(ann, "ex3", "ex5")
     for place in ("a", "b"):
         package(ann / place / "husky_gazebo", "husky_gazebo")
     builds = []
@@ -392,13 +385,6 @@ def test_what_does_not_build_gives_way_to_no_copy_of_another_exercise_and_is_bui
     assert submission.problem == (Note(Kind.BUILD, "it does not build"),)
     assert "package husky is taken from ex3/husky; left aside: ex5/husky" in notes
     assert len(builds) == 1
-
-
-def test_which_copy_was_taken_is_told_where_nothing_starts(ann):
-    for name in ("first", "second"):
-        package(ann / name / "husky", "husky")
-    with pytest.raises(NotMarkableError, match=r"no launch file starts .*taken from first/husky; left aside"):
-        prepared(ann)
 
 
 def test_other_exercises_and_known_packages_are_left_aside_unless_needed(ann):
@@ -449,7 +435,7 @@ def test_the_launch_file_is_found_by_what_is_in_it(exercise, files, taken, ann, 
     assert str(candidates[0].place) == f"husky/{taken}.launch"
     assert candidates[0].package == "husky"
     kind = "husky/controller" if exercise == 3 else "ro"  # robot_localization's filter, or rosbag's player
-    assert f": starts {kind}" in reasons(candidates[0], candidates, exercise)
+    assert f": starts {kind}" in launch_choice.reasons(candidates[0], candidates, exercise)
     is_built = build_module.is_built(candidates[0].nodes[0], copied(ann, tmp_path)[0])
     assert is_built is (exercise == 4), "it needs no build"
 
@@ -498,7 +484,7 @@ def test_a_launch_file_may_lie_beside_its_package_and_a_teacher_may_name_it(ann)
         launch(ann / "exercise3" / name, NODE.format("husky"))
     candidates = launch_files(ann)
     assert (str(candidates[0].place), candidates[0].package) == ("exercise3/ex3.launch", "husky")
-    assert "is named for exercise 3" in reasons(candidates[0], candidates, 3)
+    assert "is named for exercise 3" in launch_choice.reasons(candidates[0], candidates, 3)
     (only,) = launch_files(ann, launch="launch/ex3.launch")
     assert str(only.place) == "exercise3/launch/ex3.launch"
     with pytest.raises(NotMarkableError, match="2 fit it"):
@@ -533,10 +519,10 @@ def test_rviz_s_default_file_beside_a_package_is_its_configuration(ann, husky, t
     put(package(ann / "other", "other") / "other.rviz")
     contents, copy = opened(ann), tmp_path / "copy"
     copy.mkdir()
-    assert add_rviz_files(contents, 3, copy)
+    assert prepare_module.add_rviz_files(contents, 3, copy)
     assert {path.name: path.read_text() for path in copy.iterdir()} == {"default.rviz": "shown"}
     put(husky / "own.rviz")
-    assert not add_rviz_files(contents, 3, husky), "which has one of its own"
+    assert not prepare_module.add_rviz_files(contents, 3, husky), "which has one of its own"
 
 
 @pytest.mark.usefixtures("husky")
@@ -547,7 +533,7 @@ def test_no_file_is_copied_through_a_link_that_the_build_laid(ann, tmp_path):
     assert launch_files(ann)[0].path.read_text() == beside.read_text()
     copy = tmp_path / "out" / "ws" / "src" / "husky"
     (copy / "default.rviz").symlink_to(bashrc)
-    assert add_rviz_files(opened(ann), 3, copy)
+    assert prepare_module.add_rviz_files(opened(ann), 3, copy)
     assert bashrc.read_text() == "mine"
 
 
@@ -688,7 +674,9 @@ def test_a_build_is_tried_again_for_late_headers_old_placeholders_and_missing_pa
     assert bool(built.error) == bool(outputs[-1])
 
 
-def test_a_changed_file_or_setting_changes_the_fingerprint_and_what_is_only_judged_does_not(tmp_path):
+def test_a_changed_file_or_setting_changes_the_fingerprint_and_what_is_only_judged_does_not(
+    tmp_path, monkeypatch
+):
     put(tmp_path / "a", "1")
 
     def fingerprint(config=MarkingConfig(), **override):  # noqa: B008
@@ -702,6 +690,9 @@ def test_a_changed_file_or_setting_changes_the_fingerprint_and_what_is_only_judg
     assert fingerprint(MarkingConfig(rules=Rules(reached=1.0)), points={"a": GivenPoints(1.0, "w")}) == before
     put(tmp_path / "a", "12")
     assert fingerprint() != before
+    before = fingerprint()
+    monkeypatch.setattr(batch_module, "code_version", lambda: "another")
+    assert fingerprint() != before, "another version of this package"
 
 
 def test_a_neighbour_whose_manifest_cannot_be_read_ends_no_reading(husky, ann, tmp_path, monkeypatch):
@@ -728,21 +719,18 @@ students:
     points: {marker: {points: 15, word: seen at the desk}}
     late: {percent: 10, word: two days}
 """
+DRIVEN = MarkingResult("ann", "w", {}, (Item("drive", 35.0, 50.0, ""), Item("marker", None, 20.0, "?")))
 
 
 def test_points_by_hand_and_a_late_penalty(tmp_path):
     put(tmp_path / "marking.yaml", MARKING)
     override = read_overrides(tmp_path, ["ann", "bob"])["ann"]
     assert (override.launch, override.arguments, override.robot) == ("ex3.launch", ("a:=b",), "husky_melodic")
-    result = MarkingResult("ann", "w", {}, (Item("drive", 35.0, 50.0, ""), Item("marker", None, 20.0, "?")))
-    marked = with_override(result, override)
-    assert [(item.name, item.points) for item in marked.items] == [
-        ("drive", 35),
-        ("marker", 15),
-        ("late", -5),
-    ]
-    assert marked.items[1].evidence == "by hand: seen at the desk"
-    assert marked.items[2].evidence == "10 % of 50 points: two days"
+    marked = with_override(DRIVEN, override)
+    _, marker, late = marked.items
+    assert [(item.name, item.points) for item in (marker, late)] == [("marker", 15), ("late", -5)]
+    assert marker.evidence == "by hand: seen at the desk"
+    assert late.evidence == "10 % of 50 points: two days"
     assert (marked.points, marked.max_points) == (45.0, 70.0)
     assert not read_overrides(tmp_path / "ann", [])
 
@@ -758,11 +746,10 @@ def test_points_by_hand_and_a_late_penalty(tmp_path):
         ("students: {ann: {node: p}}", "node = 'p' is not a package and a type"),
         ("students: {ann: {robot: kinetic}}", "is not one of: husky, husky_melodic, smb"),
         ("students: {ann: {late: {percent: 200, word: x}}}", "is out of range 0.0..100.0"),
-        (
-            "students: {ann: {late: {percent: .nan, word: x}}}",
-            "late/percent = nan is out of range 0.0..100.0",
-        ),
+        ("students: {ann: {late: {percent: .nan, word: x}}}", "percent = nan is out of range 0.0..100.0"),
         ("students: {ann: {points: {a: {points: 1}}}}", "points/a/word is missing"),
+        ("students: {ann: {points: {x: {points: 1, word: w}}}}", "points/x is not an item"),
+        ("students: {ann: {points: {drive: {points: 51, word: w}}}}", "more"),
         ("students: [", "marking.yaml: while parsing"),
         ("- a", "is not a mapping"),
     ],
@@ -770,19 +757,8 @@ def test_points_by_hand_and_a_late_penalty(tmp_path):
 def test_a_mistake_in_marking_yaml_is_named(text, words, tmp_path):
     put(tmp_path / "marking.yaml", text)
     with pytest.raises(ConfigError) as refused:
-        read_overrides(tmp_path, ["ann", "bob"])
+        with_override(DRIVEN, read_overrides(tmp_path, ["ann", "bob"])["ann"])
     assert words in str(refused.value)
-
-
-def test_points_for_an_item_that_is_none_or_too_many_are_refused(tmp_path):
-    result = MarkingResult("ann", "w", {}, (Item("drive", 35.0, 50.0, ""),))
-    for given, words in (
-        ("{x: {points: 1, word: w}}", "is not an item"),
-        ("{drive: {points: 51, word: w}}", "more"),
-    ):
-        put(tmp_path / "marking.yaml", f"students: {{ann: {{points: {given}}}}}")
-        with pytest.raises(ConfigError, match=words):
-            with_override(result, read_overrides(tmp_path, ["ann"])["ann"])
 
 
 # ---------------------------------------------------------------------------- every hand-in has a result
@@ -1034,13 +1010,6 @@ def test_a_failure_or_a_hand_in_of_too_many_files_is_a_result_and_the_class_gets
     assert {line.partition(": ")[0] for line in printed} == {"1 of 3", "2 of 3", "3 of 3"}, "a line for each"
 
 
-def test_another_version_of_the_package_marks_again(batch, ann, monkeypatch):
-    job = "ann", ann, Override(), MarkingConfig(), batch
-    before = job_of(*job).fingerprint
-    monkeypatch.setattr(batch_module, "code_version", lambda: "another")
-    assert job_of(*job).fingerprint != before
-
-
 def test_without_network_namespaces_hand_ins_are_marked_one_at_a_time(batch, monkeypatch, capsys):
     numbers = []
     monkeypatch.setattr(batch_module.private_network, "can_be_made", lambda: False)
@@ -1155,6 +1124,6 @@ def test_a_marking_that_is_stopped_may_clean_up(job, tmp_path, monkeypatch):
     monkeypatch.setattr(batch_module, "PROGRAM", "slow_marking")
     up = Path(job.out, "up")
     monkeypatch.setattr(process_module, "STOP_REQUESTED", SimpleNamespace(is_set=up.exists))
-    with pytest.raises(StoppedError):
+    with pytest.raises(process_module.StoppedError):
         run_program(job)
     assert not up.exists()
