@@ -31,7 +31,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     walk,
     write_whole,
 )
-from husky_highlevel_controller.grading.isolation.process import Process, StoppedError, end_all, wait
+from husky_highlevel_controller.grading.isolation.process import Process, StoppedError, wait
 from husky_highlevel_controller.grading.judge import judge_again, unmarked
 from husky_highlevel_controller.grading.records import (
     Job,
@@ -240,7 +240,7 @@ def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
             process.popen.wait(CLEANUP_DEADLINE)
         raise
     finally:
-        end_all([process])
+        process.kill()
     try:
         return load_result(out / RESULT)
     except HuskyError:

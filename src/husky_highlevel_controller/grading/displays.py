@@ -40,19 +40,19 @@ class RvizConfig:
 
 
 @dataclass(frozen=True)
-class RvizView:
-    """Displays that the submission's RViz shows."""
+class RvizView(RvizConfig):
+    """A configuration, and what the submission's RViz shows by it."""
 
-    source: str = ""  # of its configuration; empty: there is none
     topics: Tuple[str, ...] = ()  # of its displays of scans and markers
     tf: bool = False  # frames are to be seen
     robot: bool = False  # the robot model is to be seen
     scan: bool = False  # the laser's points are to be seen
-    problem: str = ""  # why there is nothing to look at
-    fixed_frame: str = ""
-    started: bool = False  # its launch file starts RViz
     hidden: Tuple[Tuple[str, str], ...] = ()  # (topic, namespace) of markers that are switched off
-    clouds: Tuple[RvizDisplay, ...] = ()  # of points, whether or not transforms let them be seen
+
+    @property
+    def clouds(self) -> Tuple[RvizDisplay, ...]:
+        """Displays of points, whether or not transforms let them be seen."""
+        return tuple(display for display in self.displays if display.kind == CLOUD)
 
 
 @dataclass(frozen=True)
@@ -159,11 +159,7 @@ def _resolved(topic: str) -> str:
 
 def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
     """Displays that RViz shows with a configuration, where a drive has these frames."""
-    clouds = tuple(display for display in config.displays if display.kind == CLOUD)
-    view = RvizView(
-        config.source, problem=config.problem, fixed_frame=config.fixed_frame, started=config.started,
-        clouds=clouds,
-    )  # fmt: skip
+    view = RvizView(**vars(config))
     if not config.source or config.problem:
         return view
     if not tree.connects(config.fixed_frame):

@@ -42,7 +42,7 @@ PILLAR = (10.0, 0.0)  # [m]
 NOSE = 0.4937  # [m], from base_link to the front
 PERIOD = 0.02  # [s]
 SCAN = "/front/scan"
-FULL_VIEW = RvizView("its rviz node", (SCAN, "/marker"), tf=True, robot=True, scan=True)
+FULL_VIEW = RvizView("its rviz node", topics=(SCAN, "/marker"), tf=True, robot=True, scan=True)
 
 
 def drive(*legs, **more):

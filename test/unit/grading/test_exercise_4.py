@@ -24,7 +24,7 @@ PLAYBACK = Playback(
     PATH, "/odometry/filtered", TOP_VIEW, ("--clock --rate=0.5 x.bag",), ((POSITION + "x", POSITION + "y"),)
 )
 CLOUD = RvizDisplay("rviz/PointCloud2", "/rslidar_points", colouring="AxisColor Z", size=0.05)
-VIEW = RvizView("its rviz node", clouds=(CLOUD,))
+VIEW = RvizView("its rviz node", displays=(CLOUD,))
 
 
 def recording(playback=PLAYBACK, robot="smb", **more):
@@ -143,12 +143,12 @@ def test_the_bonus_is_for_a_bag_that_the_launch_file_plays_at_half_speed(argumen
 @pytest.mark.parametrize(
     ("view", "worth"),
     [
-        ({"clouds": (replace(CLOUD, source="/points"),)}, (0.0, 10.0)),
-        ({"clouds": (replace(CLOUD, size=0.01), CLOUD)}, (10.0, 10.0)),
-        ({"clouds": (replace(CLOUD, size=0.01),)}, (10.0, 5.0)),
-        ({"clouds": (replace(CLOUD, colouring="AxisColor X"),)}, (10.0, 5.0)),
-        ({"clouds": (replace(CLOUD, colouring="Intensity Z", size=3),)}, (10.0, 0.0)),
-        ({"clouds": ()}, (0.0, 0.0)),
+        ({"displays": (replace(CLOUD, source="/points"),)}, (0.0, 10.0)),
+        ({"displays": (replace(CLOUD, size=0.01), CLOUD)}, (10.0, 10.0)),
+        ({"displays": (replace(CLOUD, size=0.01),)}, (10.0, 5.0)),
+        ({"displays": (replace(CLOUD, colouring="AxisColor X"),)}, (10.0, 5.0)),
+        ({"displays": (replace(CLOUD, colouring="Intensity Z", size=3),)}, (10.0, 0.0)),
+        ({"displays": ()}, (0.0, 0.0)),
         ({"problem": "no transform"}, (0.0, 10.0)),
         ({"source": ""}, (None, None)),
     ],

@@ -21,7 +21,7 @@ from husky_highlevel_controller.grading.rubrics.exercise_5 import judge_calls, j
 TIMES = np.arange(0.02, 20.0, 0.02)  # [s]
 SCAN = "/front/scan"
 NEAREST = np.column_stack([TIMES, np.interp(TIMES, [2.0, 12.0], [20.0, 15.0])])
-VIEW = RvizView("its rviz node", (SCAN,), scan=True, fixed_frame="odom")
+VIEW = RvizView("its rviz node", topics=(SCAN,), scan=True, fixed_frame="odom")
 
 
 def recording(speeds=0.0, **more):

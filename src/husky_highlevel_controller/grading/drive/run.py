@@ -31,7 +31,7 @@ from husky_highlevel_controller.grading.isolation.forked import (
     SIMULATOR,
     SIMULATOR_SETUP,
 )
-from husky_highlevel_controller.grading.isolation.process import Process, wait
+from husky_highlevel_controller.grading.isolation.process import Process, ends, wait
 from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.recording import (
@@ -128,8 +128,7 @@ def _simulator_setup(network: Network, arguments: Tuple[str, ...]) -> Tuple[Dict
         process = network.start(
             "simulator_setup", [SIMULATOR_SETUP, str(SIMULATOR_LAUNCH), *fixed, *arguments]
         )
-        wait(lambda: not process.running, START_DEADLINE, START_PERIOD)
-        process.kill()
+        ends(process, START_DEADLINE)
         try:
             setup = json.loads(process.output.splitlines()[-1])
         except (ValueError, IndexError):

@@ -27,7 +27,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     write_whole,
 )
 from husky_highlevel_controller.grading.isolation.forked import import_early
-from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
+from husky_highlevel_controller.grading.isolation.process import Process, ends
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, clean_environment
 
 BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
@@ -266,10 +266,7 @@ def _catkin_make(
         "--make-args", "-k", f"-j{os.cpu_count()}",  # without -l: make would wait until others' load falls
     ]  # fmt: skip
     process = Process(command, folders.log, env, folders.root, underlay)
-    try:
-        in_time = wait(lambda: not process.running, BUILD_DEADLINE, 0.2)
-    finally:
-        end_all([process])
+    in_time = ends(process, BUILD_DEADLINE, 0.2)
     output = process.output + (f"\n{process.problem}" if process.problem else "")
     return output, process.popen.returncode if in_time else None
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Dict, List, Optional, Sequence
 
 from husky_highlevel_controller.grading.isolation.files import create
-from husky_highlevel_controller.grading.isolation.process import Process, end_all, wait
+from husky_highlevel_controller.grading.isolation.process import Process, ends
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, clean_environment
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import Launchable
@@ -68,10 +68,7 @@ def _describe(
     process = Process(
         starter(events, "describe", launchables, kept), folder / "plan.log", env, folder, workspace
     )
-    try:
-        in_time = wait(lambda: not process.running, LOAD_DEADLINE)
-    finally:
-        end_all([process])
+    in_time = ends(process, LOAD_DEADLINE)
     return process.output.strip()[-300:] if in_time else f"no end after {LOAD_DEADLINE:g} s"
 
 

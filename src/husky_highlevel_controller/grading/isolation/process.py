@@ -173,6 +173,18 @@ def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) ->
     return True
 
 
+def ends(process: Process, seconds: float, period: float = 0.05) -> bool:
+    """Wait for a process to end, and kill what is left of it; whether it ended in time.
+
+    Raises:
+        StoppedError: the marking is to end.
+    """
+    try:
+        return wait(lambda: not process.running, seconds, period)
+    finally:
+        end_all([process])
+
+
 def with_variable(name: str, value: str) -> List[int]:
     """Every process that was started with this variable in its environment."""
     pids = []

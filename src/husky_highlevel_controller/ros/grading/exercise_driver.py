@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+import time
 import xmlrpc.client
 from contextlib import suppress
 from dataclasses import replace
@@ -13,6 +14,7 @@ import rosgraph
 import rospy
 import rosservice
 from geometry_msgs.msg import Twist, Vector3
+from rosgraph.names import ns_join
 from std_srvs.srv import SetBool
 
 from husky_highlevel_controller.grading.drive.call_plan import (
@@ -40,8 +42,10 @@ class ExerciseDriver:
         self.services: Set[str] = set()  # that are a std_srvs/SetBool
         self.other_services: Set[str] = set()  # "/name (package/Type)"
         self.calls: List[Call] = []
-        self._plan, self._calling = CallPlan(), False
-        self._answer: Optional[Call] = None
+        self._plan = CallPlan()
+        self._made: Optional[Call] = None  # the call that waits for its answer
+        self._answers: List[Call] = []  # to it
+        self._give_up_at = 0.0  # [s] of wall time
         self._probed: Set[str] = set()
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1) if driver == FORWARD else None
 
@@ -79,54 +83,31 @@ class ExerciseDriver:
         if self._driver == FORWARD:
             over = Note(Kind.PLAN_DONE, "the drive of the marking")
             return over if exercise_2_over(now) else None
-        if self._driver != SERVICE or (self._calling and not self._collect(now)):
+        if self._driver != SERVICE:
             return None
-        if self.services:
-            value = self._plan.due(now, speed)
-            if value is not None:
-                self._calling = True
-                name = sorted(self.services)[0]
-                threading.Thread(target=self._call, args=(name, value, now), daemon=True).start()
+        if self._made:
+            if not self._answers and time.monotonic() < self._give_up_at:
                 return None
-        return self._plan.reason(now, bool(self.services))
-
-    def _collect(self, now: float) -> bool:
-        """Whether the last call has been answered, or will not be."""
-        if self._answer is None:
-            return False
-        self.calls.append(replace(self._answer, answered_at=now))
-        self._plan.answered(now)
-        self._calling, self._answer = False, None
-        return True
-
-    def _call(self, name: str, data: bool, now: float) -> None:
-        answer: List[Call] = []
-
-        def ask() -> None:
-            try:
-                response = rospy.ServiceProxy(name, SetBool)(data)
-                answer.append(Call(now, data, bool(response.success), str(response.message), now))
-            except (rospy.ServiceException, rospy.ROSException, OSError) as error:
-                answer.append(Call(now, data, False, str(error), now))
-
-        caller = threading.Thread(target=ask, daemon=True)
-        caller.start()
-        caller.join(ANSWER_DEADLINE)
-        self._answer = answer[0] if answer else Call(now, data, False, "no answer", now)
+            self.calls.append(replace([*self._answers, self._made][0], answered_at=now))
+            self._plan.answered(now)
+            self._made = None
+        value = self._plan.due(now, speed) if self.services else None
+        if value is None:
+            return self._plan.reason(now, bool(self.services))
+        self._made, self._answers = Call(now, value, False, "no answer", now), []
+        self._give_up_at = time.monotonic() + ANSWER_DEADLINE
+        call = min(self.services), self._made, self._answers
+        threading.Thread(target=_ask, args=call, daemon=True).start()
+        return None
 
     def parameters(self) -> Tuple[Tuple[str, ...], Tuple[str, ...]]:
         """Private parameters with the scans' topic, and those that are a queue's size."""
         topics, queues = [], []
         with suppress(*UNANSWERED):
+            ours = tuple(f"{node}/" for node in self._our_nodes)
             for name in rospy.get_param_names():
-                if any(name.startswith(node + "/") for node in self._our_nodes):
-                    continue
-                value = rospy.get_param(name, None)
-                if (
-                    isinstance(value, str)
-                    and value
-                    and rosgraph.names.ns_join("/", value) == self._scan_topic
-                ):
+                value = None if name.startswith(ours) else rospy.get_param(name, None)
+                if isinstance(value, str) and value and ns_join("/", value) == self._scan_topic:
                     topics.append(name)
                 if isinstance(value, int) and "queue" in name.lower():
                     queues.append(name)
@@ -142,6 +123,15 @@ class ExerciseDriver:
                     if set(_LINK.findall(text)) & set(frames):
                         names.append(name)
         return tuple(sorted(names))
+
+
+def _ask(name: str, call: Call, answers: List[Call]) -> None:
+    """Make a call of a service, and append its answer."""
+    try:
+        response = rospy.ServiceProxy(name, SetBool)(call.data)
+        answers.append(replace(call, success=bool(response.success), answer=str(response.message)))
+    except (rospy.ServiceException, rospy.ROSException, OSError) as error:
+        answers.append(replace(call, answer=str(error)))
 
 
 def _internal(name: str) -> bool:

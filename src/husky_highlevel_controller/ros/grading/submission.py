@@ -91,9 +91,10 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self.pillar = self.pillar or bool(PILLAR.search(str(value)))
         return value
 
-    def _try(self, tag_name: str, tag: Any, load: Any) -> Any:
+    def _try(self, tag_name: str, *arguments: Any, **options: Any) -> Any:
+        """Load a tag as roslaunch would; None where it needs a package that is not there."""
         try:
-            return load()
+            return getattr(super(), f"_{tag_name}_tag")(*arguments, **options)
         except ResourceNotFound as error:
             self._miss(tag_name, error)
             return None
@@ -105,8 +106,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         self._reporter.tell(event, package=package, tag=tag_name)
         return package
 
-    def _include_tag(self, tag: Any, context: Any, ros_config: Any, machine: Any, *arguments: Any) -> Any:
-        load = super()._include_tag
+    def _include_tag(self, tag: Any, context: Any, *arguments: Any) -> Any:
         self._files += 1
         if self._files > MAX_FILES:
             raise ValueError(f"more than {MAX_FILES} files are included")
@@ -117,22 +117,19 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
         if match and match[1] in SIMULATION and match[2] in self._simulator_files:
             self._reporter.tell("left_out", package=match[1], tag="include")
             return None
-        return self._try("include", tag, lambda: load(tag, context, ros_config, machine, *arguments))
+        return self._try("include", tag, context, *arguments)
 
-    def _rosparam_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
-        load = super()._rosparam_tag
-        return self._try("rosparam", tag, lambda: load(tag, *arguments, **options))
+    def _rosparam_tag(self, *arguments: Any, **options: Any) -> Any:
+        return self._try("rosparam", *arguments, **options)
 
-    def _node_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
-        load = super()._node_tag
-        return self._try("node", tag, lambda: load(tag, *arguments, **options))
+    def _node_tag(self, *arguments: Any, **options: Any) -> Any:
+        return self._try("node", *arguments, **options)
 
     def _param_tag(self, tag: Any, *arguments: Any, **options: Any) -> Any:
         if tag.getAttribute("name").lstrip("/") == "robot_description":
             # the marking brings the robot; the hand-in's may need programs that are not installed
             return None
-        load = super()._param_tag
-        return self._try("param", tag, lambda: load(tag, *arguments, **options))
+        return self._try("param", tag, *arguments, **options)
 
     def _arg_tag(self, tag: Any, context: Any, *arguments: Any, **options: Any) -> Any:
         try:
