@@ -10,12 +10,7 @@ from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.recording import Call, Recording
 from husky_highlevel_controller.grading.records import Rules, total
-from husky_highlevel_controller.grading.rubrics.exercise_2 import (
-    judge_exercise_2,
-    judge_output,
-    judge_parameters,
-    judge_view,
-)
+from husky_highlevel_controller.grading.rubrics.exercise_2 import judge_exercise_2, judge_output
 from husky_highlevel_controller.grading.rubrics.exercise_5 import judge_calls, judge_exercise_5
 
 TIMES = np.arange(0.02, 20.0, 0.02)  # [s]
@@ -36,43 +31,38 @@ def told(first, last, lines=50, shape="[INFO] [1700000000.123456, 17.420000]: sm
 
 
 @pytest.mark.parametrize(
-    ("output", "subscribed", "points"),
+    ("item", "changes", "points"),
     [
-        (told(20.0, 15.0), True, 40.0),
-        (told(20.0, 15.0), False, 0.0),
-        (told(20.0, 15.0, shape="{:.2f}"), True, 40.0),
-        (told(19.99, 19.98), True, 20.0),  # it does not follow the drive
-        (told(15.0, 20.0), True, 20.0),  # the wrong way round
-        (told(20.0, 15.0, lines=3), True, 0.0),
-        (told(1.0, 2.0), True, 0.0),  # the stamps of the log alone are not ranges
-        ("", True, 0.0),
+        # the smallest range must be printed and follow the drive
+        (0, {"output": told(20.0, 15.0)}, 40.0),
+        (0, {"output": told(20.0, 15.0), "subscribed": False}, 0.0),
+        (0, {"output": told(20.0, 15.0, shape="{:.2f}")}, 40.0),
+        (0, {"output": told(19.99, 19.98)}, 20.0),  # it does not follow the drive
+        (0, {"output": told(15.0, 20.0)}, 20.0),  # the wrong way round
+        (0, {"output": told(20.0, 15.0, lines=3)}, 0.0),
+        (0, {"output": told(1.0, 2.0)}, 0.0),  # the stamps of the log alone are not ranges
+        (0, {"output": ""}, 0.0),
+        # topic and queue size are parameters
+        (2, {"topic_parameters": ("/n/topic",), "queue_parameters": ("/n/queue",)}, 15.0),
+        (2, {"topic_parameters": ("/n/t",)}, 8.0),
+        (2, {}, 0.0),
+        # the scan is shown in odom
+        (3, {"view": VIEW}, 15.0),
+        (3, {"view": replace(VIEW, fixed_frame="map")}, 10.0),
+        (3, {"view": replace(VIEW, scan=False)}, 0.0),
+        (3, {"view": replace(VIEW, source="")}, None),
     ],
 )
-def test_the_smallest_range_must_be_printed_and_follow_the_drive(output, subscribed, points):
-    assert judge_output(recording(subscribed=subscribed, output=output)).points == points
-
-
-@pytest.mark.parametrize(
-    ("topics", "queues", "points"),
-    [(("/n/topic",), ("/n/queue",), 15.0), (("/n/t",), (), 8.0), ((), (), 0.0)],
-)
-def test_topic_and_queue_size_are_parameters(topics, queues, points):
-    assert judge_parameters(recording(topic_parameters=topics, queue_parameters=queues)).points == points
-
-
-@pytest.mark.parametrize(
-    ("change", "points"),
-    [({}, 15.0), ({"fixed_frame": "map"}, 10.0), ({"scan": False}, 0.0), ({"source": ""}, None)],
-)
-def test_the_scan_is_shown_in_odom(change, points):
-    assert judge_view(replace(VIEW, **change), SCAN).points == points
+def test_points_of_exercise_2(item, changes, points):
+    given = {"view": VIEW, "subscribed": True, **changes}
+    view = given.pop("view")
+    items = judge_exercise_2([recording(**given)], view, SCAN)
+    assert items[item].points == points
 
 
 def test_style_is_left_to_people():
-    given = recording(
-        subscribed=True, output=told(20.0, 15.0), topic_parameters=("/a",), queue_parameters=("/b",)
-    )
-    items = judge_exercise_2([given], VIEW, SCAN)
+    topics = {"topic_parameters": ("/a",), "queue_parameters": ("/b",)}
+    items = judge_exercise_2([recording(subscribed=True, output=told(20.0, 15.0), **topics)], VIEW, SCAN)
     assert total(items) == (70.0, 70.0)
     assert [item.max_points for item in items if item.points is None] == [30.0]
 
