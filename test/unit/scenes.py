@@ -1,7 +1,7 @@
 """Shared by the unit tests of the controller: flat scenes, and a robot without physics."""
 
 from dataclasses import replace
-from math import cos, pi, sin
+from math import atan2, cos, hypot, inf, pi, sin
 from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -14,23 +14,18 @@ from husky_highlevel_controller.controller.behaviour import (
 )
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
-from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Scan, Twist2D
+from husky_highlevel_controller.datatypes import STOP, Box, Cylinder, Pose, Pose2D, Scan, Twist2D, even_beams
 from husky_highlevel_controller.evaluation.scenarios import SICK, Disc, scan_of
-from husky_highlevel_controller.geometry import (
-    advance,
-    compose,
-    inverse,
-    pose_from_2d,
-    quat_from_rpy,
-    transform_point,
-)
+from husky_highlevel_controller.geometry import advance, compose, pose_from_2d, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
+from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make_scene
 
 # of the lidar in base_link (Husky URDF, husky_description 0.6.10): as it hangs, and as it could stand
 UPSIDE_DOWN = Pose((0.337, 0.0, 0.30795), quat_from_rpy(pi, 0.0, 0.0))
 UPRIGHT = Pose((0.3568, 0.0, 0.28785))
 
-Wall = Tuple[float, float, float, float]  # x1, y1, x2, y2 [m], in the laser's frame
+Wall = Tuple[float, float, float, float]  # x1, y1, x2, y2 [m]
+THIN, HIGH = 1e-6, 9.0  # [m], of walls; of walls and circles
 
 
 def box(x: float, y: float, yaw: float, length: float, width: float) -> Tuple[Wall, ...]:
@@ -50,42 +45,27 @@ def room(size: float, yaw: float, x: float = 0.0, y: float = 0.0) -> Tuple[Wall,
     return box(x, y, yaw, size, size)
 
 
-def cast(
-    circles: Sequence[Disc] = (), segments: Sequence[Wall] = (), lidar: LidarConfig = SICK
-) -> Tuple[np.ndarray, np.ndarray]:
-    """Distance to the first body each beam meets, (N,) [m], and which it is, (N,).
-
-    Circles are numbered first, then segments; nothing is inf and -1.
-    """
-    bearings = np.linspace(-lidar.angle_max, lidar.angle_max, lidar.beams)
-    c, s = np.cos(bearings), np.sin(bearings)
-    hits = [np.full(lidar.beams, np.inf)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for x, y, radius in circles:
-            along, across = x * c + y * s, x * s - y * c
-            near = along - np.sqrt(radius**2 - across**2)
-            hits.append(np.where(near > 0.0, near, np.inf))
-        for x1, y1, x2, y2 in segments:
-            dx, dy = x2 - x1, y2 - y1
-            cross = c * dy - s * dx
-            distance, share = (x1 * dy - y1 * dx) / cross, (x1 * s - y1 * c) / cross
-            hits.append(np.where((distance > 0.0) & (share >= 0.0) & (share <= 1.0), distance, np.inf))
-    table = np.array(hits)
-    return table.min(axis=0), table.argmin(axis=0) - 1
-
-
 def look(
     circles: Sequence[Disc] = (),
     segments: Sequence[Wall] = (),
     lidar: LidarConfig = SICK,
     noise: float = 0.001,
     rng: Optional[np.random.Generator] = None,
+    laser: Pose = Pose(),  # noqa: B008
 ) -> Scan:
     """One sweep over the scene; `noise` is the standard deviation of a range [m] (none without `rng`)."""
-    ranges, _ = cast(circles, segments, lidar)
+    beams = even_beams(-lidar.angle_max, lidar.angle_max, lidar.beams)
+    solids = [(Cylinder(radius, HIGH), Pose((x, y, 0.0))) for x, y, radius in circles]
+    scene = make_scene(solids + [_wall(*segment) for segment in segments])
+    ranges = cast_rays(scene, laser, beams, inf)
     if rng is not None:
         ranges = ranges + rng.normal(0.0, noise, lidar.beams)
     return scan_of(ranges, lidar)
+
+
+def _wall(x1: float, y1: float, x2: float, y2: float) -> Tuple[Box, Pose]:
+    middle = Pose2D((x1 + x2) / 2.0, (y1 + y2) / 2.0, atan2(y2 - y1, x2 - x1))
+    return Box((hypot(x2 - x1, y2 - y1), THIN, HIGH)), pose_from_2d(middle)
 
 
 class Step(NamedTuple):
@@ -125,14 +105,9 @@ class Toy:
 
     def scan(self) -> Scan:
         """What the lidar sees now."""
-        to_laser = inverse(compose(pose_from_2d(self.pose), self.laser_in_base or UPSIDE_DOWN))
-
-        def seen(x: float, y: float) -> Tuple[float, float]:
-            return transform_point(to_laser, (x, y, 0.0))[:2]
-
-        circles = [(*seen(x, y), radius) for x, y, radius in self.circles]
-        segments = [(*seen(x1, y1), *seen(x2, y2)) for x1, y1, x2, y2 in self.segments]
-        return replace(look(circles, segments, rng=self.rng), stamp=self.time)
+        laser = compose(pose_from_2d(self.pose), self.laser_in_base or UPSIDE_DOWN)
+        scan = look(self.circles, self.segments, rng=self.rng, laser=laser)
+        return replace(scan, stamp=self.time)
 
     def step(self) -> Step:
         """One scan, one output, and the motion until the next."""
