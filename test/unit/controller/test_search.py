@@ -5,7 +5,6 @@ from math import atan2, cos, hypot, pi, radians, sin
 
 import numpy as np
 import pytest
-from scenes import UPSIDE_DOWN, look
 
 from husky_highlevel_controller.controller.control import ControlConfig, target_at
 from husky_highlevel_controller.controller.search import Search, free_bearing, is_free, near_points, search_on
@@ -128,15 +127,6 @@ PILLAR = target_at((6.5, 0.0), 0.2, AWAY, OUTLINE)
 )
 def test_neither_the_robot_itself_nor_its_pillar_is_in_the_way(distance, laser, target, kept):
     assert len(near_points(scan_with(dict.fromkeys(AHEAD, distance)), laser, target, OUTLINE)) == kept
-
-
-def test_points_are_where_the_bodies_are_whichever_way_up_the_lidar_hangs():
-    x, y, _ = UPSIDE_DOWN.position
-    scan = look([(1.2, -0.9, 0.1)])  # in the lidar's frame: on its right, which is the robot's left
-    points = near_points(scan, UPSIDE_DOWN, None, OUTLINE)
-    assert len(points) > 5
-    distances = np.hypot(points[:, 0] - x - 1.2, points[:, 1] - y - 0.9)
-    assert distances == pytest.approx(0.1, abs=1e-6)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

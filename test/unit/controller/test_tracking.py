@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import UPSIDE_DOWN
 
 from husky_highlevel_controller.controller.pillar_detection import Pillar
 from husky_highlevel_controller.controller.tracking import (
@@ -18,7 +17,6 @@ from husky_highlevel_controller.controller.tracking import (
 )
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.evaluation.scenarios import SICK, scan_of
-from husky_highlevel_controller.geometry import transform_point
 
 INCREMENT = 2.0 * SICK.angle_max / (SICK.beams - 1)  # [rad]
 LASER = Pose((0.0, 0.0, 0.0))  # in odom
@@ -244,15 +242,6 @@ def test_behind_beyond_the_range_and_at_the_edge_nothing_can_be_said(x, y):
 @pytest.mark.parametrize("distance", [0.0, 0.1, 0.19])
 def test_a_place_at_the_lidar_itself_is_no_error(distance):
     assert look_at(known(distance).estimate, scan_at(0.0, 0.5), LASER) is not Visibility.SEEN
-
-
-def test_an_upside_down_lidar_looks_at_the_same_place():
-    below = Pose((1.0, 2.0, 0.3), UPSIDE_DOWN.quat_xyzw)
-    x, y, _ = transform_point(below, (3.0, 1.0, 0.0))
-    ranges = np.full(SICK.beams, 0.5)
-    there = round((np.arctan2(1.0, 3.0) + SICK.angle_max) / INCREMENT)
-    ranges[there - 15 : there + 16] = np.inf
-    assert look_at(Estimate(x, y, 0.2, 0.0, 0.0), scan_at(0.0, ranges), below) is Visibility.EMPTY
 
 
 @pytest.mark.parametrize("y", [1.0, -1.0])

@@ -27,25 +27,13 @@ from husky_highlevel_controller.simulator.models.description import (
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
 from husky_highlevel_controller.urdf import DescriptionError
 
-TREE = {
-    **dict.fromkeys(
-        [
-            "base_footprint",
-            "inertial_link",
-            "imu_link",
-            "top_chassis_link",
-            "user_rail_link",
-            "top_plate_link",
-        ],
-        "base_link",
-    ),
-    **dict.fromkeys(
-        [f"{end}_{side}_wheel_link" for end in ("front", "rear") for side in ("left", "right")], "base_link"
-    ),
-    **dict.fromkeys([f"{end}_bumper_link" for end in ("front", "rear")], "base_link"),
-    **dict.fromkeys(["top_plate_front_link", "top_plate_rear_link", "front_laser_mount"], "top_plate_link"),
-    "front_laser": "front_laser_mount",
-}
+ON_BASE = ["base_footprint", "inertial_link", "imu_link"]
+ON_BASE += ["top_chassis_link", "user_rail_link", "top_plate_link"]
+ON_BASE += [f"{end}_{side}_wheel_link" for end in ("front", "rear") for side in ("left", "right")]
+ON_BASE += [f"{end}_bumper_link" for end in ("front", "rear")]
+ON_PLATE = ["top_plate_front_link", "top_plate_rear_link", "front_laser_mount"]
+TREE = {**dict.fromkeys(ON_BASE, "base_link"), **dict.fromkeys(ON_PLATE, "top_plate_link")}
+TREE["front_laser"] = "front_laser_mount"
 HUSKY = robot_description()
 WHEEL_JOINTS = load_robot().wheels.joints
 
@@ -91,12 +79,8 @@ ABOVE = """<link name="base_footprint"/><joint name="up" type="fixed"><origin xy
 @pytest.mark.parametrize(
     ("text", "frame", "position", "axes"),
     [
-        (
-            HUSKY,
-            "front_laser",
-            (0.3370, 0.0, 0.30795),
-            (1.0, -1.0, -1.0),
-        ),  # upside down, as the real one hangs
+        # as the real one hangs
+        (HUSKY, "front_laser", (0.3370, 0.0, 0.30795), (1.0, -1.0, -1.0)),
         (robot_description(laser_tower=False), "front_laser", (0.3568, 0.0, 0.28785), (1.0, 1.0, 1.0)),
         # a wheel's radius less its axle's height
         (HUSKY, "base_footprint", (0.0, 0.0, -0.13228), (1.0, 1.0, 1.0)),
