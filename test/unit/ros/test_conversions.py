@@ -10,10 +10,11 @@ import pytest
 from geometry_msgs.msg import Point, Twist, Vector3
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import Imu, LaserScan
 from visualization_msgs.msg import Marker
 
 from husky_highlevel_controller.datatypes import (
+    ImuSample,
     Odometry,
     Pose,
     Pose2D,
@@ -254,3 +255,42 @@ def test_a_frame_with_a_leading_slash_is_one_that_tf2_knows():
     msg = LaserScan(range_max=9.0)
     msg.header.frame_id = "/base_laser"
     assert conversions.scan_from_msg(msg).frame == "base_laser"
+
+
+# ---------------------------------------------------------------------------- IMU
+
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+
+@LAW
+@given(st.builds(quat_from_rpy, *[st.floats(-pi, pi)] * 3))
+def test_an_imu_s_sample_survives_the_wire(quat):
+    sample = ImuSample(2.5, quat, (0.1, 0.2, 0.3), (0.4, 0.5, 9.8))
+    msg = over_the_wire(conversions.imu_to_msg(sample, "base_link"))
+    assert (msg.header.frame_id, msg.header.stamp.to_sec()) == ("base_link", 2.5)
+    got = conversions.imu_from_msg(msg)
+    assert (got.stamp, got.angular_velocity, got.specific_force) == (2.5, (0.1, 0.2, 0.3), (0.4, 0.5, 9.8))
+    assert got.quat_xyzw == pytest.approx(quat, abs=1e-12)
+
+
+def test_an_imu_s_covariances_are_as_the_husky_publishes_them():
+    msg = conversions.imu_to_msg(ImuSample(0.0, LEVEL, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8)), "base_link")
+    expected = np.diag([(0.005 / 9.8) ** 2, (0.005 / 9.8) ** 2, 0.0])
+    assert np.reshape(msg.orientation_covariance, (3, 3)) == pytest.approx(expected)
+    assert set(msg.angular_velocity_covariance) == set(msg.linear_acceleration_covariance) == {0.0}
+
+
+@pytest.mark.parametrize(
+    ("quat", "first_covariance", "taken"),
+    [
+        ((0.0, 0.0, 0.0, 0.0), 0.0, LEVEL),  # it does not know how it stands
+        ((nan, nan, nan, nan), 0.0, LEVEL),
+        ((0.6, 0.0, 0.0, 0.8), -1.0, LEVEL),
+        ((0.0, 0.0, 0.7, 0.7), 0.0, (0.0, 0.0, 0.5**0.5, 0.5**0.5)),  # not quite normed
+    ],
+)
+def test_an_imu_s_orientation_is_a_rotation_or_level(quat, first_covariance, taken):
+    msg = Imu()
+    msg.orientation.x, msg.orientation.y, msg.orientation.z, msg.orientation.w = quat
+    msg.orientation_covariance[0] = first_covariance
+    assert conversions.imu_from_msg(msg).quat_xyzw == pytest.approx(taken)

@@ -1,19 +1,18 @@
 """What the IMU measures of a motion: specific force, not acceleration, and along the robot's axes."""
 
 from dataclasses import replace
-from io import BytesIO
-from math import cos, nan, pi, sin
+from math import cos, pi, sin
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sensor_msgs.msg import Imu as ImuMsg
 
-from husky_highlevel_controller.datatypes import ImuSample, Pose, RobotState
+from husky_highlevel_controller.datatypes import Pose, RobotState
 from husky_highlevel_controller.geometry import quat_from_rpy, quat_inverse, rotate
-from husky_highlevel_controller.ros.conversions import imu_from_msg, imu_to_msg
+from husky_highlevel_controller.simulator.profile import HARD, SOFT
 from husky_highlevel_controller.simulator.sensors.imu import Imu
+from husky_highlevel_controller.simulator.sensors.vibration import VibratingImu
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 LAW = settings(derandomize=True, deadline=None, max_examples=60)
@@ -83,42 +82,48 @@ def test_noise_is_as_asked_for_on_each_axis_and_the_axes_have_their_own(force, r
     assert np.abs(np.corrcoef(numbers.T) - np.eye(6)).max() < 0.07
 
 
-def over_the_wire(msg):
-    """The message as another node gets it."""
-    buffer = BytesIO()
-    msg.serialize(buffer)
-    return type(msg)().deserialize(buffer.getvalue())
+# ---------------------------------------------------------------------------- vibration of a real robot's
 
 
-@LAW
-@given(attitudes)
-def test_a_sample_survives_the_wire(quat):
-    sample = ImuSample(2.5, quat, (0.1, 0.2, 0.3), (0.4, 0.5, 9.8))
-    msg = over_the_wire(imu_to_msg(sample, "base_link"))
-    assert (msg.header.frame_id, msg.header.stamp.to_sec()) == ("base_link", 2.5)
-    got = imu_from_msg(msg)
-    assert (got.stamp, got.angular_velocity, got.specific_force) == (2.5, (0.1, 0.2, 0.3), (0.4, 0.5, 9.8))
-    assert got.quat_xyzw == pytest.approx(quat, abs=1e-12)
+TRACK = 1.07
 
 
-def test_covariances_are_as_the_husky_publishes_them():
-    msg = imu_to_msg(ImuSample(0.0, LEVEL, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8)), "base_link")
-    expected = np.diag([(0.005 / 9.8) ** 2, (0.005 / 9.8) ** 2, 0.0])
-    assert np.reshape(msg.orientation_covariance, (3, 3)) == pytest.approx(expected)
-    assert set(msg.angular_velocity_covariance) == set(msg.linear_acceleration_covariance) == {0.0}
+def shaken(ground, linear=0.0, angular=0.0, count=4000):
+    imu = VibratingImu(Imu(QUIET, PERIOD, GRAVITY), ground.vibration, TRACK)
+    imu.reset(np.random.default_rng(0))
+    state = RobotState(Pose(), (linear, 0.0, 0.0), (0.0, 0.0, angular))
+    taken = [imu.sample(state, 0.02 * i) for i in range(count + 1)][1:]
+    return np.array([sample.specific_force + sample.angular_velocity for sample in taken])
+
+
+def test_standing_nothing_shakes():
+    assert shaken(HARD, count=10).std(axis=0) == pytest.approx(np.zeros(6), abs=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("quat", "first_covariance", "taken"),
+    ("ground", "speed", "low", "high"),
     [
-        ((0.0, 0.0, 0.0, 0.0), 0.0, LEVEL),  # it does not know how it stands
-        ((nan, nan, nan, nan), 0.0, LEVEL),
-        ((0.6, 0.0, 0.0, 0.8), -1.0, LEVEL),
-        ((0.0, 0.0, 0.7, 0.7), 0.0, (0.0, 0.0, 0.5**0.5, 0.5**0.5)),  # not quite normed
+        (HARD, 0.28, (0.75, 0.75, 0.33, 0.012), (1.05, 1.05, 0.45, 0.025)),  # flooring, asphalt
+        (HARD, 0.57, (1.4, 1.6, 0.5, 0.025), (2.0, 1.9, 0.8, 0.04)),  # asphalt
+        (SOFT, 0.3, (1.2, 1.2, 0.4, 0.03), (1.7, 1.7, 0.7, 0.06)),  # loam
     ],
 )
-def test_an_orientation_is_a_rotation_or_level(quat, first_covariance, taken):
-    msg = ImuMsg()
-    msg.orientation.x, msg.orientation.y, msg.orientation.z, msg.orientation.w = quat
-    msg.orientation_covariance[0] = first_covariance
-    assert imu_from_msg(msg).quat_xyzw == pytest.approx(taken)
+def test_it_shakes_as_measured_and_more_the_faster_the_wheels_roll(ground, speed, low, high):
+    std = shaken(ground, speed).std(axis=0)[[0, 1, 2, 5]]
+    assert (std > low).all()
+    assert (std < high).all()
+    turning = shaken(ground, 0.0, speed / (TRACK / 2.0)).std(axis=0)[[0, 1, 2, 5]]
+    assert turning == pytest.approx(std, rel=0.05), "in place the wheels roll as fast"
+
+
+@pytest.mark.parametrize(("ground", "fastest"), [(HARD, 0.6), (SOFT, 0.3)])
+def test_faster_than_measured_it_shakes_no_more(ground, fastest):
+    assert shaken(ground, 1.0).std(axis=0) == pytest.approx(shaken(ground, fastest).std(axis=0), rel=0.05)
+
+
+def test_neighbouring_samples_are_correlated_as_measured_and_peaks_are_high():
+    ahead = shaken(HARD, 0.3)[:, 0]
+    correlations = [np.corrcoef(ahead[lag:], ahead[:-lag])[0, 1] for lag in (1, 2)]
+    assert correlations == pytest.approx([0.15, -0.4], abs=0.06)
+    assert np.abs(ahead).max() > 4.5 * ahead.std(), "a Gaussian's would be 3.7"
+    assert abs(np.cumsum(ahead)[-1] * 0.02) < 1.5, "no speed comes of it"
