@@ -120,7 +120,9 @@ def judge(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
     """Figures of a rollout."""
     control, robot = setup.control, setup.simulator.robot
     lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]
-    distances = _lidar_to_pillar(trace, lidar_x)
+    x, y, yaw = trace.poses.T
+    x, y = x + np.cos(yaw) * lidar_x, y + np.sin(yaw) * lidar_x
+    distances = np.hypot(trace.pillars[:, 0] - x, trace.pillars[:, 1] - y) - PILLAR_RADIUS  # of the lidar
     first_x, first_y = trace.pillars[0]
     last_x, last_y = trace.pillars[-1]
     return DriveResult(
@@ -135,14 +137,6 @@ def judge(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
         overshoot=max(control.stop_distance - float(distances.min()), 0.0),
         nearest=float(robot.footprint.gaps(trace.poses, trace.pillars, PILLAR_RADIUS).min()),
     )
-
-
-def _lidar_to_pillar(trace: Trace, lidar_x: float) -> np.ndarray:
-    """True distance from the lidar to the pillar's surface, (N,) [m]."""
-    x, y, yaw = trace.poses.T
-    x, y = x + np.cos(yaw) * lidar_x, y + np.sin(yaw) * lidar_x
-    distances: np.ndarray = np.hypot(trace.pillars[:, 0] - x, trace.pillars[:, 1] - y) - PILLAR_RADIUS
-    return distances
 
 
 def time_bound(trace: Trace, control: ControlConfig, robot: Robot, lidar_x: float) -> float:

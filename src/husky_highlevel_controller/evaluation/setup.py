@@ -81,8 +81,8 @@ def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky"
         raise ConfigError(f"profile '{profile}' is not the {simulator.robot.title}'s")
     if profile == "gazebo":
         file = share_folder() / "config" / f"{robot}.yaml"  # what differs from the Husky's controller
-        values = yaml.safe_load(file.read_text()) if file.is_file() else {}
-        return Setup(simulator=simulator).with_values(values, f"{file}: ")
+        setup = Setup(simulator=simulator)
+        return load_setup(file, setup) if file.is_file() else setup
     return Setup(ROBOT_GAINS, ROBOT_DETECTOR, replace(simulator, real=RobotProfile().on(ground)))
 
 

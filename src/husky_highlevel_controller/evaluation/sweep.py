@@ -156,7 +156,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         names = [axis.name for axis in axes]
         if len(set(names)) < len(names):
             raise ConfigError(f"{max(names, key=names.count)} is given twice")
-        options.out.mkdir(parents=True, exist_ok=True)
         scenes = random_starts(options.scenes, options.seed)
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
             result = sweep(axes, scenes, setup_of(options.profile, options.ground, options.robot), workers)

@@ -244,7 +244,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         objective = parse_weights(options.weights)
         ranges = [parse_range(text, base) for text in options.ranges]
         _optuna()
-        options.out.mkdir(parents=True, exist_ok=True)
         seed = options.seed
         starts, fresh = random_starts(options.scenes, seed), random_starts(options.fresh, seed + 1)
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:

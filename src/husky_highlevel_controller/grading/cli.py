@@ -21,13 +21,7 @@ from husky_highlevel_controller.grading.records import (
 from husky_highlevel_controller.grading.reports.files import add_step_summary
 from husky_highlevel_controller.grading.reports.tables import to_result
 from husky_highlevel_controller.grading.settings import load_rules
-from husky_highlevel_controller.tasks.command import (
-    add_cluster_option,
-    between,
-    exit_codes,
-    positive,
-    seed_value,
-)
+from husky_highlevel_controller.tasks.command import add_worker_options, between, exit_codes, seed_value
 
 
 def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
@@ -70,8 +64,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         "--underlay", "--setup", dest="underlay", type=Path, metavar="SETUP.bash",
         help="sourced first: the submission's workspace, or with --all one that hand-ins are built on",
     )  # fmt: skip
-    add("--jobs", type=positive, default=1, help="with --all: hand-ins at a time (default 1)")
-    add_cluster_option(parser)
+    add_worker_options(parser, 1, "with --all: hand-ins at a time")
     add(
         "--time-limit", type=between(float, 1.0, 86400.0), metavar="S",
         help="with --all: wall seconds for one hand-in (default an hour and its drives: 5940 with three)",

@@ -16,14 +16,11 @@ from husky_highlevel_controller.datatypes import HuskyError
 STOPPED = 130  # exit code of what Ctrl-C ended
 
 
-def add_worker_options(parser: argparse.ArgumentParser) -> None:
+def add_worker_options(
+    parser: argparse.ArgumentParser, jobs: int = 2, jobs_help: str = "processes of this machine"
+) -> None:
     """Add --jobs and --cluster."""
-    parser.add_argument("--jobs", type=positive, default=2, help="processes of this machine (default 2)")
-    add_cluster_option(parser)
-
-
-def add_cluster_option(parser: argparse.ArgumentParser) -> None:
-    """Add --cluster."""
+    parser.add_argument("--jobs", type=positive, default=jobs, help=f"{jobs_help} (default {jobs})")
     parser.add_argument(
         "--cluster", default="", metavar="tcp://HOST:8786",
         help="scheduler of a Dask cluster that does the work instead: docs/cluster.md",
