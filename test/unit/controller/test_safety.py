@@ -1,13 +1,13 @@
 """When the robot is stopped: before it touches, after it has, once, and not for nothing."""
 
 from dataclasses import replace
-from functools import partial
-from math import atan2, cos, hypot, inf, pi, sin
+from math import atan2, cos, hypot, inf, sin
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from scenes import UPRIGHT, UPSIDE_DOWN, box, look
 
 from husky_highlevel_controller.controller.safety import (
     Latch,
@@ -16,12 +16,11 @@ from husky_highlevel_controller.controller.safety import (
     is_moving,
     too_close,
 )
-from husky_highlevel_controller.datatypes import STOP, Box, Cylinder, Pose, Pose2D, RobotState, Scan, Twist2D
-from husky_highlevel_controller.geometry import advance, inverse, pose_from_2d, quat_from_rpy, transform_point
+from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Twist2D
+from husky_highlevel_controller.evaluation.scenarios import SICK, scan_of
+from husky_highlevel_controller.geometry import advance, compose, inverse, pose_from_2d, transform_point
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.diff_drive import Drive
-from husky_highlevel_controller.simulator.sensors.lidar import Lidar
-from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make_scene
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 LAW = settings(derandomize=True, deadline=None, max_examples=100)
@@ -29,27 +28,15 @@ CONFIG, HUSKY = ProximityConfig(), load_robot()
 HULL = (0.9874 / 2, 0.5709 / 2)  # [m], half lengths and widths, husky_description 0.6.10
 WHEELS = (0.5120 / 2 + 0.1651, (0.5708 + 0.1143) / 2)
 NOSE, SIDE = 0.4937, 0.34255  # [m], half the Husky's length and width
-UPSIDE_DOWN = Pose((0.337, 0.0, 0.308), quat_from_rpy(pi, 0.0, 0.0))
-UPRIGHT = Pose((0.337, 0.0, 0.308))
-
-
-def look(*shapes, base=Pose2D(), laser=UPSIDE_DOWN, lidar=simulator_config().lidar, seed=0):  # noqa: B008
-    """What the lidar sees of shapes with their poses in the world."""
-    sensor = Lidar(lidar, partial(cast_rays, make_scene(list(shapes))), "front_laser", laser)
-    sensor.reset(np.random.default_rng(seed))
-    return sensor.sample(RobotState(pose_from_2d(base), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), 0.0)
-
-
-def post(x, y, radius=0.05):
-    return Cylinder(radius, 2.0), Pose((x, y, 0.5))
 
 
 def wall_ahead(clearance):
-    return Box((0.2, 10.0, 2.0)), Pose((NOSE + clearance + 0.1, 0.0, 0.5))
+    return [(NOSE + clearance, -5.0, NOSE + clearance, 5.0)]
 
 
-def verdict(*shapes, linear=0.0, angular=0.0, laser=UPSIDE_DOWN, config=CONFIG, **looking):
-    return too_close(look(*shapes, laser=laser, **looking), laser, Twist2D(linear, angular), config, HUSKY)
+def verdict(posts=(), walls=(), linear=0.0, angular=0.0, laser=UPSIDE_DOWN, config=CONFIG, lidar=SICK):
+    scan = look(posts, walls, lidar, laser=laser)
+    return too_close(scan, laser, Twist2D(linear, angular), config, HUSKY)
 
 
 # ---------------------------------------------------------------------------- too close
@@ -57,7 +44,7 @@ def verdict(*shapes, linear=0.0, angular=0.0, laser=UPSIDE_DOWN, config=CONFIG, 
 
 @pytest.mark.parametrize("laser", [UPSIDE_DOWN, UPRIGHT])
 def test_the_clearance_told_is_from_the_robot_s_nose_not_from_the_lidar(laser):
-    assert verdict(wall_ahead(0.25), linear=1.0, laser=laser) == pytest.approx(0.25, abs=0.005)
+    assert verdict(walls=wall_ahead(0.25), linear=1.0, laser=laser) == pytest.approx(0.25, abs=0.005)
 
 
 @pytest.mark.parametrize(
@@ -72,8 +59,8 @@ def test_the_clearance_told_is_from_the_robot_s_nose_not_from_the_lidar(laser):
 )
 def test_the_faster_the_farther_by_margin_reaction_and_braking(speed, change, needed):
     config = replace(CONFIG, **change)
-    assert verdict(wall_ahead(needed - 0.01), linear=speed, config=config) is not None
-    assert verdict(wall_ahead(needed + 0.01), linear=speed, config=config) is None
+    assert verdict(walls=wall_ahead(needed - 0.01), linear=speed, config=config) is not None
+    assert verdict(walls=wall_ahead(needed + 0.01), linear=speed, config=config) is None
 
 
 @pytest.mark.parametrize(
@@ -86,7 +73,7 @@ def test_the_faster_the_farther_by_margin_reaction_and_braking(speed, change, ne
     ],
 )
 def test_who_stands_or_backs_off_is_not_too_close_however_near_it_is(clearance, linear, angular, told):
-    found = verdict(wall_ahead(clearance), linear=linear, angular=angular)
+    found = verdict(walls=wall_ahead(clearance), linear=linear, angular=angular)
     assert found == (told if told is None else pytest.approx(told, abs=0.005))
 
 
@@ -99,23 +86,22 @@ def test_slower_than_2_cm_a_second_and_3_degrees_a_second_is_the_noise_of_standi
         assert is_moving(Twist2D(side * linear, side * angular)) is moving
 
 
-BESIDE = Box((4.0, 0.1, 2.0)), Pose((2.5, SIDE + 0.15 + 0.05, 0.5))
-AT_CORNER = post(hypot(NOSE, SIDE) * cos(0.9), hypot(NOSE, SIDE) * sin(0.9), radius=0.04)
-
-
 def after_turn(turn):
     """A post that the hull's front corner would pass at half the margin after so much turning [rad]."""
     distance, bearing = hypot(*HULL) + 0.09, atan2(HULL[1], HULL[0]) + turn
-    return post(distance * cos(bearing), distance * sin(bearing), radius=0.04)
+    return distance * cos(bearing), distance * sin(bearing), 0.04
 
 
+BESIDE = box(2.5, SIDE + 0.2, 0.0, 4.0, 0.1)
+AT_CORNER = (hypot(NOSE, SIDE) * cos(0.9), hypot(NOSE, SIDE) * sin(0.9), 0.04)
+AHEAD_LEFT = (0.75, 0.52, 0.05)
 WAYS = {
     "passed at a distance": (BESIDE, 1.0, 0.0, False),
     "turned towards": (BESIDE, 1.0, 1.0, True),
     "turned away from": (BESIDE, 1.0, -1.0, False),
-    "in the curve": (post(0.75, 0.52), 0.9, 0.9, True),
-    "beside the straight way": (post(0.75, 0.52), 0.9, 0.0, False),
-    "outside of the curve": (post(0.75, 0.52), 0.9, -0.9, False),
+    "in the curve": (AHEAD_LEFT, 0.9, 0.9, True),
+    "beside the straight way": (AHEAD_LEFT, 0.9, 0.0, False),
+    "outside of the curve": (AHEAD_LEFT, 0.9, -0.9, False),
     "where a corner swings to": (AT_CORNER, 0.0, 1.0, True),
     "where a corner swings from": (AT_CORNER, 0.0, -1.0, False),
     # at 2 rad/s it turns 0.4 rad while it reacts and 0.33 rad while it brakes at 6 rad/s^2: 0.73 rad in all
@@ -128,25 +114,24 @@ WAYS = {
 @pytest.mark.parametrize("side", [1.0, -1.0], ids=["left", "right"])
 @pytest.mark.parametrize(("body", "linear", "angular", "is_close"), WAYS.values(), ids=WAYS)
 def test_what_is_in_the_way_of_a_curve(body, linear, angular, is_close, side, laser):
-    shape, (x, y, z) = body[0], body[1].position
-    mirrored = shape, Pose((x, side * y, z))
-    assert (verdict(mirrored, linear=linear, angular=side * angular, laser=laser) is not None) is is_close
+    if body is BESIDE:
+        posts, walls = [], [(x1, side * y1, x2, side * y2) for x1, y1, x2, y2 in body]
+    else:
+        posts, walls = [(body[0], side * body[1], body[2])], []
+    found = verdict(posts, walls, linear=linear, angular=side * angular, laser=laser)
+    assert (found is not None) is is_close
 
 
 def test_backwards_counts_what_a_lidar_that_looks_there_sees():
-    behind = Box((0.1, 4.0, 2.0)), Pose((-NOSE - 0.15 - 0.05, 0.0, 0.5))
-    all_round = replace(simulator_config().lidar, angle_max=3.14159)
-    assert verdict(behind, linear=-0.5, lidar=all_round) == pytest.approx(0.15, abs=0.005)
-    assert verdict(behind, linear=0.5, lidar=all_round) is None
-
-
-def scan_of(ranges):
-    return Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, np.array(ranges))
+    behind = [(-NOSE - 0.15, -2.0, -NOSE - 0.15, 2.0)]
+    all_round = replace(SICK, angle_max=3.14159)
+    assert verdict(walls=behind, linear=-0.5, lidar=all_round) == pytest.approx(0.15, abs=0.005)
+    assert verdict(walls=behind, linear=0.5, lidar=all_round) is None
 
 
 def test_what_is_too_near_to_measure_is_near():
     at_the_nose = Pose((NOSE - 0.05, 0.0, 0.2))
-    scan = scan_of(np.where(np.abs(np.linspace(-2.35619, 2.35619, 720)) < 0.1, -inf, inf))
+    scan = scan_of(np.where(np.abs(np.linspace(-2.35619, 2.35619, 720)) < 0.1, 0.0, inf))
     assert too_close(scan, at_the_nose, Twist2D(0.3, 0.0), CONFIG, HUSKY) == pytest.approx(0.05, abs=0.01)
 
 
@@ -161,7 +146,7 @@ def test_where_nothing_but_the_robot_itself_is_measured_nothing_is_near(ranges):
 @pytest.mark.parametrize("miss", [inf, 0.0, np.nan, 30.0])
 @pytest.mark.parametrize("range_min", [0.0, 0.1])
 def test_a_miss_of_any_driver_is_no_obstacle_and_hides_none(miss, range_min):
-    seen = look(wall_ahead(0.2), lidar=replace(simulator_config().lidar, range_max=30.0))
+    seen = look([], wall_ahead(0.2), laser=UPSIDE_DOWN)
     seen = replace(seen, range_min=range_min, ranges=np.where(np.isinf(seen.ranges), miss, seen.ranges))
     assert too_close(seen, UPSIDE_DOWN, Twist2D(1.0, 0.0), CONFIG, HUSKY) == pytest.approx(0.2, abs=0.01)
     nothing = replace(seen, ranges=np.full(720, miss))
@@ -173,8 +158,8 @@ def test_a_robot_with_weaker_brakes_is_stopped_earlier():
     upright = Pose((smb.lidar_mount.x, 0.0, smb.lidar_mount.z))
     way = 1.1 * CONFIG.reaction_time + 1.1**2 / (2.0 * 2.0) + CONFIG.margin
     for clearance, reason in ((way - 0.02, True), (way + 0.02, False)):
-        wall = Box((0.2, 10.0, 2.0)), Pose((smb.footprint.half_length + clearance + 0.1, 0.0, 0.5))
-        scan = look(wall, laser=upright, lidar=replace(simulator_config("smb").lidar, noise=0.0))
+        x = smb.footprint.half_length + clearance
+        scan = look([], [(x, -5.0, x, 5.0)], simulator_config("smb").lidar, laser=upright)
         assert (too_close(scan, upright, Twist2D(1.1, 0.0), CONFIG, smb) is not None) == reason
 
 
@@ -189,8 +174,8 @@ def test_a_velocity_that_is_no_number_is_a_reason_to_stop(speed):
 # ---------------------------------------------------------------------------- driving
 
 
-def drive(command, *shapes, start=STOP, delay=0.1, seconds=20.0, config=CONFIG):
-    """Drive until told to stop, which takes effect `delay` s after the scan; the poses and the verdicts.
+def drive(twist, post, start=STOP, seconds=20.0):
+    """Drive until told to stop, which takes effect 0.1 s after the scan; the poses and the verdicts.
 
     The robot does as its drive tells it, at once and exactly.
     """
@@ -199,12 +184,12 @@ def drive(command, *shapes, start=STOP, delay=0.1, seconds=20.0, config=CONFIG):
     stop_at = inf
     for step in range(round(seconds / 0.02)):
         now = 0.02 * step
-        scan = look(*shapes, base=pose, seed=step)
-        clearance = too_close(scan, UPSIDE_DOWN, vehicle.output, config, HUSKY)
+        scan = look([post], laser=compose(pose_from_2d(pose), UPSIDE_DOWN))
+        clearance = too_close(scan, UPSIDE_DOWN, vehicle.output, CONFIG, HUSKY)
         if clearance is not None:
             verdicts.append(clearance)
-            stop_at = min(stop_at, now + delay)
-        vehicle.command(STOP if now >= stop_at else command(scan), now)
+            stop_at = min(stop_at, now + 0.1)
+        vehicle.command(STOP if now >= stop_at else twist, now)
         pose = advance(pose, vehicle.update(now, 0.02), 0.02)
         poses.append(pose)
         if stop_at < now and not is_moving(vehicle.output):
@@ -238,14 +223,14 @@ def test_whichever_way_it_drives_it_stops_before_it_touches_a_post_in_its_way(tw
     # it starts clear of it, and what it sees at first it still sees when it gets there
     assume(outline_gap(Pose2D(), x, y, radius) > CONFIG.margin)
     assume(abs(atan2(y, x - 0.337)) < 1.8)
-    assume(verdict(post(x, y, radius), **twist._asdict()) is None)
-    poses, verdicts = drive(lambda _: twist, post(x, y, radius), start=twist, seconds=ahead + 0.4)
+    assume(verdict([(x, y, radius)], **twist._asdict()) is None)
+    poses, verdicts = drive(twist, (x, y, radius), start=twist, seconds=ahead + 0.4)
     assert verdicts
     assert min(outline_gap(pose, x, y, radius) for pose in poses) > 0.08
 
 
 def test_it_stops_with_the_margin_to_spare_and_not_much_sooner():
-    poses, _ = drive(lambda _: Twist2D(1.0, 0.0), post(3.0, 0.0, 0.2))
+    poses, _ = drive(Twist2D(1.0, 0.0), (3.0, 0.0, 0.2))
     assert 0.1 < outline_gap(poses[-1], 3.0, 0.0, 0.2) < 0.25
 
 
