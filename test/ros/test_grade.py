@@ -19,9 +19,7 @@ from husky_highlevel_controller.course import PILLAR_POSITION
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading import mark as mark_module
 from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
-from husky_highlevel_controller.grading.hand_in.plan import plan
 from husky_highlevel_controller.grading.isolation.process import with_variable
-from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.records import Job, Launchable
 from husky_highlevel_controller.grading.reports.files import load_result
 
@@ -170,12 +168,3 @@ def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
     notes = second.stdout + (out / "results.csv").read_text()
     assert "not installed: no_such_package (not in Debian)" in notes
     assert "publish(true) and its like are made to compile" in notes
-
-
-@pytest.mark.parametrize(
-    ("arguments", "node"), [([], "husky_controller"), (["naive:=true"], "naive_controller")]
-)
-def test_a_launch_file_gets_its_arguments(arguments, node, tmp_path):
-    what = Launchable("launch", "husky_highlevel_controller", "controller.launch", tuple(arguments))
-    planned = plan(what, Workspace(), tmp_path)
-    assert planned.nodes == (f"husky_highlevel_controller/{node}",)

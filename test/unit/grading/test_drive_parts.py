@@ -218,6 +218,12 @@ def planned(folder, files, tmp_path):
 NODE = '<node name="n" pkg="p" type="t"/>'
 
 
+def test_a_launch_file_gets_its_arguments(tmp_path):
+    for arguments, node in (((), "husky_controller"), (("naive:=true",), "naive_controller")):
+        what = Launchable("launch", "husky_highlevel_controller", "controller.launch", arguments)
+        assert plan(what, Workspace(), tmp_path / node).nodes == (f"husky_highlevel_controller/{node}",)
+
+
 def test_aliases_in_a_parameter_file_are_refused(tmp_path):
     load = '<rosparam command="load" file="$(dirname)/a.yaml"/>'
     files = {"a.yaml": "a: &a [1, 2]\nb: [*a, *a]\n", "a.launch": f"<launch>{load}{NODE}</launch>"}

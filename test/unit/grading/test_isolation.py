@@ -1,5 +1,6 @@
 """Untrusted programs: what they may see, write and use up, and that none of them is left."""
 
+import ast
 import contextlib
 import errno
 import os
@@ -219,59 +220,52 @@ for path, content in {}:
 
 
 @needs_bubblewrap
-def test_it_reads_and_writes_nothing_of_others(tmp_path):
+def test_it_reads_and_writes_nothing_of_others_and_finds_its_workspace_also_by_a_link(tmp_path):
     home, mine, others = (tmp_path / name for name in ("home", "mine", "others"))
-    setup = setup_file(tmp_path / "ws")
+    setup = setup_file(tmp_path / "data" / "ws")
+    (tmp_path / "link").symlink_to(tmp_path / "data")
+    linked = tmp_path / "link" / "ws" / "devel"
     for path in (home / ".ssh" / "id", others / "answer"):
         path.parent.mkdir(parents=True)
         path.write_text("secret")
-    reads = (home / ".ssh" / "id", others / "answer")
+    reads = (home / ".ssh" / "id", others / "answer", linked / "setup.bash")
     writes = (others / "new", setup, SOURCES / "new", "/etc/new", mine / "new")
     tries = [*((str(path), "") for path in reads), *((str(path), "x") for path in writes)]
     code = TRY.format(tries) + "import os; print(os.environ['FOUND'])"
-    workspace = Workspace((setup,), (), (others,))
-    lines = output_of(run(mine, code, workspace, HOME=str(home))).splitlines()
+    process = run(mine, code, Workspace((setup,), (), (others,)), HOME=str(home), LD_LIBRARY_PATH=str(linked))
     absent, read_only = "No such file or directory", "Read-only file system"
-    assert lines == [absent, absent, *[read_only] * 4, "1", "1"]
+    assert output_of(process).splitlines() == [absent, absent, "export FOUND=1", *[read_only] * 4, "1", "1"]
     assert not (others / "new").exists()
     assert (mine / "new").read_text() == "x"
 
 
+LOOK = """
+import os, pathlib
+print(sorted(os.listdir("/")))
+paths = pathlib.Path("/etc").rglob("*")
+secrets = [path for path in paths if not path.lstat().st_mode & 4 and path.is_file()]
+print(list(map(str, secrets)))
+mounts = [line.split() for line in open("/proc/self/mountinfo")]
+kinds = [(words[4], words[5].split(","), words[words.index("-") + 1]) for words in mounts]
+others = ("proc", "devpts", "mqueue")
+writable = [place for place, options, kind in kinds if "rw" in options and kind not in others]
+print(sorted(filter(os.path.isdir, writable)))
+"""
+
+
 @needs_bubblewrap
-def test_it_can_write_only_where_it_is_counted(tmp_path):
-    code = (
-        "import os\nfor line in open('/proc/self/mountinfo'):\n    words = line.split()\n"
-        "    kind, options = words[words.index('-') + 1], words[5].split(',')\n"
-        "    if 'rw' in options and kind not in ('proc', 'devpts', 'mqueue'):\n"
-        "        if os.path.isdir(words[4]): print(words[4])"
-    )
+def test_it_sees_no_secret_and_no_other_folder_of_the_machine_and_can_write_only_where_it_is_counted(
+    tmp_path,
+):
     mine = tmp_path / "mine"
     for folder in (mine / "home", tmp_path / "out"):
         folder.mkdir(parents=True)
-    places = output_of(run(mine, code, Workspace(hidden=(tmp_path / "out",)), HOME=str(mine / "home")))
-    assert sorted(places.split()) == sorted([*limits.TEMPORARY, str(mine)])
-
-
-@needs_bubblewrap
-def test_it_sees_neither_secrets_of_the_machine_nor_other_folders_of_it(tmp_path):
-    code = (
-        "import os, pathlib\nprint(sorted(os.listdir('/')))\nfor path in pathlib.Path('/etc').rglob('*'):\n"
-        "    status = path.lstat()\n    if not status.st_mode & 4 and path.is_file(): print(path)"
-    )
-    folders, *secrets = output_of(run(tmp_path / "mine", code)).splitlines()
+    process = run(mine, LOOK, Workspace(hidden=(tmp_path / "out",)), HOME=str(mine / "home"))
+    folders, secrets, writable = map(ast.literal_eval, output_of(process).splitlines())
     needed = {tmp_path.parts[1], SOURCES.parts[1]}  # what it runs in, and this package
-    assert set(eval(folders)) <= {*sandbox.SYSTEM, "dev", "proc", "tmp", "var", "root", *needed}
+    assert set(folders) <= {*sandbox.SYSTEM, "dev", "proc", "tmp", "var", "root", *needed}
     assert secrets == []
-
-
-@needs_bubblewrap
-def test_a_workspace_is_found_by_way_of_a_link(tmp_path):
-    setup = setup_file(tmp_path / "data" / "ws")
-    (tmp_path / "link").symlink_to(tmp_path / "data")
-    linked = str(tmp_path / "link" / "ws" / "devel")
-    code = f"print(open({linked!r} + '/setup.bash').read())"
-    workspace = Workspace(setups=(setup,))
-    assert output_of(run(tmp_path / "mine", code, workspace, LD_LIBRARY_PATH=linked)) == "export FOUND=1\n"
+    assert writable == sorted([*limits.TEMPORARY, str(mine)])
 
 
 UNDO_MOUNTS = """
