@@ -69,17 +69,13 @@ def test_the_sheet_s_file_drives_their_controller_in_their_world(theirs, launch,
     assert "front_laser" in ros.master("getParam", "/robot_description")
 
 
-def test_the_older_launch_file_shows_the_football_field(theirs, launch, ros):
-    launched = launch(theirs / "launch" / "older.launch")
-    launched.says("simulating")
-    assert ros.master("getParam", "/husky_simulator/world_name") == "worlds/robocup14_spl_field.world"
-
-
-def test_the_environment_of_the_husky_s_launch_files_counts_here_too(theirs, launch, ros):
-    file = theirs / "launch" / "bare.launch"
-    file.write_text('<launch><include file="$(find husky_gazebo)/launch/empty_world.launch"/></launch>')
+def test_the_older_launch_file_shows_the_football_field_with_the_laser_of_the_environment(
+    theirs, launch, ros
+):
+    file = theirs / "launch" / "older.launch"
     launched = launch(file, HUSKY_LMS1XX_TOPIC="rear/scan", HUSKY_LMS1XX_PREFIX="rear")
     launched.says("simulating")
+    assert ros.master("getParam", "/husky_simulator/world_name") == "worlds/robocup14_spl_field.world"
     assert ros.master("getParam", "/husky_simulator/laser_frame") == "rear_laser"
     assert "rear_laser" in ros.master("getParam", "/robot_description")
 
