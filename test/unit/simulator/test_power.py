@@ -11,12 +11,6 @@ def test_standing_only_the_electronics_draw_current():
     assert state.electronics_current > 0.0
 
 
-@pytest.mark.parametrize("speed", [0.3, 1.0, -0.5])
-def test_straight_on_both_motors_draw_the_rolling_current_at_any_speed(speed):
-    state = Power(PowerConfig(), 3.9).update((0.0, 0.0), (speed, speed), 0.1)
-    assert sum(state.currents) == pytest.approx(3.9)
-
-
 def test_in_place_both_sides_work_and_in_a_curve_the_outer_one():
     power = Power(PowerConfig(torque_per_ampere=5.0), 4.0)
     assert power.update((-30.0, 30.0), (-0.3, 0.3), 0.1).currents == pytest.approx((8.0, 8.0))
