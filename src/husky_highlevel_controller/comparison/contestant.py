@@ -76,10 +76,10 @@ class Outcome:
     def summary(self) -> str:
         """End of the drive as text."""
         touched = ", touched the pillar" if self.nearest <= TOUCH else ""
-        touched += f" ({'; '.join(self.notes)})" if self.notes else ""
-        if self.arrived_at == inf:
-            return f"not at the pillar in the end{touched}"
-        return f"at the pillar after {self.arrived_at:.2f} s{touched}"
+        notes = f" ({'; '.join(self.notes)})" if self.notes else ""
+        is_there = self.arrived_at < inf
+        end = f"at the pillar after {self.arrived_at:.2f} s" if is_there else "not at the pillar in the end"
+        return end + touched + notes
 
 
 def contestant(text: str, base: Setup) -> Contestant:
@@ -158,9 +158,7 @@ def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
 
 
 def _launched(contestant: Contestant, launch: Launchable, scenario: Scenario) -> Outcome:
-    problem = _launch_problem(launch)
-    if problem:
-        raise HuskyError(f"{contestant.name}: {problem}")
+    _check(contestant.name, launch)
     trial = Trial(1, scenario.start, PILLAR_POSITION, scenario.seed)
     config = MarkingConfig(robot="husky", deadline=LAUNCH_DEADLINE, pace=LAUNCH_PACE)
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
@@ -174,11 +172,12 @@ def _launched(contestant: Contestant, launch: Launchable, scenario: Scenario) ->
 
 
 @lru_cache(maxsize=4)
-def _launch_problem(launch: Launchable) -> str:
-    """Reason why a launch file cannot drive; empty: it starts some node."""
+def _check(name: str, launch: Launchable) -> None:
+    """Refuse a launch file that starts no node, with a HuskyError."""
     with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
         planned = plan(launch, Workspace(), Path(folder))
-    return "" if planned.nodes else "; ".join(texts(planned.notes)) or "it starts no node"
+    if not planned.nodes:
+        raise HuskyError(f"{name}: {'; '.join(texts(planned.notes)) or 'it starts no node'}")
 
 
 def outcome(

@@ -80,10 +80,7 @@ def _end(executor: Executor) -> None:
 
     Not by Future.cancel: a pool that is shut down over cancelled futures may hang (Python 3.11.2, gh-94777).
     """
-    if sys.version_info >= (3, 9):
-        executor.shutdown(cancel_futures=True)
-    else:
-        executor.shutdown()
+    executor.shutdown(**({"cancel_futures": True} if sys.version_info >= (3, 9) else {}))
 
 
 def _executor(jobs: int, starts_programs: bool) -> Executor:
