@@ -174,13 +174,6 @@ def test_the_course_s_sunk_pillar_stands_where_it_should(simulate):
     assert abs(pose.quat_xyzw[3]) == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("world", sorted((share_folder() / "worlds").iterdir()), ids=lambda path: path.stem)
-def test_the_robot_stands_untouched_at_the_start_of_every_world(world, simulate):
-    last = drive(simulate(load_world(world)), 2.0)[-1]
-    assert last.contacts == ()
-    assert last.robot.pose_in_world.position == pytest.approx((0.0, 0.0, 0.1323), abs=1e-3)
-
-
 def test_the_lidar_sees_both_goals_of_the_football_field_and_nothing_else(simulate):
     simulation = simulate(load_world(share_folder() / "worlds" / "robocup14_spl_field.world"), robot=HUSKY)
     (scan,) = scans(simulation, 1)
