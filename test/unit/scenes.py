@@ -1,7 +1,7 @@
 """Shared by the unit tests of the controller: flat scenes, and a robot without physics."""
 
 from dataclasses import replace
-from math import atan2, cos, hypot, inf, pi, sin
+from math import atan2, hypot, inf, pi
 from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import STOP, Box, Cylinder, Pose, Pose2D, Scan, Twist2D, even_beams
 from husky_highlevel_controller.evaluation.scenarios import SICK, Disc, scan_of
-from husky_highlevel_controller.geometry import advance, compose, pose_from_2d, quat_from_rpy
+from husky_highlevel_controller.geometry import advance, compose, pose_from_2d, quat_from_rpy, transform_point
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make_scene
 
@@ -30,19 +30,10 @@ THIN, HIGH = 1e-6, 9.0  # [m], of walls; of walls and circles
 
 def box(x: float, y: float, yaw: float, length: float, width: float) -> Tuple[Wall, ...]:
     """The four sides of a rectangle centred at (x, y)."""
-    corners = [
-        (
-            x + cos(yaw) * a * length / 2 - sin(yaw) * b * width / 2,
-            y + sin(yaw) * a * length / 2 + cos(yaw) * b * width / 2,
-        )
-        for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))
-    ]
+    centre = pose_from_2d(Pose2D(x, y, yaw))
+    signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    corners = [transform_point(centre, (a * length / 2.0, b * width / 2.0, 0.0))[:2] for a, b in signs]
     return tuple(corners[i] + corners[(i + 1) % 4] for i in range(4))
-
-
-def room(size: float, yaw: float, x: float = 0.0, y: float = 0.0) -> Tuple[Wall, ...]:
-    """Four walls around the lidar."""
-    return box(x, y, yaw, size, size)
 
 
 def look(
@@ -88,7 +79,6 @@ class Toy:
         segments: Sequence[Wall] = (),
         pose: Optional[Pose2D] = None,
         laser_in_base: Optional[Pose] = UPSIDE_DOWN,
-        control: Optional[ControlConfig] = None,
         seed: Optional[int] = None,
         period: float = 0.02,
         **changes: object,
@@ -96,7 +86,7 @@ class Toy:
         self.circles, self.segments = list(circles), list(segments)
         self.pose, self.twist = pose or Pose2D(), STOP
         self.laser_in_base = laser_in_base
-        self.control = control or replace(ControlConfig(), **changes)
+        self.control = replace(ControlConfig(), **changes)
         self.rng = None if seed is None else np.random.default_rng(seed)
         self.knows_odom, self.enabled = True, True
         self.time, self.controller_state = 0.0, ControllerState()

@@ -6,7 +6,7 @@ from math import atan2, cos, hypot, inf, isnan, nan, pi, sin
 
 import numpy as np
 import pytest
-from scenes import UPRIGHT, UPSIDE_DOWN, Toy, box, look, room
+from scenes import UPRIGHT, UPSIDE_DOWN, Toy, box, look
 
 from husky_highlevel_controller.controller.behaviour import ControllerState, Observation, State, decide
 from husky_highlevel_controller.controller.control import ControlConfig
@@ -276,7 +276,7 @@ def test_time_that_jumps_back_makes_it_forget_the_old_odom():
 
 def test_a_pillar_never_seen_is_searched_with_a_turn_and_ever_farther_out_and_nothing_is_touched():
     centre = Pose2D(0.5, 0.2, 0.3)
-    toy = Toy([], room(5.0, centre.yaw, centre.x, centre.y) + box(1.8, 1.2, 0.5, 0.4, 0.4), period=0.1)
+    toy = Toy([], box(*centre, 5.0, 5.0) + box(1.8, 1.2, 0.5, 0.4, 0.4), period=0.1)
     steps = toy.drive(120.0)
     assert states(steps) == [State.SEARCHING]
     turning, driving = reasons(steps)[:2]

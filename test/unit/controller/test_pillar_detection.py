@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import box, look, room
+from scenes import box, look
 
 from husky_highlevel_controller.controller import pillar_detection
 from husky_highlevel_controller.controller.circle_fit import fit_circle
@@ -151,7 +151,7 @@ COMPANY = {
         f"in a furnished room turned by {yaw}": (
             at(5.0, 0.0),
             ((2.0, -2.0, 0.05),),
-            FURNITURE + room(16.0, yaw),
+            FURNITURE + box(0.0, 0.0, yaw, 16.0, 16.0),
         )
         for yaw in np.linspace(0.0, 1.5, 7).tolist()
     },
