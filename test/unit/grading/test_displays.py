@@ -1,12 +1,10 @@
 """RViz by its configuration and the frames of a drive: which file it is, and what would be shown."""
 
-from dataclasses import replace
-
 import pytest
 import yaml
 
 from husky_highlevel_controller.grading.displays import STANDING, FrameTree, RvizConfig, read_config, view_of
-from husky_highlevel_controller.grading.hand_in.package_files import find_setup
+from husky_highlevel_controller.grading.hand_in.package_files import files_of_others, find_setup
 from husky_highlevel_controller.grading.submission import Plan, RvizNode
 from husky_highlevel_controller.paths import share_folder
 
@@ -101,29 +99,59 @@ def test_what_is_no_configuration_of_rviz_is_told_and_one_of_any_depth_ends(cont
     assert not shown(*deep).tf
 
 
-def put(path, text=""):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
+def rviz_file(display):
+    return f"Visualization Manager: {{Displays: [{{Class: rviz/{display}}}]}}"
 
 
-def test_only_what_is_switched_on_counts(tmp_path):
-    put(tmp_path / "a.rviz", "Visualization Manager: {Displays: [{Class: rviz/TF, Enabled: false}]}")
-    put(tmp_path / "z" / "b.rviz", "Visualization Manager: {Displays: [{Class: rviz/LaserScan}]}")
-    put(tmp_path / "c.rviz", "- no: rviz")
-    assert find_setup(Plan(package_path=tmp_path)).source == "b.rviz"
-    assert find_setup(Plan()) == RvizConfig()
+SLAM = {"slam.rviz": rviz_file("TF")}
+SHOWS_SLAM = '<node pkg="rviz" args="-d $(find a)/slam.rviz"/></launch>'
+BY_VIEWER = {**SLAM, "slam.launch": f'<launch><node pkg="gazebo_ros"/>{SHOWS_SLAM}'}
+BY_BAG = {**SLAM, "slam.launch": f'<launch><node pkg="rosbag"/>{SHOWS_SLAM}'}
+BY_CODE = {**SLAM, "slam.launch": f'<launch><node pkg="a"/>{SHOWS_SLAM}'}
+SOME = {"a.rviz": rviz_file("TF, Enabled: false"), "z/b.rviz": rviz_file("LaserScan"), "c.rviz": "- no: rviz"}
+
+
+def put(folder, files):
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+
+@pytest.mark.parametrize(
+    ("files", "node", "source"),
+    [
+        ({}, None, ""),
+        ({}, "", ""),  # in the student's home
+        (SOME, None, "b.rviz"),  # only what is switched on counts
+        (SOME, "-f odom -d {}/a.rviz", "its rviz node, a.rviz"),
+        # a file that only another launch file names is that one's, unless that one only shows
+        (BY_VIEWER, "", "slam.rviz, the package's only one, of slam.launch"),
+        (BY_BAG, "", ""),
+        ({**BY_BAG, "mine.rviz": "{}"}, "", "mine.rviz"),
+        (BY_VIEWER, None, "slam.rviz"),
+        (BY_BAG, None, ""),
+        (BY_CODE, None, ""),
+    ],
+)
+def test_the_configuration_of_a_hand_in(files, node, source, tmp_path):
+    folder = tmp_path / "a"
+    put(folder, {**files, "husky.launch": "<launch/>"})
+    nodes = () if node is None else (RvizNode("rviz", node.format(folder), ()),)
+    planned = Plan(("a/b",), rviz=nodes, package_path=folder)
+    setup = find_setup(planned, None, "/ws/src/a/launch/husky.launch")
+    assert setup.source == source
+    assert setup.source or setup == RvizConfig(started=node == "")
+    if "slam.launch" in files and "slam.rviz" not in source:
+        assert find_setup(planned, None, "slam.launch").source == "slam.rviz"
+        aside = "slam.rviz belongs to slam.launch, and is not looked at"
+        assert files_of_others(planned, "husky.launch") == [aside]
+
+
+def test_the_file_of_the_rviz_node_is_that_of_the_hand_in_as_its_topics_are_remapped(tmp_path):
+    put(tmp_path, {"mine.rviz": rviz_file("LaserScan, Topic: /a"), "ws/no.txt": ""})
+    planned = Plan(rviz=(RvizNode("rviz", f"-d {tmp_path}/mine.rviz", (("/a", "/b"),)),))
+    assert find_setup(planned).displays[0].source == "/b"
+    assert not find_setup(planned, tmp_path / "ws").source, "it is not in the hand-in"
     for value in (f"Alpha: 1{'0' * 400}", f"Topic: 0x{'f' * 5000}"):
-        display = f"{{Class: rviz/LaserScan, {value}}}"
-        put(tmp_path / "numbers" / "a.rviz", f"Visualization Manager: {{Displays: [{display}]}}")
+        put(tmp_path / "numbers", {"a.rviz": rviz_file(f"LaserScan, {value}")})
         assert find_setup(Plan(package_path=tmp_path / "numbers")).problem == "the file is not RViz's"
-
-
-def test_the_file_of_the_rviz_node_is_the_one(tmp_path):
-    put(tmp_path / "mine.rviz", "Visualization Manager: {Displays: [{Class: rviz/LaserScan, Topic: /a}]}")
-    node = RvizNode("rviz", f"-f odom -d {tmp_path}/mine.rviz", (("/a", "/b"),))
-    setup = find_setup(Plan(rviz=(node,)))
-    assert (setup.source, setup.displays[0].source) == ("its rviz node, mine.rviz", "/b")
-    in_home = find_setup(Plan(rviz=(replace(node, args=""),)))
-    assert (in_home.source, in_home.started) == ("", True), "it is in the student's home"
-    (tmp_path / "ws").mkdir()
-    assert not find_setup(Plan(rviz=(node,)), tmp_path / "ws").source, "it is not in the hand-in"

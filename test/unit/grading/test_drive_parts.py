@@ -18,7 +18,7 @@ from husky_highlevel_controller.grading.drive.drive_end import DriveEnd
 from husky_highlevel_controller.grading.drive.run import SIMULATOR_LAUNCH, simulate
 from husky_highlevel_controller.grading.drive.trials import draw_trials
 from husky_highlevel_controller.grading.drive.truth_feed import READ, TruthFeed
-from husky_highlevel_controller.grading.hand_in.package_files import files_of_others, find_setup
+from husky_highlevel_controller.grading.hand_in.package_files import find_setup
 from husky_highlevel_controller.grading.hand_in.plan import package_path, plan
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import Kind, Note
@@ -176,34 +176,6 @@ def test_the_view_of_the_simulators_own_launch_file_is_nobody_elses(tmp_path):
     for place in (share_folder(), tmp_path / "links"):
         own = find_setup(Plan(("a/b",), rviz=(node,), package_path=place))
         assert own.source == "its rviz node, controller.rviz"
-
-
-def test_an_rviz_file_that_another_launch_file_names_is_that_one_s(tmp_path):
-    (tmp_path / "slam.rviz").write_text("Visualization Manager: {Displays: [{Class: rviz/TF}]}")
-    (tmp_path / "slam.launch").write_text('<launch><node pkg="rviz" args="-d $(find a)/slam.rviz"/></launch>')
-    (tmp_path / "husky.launch").write_text('<launch><node pkg="rviz"/></launch>')
-    bare = Plan(("a/b",), rviz=(RvizNode("rviz", "", ()),), package_path=tmp_path)
-    only = find_setup(bare, None, "/ws/src/a/launch/husky.launch")
-    assert only.source == "slam.rviz, the package's only one, of slam.launch"
-    bag = '<launch><node pkg="rosbag"/><node pkg="rviz" args="-d $(find a)/slam.rviz"/></launch>'
-    (tmp_path / "slam.launch").write_text(bag)
-    assert not find_setup(bare, None, "husky.launch").source
-    assert files_of_others(bare, "husky.launch") == ["slam.rviz belongs to slam.launch, and is not looked at"]
-    (tmp_path / "mine.rviz").write_text("{}")
-    assert find_setup(bare, None, "husky.launch").source == "mine.rviz"
-    assert find_setup(bare, None, "slam.launch").source == "slam.rviz"
-
-
-@pytest.mark.parametrize(("package", "taken"), [("rosbag", ""), ("a", ""), ("gazebo_ros", "view.rviz")])
-def test_a_launch_file_without_rviz_takes_the_configuration_of_one_that_only_shows(package, taken, tmp_path):
-    folder = tmp_path / "a"
-    folder.mkdir()
-    (folder / "view.rviz").write_text("{}")
-    show = '<launch><node name="n" pkg="{}"/><node pkg="rviz" args="-d $(find a)/view.rviz"/></launch>'
-    (folder / "show.launch").write_text(show.format(package))
-    setup = find_setup(Plan(("a/b",), package_path=folder), None, "husky.launch")
-    assert setup.source.startswith(taken)
-    assert bool(setup.source) is bool(taken)
 
 
 def planned(folder, files, tmp_path):
