@@ -8,7 +8,6 @@ import shutil
 import socket
 import subprocess
 import sys
-import tarfile
 import tempfile
 import time
 from pathlib import Path
@@ -26,6 +25,7 @@ from packages import FOLDERS, NODES, make_package  # noqa: E402 - lives beside t
 NOBODY = 65534
 AS_NOBODY = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
 LAUNCH_FILES = ("eval", "itself", "prefix")  # attacks of a launch file
+GRADE = ["rosrun", "husky_highlevel_controller", "grade"]
 QUICK = ["--trials", "1", "--pace", "8", "--robot", "husky"]
 
 # state of each hand-in; attacks beside those of the package `attacks`
@@ -50,17 +50,15 @@ HONEST = (
     "imports_what_is_missing", "marks_in_base_link", "needs_a_missing_package", "raises_in_callback", "rams",
     "spins", "stops_short",
 )  # fmt: skip
-EVERY_THIRD = ("sabotages", "unlinks", "ends_the_master", "eval", "sprays", "bomb", "floods_markers")
+EVERY_THIRD = ("sabotages", "unlinks", "ends_the_master", "eval", "sprays", "forks", "floods_markers")
 
 
 def make_class(folder, *names):
-    """Hand-ins by name: of submissions, of the attacks in the package `attacks`, or an archive."""
+    """Hand-ins by name: of submissions, or of the attacks in the package `attacks`."""
     folder.mkdir(exist_ok=True)
     students = {}
     for name in names:
-        if name == "bomb":
-            make_bomb(folder / "bomb.tar.xz")
-        elif name in NODES + FOLDERS:
+        if name in NODES + FOLDERS:
             make_package(name, folder)
         else:
             make_package("attacks", folder, name)
@@ -75,33 +73,10 @@ def tell_places(package, key, folders, port, process):
     (package / "scripts" / "places.json").write_text(json.dumps(places))
 
 
-def make_bomb(path):
-    """An archive of kilobytes whose first header is 1.2 GB long."""
-    header = tarfile.TarInfo("././@LongLink")
-    header.type, header.size = tarfile.GNUTYPE_LONGNAME, 1_200_000_000
-    with path.open("wb") as file, subprocess.Popen(
-        ["xz", "-1"], stdin=subprocess.PIPE, stdout=file
-    ) as packer:
-        packer.stdin.write(header.tobuf(tarfile.GNU_FORMAT))
-        for _ in range(1200):
-            packer.stdin.write(bytes(1_000_000))
-
-
 def grade(folder, *arguments, user=(), env=None):
     """Mark a class into `out` beside it; rows of the table by name, and what was printed."""
-    command = [
-        "rosrun",
-        "husky_highlevel_controller",
-        "grade",
-        "--all",
-        folder,
-        "--out",
-        folder.parent / "out",
-    ]
-    done = subprocess.run(
-        [*user, *map(str, [*command, *QUICK, *arguments])],
-        env=env, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    command = [*user, *GRADE, "--all", folder, "--out", folder.parent / "out", *QUICK, *arguments]
+    done = subprocess.run(list(map(str, command)), env=env, capture_output=True, text=True, check=False)
     assert done.returncode in (1, 2), done.stdout + done.stderr
     with (folder.parent / "out" / "results.csv").open(newline="") as table:
         return {row["submission"]: row for row in csv.DictReader(table)}, done.stdout + done.stderr

@@ -79,18 +79,27 @@ def called(*pairs, services=("/start_stop",), still=()):
     return recording(speeds, calls=tuple(calls), services=services)
 
 
+STOPS = [(False, 0.0), (True, 0.5), (False, 0.0), (True, 0.5)]
+STANDS = [(False, 0.0), (True, 0.0), (False, 0.0), (True, 0.0)]
+
+
 @pytest.mark.parametrize(
-    ("pairs", "stop", "start"),
+    ("pairs", "still", "stop", "start", "evidence"),
     [
-        ([(False, 0.0), (True, 0.5), (False, 0.0), (True, 0.5)], 50.0, 50.0),
-        ([(False, 0.5), (True, 0.0), (False, 0.5), (True, 0.0)], 50.0, 50.0),  # true stops
-        ([(False, 0.0), (True, 0.5), (False, 0.5), (True, 0.5)], 25.0, 50.0),  # only once
-        ([(False, 0.0), (True, 0.0), (False, 0.0), (True, 0.0)], 50.0, 0.0),
-        ([(False, 0.5), (True, 0.5), (False, 0.5), (True, 0.5)], 0.0, 0.0),  # it changes nothing
+        (STOPS, (), 50.0, 50.0, "stands after 2 of 2"),
+        ([(False, 0.5), (True, 0.0), (False, 0.5), (True, 0.0)], (), 50.0, 50.0, ""),  # true stops
+        ([(False, 0.0), (True, 0.5), (False, 0.5), (True, 0.5)], (), 25.0, 50.0, "stands after 1 of 2"),
+        (STANDS, (), 50.0, 0.0, ""),
+        ([(False, 0.5), (True, 0.5), (False, 0.5), (True, 0.5)], (), 0.0, 0.0, ""),  # it changes nothing
+        (STANDS, (0.0, 99.0), 0.0, 0.0, ""),  # it never drives
+        (STANDS, (0.4, 99.0), None, None, "stood already before each call: for a person"),
+        (STOPS, (0.0, 5.5), 50.0, 50.0, ""),  # it waits for its first start
     ],
 )
-def test_the_service_stops_and_starts_again_and_again(pairs, stop, start):
-    assert [item.points for item in judge_calls(called(*pairs))] == [stop, start]
+def test_the_service_stops_and_starts_again_and_again(pairs, still, stop, start, evidence):
+    items = judge_exercise_5([called(*pairs, still=still)], VIEW, SCAN)
+    assert [item.points for item in items] == [stop, start, None, None]
+    assert evidence in items[0].evidence
 
 
 def test_a_call_that_takes_long_is_judged_from_its_answer():
@@ -101,22 +110,6 @@ def test_a_call_that_takes_long_is_judged_from_its_answer():
     assert judge_calls(late)[0].points == 0.0
     late = replace(late, calls=(replace(late.calls[0], answered_at=2.6),))
     assert judge_calls(late)[0].points == 50.0
-
-
-STANDS = [(False, 0.0), (True, 0.0), (False, 0.0), (True, 0.0)]
-
-
-def test_what_never_drives_cannot_be_stopped():
-    items = judge_exercise_5([called(*STANDS, still=(0.0, 99.0))], VIEW, SCAN)
-    assert [item.points for item in items] == [0.0, 0.0, None, None]
-
-
-def test_a_robot_that_stood_already_is_left_to_a_person_and_one_that_waits_for_its_first_start_is_judged():
-    items = judge_calls(called(*STANDS, still=(0.4, 99.0)))  # it stops by itself before the first call
-    assert [item.points for item in items] == [None, None]
-    assert "stood already before each call: for a person" in items[0].evidence
-    waits = called((False, 0.0), (True, 0.5), (False, 0.0), (True, 0.5), still=(0.0, 5.5))
-    assert [item.points for item in judge_calls(waits)] == [50.0, 50.0]
 
 
 SLOW = Note(Kind.UNANSWERED_SCANS, "it does not answer every scan with a command")
