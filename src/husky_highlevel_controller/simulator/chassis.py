@@ -9,7 +9,7 @@ from math import hypot
 from typing import List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.datatypes import Pose, RobotState, Vector3, WheelState
-from husky_highlevel_controller.geometry import along_axes, axes_from_quat, compose
+from husky_highlevel_controller.geometry import along_axes, axes_from_quat, compose, cross, dot, minus
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.models.robot_model import FLANK_DEPTH, RobotModel
 from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
@@ -73,11 +73,8 @@ class Chassis:
         """Read the robot's pose and velocity; kept as `state`."""
         pose, velocity, spin = self._bullet.robot_motion()
         self._axes = axes_from_quat(pose.quat_xyzw)
-        (vx, vy, vz), (wx, wy, wz) = (along_axes(self._axes, v) for v in (velocity, spin))
-        x, y, z = self._robot.com
-        # v(base_link) = v(com) - w x com
-        at_base = (vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x))
-        self.state = RobotState(pose, at_base, (wx, wy, wz))
+        at_com, turning = along_axes(self._axes, velocity), along_axes(self._axes, spin)
+        self.state = RobotState(pose, minus(at_com, cross(turning, self._robot.com)), turning)
         return self.state
 
     def drive(self, speeds: Sequence[float]) -> None:
@@ -129,20 +126,16 @@ class Chassis:
 
     def _downhill(self) -> Tuple[float, float]:
         """Gravity along the ground, on base_link's x and y [m/s^2]: on its springs the robot leans a bit."""
-        gx, gy, gz = along_axes(self._axes, self._gravity)
-        nx, ny, nz = self._ground
-        square = nx * nx + ny * ny + nz * nz
-        into = (gx * nx + gy * ny + gz * nz) / square if square > 0.0 else 0.0
-        return gx - into * nx, gy - into * ny
+        gravity, square = along_axes(self._axes, self._gravity), dot(self._ground, self._ground)
+        into = dot(gravity, self._ground) / square if square > 0.0 else 0.0
+        return minus(gravity, self._ground, into)[:2]
 
     def _drag(self, point: Vector3, normal: Vector3, load: float) -> Vector3:
         """Friction where it bumps or lies, in base_link [N]; what is touched does not feel it."""
         x, y, z = point
         (vx, vy, vz), (wx, wy, wz) = self.state.velocity_in_base, self.state.angular_velocity_in_base
-        vx, vy, vz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
-        nx, ny, nz = normal
-        into = vx * nx + vy * ny + vz * nz
-        vx, vy, vz = vx - into * nx, vy - into * ny, vz - into * nz
+        velocity = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+        vx, vy, vz = minus(velocity, normal, dot(velocity, normal))
         k = -HULL_FRICTION * load / (hypot(vx, vy, vz) + HULL_SLIP_SPEED)
         return (k * vx, k * vy, k * vz)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from math import inf, isfinite
 from typing import Tuple
 
-from husky_highlevel_controller.datatypes import STOP, HuskyError, Twist2D
+from husky_highlevel_controller.datatypes import STOP, HuskyError, Twist2D, WheelState
 from husky_highlevel_controller.robot import DriveConfig
 
 
@@ -47,7 +47,12 @@ def twist_of_wheels(left: float, right: float, config: DriveConfig) -> Twist2D:
 
 
 class Drive:
-    """Holds the last command, lets it expire, and moves the wheels' set point within the limits."""
+    """Last command, until it expires, and the wheels' set point within the limits.
+
+    The wheels obey at once, as those of Gazebo's velocity interface.
+    """
+
+    steps = 1  # physics steps between two readings of the encoders
 
     def __init__(self, config: DriveConfig) -> None:
         self._config = config
@@ -75,19 +80,11 @@ class Drive:
             self.output = limit(target, self.output, dt, self._config)
         return self.output
 
-
-class IdealBase:
-    """Wheels that obey at once, as those of Gazebo's velocity interface."""
-
-    def __init__(self, drive: Drive, config: DriveConfig, dt: float) -> None:
-        """`dt`: of one physics step [s]."""
-        self._drive, self._config, self._dt = drive, config, dt
-
-    def reset(self) -> None:
-        """Stand still and forget the last command."""
-        self._drive.reset()
-
-    def update(self, now: float) -> Tuple[Twist2D, Tuple[float, float]]:
-        """Advance one physics step to `now` [s]: the command in force, and (left, right) speeds [rad/s]."""
-        command = self._drive.update(now, self._dt)
+    def turn(self, now: float, dt: float) -> Tuple[Twist2D, Tuple[float, float]]:
+        """Advance a step of `dt` to `now` [s]: the command in force, and (left, right) speeds [rad/s]."""
+        command = self.update(now, dt)
         return command, wheel_speeds(command, self._config)
+
+    def encoded(self, wheels: WheelState) -> WheelState:
+        """The wheels as the encoders report them."""
+        return wheels

@@ -5,12 +5,12 @@ In: a `SimulatorConfig`, the robot's model. Out: `Equipment`, of which every sen
 
 from __future__ import annotations
 
-from typing import Any, Callable, List, NamedTuple, Optional, Union
+from typing import Any, List, NamedTuple, Optional, Union
 
-from husky_highlevel_controller.datatypes import HuskyError, Vector3, WheelState
+from husky_highlevel_controller.datatypes import HuskyError, Vector3
 from husky_highlevel_controller.robot import DriveConfig
-from husky_highlevel_controller.simulator.diff_drive import Drive, IdealBase
-from husky_highlevel_controller.simulator.husky_base import HuskyBase, as_encoded
+from husky_highlevel_controller.simulator.diff_drive import Drive
+from husky_highlevel_controller.simulator.husky_base import HuskyBase
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 from husky_highlevel_controller.simulator.power import Power
 from husky_highlevel_controller.simulator.sensors.gps import Gps
@@ -38,11 +38,8 @@ class Equipment(NamedTuple):
     """Drive train, sensors and battery of the robot."""
 
     drive: Drive
-    base: Union[IdealBase, HuskyBase]
     imu: Union[Imu, VibratingImu]
     sensors: List[Sensor]
-    wheel_steps: int  # physics steps between two readings of the encoders
-    encode: Callable[[WheelState], WheelState]  # the wheels as the encoders report them
     points: Optional[PointLidar]
     power: Optional[Power] = None
 
@@ -61,7 +58,6 @@ def equip(
         steps_per(config.scan_rate, rate, "scan_rate"),
         steps_per(config.imu_rate, rate, "imu_rate"),
     )
-    drive = Drive(drive_config)
     still = Imu(config.imu, imu_steps * dt, gravity, (mount.x, mount.y, mount.z))
     track = drive_config.wheel_separation * drive_config.wheel_separation_multiplier
     imu = VibratingImu(still, real.ground.vibration, track) if real else still
@@ -84,18 +80,9 @@ def equip(
         gps_steps = steps_per(config.gps_rate, rate, "gps_rate")
         sensors.append(Sensor(gps_steps, Gps(config.gps, gps_steps * dt), "gps", GPS_STREAM))
     if not real:
-        return Equipment(
-            drive, IdealBase(drive, drive_config, dt), imu, sensors, 1, lambda wheels: wheels, points
-        )
-    steps_per(real.base.control_rate, ODOMETRY_RATE, "base/control_rate")  # read with an odometry sample
-    resolution, radius = real.base.speed_resolution, drive_config.wheel_radius
-    return Equipment(
-        drive,
-        HuskyBase(drive, drive_config, real.base, dt),
-        imu,
-        [*sensors, Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM)],
-        steps_per(real.base.control_rate, rate, "base/control_rate"),
-        lambda wheels: as_encoded(wheels, resolution, radius),
-        points,
-        Power(real.power, real.ground.rolling_current),
-    )
+        return Equipment(Drive(drive_config), imu, sensors, points)
+    for other_rate in (ODOMETRY_RATE, rate):  # the encoders are read with an odometry sample
+        steps_per(real.base.control_rate, other_rate, "base/control_rate")
+    sensors.append(Sensor(imu_steps, Magnetometer(), "mag", MAG_STREAM))
+    power = Power(real.power, real.ground.rolling_current)
+    return Equipment(HuskyBase(drive_config, real.base, dt), imu, sensors, points, power)

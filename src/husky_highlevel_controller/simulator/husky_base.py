@@ -38,39 +38,38 @@ def scale_to_limit(left: float, right: float, limit: float) -> Tuple[float, floa
     return (left, right) if fastest <= limit else (left * limit / fastest, right * limit / fastest)
 
 
-def as_encoded(wheels: WheelState, resolution: float, radius: float) -> WheelState:
-    """The wheels as husky_base publishes them: tread speeds in steps of `resolution` [m/s], no efforts."""
-    step = resolution / radius
-    return wheels._replace(
-        speeds=tuple(round(speed / step) * step for speed in wheels.speeds),
-        efforts=(0.0,) * len(wheels.efforts),
-    )
+class HuskyBase(Drive):
+    """Drive with the real base's rate, limit and lag."""
 
-
-class HuskyBase:
-    """Turns commands into wheel speeds with the real base's rate, limit and lag."""
-
-    def __init__(self, drive: Drive, drive_config: DriveConfig, config: HuskyBaseConfig, dt: float) -> None:
+    def __init__(self, drive_config: DriveConfig, config: HuskyBaseConfig, dt: float) -> None:
         """`dt`: of one physics step [s], of which a whole number makes a period of the control loop."""
-        self._drive, self._drive_config, self._config = drive, drive_config, config
-        self._steps = round(1.0 / (config.control_rate * dt))
+        self._base = config
+        self.steps = round(1.0 / (config.control_rate * dt))
         self._share = 1.0 - exp(-dt / config.lag) if config.lag > 0.0 else 1.0
-        self.reset()
+        super().__init__(drive_config)
 
     def reset(self) -> None:
         """Stand still and forget the last command, at the beginning of a period."""
-        self._drive.reset()
+        super().reset()
         self._step = 0
         self._target = self._speeds = (0.0, 0.0)
-        self._command = STOP
+        self._in_force = STOP
 
-    def update(self, now: float) -> Tuple[Twist2D, Tuple[float, float]]:
-        """Advance one physics step to `now` [s]: the command in force, and (left, right) speeds [rad/s]."""
-        if self._step % self._steps == 0:
-            self._command = self._drive.update(now, 1.0 / self._config.control_rate)
-            limit = self._config.max_wheel_speed / self._drive_config.wheel_radius
-            self._target = scale_to_limit(*wheel_speeds(self._command, self._drive_config), limit)
+    def turn(self, now: float, dt: float) -> Tuple[Twist2D, Tuple[float, float]]:
+        """Advance a step of `dt` to `now` [s]: the command in force, and (left, right) speeds [rad/s]."""
+        if self._step % self.steps == 0:
+            self._in_force = self.update(now, 1.0 / self._base.control_rate)
+            limit = self._base.max_wheel_speed / self._config.wheel_radius
+            self._target = scale_to_limit(*wheel_speeds(self._in_force, self._config), limit)
         self._step += 1
         (left, right), (to_left, to_right) = self._speeds, self._target
         self._speeds = left + self._share * (to_left - left), right + self._share * (to_right - right)
-        return self._command, self._speeds
+        return self._in_force, self._speeds
+
+    def encoded(self, wheels: WheelState) -> WheelState:
+        """The wheels as husky_base publishes them: tread speeds in steps of the resolution, no efforts."""
+        step = self._base.speed_resolution / self._config.wheel_radius
+        return wheels._replace(
+            speeds=tuple(round(speed / step) * step for speed in wheels.speeds),
+            efforts=(0.0,) * len(wheels.efforts),
+        )

@@ -108,7 +108,7 @@ class Simulation:
             device.reset(np.random.default_rng(seed_sequence))
         if self._equipment.power:
             self._equipment.power.reset()
-        self._equipment.base.reset()
+        self._equipment.drive.reset()
         self._bullet.clear(self._world.gravity)
         self._objects.load(self._world.bodies)
         self._chassis.place(self._standing(pose_from_2d(self._start)), self._world.gravity)
@@ -146,7 +146,7 @@ class Simulation:
     def step(self) -> Snapshot:
         """Advance one physics step; at the end of a sensor's period the snapshot holds its sample."""
         equipment = self._equipment
-        command, (left, right) = equipment.base.update(self._since_reset)
+        command, (left, right) = equipment.drive.turn(self._since_reset, self.dt)
         self._chassis.drive((left, right, left, right))
         self._bullet.step()
         self._steps += 1
@@ -158,9 +158,9 @@ class Simulation:
             for steps, device, field, _ in equipment.sensors
             if step % steps == 0
         }
-        wheels_due = step % equipment.wheel_steps == 0
+        wheels_due = step % equipment.drive.steps == 0
         if "scan" in samples or step % self._odometry_steps == 0:
-            wheels = equipment.encode(self._chassis.wheels()) if wheels_due else None
+            wheels = equipment.drive.encoded(self._chassis.wheels()) if wheels_due else None
             samples["odometry"] = self._odometer.sample(wheels, equipment.imu.yaw_rate, step)
         if equipment.power and wheels_due:
             samples["power"] = self._measure_power((left, right))
@@ -189,7 +189,7 @@ class Simulation:
         radius, torques = self._drive_config.wheel_radius, self._chassis.torques
         sides = (torques[0] + torques[2], torques[1] + torques[3])
         treads = (speeds[0] * radius, speeds[1] * radius)
-        return power.update(sides, treads, self._equipment.wheel_steps * self.dt)
+        return power.update(sides, treads, self._equipment.drive.steps * self.dt)
 
     @property
     def bodies(self) -> Mapping[str, Body]:
@@ -235,7 +235,7 @@ class Simulation:
         world_in_odom = self.pose_world_in_odom
         self._chassis.move(self._standing(pose_in_world))
         self._equipment.imu.restart()
-        self._equipment.base.reset()
+        self._equipment.drive.reset()
         self._odometer.relocate(pose_to_2d(compose(world_in_odom, self._chassis.state.pose_in_world)))
 
     def reset_poses(self) -> None:

@@ -6,11 +6,9 @@ import pytest
 
 from husky_highlevel_controller.datatypes import Twist2D, WheelState
 from husky_highlevel_controller.robot import load_robot
-from husky_highlevel_controller.simulator.diff_drive import Drive
 from husky_highlevel_controller.simulator.husky_base import (
     HuskyBase,
     HuskyBaseConfig,
-    as_encoded,
     scale_to_limit,
 )
 
@@ -19,12 +17,11 @@ DT, DRIVE = 1 / 200, load_robot().drive
 
 def treads(twist, seconds):
     """Speeds of the (left, right) treads [m/s], a physics step each."""
-    drive = Drive(DRIVE)
-    base = HuskyBase(drive, DRIVE, HuskyBaseConfig(), DT)
+    base = HuskyBase(DRIVE, HuskyBaseConfig(), DT)
     rows = []
     for step in range(round(seconds / DT)):
-        drive.command(twist, step * DT)
-        _, speeds = base.update(step * DT)
+        base.command(twist, step * DT)
+        _, speeds = base.turn(step * DT, DT)
         rows.append([speed * DRIVE.wheel_radius for speed in speeds])
     return rows
 
@@ -51,16 +48,15 @@ def test_a_step_takes_0_7_s_from_10_to_90_percent_at_2_m_s2():
 
 
 def test_a_command_waits_for_the_control_loop():
-    drive = Drive(DRIVE)
-    base = HuskyBase(drive, DRIVE, HuskyBaseConfig(), DT)
-    base.update(0.0)
-    drive.command(Twist2D(1.0, 0.0), 0.0)
-    started = next(step for step in range(1, 100) if base.update(step * DT)[1][0] > 0.0)
+    base = HuskyBase(DRIVE, HuskyBaseConfig(), DT)
+    base.turn(0.0, DT)
+    base.command(Twist2D(1.0, 0.0), 0.0)
+    started = next(step for step in range(1, 100) if base.turn(step * DT, DT)[1][0] > 0.0)
     assert started * DT == pytest.approx(0.1)
 
 
 def test_encoders_measure_whole_centimetres_a_second():
     wheels = WheelState(("a", "b"), (0.0, 0.0), (0.5 / 0.1651, 0.4968 / 0.1651), (3.0, 4.0))
-    told = as_encoded(wheels, 0.01, 0.1651)
+    told = HuskyBase(DRIVE, HuskyBaseConfig(), DT).encoded(wheels)
     assert [speed * 0.1651 for speed in told.speeds] == pytest.approx([0.5, 0.5])
     assert told.efforts == (0.0, 0.0)

@@ -18,7 +18,7 @@ import numpy as np
 
 from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import ImuSample, MagSample, RobotState, Vector3
-from husky_highlevel_controller.geometry import quat_inverse, rotate
+from husky_highlevel_controller.geometry import cross, minus, quat_inverse, rotate
 
 FIELD_IN_WORLD = (1.3e-6, 20.4e-6, -44.7e-6)  # [T], east, north, up
 FIELD_NOISE = 0.3e-6  # [T], standard deviation on each axis; typical of such sensors, not measured
@@ -63,12 +63,8 @@ class Imu:
     def sample(self, state: RobotState, stamp: float) -> ImuSample:
         """The sample at one instant, one period after the last."""
         attitude, config = state.pose_in_world.quat_xyzw, self._config
-        (vx, vy, vz), (wx, wy, wz) = state.velocity_in_base, state.angular_velocity_in_base
-        x, y, z = self._position_in_base
-        # of the IMU: v + w x r
-        velocity_in_world = rotate(
-            attitude, (vx + (wy * z - wz * y), vy + (wz * x - wx * z), vz + (wx * y - wy * x))
-        )
+        turning = cross(state.angular_velocity_in_base, self._position_in_base)
+        velocity_in_world = rotate(attitude, minus(state.velocity_in_base, turning, -1.0))  # v + w x r
         # in the world, where gravity is constant and velocities may be subtracted
         force_in_world = [
             (now - before) / self._period - gravity
