@@ -6,7 +6,6 @@ In: points in base_link. Out: their distances from the outline.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import hypot
 from typing import Tuple
 
 import numpy as np
@@ -30,7 +29,7 @@ class Footprint:
         return max(self.hull[1], self.wheels[2])
 
     def clearance(self, points_in_base: np.ndarray) -> np.ndarray:
-        """Distance from the outline to each point (N, 2) in base_link, (N,) [m]; 0 inside."""
+        """Distance from the outline to each point (N, 2) or (2,) in base_link, (N,) or () [m]; 0 inside."""
         x, y = np.abs(points_in_base).T
         (length, width), (axle, inner, outer) = self.hull, self.wheels
         nearest: np.ndarray = np.minimum(
@@ -38,15 +37,6 @@ class Footprint:
             np.hypot(np.maximum(x - axle, 0.0), np.maximum(np.maximum(y - outer, inner - y), 0.0)),
         )
         return nearest
-
-    def clearance_at(self, x: float, y: float) -> float:
-        """Distance from the outline to one point in base_link [m]; 0 inside."""
-        x, y = abs(x), abs(y)
-        (length, width), (axle, inner, outer) = self.hull, self.wheels
-        return min(
-            hypot(max(x - length, 0.0), max(y - width, 0.0)),
-            hypot(max(x - axle, 0.0), max(y - outer, inner - y, 0.0)),
-        )
 
     def gaps(self, poses: np.ndarray, centers: np.ndarray, radius: float) -> np.ndarray:
         """Gaps between the outline at each pose and a pillar's surface, (N,) [m]; negative: inside.

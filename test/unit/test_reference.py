@@ -112,7 +112,9 @@ def test_every_topic_of_the_husky_has_a_row():
 )
 def test_every_topic_and_service_has_a_row(module):
     source = (SHARE / "src/husky_highlevel_controller/ros" / f"{module}.py").read_text()
-    names = re.findall(r'rospy\.(?:Publisher|Subscriber|Service)\(\s*"([^"]+)"', source)
+    names = re.findall(
+        r'(?:rospy\.(?:Publisher|Subscriber|Service)|calls\.offer|sensor)\(\s*"([^"]+)"', source
+    )
     assert names
     for name in names:
         assert f"`{name}`" in REFERENCE, name

@@ -204,17 +204,6 @@ def tree_to_msg(branches: Iterable[Tuple[str, str, Pose]], stamp: float) -> TFMe
     return TFMessage([transform_to_msg(pose, stamp, parent, child) for parent, child, pose in branches])
 
 
-def move_tree(msg: TFMessage, poses: Iterable[Pose], stamp: float) -> TFMessage:
-    """Put the branches of a message elsewhere: making five transforms anew takes longer than sending them."""
-    now = time_to_msg(stamp)
-    for branch, pose in zip(msg.transforms, poses):
-        translation, rotation = branch.transform.translation, branch.transform.rotation
-        branch.header.stamp = now
-        translation.x, translation.y, translation.z = pose.position
-        rotation.x, rotation.y, rotation.z, rotation.w = pose.quat_xyzw
-    return msg
-
-
 def transform_to_msg(pose_child_in_parent: Pose, stamp: float, parent: str, child: str) -> TransformStamped:
     """A pose as the transform that tf2 wants."""
     msg = TransformStamped(header=header(stamp, parent), child_frame_id=child)

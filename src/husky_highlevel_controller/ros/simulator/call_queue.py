@@ -5,9 +5,13 @@ from __future__ import annotations
 import threading
 from collections import deque
 from concurrent.futures import Future, wait
+from functools import partial
 from typing import Any, Callable, Deque, Tuple
 
 import rospy
+from std_srvs.srv import Empty
+
+from husky_highlevel_controller.datatypes import HuskyError
 
 SHUTDOWN_POLL_PERIOD = 0.1  # [s] of wall time between two checks whether the node ends
 
@@ -38,6 +42,31 @@ class CallQueue:
             if rospy.is_shutdown():
                 raise rospy.ROSInterruptException("the simulator ends")
         return future.result()
+
+    def ask(
+        self, work: Callable[[], str], changes: bool = True, between_steps: bool = False
+    ) -> Tuple[bool, str]:
+        """`call` work that says what it did: success and a message; a refusal is logged.
+
+        With `changes`, `on_change` is told.
+        """
+        try:
+            sentence = self.call(work, between_steps)
+            if changes:
+                self.on_change(sentence)
+            return True, sentence
+        except HuskyError as error:
+            rospy.logwarn(f"refused: {error}")
+            return False, str(error)
+
+    def offer(self, name: str, kind: Any, work: Callable[[Any], str], **how: bool) -> None:
+        """Offer a service that asks for work on each request; it responds with `ask`'s answer, if it can."""
+
+        def respond(request: Any) -> Tuple:
+            answer = self.ask(partial(work, request), **how)
+            return () if kind is Empty else answer
+
+        rospy.Service(name, kind, respond)
 
     def process(self, timeout: float = 0.0) -> None:
         """Make all calls; if there is none, wait for one up to `timeout` s. Owner only, between two steps."""

@@ -6,12 +6,12 @@ import os
 import sys
 import time
 from functools import partial
-from typing import Any, Callable, Optional
+from typing import Any, Optional
 
 import rosgraph
 import rospy
 from std_msgs.msg import Bool
-from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
+from std_srvs.srv import Empty, Trigger
 
 from husky_highlevel_controller import srv
 from husky_highlevel_controller.config import ConfigError
@@ -28,7 +28,7 @@ from husky_highlevel_controller.ros.simulator.one_simulator import refusal, runn
 from husky_highlevel_controller.ros.simulator.parameters import read_parameters, read_robot_description
 from husky_highlevel_controller.ros.simulator.publishers import Publishers
 from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
-from husky_highlevel_controller.ros.simulator.world_services import WorldServices, ask
+from husky_highlevel_controller.ros.simulator.world_services import WorldServices
 from husky_highlevel_controller.simulator.diff_drive import CommandError
 from husky_highlevel_controller.simulator.ground import FALL_DEPTH, with_ground
 from husky_highlevel_controller.simulator.models.description import variables_without_effect
@@ -200,23 +200,22 @@ class SimulatorNode:
             self._display = WorldDisplay(self._simulation, self._calls)
         # what changes the world waits for the end of a step in lockstep
         for name, gazebo_name, work, changes in (
-            ("pause", "pause_physics", partial(self._set_paused, True), False),
-            ("resume", "unpause_physics", partial(self._set_paused, False), False),
+            ("pause", "pause_physics", lambda _: self._set_paused(True), False),
+            ("resume", "unpause_physics", lambda _: self._set_paused(False), False),
             ("reset", "reset_simulation", self._reset, True),
             ("reset_world", "reset_world", self._reset_poses, True),
         ):
-            # Gazebo's answer with nothing; ours with a sentence
-            rospy.Service(f"gazebo/{gazebo_name}", Empty, partial(self._on_empty, work, changes))
-            rospy.Service(f"~{name}", Trigger, partial(self._on_trigger, work, changes))
-        rospy.Service("~step", srv.StepWorld, self._on_step)
-        rospy.Service("~load_world", srv.LoadWorld, self._on_load_world)
+            self._calls.offer(f"gazebo/{gazebo_name}", Empty, work, changes=changes, between_steps=changes)
+            self._calls.offer(f"~{name}", Trigger, work, changes=changes, between_steps=changes)
+        self._calls.offer("~step", srv.StepWorld, self._step, between_steps=True)
+        self._calls.offer("~load_world", srv.LoadWorld, self._load_world, between_steps=True)
 
     def _set_paused(self, paused: bool) -> str:
         self._paused = paused
         self._paused_topic.publish(paused)
         return f"{'paused at' if paused else 'running from'} {self._simulation.stamp:.3f} s"
 
-    def _reset(self) -> str:
+    def _reset(self, _request: Any) -> str:
         self._simulation.reset()
         self._commands.forget()
         return f"the world is as it was at the start; time runs on from {self._simulation.stamp:.3f} s"
@@ -224,17 +223,19 @@ class SimulatorNode:
     def _read_world(self, name: str) -> World:
         return with_ground(load_world(find_world(name)), self._start.pose)
 
-    def _load_world(self, name: str) -> str:
-        world = self._read_world(name)
+    def _load_world(self, request: srv.LoadWorldRequest) -> str:
+        world = self._read_world(request.world_name)
         self._simulation.load_world(world)
         self._commands.forget()
+        rospy.set_param("~world_name", request.world_name)  # for those who ask which one it is
         return f"'{world.name}' with {len(world.bodies)} bodies, the robot at the start"
 
-    def _reset_poses(self) -> str:
+    def _reset_poses(self, _request: Any) -> str:
         self._simulation.reset_poses()
         return "the robot and every object stand where they were put first"
 
-    def _step(self, steps: int) -> str:
+    def _step(self, request: srv.StepWorldRequest) -> str:
+        steps = request.steps
         if not self._paused:
             raise HuskyError("the world is running; pause it before you step it")
         if not 1 <= steps <= MAX_STEPS:
@@ -244,24 +245,6 @@ class SimulatorNode:
                 raise HuskyError("the simulator ends")
             self._advance()
         return f"{steps} steps; it is now {self._simulation.stamp:.3f} s"
-
-    def _on_empty(self, work: Callable[[], str], changes: bool, _request: Any) -> EmptyResponse:
-        ask(self._calls, work, changes, between_steps=changes)
-        return EmptyResponse()
-
-    def _on_trigger(self, work: Callable[[], str], changes: bool, _request: Any) -> TriggerResponse:
-        return TriggerResponse(*ask(self._calls, work, changes, between_steps=changes))
-
-    def _on_step(self, request: srv.StepWorldRequest) -> srv.StepWorldResponse:
-        return srv.StepWorldResponse(*ask(self._calls, lambda: self._step(request.steps), between_steps=True))
-
-    def _on_load_world(self, request: srv.LoadWorldRequest) -> srv.LoadWorldResponse:
-        is_loaded, sentence = ask(
-            self._calls, lambda: self._load_world(request.world_name), between_steps=True
-        )
-        if is_loaded:
-            rospy.set_param("~world_name", request.world_name)  # for those who ask which one it is
-        return srv.LoadWorldResponse(is_loaded, sentence)
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ message (1.15.2), and together they took as much CPU time as half a simulator.
 from __future__ import annotations
 
 from math import gcd
-from typing import Any, Callable, List, Optional, Sequence, Set, Tuple
+from typing import Any, Callable, Iterator, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import rospy
@@ -45,9 +45,6 @@ class Publishers:
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
         self._tick = gcd(self._state_steps, scan_steps) / config.physics_rate  # [s], of /clock, at least
         self._wheels = robot.wheels
-        self._base_frame = conversions.tree_to_msg([(ODOM, BASE, Pose())], 0.0)
-        self._wheel_frames = conversions.tree_to_msg([(BASE, w.link, w.pose) for w in robot.wheels], 0.0)
-        self._drift = config.gps.drift
         self._tells_time = bool(rospy.get_param("/use_sim_time", False))
         self._bumped: Set[str] = set()
         self.truth_log = TruthLog()
@@ -60,15 +57,19 @@ class Publishers:
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
         self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
         self.joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
-        self._imu = rospy.Publisher(topics.imu, Imu, queue_size=QUEUE)
-        self._imu_frame = config.robot.imu_mount.frame
-        self._imu_raw = self._mag = self._fix = self._fix_velocity = None
+        self._sensors: List[Tuple[str, rospy.Publisher, Callable[..., Any], Tuple]] = []
+
+        def sensor(topic: str, kind: Any, field: str, make: Callable[..., Any], *args: Any) -> None:
+            """Advertise the messages made of the samples in a field of the snapshot."""
+            self._sensors.append((field, rospy.Publisher(topic, kind, queue_size=QUEUE), make, args))
+
+        sensor(topics.imu, Imu, "imu", conversions.imu_to_msg, config.robot.imu_mount.frame)
         if config.real:
-            self._imu_raw = rospy.Publisher("imu/data_raw", Imu, queue_size=QUEUE)
-            self._mag = rospy.Publisher("imu/mag", MagneticField, queue_size=QUEUE)
+            sensor("imu/data_raw", Imu, "imu", conversions.imu_to_raw_msg, BASE)
+            sensor("imu/mag", MagneticField, "mag", conversions.mag_to_msg, BASE)
         if config.gps_rate:
-            self._fix = rospy.Publisher("navsat/fix", NavSatFix, queue_size=QUEUE)
-            self._fix_velocity = rospy.Publisher("navsat/vel", Vector3Stamped, queue_size=QUEUE)
+            sensor("navsat/fix", NavSatFix, "gps", conversions.fix_to_msg, config.gps.drift, BASE)
+            sensor("navsat/vel", Vector3Stamped, "gps", conversions.fix_velocity_to_msg, BASE)
         self._points: Optional[rospy.Publisher] = None
         if config.points_rate and robot.laser_frame in robot.fixed_poses:
             self._points = rospy.Publisher(topics.points, PointCloud2, queue_size=QUEUE)
@@ -99,23 +100,17 @@ class Publishers:
         if odometry is not None:
             self._last = snapshot.stamp, odometry
             base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
-            publish_if_subscribed(
-                self.transforms, conversions.move_tree, self._base_frame, [base_in_odom], snapshot.stamp
-            )
+            branch = (ODOM, BASE, base_in_odom)
+            publish_if_subscribed(self.transforms, conversions.tree_to_msg, [branch], snapshot.stamp)
         if snapshot.scan is not None:
             self.publish_scan(snapshot.scan)
         self._bumped.update(snapshot.contacts)
         if odometry is not None:
             self._publish_state(snapshot, odometry)
-        if snapshot.imu is not None:
-            publish_if_subscribed(self._imu, conversions.imu_to_msg, snapshot.imu, self._imu_frame)
-            if self._imu_raw:
-                publish_if_subscribed(self._imu_raw, conversions.imu_to_raw_msg, snapshot.imu, BASE)
-        if snapshot.mag is not None and self._mag:
-            publish_if_subscribed(self._mag, conversions.mag_to_msg, snapshot.mag, BASE)
-        if snapshot.gps is not None and self._fix and self._fix_velocity:
-            publish_if_subscribed(self._fix, conversions.fix_to_msg, snapshot.gps, self._drift, BASE)
-            publish_if_subscribed(self._fix_velocity, conversions.fix_velocity_to_msg, snapshot.gps, BASE)
+        for field, publisher, make, args in self._sensors:
+            sample = getattr(snapshot, field)
+            if sample is not None:
+                publish_if_subscribed(publisher, make, sample, *args)
         return tells_time
 
     def send_last_transforms(self) -> None:
@@ -131,8 +126,7 @@ class Publishers:
         stamp, odometry = self._last
         trees = [[(ODOM, BASE, pose_from_2d(odometry.filtered.pose_base_in_odom))]]
         if stamp == 0.0 or not self._has_state_publisher():  # which publishes nothing of the time 0
-            angles = odometry.wheels.angles
-            trees.append([(BASE, w.link, w.pose_at(angle)) for w, angle in zip(self._wheels, angles)])
+            trees.append(list(self._wheel_branches(odometry)))
         # TF warns of a transform that comes twice
         self._send_to_new(publisher, [conversions.tree_to_msg(tree, stamp) for tree in trees])
 
@@ -171,10 +165,8 @@ class Publishers:
         if snapshot.step % self._wheel_steps == 0:
             publish_if_subscribed(self.joints, conversions.wheels_to_msg, odometry.wheels, stamp)
             if not self._has_state_publisher():
-                turned = (wheel.pose_at(angle) for wheel, angle in zip(self._wheels, odometry.wheels.angles))
-                publish_if_subscribed(
-                    self.transforms, conversions.move_tree, self._wheel_frames, turned, stamp
-                )
+                branches = self._wheel_branches(odometry)
+                publish_if_subscribed(self.transforms, conversions.tree_to_msg, branches, stamp)
             publish_if_subscribed(
                 self._wheel_odometry, conversions.odometry_to_msg, odometry.from_wheels, stamp, ODOM, BASE
             )
@@ -188,6 +180,12 @@ class Publishers:
             self._bumps, lambda: Bumps(conversions.header(stamp, BASE), sorted(self._bumped))
         )
         self._bumped.clear()
+
+    def _wheel_branches(self, odometry: OdometrySample) -> Iterator[Tuple[str, str, Pose]]:
+        return (
+            (BASE, wheel.link, wheel.pose_at(angle))
+            for wheel, angle in zip(self._wheels, odometry.wheels.angles)
+        )
 
     def _has_state_publisher(self) -> bool:
         """Whether a robot_state_publisher runs: TF warns of every frame that is sent twice."""

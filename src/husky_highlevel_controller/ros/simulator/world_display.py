@@ -25,7 +25,6 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.object_markers import DELETE, body_to_msg, upwards
 from husky_highlevel_controller.ros.simulator.publishers import ODOM
-from husky_highlevel_controller.ros.simulator.world_services import ask
 from husky_highlevel_controller.ros.transforms import lookup_pose
 from husky_highlevel_controller.simulator.bullet.world import ROBOT
 from husky_highlevel_controller.simulator.simulation import Simulation
@@ -193,7 +192,7 @@ class WorldDisplay:
             self._ask(self._drag, feedback)
 
     def _ask(self, work: Callable[[Any], str], msg: Any) -> None:
-        done, sentence = ask(self._calls, partial(work, msg))
+        done, sentence = self._calls.ask(partial(work, msg))
         if done:
             rospy.loginfo(f"by the mouse: {sentence}")
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any, Callable, List, Tuple
+from typing import List
 
 import rospy
 from geometry_msgs.msg import Pose as PoseMsg
@@ -25,16 +24,10 @@ class WorldServices:
 
     def __init__(self, simulation: Simulation, calls: CallQueue) -> None:
         self._simulation, self._calls = simulation, calls
-        for name, kind, response, work in (
-            ("~spawn", srv.SpawnObject, srv.SpawnObjectResponse, self._spawn),
-            ("~delete", srv.DeleteObject, srv.DeleteObjectResponse, self._delete),
-            ("~move", srv.MoveObject, srv.MoveObjectResponse, self._move),
-        ):
-            rospy.Service(name, kind, partial(self._on_change, work, response))
+        calls.offer("~spawn", srv.SpawnObject, self._spawn)
+        calls.offer("~delete", srv.DeleteObject, self._delete)
+        calls.offer("~move", srv.MoveObject, self._move)
         rospy.Service("~list", srv.ListObjects, self._on_list)
-
-    def _on_change(self, work: Callable[[Any], str], response: Any, request: Any) -> Any:
-        return response(*ask(self._calls, partial(work, request)))
 
     def _spawn(self, request: srv.SpawnObjectRequest) -> str:
         pose = self._in_world(request.initial_pose, request.reference_frame)
@@ -74,20 +67,6 @@ class WorldServices:
             return response
         except HuskyError as error:
             return srv.ListObjectsResponse(False, str(error), [], [])
-
-
-def ask(
-    calls: CallQueue, work: Callable[[], str], changes: bool = True, between_steps: bool = False
-) -> Tuple[bool, str]:
-    """Make a call; success and a message. A refusal is logged; a change goes to the truth log."""
-    try:
-        sentence = calls.call(work, between_steps)
-        if changes:
-            calls.on_change(sentence)
-        return True, sentence
-    except HuskyError as error:
-        rospy.logwarn(f"refused: {error}")
-        return False, str(error)
 
 
 def _bodies_of(request: srv.SpawnObjectRequest, pose: Pose) -> List[Body]:
