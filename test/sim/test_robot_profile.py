@@ -101,18 +101,6 @@ def test_rates_are_the_real_drivers(simulate):
     assert all(s.mag is None and s.power is None for s in drive(simulate(GAZEBO), 0.2))
 
 
-def test_the_same_seed_repeats_a_run_to_the_bit_and_so_does_a_reset(simulate):
-    def run(simulation):
-        last = drive(simulation, 1.0, 0.5, 0.3)[-1]
-        return last.robot, last.imu.specific_force, last.scan.ranges.tolist(), last.power, last.mag.field
-
-    first, second = simulate(SOFT), simulate(SOFT)
-    outcome = run(first)
-    assert run(second) == outcome
-    first.reset()
-    assert run(first) == outcome
-
-
 def peak(simulation, *twists):
     """Largest horizontal specific force [m/s^2] in the last of some seconds of driving."""
     drive(simulation, 1.0)

@@ -239,24 +239,30 @@ def trace(simulation):
         rows += [*snapshot.robot.pose_in_world.position, *snapshot.robot.pose_in_world.quat_xyzw]
         rows += [] if snapshot.scan is None else snapshot.scan.ranges.tolist()
         rows += [] if snapshot.imu is None else snapshot.imu.specific_force + snapshot.imu.angular_velocity
+        rows += [] if snapshot.mag is None else snapshot.mag.field
+        rows += [] if snapshot.power is None else [*snapshot.power.currents, snapshot.power.charge]
     return np.array(rows).tobytes()
 
 
-def test_the_same_seed_gives_the_same_run_to_the_last_bit_also_after_a_reset(simulate):
+GAZEBO = simulator_config()
+CONFIGS = {"gazebo": GAZEBO, "robot": replace(GAZEBO, real=RobotProfile().on("hard"))}
+
+
+@pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS)
+def test_the_same_seed_gives_the_same_run_to_the_last_bit_also_after_a_reset(config, simulate):
     box = body("box", Box((0.3, 0.3, 1.0)), x=1.5, y=0.4, z=0.5, mass=2.0)
-    simulation = simulate(box, robot=HUSKY, seed=5)
+    simulation, twin, other = (simulate(box, robot=HUSKY, seed=seed, config=config) for seed in (5, 5, 6))
     first = trace(simulation)
-    assert trace(simulate(box, robot=HUSKY, seed=5)) == first
-    assert trace(simulate(box, robot=HUSKY, seed=6)) != first
+    assert trace(twin) == first
+    assert trace(other) != first
     simulation.step()  # sensors' periods begin anew too
     simulation.reset()
     assert simulation.stamp == pytest.approx(4.005), "time never goes back"
     assert trace(simulation) == first
 
 
-@pytest.mark.parametrize("is_real", [False, True])
-def test_a_look_before_the_first_step_shows_the_pillar_and_changes_nothing(is_real, simulate):
-    config = replace(simulator_config(), real=RobotProfile().on("hard") if is_real else None)
+@pytest.mark.parametrize("config", CONFIGS.values(), ids=CONFIGS)
+def test_a_look_before_the_first_step_shows_the_pillar_and_changes_nothing(config, simulate):
     pillar = body("pillar", Cylinder(0.2, 2.0), x=3.0, z=1.0)
     first, second = (simulate(pillar, robot=HUSKY, seed=5, config=config) for _ in range(2))
     look = first.at_start()

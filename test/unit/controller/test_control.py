@@ -51,15 +51,6 @@ def test_the_twist_keeps_the_limits_and_never_backs_up(x, y, gain_vel, gain_ang)
         assert abs(twist.angular) <= 0.9
 
 
-@given(x=coordinate, y=st.floats(0.01, 30.0))
-@settings(derandomize=True)
-def test_a_mirrored_pillar_is_driven_to_in_mirror_image(x, y):
-    left, right = steer(at(x, y), CONFIG), steer(at(x, -y), CONFIG)
-    assert left.linear == right.linear
-    assert left.angular == -right.angular
-    assert left.angular > 0.0
-
-
 @pytest.mark.parametrize(
     ("distance", "config", "speed"),
     [

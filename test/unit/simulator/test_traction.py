@@ -6,9 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from husky_highlevel_controller.datatypes import Twist2D
-from husky_highlevel_controller.robot import load_robot
-from husky_highlevel_controller.simulator.diff_drive import wheel_speeds
 from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
 
 # Husky URDF, husky_description 0.6.10: wheelbase 0.512 m, track 0.5708 m, mass with the lidar
@@ -148,23 +145,6 @@ def test_a_wheel_with_twice_the_load_holds_less_than_twice_as_much():
     forces = forces_on(robot(loads=(WEIGHT / 4.0, WEIGHT / 2.0, 0.0, WEIGHT / 4.0)), sliding)
     assert -forces[0][1] == pytest.approx(WEIGHT / 4.0, rel=0.02)
     assert forces[1][1] / forces[0][1] == pytest.approx(2.0 ** (2.0 / 3.0), rel=0.02)
-
-
-def test_half_the_friction_coefficient_is_half_the_grip():
-    whole, ice = (
-        forces_on(robot(), (3.0, 4.0, 0.0), dt=1e-6, config=TractionConfig(friction=friction))
-        for friction in (CONFIG.friction, CONFIG.friction / 2.0)
-    )
-    assert ice == [pytest.approx((x / 2.0, y / 2.0), rel=1e-4) for x, y in whole]
-
-
-@pytest.mark.parametrize("yaw_rate", [0.25, 1.0, -1.0, 2.0])
-def test_it_turns_in_place_about_as_fast_as_commanded_with_the_husky_s_multiplier(yaw_rate):
-    drive_config = load_robot().drive
-    left, right = (w * drive_config.wheel_radius for w in wheel_speeds(Twist2D(0.0, yaw_rate), drive_config))
-    vx, vy, turning = drive(robot(left, right), 2.0)[-1]
-    assert turning / yaw_rate == pytest.approx(1.04, abs=0.01)
-    assert hypot(vx, vy) < 1e-6
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.0005])
