@@ -492,10 +492,10 @@ def test_a_copy_of_a_known_package_may_have_the_launch_file(ann):
     package(ann / "src" / "old" / "husky_gazebo", "husky_gazebo")
     launch(copy / "launch" / "spawn_husky.launch", NODE.format("gazebo_ros"))
     launch(copy / "launch" / "mine.launch", NODE.format("husky"))
-    launch(copy / "launch" / "all.launch", '<include file="$(find husky_gazebo)/launch/mine.launch"/>')
+    launch(copy / "launch" / "all.launch.xml", '<include file="$(find husky_gazebo)/launch/mine.launch"/>')
     assert chosen(ann)[2] == ["left aside, because not the student's own: husky_gazebo"]
     candidates = launch_files(ann)
-    assert {file.path.name for file in candidates} == {"mine.launch", "all.launch"}
+    assert {file.path.name for file in candidates} == {"mine.launch", "all.launch.xml"}
     assert {file.package for file in candidates} == {"husky"}
 
 

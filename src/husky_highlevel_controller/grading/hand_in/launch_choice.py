@@ -147,7 +147,7 @@ def _launch_files(
     beside: Set[Path] = set()
     for package in packages:
         for path in walk(folders[package.name]):
-            if path.name.endswith(".launch"):
+            if path.name.endswith((".launch", ".launch.xml")):
                 yield path, package.place / path.relative_to(folders[package.name]).as_posix()
         for top, place in contents.places.items():
             for folder in package.path.parents:

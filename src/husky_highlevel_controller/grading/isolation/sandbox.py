@@ -52,8 +52,11 @@ _IN_WORKSPACE = share_folder() / "tools" / "in_workspace.bash"
 
 
 def clean_environment() -> Dict[str, str]:
-    """Variables of an untrusted program: search paths, ROS, language, and no other of marking's own."""
-    return {name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}
+    """Variables of an untrusted program: search paths, ROS, language, and no other of marking's own.
+
+    A user's name is for launch files: roslaunch refuses $(env USER) where there is none.
+    """
+    return {"USER": "student", **{name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}}
 
 
 @dataclass(frozen=True)
