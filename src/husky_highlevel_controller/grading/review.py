@@ -17,8 +17,7 @@ from husky_highlevel_controller.config import ConfigError, load
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
-    read_text,
-    walk,
+    texts_in,
     write_whole,
 )
 from husky_highlevel_controller.grading.notes import Subject
@@ -100,13 +99,9 @@ class OpenItem:
         """Place and lines of the code that the item is about; empty: there is none."""
         pattern = CODE[self.item.subject]
         sources = self.out / "ws" / "src"
-        paths: List[Path] = []
         with suppress(UnreadableFileError):  # its build has made too many
-            code = (path for path in walk(sources) if path.suffix in SOURCES)
-            paths.extend(islice(code, MAX_SOURCES))
-        for path in paths:
-            with suppress(UnreadableFileError):
-                lines = [line[:MAX_LINE] for line in read_text(path, MAX_CODE).splitlines()]
+            for path, text in islice(texts_in(sources, SOURCES, MAX_CODE), MAX_SOURCES):
+                lines = [line[:MAX_LINE] for line in text.splitlines()]
                 for number, line in enumerate(lines):
                     if re.search(pattern, line):
                         first = max(number - BEFORE, 0)

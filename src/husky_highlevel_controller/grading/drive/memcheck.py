@@ -19,6 +19,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     is_regular,
     read_text,
+    texts_in,
     walk,
 )
 from husky_highlevel_controller.grading.isolation.process import Process, wait
@@ -139,7 +140,7 @@ def may_be_unwritten(text: str) -> bool:
 
 
 def _texts(sources: Path) -> Dict[str, str]:
-    return {path.name: _text(path) for path in walk(sources) if path.suffix in SOURCES}
+    return {path.name: text for path, text in texts_in(sources, SOURCES)}
 
 
 def reads_in(log: str, sources: Path) -> List[Tuple[Optional[Place], Optional[Place]]]:

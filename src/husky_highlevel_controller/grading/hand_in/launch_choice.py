@@ -22,7 +22,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     copy,
     is_below,
-    read_regular,
+    texts_in,
     walk,
 )
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
@@ -38,7 +38,7 @@ OTHER_USE = re.compile(  # trials, leftovers, and the course's exercise on local
 )
 FILTER = "robot_localization"  # package whose node exercise 4 is about; a bag is played to it
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
-SCAN = re.compile(rb"LaserScan|PointCloud2")
+SCAN = re.compile(r"LaserScan|PointCloud2")
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
 
 
@@ -86,7 +86,11 @@ def read_launch_files(
         if len(files) != 1:
             fit = f"{override.launch!r}: {len(files)} fit it"
             raise NotMarkableError(f"marking.yaml names the launch file {fit}")
-    scanning = {name for name, folder in folders.items() if _names_scans(folder)}
+    scanning = {
+        name
+        for name, folder in folders.items()
+        if any(SCAN.search(text) for _, text in texts_in(folder, SOURCES, MAX_LAUNCH))
+    }
     inside = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
     launchables = [
         Launchable("launch", name or next(iter(folders)), str(path), override.arguments)
@@ -128,16 +132,6 @@ def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int)
     merits += ["uses the world singlePillar"] * launch.plan.pillar + ["starts RViz"] * bool(launch.plan.rviz)
     choice = f" (chosen of {len(candidates)})" if len(candidates) > 1 else ""
     return f"launch file {launch.place}: {', '.join(merits)}{choice}"
-
-
-def _names_scans(folder: Path) -> bool:
-    """Whether a source file of a package names the lidar's messages."""
-    for path in walk(folder):
-        if path.suffix in SOURCES:
-            with contextlib.suppress(UnreadableFileError):
-                if SCAN.search(read_regular(path, MAX_LAUNCH)):
-                    return True
-    return False
 
 
 def _launch_files(

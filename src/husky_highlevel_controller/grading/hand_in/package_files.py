@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 import shlex
 from contextlib import suppress
@@ -10,17 +9,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Dict, List, Match, Optional, Pattern, Sequence, Tuple
 
-from defusedxml import ElementTree
-from defusedxml.common import DefusedXmlException
-
 from husky_highlevel_controller.grading.displays import ROBOT, SCAN, TF, RvizConfig, read_config
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     is_below,
     is_regular,
-    read_regular,
     read_text,
+    read_xml,
     read_yaml,
+    texts_in,
     walk,
 )
 from husky_highlevel_controller.grading.records import ROBOT_TITLES, SMB
@@ -84,12 +81,10 @@ def files_of_others(planned: Plan, launch_file: str) -> List[str]:
 def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Dict[str, Path]:
     """Launch file by name of the .rviz file in it, of those other than one of this name, and than viewers."""
     names: Dict[str, Path] = {}
-    for path in walk(folder):
-        if path.suffix == ".launch" and path.name != launch_file:
-            with contextlib.suppress(UnreadableFileError):
-                text = read_text(path, MAX_FILE)
-                if not but_viewers or {"rosbag", folder.name} & set(_NODE.findall(text)):
-                    names.update(dict.fromkeys(re.findall(r"([\w.-]{1,200}\.rviz)\b", text), path))
+    for path, text in texts_in(folder, {".launch"}, MAX_FILE):
+        is_other = path.name != launch_file
+        if is_other and (not but_viewers or {"rosbag", folder.name} & set(_NODE.findall(text))):
+            names.update(dict.fromkeys(re.findall(r"([\w.-]{1,200}\.rviz)\b", text), path))
     return names
 
 
@@ -149,19 +144,14 @@ def _named(planned: Plan, pattern: Pattern[str]) -> Optional[Tuple[Path, Match[s
     """The first file of a submission's package that a pattern matches, and the match."""
     folder = planned.package_path
     with suppress(UnreadableFileError):  # too many files
-        for path in walk(folder) if folder else ():
-            if path.suffix in TEXTS:
-                with suppress(UnreadableFileError):  # a long one
-                    match = pattern.search(read_text(path, MAX_TEXT))
-                    if match:
-                        return path, match
+        for path, text in texts_in(folder, TEXTS, MAX_TEXT) if folder else ():
+            match = pattern.search(text)
+            if match:
+                return path, match
     return None
 
 
 MAX_FILE = 1_000_000  # [bytes]
-UNREADABLE = (  # no XML, entities, an unknown encoding, elements nested deeper than any such file's
-    UnreadableFileError, ElementTree.ParseError, DefusedXmlException, ValueError, LookupError, RecursionError,
-)  # fmt: skip
 MAX_CURVES, MAX_NAME = 100, 200  # of a package; letters of a topic or field
 
 
@@ -170,8 +160,8 @@ def curves_in(package: Path) -> Tuple[Tuple[str, str], ...]:
     curves = []
     for path in walk(package):
         if path.suffix == ".xml":
-            with contextlib.suppress(*UNREADABLE):
-                root = ElementTree.fromstring(read_regular(path, MAX_FILE))
+            with suppress(UnreadableFileError):
+                root = read_xml(path, MAX_FILE)
                 for axes in root.iter("axes") if root.tag == "rqt_multiplot" else ():
                     sides = [axes.find(side) for side in ("x_axis", "y_axis")]
                     names = [

@@ -11,15 +11,12 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any, Dict, FrozenSet, List, Mapping, Sequence, Set, Tuple
 
-from defusedxml import ElementTree
-from defusedxml.common import DefusedXmlException
-
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, suffix_of, unpack
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
-    read_regular,
     read_text,
+    read_xml,
     walk,
 )
 
@@ -163,11 +160,9 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
         NotMarkableError: it cannot be read, or its name is not the name of a package.
     """
     try:
-        root = ElementTree.fromstring(read_regular(path, MAX_MANIFEST))
+        root = read_xml(path, MAX_MANIFEST)
     except UnreadableFileError as error:
         raise NotMarkableError(str(error)) from error
-    except (ElementTree.ParseError, DefusedXmlException, ValueError, LookupError, RecursionError) as error:
-        raise NotMarkableError(f"it is no XML that can be read: {error}") from error
     name = str(root.findtext("name") or "").strip()
     if not _NAME.fullmatch(name):
         raise NotMarkableError(f"<name> is {name[:80]!r}, which is not the name of a package")

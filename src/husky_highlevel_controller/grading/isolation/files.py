@@ -5,15 +5,17 @@ In: paths. Out: bytes, or an error that names the file.
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import stat
 import subprocess
 import threading
 from pathlib import Path
-from typing import Any, BinaryIO, Iterator, Optional
+from typing import Any, BinaryIO, Collection, Iterator, Optional, Tuple
 
 import yaml
+from defusedxml import ElementTree
 
 from husky_highlevel_controller.datatypes import HuskyError
 
@@ -61,6 +63,31 @@ def read_text(path: Path, max_size: int = MAX_SIZE) -> str:
         UnreadableFileError: as `read_regular`.
     """
     return read_regular(path, max_size).decode(errors="replace")
+
+
+def texts_in(folder: Path, suffixes: Collection[str], max_size: int = MAX_SIZE) -> Iterator[Tuple[Path, str]]:
+    """Files below a folder with one of these suffixes, and their texts; none that cannot be read.
+
+    Raises:
+        UnreadableFileError: as `walk`.
+    """
+    for path in walk(folder):
+        if path.suffix in suffixes:
+            with contextlib.suppress(UnreadableFileError):
+                yield path, read_text(path, max_size)
+
+
+def read_xml(path: Path, max_size: int) -> Any:
+    """Root of an XML file; entities are refused.
+
+    Raises:
+        UnreadableFileError: as `read_regular`, or it is no such XML.
+    """
+    content = read_regular(path, max_size)
+    try:
+        return ElementTree.fromstring(content)
+    except Exception as error:  # of whatever kind, as LookupError of an unknown encoding
+        raise UnreadableFileError(f"{path}: it is no XML that can be read: {error}") from error
 
 
 class _PlainLoader(yaml.SafeLoader):

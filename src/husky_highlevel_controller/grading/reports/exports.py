@@ -34,16 +34,17 @@ def write_exports(result: MarkingResult, out: Path) -> None:
     Classroom 50 wants a score, so it gets no file of a submission that could not be marked.
     """
     moment = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
-    for folder, name, text in (
-        ("gradescope", "results.json", to_gradescope(result)),
-        ("classroom50", "result.json", to_classroom50(result, os.environ, moment)),
-        ("github", "summary.md", to_markdown([result])),
+    classroom50 = to_classroom50(result, os.environ, moment)
+    for path, text in (
+        (out / "gradescope" / "results.json", to_gradescope(result)),
+        (out / "classroom50" / "result.json", "" if result.problem else classroom50),
+        (out / "github" / "summary.md", to_markdown([result])),
     ):
-        (out / folder).mkdir(exist_ok=True)
-        if result.problem and folder == "classroom50":
-            (out / folder / name).unlink(missing_ok=True)
-            continue
-        write_whole(out / folder / name, text)
+        path.parent.mkdir(exist_ok=True)
+        if text:
+            write_whole(path, text)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def to_gradescope(result: MarkingResult) -> str:
@@ -78,13 +79,8 @@ def to_classroom50(result: MarkingResult, variables: Mapping[str, str], moment: 
         for item in result.items
         if item.points is not None
     ]
-    content: Dict[str, Any] = {"schema": CLASSROOM50_SCHEMA}
-    content.update({field: variables.get(name, "") for field, name in CLASSROOM50_FIELDS.items()})
-    content["review"] = content["review"] or content["commit"]
-    content.update(
-        datetime=moment,
-        score=sum(test["score"] for test in tests),
-        **{"max-score": sum(test["max-score"] for test in tests)},
-        tests=tests,
-    )
+    fields = {field: variables.get(name, "") for field, name in CLASSROOM50_FIELDS.items()}
+    fields["review"] = fields["review"] or fields["commit"]
+    sums = {name: sum(test[name] for test in tests) for name in ("score", "max-score")}
+    content = {"schema": CLASSROOM50_SCHEMA, **fields, "datetime": moment, **sums, "tests": tests}
     return json.dumps(content, indent=2) + "\n"
