@@ -171,17 +171,15 @@ def parse_axis(text: str) -> Axis:
 
 
 def _numbers(grid: str, is_geometric: bool) -> List[float]:
+    *texts, count = grid.split(":") if ":" in grid else (*grid.split(","), "")
+    numbers = [float(text) for text in texts]
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError("a value is no number")
     if ":" not in grid:
-        numbers = sorted(map(float, grid.split(",")))
-        if not all(map(math.isfinite, numbers)):
-            raise ValueError("a value is no number")
-        return numbers
-    *ends, count = grid.split(":")
-    first, last = map(float, ends)
+        return sorted(numbers)
+    first, last = numbers
     if not 1 <= int(count) <= MAX_VALUES:
         raise ValueError(f"{count} values are not in 1..{MAX_VALUES}")
-    if not (math.isfinite(first) and math.isfinite(last)):
-        raise ValueError("a limit is no number")
     if is_geometric and not (first > 0.0 and last > 0.0):
         raise ValueError("equal ratios need numbers above 0")
     space = np.geomspace if is_geometric else np.linspace

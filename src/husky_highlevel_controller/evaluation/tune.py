@@ -91,25 +91,23 @@ def parse_range(text: str, base: Setup) -> Range:
     Raises:
         ConfigError: it is none, or the parameter is none of the controller's.
     """
-    name, equals, limits_text = text.partition("=")
+    name, equals, limits = text.partition("=")
+    values = parameters(base)
     own = [item.name for record in (base.control, base.detector) for item in fields(record)]
-    numbers = [key for key in own if type(parameters(base)[key]) in (int, float)]
+    numbers = sorted(key for key in own if type(values[key]) in (int, float))
     if name not in numbers:
-        raise ConfigError(
-            f"{name} is not a number of the controller's; there are: {', '.join(sorted(numbers))}"
-        )
-    limits = [str(METADATA[name]["min"]), str(METADATA[name]["max"])]
+        raise ConfigError(f"{name} is not a number of the controller's; there are: {', '.join(numbers)}")
+    allowed = f"{METADATA[name]['min']}:{METADATA[name]['max']}"
     try:
-        low, high = map(float, limits_text.split(":") if equals else limits)
+        low, high = map(float, (limits if equals else allowed).split(":"))
         if not (isfinite(low) and isfinite(high)):
             raise ValueError
     except ValueError:
-        raise ConfigError(f"{name} = '{limits_text}' is not LOW:HIGH, such as {':'.join(limits)}") from None
-    kind = type(parameters(base)[name])
+        raise ConfigError(f"{name} = '{limits}' is not LOW:HIGH, such as {allowed}") from None
     for limit in (low, high):
-        base.with_values({name: kind(limit)})
+        base.with_values({name: type(values[name])(limit)})
     if not low < high:
-        raise ConfigError(f"{name} = {limits_text}: {low:g} is not below {high:g}")
+        raise ConfigError(f"{name} = {limits}: {low:g} is not below {high:g}")
     return Range(name, low, high)
 
 
