@@ -43,13 +43,11 @@ def test_both_sheets_are_100_points_and_the_smbs_has_a_bonus_of_10():
     assert {type(item.points) for item in smb} == {float, type(None)}  # JSON knows no number of NumPy
     assert sum(item.max_points for item in smb) == 110.0
     assert [item.name for item in smb] == list(ITEMS)
-    assert [item.name for item in smb if item.points is None] == [
-        "explains the filter",
-        "explains its topics",
-    ]
+    by_person = [item.name for item in smb if item.points is None]
+    assert by_person == ["explains the filter", "explains its topics"]
     assert {item.name: item.points for item in husky} == {
-        "plots the simulated path": 30.0,
-        "recorded path": 40.0,
+        PLOT: 30.0,
+        WAY: 40.0,
         "RViz shows the point cloud": 30.0,
     }
 
@@ -59,41 +57,37 @@ def at(x, y, z):
     return np.column_stack([TIMES, np.tile((x, y, z), (len(TIMES), 1))])
 
 
+WAY, TOP, PLOT = "recorded path", "top view moves with the robot", "plots the simulated path"
+NOT_MOVING = np.column_stack([TIMES, -TRUTH[:, :2], TOP_VIEW[:, 3]])
+
+
 @pytest.mark.parametrize(
     ("item", "change", "worth"),
     [
         # the path must come from start to end and be the robot's
-        ("recorded path", {"path": PATH + np.array([0.0, 0.0, 0.9])}, 30.0),
-        ("recorded path", {"path": PATH + np.array([0.0, 0.0, 1.1])}, 15.0),  # it differs
-        ("recorded path", {"path": PATH[TIMES > 4.0]}, 30.0),  # it begins while the robot stands
-        ("recorded path", {"path": PATH[TIMES > 6.0]}, 15.0),
-        ("recorded path", {"path": PATH[TIMES < 80.0]}, 15.0),  # it ends on the way
-        ("recorded path", {"path": PATH[(TIMES < 3.0) | (TIMES > 88.0)]}, 15.0),  # where it stands
-        ("recorded path", {"path": np.where(np.equal(PATH, PATH[500, 1]), np.nan, PATH)}, 15.0),
-        ("recorded path", {"path": PATH * (1.0, np.nan, np.nan)}, 0.0),
-        ("recorded path", {"path": PATH[:5]}, 0.0),
-        ("recorded path", {"path": np.zeros((0, 3))}, 0.0),
+        (WAY, {"path": PATH + np.array([0.0, 0.0, 0.9])}, 30.0),
+        (WAY, {"path": PATH + np.array([0.0, 0.0, 1.1])}, 15.0),  # it differs
+        (WAY, {"path": PATH[TIMES > 4.0]}, 30.0),  # it begins while the robot stands
+        (WAY, {"path": PATH[TIMES > 6.0]}, 15.0),
+        (WAY, {"path": PATH[TIMES < 80.0]}, 15.0),  # it ends on the way
+        (WAY, {"path": PATH[(TIMES < 3.0) | (TIMES > 88.0)]}, 15.0),  # where it stands
+        (WAY, {"path": np.where(np.equal(PATH, PATH[500, 1]), np.nan, PATH)}, 15.0),
+        (WAY, {"path": PATH * (1.0, np.nan, np.nan)}, 0.0),
+        (WAY, {"path": PATH[:5]}, 0.0),
+        (WAY, {"path": np.zeros((0, 3))}, 0.0),
         # 2 metres above the robot, and moving with it
-        ("top view moves with the robot", {"top_view": at(0.0, 0.0, 2.05)}, 10.0),
-        ("top view moves with the robot", {"top_view": at(0.0, 0.0, 2.6)}, 0.0),
-        ("top view moves with the robot", {"top_view": at(0.2, 0.0, 2.0)}, 0.0),
-        ("top view moves with the robot", {"top_view": at(0.0, 0.0, -2.0)}, 0.0),
-        (
-            "top view moves with the robot",
-            {"top_view": np.column_stack([TIMES, -TRUTH[:, :2], TOP_VIEW[:, 3]])},
-            0.0,
-        ),
-        ("top view moves with the robot", {"top_view": TOP_VIEW[:0]}, 0.0),
+        (TOP, {"top_view": at(0.0, 0.0, 2.05)}, 10.0),
+        (TOP, {"top_view": at(0.0, 0.0, 2.6)}, 0.0),
+        (TOP, {"top_view": at(0.2, 0.0, 2.0)}, 0.0),
+        (TOP, {"top_view": at(0.0, 0.0, -2.0)}, 0.0),
+        (TOP, {"top_view": NOT_MOVING}, 0.0),
+        (TOP, {"top_view": TOP_VIEW[:0]}, 0.0),
         # x and y of the filter's odometry
-        (
-            "plots the simulated path",
-            {"curves": (("/clock/a", "/clock/b"), (POSITION + "x", POSITION + "y"))},
-            20.0,
-        ),
-        ("plots the simulated path", {"curves": ((ODOM + "x", ODOM + "y"),)}, 10.0),
-        ("plots the simulated path", {"curves": ((POSITION + "y", POSITION + "x"),)}, 0.0),
-        ("plots the simulated path", {"curves": ((POSITION + "x", ODOM + "y"),)}, 0.0),
-        ("plots the simulated path", {"curves": ()}, None),
+        (PLOT, {"curves": (("/clock/a", "/clock/b"), (POSITION + "x", POSITION + "y"))}, 20.0),
+        (PLOT, {"curves": ((ODOM + "x", ODOM + "y"),)}, 10.0),
+        (PLOT, {"curves": ((POSITION + "y", POSITION + "x"),)}, 0.0),
+        (PLOT, {"curves": ((POSITION + "x", ODOM + "y"),)}, 0.0),
+        (PLOT, {"curves": ()}, None),
     ],
 )
 def test_an_item_is_worth_what_is_right_of_it_and_no_other_changes(item, change, worth):
@@ -105,7 +99,7 @@ def test_a_long_way_may_be_off_by_2_percent_and_one_that_never_began_has_no_poin
     long = replace(recording(replace(PLAYBACK, path=PATH * (1, 4, 4) + (0, 0, 1.5))), poses=TRUTH * 4)
     assert points(long)["recorded path"] == 30.0
     judged = points(recordings.Recording(Pose2D(), (0, 0), 90.0, robot="smb"), RvizView())
-    assert [judged[name] for name in ("recorded path", "top view moves with the robot")] == [0.0, 0.0]
+    assert [judged[name] for name in (WAY, TOP)] == [0.0, 0.0]
 
 
 @pytest.mark.parametrize(
