@@ -6,6 +6,7 @@ import contextlib
 import queue
 import threading
 import traceback
+from concurrent import futures
 from typing import Any, Callable, Optional
 
 import rospy
@@ -30,11 +31,8 @@ class Actions:
         self._waiting.put((work, client, title))
 
     def _run(self) -> None:
-        while not rospy.is_shutdown():
-            try:
-                work, client, title = self._waiting.get(timeout=1.0)
-            except queue.Empty:
-                continue
+        while True:
+            work, client, title = self._waiting.get()
             try:
                 sentence, is_good = work(), True
             except HuskyError as error:
@@ -61,23 +59,22 @@ def answer_of(service: str, kind: Any, *args: Any, timeout: Optional[float] = No
     Raises:
         HuskyError: it is not there, fails, or does not answer in time.
     """
-    answers: queue.Queue[Any] = queue.Queue()
+    answer: futures.Future[Any] = futures.Future()
 
     def ask() -> None:
         try:
-            answers.put((rospy.ServiceProxy(service, kind)(*args), None))
+            answer.set_result(rospy.ServiceProxy(service, kind)(*args))
         except Exception as error:  # raised again below
-            answers.put((None, error))
+            answer.set_exception(error)
 
     threading.Thread(target=ask, name=service, daemon=True).start()
     seconds = timeout or CALL_TIMEOUT
     try:
-        answer, error = answers.get(timeout=seconds)
-    except queue.Empty:
+        return answer.result(seconds)
+    except futures.TimeoutError:
         raise HuskyError(f"{service} has not answered for {seconds:g} s; it may still do it") from None
-    if error is not None:
+    except Exception as error:
         raise HuskyError(f"{service}: {error}") from None
-    return answer
 
 
 def call(service: str, kind: Any, *args: Any, timeout: Optional[float] = None) -> str:

@@ -14,8 +14,8 @@ import trimesh
 import viser
 from PIL import Image, ImageDraw, ImageFont
 
-from husky_highlevel_controller.datatypes import Vector3
-from husky_highlevel_controller.ros.web.viser_private import show_in_page
+from husky_highlevel_controller.datatypes import Pose, Vector3
+from husky_highlevel_controller.ros.web.viser_private import place, show_in_page
 
 SIDES = 48  # of the ground's rim and of the sky's dome
 RADIUS = 400.0  # [m] from the robot to the horizon
@@ -84,10 +84,9 @@ class Backdrop:
     def update(self, ground: float, robot: Optional[Vector3]) -> None:
         """Put the ground at a height [m], around the robot [m]."""
         x, y = (0.0, 0.0) if robot is None else (STEP * round(value / STEP) for value in robot[:2])
-        places = [(node, (x, y, ground)) for node in self._scenery]
-        for node, place in (*places, (self._marks, (0.0, 0.0, ground))):
-            if np.abs(node.position - place).max() > 1e-6:
-                node.position = place
+        for node in self._scenery:
+            place(node, Pose((x, y, ground)))
+        place(self._marks, Pose((0.0, 0.0, ground)))
 
 
 def show_backdrop(client: viser.ClientHandle, is_dark: bool) -> None:

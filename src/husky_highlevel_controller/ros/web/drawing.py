@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from typing import Any, Iterator, List, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, Iterator, List, Sequence, Set, Tuple
 
 import numpy as np
 import rospy
@@ -11,35 +11,33 @@ import viser
 
 from husky_highlevel_controller.datatypes import Pose, Rgba, Vector3
 from husky_highlevel_controller.geometry import matrix_from_quat
-from husky_highlevel_controller.ros.web import meshes
-from husky_highlevel_controller.ros.web.markers import Label, Lines, MeshFile, Piece, Points, Solid
+from husky_highlevel_controller.ros.web.shapes import Label, Lines, MeshFile, Piece, Points, Solid, load
 from husky_highlevel_controller.ros.web.viser_private import wxyz
 
 LETTER_SCALE = 1.0  # of a text marker: 12 px whatever its size in the scene, sharp at any distance
 LINE_WIDTH = 0.01  # [m], of a line without a width
 DASH, MAX_DASHES = 0.25, 100.0  # [m], of a dash and of a gap; of all dashes
 MIN_OPACITY = 0.02  # what is fainter is not drawn: RViz shows nothing either
+_warned: Set[str] = set()  # sources
 
 
-class LeftOut:
-    """Catches the errors of single items, so that none of them ends the page and its emergency stop."""
+@contextmanager
+def left_out(source: str) -> Iterator[None]:
+    """Run a block that shows something of a source, such as a topic; its first error is logged as a warning.
 
-    def __init__(self) -> None:
-        self._warned: Set[str] = set()
+    So no error of a single item ends the page and its emergency stop.
+    """
+    try:
+        yield
+    except Exception as error:  # whatever a message holds, the page goes on
+        warn_left_out(source, f"{type(error).__name__}: {error}")
 
-    @contextmanager
-    def item(self, source: str) -> Iterator[None]:
-        """Run a block that shows something of a source, such as a topic; log its first error as a warning."""
-        try:
-            yield
-        except Exception as error:  # whatever a message holds, the page goes on
-            self.warn(source, f"{type(error).__name__}: {error}")
 
-    def warn(self, source: str, reason: str) -> None:
-        """Log that something of a source is not shown, once for each source."""
-        if source not in self._warned:
-            self._warned.add(source)
-            rospy.logwarn(f"{source} is not shown: {reason}")
+def warn_left_out(source: str, reason: str) -> None:
+    """Log that something of a source is not shown, once for each source."""
+    if source not in _warned:
+        _warned.add(source)
+        rospy.logwarn(f"{source} is not shown: {reason}")
 
 
 def draw(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose: Pose) -> List[Any]:
@@ -47,25 +45,12 @@ def draw(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose: Pose
     nodes: List[Any] = []
     for piece in pieces:
         name = f"{parent}/{len(nodes)}"
-        where: Any = {"position": pose.position, "wxyz": wxyz(pose.quat_xyzw)}
         if isinstance(piece, MeshFile):
-            nodes += draw(scene, f"{name}m", meshes.load(piece), pose)
-        elif isinstance(piece, Solid) and piece.rgba[3] >= MIN_OPACITY:
-            mesh, looks = (
-                piece.mesh,
-                {"color": rgb(piece.rgba), "opacity": _opacity(piece.rgba), "side": "double"},
-            )
-            where.update(looks, scale=piece.scale)
-            nodes.append(scene.add_mesh_simple(name, mesh.vertices, mesh.faces, **where))
-        elif isinstance(piece, Lines):
-            width = piece.width or LINE_WIDTH
-            nodes.append(scene.add_line_segments(name, piece.points, piece.colors, thickness=width, **where))
-        elif isinstance(piece, Points):
-            where.update(point_size=piece.size, precision="float32")
-            nodes.append(scene.add_point_cloud(name, piece.points, piece.colors, **where))
-        elif isinstance(piece, Label):
-            where.update(font_size_mode="screen", font_screen_scale=LETTER_SCALE, anchor="bottom-center")
-            nodes.append(scene.add_label(name, piece.text, **where))
+            nodes += draw(scene, f"{name}m", load(piece), pose)
+        elif _is_visible(piece):
+            add, _ = _KINDS[type(piece)]
+            where = {"position": pose.position, "wxyz": wxyz(pose.quat_xyzw)}
+            nodes.append(add(scene, name, **_properties(piece), **where))
     return nodes
 
 
@@ -77,24 +62,40 @@ def redraw(nodes: Sequence[Any], pieces: Sequence[Piece]) -> bool:
     if len(nodes) != len(pieces) or not all(map(_is_alike, nodes, pieces)):
         return False
     for node, piece in zip(nodes, pieces):
-        if isinstance(piece, Solid):
-            node.vertices, node.faces = piece.mesh.vertices, piece.mesh.faces
-            node.color, node.opacity = rgb(piece.rgba), _opacity(piece.rgba)
-            node.scale = piece.scale
-        elif isinstance(piece, Lines):
-            node.points, node.colors = piece.points, piece.colors
-            node.thickness = piece.width or LINE_WIDTH
-        elif isinstance(piece, Label):
-            node.text = piece.text
+        for name, value in _properties(piece).items():
+            setattr(node, name, value)
     return True
 
 
-def _is_alike(node: Any, piece: Piece) -> bool:
+_KINDS: Any = {  # what adds a piece, and what it returns
+    Solid: (viser.SceneApi.add_mesh_simple, viser.MeshHandle),
+    Lines: (viser.SceneApi.add_line_segments, viser.LineSegmentsHandle),
+    Points: (viser.SceneApi.add_point_cloud, viser.PointCloudHandle),
+    Label: (viser.SceneApi.add_label, viser.LabelHandle),
+}
+
+
+def _properties(piece: Any) -> Dict[str, Any]:
+    """Properties of a piece's node."""
     if isinstance(piece, Solid):
-        return isinstance(node, viser.MeshHandle) and piece.rgba[3] >= MIN_OPACITY
+        (vertices, faces), opacity = piece.mesh, None if piece.rgba[3] >= 1.0 else piece.rgba[3]
+        looks: Any = {"color": rgb(piece.rgba), "opacity": opacity, "scale": piece.scale, "side": "double"}
+        return {"vertices": vertices, "faces": faces, **looks}
     if isinstance(piece, Lines):
-        return isinstance(node, viser.LineSegmentsHandle)
-    return isinstance(piece, Label) and isinstance(node, viser.LabelHandle)
+        return {"points": piece.points, "colors": piece.colors, "thickness": piece.width or LINE_WIDTH}
+    if isinstance(piece, Points):
+        looks = {"point_size": piece.size, "precision": "float32"}
+        return {"points": piece.points, "colors": piece.colors, **looks}
+    looks = {"font_size_mode": "screen", "font_screen_scale": LETTER_SCALE, "anchor": "bottom-center"}
+    return {"text": piece.text, **looks}
+
+
+def _is_alike(node: Any, piece: Piece) -> bool:
+    return type(piece) in _KINDS and isinstance(node, _KINDS[type(piece)][1]) and _is_visible(piece)
+
+
+def _is_visible(piece: Piece) -> bool:
+    return not isinstance(piece, Solid) or piece.rgba[3] >= MIN_OPACITY
 
 
 def clickable(nodes: Sequence[Any]) -> List[Any]:
@@ -116,10 +117,6 @@ def rgb(rgba: Rgba) -> Tuple[int, int, int]:
     """A colour in bytes, without its opacity."""
     r, g, b = (round(255.0 * min(max(value, 0.0), 1.0)) for value in rgba[:3])
     return (r, g, b)
-
-
-def _opacity(rgba: Rgba) -> Optional[float]:
-    return None if rgba[3] >= 1.0 else rgba[3]
 
 
 def dashes(start: Vector3, end: Vector3) -> np.ndarray:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from functools import partial
 from html import escape
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import rospy
 import viser
 from std_srvs.srv import SetBool, Trigger
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.ros.web.actions import LONG_TIMEOUT, Actions, call
-from husky_highlevel_controller.ros.web.plots import choice_html, fixed, set_html
+from husky_highlevel_controller.ros.web.actions import CALL_TIMEOUT, LONG_TIMEOUT, Actions, call
+from husky_highlevel_controller.ros.web.plots import choice_html, fixed
 from husky_highlevel_controller.ros.web.state_bar import LEVELS, STOPPED
 from husky_highlevel_controller.ros.web.teleop import SLOWEST, Teleop, set_speed
 from husky_highlevel_controller.srv import StepWorld
@@ -24,15 +24,17 @@ or hold <kbd>W</kbd> <kbd>A</kbd> <kbd>S</kbd> <kbd>D</kbd></span>. Let go to st
 <span class="husky-has-keys"><kbd>Space</kbd> is the emergency stop.</span></div></div>"""
 # label, limit of Teleop and highest value of each slider [m/s], [rad/s]
 SPEEDS = (("speed [m/s]", "max_linear", 1.0), ("turning [rad/s]", "max_angular", 2.0))
+# name, unit and digits of each number below the lights; those of the drive are in the state bar
+READINGS = (("bearing of the pillar", "rad", 3), ("real-time factor", "", 2), ("scans", "Hz", 1))
+Readings = Sequence[Optional[float]]
+SERVICES: Dict[str, Any] = {  # of the simulator: name, deadline, type and request of each button's
+    "Pause": ("pause", CALL_TIMEOUT, Trigger),
+    "Step": ("step", LONG_TIMEOUT, StepWorld, 20),
+    "Resume": ("resume", CALL_TIMEOUT, Trigger),
+    "Reset": ("reset", CALL_TIMEOUT, Trigger),
+    "Put back": ("reset_world", CALL_TIMEOUT, Trigger),
+}
 MAX_LIGHTS, MAX_LETTERS = 50, 200  # diagnostics that are shown, and of a name or a message
-
-
-class Readings(NamedTuple):
-    """Numbers below the lights; those of the drive are in the state bar."""
-
-    bearing_error: Optional[float] = None  # [rad]
-    real_time_factor: Optional[float] = None
-    scan_rate: Optional[float] = None  # [Hz] of the scans' own stamps
 
 
 class DriveTab:
@@ -47,7 +49,7 @@ class DriveTab:
         self._lights: Dict[str, Tuple[int, str]] = {}
         self._state = ""  # of the controller, by its diagnostics
         gui = server.gui
-        self._readings = gui.add_html(readings_html(Readings(), []))
+        self._readings = gui.add_html(readings_html((None, None, None), []))
         self._chosen_start = gui.add_html(choice_html(None))
         start = gui.add_button_group("Controller", ("Start", "Stop"))
         start.on_click(self._on_start_stop)
@@ -61,17 +63,17 @@ class DriveTab:
             time = gui.add_button_group(
                 "Time", ("Pause", "Step", "Resume"), hint="Step: 0.1 s of a paused world"
             )
-            time.on_click(self._on_time)
+            time.on_click(self._on_simulation)
             again = gui.add_button_group(
                 "World", ("Reset", "Put back"), hint="Reset: the world of the launch. Put back: every pose"
             )
-            again.on_click(self._on_again)
+            again.on_click(self._on_simulation)
 
     def update(self, readings: Readings, diagnostics: List[Any], is_paused: Optional[bool]) -> None:
         """Show new readings and states.
 
         Args:
-            readings: numbers.
+            readings: numbers of READINGS.
             diagnostics: messages of /diagnostics.
             is_paused: whether the simulated world is; None: there is none.
         """
@@ -83,10 +85,10 @@ class DriveTab:
                 if name.startswith(self._controller.strip("/")):
                     self._state = next((pair.value for pair in item.values if pair.key == "state"), "")
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
-        set_html(self._readings, readings_html(readings, lights))
+        self._readings.content = readings_html(readings, lights)
         started = self._state != STOPPED if self._state else None
-        set_html(self._chosen_start, choice_html(None if started is None else int(not started)))
-        set_html(self._chosen_time, choice_html(None if is_paused is None else 0 if is_paused else 2))
+        self._chosen_start.content = choice_html(None if started is None else int(not started))
+        self._chosen_time.content = choice_html(None if is_paused is None else 0 if is_paused else 2)
 
     def forget(self) -> None:
         """Drop the lights of nodes that may be gone."""
@@ -123,32 +125,18 @@ class DriveTab:
         service = f"{self._controller}/{name[1:]}" if name.startswith("~") else rospy.resolve_name(name)
         return call(service, SetBool, starts)
 
-    def _on_time(self, event: Any) -> None:
-        name = event.target.value.lower()
-        if name == "step":
-            self._actions.do(
-                lambda: call(f"{self._simulator}/step", StepWorld, 20, timeout=LONG_TIMEOUT),
-                event.client,
-                "Simulation",
-            )
-        else:
-            self._trigger(name, event.client)
-
-    def _on_again(self, event: Any) -> None:
-        self._trigger("reset" if event.target.value == "Reset" else "reset_world", event.client)
-
-    def _trigger(self, name: str, client: Any) -> None:
-        self._actions.do(lambda: call(f"{self._simulator}/{name}", Trigger), client, "Simulation")
+    def _on_simulation(self, event: Any) -> None:
+        name, timeout, *request = SERVICES[event.target.value]
+        service = f"{self._simulator}/{name}"
+        self._actions.do(lambda: call(service, *request, timeout=timeout), event.client, "Simulation")
 
 
 def readings_html(readings: Readings, lights: List[Tuple[str, int, str]]) -> str:
     """Readings and lights; whatever a node says of itself is text, never markup."""
-    rows = [
-        ("bearing of the pillar", _number(readings.bearing_error, "rad")),
-        ("real-time factor", _number(readings.real_time_factor, "", 2)),
-        ("scans", _number(readings.scan_rate, "Hz", 1)),
-    ]
-    table = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in rows)
+    table = "".join(
+        f"<dt>{name}</dt><dd>{_number(reading, unit, digits)}</dd>"
+        for (name, unit, digits), reading in zip(READINGS, readings)
+    )
     lamps = "".join(
         f'<div><span class="husky-light {LEVELS[min(max(level, 0), 3)]}"></span>'
         f"{escape(name)}: {escape(text)}</div>"
@@ -158,5 +146,5 @@ def readings_html(readings: Readings, lights: List[Tuple[str, int, str]]) -> str
     return f'<div class="husky-block">{lamps or none}<dl class="husky-status">{table}</dl></div>'
 
 
-def _number(value: Optional[float], unit: str, digits: int = 3) -> str:
+def _number(value: Optional[float], unit: str, digits: int) -> str:
     return "&ndash;" if value is None else f"{fixed(value, digits)} {unit}"

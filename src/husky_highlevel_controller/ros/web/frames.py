@@ -49,12 +49,8 @@ class Frames:
         top_of_child, child_in_top = self._in_top(child, root, stamp)
         if top_of_child == root:
             return child_in_top
-        top_of_root, root_in_top = self._in_top(root, "", stamp)
-        if top_of_root != top_of_child:
-            top_of_child, child_in_top = self._in_top(child, "", stamp)
-            if top_of_root != top_of_child:
-                return None
-        return compose(inverse(root_in_top), child_in_top)
+        top_of_root, root_in_top = self._in_top(root, top_of_child, stamp)
+        return compose(inverse(root_in_top), child_in_top) if top_of_root == top_of_child else None
 
     def _in_top(self, frame: str, stop: str, stamp: Optional[float]) -> Tuple[str, Pose]:
         """The first of `stop` and the tree's root that is found on the way up, and the pose in it."""

@@ -6,18 +6,18 @@ In: visualization_msgs. Out: meshes, lines, points and texts in the marker's own
 from __future__ import annotations
 
 from math import isfinite
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 from nav_msgs.msg import Path
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from husky_highlevel_controller.datatypes import Pose, Rgba, Vector3
+from husky_highlevel_controller.datatypes import Pose, Rgba
 from husky_highlevel_controller.geometry import matrix_from_quat, quat_between
 from husky_highlevel_controller.ros.conversions import pose_from_msg
 from husky_highlevel_controller.ros.web import shapes
-from husky_highlevel_controller.ros.web.shapes import Mesh
+from husky_highlevel_controller.ros.web.shapes import Label, Lines, Mesh, MeshFile, Piece, Points, Solid
 
 MAX_COPIES = 2000  # of a cube or sphere that a list draws; a page with more does not turn smoothly
 # by what a browser takes to draw them: in points of a cloud. With more, its emergency stop comes late
@@ -27,54 +27,6 @@ MAX_LETTERS = 500  # of a text
 ARROW_HEAD = 0.23  # of an arrow that is given by its length
 PATH_COLOR, PATH_WIDTH = ColorRGBA(0.1, 0.8, 0.1, 1.0), 0.03  # [m], of a nav_msgs/Path; green, as in RViz
 Key = Tuple[str, str, int]  # topic, namespace, id
-
-
-class Solid(NamedTuple):
-    """Triangles of one colour."""
-
-    mesh: Mesh
-    rgba: Rgba
-    scale: Vector3 = (1.0, 1.0, 1.0)  # along x, y and z: costs less to change than a mesh
-
-    @property
-    def extents(self) -> np.ndarray:
-        """Size [m] along x, y and z."""
-        extents: np.ndarray = np.ptp(self.mesh.vertices, axis=0) * np.abs(self.scale)
-        return extents
-
-
-class Lines(NamedTuple):
-    """Straight lines."""
-
-    points: np.ndarray  # (N, 2, 3) float32 [m]
-    colors: np.ndarray  # (N, 2, 3) uint8
-    width: float  # [m]
-
-
-class Points(NamedTuple):
-    """Square points."""
-
-    points: np.ndarray  # (N, 3) float32 [m]
-    colors: np.ndarray  # (N, 3) uint8
-    size: float  # [m]
-
-
-class Label(NamedTuple):
-    """A text that faces the camera."""
-
-    text: str
-    height: float  # [m]
-
-
-class MeshFile(NamedTuple):
-    """A mesh that is to be loaded."""
-
-    uri: str
-    scale: Tuple[float, float, float]
-    rgba: Optional[Rgba]  # None: the file's own colours
-
-
-Piece = Union[Solid, Lines, Points, Label, MeshFile]
 
 
 def primitives(marker: Marker) -> List[Piece]:
@@ -88,7 +40,7 @@ def primitives(marker: Marker) -> List[Piece]:
     if kind == Marker.ARROW:
         return _arrow(marker, size)
     if kind == Marker.TEXT_VIEW_FACING:
-        return [Label(marker.text, size[2])] if marker.text.strip() else []
+        return [Label(marker.text)] if marker.text.strip() else []
     if kind == Marker.MESH_RESOURCE:
         own_colors = marker.mesh_use_embedded_materials
         return [MeshFile(marker.mesh_resource, size, None if own_colors else _rgba(marker.color))]

@@ -22,7 +22,6 @@ class Mouse:
     def __init__(self, scene: Scene, objects: Objects, world: WorldTab, pages: Dict[int, Page]) -> None:
         self._scene, self._objects, self._world, self._pages = scene, objects, world, pages
         self._drags: Dict[Any, Drag] = {}
-        self._draggers: Dict[Any, int] = {}  # the page of each drag
         objects.on_new = self._bind_object
 
     def bind(self) -> None:
@@ -40,12 +39,11 @@ class Mouse:
 
     def release(self, page: int) -> None:
         """End the drags of a page that was closed; what it dragged stays where it was."""
-        for key in [key for key, dragger in list(self._draggers.items()) if dragger == page]:
+        for key in [key for key, drag in list(self._drags.items()) if drag.page == page]:
             self._end(key)
 
     def _end(self, key: Any) -> None:
         self._drags.pop(key, None)
-        self._draggers.pop(key, None)
         if key == BASE:
             self._scene.show_ghost(None)
         else:
@@ -86,11 +84,9 @@ class Mouse:
         if event.phase == "start":
             w, x, y, z = shown.node.wxyz
             pose = Pose(tuple(shown.node.position), (x, y, z, w))
-            self._drags[key] = Drag(
-                pose,
-                partial(self._objects.dragged.__setitem__, key),
-                lambda _client, where: self._objects.drop(key, where),
-            )
+            show = partial(self._objects.dragged.__setitem__, key)
+            drop = partial(self._objects.drop, key)
+            self._drags[key] = Drag(event.client.client_id, pose, show, drop)
         self._pass_on(key, event)
 
     async def _on_drag_robot(self, event: Any) -> None:
@@ -98,12 +94,11 @@ class Mouse:
         if base is None or self._tool(event) != MOVE:
             return
         if event.phase == "start":
-            self._drags[BASE] = Drag(base, self._scene.show_ghost, self._world.move_robot)
+            drop = partial(self._world.move_robot, event.client)
+            self._drags[BASE] = Drag(event.client.client_id, base, self._scene.show_ghost, drop)
         self._pass_on(BASE, event)
 
     def _pass_on(self, key: Any, event: Any) -> None:
-        if event.phase == "start":
-            self._draggers[key] = event.client.client_id
         drag = self._drags.get(key)
         if drag is not None:
             drag.on_event(event)
@@ -114,8 +109,11 @@ class Mouse:
 class Drag:
     """Object that the mouse drags over the ground, at the height where it was grasped."""
 
-    def __init__(self, pose: Pose, show: Callable[[Pose], None], drop: Callable[[Any, Pose], None]) -> None:
-        """Begin at a pose in the fixed frame; `show` draws it, `drop` gets the page and the last one."""
+    def __init__(
+        self, page: int, pose: Pose, show: Callable[[Pose], None], drop: Callable[[Pose], None]
+    ) -> None:
+        """A page begins at a pose in the fixed frame; `show` draws it, `drop` gets the last one."""
+        self.page = page
         self._start, self._pose, self._show, self._drop = pose, pose, show, drop
         self._grasp: Any = None
 
@@ -132,7 +130,7 @@ class Drag:
             self._pose = self._start._replace(position=moved)
             self._show(self._pose)
         if event.phase == "end":
-            self._drop(event.client, self._pose)
+            self._drop(self._pose)
 
 
 def point_on_level(origin: Sequence[float], direction: Sequence[float], z: float) -> Optional[Vector3]:

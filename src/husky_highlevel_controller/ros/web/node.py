@@ -23,7 +23,7 @@ from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.web.actions import Actions
 from husky_highlevel_controller.ros.web.camera import FIELD_OF_VIEW
-from husky_highlevel_controller.ros.web.drawing import LeftOut
+from husky_highlevel_controller.ros.web.drawing import left_out
 from husky_highlevel_controller.ros.web.drive_tab import DriveTab
 from husky_highlevel_controller.ros.web.log import LogBuffer
 from husky_highlevel_controller.ros.web.mouse import Mouse
@@ -42,7 +42,7 @@ from husky_highlevel_controller.ros.web.world_tab import WorldTab
 from husky_highlevel_controller.xml_rpc import server
 
 READINGS_PERIOD = 0.2  # [s] between two updates of numbers and diagnostics
-CURVES_PERIOD = 1.0  # [s]
+CURVES_PERIOD = 1.0  # [s] between two updates of curves and of the log
 NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
 MASTER_DEADLINE = 2.0  # [s] for its answer: the view waits for it
 IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
@@ -86,7 +86,6 @@ class WebNode:
             config.address, config.port, self._teleop.on_message, self._teleop.on_leave
         )
         self._build(config)
-        self._left_out = LeftOut()
         self._is_master_gone = False
         self._is_paused: Optional[bool] = None  # without a simulator
         self._world_name = ""  # of the simulator's world
@@ -139,7 +138,7 @@ class WebNode:
         while not rospy.is_shutdown():
             self._pages.admit()
             if not self._pages.open:
-                with self._left_out.item("the end of the last page"):
+                with left_out("the end of the last page"):
                     self._forget()
                 self._pages.came.wait(IDLE_PERIOD)
                 self._pages.came.clear()
@@ -147,19 +146,21 @@ class WebNode:
                 continue
             now = time.monotonic()
             if now >= network_due:
-                with self._left_out.item("a change of the network"):
+                with left_out("a change of the network"):
                     self._follow_network()
                 network_due = now + NETWORK_PERIOD
             with self._server.atomic():
-                with self._left_out.item("a part of the view"):
+                with left_out("a part of the view"):
                     self._update()
                 if now >= readings_due:
-                    with self._left_out.item("a reading"):
+                    with left_out("a reading"):
                         self._update_readings(now)
                     readings_due = now + READINGS_PERIOD
                 if now >= curves_due:
-                    with self._left_out.item("a curve"):
+                    with left_out("a curve or the log"):
                         self._plots.update()
+                        for page in self._pages.open.values():
+                            page.show_log()
                     curves_due = now + CURVES_PERIOD
             time.sleep(max(0.0, period - (time.monotonic() - now)))
         self._server.stop()
@@ -168,7 +169,7 @@ class WebNode:
         """Drop what was kept for pages."""
         if self._topics.is_open:
             self._topics.close()
-            self._tuning.close()
+            self._tuning.follow([])
             self._recorder.stop()
             self._objects.clear()
             self._scene.forget()
@@ -201,9 +202,7 @@ class WebNode:
         for use, kind in (("command", TwistStamped), ("error", Vector3Stamped), ("pillar", PointStamped)):
             self._topics.listen(use, kind, self._topics.name(use) in offered)
         self._topics.listen("cloud", PointCloud2, self._scene.layers["depth"])
-        has_camera = self._topics.name("cloud") in offered
-        if self._depth_box.visible != has_camera:
-            self._depth_box.visible = has_camera
+        self._depth_box.visible = self._topics.name("cloud") in offered
         self._tuning.follow(published)
         self._world_name = str(rospy.get_param(f"{self._config.simulator}/world_name", ""))
         description = str(rospy.get_param(rospy.search_param("robot_description") or "robot_description", ""))
@@ -239,8 +238,9 @@ class WebNode:
                 numbers.time,
             )
         )
-        diagnostics = [received.msg for received in self._topics.take_all("diagnostics")]
-        self._drive.update(numbers.readings, diagnostics, self._is_paused)
+        diagnostics = [msg for _, msg in self._topics.take_all("diagnostics")]
+        readings = (numbers.bearing, numbers.clock.rate, numbers.scans.rate)
+        self._drive.update(readings, diagnostics, self._is_paused)
         self._world.show_loaded(self._world_name)
 
     def _on_parameter(self, change: str) -> None:

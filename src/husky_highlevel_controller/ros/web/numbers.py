@@ -8,12 +8,12 @@ from typing import Dict, Optional, Tuple
 from husky_highlevel_controller.datatypes import Vector3
 from husky_highlevel_controller.geometry import transform_point
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.web.drive_tab import Readings
-from husky_highlevel_controller.ros.web.plots import Curve, Rate
+from husky_highlevel_controller.ros.web.plots import Curve
 from husky_highlevel_controller.ros.web.scene import Scene
 from husky_highlevel_controller.ros.web.topics import Topics
 
 NO_NEWS_TIME = 2.0  # [s] of wall time without a message of the robot until the page says so
+RATE_WINDOW = 3.0  # [s] over which rates are taken
 UNKNOWN = (nan, nan)
 
 
@@ -23,13 +23,16 @@ class Numbers:
     def __init__(self, curves: Dict[str, Curve]) -> None:
         """Begin without numbers; `curves` by the names of `plots.CHARTS`."""
         self._curves = curves
-        self._scan_rate, self._clock_rate = Rate(), Rate()
+        self.scans, self.clock = (
+            Curve(1, RATE_WINDOW),
+            Curve(1, RATE_WINDOW),
+        )  # counted, and [s] of the simulation
         self._heard_at = -inf  # [s] of `now`, the last odometry
         self._speeds: Dict[str, Tuple[float, float]] = {}
         self.time: Optional[float] = None  # [s]
         self.distance: Optional[float] = None  # [m] to go
         self.speed: Optional[float] = None  # [m/s], measured
-        self._bearing: Optional[float] = None  # [rad]
+        self.bearing: Optional[float] = None  # [rad]
         self.pillar: Optional[Vector3] = None  # [m], fixed frame
 
     def take(self, topics: Topics, scene: Scene, now: float) -> None:
@@ -44,7 +47,7 @@ class Numbers:
             self._speeds["commanded"] = conversions.twist_from_msg(command.twist)
         error = topics.take("error")
         if error is not None:
-            self.distance, self._bearing = error.vector.x, error.vector.y
+            self.distance, self.bearing = error.vector.x, error.vector.y
             self._curves["distance"].add(error.header.stamp.to_sec(), error.vector.x)
             self._curves["bearing"].add(error.header.stamp.to_sec(), error.vector.y)
         pillar = topics.take("pillar")
@@ -57,16 +60,10 @@ class Numbers:
             self._curves["speed"].add(self.time, commanded[0], measured[0])
             self._curves["turning"].add(self.time, commanded[1], measured[1])
         if self.time is not None:
-            self._clock_rate.add(self.time, now)
-        scan = topics.newest.get("scan")
-        if scan is not None and scan.count:
-            self._scan_rate.add(scan.count, scene.scan_stamp)
+            self.clock.add(now, self.time)
+        if topics.scan_count:
+            self.scans.add(scene.scan_stamp, topics.scan_count)
 
     def is_silent(self, now: float) -> bool:
         """Whether no odometry has come for NO_NEWS_TIME."""
         return now - self._heard_at > NO_NEWS_TIME
-
-    @property
-    def readings(self) -> Readings:
-        """Numbers of the Drive tab."""
-        return Readings(self._bearing, self._clock_rate.value, self._scan_rate.value)

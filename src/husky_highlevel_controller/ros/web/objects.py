@@ -20,9 +20,10 @@ from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, contact_shadow
-from husky_highlevel_controller.ros.web.drawing import LeftOut, bounds, clickable, draw
+from husky_highlevel_controller.ros.web.drawing import bounds, clickable, draw, left_out
 from husky_highlevel_controller.ros.web.frames import Frames
-from husky_highlevel_controller.ros.web.markers import Piece, Solid, frame_of, pose_of, primitives
+from husky_highlevel_controller.ros.web.markers import frame_of, pose_of, primitives
+from husky_highlevel_controller.ros.web.shapes import Piece, Solid
 from husky_highlevel_controller.ros.web.topics import Received
 from husky_highlevel_controller.ros.web.viser_private import place
 
@@ -53,7 +54,6 @@ class Objects:
     def __init__(self, server: viser.ViserServer, frames: Frames, fixed_frame: str) -> None:
         self._scene, self._frames, self._fixed_frame = server.scene, frames, fixed_frame
         self.shown: Dict[Key, Object] = {}
-        self._left_out = LeftOut()
         self.on_new: Callable[[Key, Object], None] = lambda key, shown: None  # binds the mouse
         self.dragged: Dict[Key, Pose] = {}  # in the fixed frame, while a page drags them
         self._feedback: Dict[str, rospy.Publisher] = {}
@@ -61,10 +61,10 @@ class Objects:
     def update(self, received: List[Received]) -> None:
         """Take in messages of servers, then put everything where it is now."""
         for topic, msg in received:
-            with self._left_out.item(topic):
+            with left_out(topic):
                 self._take(topic, msg)
         for key, shown in self.shown.items():
-            with self._left_out.item(f"'{key[1]}' of {key[0]}"):
+            with left_out(f"'{key[1]}' of {key[0]}"):
                 self._place(key, shown)
 
     def _take(self, topic: str, msg: Any) -> None:

@@ -1,20 +1,44 @@
-"""viser's server behind the gate, bound where it was asked to be."""
+"""Server of the page: viser's, behind checks of origin and token; the page itself, and the drive WebSocket.
+
+viser serves its page and its data on one port and asks for nothing. The gate stands before both, on the
+same port: it refuses requests of other sites' pages (a WebSocket knows no same-origin rule), asks for the
+token where there is one, adds the package's own script to the page, and answers the drive channel itself.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import hmac
+import http
 import io
 import ipaddress
+import json
 import secrets
 import socket
 import warnings
-from typing import Any, Callable, Dict, NamedTuple, Optional
+from http.cookies import CookieError, SimpleCookie
+from typing import Any, Callable, Dict, Mapping, Optional, Tuple
+from urllib.parse import parse_qs, urlsplit
 
 import rospy
 import viser
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.ros.web.gate import Gate
+from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.ros.web.viser_private import page_html, started_behind
+
+DRIVE_PATH = "/drive"
+COOKIE = "husky_token"
+MAX_MESSAGE = 1000  # [B] on the drive channel
+LOOPBACK = {"127.0.0.1", "localhost", "::1"}
+# the browser refuses requests to any other host; viser's page unpacks itself by script and runs workers
+POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; frame-ancestors 'none'"
+Message = Dict[str, Any]
+OnMessage = Callable[[int, Message], None]
+OnLeave = Callable[[int], None]
 
 
 class PageServer(viser.ViserServer):
@@ -26,18 +50,10 @@ class PageServer(viser.ViserServer):
         return None
 
 
-class Served(NamedTuple):
-    """A running server, and the address to open."""
+def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tuple[PageServer, str, bool]:
+    """A running server, the address to open, and whether that holds a token.
 
-    server: PageServer
-    address: str
-    has_token: bool  # in the address
-
-
-def serve(
-    host: str, port: int, on_message: Callable[[int, Dict[str, Any]], None], on_leave: Callable[[int], None]
-) -> Served:
-    """Start the server; where the port is taken, the next free one is used.
+    Where the port is taken, the next free one is used.
 
     Args:
         host: an address of this machine; any but a loopback address gets a random token.
@@ -52,14 +68,15 @@ def serve(
     token = None if is_loopback else secrets.token_urlsafe(16)
     warnings.filterwarnings("ignore", "Queued a .* on a closed connection")  # a page may leave at any moment
     gate = Gate(is_loopback, token, on_message, on_leave)
-    with gate.guards(), contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of its own
+    is_behind_gate = started_behind(gate.answer, gate.with_drive_channel)
+    with is_behind_gate, contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of its own
         server = PageServer(host=host, port=port, label="Husky", verbose=False)
     everywhere = host in ("0.0.0.0", "::")
     visible_host = "127.0.0.1" if everywhere else f"[{host}]" if ":" in host else host
     suffix = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
     # no other machine knows a container's host name; its published port is this machine's
     elsewhere = f" (from another machine: http://{socket.gethostname()}{suffix})" if everywhere else ""
-    return Served(server, f"http://{visible_host}{suffix}{elsewhere}", token is not None)
+    return server, f"http://{visible_host}{suffix}{elsewhere}", token is not None
 
 
 def _is_loopback(host: str) -> bool:
@@ -72,3 +89,115 @@ def _is_loopback(host: str) -> bool:
             f"{rospy.get_name()}/address = '{host}' is no address of this machine: {error}"
         ) from None
     return ipaddress.ip_address(address[0]).is_loopback
+
+
+def refusal(headers: Mapping[str, str], path: str, is_loopback: bool, token: Optional[str]) -> Optional[str]:
+    """Reason why a request is refused, or None.
+
+    Args:
+        headers: of the request.
+        path: of the request, with its query.
+        is_loopback: the server is bound to the loopback interface only.
+        token: to be shown in the address or as a cookie; None: no token is asked for.
+    """
+    host = headers.get("Host", "")
+    if is_loopback and (urlsplit(f"//{host}").hostname or "") not in LOOPBACK:
+        return f"this page is for {', '.join(sorted(LOOPBACK))} only, not for '{host}'"
+    origin = headers.get("Origin")
+    if origin is not None and urlsplit(origin).netloc != host:
+        return f"the page of another site ('{origin}') may not act on the robot"
+    if token is not None and not _shows(token, headers, path):
+        return "the address needs its token: use the address that the node has printed"
+    return None
+
+
+def _shows(token: str, headers: Mapping[str, str], path: str) -> bool:
+    tokens = [*parse_qs(urlsplit(path).query).get("token", [])]
+    try:
+        cookie = SimpleCookie(headers.get("Cookie", "")).get(COOKIE)
+    except CookieError:
+        cookie = None
+    if cookie is not None:
+        tokens.append(cookie.value)
+    return any(hmac.compare_digest(item.encode(), token.encode()) for item in tokens)
+
+
+def page() -> bytes:
+    """Viser's page with the package's script and style."""
+    html, folder = page_html().replace("<title>Viser</title>", "<title>Husky</title>"), share_folder() / "web"
+    script, style = (folder / "page.js").read_text(), (folder / "page.css").read_text()
+    at = html.index("<head>") + len("<head>")
+    additions = f"<script>{script}</script><style>{style}</style>"
+    return f"{html[:at]}{additions}{html[at:]}".encode()
+
+
+class Gate:
+    """Checks every request, serves the page, and reads the drive channel."""
+
+    def __init__(
+        self, is_loopback: bool, token: Optional[str], on_message: OnMessage, on_leave: OnLeave
+    ) -> None:
+        """Args as `refusal` and `serve`."""
+        self._is_loopback, self._token, self._page = is_loopback, token, page()
+        self._on_message, self._on_leave = on_message, on_leave
+
+    def answer(self, _connection: Any, request: Request) -> Optional[Response]:
+        """An HTTP response, or None for a WebSocket that may be opened."""
+        reason = refusal(request.headers, request.path, self._is_loopback, self._token)
+        if reason is not None:
+            return _response(http.HTTPStatus.FORBIDDEN, reason.encode(), "text/plain; charset=utf-8")
+        if request.headers.get("Upgrade", "").lower() == "websocket":
+            return None
+        if urlsplit(request.path).path not in ("/", "/index.html"):
+            return _response(http.HTTPStatus.NOT_FOUND, b"there is only /", "text/plain; charset=utf-8")
+        response = _response(http.HTTPStatus.OK, self._page, "text/html; charset=utf-8")
+        if self._token is not None:
+            response.headers["Set-Cookie"] = f"{COOKIE}={self._token}; HttpOnly; SameSite=Strict; Path=/"
+        return response
+
+    def with_drive_channel(self, handler: Any) -> Any:
+        """The handler of viser's connections, and of the drive channel."""
+
+        async def handle(connection: Any) -> None:
+            if urlsplit(connection.request.path).path == DRIVE_PATH:
+                await self._read_drive_channel(connection)
+            else:
+                await handler(connection)
+
+        return handle
+
+    async def _read_drive_channel(self, connection: Any) -> None:
+        try:
+            async for text in connection:
+                message = _parse(text)
+                if message is not None:
+                    self._on_message(id(connection), message)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._on_leave(id(connection))
+
+
+def _parse(text: Any) -> Optional[Message]:
+    if len(text) > MAX_MESSAGE:
+        return None
+    try:
+        message = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return message if isinstance(message, dict) else None
+
+
+def _response(status: http.HTTPStatus, body: bytes, kind: str) -> Response:
+    headers = Headers(
+        {
+            "Content-Type": kind,
+            "Content-Length": str(len(body)),
+            "Content-Security-Policy": POLICY,
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+            "Cache-Control": "no-store",
+            "Connection": "close",
+        }
+    )
+    return Response(status.value, status.phrase, headers, body)

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import threading
-import time
-from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
+from collections import deque
+from typing import Any, Callable, Deque, Dict, Mapping, Optional, Tuple
 
 import viser
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.ros.web.backdrop import show_backdrop
 from husky_highlevel_controller.ros.web.camera import CAMERAS, Camera
-from husky_highlevel_controller.ros.web.drawing import LeftOut
+from husky_highlevel_controller.ros.web.drawing import left_out
 from husky_highlevel_controller.ros.web.log import LEVELS, Filter, LogBuffer, to_html
 from husky_highlevel_controller.ros.web.plots import choice_html
 
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
 BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}  # by day and by night: text of 4.5 times the contrast
 DARK, IS_DARK = "dark", "is-dark"  # of the browser's storage: the choice, and what page.js makes of it
-LOG_PERIOD = 0.5  # [s] between two pictures of the log
 STORAGE_TIMEOUT = 30.0  # [s]; a browser that draws by software answers late
 
 
@@ -36,19 +35,21 @@ class Page:
         """Add the page's own fields to the tabs; `on_tool` is called when its mouse gets another tool."""
         self.client, self.tool, self._log = client, LOOK, log
         self._camera = Camera(client)
-        self._filter, self._log_count, self._log_due = Filter(), -1, 0.0
+        self._filter, self._log_count = Filter(), -1
         self._on_tool = on_tool
         self._make_view(tabs["View"], is_dark)
         self._make_log(tabs["Log"])
         self._make_tools(tabs["World"])
 
     def update(self, base: Optional[Pose], pillar: Optional[Vector3]) -> None:
-        """Move the camera with what it looks at [m, fixed frame], and show new lines of the log."""
+        """Move the camera with what it looks at [m, fixed frame]."""
         self._camera.update(base, pillar)
-        now = time.monotonic()
-        if self._log_count != self._log.count and now >= self._log_due:
-            self._log_count, self._log_due = self._log.count, now + LOG_PERIOD
-            self._show_log()
+
+    def show_log(self) -> None:
+        """Show the lines of the log that its filter passes, if there are new ones."""
+        if self._log_count != self._log.count:
+            self._log_count = self._log.count
+            self._lines.content = to_html(self._log.select(self._filter))
 
     def _make_view(self, tab: Any, is_dark: bool) -> None:
         with tab:
@@ -93,11 +94,8 @@ class Page:
         text.on_update(lambda event: self._set_filter(text=event.target.value))
 
     def _set_filter(self, **changes: Any) -> None:
-        self._filter = self._filter._replace(**changes)
-        self._show_log()
-
-    def _show_log(self) -> None:
-        self._lines.content = to_html(self._log.select(self._filter))
+        self._filter, self._log_count = self._filter._replace(**changes), -1
+        self.show_log()
 
     def _on_camera(self, event: Any) -> None:
         self._camera.choose(event.target.value)
@@ -127,32 +125,27 @@ class Pages:
         self.on_tool: Callable[[], None] = lambda: None  # called when a page's mouse gets another tool
         self.on_leave: Callable[[int], None] = lambda page: None
         self._server, self._tabs, self._log = server, tabs, log
-        self._left_out = LeftOut()
-        self._turn = threading.Lock()
-        self._arrivals: List[Tuple[viser.ClientHandle, bool]] = []
+        self._arrivals: Deque[Tuple[viser.ClientHandle, bool]] = deque()
         server.on_client_connect(self._on_connect)
 
     def admit(self) -> None:
         """Add the fields of pages that have come, and forget pages that have gone."""
-        with self._turn:
-            arrivals, self._arrivals = self._arrivals, []
         clients = self._server.get_clients()
         leavers = self.open.keys() - clients
-        for client, is_dark in arrivals:
+        while self._arrivals:
+            client, is_dark = self._arrivals.popleft()
             if client.client_id not in clients:
                 continue  # it has left while its storage was asked
-            with self._left_out.item("a page that comes"):
+            with left_out("a page that comes"):
                 self.open[client.client_id] = Page(client, self._tabs, self._log, self.on_tool, is_dark)
         for number in leavers:
             self.open.pop(number)
-            with self._left_out.item("a page that goes"):
+            with left_out("a page that goes"):
                 self.on_leave(number)
                 self.on_tool()
 
     def _on_connect(self, client: viser.ClientHandle) -> None:
-        is_dark = wants_dark(client)
-        with self._turn:
-            self._arrivals.append((client, is_dark))
+        self._arrivals.append((client, wants_dark(client)))
         self.came.set()
 
 

@@ -1,4 +1,4 @@
-"""Curves tab: errors and speeds of the last half minute as SVG charts, and rates of growth.
+"""Curves tab: errors and speeds of the last half minute as SVG charts.
 
 A chart of viser's own takes its width from its tab before the tab is shown, and stays as narrow as a letter.
 """
@@ -21,6 +21,7 @@ WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 300.0, 130.0, 36.0, 6.0, 18.0, 6.0
 TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))
 LARGEST = 1e9  # of a value that is drawn
 MAX_MARKS = 8  # changes of parameters in one chart
+Mark = Tuple[float, str]  # time [s] of a change of a parameter, and what has changed
 
 
 class Chart(NamedTuple):
@@ -64,12 +65,13 @@ class Curve:
         """Times and each series, oldest first; NaN where there was no value."""
         return tuple(np.array(list(self._samples), float).reshape(-1, self._series + 1).T)
 
-
-class Mark(NamedTuple):
-    """Change of a parameter."""
-
-    stamp: float  # [s]
-    text: str
+    @property
+    def rate(self) -> Optional[float]:
+        """Growth of the first series each second; None before two samples, and where it has shrunk."""
+        if len(self._samples) < 2:
+            return None
+        (start, first, *_), (end, last, *_) = self._samples[0], self._samples[-1]
+        return (last - first) / (end - start) if last >= first else None
 
 
 class Plots:
@@ -82,36 +84,12 @@ class Plots:
 
     def mark(self, stamp: float, text: str) -> None:
         """Mark a change of a parameter at a time [s]."""
-        self._marks.append(Mark(stamp, text))
+        self._marks.append((stamp, text))
 
     def update(self) -> None:
         """Send what is new."""
         charts = (chart_html(chart, self.curves[chart.name].arrays, list(self._marks)) for chart in CHARTS)
-        set_html(self._element, f'<div class="husky-charts">{"".join(charts)}</div>')
-
-
-class Rate:
-    """Growth of one number beside another, over a few seconds of the second."""
-
-    def __init__(self, window: float = 2.0) -> None:
-        self._window = window
-        self._samples: Deque[Tuple[float, float]] = deque()
-
-    def add(self, amount: float, moment: float) -> None:
-        """Add a reading of both; an amount that shrinks begins anew."""
-        if self._samples and amount < self._samples[-1][0]:
-            self._samples.clear()
-        self._samples.append((amount, moment))
-        while len(self._samples) > 2 and moment - self._samples[1][1] >= self._window:
-            self._samples.popleft()
-
-    @property
-    def value(self) -> Optional[float]:
-        """Growth of the amount for each second; None before two readings."""
-        if len(self._samples) < 2:
-            return None
-        (first, start), (last, end) = self._samples[0], self._samples[-1]
-        return (last - first) / (end - start) if end > start else None
+        self._element.content = f'<div class="husky-charts">{"".join(charts)}</div>'
 
 
 def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark] = ()) -> str:
@@ -139,15 +117,15 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
             f'<path class="grid" d="M{x:.1f},{TOP:.0f}V{bottom:.0f}"/>'
             f'<text x="{x:.1f}" y="{HEIGHT - 5.0:.0f}" text-anchor="{anchor}">{name}</text>'
         )
-    for mark in marks:
-        if 0.0 <= end - mark.stamp < WINDOW:
-            x = x_of(mark.stamp)
+    for stamp, text in marks:
+        if 0.0 <= end - stamp < WINDOW:
+            x = x_of(stamp)
             anchor = "start" if x < WIDTH / 2.0 else "end"
             shift = 3.0 if anchor == "start" else -3.0
             parts.append(
                 f'<path class="mark" d="M{x:.1f},{TOP:.0f}V{bottom:.0f}"/>'
                 f'<text class="mark" x="{x + shift:.1f}" y="{TOP + 9.0:.0f}" text-anchor="{anchor}">'
-                f"{escape(mark.text)}</text>"
+                f"{escape(text)}</text>"
             )
     for name, values in zip(chart.series, series):
         parts.append(f'<path class="curve {name}" d="{_path(times, values, x_of, y_of)}"/>')
@@ -208,9 +186,3 @@ def fixed(value: float, digits: int) -> str:
 def choice_html(number: Optional[int]) -> str:
     """Mark by which page.css fills one button of the group that follows; None: none of them."""
     return f'<i class="husky-choice-{"none" if number is None else number}" hidden></i>'
-
-
-def set_html(element: Any, content: str) -> None:
-    """Change an element's HTML if it differs: every change is sent to every page."""
-    if element.content != content:
-        element.content = content

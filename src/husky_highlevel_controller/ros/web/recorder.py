@@ -14,7 +14,7 @@ from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.replay import Replay, to_html
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros.web.actions import Actions
-from husky_highlevel_controller.ros.web.plots import choice_html, set_html
+from husky_highlevel_controller.ros.web.plots import choice_html
 
 MAX_TIME = 3600.0  # [s], then a recording ends by itself: it is kept in memory
 RECORD, STOP = "Record", "Stop"
@@ -65,8 +65,8 @@ class Recorder:
     def _show(self) -> None:
         length = self._rows[-1][0] - self._rows[0][0] if self._rows else 0.0
         text = f"recording, {length:.0f} s" if self._is_on else f"{length:.0f} s recorded"
-        set_html(self._state, f'<div class="husky-block">{text}</div>')
-        set_html(self._chosen, choice_html(0 if self._is_on else 1))
+        self._state.content = f'<div class="husky-block">{text}</div>'
+        self._chosen.content = choice_html(0 if self._is_on else 1)
 
 
 def recording_page(rows: List[Row], robot_name: str) -> str:

@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element
 from husky_highlevel_controller.datatypes import IDENTITY, Pose, Rgba
 from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.ros.web import shapes
-from husky_highlevel_controller.ros.web.markers import MeshFile, Solid
+from husky_highlevel_controller.ros.web.shapes import PLAIN, MeshFile, Solid
 from husky_highlevel_controller.urdf import (
     Elements,
     ends_of,
@@ -21,8 +21,6 @@ from husky_highlevel_controller.urdf import (
     read_urdf,
     shape_of,
 )
-
-PLAIN: Rgba = (0.7, 0.7, 0.7, 1.0)  # of a visual without a material
 
 
 class Visual(NamedTuple):

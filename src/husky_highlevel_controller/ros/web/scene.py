@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from math import dist, inf
+from math import dist
 from typing import Any, Dict, List, Optional, Tuple
 from urllib.parse import quote
 
@@ -20,12 +20,19 @@ from husky_highlevel_controller.ros.clouds import MAX_POINTS, points_from_msg, p
 from husky_highlevel_controller.ros.transforms import is_pose
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, Backdrop, contact_shadow
-from husky_highlevel_controller.ros.web.drawing import LeftOut, bounds, clickable, dashes, draw, redraw
+from husky_highlevel_controller.ros.web.drawing import (
+    bounds,
+    clickable,
+    dashes,
+    draw,
+    left_out,
+    redraw,
+    warn_left_out,
+)
 from husky_highlevel_controller.ros.web.frames import Frames
 from husky_highlevel_controller.ros.web.markers import (
     Key,
     Markers,
-    Solid,
     appearance,
     frame_of,
     markers_of,
@@ -43,13 +50,12 @@ POINT_SIZE = 0.05  # [m], of the scan's points
 RAYS = 60  # at most; a few show which beams have returned
 TRAIL_STEP, TRAIL_POINTS = 0.25, 1000  # [m] between two points of the trail, and how many
 LINE_WIDTH = 0.03  # [m]
-PLAN_PERIOD = 0.3  # [s] between two plans
 LINE_HEIGHT = 0.025  # [m] of trail and plan above the ground
 TRAIL_JUMP = 1.0  # [m] from here on the robot was put elsewhere, and the trail begins anew
 GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m], of the robot that is dragged
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
 MAX_SCAN_AGE = 0.3  # [s] behind the newest pose; where scans are older or none, the view does not wait
-LOOKS_PERIOD = 0.2  # [s] between two changes of what a marker looks like
+LOOKS_PERIOD = 0.2  # [s] between two changes of what markers and the plan look like
 MAX_AXES = 200  # frames that are shown
 BASE, FOOTPRINT = "base_link", "base_footprint"
 # namespaces of the controller's markers: the trail begins with its path, its state stands in the state bar
@@ -60,12 +66,10 @@ TARGET, PATH, STATE = "target", "path", "state"
 class DrawnMarker:
     """A marker as it is in the view."""
 
-    name: str  # of its node
     node: Any
-    marker: Optional[Marker] = None
+    placed: Optional[Marker] = None  # the message that its node is placed by
+    drawn: Optional[Marker] = None  # the message that its parts are drawn by
     appearance: Optional[Tuple[Any, ...]] = None
-    drawn_at: float = -inf  # [s]
-    is_stale: bool = False  # it looks different by now
     parts: List[Any] = field(default_factory=list)  # nodes of its pieces
 
 
@@ -75,7 +79,6 @@ class Scene:
     def __init__(self, server: viser.ViserServer, fixed_frame: str, controller: str) -> None:
         self._scene, self.fixed_frame = server.scene, fixed_frame
         self._controller = f"{controller}/"
-        self._left_out = LeftOut()
         self.frames, self.markers = Frames(), Markers()
         self.layers = dict.fromkeys(("scan", "trail", "markers"), True)
         self.layers.update(frames=False, depth=False)
@@ -97,8 +100,8 @@ class Scene:
         self._rays = self._add_lines("/rays", RAY_COLOR, thickness=1.0, thickness_units="screen")
         self._trail_line = self._add_lines("/trail", TRAIL_COLOR, thickness=LINE_WIDTH)
         self._plan_line = self._add_lines("/plan", PLAN_COLOR, thickness=LINE_WIDTH)
-        self._plan_due = 0.0  # [s]
-        footprint = Solid(shapes.cube(), GHOST_COLOR, GHOST_SIZE)
+        self._looks_due = 0.0  # [s]
+        footprint = shapes.Solid(shapes.cube(), GHOST_COLOR, GHOST_SIZE)
         self._ghost = self._scene.add_frame("/ghost", show_axes=False, visible=False)
         draw(self._scene, "/ghost", [footprint], Pose())
 
@@ -121,7 +124,7 @@ class Scene:
             name = f"{parent}/{quote(frame, safe='')}"
             self._robot[frame] = self._scene.add_frame(name, show_axes=False, visible=False)
             for number, visual in enumerate(visuals):
-                with self._left_out.item(f"a visual of {frame} in robot_description"):
+                with left_out(f"a visual of {frame} in robot_description"):
                     self.robot_shapes += clickable(
                         draw(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
                     )
@@ -142,13 +145,13 @@ class Scene:
 
     def update(self, topics: Topics) -> None:
         """Draw what has come in."""
-        for received in topics.take_all("tf"):
-            for msg in received.msg.transforms:
+        for _, transforms in topics.take_all("tf"):
+            for msg in transforms.transforms:
                 if not is_pose(msg.transform):
                     continue
                 stamp, pose = msg.header.stamp.to_sec(), conversions.pose_from_transform(msg)
                 self.frames.update(frame_of(msg), msg.child_frame_id.lstrip("/"), stamp, pose)
-        with self._left_out.item(topics.name("scan")):
+        with left_out(topics.name("scan")):
             self._update_scan(topics.take("scan"))
         newest = self.frames.stamp(BASE)
         has_scan = newest is not None and abs(newest - self.scan_stamp) < MAX_SCAN_AGE
@@ -156,12 +159,16 @@ class Scene:
         for frame, node in self._robot.items():
             parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
             self._show(node, self.frames.pose(frame, parent, self.moment))
-        with self._left_out.item(topics.name("cloud")):
+        with left_out(topics.name("cloud")):
             self._update_cloud(topics.take("cloud"))
         self._update_trail()
-        self._update_markers(topics)
+        now = time.monotonic()
+        are_looks_due = now >= self._looks_due
+        self._update_markers(topics, now, are_looks_due)
         self._update_axes()
-        self._update_plan()
+        if are_looks_due:
+            self._looks_due = now + LOOKS_PERIOD
+            self._update_plan()
         self._backdrop.update(self.ground, None if self.base is None else self.base.position)
         footprint = self.frames.pose(FOOTPRINT, BASE)
         if self._shadow is not None and footprint is not None:
@@ -236,10 +243,6 @@ class Scene:
 
     def _update_plan(self) -> None:
         """Draw dashes from where the controller wants the robot to stop to where it is."""
-        now = time.monotonic()
-        if now < self._plan_due:
-            return
-        self._plan_due = now + PLAN_PERIOD
         base, target, shown = self.base, None, self.markers.shown if self.layers["markers"] else {}
         for (topic, namespace, _), marker in shown.items():
             if namespace == TARGET and topic.startswith(self._controller):
@@ -248,13 +251,11 @@ class Scene:
         height = self.ground + LINE_HEIGHT
         ends = [] if base is None or target is None else [target.position, base.position]
         plan = dashes(*((x, y, height) for x, y, _ in ends)) if ends else np.zeros((0, 2, 3), np.float32)
-        if not np.array_equal(self._plan_line.points, plan):
-            self._plan_line.points = plan
+        self._plan_line.points = plan
 
-    def _update_markers(self, topics: Topics) -> None:
-        now = time.monotonic()
+    def _update_markers(self, topics: Topics, now: float, are_looks_due: bool) -> None:
         for topic, msg in topics.take_all("markers"):
-            with self._left_out.item(topic):
+            with left_out(topic):
                 for marker in markers_of(msg):
                     is_ours = topic.startswith(self._controller)
                     if is_ours and marker.ns == PATH:
@@ -262,54 +263,54 @@ class Scene:
                     elif not (is_ours and marker.ns == STATE):
                         self.markers.apply(topic, marker, now)
         if self.markers.is_full:
-            self._left_out.warn("a part of the markers", "there are more than a browser draws in time")
+            warn_left_out("a part of the markers", "there are more than a browser draws in time")
         self.markers.expire(now)
         shown = self.markers.shown if self.layers["markers"] else {}
         for key in self._drawn.keys() - shown.keys():
             self._drawn.pop(key).node.remove()
         for key, marker in shown.items():
-            with self._left_out.item(f"a marker of {key[0]}"):
-                self._draw_marker(key, marker, now)
+            with left_out(f"a marker of {key[0]}"):
+                self._place_marker(key, marker)
+                if are_looks_due:
+                    self._draw_marker(self._drawn[key], marker)
 
-    def _draw_marker(self, key: Key, marker: Marker, now: float) -> None:
+    def _place_marker(self, key: Key, marker: Marker) -> None:
         drawing = self._drawn.get(key)
-        is_known = drawing is not None and drawing.marker is marker
         if drawing is None:
             topic, namespace, number = key
             name = f"/markers/{quote(topic, safe='')}/{quote(namespace, safe='')}_{number}"
-            node = self._scene.add_frame(name, show_axes=False, visible=False)
-            drawing = self._drawn[key] = DrawnMarker(name, node)
-        if is_known and not drawing.is_stale and not marker.frame_locked and drawing.node.visible:
+            drawing = DrawnMarker(self._scene.add_frame(name, show_axes=False, visible=False))
+            self._drawn[key] = drawing
+        if not marker.frame_locked and drawing.placed is marker and drawing.node.visible:
             return  # it stays where it was in the fixed frame when it came
-        drawing.marker = marker
-        if not is_known or drawing.is_stale:
-            self._draw_looks(drawing, marker, now)
+        drawing.placed = marker
         stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
         frame = self.frames.pose(frame_of(marker), self.fixed_frame, stamp)
         pose = pose_of(marker)
         self._show(drawing.node, None if frame is None or pose is None else compose(frame, pose))
 
-    def _draw_looks(self, drawing: DrawnMarker, marker: Marker, now: float) -> None:
-        """Draw it anew if it looks different, not more often than the eye needs."""
-        new_appearance = appearance(marker)
-        drawing.is_stale = new_appearance != drawing.appearance and now < drawing.drawn_at + LOOKS_PERIOD
-        if new_appearance == drawing.appearance or drawing.is_stale:
+    def _draw_marker(self, drawing: DrawnMarker, marker: Marker) -> None:
+        """Draw it anew if it looks different."""
+        if drawing.drawn is marker:
             return
-        drawing.appearance, drawing.drawn_at = new_appearance, now
-        shapes_of_marker = primitives(marker)
-        if not redraw(drawing.parts, shapes_of_marker):
+        drawing.drawn, last_appearance = marker, drawing.appearance
+        drawing.appearance = appearance(marker)
+        if drawing.appearance == last_appearance:
+            return
+        pieces = primitives(marker)
+        if not redraw(drawing.parts, pieces):
             for part in drawing.parts:
                 part.remove()
-            drawing.parts = draw(self._scene, drawing.name, shapes_of_marker, Pose())
+            drawing.parts = draw(self._scene, drawing.node.name, pieces, Pose())
 
     def _update_axes(self) -> None:
         names = self.frames.names[:MAX_AXES] if self.layers["frames"] else []
         for name in set(self._axes) - set(names):
-            for node in self._axes.pop(name):
-                node.remove()
+            self._axes.pop(name).remove()
         for name in names:
             if name not in self._axes:
                 path = f"/frames/{quote(name, safe='')}"
                 axes = self._scene.add_frame(path, axes_length=0.25, axes_radius=0.01, visible=False)
-                self._axes[name] = (axes, self._scene.add_label(f"{path}/name", name, **_NAME_LABEL))
-            self._show(self._axes[name][0], self.frames.pose(name, self.fixed_frame))
+                self._scene.add_label(f"{path}/name", name, **_NAME_LABEL)
+                self._axes[name] = axes
+            self._show(self._axes[name], self.frames.pose(name, self.fixed_frame))

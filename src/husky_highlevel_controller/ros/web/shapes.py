@@ -1,19 +1,28 @@
-"""Triangle meshes of simple shapes.
-
-In: sizes [m]. Out: vertices (V, 3) float32 and faces (F, 3) uint32.
-"""
+"""Shapes that are drawn: triangles, lines, points and texts; mesh files as triangles."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from math import pi
-from typing import NamedTuple, Sequence
+from pathlib import Path
+from typing import Any, List, NamedTuple, Optional, Sequence, Tuple, Union
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
+import rospkg
+import rospy
 import trimesh
 from trimesh import creation
 
+from husky_highlevel_controller.datatypes import HuskyError, Rgba, Vector3
+from husky_highlevel_controller.robot_mesh import CELL, coarser
+
 SIDES = 24  # of a cylinder, a cone, and of a sphere's equator
+MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # of the box that stands for a mesh that cannot be read
+MISSING_SIZE = (0.2, 0.2, 0.2)  # [m]
+PLAIN: Rgba = (0.7, 0.7, 0.7, 1.0)
+# triangles of a part, from where on it is drawn with fewer: without a graphics card the Husky's own ones take
+# a third of a picture's time; cells for each of its lengths, at least
+MANY, CELLS = 500, 25.0
 
 
 class Mesh(NamedTuple):
@@ -21,6 +30,53 @@ class Mesh(NamedTuple):
 
     vertices: np.ndarray  # (V, 3) float32 [m]
     faces: np.ndarray  # (F, 3) uint32, rows of `vertices`
+
+
+class Solid(NamedTuple):
+    """Triangles of one colour."""
+
+    mesh: Mesh
+    rgba: Rgba
+    scale: Vector3 = (1.0, 1.0, 1.0)  # along x, y and z: costs less to change than a mesh
+
+    @property
+    def extents(self) -> np.ndarray:
+        """Size [m] along x, y and z."""
+        extents: np.ndarray = np.ptp(self.mesh.vertices, axis=0) * np.abs(self.scale)
+        return extents
+
+
+class Lines(NamedTuple):
+    """Straight lines."""
+
+    points: np.ndarray  # (N, 2, 3) float32 [m]
+    colors: np.ndarray  # (N, 2, 3) uint8
+    width: float  # [m]
+
+
+class Points(NamedTuple):
+    """Square points."""
+
+    points: np.ndarray  # (N, 3) float32 [m]
+    colors: np.ndarray  # (N, 3) uint8
+    size: float  # [m]
+
+
+class Label(NamedTuple):
+    """A text that faces the camera."""
+
+    text: str
+
+
+class MeshFile(NamedTuple):
+    """A mesh that is to be loaded."""
+
+    uri: str
+    scale: Vector3
+    rgba: Optional[Rgba]  # None: the file's own colours
+
+
+Piece = Union[Solid, Lines, Points, Label, MeshFile]
 
 
 def copies(unit: Mesh, size: Sequence[float], points: np.ndarray) -> Mesh:
@@ -47,8 +103,7 @@ def cylinder() -> Mesh:
 @lru_cache(maxsize=None)
 def sphere() -> Mesh:
     """A sphere of diameter 1 about the origin."""
-    angles = np.linspace(-pi / 2.0, pi / 2.0, SIDES // 2 + 1)
-    return _turned([(0.5 * np.cos(angle), 0.5 * np.sin(angle)) for angle in angles])
+    return _mesh(creation.uv_sphere(radius=0.5, count=[SIDES // 2 + 1, SIDES]))
 
 
 def arrow(shaft_length: float, shaft_diameter: float, head_length: float, head_diameter: float) -> Mesh:
@@ -78,3 +133,57 @@ def _mesh(solid: trimesh.Trimesh) -> Mesh:
     for array in mesh:
         array.setflags(write=False)
     return mesh
+
+
+def load(file: MeshFile) -> List[Solid]:
+    """The triangles of a mesh file; a box and a warning where it cannot be read."""
+    try:
+        parts = _read(file.uri, CELL / (max(map(abs, file.scale)) or 1.0))
+    except HuskyError as error:
+        rospy.logwarn_once(f"{error}; a box is drawn instead")
+        return [Solid(cube(), MISSING, MISSING_SIZE)]
+    return [Solid(mesh, file.rgba or rgba, file.scale) for mesh, rgba in parts]
+
+
+@lru_cache(maxsize=64)
+def _read(uri: str, cell: float) -> Tuple[Tuple[Mesh, Rgba], ...]:
+    path = _path(uri)
+    try:
+        loaded: Any = trimesh.load(path, force="scene", process=False)
+        parts = tuple(
+            (_mesh_of(part, cell), _color(part))
+            for part in loaded.dump()
+            if isinstance(part, trimesh.Trimesh)
+        )
+    except Exception as error:  # a mesh file may be broken in as many ways as its reader has errors
+        raise HuskyError(f"mesh '{uri}' cannot be read: {type(error).__name__}: {error}") from None
+    if not parts:
+        raise HuskyError(f"mesh '{uri}' holds no triangles")
+    return parts
+
+
+def _mesh_of(part: trimesh.Trimesh, cell: float) -> Mesh:
+    if len(part.faces) > MANY:
+        smallest = min(cell, float(part.extents.max()) / CELLS)
+        return triangles(coarser(part.triangles, smallest).reshape(-1, 3))
+    return Mesh(part.vertices.astype(np.float32), part.faces.astype(np.uint32))
+
+
+def _path(uri: str) -> Path:
+    parts = urlsplit(uri)
+    if parts.scheme == "package":
+        try:
+            return Path(rospkg.RosPack().get_path(parts.netloc)) / unquote(parts.path).lstrip("/")
+        except rospkg.ResourceNotFound:
+            raise HuskyError(f"mesh '{uri}': there is no package '{parts.netloc}'") from None
+    if parts.scheme in ("file", ""):
+        return Path(unquote(parts.path))
+    raise HuskyError(f"mesh '{uri}' is neither file:// nor package://")
+
+
+def _color(part: trimesh.Trimesh) -> Rgba:
+    color: Optional[np.ndarray] = getattr(getattr(part.visual, "material", None), "main_color", None)
+    if color is None:
+        return PLAIN
+    r, g, b, a = (float(value) / 255.0 for value in color)
+    return (r, g, b, a)

@@ -7,7 +7,7 @@ from typing import Any, Callable, NamedTuple, Optional
 
 import viser
 
-from husky_highlevel_controller.ros.web.plots import fixed, set_html
+from husky_highlevel_controller.ros.web.plots import fixed
 
 LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 ARRIVED, STOPPED = "arrived", "stopped"  # the controller's states
@@ -60,11 +60,9 @@ class StateBar:
 
     def update(self, status: RobotStatus) -> None:
         """Show a new state."""
-        set_html(self._e_stop, e_stop_html(status.is_locked, status.has_listener))
-        set_html(self._state, state_html(status))
-        has_arrived = status.activity == ARRIVED and not status.is_locked
-        if self._next.visible != has_arrived:
-            self._next.visible = has_arrived
+        self._e_stop.content = e_stop_html(status.is_locked, status.has_listener)
+        self._state.content = state_html(status)
+        self._next.visible = status.activity == ARRIVED and not status.is_locked
 
     def _on_next(self, event: Any) -> None:
         (self.on_again if event.target.value == AGAIN else self.on_elsewhere)(event.client)
@@ -72,29 +70,31 @@ class StateBar:
 
 def e_stop_html(is_locked: bool, has_listener: bool = True) -> str:
     """Button of the emergency stop, whose clicks the page's script sends on."""
-    if is_locked:
-        state = "STOPPED" if has_listener else "NOT HEARD"
-        return _button("locked", "false", f"{state} &mdash; RELEASE")
-    return _button("", "true", "EMERGENCY STOP")
+    state = "STOPPED" if has_listener else "NOT HEARD"
+    text, style = (f"{state} &mdash; RELEASE", "locked") if is_locked else ("EMERGENCY STOP", "")
+    locks = "false" if is_locked else "true"
+    return (
+        '<div class="husky-block">'
+        f'<button class="husky-e-stop {style}" data-husky-e-stop="{locks}">{text}</button></div>'
+    )
 
 
 def state_html(status: RobotStatus) -> str:
     """State bar as one line of HTML; texts of nodes are escaped."""
-    if status.is_master_gone:
-        level, sentence = "error", MASTER_GONE
-    elif status.is_locked and not status.has_listener:
-        level, sentence = "error", UNHEARD
-    elif status.is_locked and status.is_silent and not status.is_paused:
-        level, sentence = "error", UNCERTAIN
-    elif status.is_locked:
-        level, sentence = "error", LOCKED
-    elif status.is_paused:
-        level, sentence = "warn", "PAUSED"
-    elif status.is_silent:
-        level, sentence = "error", "no news from the robot"
-    else:
-        level = LEVELS[min(max(status.level, 0), 3)] if status.activity else ""
-        sentence = PHRASES.get(status.activity, status.activity) or "waiting for the controller"
+    activity = PHRASES.get(status.activity, status.activity) or "waiting for the controller"
+    level, sentence = next(
+        (level, sentence)
+        for applies, level, sentence in (  # what keeps the robot from driving first
+            (status.is_master_gone, "error", MASTER_GONE),
+            (status.is_locked and not status.has_listener, "error", UNHEARD),
+            (status.is_locked and status.is_silent and not status.is_paused, "error", UNCERTAIN),
+            (status.is_locked, "error", LOCKED),
+            (status.is_paused, "warn", "PAUSED"),
+            (status.is_silent, "error", "no news from the robot"),
+            (True, LEVELS[min(max(status.level, 0), 3)] if status.activity else "", activity),
+        )
+        if applies
+    )
     numbers = [
         f"{fixed(value, digits)}&nbsp;{unit}"
         for value, digits, unit in (
@@ -109,11 +109,4 @@ def state_html(status: RobotStatus) -> str:
         f'<div class="husky-block husky-state {level}"{time}>'
         f'<div><span class="husky-light {level}"></span><b>{escape(sentence)}</b></div>'
         f"<div>{' &middot; '.join(numbers) or '&nbsp;'}</div></div>"
-    )
-
-
-def _button(style: str, locks: str, text: str) -> str:
-    return (
-        '<div class="husky-block">'
-        f'<button class="husky-e-stop {style}" data-husky-e-stop="{locks}">{text}</button></div>'
     )

@@ -52,10 +52,6 @@ class Tuning:
             with self._tab:
                 self._servers[name] = _Server(name, self._gui, self._actions, self.on_change)
 
-    def close(self) -> None:
-        """Listen to no server any more."""
-        self.follow([])
-
     def _on_button(self, event: Any) -> None:
         if event.target.value == "Save":
             values = {name: server.values for name, server in self._servers.items()}
@@ -159,36 +155,26 @@ class _Server:
                 name, field = parameter.name, self._fields.get(parameter.name)
                 if field is None or name not in self.values or name in self._waiting:
                     continue
-                value = shown_value(parameter, self.values[name])
-                if field.value != value:
-                    field.value = value
+                field.value = shown_value(parameter, self.values[name])
 
     def _field(self, parameter: Parameter) -> Any:
+        gui, label, hint = self._gui, parameter.label, parameter.help
         value = shown_value(parameter, self.values.get(parameter.name, parameter.default))
         low, high, default = parameter.min, parameter.max, parameter.default
-        hint = f"{parameter.help} ({low} to {high}, default {default})"
+        span = f"{hint} ({low} to {high}, default {default})"
         if parameter.choices:
             names = [name for name, _ in parameter.choices]
             initial = value if value in names else names[0]
-            field: Any = self._gui.add_dropdown(
-                parameter.label, names, initial_value=initial, hint=parameter.help
-            )
+            field: Any = gui.add_dropdown(label, names, initial_value=initial, hint=hint)
         elif parameter.kind == "bool":
-            field = self._gui.add_checkbox(parameter.label, value, hint=parameter.help)
+            field = gui.add_checkbox(label, value, hint=hint)
         elif parameter.kind == "str":
-            field = self._gui.add_text(parameter.label, value, hint=parameter.help)
+            field = gui.add_text(label, value, hint=hint)
         elif parameter.has_slider:
-            field = self._gui.add_slider(
-                parameter.label,
-                low,
-                high,
-                parameter.step,
-                min(max(value, low), high),
-                marks=(default,),
-                hint=hint,
-            )
+            inside = min(max(value, low), high)
+            field = gui.add_slider(label, low, high, parameter.step, inside, marks=(default,), hint=span)
         else:
-            field = self._gui.add_number(parameter.label, value, hint=hint)
+            field = gui.add_number(label, value, hint=span)
         field.on_update(lambda event: self._on_field(parameter, event))
         return field
 

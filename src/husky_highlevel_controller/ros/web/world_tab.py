@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from itertools import count
 from math import cos, dist, pi, sin
 from pathlib import Path
 from random import uniform
@@ -16,7 +17,6 @@ from husky_highlevel_controller.geometry import pose_from_2d, pose_to_2d
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.web.actions import LONG_TIMEOUT, Actions, answer_of, call
-from husky_highlevel_controller.ros.web.plots import set_html
 from husky_highlevel_controller.srv import DeleteObject, ListObjects, LoadWorld, MoveObject, SpawnObject
 
 ROBOT = "husky"  # what the simulator's services call the robot
@@ -31,7 +31,6 @@ class WorldTab:
     def __init__(self, server: viser.ViserServer, actions: Actions, simulator: str, frame: str) -> None:
         """Build the tab; positions are given in `frame`, of which the simulator knows world and odom."""
         self._actions, self._simulator, self._frame = actions, simulator, frame
-        self._put_count = 0
         gui = server.gui
         with gui.add_folder("Put"):
             self._shape = gui.add_dropdown("Shape", tuple(SIZES), initial_value="box")
@@ -58,7 +57,7 @@ class WorldTab:
         content = f'<div class="husky-block">loaded: <b>{escape(Path(name).name)}</b></div>' if name else ""
         if content != self._loaded.content and Path(name).name in self._worlds.options:
             self._worlds.value = Path(name).name
-        set_html(self._loaded, content)
+        self._loaded.content = content
 
     def put(self, client: viser.ClientHandle, x: float, y: float, ground: float) -> None:
         """Put the chosen shape on the ground."""
@@ -88,23 +87,19 @@ class WorldTab:
             raise HuskyError("there is no pillar to move")
         name = min(poses, key=lambda name: dist(poses[name].position[:2], point[:2]))
         x, y, z = poses[name].position
-        for attempt in range(MOVE_ATTEMPTS):
-            away = uniform(4.0, 8.0)
-            angle = uniform(-pi, pi)
+        for attempts_left in reversed(range(MOVE_ATTEMPTS)):
+            away, angle = uniform(4.0, 8.0), uniform(-pi, pi)
             pose = poses[name]._replace(position=(x + away * cos(angle), y + away * sin(angle), z))
             try:
                 return self._move(name, pose)
             except HuskyError:
-                if attempt == MOVE_ATTEMPTS - 1:
+                if not attempts_left:
                     raise
         return ""
 
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
         poses = self._poses()
-        self._put_count += 1
-        while f"{shape}_{self._put_count}" in poses:
-            self._put_count += 1
-        name = f"{shape}_{self._put_count}"
+        name = next(name for name in map(f"{shape}_{{}}".format, count(1)) if name not in poses)
         return call(
             f"{self._simulator}/spawn",
             SpawnObject,

@@ -14,17 +14,9 @@ from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros.clouds import points_from_msg
 from husky_highlevel_controller.ros.web import shapes
 from husky_highlevel_controller.ros.web.frames import Frames
-from husky_highlevel_controller.ros.web.markers import (
-    Label,
-    Lines,
-    Markers,
-    MeshFile,
-    Points,
-    Solid,
-    markers_of,
-    primitives,
-)
+from husky_highlevel_controller.ros.web.markers import Markers, markers_of, primitives
 from husky_highlevel_controller.ros.web.robot import rigid_groups
+from husky_highlevel_controller.ros.web.shapes import Label, Lines, MeshFile, Points, Solid
 
 RED, GREEN = ColorRGBA(1, 0, 0, 1), ColorRGBA(0, 1, 0, 1)
 
@@ -107,7 +99,7 @@ def test_lists_are_one_solid_for_each_colour():
 def test_points_texts_meshes_and_triangles():
     (dots,) = primitives(marker(Marker.POINTS, (0.1, 0.1, 0.0), [(0, 0, 1)]))
     assert dots == Points(dots.points, dots.colors, 0.1)
-    assert primitives(marker(Marker.TEXT_VIEW_FACING, (0, 0, 0.3), text="arrived")) == [Label("arrived", 0.3)]
+    assert primitives(marker(Marker.TEXT_VIEW_FACING, (0, 0, 0.3), text="arrived")) == [Label("arrived")]
     (file,) = primitives(marker(Marker.MESH_RESOURCE, mesh_resource="package://a/b.stl"))
     assert file == MeshFile("package://a/b.stl", (1.0, 1.0, 1.0), (1, 0, 0, 1))
     (sheet,) = primitives(marker(Marker.TRIANGLE_LIST, points=[(0, 0, 0), (1, 0, 0), (0, 1, 0), (7, 7, 7)]))

@@ -15,9 +15,9 @@ from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import IDENTITY, STOP, HuskyError, Twist2D
 from husky_highlevel_controller.ros.web import actions, drawing, state_bar
-from husky_highlevel_controller.ros.web.gate import _parse, refusal
 from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, LogBuffer, to_html
 from husky_highlevel_controller.ros.web.mouse import Drag, Mouse, point_on_level
+from husky_highlevel_controller.ros.web.page_server import _parse, refusal
 from husky_highlevel_controller.ros.web.pages import MOVE
 from husky_highlevel_controller.ros.web.parameters import (
     by_group,
@@ -26,7 +26,7 @@ from husky_highlevel_controller.ros.web.parameters import (
     shown_value,
     to_yaml,
 )
-from husky_highlevel_controller.ros.web.plots import CHARTS, Curve, Mark, Rate, chart_html, fixed, nice_ticks
+from husky_highlevel_controller.ros.web.plots import CHARTS, Curve, chart_html, fixed, nice_ticks
 from husky_highlevel_controller.ros.web.recorder import recording_page
 from husky_highlevel_controller.ros.web.state_bar import RobotStatus, state_html
 from husky_highlevel_controller.ros.web.teleop import EXPIRY, HoldToDrive, clamp_axis, set_speed
@@ -219,13 +219,13 @@ def test_a_curve_keeps_its_window_and_begins_anew_when_time_runs_backwards():
 
 
 def test_a_rate_is_the_growth_over_the_last_seconds():
-    rate = Rate(window=2.0)
-    assert rate.value is None
+    amounts = Curve(1, window=2.0)
+    assert amounts.rate is None
     for second in np.arange(0.0, 10.0, 0.5):
-        rate.add(50.0 * second, second)
-    assert rate.value == pytest.approx(50.0)
-    rate.add(0.0, 10.0)  # begins anew
-    assert rate.value is None
+        amounts.add(second, min(50.0 * second, 425.0))
+    assert amounts.rate == pytest.approx(25.0)  # from 375 at 7.5 s to 425 at 8.5 s and later
+    amounts.add(10.0, 0.0)  # counted anew
+    assert amounts.rate is None
 
 
 @pytest.mark.parametrize(
@@ -262,7 +262,7 @@ def test_a_speed_that_no_slider_has_is_not_taken(value):
 
 def test_a_chart_marks_a_change_of_a_parameter_while_it_is_in_the_window():
     times = np.arange(0.0, 100.0)
-    marks = [Mark(50.0, "p_gain_vel 2 > 1"), Mark(90.0, "<p_gain_ang> 2 > 4")]
+    marks = [(50.0, "p_gain_vel 2 > 1"), (90.0, "<p_gain_ang> 2 > 4")]
     html = chart_html(CHARTS[0], (times, times), marks)
     assert "p_gain_vel" not in html
     assert "&lt;p_gain_ang&gt; 2 &gt; 4" in html
@@ -342,9 +342,8 @@ def test_a_service_that_hangs_is_given_up_with_a_sentence(monkeypatch):
 def test_an_item_that_cannot_be_shown_is_left_out_with_one_warning(monkeypatch):
     warnings = []
     monkeypatch.setattr(drawing.rospy, "logwarn", warnings.append)
-    items = drawing.LeftOut()
     for _ in range(3):
-        with items.item("/markers"):
+        with drawing.left_out("/markers"):
             drawing.rgb((float("nan"), 0.0, 0.0, 1.0))
     assert warnings == ["/markers is not shown: ValueError: cannot convert float NaN to integer"]
 

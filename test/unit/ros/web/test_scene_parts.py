@@ -15,10 +15,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros.controller.display import PATH, marker
-from husky_highlevel_controller.ros.web import backdrop, camera, meshes
+from husky_highlevel_controller.ros.web import backdrop, camera, shapes
 from husky_highlevel_controller.ros.web.drawing import DASH, dashes
-from husky_highlevel_controller.ros.web.markers import MeshFile
 from husky_highlevel_controller.ros.web.scene import Scene
+from husky_highlevel_controller.ros.web.shapes import MeshFile
 
 
 class Browser:
@@ -106,7 +106,7 @@ def test_the_ground_shows_metres_near_the_robot_and_no_pattern_far_away():
 
 def test_a_mesh_with_more_triangles_than_are_seen_is_drawn_with_fewer(tmp_path):
     trimesh.creation.icosphere(subdivisions=5, radius=0.2).export(tmp_path / "fine.stl")
-    (solid,) = meshes.load(MeshFile((tmp_path / "fine.stl").as_uri(), (1.0, 1.0, 1.0), None))
+    (solid,) = shapes.load(MeshFile((tmp_path / "fine.stl").as_uri(), (1.0, 1.0, 1.0), None))
     assert len(solid.mesh.faces) < 0.5 * 20 * 4**5
     assert solid.extents == pytest.approx([0.4, 0.4, 0.4], abs=0.02)
 
