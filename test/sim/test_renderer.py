@@ -10,7 +10,6 @@ from stage import GROUND, body
 from husky_highlevel_controller.datatypes import Box, Pose
 from husky_highlevel_controller.simulator.sensors.depth_camera import (
     CameraConfig,
-    DepthImage,
     image_of,
     points_of,
 )
@@ -32,7 +31,7 @@ def draw(renderer, *bodies, poses=None):
     renderer.start({t.name: t for t in bodies}, poses or {}, AHEAD)
     buffer = renderer.take(DEADLINE)
     assert buffer is not None
-    return image_of(buffer, CAMERA, 0.0, "camera").depth
+    return image_of(buffer, CAMERA)
 
 
 def test_a_wall_is_as_far_as_it_is_and_the_sky_is_nothing(renderer):
@@ -84,7 +83,7 @@ SMALL = CameraConfig(width=64, height=48, field_of_view=60.0, near=0.1, far=8.0)
 
 
 def test_the_outermost_pixels_look_half_the_field_of_view_aside():
-    points = points_of(DepthImage(0.0, "f", np.ones((48, 64), dtype=np.float32)), SMALL)
+    points = points_of(np.ones((48, 64), dtype=np.float32), SMALL)
     edge = 32.0 / 31.5  # from the middle of a pixel to its edge
     assert points[24, 63, 0] * edge == pytest.approx(tan(radians(30.0)), rel=1e-6)
     assert points[24, 0, 0] == pytest.approx(-points[24, 63, 0])
@@ -94,6 +93,6 @@ def test_the_outermost_pixels_look_half_the_field_of_view_aside():
 
 
 def test_where_nothing_is_there_is_no_number():
-    image = image_of(np.ones((48, 64)), SMALL, 0.0, "f")
-    assert np.isnan(image.depth).all()
+    image = image_of(np.ones((48, 64)), SMALL)
+    assert np.isnan(image).all()
     assert np.isnan(points_of(image, SMALL)).all()

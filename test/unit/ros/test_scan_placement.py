@@ -99,10 +99,10 @@ def test_each_scan_is_answered_once_with_the_pose_of_its_own_stamp(placed, story
 def test_odometry_that_stops_is_waited_for_once_and_then_its_last_pose_has_to_do(placed):
     placed.scan(2.0)
     placed.now = 0.9 * TRANSFORM_TIMEOUT
-    placed.placement.refresh()
+    placed.placement.update()
     assert placed.answers() == []
     placed.now = 1.1 * TRANSFORM_TIMEOUT
-    placed.placement.refresh()
+    placed.placement.update()
     placed.scan(3.0)
     assert placed.answers() == [(2.0, 10.0), (3.0, 10.0)]
     placed.scan(3.1)
@@ -127,10 +127,10 @@ def test_without_any_transform_the_first_scan_is_answered_at_a_deadline_and_the_
     fixture = Fixture()
     fixture.scan(1.0)
     fixture.now = 0.9 * START_TIMEOUT
-    fixture.placement.refresh()
+    fixture.placement.update()
     assert fixture.answers() == []
     fixture.now = 1.1 * START_TIMEOUT
-    fixture.placement.refresh()
+    fixture.placement.update()
     fixture.scan(2.0)
     assert fixture.answers() == [(1.0, None), (2.0, None)]
     assert fixture.observations[0].laser_in_base is None
@@ -148,7 +148,7 @@ def test_scans_stamped_by_a_clock_that_is_ahead_are_answered_at_ten_hertz(ahead)
             fixture.pose(fixture.now, fixture.now)
         if step % 5 == 0:
             fixture.scan(fixture.now + ahead)
-        fixture.placement.refresh()
+        fixture.placement.update()
         answered.update((stamp, fixture.now) for stamp, _ in fixture.answers() if stamp not in answered)
     assert len([at for at in answered.values() if 1002.0 <= at < 1006.0]) >= 40
     assert fixture.placement.ahead == pytest.approx(ahead, abs=0.021)

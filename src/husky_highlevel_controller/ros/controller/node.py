@@ -116,7 +116,7 @@ class ControllerNode:
         while not rospy.is_shutdown():
             self._diagnostics.update()
             self._display.update()
-            self._placement.refresh()
+            self._placement.update()  # ends waits that are overdue
             time.sleep(POLL_PERIOD)
 
     def _stop(self) -> None:

@@ -83,7 +83,6 @@ class ScanPlacement:
         self._overdue_after: Optional[rospy.Time] = None  # the latest transform when a wait ended without one
         self._clocks = ClockOffset(MIN_OFFSET)
         self._unplaced_scans = 0
-        self._fixed: Optional[Tuple[str, Pose]] = None  # a lidar's frame, and its pose by /tf_static alone
 
     def add(self, scan: Scan, stamp: rospy.Time) -> None:
         """Take a scan, and its stamp exact to the nanosecond. Any thread."""
@@ -116,11 +115,6 @@ class ScanPlacement:
         """Forget the pending scans, for a newer one is unusable."""
         with self._lock:
             self._pending = self._next = None
-
-    def refresh(self) -> None:
-        """End waits that are overdue, and look fixed transforms up again; to be called now and then."""
-        self._fixed = None
-        self.update()
 
     def lookup(
         self, parent: str, child: str, stamp: Optional[rospy.Time] = None
@@ -169,16 +163,8 @@ class ScanPlacement:
         return waits, None if is_old else latest
 
     def _laser_in_base(self, frame: str) -> Optional[Pose]:
-        fixed = self._fixed
-        if fixed is not None and fixed[0] == frame:
-            return fixed[1]
         transform = self.lookup(BASE, frame)
         self._unplaced_scans = 0 if transform else self._unplaced_scans + 1
         if self._unplaced_scans > MAX_UNPLACED_SCANS:
             rospy.logwarn_throttle(REPORT_PERIOD, f"the robot stands still: {frame_sentence(frame)}")
-        if transform is None:
-            return None
-        pose = pose_from_transform(transform)
-        if transform.header.stamp.is_zero():  # every transform of the chain is from /tf_static
-            self._fixed = frame, pose
-        return pose
+        return pose_from_transform(transform) if transform else None

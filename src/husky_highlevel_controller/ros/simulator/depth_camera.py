@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Optional, Tuple
+from typing import Optional
 
+import numpy as np
 import rospy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import Header
 
 from husky_highlevel_controller.datatypes import Pose, Snapshot
 from husky_highlevel_controller.geometry import compose
@@ -14,7 +16,6 @@ from husky_highlevel_controller.ros.clouds import points_to_msg
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.simulator.sensors.depth_camera import (
     CameraConfig,
-    DepthImage,
     image_of,
     points_of,
 )
@@ -67,21 +68,21 @@ class DepthCamera:
         buffer = self._renderer.take(timeout)
         if buffer is None:
             return
-        image = image_of(buffer, self._config, self._stamp, FRAME)
-        publish(self._info, camera_info_to_msg(image, self._config.focal_length, self._config.center))
+        depth, header = image_of(buffer, self._config), conversions.header(self._stamp, FRAME)
+        publish(self._info, camera_info_to_msg(self._config, header))
         if self._image.get_num_connections():
-            publish(self._image, depth_to_msg(image))
+            publish(self._image, depth_to_msg(depth, header))
         if self._points.get_num_connections():
-            publish(self._points, points_to_msg(points_of(image, self._config), image.stamp, FRAME))
+            publish(self._points, points_to_msg(points_of(depth, self._config), self._stamp, FRAME))
 
 
-def camera_info_to_msg(image: DepthImage, focal_length: float, center: Tuple[float, float]) -> CameraInfo:
-    """Pinhole camera without distortion: focal length and optical centre (u, v) in px."""
-    f, (u, v), (height, width) = focal_length, center, image.depth.shape
+def camera_info_to_msg(config: CameraConfig, header: Header) -> CameraInfo:
+    """Pinhole camera without distortion."""
+    f, (u, v) = config.focal_length, config.center
     return CameraInfo(
-        header=conversions.header(image.stamp, image.frame),
-        height=height,
-        width=width,
+        header=header,
+        height=config.height,
+        width=config.width,
         distortion_model="plumb_bob",
         D=[0.0] * 5,
         K=[f, 0.0, u, 0.0, f, v, 0.0, 0.0, 1.0],
@@ -90,15 +91,15 @@ def camera_info_to_msg(image: DepthImage, focal_length: float, center: Tuple[flo
     )
 
 
-def depth_to_msg(image: DepthImage) -> Image:
+def depth_to_msg(depth: np.ndarray, header: Header) -> Image:
     """Metres as 32-bit floats (REP 118)."""
-    height, width = image.depth.shape
+    height, width = depth.shape
     return Image(
-        header=conversions.header(image.stamp, image.frame),
+        header=header,
         height=height,
         width=width,
         encoding="32FC1",
         is_bigendian=False,
         step=4 * width,
-        data=image.depth.astype("<f4").tobytes(),
+        data=depth.astype("<f4").tobytes(),
     )

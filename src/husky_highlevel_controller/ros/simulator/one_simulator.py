@@ -18,12 +18,6 @@ from husky_highlevel_controller.xml_rpc import ask
 NODE, CALLER = "husky_simulator", "/one_simulator"
 
 
-def publishers_of_clock(master_uri: str) -> List[str]:
-    """Names of the nodes that publish /clock and answer; empty without a master."""
-    state = ask(master_uri, "getSystemState", CALLER)
-    return clock_publishers(master_uri, dict(state[0])) if state else []
-
-
 def clock_publishers(master_uri: str, publishers: Mapping[str, Sequence[str]]) -> List[str]:
     """Names of the nodes that publish /clock by what the master knows, and have not been killed."""
 
@@ -36,7 +30,8 @@ def clock_publishers(master_uri: str, publishers: Mapping[str, Sequence[str]]) -
 
 def running_simulator(master_uri: str) -> Optional[str]:
     """Name of the simulator that runs on a master; None if there is none."""
-    names = publishers_of_clock(master_uri)
+    state = ask(master_uri, "getSystemState", CALLER)
+    names = clock_publishers(master_uri, dict(state[0])) if state else []
     return next((name for name in names if name.rsplit("/", 1)[-1] == NODE), None)
 
 

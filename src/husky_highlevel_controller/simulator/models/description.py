@@ -59,16 +59,8 @@ def robot_description(robot: str = "husky", meshes: Optional[str] = None, **argu
     Raises:
         DescriptionError: an argument that is none, or a value that it cannot have.
     """
-    return _expand(
-        {
-            "robot": robot,
-            "meshes": mesh_uri() if meshes is None else meshes,
-            **{name: str(value) for name, value in arguments.items()},
-        }
-    )
-
-
-def _expand(arguments: Mapping[str, str]) -> str:
+    arguments = {name: str(value) for name, value in arguments.items()}
+    arguments.update(robot=robot, meshes=mesh_uri() if meshes is None else meshes)
     for name, value in arguments.items():
         if name not in ARGUMENTS:
             usage = " ".join(f"{argument}:={form}" for argument, (_, form) in ARGUMENTS.items())
@@ -78,8 +70,7 @@ def _expand(arguments: Mapping[str, str]) -> str:
             raise DescriptionError(f"{name} is '{value}'; use {form}")
     import xacro  # here, because it is only needed to make a URDF, not to read one
 
-    robot = load_robot(arguments.get("robot", "husky"))
-    source = share_folder() / "urdf" / robot.description
+    source = share_folder() / "urdf" / load_robot(robot).description
     mappings = {name: value.lower() if value in FLAGS else value for name, value in arguments.items()}
     # in lines, because Bullet cuts a URDF's lines after 8 kB
     return str(xacro.process_file(str(source), mappings=mappings).toprettyxml(indent="  "))
@@ -92,7 +83,7 @@ def main() -> None:
         name: os.environ[variable] for name, variable in LIDAR_VARIABLES.items() if variable in os.environ
     }
     try:
-        print(_expand({"meshes": mesh_uri(), **mount, **arguments}))
+        print(robot_description(**{**mount, **arguments}))
     except DescriptionError as error:
         print(error, file=sys.stderr)
         raise SystemExit(2) from None

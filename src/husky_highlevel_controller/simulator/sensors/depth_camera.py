@@ -1,6 +1,6 @@
 """Depth camera: its parameters, and 3D points from its depth image.
 
-In: a depth buffer from a renderer. Out: a `DepthImage`, points.
+In: a depth buffer from a renderer. Out: a depth image, points.
 
 Numbers: the Kinect of husky_description before 0.4.4 (60 degrees wide, 0.05 to 8 m, 10 images a second), at
 half its 640 x 480 pixels. Frames are optical (REP 103): z forward, x to the right, y down.
@@ -56,28 +56,20 @@ class CameraSetup:
     camera: CameraConfig = field(default_factory=CameraConfig, metadata={"help": "the depth camera"})
 
 
-@dataclass(frozen=True, eq=False)
-class DepthImage:
-    """Image of a depth camera."""
+def image_of(buffer: np.ndarray, config: CameraConfig) -> np.ndarray:
+    """Depth along the camera's z axis, (height, width) float32 [m], of an OpenGL depth buffer in 0..1.
 
-    stamp: float  # [s]
-    frame: str  # optical: z forward, x to the right, y down
-    depth: np.ndarray  # (height, width) float32 [m], along z; NaN beyond the far limit
-
-
-def image_of(buffer: np.ndarray, config: CameraConfig, stamp: float, frame: str) -> DepthImage:
-    """Depth image of an OpenGL depth buffer, (height, width) in 0..1; NaN where nothing is near."""
+    NaN where nothing is within the far limit.
+    """
     near, far = config.near, config.far
     depth = far * near / (far - (far - near) * np.asarray(buffer, dtype=float))
-    depth = np.where(depth < 0.999 * far, depth, np.nan).astype(np.float32)
-    depth.setflags(write=False)
-    return DepthImage(stamp, frame, depth)
+    return np.where(depth < 0.999 * far, depth, np.nan).astype(np.float32)
 
 
-def points_of(image: DepthImage, config: CameraConfig) -> np.ndarray:
+def points_of(depth: np.ndarray, config: CameraConfig) -> np.ndarray:
     """Points of the pixels' surfaces in the camera's optical frame, (height, width, 3) float32 [m]."""
     u, v = config.center
-    height, width = image.depth.shape
-    x = (np.arange(width) - u) / config.focal_length * image.depth
-    y = (np.arange(height) - v)[:, None] / config.focal_length * image.depth
-    return np.stack([x, y, image.depth], axis=-1).astype(np.float32)
+    height, width = depth.shape
+    x = (np.arange(width) - u) / config.focal_length * depth
+    y = (np.arange(height) - v)[:, None] / config.focal_length * depth
+    return np.stack([x, y, depth], axis=-1).astype(np.float32)

@@ -51,26 +51,16 @@ def _prepare_cylinder(center: Number3, axes: Sequence[Number3], size: Number3) -
 
 
 def _enter_cylinder(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    a, ahead, root = _flank(along, numbers)
-    enter, leave = _unless(a < 1e-18, numbers[2], (ahead - root) / a, (ahead + root) / a)
-    near, far = _slab(along[3], numbers[3], numbers[4], numbers[5])
-    return _entries(np.maximum(enter, near), np.minimum(leave, far))
+    """Distances at which beams enter, by t = (ahead -+ root) / a of the cylinder without ends, and its ends.
 
-
-def enter_flank(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Distances at which beams enter an endless cylinder that is ahead of them all."""
-    a, ahead, root = _flank(along, numbers)
-    return (ahead - root) / a
-
-
-def _flank(along: np.ndarray, numbers: np.ndarray) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(a, b, root) of the quadratic equation of a cylinder without ends, t = (b -+ root) / a.
-
-    b^2 - a (m.m - radius^2) = radius^2 a - (d.m)^2, which keeps its digits far away.
+    The root is that of ahead^2 - a (m.m - radius^2) = radius^2 a - (d.m)^2, which keeps its digits far away.
     """
-    aside, ahead, cross, _ = along
+    aside, ahead, cross, lengthwise = along
     a = numbers[0] + cross * cross  # squared sine of the angle between beam and axis
-    return a, ahead, np.sqrt(numbers[1] * a - aside * aside)
+    root = np.sqrt(numbers[1] * a - aside * aside)
+    enter, leave = _unless(a < 1e-18, numbers[2], (ahead - root) / a, (ahead + root) / a)
+    near, far = _slab(lengthwise, numbers[3], numbers[4], numbers[5])
+    return _entries(np.maximum(enter, near), np.minimum(leave, far))
 
 
 def _prepare_sphere(center: Number3, axes: Sequence[Number3], size: Number3) -> Prepared:

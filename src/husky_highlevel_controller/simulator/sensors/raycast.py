@@ -25,7 +25,6 @@ from husky_highlevel_controller.simulator.sensors.ray_shapes import (
     CYLINDER,
     FORMULAS,
     SPHERE,
-    enter_flank,
 )
 
 # Up to so many solid shapes are met one by one. All at once, the scan of the course takes three times as
@@ -155,17 +154,12 @@ def _meet_one(
     if square < 0.0 or flat - solid.bound > max_range:
         return 0.0
     farthest, radius = flat + solid.bound, sqrt(square)
-    # 3. the formula of its kind; a cylinder whose ends no beam within the ball reaches needs its flank only
+    # 3. what is the same for all beams
     needed, prepare, enter = FORMULAS[solid.kind]
     axes = [along_axes(laser, axis) for axis in solid.axes[needed]]
-    if solid.kind == CYLINDER and flat > radius:
-        axis_x, axis_y, _ = axes[0]
-        if abs(dot(center, axes[0])) + hypot(axis_x, axis_y) * farthest <= solid.size[2]:
-            enter = enter_flank
-    # 4. what is the same for all beams
     prepared = prepare(center, axes, solid.size)
     rows, numbers = np.array(prepared[0]), np.array(prepared[1])[:, None]
-    # 5. the beams towards the circle, all of them where the laser is in it
+    # 4. the beams towards the circle, all of them where the laser is in it
     for first, last in _spans(beams, atan2(y, x), asin(radius / flat) if flat > radius else pi):
         entries = enter(np.dot(rows, beams.directions[:, first:last]), numbers)
         met = distances[first:last]
