@@ -112,6 +112,8 @@ def test_long_names_and_many_topics_are_not_kept(watch, kept, monkeypatch):
     watch.add([marker("f" * 100_000)], "/viz")
     assert kept() < 100_000
     monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
+    watch.follow("/" + "v" * 100_000, "visualization_msgs/Marker")
+    assert not watch.topics, "RViz's displays are compared up to 200 letters"
     for number in range(1000):
         watch.follow(f"/viz_{number}", "visualization_msgs/Marker")
     assert len(watch.topics) == MAX_TOPICS

@@ -33,7 +33,7 @@ MAX_ALL_POINTS = 500_000  # of all markers of a drive
 MAX_MESSAGE = 2_000_000  # [bytes]
 MAX_TOPICS = 50
 MAX_FRAMES = 5000
-MAX_NAME = 200  # letters of a namespace or frame
+MAX_NAME = 200  # letters of a topic, namespace or frame
 RETRY_STEP, RETRY_END = 0.05, 1.0  # [s], simulated: a frame that appears later counts from then on
 
 _FRAME = re.compile(r"^(\S[^\n]*?): *\n  parent: '([^\n']*)'$", re.MULTILINE)
@@ -93,7 +93,8 @@ class MarkerWatch:
 
     def follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic, if its type is one of markers."""
-        if kind in KINDS and topic not in self._topics and len(self._topics) < MAX_TOPICS:
+        is_new = topic not in self._topics and len(self._topics) < MAX_TOPICS
+        if kind in KINDS and is_new and len(topic) <= MAX_NAME:  # a picture of a longer one takes minutes
             # raw messages: a large one is refused before it is taken apart
             self._topics[topic] = rospy.Subscriber(
                 topic, rospy.AnyMsg, self._on_message, (topic, KINDS[kind]), queue_size=100, tcp_nodelay=True
