@@ -139,12 +139,15 @@ def server(replaced):
 
     def serve(sock, _address, header):
         server.calls.append((header["service"], sock.gettimeout()))
-        sock.sendall(b"yes")
+        with sock:
+            sock.sendall(b"yes")
 
     server.service_connection_handler = serve
     server.start_server()
     yield server
-    server.shutdown()
+    with server.tcp_ros_server.server_sock.dup() as listener:
+        server.shutdown()
+        listener.shutdown(socket.SHUT_RDWR)  # or rospy's thread takes one more connection, and leaves it open
 
 
 def connected(server):
