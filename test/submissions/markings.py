@@ -29,82 +29,70 @@ DRIVEN = (
     "sleeps_by_simulated_time", "teleports",
 )  # fmt: skip
 
-# points of: drives towards it, reaches it, RViz, marker's place, marker in RViz (None: for a person, since no
-# RViz configuration was handed in); and sentences that it is told
+# points for: drives towards it, reaches it, RViz, marker's place, marker in RViz (None: for a person, since
+# no RViz configuration was handed in); and sentences that it is told
+ALL, NOTHING, STARTS = (20, 30, 20, 20, 10), (0, 0, None, 0, 0), (10, 0, None, 0, 0)
+ARRIVES, UNMARKED = (20, 30, None, 20, None), (20, 30, None, 0, 0)
+
+
+def arrives(marker, within=1.0):
+    """Points of one that reaches the pillar, and about so many for its marker."""
+    return (20, 30, None, pytest.approx(marker, abs=within), None)
+
+
 DESERVED = {
-    "complete": ((20, 30, 20, 20, 10), ["odom, stamp 0: right 100 %", "robot model, laser scan to be seen"]),
-    "crashes": ((10, 0, None, 0, 0), ["ends during the drive (exit code 1): ZeroDivision", "stops short"]),
-    "hangs": ((10, 0, None, 0, 0), ["does not answer every scan", "stops short: nearest 6."]),
-    "never_publishes": ((0, 0, None, 0, 0), ["never moves: nothing came on cmd_vel", "publish the velocity"]),
+    "complete": (ALL, ["odom, stamp 0: right 100 %", "robot model, laser scan to be seen"]),
+    "crashes": (STARTS, ["ends during the drive (exit code 1): ZeroDivisionError", "stops short"]),
+    "hangs": (STARTS, ["does not answer every scan", "stops short: nearest 6."]),
+    "never_publishes": (NOTHING, ["never moves: nothing came on cmd_vel", "publish the velocity"]),
     "raises_in_callback": (
-        (0, 0, None, 0, 0),
+        NOTHING,
         ["raises NameError: name 'minimum' is not defined (controller:11), first at 0.", "line named"],
     ),
-    "never_advertises": ((0, 0, None, 0, 0), ["never moves: it advertises no cmd_vel", "make a publisher"]),
-    "floods": ((20, 30, None, 0, 0), ["it floods cmd_vel: "]),
+    "never_advertises": (NOTHING, ["never moves: it advertises no cmd_vel", "make a publisher"]),
+    "floods": (UNMARKED, ["it floods cmd_vel: "]),
     "drives_away": ((0, 0, None, 20, None), ["drives away: ", "check the sign of angular.z"]),
     "spins": ((0, 0, None, pytest.approx(16.5, abs=2.0), None), ["turns round ", "inf or NaN"]),
     "stops_short": ((20, 0, None, 0, 0), ["stops short: nearest 2."]),
-    "rams": ((20, 30, None, 20, None), ["reaches it, at 1.0"]),  # the sheet's "hits the pillar"
+    "rams": (ARRIVES, ["reaches it, at 1.0"]),  # the sheet's "hits the pillar"
     "marks_the_origin": ((20, 30, 20, 0, 0), ["right 0 % of", ", 0.13), the pillar at (20.00, 5.00): "]),
-    "imports_what_is_missing": ((0, 0, None, 0, 0), ["NotFoundError: No module named 'no_such_package'"]),
+    "imports_what_is_missing": (NOTHING, ["ModuleNotFoundError: No module named 'no_such_package'"]),
     "needs_a_missing_package": (
-        (20, 30, None, 0, 0),
+        UNMARKED,
         ["package 'no_such_package' is missing; the <include> that needs it is left out", "stands "],
     ),
     # traps: what students do that a person would not mark down, and the first cause in the chain
-    "sleeps_by_simulated_time": ((20, 30, None, 20, None), ["front_laser, stamp 0: right "]),
+    "sleeps_by_simulated_time": (ARRIVES, ["front_laser, stamp 0: right "]),
     "marks_in_base_link": (
-        (20, 30, None, pytest.approx(9.6, abs=0.3), None),
+        arrives(9.6, 0.3),
         ["0.54 m from the pillar's axis", "m too near, seen from the robot", "not in base_link's origin"],
     ),
-    "commands_zero": ((0, 0, None, 0, 0), ["never moves: all ", "commands were zero", "a gain of 0"]),
-    "listens_elsewhere": ((0, 0, None, 0, 0), ["listens to /scan, where nothing is sent", "`rostopic list`"]),
+    "commands_zero": (NOTHING, ["never moves: all ", "commands were zero", "a gain of 0"]),
+    "listens_elsewhere": (NOTHING, ["listens to /scan, where nothing is sent", "`rostopic list`"]),
     # attacks
-    "teleports": ((0, 0, None, 0, 0), ["no points: the simulator was asked to interfere", "robot jumps "]),
-    "forges_the_truth": (
-        (0, 0, None, 0, 0),
-        ["no points: node /controller publishes on /ground_truth/odom, as the simulator does"],
-    ),
-    "steers_by_the_truth": (
-        (0, 0, None, 0, 0),
-        ["node /controller subscribes to /husky_simulator/world/update_full, where the simulator tells "],
-    ),
-    "marks_a_grid": ((20, 30, None, 0, 0), ["196 markers in namespace 'grid'"]),
+    "teleports": (NOTHING, ["no points: the simulator was asked to interfere", "the robot jumps "]),
+    "forges_the_truth": (NOTHING, ["no points: node /controller publishes on /ground_truth/odom, as the "]),
+    "steers_by_the_truth": (NOTHING, ["/controller subscribes to /husky_simulator/world/update_full, where"]),
+    "marks_a_grid": (UNMARKED, ["196 markers in namespace 'grid'"]),
     "blocks_readers": ((0, 0, 0, 0, 0), ["the robot never moves: all "]),
-    "breaks_readers": (
-        (0, 0, 0, 0, 0),
-        [
-            "launch-prefix 'xterm -e' of node controller is dropped",
-            "node breaks_readers/no_such_program cannot be started",
-        ],
-    ),
-    "forges_events": ((0, 0, None, 0, 0), ["ends during the drive (signal 11, SIGSEGV)"]),
-    "hides": ((0, 0, None, 0, 0), ["no marker at the pillar that could be shown"]),
-    "counts_ids": ((20, 30, None, 0, 0), ["half of those drawn must be right"]),
+    "breaks_readers": ((0, 0, 0, 0, 0), ["'xterm -e' of node controller is dropped", " cannot be started"]),
+    "forges_events": (NOTHING, ["ends during the drive (signal 11, SIGSEGV)"]),
+    "hides": (NOTHING, ["no marker at the pillar that could be shown"]),
+    "counts_ids": (UNMARKED, ["half of those drawn must be right"]),
     # other robots and exercises
-    "is_for_an_older_husky": ((20, 30, None, 20, None), ["/scan"]),
-    "listens_to_laser": (
-        (20, 30, None, 20, None),
-        ["scans are sent on /laser, the only topic of scans that it subscribes to"],
-    ),
+    "is_for_an_older_husky": (ARRIVES, ["/scan"]),
+    "listens_to_laser": (ARRIVES, ["scans are sent on /laser, the only topic of scans that it subscribes "]),
     "prints_ranges": ((40, None, 15, None), []),
-    "reference": ((20, 30, 20, 20, 10), ["likewise in 1 other worlds"]),
+    "reference": (ALL, ["likewise in 1 other worlds"]),
     "reference_of_exercise_5": ((50, 50, None, None), ["stands after 2 of 2 calls", "drives after 2 of 2 "]),
-    "does_not_build": ((0, 0, None, 0, 0), ["it does not build: ", "controller.cpp:51:", "mend this error"]),
+    "does_not_build": (NOTHING, ["it does not build: ", "controller.cpp:51:", "mend this error first"]),
     # faults, each named as it is in the code
     "turns_too_slowly": ((10, 0, None, 20, None), ["too slowly for 1.0 m/s: a larger gain"]),
-    "swaps_x_and_y": ((20, 30, None, 0, 0), ["x and y are swapped", "x is ahead, y to the left"]),
-    "takes_another_beam": ((20, 30, None, 0, 0), ["distance is right, its angle is not", "_min + index"]),
-    "cuts_to_whole_metres": (
-        (20, 30, None, pytest.approx(5.2, abs=1.0), None),
-        ["its coordinates are whole metres", "compute the position in double"],
-    ),
-    "forgets_y": (
-        (20, 30, None, pytest.approx(15.0, abs=1.0), None),
-        ["y is always 0", "give the marker a y, too"],
-    ),
-    "marks_nan": ((20, 30, None, 0, 0), ["leave out ranges that are inf or NaN"]),
+    "swaps_x_and_y": (UNMARKED, ["x and y are swapped", "x is ahead, y to the left"]),
+    "takes_another_beam": (UNMARKED, ["its distance is right, its angle is not", "angle_min + index"]),
+    "cuts_to_whole_metres": (arrives(5.2), ["coordinates are whole metres", "the position in double"]),
+    "forgets_y": (arrives(15.0), ["y is always 0", "give the marker a y, too"]),
+    "marks_nan": (UNMARKED, ["leave out ranges that are inf or NaN"]),
     "drives_by_chance": (
         (None, None, None, None, None),
         ["person: `start_` (controller.cpp:36) is read", "by chance, as above; in", "constructor; then x"],
