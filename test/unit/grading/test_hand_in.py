@@ -561,6 +561,26 @@ def test_without_a_launch_file_that_fits_there_is_no_mark(exercise, words, ann, 
 # ---------------------------------------------------------------------------- builds
 
 
+@pytest.mark.parametrize(
+    ("line", "is_other"),
+    [
+        ("#!/usr/bin/python", True),
+        ("#!/usr/bin/env python2.7", True),
+        ("#!/usr/bin/env python3\r", True),
+        ("#!/usr/bin/env python3", False),
+        ("#!/usr/bin/python3.8", False),
+        ("#!/bin/sh", False),
+    ],
+)
+def test_a_script_of_another_python_is_run_by_python_3(line, is_other, ann, tmp_path):
+    folder = package(ann / "husky", "husky")
+    (folder / "node").write_bytes(f"{line}\npass\n".encode())
+    folders, notes = copied(ann, tmp_path)
+    first = "#!/usr/bin/env python3" if is_other else line
+    assert (folders.packages["husky"] / "node").read_bytes().decode() == f"{first}\npass\n"
+    assert ("run by Python 3, in place of what their first lines name: node" in notes) is is_other
+
+
 def test_a_copy_has_no_links_and_nothing_built_and_scripts_that_run(ann, tmp_path):
     folder = package(ann / "husky", "husky", email="")
     put(folder / "scripts" / "node.py", "#!/usr/bin/env python3\n").chmod(0o644)

@@ -54,6 +54,7 @@ PLAIN_PUBLISH_NOTE = (
     "publish(true) and its like are made to compile; newer versions of ROS want a message, such as "
     "std_msgs::Bool"
 )
+_OTHER_PYTHON = re.compile(rb"#!.*\bpython(?:(?:2(?:\.\d+)?)?\s*|3\s+)")
 _HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
 _NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]+)"')
 _ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
@@ -117,6 +118,7 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
     for package in packages:
         target = copies[package.name] = root / "src" / package.name
         scripts: List[str] = []
+        older: List[str] = []
         target.mkdir()
         # not its blocks on the disk: a sparse file would be written as the zeros that it stands for
         sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
@@ -128,13 +130,16 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
             copy = target / path.relative_to(package.path)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, copy)
-            executable = bool(path.stat().st_mode & 0o100)
-            if not executable and _is_script(copy):
+            executable, is_script = bool(path.stat().st_mode & 0o100), _is_script(copy)
+            if is_script and _repair_interpreter(copy):
+                older.append(path.name)
+            if is_script and not executable:
                 scripts.append(path.name)
-                executable = True
-            copy.chmod(0o755 if executable else 0o644)
+            copy.chmod(0o755 if executable or is_script else 0o644)
         if scripts:
             notes.append(f"made executable, which a copy through an archive may undo: {', '.join(scripts)}")
+        if older:
+            notes.append(f"run by Python 3, in place of what their first lines name: {', '.join(older)}")
         notes += _repair_manifest(target, package)
     notes += large_files_note(large)
     paths = [path for folder in copies.values() for path in _repair_paths(folder, copies)]
@@ -147,6 +152,15 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
 def _is_script(path: Path) -> bool:
     with path.open("rb") as file:
         return file.read(2) == b"#!"
+
+
+def _repair_interpreter(script: Path) -> bool:
+    """Let Python 3 run a script whose first line names python or python2, or ends as on Windows."""
+    line, _, code = script.read_bytes().partition(b"\n")
+    if _OTHER_PYTHON.fullmatch(line):
+        script.write_bytes(b"#!/usr/bin/env python3\n" + code)
+        return True
+    return False
 
 
 def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
