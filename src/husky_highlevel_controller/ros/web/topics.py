@@ -36,7 +36,7 @@ class Topics:
         self._queues: Dict[str, Deque[Received]] = {use: deque(maxlen=1) for use in names}
         for kind in ("tf", "markers", "objects", "diagnostics"):
             self._queues[kind] = deque(maxlen=QUEUE)
-        self._subscribers: Dict[str, rospy.Subscriber] = {}
+        self._subscribers: Dict[str, rospy.Subscriber] = {}  # by use, else by topic
 
     @property
     def is_open(self) -> bool:
@@ -51,8 +51,8 @@ class Topics:
         """Listen to what every robot has; `follow` adds what the network offers."""
         self.listen("scan", numpy_msg(LaserScan), True)
         for topic in ("/tf", "/tf_static"):
-            self._subscribe(topic, TFMessage, "tf")
-        self._subscribe("/diagnostics", DiagnosticArray, "diagnostics")
+            self._subscribers[topic] = self._subscriber(topic, TFMessage, "tf")
+        self._subscribers["/diagnostics"] = self._subscriber("/diagnostics", DiagnosticArray, "diagnostics")
 
     def follow(self, published: List[Tuple[str, str]]) -> None:
         """Subscribe to every topic of markers, paths and objects that can be dragged."""
@@ -60,18 +60,19 @@ class Topics:
             if topic in self._subscribers:
                 continue
             if kind in DRAWN:
-                self._subscribe(topic, DRAWN[kind], "markers")
+                self._subscribers[topic] = self._subscriber(topic, DRAWN[kind], "markers")
             elif kind == INTERACTIVE:
-                self._subscribe(topic, InteractiveMarkerUpdate, "objects")
-                self._subscribe(topic + "_full", InteractiveMarkerInit, "objects")
+                full = f"{topic}_full"
+                self._subscribers[topic] = self._subscriber(topic, InteractiveMarkerUpdate, "objects")
+                self._subscribers[full] = self._subscriber(full, InteractiveMarkerInit, "objects")
 
     def listen(self, use: str, kind: Any, is_open: bool) -> None:
         """Subscribe or not to what is shown on demand."""
-        topic = self._names[use]
-        if is_open and topic not in self._subscribers:
-            self._subscribe(topic, kind, use, PAUSE if use in ("scan", "cloud") else NUMBERS_PAUSE)
-        elif not is_open and topic in self._subscribers:
-            self._subscribers.pop(topic).unregister()
+        if is_open and use not in self._subscribers:
+            pause = PAUSE if use in ("scan", "cloud") else NUMBERS_PAUSE
+            self._subscribers[use] = self._subscriber(self._names[use], kind, use, pause)
+        elif not is_open and use in self._subscribers:
+            self._subscribers.pop(use).unregister()
 
     def take(self, use: str) -> Optional[Any]:
         """The newest message of one use; None if there is no new one."""
@@ -92,11 +93,9 @@ class Topics:
         for queue in self._queues.values():
             queue.clear()
 
-    def _subscribe(self, topic: str, kind: Any, use: str, pause: float = PAUSE) -> None:
+    def _subscriber(self, topic: str, kind: Any, use: str, pause: float = PAUSE) -> rospy.Subscriber:
         push = partial(self._push, use, topic, pause)
-        self._subscribers[topic] = rospy.Subscriber(
-            topic, kind, push, queue_size=QUEUE, buff_size=2**20, tcp_nodelay=True
-        )
+        return rospy.Subscriber(topic, kind, push, queue_size=QUEUE, buff_size=2**20, tcp_nodelay=True)
 
     def _push(self, use: str, topic: str, pause: float, msg: Any) -> None:
         """Keep a message; if it did not arrive during the last pause, sleep `pause` [s]: then read a burst.

@@ -7,6 +7,7 @@ import re
 import threading
 from dataclasses import fields
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ import pytest
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import IDENTITY, STOP, HuskyError, Twist2D
-from husky_highlevel_controller.ros.web import actions, drawing, state_bar
+from husky_highlevel_controller.ros.web import actions, drawing, state_bar, topics
 from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, LogBuffer, to_html
 from husky_highlevel_controller.ros.web.mouse import Drag, Mouse, point_on_level
 from husky_highlevel_controller.ros.web.page_server import _parse, refusal
@@ -346,6 +347,15 @@ def test_an_item_that_cannot_be_shown_is_left_out_with_one_warning(monkeypatch):
         with drawing.left_out("/markers"):
             drawing.rgb((float("nan"), 0.0, 0.0, 1.0))
     assert warnings == ["/markers is not shown: ValueError: cannot convert float NaN to integer"]
+
+
+def test_a_topic_of_two_uses_stays_open_for_the_one_that_is_shown(monkeypatch):
+    subscriber = Mock()
+    monkeypatch.setattr(topics.rospy, "Subscriber", lambda *_, **__: subscriber)
+    listener = topics.Topics({"truth": "/odom", "odometry": "/odom"})
+    listener.listen("truth", object, True)
+    listener.listen("odometry", object, False)
+    assert not subscriber.unregister.called
 
 
 @pytest.mark.parametrize(
