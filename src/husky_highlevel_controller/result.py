@@ -16,7 +16,7 @@ from typing import Any, List, Mapping, NamedTuple, Sequence
 
 WIDTH = 110  # letters of a line
 MIN_WRAPPED = 30  # letters of a wrapped column
-FORMULA = re.compile(r"[=+\-@\t\r](?!\d[\d.]*$)")  # begins what a spreadsheet would run; no negative number
+FORMULA = re.compile(r"[=+@\t\r]|-(?!\d[\d.]*$)")  # begins what a spreadsheet runs; no negative number does
 ENTITIES = {ord(letter): f"&#{ord(letter)};" for letter in "\\`*_{}[]<>#|!~&"}
 
 

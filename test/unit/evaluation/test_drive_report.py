@@ -51,3 +51,9 @@ def test_results_of_the_same_figures_are_equal_and_come_back_from_their_file(tmp
     assert report(1.0) != report(2.0)
     write_page(report(1.0), tmp_path)
     assert load(Result, tmp_path / "report.json") == report(1.0)
+
+
+def test_no_cell_of_a_csv_is_a_formula_and_a_negative_number_stays_one():
+    cells = ("=1", "+1", "@a", "-a", "-1.5", -2.5)
+    header = ["a", "b", "c", "d", "e", "f"]
+    assert Table("", header, [cells]).to_csv() == "a,b,c,d,e,f\n'=1,'+1,'@a,'-a,-1.5,-2.5\n"
