@@ -6,7 +6,7 @@ Quaternions are xyzw; roll-pitch-yaw is the URDF/SDF convention (fixed axes x, y
 
 from __future__ import annotations
 
-from math import asin, atan2, cos, pi, sin, sqrt
+from math import atan2, cos, hypot, pi, sin, sqrt
 from typing import Optional, Sequence, Tuple
 
 import numpy as np
@@ -127,10 +127,14 @@ def yaw_from_quat(quat: Quaternion) -> float:
 
 
 def rpy_from_quat(quat: Quaternion) -> Vector3:
-    """Fixed-axis roll, pitch, yaw of a unit quaternion, the inverse of `quat_from_rpy` [rad]."""
-    x, y, z, w = quat
-    pitch = asin(min(max(2.0 * (w * y - x * z), -1.0), 1.0))
-    return atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)), pitch, yaw_from_quat(quat)
+    """Fixed-axis roll, pitch, yaw of a unit quaternion, the inverse of `quat_from_rpy` [rad].
+
+    Straight up or down roll and yaw turn about the same axis: the yaw is 0 there.
+    """
+    (xx, xy, xz), (_, yy, yz), (_, zy, zz) = axes_from_quat(quat)
+    level = hypot(xx, xy)
+    roll, yaw = (atan2(yz, zz), atan2(xy, xx)) if level > 1e-9 else (atan2(-zy, yy), 0.0)
+    return roll, atan2(-xz, level), yaw
 
 
 def compose(pose_b_in_a: Pose, pose_c_in_b: Pose) -> Pose:

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections import defaultdict
-from math import atan2, hypot, isfinite
+from math import isfinite
 from typing import Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import defusedxml
 import defusedxml.ElementTree
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose
-from husky_highlevel_controller.geometry import compose, inverse, matrix_from_quat, quat_from_rpy
+from husky_highlevel_controller.geometry import compose, inverse, quat_from_rpy, rpy_from_quat
 
 MAX_NUMBER = 1e6  # in metres, kilograms or their products: a robot's are far smaller, and physics needs room
 SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1), "mesh": ("scale", 3)}
@@ -142,14 +142,7 @@ def poses_of_links(root: str, joined: Iterable[Tuple[str, str, Pose]]) -> Dict[s
 
 def write_origin(element: ET.Element, pose: Pose) -> None:
     """Add an <origin>."""
-    m = matrix_from_quat(pose.quat_xyzw)
-    level = hypot(m[0, 0], m[1, 0])
-    if level > 1e-9:
-        roll, yaw = atan2(m[2, 1], m[2, 2]), atan2(m[1, 0], m[0, 0])
-    else:  # straight up or down, roll and yaw turn about the same axis
-        roll, yaw = atan2(-m[1, 2], m[1, 1]), 0.0
-    rpy = (roll, atan2(-m[2, 0], level), yaw)
-    ET.SubElement(element, "origin", xyz=text_of(pose.position), rpy=text_of(rpy))
+    ET.SubElement(element, "origin", xyz=text_of(pose.position), rpy=text_of(rpy_from_quat(pose.quat_xyzw)))
 
 
 def text_of(numbers: Sequence[float]) -> str:

@@ -22,6 +22,7 @@ from husky_highlevel_controller.geometry import (
     quat_inverse,
     quat_multiply,
     rotate,
+    rpy_from_quat,
     transform_point,
     wrap_angle,
     yaw_from_quat,
@@ -77,6 +78,9 @@ def test_rpy_turns_about_fixed_axes_x_then_y_then_z(roll, pitch, yaw, vector):
     quat = quat_from_rpy(roll, pitch, yaw)
     assert rotate(quat, vector) == near(tuple(expected @ vector))
     assert matrix_from_quat(quat) == near(expected)
+    for attitude in (quat, quat_from_rpy(roll, pi / 2.0, yaw), quat_from_rpy(roll, -pi / 2.0, yaw)):
+        again = quat_from_rpy(*rpy_from_quat(attitude))
+        assert matrix_from_quat(again) == near(matrix_from_quat(attitude))
 
 
 @LAW

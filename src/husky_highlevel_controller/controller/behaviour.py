@@ -37,7 +37,7 @@ from husky_highlevel_controller.controller.search import (
 )
 from husky_highlevel_controller.controller.sensor_faults import MAX_OFFSET, frame_sentence
 from husky_highlevel_controller.controller.tracking import Estimate, Track, Visibility, aged, follow
-from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Scan, Twist2D
+from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Scan, Twist2D, Vector3
 from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, transform_point
 from husky_highlevel_controller.robot import load_robot
@@ -101,7 +101,7 @@ class ControlOutput(NamedTuple):
     at_pillar: bool  # it has arrived, and not left since: also while it is stopped there
     twist: Twist2D
     pillar: Optional[Pillar]  # that is followed and seen in this scan, in the laser's frame
-    pillar_in_odom: Optional[Tuple[float, float, float]]  # [m], its centre; None where TF does not know odom
+    pillar_in_odom: Optional[Vector3]  # [m], its centre; None where TF does not know odom
     estimate: Optional[Estimate]  # what is remembered, in odom
     target_in_base: Optional[Tuple[float, float]]  # [m], the pillar's centre, seen or else remembered
     distance_error: float  # [m], still to go; nan without a target
@@ -137,9 +137,8 @@ def decide(
     if moved:
         track = controller_state.track._replace(rejected=(), walked_to=None)  # it may be another world
         controller_state = controller_state._replace(track=track, started_at=None, at_pillar=False)
-    track, pillar, pillar_in_odom, visibility = _look(
-        controller_state, observation, find_pillars(observation.scan, detector_config)
-    )
+    pillars = find_pillars(observation.scan, detector_config)
+    track, (pillar, pillar_in_odom), visibility = _look(controller_state, observation, pillars)
     target = _target(track.estimate, observation, pillar)
     controller_state = controller_state._replace(
         track=track,
@@ -186,18 +185,16 @@ def _moved(controller_state: ControllerState, observation: Observation) -> bool:
 
 def _look(
     controller_state: ControllerState, observation: Observation, pillars: List[Pillar]
-) -> Tuple[Track, Optional[Pillar], Optional[Tuple[float, float, float]], Visibility]:
-    """Follow the pillar; without a pose in odom, take the nearest one of this scan."""
+) -> Tuple[Track, Tuple[Optional[Pillar], Optional[Vector3]], Visibility]:
+    """Follow the pillar, and its place in odom; without a pose in odom, take the nearest one of this scan."""
     laser_in_odom = observation.laser_in_odom
     if laser_in_odom is None:
-        return controller_state.track, (pillars[0] if pillars else None), None, Visibility.UNKNOWN
+        return controller_state.track, (pillars[0] if pillars else None, None), Visibility.UNKNOWN
     keep_hidden = controller_state.state is State.ARRIVED
     track, sighting, visibility = follow(
         controller_state.track, pillars, observation.scan, laser_in_odom, keep_hidden
     )
-    if sighting is None:
-        return track, None, None, visibility
-    return track, sighting.pillar, sighting.center_in_odom, visibility
+    return track, sighting or (None, None), visibility
 
 
 def _target(

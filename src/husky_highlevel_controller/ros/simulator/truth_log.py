@@ -38,17 +38,15 @@ class TruthLog:
         return self._socket is not None
 
     def write(self, snapshot: Snapshot) -> None:
-        """The true pose [m, xyzw] and velocity [m/s, rad/s] at a stamp [s]."""
-        if self._socket is not None:
-            self.write_line("truth", snapshot.true_state.to_numbers())
-            self._wait_for_reader()
+        """Write the true state, and wait until it is read.
 
-    def _wait_for_reader(self) -> None:
-        """Until the state is read: a busy reader must not take what comes now for something later."""
+        A busy reader must not take what comes now for something later.
+        """
         if self._socket is None:
             return
+        self.write_line("truth", snapshot.true_state.to_numbers())
         try:
-            if not self._socket.recv(1):
+            if self._socket is not None and not self._socket.recv(1):
                 raise ConnectionResetError("it has closed the socket")
         except OSError as error:
             self._give_up(error)

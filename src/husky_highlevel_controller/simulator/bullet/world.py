@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from functools import partial
 from math import degrees
-from typing import Any, Dict, List, Mapping, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 import pybullet
@@ -171,10 +171,6 @@ class BulletWorld:
         self._engine.resetBasePositionAndOrientation(body_id, pose.position, pose.quat_xyzw)
         self._engine.resetBaseVelocity(body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
-    def check_room(self, name: str) -> None:
-        """Check that a body, or the robot, overlaps none but planes; PlacementError where it does."""
-        self.check_room_of(self._ids[name], name)
-
     def check_moves(self, poses: Mapping[str, Pose], name: str) -> None:
         """Check that a body would overlap no other if some bodies, it among them, stood at these poses.
 
@@ -187,9 +183,7 @@ class BulletWorld:
         try:
             for other, pose in poses.items():
                 copies[other] = self._copy(other, pose)
-            self.check_room_of(
-                [copies[name]], name, [body_id for other in poses for body_id in self._ids[other]]
-            )
+            self.check_room(name, copies[name], [body_id for other in poses for body_id in self._ids[other]])
         finally:
             for body_id in copies.values():
                 self._remove(body_id)
@@ -204,12 +198,13 @@ class BulletWorld:
             self._lift_out_of_the_ground(copy)
         return copy
 
-    def check_room_of(self, body_ids: Sequence[int], name: str, ignored: Sequence[int] = ()) -> None:
-        """Check that Bullet's bodies, which make up the body `name`, overlap none but ignored ones.
+    def check_room(self, name: str, copy: Optional[int] = None, ignored: Sequence[int] = ()) -> None:
+        """Check that a body, or the robot, overlaps none but planes and ignored ones of Bullet's bodies.
 
         Raises:
-            PlacementError: they reach into something else.
+            PlacementError: it, or the copy of it that is checked in its place, reaches into something else.
         """
+        body_ids = self._ids[name] if copy is None else [copy]
         self._engine.performCollisionDetection()  # where every body is by now
         for body_id in body_ids:
             links = range(BASE_INDEX, self._engine.getNumJoints(body_id))
