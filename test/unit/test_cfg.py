@@ -8,7 +8,6 @@ from runpy import run_path
 
 import dynamic_reconfigure
 import pytest
-import yaml
 
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
@@ -45,8 +44,3 @@ def test_default_range_and_help_text_are_the_record_s(name, built):
 
 def test_it_is_flat(built):
     assert built["config_description"]["groups"] == []
-
-
-def test_the_yaml_names_every_one_of_them():
-    values = yaml.safe_load((ROOT / "config" / "controller.yaml").read_text())
-    assert set(PARAMETERS) <= set(values)

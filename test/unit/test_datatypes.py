@@ -30,10 +30,6 @@ def test_the_first_and_last_beam_point_at_the_scan_s_limits_and_the_rest_lie_eve
     assert np.diff(it.bearings) == pytest.approx(it.angle_increment, abs=1e-12)
 
 
-def test_the_husky_s_lidar_has_a_beam_every_three_eighths_of_a_degree():
-    assert scan(np.ones(720)).angle_increment == pytest.approx(0.0065541, abs=1e-7)
-
-
 @pytest.mark.parametrize("beams", [0, 1])
 def test_fewer_than_two_beams_have_no_step(beams):
     assert scan(np.ones(beams), -1.0, 1.0).angle_increment == 0.0

@@ -173,12 +173,6 @@ def test_a_bad_reading_is_left_out_and_the_rest_counts():
     assert due[-1].state[:3] == pytest.approx(path(localization(), drive())[-1, 1:4], abs=0.02)
 
 
-def test_a_nan_that_does_not_count_is_no_fault():
-    covariance = SMALL.copy()
-    covariance[3] = covariance[:, 3] = np.nan  # of roll's rate, by odometry of which it does not count
-    localization().add("odom0", wheels(0.0)._replace(velocity_covariance=covariance), AT_BASE)
-
-
 def test_a_set_pose_holds_against_older_readings():
     filter_, readings = localization(), drive(2.0)
     path(filter_, readings)
@@ -210,13 +204,14 @@ def test_what_it_does_not_do_is_refused_by_name_and_value(changes, sentence):
 
 
 def test_a_matrix_of_the_wrong_size_and_an_unknown_parameter_are_told_and_left_aside():
-    config, remarks = read_filter_config(
-        {**HUSKY, "process_noise_covariance": [0.1] * 200, "freqency": 1, "odom1": "b"}, "/ekf/"
-    )
+    wrong = {"process_noise_covariance": [0.1] * 200, "freqency": 1, "odom0x": "nonsense", "odom1": "b"}
+    config, remarks = read_filter_config({**HUSKY, **wrong}, "/ekf/")
     assert config.process_noise is None
     assert set(config.inputs) == {"odom0", "imu0"}
+    assert config.inputs["odom0"].topic == HUSKY["odom0"]
     assert [remark.split(":")[0].split(";")[0] for remark in remarks] == [
         "/ekf/freqency is not a parameter",
+        "/ekf/odom0x is not a parameter",
         "/ekf/process_noise_covariance has 200 numbers, not 225",
         "/ekf/odom1_config has nothing that is true",
     ]
@@ -248,9 +243,3 @@ def test_gravity_is_not_taken_away_by_an_attitude_that_is_none():
     attitude = Pose(quat_xyzw=(float("nan"),) * 4)
     with pytest.raises(ReadingError, match="its pose is"):
         filter_.add("imu0", imu(1.0)._replace(pose=attitude), AT_BASE)
-
-
-def test_a_misspelt_parameter_of_an_input_does_not_replace_its_topic():
-    config, remarks = read_filter_config({**HUSKY, "odom0x": "nonsense"}, "/ekf/")
-    assert config.inputs["odom0"].topic == HUSKY["odom0"]
-    assert "/ekf/odom0x is not a parameter" in remarks[0]

@@ -63,13 +63,6 @@ def test_a_heading_measured_beyond_pi_turns_the_short_way():
     assert abs(ekf.estimate.state[YAW]) == pytest.approx(pi, abs=0.02)
 
 
-def test_wheels_that_go_round_a_circle_come_back():
-    ekf, rate = PlanarEkf(), 0.5
-    for step in range(round(2.0 * pi / rate / 0.02) + 1):
-        ekf.process(measured(0.02 * step, {VX: 1.0, VY: 0.0, YAW_RATE: rate}))
-    assert ekf.estimate.state[:2] == pytest.approx((0.0, 0.0), abs=0.02)
-
-
 def test_without_measurements_it_goes_straight_on_and_knows_less():
     ekf = PlanarEkf()
     ekf.process(measured(0.0, {YAW: pi / 2, VX: 1.0}))

@@ -71,27 +71,6 @@ def test_switched_off_it_never_waits_and_obeys_every_command(warnings):
     assert warnings == []
 
 
-def test_the_scan_is_sent_again_if_the_very_first_command_does_not_come(monkeypatch):
-    monkeypatch.setattr(lockstep, "RESEND_TIMEOUT", 0.0)
-    steps, sent, checks = make(True), [], []
-
-    def resend():
-        sent.append(1)
-        steps.command_arrived("cmd_vel")
-
-    steps.begin_scan()
-    steps.wait_for_answer(nothing, resend, pytest.fail)
-    assert len(sent) == 1
-
-    def answer_late():
-        checks.append(1)
-        if len(checks) == 3:
-            steps.command_arrived("cmd_vel")
-
-    steps.begin_scan()
-    steps.wait_for_answer(answer_late, pytest.fail, nothing)
-
-
 def test_of_several_commands_for_one_scan_the_first_counts_on_each_topic():
     steps = make(True)
     assert not steps.drops("cmd_vel"), "before the first scan"
