@@ -134,7 +134,7 @@ class DriveTab:
 def readings_html(readings: Readings, lights: List[Tuple[str, int, str]]) -> str:
     """Readings and lights; whatever a node says of itself is text, never markup."""
     table = "".join(
-        f"<dt>{name}</dt><dd>{_number(reading, unit, digits)}</dd>"
+        f"<dt>{name}</dt><dd>{fixed(reading, digits)} {unit}</dd>"
         for (name, unit, digits), reading in zip(READINGS, readings)
     )
     lamps = "".join(
@@ -144,7 +144,3 @@ def readings_html(readings: Readings, lights: List[Tuple[str, int, str]]) -> str
     )
     none = '<div><span class="husky-light"></span>no diagnostics</div>'
     return f'<div class="husky-block">{lamps or none}<dl class="husky-status">{table}</dl></div>'
-
-
-def _number(value: Optional[float], unit: str, digits: int) -> str:
-    return "&ndash;" if value is None else f"{fixed(value, digits)} {unit}"

@@ -9,7 +9,7 @@ from collections import deque
 from datetime import datetime, timezone
 from html import escape
 from itertools import accumulate
-from typing import Any, Deque, Iterable, List, NamedTuple
+from typing import Any, Deque, Iterable, List, NamedTuple, Optional
 
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "error": 8, "fatal": 16}  # rosgraph_msgs/Log
 CAPACITY = 2000  # lines kept
@@ -48,12 +48,16 @@ class LogBuffer:
 
     def __init__(self) -> None:
         self.count = 0  # of all lines that ever came
+        self.warning: Optional[Line] = None  # the newest line of that level, or a worse one
         self._lines: Deque[Line] = deque(maxlen=CAPACITY)
 
     def add(self, msg: Any) -> None:
         """Keep a message of /rosout."""
         text = msg.msg if len(msg.msg) <= MAX_LETTERS else f"{msg.msg[:MAX_LETTERS]} ..."
-        self._lines.append(Line(msg.level, msg.header.stamp.to_sec(), msg.name[:MAX_LETTERS], text))
+        line = Line(msg.level, msg.header.stamp.to_sec(), msg.name[:MAX_LETTERS], text)
+        if line.level >= LEVELS["warn"]:
+            self.warning = line
+        self._lines.append(line)
         self.count += 1
 
     def select(self, condition: Filter) -> List[Line]:

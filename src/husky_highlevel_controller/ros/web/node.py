@@ -8,6 +8,7 @@ import gc
 import time
 from dataclasses import dataclass
 from functools import partial
+from math import inf
 from typing import Any, Dict, Optional
 
 import rosgraph
@@ -34,7 +35,7 @@ from husky_highlevel_controller.ros.web.pages import Pages, theme
 from husky_highlevel_controller.ros.web.plots import Plots
 from husky_highlevel_controller.ros.web.recorder import Recorder
 from husky_highlevel_controller.ros.web.scene import Scene
-from husky_highlevel_controller.ros.web.state_bar import RobotStatus, StateBar
+from husky_highlevel_controller.ros.web.state_bar import STOPPED, RobotStatus, StateBar
 from husky_highlevel_controller.ros.web.teleop import Teleop
 from husky_highlevel_controller.ros.web.topics import Topics
 from husky_highlevel_controller.ros.web.tuning import Tuning
@@ -43,6 +44,7 @@ from husky_highlevel_controller.xml_rpc import server
 
 READINGS_PERIOD = 0.2  # [s] between two updates of numbers and diagnostics
 CURVES_PERIOD = 1.0  # [s] between two updates of curves and of the log
+REASON_TIME = 3.0  # [s] between the controller's stop and a warning that says why
 NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
 MASTER_DEADLINE = 2.0  # [s] for its answer: the view waits for it
 IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
@@ -88,6 +90,7 @@ class WebNode:
         self._build(config)
         self._is_master_gone = False
         self._is_paused: Optional[bool] = None  # without a simulator
+        self._drove_at = -inf  # [s], when the controller was seen last to be not stopped
         self._world_name = ""  # of the simulator's world
         self._was_master_silent = False  # at the last look at the network
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
@@ -177,12 +180,10 @@ class WebNode:
             give_memory_back()
 
     def _follow_network(self) -> None:
+        name = rospy.get_name()
         try:
             with server(rosgraph.get_master_uri(), MASTER_DEADLINE) as master:
-                answers: Any = [
-                    master.getPublishedTopics(rospy.get_name(), ""),
-                    master.getSystemState(rospy.get_name()),
-                ]
+                answers: Any = [master.getPublishedTopics(name, ""), master.getSystemState(name)]
             (_, _, published), (_, _, (publishers, _, _)) = answers
             is_master_gone = not self._teleop.is_registered(dict(publishers))
         except OSError as error:
@@ -196,13 +197,13 @@ class WebNode:
             self._topics.open()
         self._topics.follow(published)
         offered = dict(published)
-        has_truth = self._topics.name("truth") in offered
+        has_truth = self._topics.names["truth"] in offered
         self._topics.listen("truth", Odometry, has_truth)
         self._topics.listen("odometry", Odometry, not has_truth)
         for use, kind in (("command", TwistStamped), ("error", Vector3Stamped), ("pillar", PointStamped)):
-            self._topics.listen(use, kind, self._topics.name(use) in offered)
+            self._topics.listen(use, kind, self._topics.names[use] in offered)
         self._topics.listen("cloud", PointCloud2, self._scene.layers["depth"])
-        self._depth_box.visible = self._topics.name("cloud") in offered
+        self._depth_box.visible = self._topics.names["cloud"] in offered
         self._tuning.follow(published)
         self._world_name = str(rospy.get_param(f"{self._config.simulator}/world_name", ""))
         description = str(rospy.get_param(rospy.search_param("robot_description") or "robot_description", ""))
@@ -224,6 +225,11 @@ class WebNode:
         numbers = self._numbers
         numbers.take(self._topics, self._scene, now)
         level, activity = self._drive.activity()
+        warning, reason = self._log.warning, ""
+        if activity != STOPPED:
+            self._drove_at = -inf if numbers.time is None else numbers.time
+        elif warning is not None and abs(warning.stamp - self._drove_at) < REASON_TIME:
+            reason = warning.text
         self._state_bar.update(
             RobotStatus(
                 self._teleop.is_locked,
@@ -236,6 +242,7 @@ class WebNode:
                 numbers.distance,
                 numbers.speed,
                 numbers.time,
+                reason,
             )
         )
         diagnostics = [msg for _, msg in self._topics.take_all("diagnostics")]

@@ -129,7 +129,7 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
             )
     for name, values in zip(chart.series, series):
         parts.append(f'<path class="curve {name}" d="{_path(times, values, x_of, y_of)}"/>')
-    newest = [_newest(values) for values in series]
+    newest = [fixed(values[-1] if len(values) else None, 2) for values in series]
     key = "".join(
         f'<span><i class="{name}"></i>{name if len(series) > 1 else ""} {value}</span>'
         for name, value in zip(chart.series, newest)
@@ -173,12 +173,10 @@ def _path(times: np.ndarray, values: np.ndarray, x_of: Any, y_of: Any) -> str:
     return "".join(steps)
 
 
-def _newest(values: np.ndarray) -> str:
-    return fixed(float(values[-1]), 2) if len(values) and values[-1] == values[-1] else "&ndash;"
-
-
-def fixed(value: float, digits: int) -> str:
-    """A number with so many digits after the point; what rounds to nothing has no sign."""
+def fixed(value: Optional[float], digits: int) -> str:
+    """A number with so many digits after the point, a dash for none; what rounds to nothing has no sign."""
+    if value is None or value != value:
+        return "&ndash;"
     text = f"{value:.{digits}f}"
     return text.lstrip("-") if float(text) == 0.0 else text
 

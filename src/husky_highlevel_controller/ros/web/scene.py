@@ -151,7 +151,7 @@ class Scene:
                     continue
                 stamp, pose = msg.header.stamp.to_sec(), conversions.pose_from_transform(msg)
                 self.frames.update(frame_of(msg), msg.child_frame_id.lstrip("/"), stamp, pose)
-        with left_out(topics.name("scan")):
+        with left_out(topics.names["scan"]):
             self._update_scan(topics.take("scan"))
         newest = self.frames.stamp(BASE)
         has_scan = newest is not None and abs(newest - self.scan_stamp) < MAX_SCAN_AGE
@@ -159,7 +159,7 @@ class Scene:
         for frame, node in self._robot.items():
             parent = BASE if frame != BASE and BASE in self._robot else self.fixed_frame
             self._show(node, self.frames.pose(frame, parent, self.moment))
-        with left_out(topics.name("cloud")):
+        with left_out(topics.names["cloud"]):
             self._update_cloud(topics.take("cloud"))
         self._update_trail()
         now = time.monotonic()

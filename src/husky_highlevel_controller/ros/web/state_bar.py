@@ -24,6 +24,7 @@ PHRASES = {
     "searching": "searching for the pillar",
     ARRIVED: "at the pillar",
 }
+MAX_REASON = 200  # letters
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 
 
@@ -40,6 +41,7 @@ class RobotStatus(NamedTuple):
     distance: Optional[float] = None  # [m] to go
     speed: Optional[float] = None  # [m/s], measured
     time: Optional[float] = None  # [s]
+    reason: str = ""  # the warning that came as the controller stopped
 
 
 class StateBar:
@@ -105,8 +107,9 @@ def state_html(status: RobotStatus) -> str:
         if value is not None
     ]
     time = "" if status.time is None else f' data-time="{status.time:.3f}"'
+    reason = f"<div>{escape(status.reason[:MAX_REASON])}</div>" if status.reason else ""
     return (
         f'<div class="husky-block husky-state {level}"{time}>'
         f'<div><span class="husky-light {level}"></span><b>{escape(sentence)}</b></div>'
-        f"<div>{' &middot; '.join(numbers) or '&nbsp;'}</div></div>"
+        f"<div>{' &middot; '.join(numbers) or '&nbsp;'}</div>{reason}</div>"
     )

@@ -30,7 +30,7 @@ class Topics:
 
     def __init__(self, names: Dict[str, str]) -> None:
         """Listen to nothing yet; `names` has the topics by use, such as scan or odometry."""
-        self._names = names
+        self.names = names
         self.scan_count = 0  # that ever came
         self._pause_ended = threading.local()  # [s]; a topic has a thread for each publisher
         self._queues: Dict[str, Deque[Received]] = {use: deque(maxlen=1) for use in names}
@@ -42,10 +42,6 @@ class Topics:
     def is_open(self) -> bool:
         """Whether there are subscriptions."""
         return bool(self._subscribers)
-
-    def name(self, use: str) -> str:
-        """The topic of one use."""
-        return self._names[use]
 
     def open(self) -> None:
         """Listen to what every robot has; `follow` adds what the network offers."""
@@ -70,7 +66,7 @@ class Topics:
         """Subscribe or not to what is shown on demand."""
         if is_open and use not in self._subscribers:
             pause = PAUSE if use in ("scan", "cloud") else NUMBERS_PAUSE
-            self._subscribers[use] = self._subscriber(self._names[use], kind, use, pause)
+            self._subscribers[use] = self._subscriber(self.names[use], kind, use, pause)
         elif not is_open and use in self._subscribers:
             self._subscribers.pop(use).unregister()
 

@@ -382,6 +382,11 @@ def test_at_the_pillar_nothing_is_to_go():
     assert "to go" not in html
 
 
+def test_the_state_bar_says_what_has_stopped_the_controller_as_text():
+    assert log_of(line("hit: stopped", "warn"), line("started")).warning.text == "hit: stopped"
+    assert "<div>&lt;hit&gt;</div>" in state_html(RobotStatus(activity="stopped", reason="<hit>"))
+
+
 class Drags:
     """A mouse with one object that page 7 drags."""
 

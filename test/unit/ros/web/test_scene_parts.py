@@ -132,7 +132,9 @@ def test_a_page_opened_after_the_drive_shows_the_way_that_the_controller_has_dri
     line = marker(Marker.LINE_STRIP, PATH, 30.0, "odom", (0.04, 0.0, 0.0), points=path)
     markers = [("/controller/visualization_marker_array", MarkerArray([line]))]
     topics = SimpleNamespace(
-        take=lambda use: None, name=str, take_all=lambda use: markers if use == "markers" else []
+        take=lambda use: None,
+        names={"scan": "/scan", "cloud": "/cloud"},
+        take_all=lambda use: markers if use == "markers" else [],
     )
     scene.update(topics)
     trail = server.scene.get_handle_by_name("/trail")
