@@ -123,24 +123,23 @@ for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
 if os.fork() == 0:
     os.setsid()
     if os.fork() == 0:
-        os.execve("/usr/bin/tail", ["NAME", "-f", "/dev/null"], {})
+        os.execve("/usr/bin/tail", ["{name}", "-f", "/dev/null"], {{}})
     os._exit(0)
-time.sleep(1000)
+{last}
 """
 
 
-@pytest.mark.parametrize("ends", [False, True], ids=["is ended", "ends itself"])
-def test_no_process_is_left_that_hides(ends, kind, tmp_path):
+@pytest.mark.parametrize("last", ["time.sleep(1000)", "raise SystemExit(3)"], ids=["is ended", "ends itself"])
+def test_no_process_is_left_that_hides(last, kind, tmp_path):
     """The hidden one has no parent, no session and no environment of ours."""
-    name = f"hidden_{os.getpid()}_{kind.replace(' ', '_')}_{ends}"
-    code = HIDDEN.replace("NAME", name).replace(
-        "time.sleep(1000)", "raise SystemExit(3)" * ends or "time.sleep(1000)"
-    )
-    process = run(tmp_path, code)
-    assert wait(lambda: not process.running if ends else named(name), 30.0)
-    if not ends:
+    name = f"hidden_{os.getpid()}_{kind.replace(' ', '_')}_{last[:5]}"
+    process = run(tmp_path, HIDDEN.format(name=name, last=last))
+    if last == "time.sleep(1000)":
+        assert wait(lambda: named(name), 30.0)
         assert end_all([process]) == []
-    assert not ends or process.popen.returncode == 3
+    else:
+        assert wait(lambda: not process.running, 30.0)
+        assert process.popen.returncode == 3
     assert not named(name)
 
 
