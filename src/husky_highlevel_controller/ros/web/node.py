@@ -226,8 +226,10 @@ class WebNode:
         numbers.take(self._topics, self._scene, now)
         level, activity = self._drive.activity()
         warning, reason = self._log.warning, ""
-        if activity != STOPPED:
-            self._drove_at = -inf if numbers.time is None else numbers.time
+        if self._teleop.is_locked or numbers.time is None:
+            self._drove_at = -inf  # the emergency stop says itself why the robot stands
+        elif activity != STOPPED:
+            self._drove_at = numbers.time
         elif warning is not None and abs(warning.stamp - self._drove_at) < REASON_TIME:
             reason = warning.text
         self._state_bar.update(

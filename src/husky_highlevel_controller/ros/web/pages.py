@@ -79,7 +79,7 @@ class Page:
                 hint="Put: click the ground. Move: drag an object or the robot. Delete: click",
                 order=-1,
             )
-            self._hint = self.client.gui.add_markdown(_HINTS[LOOK], order=-0.5)
+            self._hint = self.client.gui.add_html(_HINTS[LOOK], order=-0.5)
         tool.on_click(self._on_tool_click)
 
     def _make_log(self, tab: Any) -> None:
@@ -109,10 +109,10 @@ class Page:
 
 
 _HINTS = {
-    LOOK: "The mouse turns the view.",
-    PUT: "**Click the ground**: the shape below is put there.",
-    MOVE: "**Drag** an object, or the robot, over the ground.",
-    DELETE: "**Click** an object to delete it.",
+    LOOK: '<div class="husky-block">The mouse turns the view.</div>',
+    PUT: '<div class="husky-block"><b>Click the ground</b>: the shape below is put there.</div>',
+    MOVE: '<div class="husky-block"><b>Drag</b> an object, or the robot, over the ground.</div>',
+    DELETE: '<div class="husky-block"><b>Click</b> an object to delete it.</div>',
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from html import escape
 from itertools import count
 from math import cos, dist, pi, sin
@@ -87,15 +88,12 @@ class WorldTab:
             raise HuskyError("there is no pillar to move")
         name = min(poses, key=lambda name: dist(poses[name].position[:2], point[:2]))
         x, y, z = poses[name].position
-        for attempts_left in reversed(range(MOVE_ATTEMPTS)):
+        for _ in range(MOVE_ATTEMPTS):
             away, angle = uniform(4.0, 8.0), uniform(-pi, pi)
             pose = poses[name]._replace(position=(x + away * cos(angle), y + away * sin(angle), z))
-            try:
+            with suppress(HuskyError):
                 return self._move(name, pose)
-            except HuskyError:
-                if not attempts_left:
-                    raise
-        return ""
+        raise HuskyError(f"{name}: {MOVE_ATTEMPTS} places 4 to 8 m away are not free")
 
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
         poses = self._poses()
