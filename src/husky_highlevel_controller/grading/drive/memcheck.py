@@ -69,19 +69,13 @@ def is_worth_checking(submission: Submission) -> bool:
     )
 
 
-class Memcheck(NamedTuple):
-    """Finding of a start in valgrind."""
-
-    sentence: str  # on a variable that is read before it is written; empty: none is
-    config: Optional[MarkingConfig]  # with the robot whose scans it subscribes to; None: not known
-
-
 def uninitialised(
     submission: Submission, trial: Trial, config: MarkingConfig, folder: Path, is_guess: bool
-) -> Memcheck:
-    """Start a submission that is worth checking in valgrind.
+) -> Tuple[str, Optional[MarkingConfig]]:
+    """Start a submission in valgrind: a sentence on a variable that is read before it is written, if one is.
 
-    Where the robot is a guess, and the submission listens to another one's scans, these are sent.
+    Where the robot is a guess, and the submission listens to another one's scans, these are sent; with the
+    settings of the robot whose scans it subscribes to, or None: that is not known.
 
     Raises:
         MarkingError: our own part of it does not work.
@@ -106,7 +100,7 @@ def uninitialised(
         # before it is ended: a `getParam` that the end interrupts leaves its variable as it was
         logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
         log = "\n".join(map(_text, logs))
-    return Memcheck(sentence(reads_in(log, sources), sources), listened)
+    return sentence(reads_in(log, sources), sources), listened
 
 
 def _let_it_compute(process: Process) -> None:

@@ -46,10 +46,10 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
         return
     chance = ""
     if not is_bag and is_worth_checking(submission):  # else no code is handed in
-        checked = uninitialised(submission, trials[0], config, out / "memcheck", is_guess)
-        chance, is_guess = checked.sentence, False
-        if checked.config is not None:
-            config, why = checked.config, listens_to(checked.config)
+        chance, listened = uninitialised(submission, trials[0], config, out / "memcheck", is_guess)
+        is_guess = False
+        if listened is not None:
+            config, why = listened, listens_to(listened)
     for trial in trials:
         folder = out / f"drive_{trial.number}"
         with _bar(trial, len(trials), config) as bar:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from math import inf, isfinite, nan
 from pathlib import Path
@@ -39,32 +39,17 @@ RETRY_STEP, RETRY_END = 0.05, 1.0  # [s], simulated: a frame that appears later 
 _FRAME = re.compile(r"^(\S[^\n]*?): *\n  parent: '([^\n']*)'$", re.MULTILINE)
 
 
-@dataclass(frozen=True)
-class _Message:
-    at: float  # [s], simulated
-    topic: str
-    marker: Marker
-    problem: str  # why RViz would draw nothing
-
-
-@dataclass
-class _Moment:
-    """The last moment of a namespace that was recorded."""
-
-    at: float = -inf  # [s]
-    count: int = 0  # markers that came then
-
-
 class MarkerWatch:
     """Callbacks only append; `samples` places everything at the end, when all transforms are known."""
 
     def __init__(self, now: Callable[[], float], packages: Sequence[str] = ()) -> None:
         self._now = now
         self._packages = packages  # folders of packages that the ROS environment does not name
-        self._messages: List[_Message] = []
+        self._samples: List[Tuple[MarkerSample, Marker]] = []  # not placed yet
         self._points_left = MAX_ALL_POINTS
         self._closed = False
-        self._moments: Dict[Tuple[str, str], _Moment] = {}
+        # [s] of the last moment of a namespace that was recorded, and how many markers came then
+        self._moments: Dict[Tuple[str, str], Tuple[float, int]] = {}
         self._topics: Dict[str, rospy.Subscriber] = {}
         self._buffer = tf2_ros.Buffer(rospy.Duration(3600.0), debug=False)
         self._listener = tf2_ros.TransformListener(self._buffer)
@@ -125,17 +110,24 @@ class MarkerWatch:
                 self._points_left -= len(marker.points)
                 marker.colors, marker.text, marker.mesh_resource = [], "", ""
                 marker.ns, marker.header.frame_id = marker.ns[:MAX_NAME], marker.header.frame_id[:MAX_NAME]
-                self._messages.append(_Message(now, topic, marker, problem))
+                lifetime = marker.lifetime.to_sec()
+                sample = MarkerSample(
+                    topic, marker.ns, marker.id, now, marker.header.stamp.to_sec(),
+                    marker.header.frame_id.lstrip("/"), (nan, nan, nan),
+                    until=now + lifetime if lifetime > 0.0 else inf, action=ACTIONS[marker.action],
+                    problem=problem, finite=_is_finite(marker),
+                )  # fmt: skip
+                self._samples.append((sample, marker))
 
     def _is_due(self, now: float, key: Tuple[str, str]) -> bool:
-        if self._closed or len(self._messages) >= MAX_SAMPLES:
+        if self._closed or len(self._samples) >= MAX_SAMPLES:
             return False
-        moment = self._moments.setdefault(key, _Moment())
-        if now > moment.at:
-            if now - moment.at < PERIOD * max(1.0, moment.count / CROWD):
+        at, count = self._moments.get(key, (-inf, 0))
+        if now > at:
+            if now - at < PERIOD * max(1.0, count / CROWD):
                 return False
-            moment.at, moment.count = now, 0
-        moment.count += 1
+            at, count = now, 0
+        self._moments[key] = at, count + 1
         return True
 
     def _has(self, mesh: str) -> bool:
@@ -159,22 +151,21 @@ class MarkerWatch:
 
         `pillar` is x, y of its axis in the world [m].
         """
-        messages = list(self._messages) if len(times) else []
-        return tuple(self._sample(message, times, poses, pillar) for message in messages)
-
-    def _sample(
-        self, message: _Message, times: np.ndarray, poses: Sequence[Pose], pillar: Tuple[float, float]
-    ) -> MarkerSample:
-        marker = message.marker
-        lifetime = marker.lifetime.to_sec()
-        until = message.at + lifetime if lifetime > 0.0 else inf
-        sample = MarkerSample(
-            message.topic, marker.ns, marker.id, message.at, marker.header.stamp.to_sec(), _frame(marker),
-            (nan, nan, nan), until=until, action=ACTIONS[marker.action], problem=message.problem,
-            finite=_is_finite(marker),
+        samples = list(self._samples) if len(times) else []
+        return tuple(
+            sample if sample.problem or sample.action != ADD
+            else self._placed(sample, marker, times, poses, pillar)
+            for sample, marker in samples
         )  # fmt: skip
-        if sample.problem or sample.action != ADD:
-            return sample
+
+    def _placed(
+        self,
+        sample: MarkerSample,
+        marker: Marker,
+        times: np.ndarray,
+        poses: Sequence[Pose],
+        pillar: Tuple[float, float],
+    ) -> MarkerSample:
         try:
             moment, frame_in_base = self._frame_in_base(sample)
         except (tf2_ros.TransformException, ValueError) as error:  # ValueError: a frame's name with a NUL
@@ -220,10 +211,6 @@ def _is_file_of(folder: Path, place: str) -> bool:
     with suppress(OSError, ValueError):  # a loop of links, a NUL
         return is_below(folder / place, folder) and is_regular(folder / place)
     return False
-
-
-def _frame(marker: Marker) -> str:
-    return str(marker.header.frame_id).lstrip("/")
 
 
 def _pose(marker: Marker) -> Pose:
