@@ -82,6 +82,7 @@ def test_what_ends_a_launch_is_its_last_line(argument, content, words, launch, t
     launched = launch("controller.launch", "gui:=false", argument)
     assert launched.wait() == 1
     assert re.search(words, launched.output.splitlines()[-1]), launched.output
+    assert "Traceback" not in launched.output
 
 
 def test_a_display_that_does_not_answer_is_one_sentence(launch):

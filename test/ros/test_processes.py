@@ -110,48 +110,38 @@ def test_as_fast_as_it_goes_time_waits_for_the_controller_that_was_launched(ros)
     assert float(seen_at) < 5.0  # it was ten and more, and the arrival as late
 
 
-def start_node(core, executable, name, config, parameters):
-    """A node with the parameters its launch file sets, some of them changed; None leaves one out."""
-    core.master("deleteParam", name)
-    files = [yaml.safe_load((SHARE / file).read_text()) for file in config.split()]
-    for key, value in [item for values in (*files, parameters) for item in values.items()]:
-        if value is not None:
-            core.master("setParam", f"{name}/{key}", value)
-    return core.start("rosrun", PACKAGE, executable)
+CONFIG = ("robots/husky.yaml", "simulator.yaml")
 
 
 def start_simulator(core, **changes):
+    """The simulator with the parameters its launch file sets, some of them changed; None leaves one out."""
     parameters = {
         "world_name": "singlePillar.world", "x": 0.0, "y": 0.0, "yaw": 0.0, "seed": 0,
         "profile": "gazebo", "ground": "hard", "real_time_factor": 1.0, "lockstep": False, "paused": False,
         "kinect_enabled": False, "laser_frame": "front_laser", **changes,
     }  # fmt: skip
     core.master("setParam", "/robot_description", robot_description())
-    config = "config/robots/husky.yaml config/simulator.yaml"
-    return start_node(core, "husky_simulator", "/husky_simulator", config, parameters)
-
-
-def start_controller(core, **changes):
-    parameters = {"scan_topic_name": "/front/scan", "scan_topic_queue_size": 1, **changes}
-    config = "config/controller.yaml"
-    return start_node(core, "husky_controller", "/husky_highlevel_controller", config, parameters)
+    core.master("deleteParam", "/husky_simulator")
+    files = [yaml.safe_load((SHARE / "config" / file).read_text()) for file in CONFIG]
+    for key, value in [item for values in (*files, parameters) for item in values.items()]:
+        if value is not None:
+            core.master("setParam", f"/husky_simulator/{key}", value)
+    return core.start("rosrun", PACKAGE, "husky_simulator")
 
 
 @pytest.mark.parametrize(
-    ("start", "change", "words"),
+    ("change", "words"),
     [
-        (start_simulator, {"seed": None}, "/husky_simulator/seed is missing"),
-        (start_simulator, {"lidar/beams": "many"}, "/husky_simulator/lidar/beams = 'many' is not a int"),
+        ({"seed": None}, "/husky_simulator/seed is missing"),
+        ({"lidar/beams": "many"}, "/husky_simulator/lidar/beams = 'many' is not a int"),
         (
-            start_simulator,
             {"kinect_enabled": True},
             "kinect_enabled = True, but robot_description has no 'camera_frame_optical'",
         ),
-        (start_controller, {"p_gain": 1.0}, "/husky_highlevel_controller/p_gain is not a parameter"),
     ],
 )
-def test_a_node_ends_on_bad_input_and_names_it(start, change, words, core):
-    process = start(core, **change)
+def test_a_node_ends_on_bad_input_and_names_it(change, words, core):
+    process = start_simulator(core, **change)
     assert process.wait() == 1, process.output
     assert words in process.output
     assert "Traceback" not in process.output
