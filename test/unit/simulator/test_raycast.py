@@ -146,6 +146,7 @@ CUBE, BALL, ROUND = Box((1.0, 1.0, 1.0)), Sphere(0.5), Cylinder(0.5, 2.0)
         ([(CUBE, at(5.0, yaw=pi / 4.0))], 5.0 - 0.5**0.5),
         ([(CUBE, at(5.0, z=0.51))], inf),
         ([(CUBE, at(5.0, y=0.51))], inf),
+        ([(CUBE, at(5.0, y=0.51, yaw=pi / 2.0))], inf),
         ([(CUBE, at(-5.0))], inf),
         ([(CUBE, at(REACH + 0.5))], REACH),
         ([(CUBE, at(REACH + 0.501))], inf),
