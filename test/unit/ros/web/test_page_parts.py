@@ -315,7 +315,6 @@ def test_a_recording_is_a_page_of_the_drive_and_without_a_pillar_too():
 def action_results(monkeypatch, *works):
     """What the page is told of calls, in order."""
     told: queue.Queue = queue.Queue()
-    monkeypatch.setattr(actions.rospy, "is_shutdown", lambda: False)
     monkeypatch.setattr(actions.rospy, "logwarn", lambda _: None)
     monkeypatch.setattr(actions, "notify", lambda _client, _title, text, good: told.put((text, good)))
     queued = actions.Actions()
