@@ -83,7 +83,7 @@ class Player(RosTest):
         self.transforms.publish(TFMessage([transform("odom", "base_link", stamp, *self.pose)]))
 
     def send(self, ranges, pose_first=True):
-        """A scan, and where the robot was; TF may come later, or (None) is sent by the test."""
+        """A scan, and where the robot was; TF may come later."""
         Player.moment += PERIOD
         if pose_first:
             self.tell_pose(Player.moment)
@@ -93,7 +93,7 @@ class Player(RosTest):
         msg.header.stamp = rospy.Time.from_sec(Player.moment)
         msg.ranges = ranges
         self.scans.publish(msg)
-        if pose_first is False:
+        if not pose_first:
             self.tell_pose(Player.moment)
 
     def answer(self, ranges, pose_first=True):

@@ -130,11 +130,9 @@ class ArrivalIsAnnounced(Player):
             self.answer_at(distance)
         self.wait_until(lambda: announced() == [False, True, False, True], "it has arrived again")
 
-        said = [line.msg for line in log if line.level == Log.INFO and line.msg.startswith("arrived after")]
         self.wait_until(lambda: len(self.arrivals(log)) == 2, "the log has two arrivals")
         self.assertIn("(stop_distance 0.4 m)", self.arrivals(log)[0])
         self.assertRegex(self.arrivals(log)[0], r"after 0\.50 s of simulated time, 0\.40\d m from the pillar")
-        self.assertLessEqual(len(said), 2)
 
     def test_stop_and_start_at_the_pillar_are_no_arrival(self):
         arrived = self.remember(f"{NODE}/arrived", Bool)
@@ -272,24 +270,7 @@ class MarkersShow(Player):
         self.assertAlmostEqual(error.x, hypot(x - LASER_X, y) - RADIUS - STOP_DISTANCE, delta=0.02)
         self.assertAlmostEqual(error.y, atan2(y, x), delta=0.02)
 
-    def test_4_the_pillar_is_placed_by_the_pose_at_the_scan_s_moment(self):
-        self.drive()
-        ranges = self.look()
-        then, there = Player.moment + 0.1, self.pose
-        self.tell_pose(then)
-        self.stand_at(9.0, 9.0, pi)
-        self.tell_pose(then + 0.1)  # TF is ahead of the scan already, and the robot has moved on
-        self.stand_at(*there)
-        self.answer(ranges, pose_first=None)
-
-        def placed():
-            return [m for m in self.single if m.ns == "pillar_in_odom" and self.is_now(m)]
-
-        self.wait_until(placed, "the scan is marked in odom")
-        self.assert_near(place(placed()[0]), PILLAR)
-        Player.moment += 0.1
-
-    def test_5_what_is_no_more_is_taken_away(self):
+    def test_4_what_is_no_more_is_taken_away(self):
         self.drive()
 
         def deleted():
@@ -304,7 +285,7 @@ class MarkersShow(Player):
 
         self.wait_until(lambda: gone() == {"pillar_in_odom", "pillar_in_laser"}, "both are taken away")
 
-    def test_6_the_path_of_a_robot_that_was_put_elsewhere_begins_there(self):
+    def test_5_the_path_of_a_robot_that_was_put_elsewhere_begins_there(self):
         self.drive()
         for step in range(3):
             self.stand_at(-5.0 + 0.2 * step, 3.0)
@@ -314,7 +295,7 @@ class MarkersShow(Player):
         (path,) = [marker for marker in self.at(moment) if marker.ns == "path"]
         self.assertEqual(next((round(point.x, 2), point.y) for point in path.points), (-5.0, 3.0))
 
-    def test_7_who_comes_late_is_shown_the_last_scan(self):
+    def test_6_who_comes_late_is_shown_the_last_scan(self):
         self.drive()
         topics = {
             f"{NODE}/visualization_marker": "pillar_in_odom",
