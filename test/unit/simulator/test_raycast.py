@@ -143,6 +143,7 @@ CUBE, BALL, ROUND = Box((1.0, 1.0, 1.0)), Sphere(0.5), Cylinder(0.5, 2.0)
     [
         ([], inf),
         ([(Box((1.0, 2.0, 3.0)), at(5.0))], 4.5),
+        ([(Box((4.0, 1.0, 1.0)), at(5.0, y=1.5, yaw=pi / 2.0))], 4.5),
         ([(CUBE, at(5.0, yaw=pi / 4.0))], 5.0 - 0.5**0.5),
         ([(CUBE, at(5.0, z=0.51))], inf),
         ([(CUBE, at(5.0, y=0.51))], inf),
@@ -182,7 +183,7 @@ def test_a_floor_is_met_where_a_tilted_laser_looks_down_as_far_as_the_reach_and_
 
 def test_a_plane_s_normal_is_in_its_own_frame_and_both_sides_are_seen():
     wall = [(Plane((1.0, 0.0, 0.0), (1.0, 1.0)), at(0.0, 3.0, yaw=pi / 2.0))]  # y = 3
-    for y, distance in ((0.0, 3.0), (5.0, 2.0)):
+    for y, distance in ((0.0, 3.0), (5.0, 2.0), (2.8, 0.2)):
         assert np.nanmin(cast(wall, at(7.0, y))) == pytest.approx(distance, abs=0.01)
 
 
