@@ -20,7 +20,7 @@ from husky_highlevel_controller.ros.node import NewSubscribers, publish
 PERIOD = 1.0  # [s] of ROS time
 OUR_CLOCK = "this computer's clock"
 OLD, TOO_OLD = 0.5, 2.0  # [s], age of a scan or of odom's transform that is worth a warning, an error
-STILL_POLLS = 5  # calls of update() without a change of ROS time: the world is paused
+STILL_POLLS = 5  # calls of update() without a change of ROS time: a paused world, or a busy machine
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Health:
 def judge(health: Health) -> Tuple[int, str]:
     """Level of the status, and a message with the remedy."""
     if health.paused:
-        return DiagnosticStatus.OK, "simulated time stands still: the world is paused"
+        return DiagnosticStatus.OK, "simulated time stands still"
     error = _error(health)
     if error is not None:
         return DiagnosticStatus.ERROR, error
