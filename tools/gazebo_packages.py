@@ -101,7 +101,9 @@ def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
         inner = file.parent / Path(name).name
         if depth and "gazebo_ros" not in name and inner.is_file():
             given.update(world_and_pose(inner, depth - 1))
-        values = {arg.get("name", ""): arg.get("value", "") for arg in include.findall("arg")}
+        values = {
+            arg.get("name", ""): arg.get("value", arg.get("default", "")) for arg in include.findall("arg")
+        }
         fixed.update({name: value for name, value in values.items() if not references(value, names)})
     defaults = {arg.get("name", ""): arg.get("default", "") for arg in root.findall("arg")}
     # ours may lack the other arguments of a copy

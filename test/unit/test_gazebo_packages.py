@@ -122,6 +122,10 @@ PASSED_WORLD = WORLD.format("$(arg world_name)") + "</include>"
             {"x": "2.0", "world_name": "/a.world"},
         ),
         ({"husky_empty_world": ARG.format("world_name", "b") + PASSED_WORLD}, {"world_name": "b"}),
+        (
+            {"husky_empty_world": ARG.format("world_name", "b") + PASSED_WORLD.replace("value", "default")},
+            {"world_name": "b"},
+        ),
         ({"playpen": EDITED_WORLD}, {"world_name": "/a.world"}),
         ({"husky_playpen": "<a"}, {}),
         (
