@@ -325,14 +325,15 @@ def test_of_packages_with_one_name_the_exercise_s_is_taken(exercise, taken, ann)
     assert f"package husky is taken from {taken}" in notes[0]
 
 
-def test_of_equal_copies_the_one_with_a_launch_file_that_starts_its_node_is_taken(ann):
+@pytest.mark.parametrize("name", ["any.launch", "any.launch.xml"])
+def test_of_equal_copies_the_one_with_a_launch_file_that_starts_its_node_is_taken(name, ann):
     full, solved = package(ann / "Input" / "husky", "husky"), package(ann / "Solution" / "husky", "husky")
     put(full / "src" / "many.cpp")
-    launch(solved / "launch" / "any.launch", NODE.format("husky"))
+    launch(solved / "launch" / name, NODE.format("husky"))
     _, (taken,), notes = chosen(ann)
     assert taken.path == solved
     assert "package husky is taken from Solution/husky; left aside: Input/husky" in notes
-    put(solved / "launch" / "any.launch", f"<launch><!-- {NODE.format('husky')} --></launch>")
+    put(solved / "launch" / name, f"<launch><!-- {NODE.format('husky')} --></launch>")
     _, (taken,), _ = chosen(ann)
     assert taken.path == full, "it has more files"
 
@@ -975,7 +976,7 @@ def test_a_class_is_marked_whatever_its_folders_and_files_are_called(tmp_path, c
         "M\\xfcller", "ann", "bell\\x1b[31m\\x07", "index.html", "results.csv"
     ]  # fmt: skip
     assert len({each.name for each in results}) == len(names) + 1
-    assert "caf\\xe9/package.xml: it is no XML" in short[1].problem
+    assert "; caf\\xe9/package.xml: it is no XML" in short[1].problem, "no path of this machine"
     assert len((tmp_path / "out" / "results.csv").read_text(encoding="utf-8").splitlines()) == len(names) + 2
     printed = capsys.readouterr()
     for text in (printed.out, printed.err, *(path.read_text() for path in (tmp_path / "out").glob("*.*"))):

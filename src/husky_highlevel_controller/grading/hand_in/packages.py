@@ -147,7 +147,8 @@ def _packages(folder: Path, place: PurePosixPath, notes: List[str]) -> List[Pack
         try:
             name, needs = read_manifest(manifest)
         except NotMarkableError as error:
-            notes.append(f"{package_place / 'package.xml'}: {error}")
+            # a student reads it: by the place in the hand-in, not by this machine's path
+            notes.append(str(error).replace(str(manifest), str(package_place / "package.xml")))
             continue
         packages[path] = Package(name, path, package_place, needs)
     return list(packages.values())
@@ -165,7 +166,7 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
         raise NotMarkableError(str(error)) from error
     name = str(root.findtext("name") or "").strip()
     if not _NAME.fullmatch(name):
-        raise NotMarkableError(f"<name> is {name[:80]!r}, which is not the name of a package")
+        raise NotMarkableError(f"{path}: <name> is {name[:80]!r}, which is not the name of a package")
     tags = ("depend", "build_depend", "exec_depend", "run_depend", "build_export_depend")
     return name, frozenset(str(node.text or "").strip() for tag in tags for node in root.iter(tag))
 
@@ -244,7 +245,8 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
     """Smaller is better: folders come before archives, outer ones before inner."""
     in_archive = any(suffix_of(part) for part in package.place.parts)
     fits, files = fits_exercise(package.place, exercise), list(walk(package.path, BUILT))
-    launched = {node for path in files if path.suffix == ".launch" for node in nodes_in(path)}
+    launch_files = [path for path in files if path.name.endswith((".launch", ".launch.xml"))]
+    launched = {node for path in launch_files for node in nodes_in(path)}
     starts = any(node.partition("/")[0] == package.name for node in launched)
     return -fits, not starts, in_archive, -len(files), len(package.place.parts), str(package.place)
 
