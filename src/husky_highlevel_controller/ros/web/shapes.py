@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from math import pi
 from pathlib import Path
 from typing import Any, List, NamedTuple, Optional, Sequence, Tuple, Union
 from urllib.parse import unquote, urlsplit
@@ -103,7 +104,9 @@ def cylinder() -> Mesh:
 @lru_cache(maxsize=None)
 def sphere() -> Mesh:
     """A sphere of diameter 1 about the origin."""
-    return _mesh(creation.uv_sphere(radius=0.5, count=[SIDES // 2 + 1, SIDES]))
+    # not trimesh's: it doubles the sides, and with an even number of rings has no equator
+    angles = np.linspace(-pi / 2.0, pi / 2.0, SIDES // 2 + 1)
+    return _turned([(0.5 * np.cos(angle), 0.5 * np.sin(angle)) for angle in angles])
 
 
 def arrow(shaft_length: float, shaft_diameter: float, head_length: float, head_diameter: float) -> Mesh:

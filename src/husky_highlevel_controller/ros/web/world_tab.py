@@ -88,12 +88,15 @@ class WorldTab:
             raise HuskyError("there is no pillar to move")
         name = min(poses, key=lambda name: dist(poses[name].position[:2], point[:2]))
         x, y, z = poses[name].position
-        for _ in range(MOVE_ATTEMPTS):
+
+        def elsewhere() -> Pose:
             away, angle = uniform(4.0, 8.0), uniform(-pi, pi)
-            pose = poses[name]._replace(position=(x + away * cos(angle), y + away * sin(angle), z))
+            return poses[name]._replace(position=(x + away * cos(angle), y + away * sin(angle), z))
+
+        for _ in range(MOVE_ATTEMPTS - 1):
             with suppress(HuskyError):
-                return self._move(name, pose)
-        raise HuskyError(f"{name}: {MOVE_ATTEMPTS} places 4 to 8 m away are not free")
+                return self._move(name, elsewhere())
+        return self._move(name, elsewhere())  # its refusal says why
 
     def _spawn(self, shape: str, size: Any, mass: float, pose: Pose) -> str:
         poses = self._poses()

@@ -47,8 +47,9 @@ def test_shapes_are_closed_and_turn_outwards(mesh, expected):
     assert volume(mesh) == pytest.approx(expected, rel=0.03)
 
 
-def test_a_cube_marker_has_the_size_of_its_scale():
-    (solid,) = primitives(marker(Marker.CUBE, (1.0, 2.0, 3.0)))
+@pytest.mark.parametrize("kind", [Marker.CUBE, Marker.SPHERE, Marker.CYLINDER])
+def test_a_solid_marker_has_the_size_of_its_scale(kind):
+    (solid,) = primitives(marker(kind, (1.0, 2.0, 3.0)))
     assert solid.extents == pytest.approx([1.0, 2.0, 3.0])
     assert solid.rgba == (1, 0, 0, 1)
 
