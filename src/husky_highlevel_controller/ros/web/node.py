@@ -8,7 +8,6 @@ import gc
 import time
 from dataclasses import dataclass
 from functools import partial
-from math import inf
 from typing import Any, Dict, Optional
 
 import rosgraph
@@ -35,7 +34,7 @@ from husky_highlevel_controller.ros.web.pages import Pages, theme
 from husky_highlevel_controller.ros.web.plots import Plots
 from husky_highlevel_controller.ros.web.recorder import Recorder
 from husky_highlevel_controller.ros.web.scene import Scene
-from husky_highlevel_controller.ros.web.state_bar import STOPPED, RobotStatus, StateBar
+from husky_highlevel_controller.ros.web.state_bar import RobotStatus, StateBar, StopReason
 from husky_highlevel_controller.ros.web.teleop import Teleop
 from husky_highlevel_controller.ros.web.topics import Topics
 from husky_highlevel_controller.ros.web.tuning import Tuning
@@ -44,7 +43,6 @@ from husky_highlevel_controller.xml_rpc import server
 
 READINGS_PERIOD = 0.2  # [s] between two updates of numbers and diagnostics
 CURVES_PERIOD = 1.0  # [s] between two updates of curves and of the log
-REASON_TIME = 3.0  # [s] between the controller's stop and a warning that says why
 NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
 MASTER_DEADLINE = 2.0  # [s] for its answer: the view waits for it
 IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
@@ -90,7 +88,7 @@ class WebNode:
         self._build(config)
         self._is_master_gone = False
         self._is_paused: Optional[bool] = None  # without a simulator
-        self._drove_at = -inf  # [s], when the controller was seen last to be not stopped
+        self._reason = StopReason()
         self._world_name = ""  # of the simulator's world
         self._was_master_silent = False  # at the last look at the network
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
@@ -225,13 +223,8 @@ class WebNode:
         numbers = self._numbers
         numbers.take(self._topics, self._scene, now)
         level, activity = self._drive.activity()
-        warning, reason = self._log.warning, ""
-        if self._teleop.is_locked or numbers.time is None:
-            self._drove_at = -inf  # the emergency stop says itself why the robot stands
-        elif activity != STOPPED:
-            self._drove_at = numbers.time
-        elif warning is not None and abs(warning.stamp - self._drove_at) < REASON_TIME:
-            reason = warning.text
+        # the emergency stop says itself why the robot stands
+        self._reason.update(activity, None if self._teleop.is_locked else numbers.time, self._log.warning)
         self._state_bar.update(
             RobotStatus(
                 self._teleop.is_locked,
@@ -244,7 +237,7 @@ class WebNode:
                 numbers.distance,
                 numbers.speed,
                 numbers.time,
-                reason,
+                self._reason.text,
             )
         )
         diagnostics = [msg for _, msg in self._topics.take_all("diagnostics")]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from html import escape
+from math import inf
 from typing import Any, Callable, NamedTuple, Optional
 
 import viser
 
+from husky_highlevel_controller.ros.web.log import Line
 from husky_highlevel_controller.ros.web.plots import fixed
 
 LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
@@ -25,6 +27,7 @@ PHRASES = {
     ARRIVED: "at the pillar",
 }
 MAX_REASON = 200  # letters
+REASON_TIME = 3.0  # [s] between the controller's stop and a warning that says why
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 
 
@@ -42,6 +45,21 @@ class RobotStatus(NamedTuple):
     speed: Optional[float] = None  # [m/s], measured
     time: Optional[float] = None  # [s]
     reason: str = ""  # the warning that came as the controller stopped
+
+
+class StopReason:
+    """Warning that came as the controller stopped, kept while it stands: later ones tell of other things."""
+
+    def __init__(self) -> None:
+        self.text = ""
+        self._drove_at = -inf  # [s], when the controller was seen last to be not stopped
+
+    def update(self, activity: str, time: Optional[float], warning: Optional[Line]) -> None:
+        """Take in the controller's state at a time [s], None: not known, and the newest warning."""
+        if time is None or activity != STOPPED:
+            self.text, self._drove_at = "", -inf if time is None else time
+        elif warning is not None and abs(warning.stamp - self._drove_at) < REASON_TIME:
+            self.text = warning.text
 
 
 class StateBar:

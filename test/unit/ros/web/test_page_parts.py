@@ -16,7 +16,7 @@ from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import IDENTITY, STOP, HuskyError, Twist2D
 from husky_highlevel_controller.ros.web import actions, drawing, state_bar, topics
-from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, LogBuffer, to_html
+from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, Line, LogBuffer, to_html
 from husky_highlevel_controller.ros.web.mouse import Drag, Mouse, point_on_level
 from husky_highlevel_controller.ros.web.page_server import _parse, refusal
 from husky_highlevel_controller.ros.web.pages import MOVE
@@ -29,7 +29,7 @@ from husky_highlevel_controller.ros.web.parameters import (
 )
 from husky_highlevel_controller.ros.web.plots import CHARTS, Curve, chart_html, fixed, nice_ticks
 from husky_highlevel_controller.ros.web.recorder import recording_page
-from husky_highlevel_controller.ros.web.state_bar import RobotStatus, state_html
+from husky_highlevel_controller.ros.web.state_bar import RobotStatus, StopReason, state_html
 from husky_highlevel_controller.ros.web.teleop import EXPIRY, HoldToDrive, clamp_axis, set_speed
 from husky_highlevel_controller.ros.web.viser_private import LoopEvent
 
@@ -384,6 +384,18 @@ def test_at_the_pillar_nothing_is_to_go():
 def test_the_state_bar_says_what_has_stopped_the_controller_as_text():
     assert log_of(line("hit: stopped", "warn"), line("started")).warning.text == "hit: stopped"
     assert "<div>&lt;hit&gt;</div>" in state_html(RobotStatus(activity="stopped", reason="<hit>"))
+
+
+def test_a_later_warning_takes_no_reason_away():
+    stop, hit, slow = StopReason(), Line(4, 1.1, "/controller", "hit"), Line(4, 9.0, "/simulator", "slow")
+    reasons = []
+    for activity, time, warning in (
+        ("driving", 1.0, None), ("stopped", 1.2, hit), ("stopped", 9.2, slow), ("driving", 12.0, slow),
+        ("stopped", 14.0, slow), ("stopped", None, slow),
+    ):  # fmt: skip
+        stop.update(activity, time, warning)
+        reasons.append(stop.text)
+    assert reasons == ["", "hit", "hit", "", "", ""]
 
 
 class Drags:
