@@ -1,7 +1,5 @@
 """The records that know something: scans know their bearings, pillars their distance."""
 
-from __future__ import annotations
-
 from math import inf, nan
 
 import numpy as np

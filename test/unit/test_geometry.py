@@ -1,7 +1,5 @@
 """Rotations, poses and arcs: the laws they obey, and the conventions users rely on."""
 
-from __future__ import annotations
-
 from math import cos, hypot, pi, sin
 
 import numpy as np

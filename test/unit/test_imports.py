@@ -1,7 +1,5 @@
 """Who may import what: the sources are parsed, nothing is run."""
 
-from __future__ import annotations
-
 import ast
 import re
 from functools import lru_cache

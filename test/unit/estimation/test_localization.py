@@ -1,7 +1,5 @@
 """Readings to estimates: order, mounting, and bad numbers."""
 
-from __future__ import annotations
-
 from math import cos, pi, sin
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The planar filter: what a Kalman filter has to be, whatever is measured."""
 
-from __future__ import annotations
-
 from math import pi
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The result of many drives: one record, as text, as JSON and as a page."""
 
-from __future__ import annotations
-
 import json
 from math import inf
 

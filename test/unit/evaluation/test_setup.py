@@ -1,7 +1,5 @@
 """Parameters by name, with their ranges: of a command line, and of YAML files."""
 
-from __future__ import annotations
-
 import pytest
 import yaml
 

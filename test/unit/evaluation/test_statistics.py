@@ -1,7 +1,5 @@
 """Confidence intervals of paired differences."""
 
-from __future__ import annotations
-
 from math import isnan
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Calls from service threads into the thread that owns the simulation."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -1,7 +1,5 @@
 """The border: what goes into a message comes out of it, also over the wire."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from math import inf, nan, pi
 

@@ -1,7 +1,5 @@
 """The controller's status names the cause, and the remedy, of what is wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

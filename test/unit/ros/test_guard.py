@@ -1,7 +1,5 @@
 """The guards judge the newest odometry and scan, and repeat a stop until it is answered."""
 
-from __future__ import annotations
-
 import re
 import threading
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Idle processes are told from those that compute, by what their threads do: real processes, real sockets."""
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess

@@ -1,7 +1,5 @@
 """Messages to readings, and estimates to messages."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from geometry_msgs.msg import Quaternion, Vector3

@@ -1,7 +1,5 @@
 """Lockstep: one scan, one command; and never a wait without an end."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

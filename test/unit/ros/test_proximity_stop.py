@@ -1,7 +1,5 @@
 """proximity_stop says that it cannot judge, but not while the robot's nodes are still starting."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("rospy")

@@ -1,7 +1,5 @@
 """Messages reach a subscriber at once, whole, in order; a peer that hangs or is silent holds nobody up."""
 
-from __future__ import annotations
-
 import socket
 import threading
 import time

@@ -1,7 +1,5 @@
 """A topic that is written wrongly is told, with the one that was meant; other robots and tools are none."""
 
-from __future__ import annotations
-
 import socket
 import threading
 

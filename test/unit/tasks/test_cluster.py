@@ -1,7 +1,5 @@
 """A Dask cluster of real processes gives the results of this machine, and uses no worker that would not."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
