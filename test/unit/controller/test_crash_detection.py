@@ -202,9 +202,12 @@ def test_with_late_messages_a_crash_is_felt_late(late):
     assert max(late.values()) - 0.1 < first - 2.0 < max(late.values()) + 0.3
 
 
-@pytest.mark.parametrize("after_a_gap", [False, True])
-def test_braking_soon_after_the_first_sample_is_no_crash_where_samples_come_late(after_a_gap):
-    drive = Drive(wheels_rate=50, samples_late=1.5)
+@pytest.mark.parametrize(
+    ("late", "after_a_gap"),
+    [({"samples_late": 1.5}, False), ({"samples_late": 1.5}, True), ({"wheels_late": 1.5}, False)],
+)
+def test_braking_soon_after_the_first_sample_is_no_crash_where_one_of_both_comes_late(late, after_a_gap):
+    drive = Drive(wheels_rate=50, **late)
     if after_a_gap:
         drive.go(push(2.0), 1.0)
         drive.step += RATE // 2
