@@ -44,9 +44,9 @@ def test_a_crash_is_followed_by_one_more_start_that_is_announced(tmp_path, crash
 
 
 def test_an_interrupt_reaches_the_program_and_ends_both(tmp_path):
-    script = (
-        "import signal, sys; signal.signal(signal.SIGINT, lambda *_: sys.exit(7));"
-        "print('up', flush=True); signal.pause()"
+    script = (  # blocked, so that it cannot come just before the wait for it
+        "import signal, sys; stop = {signal.SIGINT}; signal.pthread_sigmask(signal.SIG_BLOCK, stop);"
+        "print('up', flush=True); signal.sigwait(stop); sys.exit(7)"
     )
     command = [*RESTART, sys.executable, "-c", script]
     process = subprocess.Popen(command, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True)
