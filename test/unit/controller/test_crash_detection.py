@@ -202,16 +202,24 @@ def test_with_late_messages_a_crash_is_felt_late(late):
     assert max(late.values()) - 0.1 < first - 2.0 < max(late.values()) + 0.3
 
 
-@pytest.mark.parametrize(
-    ("late", "after_a_gap"),
-    [({"samples_late": 1.5}, False), ({"samples_late": 1.5}, True), ({"wheels_late": 1.5}, False)],
-)
-def test_braking_soon_after_the_first_sample_is_no_crash_where_one_of_both_comes_late(late, after_a_gap):
+@pytest.mark.parametrize("late", LATE)
+@pytest.mark.parametrize("gap", [0.0, 0.5, 0.7])
+def test_braking_soon_after_the_first_sample_is_no_crash_where_one_of_both_comes_late(gap, late):
     drive = Drive(wheels_rate=50, **late)
-    if after_a_gap:
+    if gap:
         drive.go(push(2.0), 1.0)
-        drive.step += RATE // 2
+        drive.step += round(gap * RATE)
     drive.go(push(0.8), 1.0)
+    assert not drive.go(*reversing(2.67))
+
+
+@pytest.mark.parametrize("late", [*LATE, {"wheels_late": 0.7}])
+@pytest.mark.parametrize("gap", [0.5, 0.7])
+def test_braking_after_a_gap_in_odometry_is_no_crash_where_one_of_both_comes_late(gap, late):
+    drive = driven(1.0, wheels_rate=50, **late)
+    drive.wheels_every = round(gap * RATE)
+    drive.go(push(gap), 1.0)
+    drive.wheels_every = 2
     assert not drive.go(*reversing(2.67))
 
 
