@@ -78,6 +78,12 @@ def test_a_scan_survives_the_wire(stamp, ranges, angle_min, angle_max):
     assert np.array_equal(got.valid, scan.valid)
 
 
+def test_valid_beams_are_those_within_the_range_limits_and_range_max_is_a_miss():
+    ranges = np.array([0.1, 1.0, 29.999, 30.0, 0.0999, 30.001, inf, -inf, nan, 0.0, -1.0])
+    scan = Scan(0.0, "front_laser", -2.35619, 2.35619, 0.1, 30.0, ranges)
+    assert scan.valid.tolist() == [True] * 3 + [False] * 8
+
+
 def test_a_scan_message_has_the_fields_of_gazebo_s_lidar():
     scan = Scan(1.5, "front_laser", -1.0, 1.0, 0.1, 30.0, np.array([1.0, inf, 3.0]))
     msg = over_the_wire(conversions.scan_to_msg(scan))
@@ -103,6 +109,7 @@ def test_a_scan_without_a_step_between_beams_is_read_all_the_same(ranges):
     with pytest.raises(ValueError, match="read-only"):
         scan.ranges[:] = 0.0
     assert scan.bearings.tolist() == [0.25] * len(ranges)
+    assert scan.angle_increment == 0.0
     assert scan.ranges.tolist() == ranges
 
 
