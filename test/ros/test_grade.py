@@ -4,16 +4,16 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from concurrent.futures import ProcessPoolExecutor as Pool
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import psutil
 import pytest
 from defusedxml import ElementTree
+from markings import ATTACKS, CONFIGS, DRIVEN, KEPT, NEAR, check, keep
 from network import wait_until
+from packages import make_package
 
 from husky_highlevel_controller.course import PILLAR_POSITION
 from husky_highlevel_controller.datatypes import Pose2D
@@ -22,11 +22,6 @@ from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
 from husky_highlevel_controller.grading.isolation.process import with_variable
 from husky_highlevel_controller.grading.records import Job, Launchable
 from husky_highlevel_controller.grading.reports.files import load_result
-
-SUBMISSIONS = Path(__file__).parents[1] / "submissions"
-sys.path.insert(0, str(SUBMISSIONS))
-from markings import ATTACKS, CONFIGS, DRIVEN, KEPT, NEAR, check, keep  # noqa: E402 - live beside the submissions
-from packages import make_package  # noqa: E402
 
 PACKAGE = "husky_highlevel_controller"
 GRADE = ["rosrun", PACKAGE, "grade"]

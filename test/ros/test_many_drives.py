@@ -3,14 +3,9 @@
 import csv
 import os
 import subprocess
-import sys
-from pathlib import Path
 
 import pytest
-
-SUBMISSIONS = Path(__file__).parents[1] / "submissions"
-sys.path.insert(0, str(SUBMISSIONS))
-from packages import make_package  # noqa: E402 - lives beside the submissions
+from packages import make_package
 
 ROSRUN = ["rosrun", "husky_highlevel_controller"]
 QUICK = ["--trials", "1", "--deadline", "25", "--pace", "8"]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from husky_highlevel_controller.config import ConfigError, from_plain, load
+from husky_highlevel_controller.config import ConfigError, from_plain
 from husky_highlevel_controller.course import PILLARS
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading.displays import RvizView
@@ -128,7 +128,7 @@ def test_points_for_driving_towards_the_pillar(recording, points, at, evidence):
 
 
 ENDS = (Note(Kind.NODE_ENDED, "node n ends during the drive (exit code 0)"),)
-STOOD = Note(Kind.NEVER_MOVED, "it stood")
+STOOD = Note(Kind.NEVER_MOVED, "other words")
 
 
 @pytest.mark.parametrize(
@@ -315,32 +315,28 @@ def with_samples(samples):
     return replace(GOOD, markers=tuple(samples), marker_topics=("/marker",))
 
 
-@pytest.mark.parametrize("apart", ["namespace", "topic"])
-def test_a_grid_of_guesses_earns_nothing_whatever_tells_them_apart(apart):
-    places = [(x + 10.0, float(y), 0.0) for x in range(-7, 7) for y in range(-7, 7)]
-    item = judge_place(
-        with_samples(
-            replace(sample(float(t), place), **{apart: f"/a{number}"})
-            for t in GOOD.times[::50]
-            for number, place in enumerate(places)
-        )
-    )
-    assert item.points == 0.0
-    assert "196 markers in 196 topics and namespaces, half of those drawn must be right" in item.evidence
-
-
 RIGHT, WRONG = (10.0, 0.0, 0.0), (3.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("apart", ["id", "namespace", "topic"])
 @pytest.mark.parametrize(
     ("is_right", "points"),
     [(lambda row: True, 20.0), (lambda row: row >= 10, 20.0), (lambda row: row % 10 == 0, 0.0)],
     ids=["always", "after a while", "one of ten"],
 )
-def test_a_new_id_for_each_scan_counts_by_all_that_is_drawn(is_right, points):
-    times = enumerate(GOOD.times[::5])
-    drawn = (sample(float(t), RIGHT if is_right(row) else WRONG, row) for row, t in times)
-    assert judge_place(with_samples(drawn)).points == points
+def test_a_new_marker_for_each_scan_counts_by_all_that_is_drawn_whatever_tells_them_apart(
+    is_right, points, apart
+):
+    drawn = [
+        replace(
+            sample(float(t), RIGHT if is_right(row) else WRONG),
+            **{apart: row if apart == "id" else f"/{row}"},
+        )
+        for row, t in enumerate(GOOD.times[::5])
+    ]
+    item = judge_place(with_samples(drawn))
+    assert item.points == points
+    assert points or f"{len(drawn)} markers in " in item.evidence
 
 
 def test_what_is_deleted_too_old_or_in_another_namespace_is_not_drawn_in_its_place():
@@ -473,36 +469,6 @@ def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():
         assert over_arrivals(drives, weight).points == points
 
 
-ENDED = (Note(Kind.NODE_ENDED, "ends (exit code 0)"), Note(Kind.UNANSWERED_SCANS, "does not answer"))
-
-
-@pytest.mark.parametrize(
-    "recording",
-    [
-        markers(GOOD, RIGHT),
-        drive((5.0, 0.0), command_count=0, notes=ENDED, ended=Note(Kind.STOOD_STILL, "it stood")),
-        drive((5.0, 0.0), notes=ENDED, ended=Note(Kind.DEADLINE, "the deadline")),
-        drive((2.0, 0.5), (9.0, 0.0), notes=(Note(Kind.FLOOD, "floods"), Note(Kind.EXCEPTION, "raises"))),
-        drive((2.0, 0.5), notes=(Note(Kind.BUILD, "it does not build"),), violations=("it teleports",)),
-    ],
-)
-def test_other_sentences_get_the_same_marks_and_hints(recording):
-    reworded = replace(
-        recording,
-        notes=tuple(replace(note, text="listens to what raises, then none") for note in recording.notes),
-        ended=recording.ended and replace(recording.ended, text="it ends during the drive"),
-        violations=tuple("other words" for _ in recording.violations),
-    )
-    assert from_plain(Recording, json.loads(to_json(reworded)), "").notes == reworded.notes
-    both = [judge_exercise_3([each], FULL_VIEW, SCAN) for each in (recording, reworded)]
-    marks = [
-        [(item.points, item.hint, item.at) for item in judge]
-        for items in both
-        for judge in (items, left_to_chance(items, "chance"))
-    ]
-    assert marks[:2] == marks[2:]
-
-
 def test_no_rule_of_marking_searches_a_sentence():
     folder = Path(exercise_3.__file__).parents[1]
     patterns = ("rubrics/*.py", "reports/*.py", "judge.py", "review.py")
@@ -547,12 +513,12 @@ def test_a_rubric_file_with_a_mistake_is_refused(content, words, tmp_path):
 
 
 def test_a_recording_comes_back_from_its_file_and_one_that_was_exchanged_is_refused(tmp_path):
-    made = replace(markers(GOOD, (10.0, 0.0, nan)), robot="smb")
+    made = replace(markers(GOOD, (10.0, 0.0, nan)), robot="smb", notes=ENDS)
     path, text = tmp_path / "recording.json", to_json(made)
     again = from_plain(Recording, json.loads(text), "")
     assert np.array_equal(again.poses, np.round(made.poses, 4))
     assert again.markers[3].topic == "/marker"
-    assert (again.start, again.pillar_size) == (made.start, PILLARS["smb"])
+    assert (again.start, again.notes, again.pillar_size) == (made.start, ENDS, PILLARS["smb"])
     assert judge_arrival(again) == judge_arrival(made)
     path.write_text(text)
     digest = hashlib.sha256(text.encode()).hexdigest()
@@ -560,13 +526,6 @@ def test_a_recording_comes_back_from_its_file_and_one_that_was_exchanged_is_refu
     path.write_text(to_json(drive((10.0, 1.0))))
     assert was_exchanged(path, [digest])
     assert not was_exchanged(path, []), "the recorder was killed before it told one"
-
-
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"start": {"x": 1}}'])
-def test_what_is_no_recording_is_an_error_that_names_the_file(text, tmp_path):
-    (tmp_path / "recording.json").write_text(text)
-    with pytest.raises(ConfigError, match=r"recording\.json: "):
-        load(Recording, tmp_path / "recording.json")
 
 
 def test_a_pose_that_jumps_is_named():

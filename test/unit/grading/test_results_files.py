@@ -9,9 +9,9 @@ from dataclasses import replace
 import pytest
 from defusedxml import ElementTree
 
-from husky_highlevel_controller.config import to_json
-from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.config import ConfigError, load, to_json
 from husky_highlevel_controller.grading.notes import Kind, Note, texts
+from husky_highlevel_controller.grading.recording import Recording
 from husky_highlevel_controller.grading.records import Item, MarkingResult, Override
 from husky_highlevel_controller.grading.reports import exports
 from husky_highlevel_controller.grading.reports.files import load_result, write_result
@@ -54,11 +54,12 @@ def test_a_result_comes_back_from_its_file_and_its_table_has_points_evidence_mom
         assert re.search(f"^{line}", text, re.MULTILINE), line
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[]", "null"])
-def test_what_is_no_result_is_an_error(text, tmp_path):
-    (tmp_path / "result.json").write_text(text)
-    with pytest.raises(HuskyError, match=r"result\.json: "):
-        load_result(tmp_path / "result.json")
+@pytest.mark.parametrize("text", ["", "{}", "[]", "null", '{"start": {"x": 1}}'])
+@pytest.mark.parametrize("kind", [MarkingResult, Recording])
+def test_what_is_no_result_or_recording_is_an_error_that_names_the_file(kind, text, tmp_path):
+    (tmp_path / "made.json").write_text(text)
+    with pytest.raises(ConfigError, match=r"made\.json: "):
+        load(kind, tmp_path / "made.json")
 
 
 def test_moodle_gets_what_is_decided_and_not_held_back(tmp_path):

@@ -2,20 +2,22 @@
 
 import lzma
 import re
-import sys
-from pathlib import Path
 
 import pytest
+from markings import FILES, KEPT, check, judge_kept
 
 from husky_highlevel_controller.grading.reports.files import write_class
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "submissions"))
-from markings import FILES, KEPT, check, judge_kept
+OTHER_WORDS = "it raises, floods, does not answer, stood still, ends during the drive, then none"
 
 
 @pytest.mark.parametrize("name", KEPT)
-def test_everybody_gets_what_they_deserve_and_is_told_why(name, tmp_path):
-    check(name, judge_kept(name, tmp_path))
+def test_everybody_gets_what_they_deserve_and_is_told_why_in_whatever_words(name, tmp_path):
+    result = judge_kept(name, tmp_path)
+    check(name, result)
+    reworded = judge_kept(name, tmp_path, OTHER_WORDS)
+    marks, others = ([(each.points, each.hint) for each in judged.items] for judged in (result, reworded))
+    assert others == marks
 
 
 def test_what_it_forges_is_text_on_every_page(tmp_path):
