@@ -7,6 +7,7 @@ or penalties have changed.
 from __future__ import annotations
 
 import contextlib
+import glob
 import hashlib
 import os
 import platform
@@ -52,7 +53,7 @@ from husky_highlevel_controller.grading.reports.files import (
 )
 from husky_highlevel_controller.grading.settings import PointsError, read_overrides
 from husky_highlevel_controller.grading.submission import SUBMISSION_FOLDER, WORKSPACE
-from husky_highlevel_controller.tasks.fingerprint import code_version
+from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint
 from husky_highlevel_controller.tasks.workers import Workers
 
 DEADLINE = 3600.0  # [s] of wall time for one hand-in, beside its drives
@@ -153,7 +154,16 @@ def job_of(name: str, path: Path, override: Override, config: MarkingConfig, bat
             digest.update(line.encode(errors="replace"))
     made_of = digest.hexdigest()
     digest.update(to_json(replace(config, rules=Rules())).encode() + repr(override.robot).encode())
-    return replace(job, made_of=made_of, fingerprint=digest.hexdigest())
+    installed = installed_packages(batch.setups)
+    return replace(job, made_of=made_of, fingerprint=digest.hexdigest(), installed=installed)
+
+
+def installed_packages(setups: Sequence[str]) -> str:
+    """Fingerprint of the names of the packages of Debian, ROS and Python on this machine."""
+    prefixes = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), *map(os.path.dirname, setups)]
+    patterns = ["/var/lib/dpkg/info/*.list", *(f"{glob.escape(prefix)}/share/*" for prefix in prefixes)]
+    patterns += [f"{glob.escape(folder)}/*.dist-info" for folder in sys.path]
+    return fingerprint(sorted(path for pattern in patterns for path in glob.glob(pattern)))
 
 
 def _earlier(job: Job) -> Optional[MarkingResult]:
@@ -164,7 +174,7 @@ def _earlier(job: Job) -> Optional[MarkingResult]:
     """
     out = Path(job.out)
     try:
-        if (out / FINGERPRINT).read_text() != job.fingerprint:
+        if (out / FINGERPRINT).read_text() not in (job.fingerprint, job.fingerprint + job.installed):
             return None
         result = load_result(out / RESULT)
         is_as_before = not (out / WORKSPACE).exists()

@@ -26,6 +26,7 @@ from husky_highlevel_controller.grading.isolation.files import remove_tree, writ
 from husky_highlevel_controller.grading.isolation.process import StoppedError, stop_on_signals
 from husky_highlevel_controller.grading.isolation.sandbox import kind_of_sandbox
 from husky_highlevel_controller.grading.judge import judge, unmarked
+from husky_highlevel_controller.grading.notes import may_miss_packages
 from husky_highlevel_controller.grading.recording import recordings_in
 from husky_highlevel_controller.grading.records import Job, MarkingConfig, MarkingResult
 from husky_highlevel_controller.grading.reports.files import (
@@ -50,7 +51,7 @@ def mark(job: Job) -> MarkingResult:
         StoppedError: marking is to end.
     """
     out = Path(job.out)
-    problem, is_final = "", False
+    problem, fingerprint = "", ""
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in (FINGERPRINT, RESULT, *PICTURES):
@@ -60,12 +61,14 @@ def mark(job: Job) -> MarkingResult:
         observe(submission, trials_of(config), config, out)
         recordings = recordings_in(out)
         write_pictures(recordings, job.name, out)
-        is_final = True  # a typo in marking.yaml needs no other drive
+        fingerprint = job.fingerprint  # a typo in marking.yaml needs no other drive
+        if may_miss_packages([*submission.notes, *(note for each in recordings for note in each.notes)]):
+            fingerprint += job.installed
         result = judge(submission, recordings, job)
     except StoppedError:
         raise
     except NotMarkableError as error:
-        problem, is_final = str(error), True
+        problem, fingerprint = str(error), job.fingerprint
     except HuskyError as error:
         problem = str(error)
     except OSError as error:
@@ -76,8 +79,8 @@ def mark(job: Job) -> MarkingResult:
     if problem:
         result = unmarked(job, problem)
     write_result(result, out)
-    if is_final:
-        write_whole(out / FINGERPRINT, job.fingerprint)  # the last one: with it, it is done
+    if fingerprint:
+        write_whole(out / FINGERPRINT, fingerprint)  # the last one: with it, it is done
     return result
 
 
@@ -94,7 +97,8 @@ def kept_submission(job: Job) -> Optional[Submission]:
         *submission.workspace.hidden
     }
     is_same = bool(job.made_of) and submission.made_of == job.made_of
-    return submission if is_here and is_shut and is_same else None
+    is_whole = not may_miss_packages(submission.notes)  # else what it missed may be installed by now
+    return submission if is_here and is_shut and is_same and is_whole else None
 
 
 def trials_of(config: MarkingConfig) -> List[Trial]:

@@ -70,6 +70,10 @@ class Subject(Enum):
     MARKER_DISPLAY = "marker display"
 
 
+# of findings that a package which is not installed may cause
+MISSES_PACKAGES = frozenset({Kind.BUILD, Kind.MISSING_PACKAGE, Kind.NOT_STARTED, Kind.NODE_FAILED})
+
+
 @dataclass(frozen=True)
 class Note:
     """Finding of one kind."""
@@ -77,6 +81,11 @@ class Note:
     kind: Kind
     text: str
     at: Optional[float] = None  # [s], simulated
+
+
+def may_miss_packages(notes: Iterable[Note]) -> bool:
+    """Whether a package that is not installed may be the cause of a note."""
+    return any(note.kind in MISSES_PACKAGES for note in notes)
 
 
 def texts(notes: Iterable[Note]) -> List[str]:

@@ -168,6 +168,7 @@ class Job:
     hidden: Tuple[str, ...] = ()  # folders that the submission must not see
     made_of: str = ""  # fingerprint of files, settings and version of this package that decide what is built
     fingerprint: str = ""  # likewise, of what decides how it drives
+    installed: str = ""  # likewise, of the packages on this machine
     time_limit: float = 0.0  # [s] of wall time; 0: the usual one
 
 

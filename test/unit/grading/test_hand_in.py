@@ -339,7 +339,7 @@ def test_of_equal_copies_the_one_with_a_launch_file_that_starts_its_node_is_take
 
 
 def built(problem):
-    return build_module.Build(Workspace(), (), problem)
+    return build_module.Build(Workspace(), (Note(Kind.BUILD, problem),) * bool(problem))
 
 
 def make_copies(ann, *places):
@@ -680,8 +680,8 @@ def test_a_build_is_tried_again_for_late_headers_old_placeholders_and_missing_pa
     assert (folders, notes) == (Folders(tmp_path / "ws"), [])
     built = build_module.build(folders, frozenset(), Workspace())
     assert tried == flags
-    assert words in "".join(built.notes)
-    assert bool(built.error) == bool(outputs[-1])
+    assert words in "".join(note.text for note in built.notes)
+    assert any(note.kind is Kind.BUILD for note in built.notes) == bool(outputs[-1])
 
 
 def test_a_changed_file_or_setting_changes_the_fingerprint_and_what_is_only_judged_does_not(
@@ -810,18 +810,20 @@ def test_what_does_not_build_is_told_in_every_item_that_needs_it_and_is_not_driv
     assert result.cause == approach
 
 
-def test_another_deadline_drives_again_and_builds_nothing(batch, husky, monkeypatch):
+def test_another_deadline_drives_again_and_builds_nothing_and_what_was_missing_is_built_when_it_is_there(
+    batch, husky, tmp_path, monkeypatch
+):
     launch(husky / "a.launch", NODE.format("husky"))
-    builds, driven = [], []
+    builds, driven, notes, failures = [], [], [], []
 
     def observe(submission, trials, config, out):
         driven.append(config.deadline)
-        recording = Recording(Pose2D(), (20.0, 5.0), config.deadline)
+        recording = Recording(Pose2D(), (20.0, 5.0), config.deadline, notes=tuple(failures))
         put(out / "drive_1" / "recording.json", recording_to_json(recording))
 
     def build(_folders, _names, underlay):
         builds.append(1)
-        return replace(built(""), workspace=underlay)
+        return build_module.Build(underlay, tuple(notes))
 
     monkeypatch.setattr(prepare_module, "build", build)
     monkeypatch.setattr(mark_module, "observe", observe)
@@ -834,6 +836,24 @@ def test_another_deadline_drives_again_and_builds_nothing(batch, husky, monkeypa
     put(husky / "new.txt", "x")
     mark_all(MarkingConfig(deadline=40.0), batch)
     assert len(builds) == 3, "another file"
+
+    def installed(package):
+        (tmp_path / "prefix" / "share" / package).mkdir(parents=True)
+        mark_all(MarkingConfig(deadline=40.0), batch)
+        return len(builds), len(driven)
+
+    monkeypatch.setenv("CMAKE_PREFIX_PATH", str(tmp_path / "prefix"))
+    assert installed("other") == (3, 4), "nothing was missing"
+    notes.append(Note(Kind.MISSING_PACKAGE, "not installed: missing"))
+    put(husky / "new.txt", "xx")
+    assert installed("one_more") == (4, 5)
+    mark_all(MarkingConfig(deadline=40.0), batch)
+    assert len(builds) == 4, "nothing was installed"
+    assert installed("missing") == (5, 6)
+    notes.clear()
+    failures.append(Note(Kind.NODE_FAILED, "ModuleNotFoundError"))
+    assert installed("build_dependency") == (6, 7)
+    assert installed("module") == (6, 8), "what was built is whole"
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,7 @@ from husky_highlevel_controller.grading.isolation.files import (
 from husky_highlevel_controller.grading.isolation.forked import import_early
 from husky_highlevel_controller.grading.isolation.process import Process, ends
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, clean_environment
+from husky_highlevel_controller.grading.notes import Kind, Note
 
 BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
 MAX_TEXT = 1_000_000  # [bytes] of a launch file
@@ -80,8 +81,7 @@ class Build:
     """Result of building a hand-in."""
 
     workspace: Workspace
-    notes: Tuple[str, ...] = ()
-    error: str = ""  # why something was not built
+    notes: Tuple[Note, ...] = ()  # of kind BUILD: why something was not built
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         NotMarkableError: its build leads out of the workspace.
     """
     import_early()  # while the compiler waits for the disk
-    notes: List[str] = []
+    notes: List[Note] = []
     missing: Set[str] = set()
     output, code = "", None
     for _ in range(MAX_MISSING):
@@ -218,25 +218,27 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
             break
         missing |= unknown
     if missing:
-        notes.append(missing_note(missing))
+        notes.append(Note(Kind.MISSING_PACKAGE, missing_note(missing)))
     repair = OLD_BOOST if code and needs_old_boost(output) else ""
     if code and (repair or _NO_HEADER.search(output)):
         output, code = _catkin_make(folders, needed, underlay, repair)
     if code and not repair and needs_old_boost(output):
         repair = OLD_BOOST  # for an error that headers which were generated too late had hidden
         output, code = _catkin_make(folders, needed, underlay, repair)
-    notes += [OLD_BOOST_NOTE] * bool(repair)
-    notes += [PLAIN_PUBLISH_NOTE] * _publishes_plain_values(folders.root / "devel" / "lib")
-    error = f"it does not build: {build_error(output, folders.root)}" if code else ""
+    notes += [Note(Kind.HAND_IN, OLD_BOOST_NOTE)] * bool(repair)
+    is_plain = _publishes_plain_values(folders.root / "devel" / "lib")
+    notes += [Note(Kind.HAND_IN, PLAIN_PUBLISH_NOTE)] * is_plain
     if code is None:
-        error = f"it does not build within {BUILD_DEADLINE:g} s"
+        notes.append(Note(Kind.BUILD, f"it does not build within {BUILD_DEADLINE:g} s"))
+    elif code:
+        notes.append(Note(Kind.BUILD, f"it does not build: {build_error(output, folders.root)}"))
     places = [folders.root / "src", *[folders.setup] * folders.setup.exists()]
     # the sandbox would show a link's target, and marking would write into it
     if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
         raise NotMarkableError("its build puts links in place of src or devel/setup.bash")
     setups = (*underlay.setups, *places[1:])
     workspace = Workspace(setups, (*underlay.packages, places[0]), underlay.hidden, own_modules=False)
-    return Build(workspace, tuple(filter(None, (*notes, error))), error)
+    return Build(workspace, tuple(notes))
 
 
 def needs_old_boost(output: str) -> bool:

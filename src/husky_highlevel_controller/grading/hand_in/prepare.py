@@ -173,7 +173,6 @@ def _prepare_choice(
         notes.append(reasons(launch, candidates, exercise))
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
         notes.append("RViz's configuration lies beside the packages")
-    notes += built.notes
     if launch is None:
         package, node = (override.node or "").split()
         launchable = Launchable("node", package, node, override.arguments)
@@ -185,9 +184,10 @@ def _prepare_choice(
         planned = plan(launchable, workspace, out / "plan", kept)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
     nodes = launch.nodes if launch else (f"{launchable.package}/{launchable.name}",)
-    problem = () if _is_any_built(nodes, folders) or not built.error else (Note(Kind.BUILD, built.error),)
-    hand_in_notes = tuple(Note(Kind.HAND_IN, each) for each in notes)
-    return Submission(launchable, workspace, folders.root, (), problem, hand_in_notes), planned
+    is_any_built = _is_any_built(nodes, folders)
+    problem = () if is_any_built else tuple(note for note in built.notes if note.kind is Kind.BUILD)
+    all_notes = (*(Note(Kind.HAND_IN, each) for each in notes), *built.notes)
+    return Submission(launchable, workspace, folders.root, (), problem, all_notes), planned
 
 
 def _is_any_built(nodes: Sequence[str], folders: Folders) -> bool:
