@@ -1,8 +1,10 @@
-"""Output of launched nodes: repeated tracebacks are folded, everything else passes byte for byte."""
+"""Output of launched nodes: repeated tracebacks are folded, all else passes; no node without a program."""
 
 import os
 import subprocess
 import sys
+import warnings
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,7 +13,10 @@ from husky_highlevel_controller.paths import share_folder
 TOOLS = str(share_folder() / "tools")
 sys.path.append(TOOLS)
 
-from launch_output import Folder  # noqa: E402 - a script's neighbour
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # of rosclean, for distutils
+    import launch
+    from launch_output import Folder
 
 HEAD = "\x1b[31m[ERROR] [{0}, {0}]: bad callback: <bound method P.cb of <__main__.P object at 0x7f>>\n"
 BODY = """Traceback (most recent call last):
@@ -98,3 +103,14 @@ def test_nodes_in_a_terminal_are_in_one_still():
     ran = subprocess.run([sys.executable, "-c", code], stdout=slave, stderr=slave, check=True)
     assert ran.returncode == 0
     assert os.read(master, 100) == b"True\r\n"
+
+
+@pytest.mark.parametrize(
+    ("installed", "started"), [(["rviz", "mine"], ["rviz", "mine"]), (["mine"], ["mine"])]
+)
+def test_without_rviz_its_nodes_are_left_out_in_one_sentence(installed, started, monkeypatch, capsys):
+    monkeypatch.setattr(launch.rospkg, "RosPack", lambda: SimpleNamespace(list=lambda: installed))
+    config = SimpleNamespace(nodes=[SimpleNamespace(package=name) for name in ("rviz", "mine")])
+    launch.drop_missing_rviz(config)
+    assert [node.package for node in config.nodes] == started
+    assert ("RViz is not installed" in capsys.readouterr().err) == (started == ["mine"])

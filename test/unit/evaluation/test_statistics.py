@@ -13,17 +13,8 @@ def test_the_interval_is_that_of_the_normal_distribution_for_normal_differences(
     mean, low, high = bootstrap(values.tolist())
     half = 1.96 * values.std() / 20.0
     assert mean == pytest.approx(values.mean())
-    assert (low, high) == pytest.approx((mean - half, mean + half), abs=0.03)
+    assert (low, high) == pytest.approx((mean - half, mean + half), abs=0.02)
     assert bootstrap(values.tolist()) == (mean, low, high), "the same every time"
-
-
-def test_the_interval_holds_the_truth_in_most_repetitions():
-    rng = np.random.default_rng(2)
-    held = 0
-    for _ in range(25):
-        _, low, high = bootstrap(rng.normal(1.0, 1.0, 40).tolist())
-        held += low <= 1.0 <= high
-    assert 21 <= held <= 25
 
 
 def test_equal_drives_have_no_interval_and_no_drives_none():

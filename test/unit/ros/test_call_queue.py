@@ -1,6 +1,7 @@
 """Calls from service threads into the thread that owns the simulation."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import rospy
@@ -10,61 +11,46 @@ from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 DEADLINE = 10.0  # [s]
 
 
-class Caller(threading.Thread):
-    """A thread that makes one call and keeps its outcome."""
-
-    def __init__(self, queue, work, between_steps=False):
-        super().__init__(daemon=True)
-        self._call = lambda: queue.call(work, between_steps)
-        self.outcome = None
-        self.start()
-
-    def run(self):
-        try:
-            self.outcome = self._call()
-        except Exception as error:
-            self.outcome = error
-
-    def ended(self):
-        self.join(DEADLINE)
-        return not self.is_alive()
-
-
 @pytest.fixture
 def queue():
     return CallQueue()
 
 
-def test_the_owner_does_the_work_and_the_caller_gets_the_result(queue):
-    caller = Caller(queue, threading.get_ident)
+@pytest.fixture
+def callers(monkeypatch):
+    """Threads, each for one call."""
+    with ThreadPoolExecutor(5) as pool:
+        yield pool
+        monkeypatch.setattr(rospy, "is_shutdown", lambda: True)  # releases calls that are never made
+
+
+def test_the_owner_does_the_work_and_the_caller_gets_the_result(queue, callers):
+    result = callers.submit(queue.call, threading.get_ident)
     queue.process(DEADLINE)
-    assert caller.ended()
-    assert caller.outcome == threading.get_ident()
+    assert result.result(DEADLINE) == threading.get_ident()
 
 
-def test_an_error_is_raised_in_the_caller_and_the_owner_goes_on(queue):
-    caller = Caller(queue, lambda: 1 / 0)
+def test_an_error_is_raised_in_the_caller_and_the_owner_goes_on(queue, callers):
+    failed = callers.submit(queue.call, lambda: 1 / 0)
     queue.process(DEADLINE)
-    assert caller.ended()
-    assert isinstance(caller.outcome, ZeroDivisionError)
-    second = Caller(queue, lambda: 2)
+    assert isinstance(failed.exception(DEADLINE), ZeroDivisionError)
+    second = callers.submit(queue.call, lambda: 2)
     queue.process(DEADLINE)
-    assert second.ended()
-    assert second.outcome == 2
+    assert second.result(DEADLINE) == 2
 
 
-def test_a_call_that_advances_the_simulation_waits_until_the_step_is_over(queue):
-    caller = Caller(queue, lambda: "stepped", between_steps=True)
-    other = Caller(queue, lambda: "paused")
-    while other.outcome is None:
+def test_a_call_that_advances_the_simulation_waits_until_the_step_is_over(queue, callers):
+    step = callers.submit(queue.call, lambda: "stepped", between_steps=True)
+    pause = callers.submit(queue.call, lambda: "paused")
+    while not pause.done():
         queue.process_during_step()
-    assert caller.outcome is None
-    while caller.outcome is None:
+    assert not step.done()
+    while not step.done():
         queue.process()
-    assert (caller.outcome, other.outcome) == ("stepped", "paused")
+    assert (step.result(), pause.result()) == ("stepped", "paused")
 
 
-def test_a_step_never_runs_inside_another(queue):
+def test_a_step_never_runs_inside_another(queue, callers):
     depth, deepest = 0, 0
 
     def step():
@@ -74,8 +60,8 @@ def test_a_step_never_runs_inside_another(queue):
         queue.process_during_step()  # as lockstep does while it waits for an answer
         depth -= 1
 
-    callers = [Caller(queue, step, between_steps=True) for _ in range(5)]
-    while any(caller.is_alive() for caller in callers):
+    calls = [callers.submit(queue.call, step, between_steps=True) for _ in range(5)]
+    while not all(call.done() for call in calls):
         queue.process(0.01)
     assert deepest == 1
 

@@ -32,18 +32,13 @@ def odometry(stamp, twist):
     return msg
 
 
-def guard_without_a_network(monkeypatch, requests):
-    for name in ("Subscriber", "Publisher"):
-        monkeypatch.setattr(rospy, name, lambda *_, **__: None)
-    monkeypatch.setattr(StopRequest, "start", lambda _, danger: requests.append(danger))
-    return Guard(ServiceConfig(), load_robot(), 0.3)
-
-
 @pytest.mark.parametrize(
     ("age", "fresh"), [(0.0, True), (0.4, True), (-0.4, True), (0.6, False), (-0.6, False)]
 )
 def test_a_velocity_older_than_half_a_second_is_unknown(monkeypatch, age, fresh):
-    guard = guard_without_a_network(monkeypatch, [])
+    for name in ("Subscriber", "Publisher"):
+        monkeypatch.setattr(rospy, name, lambda *_, **__: None)
+    guard = Guard(ServiceConfig(), load_robot(), 0.3)
     assert guard.twist(10.0) is None
     guard.on_odometry(odometry(10.0, Twist2D(0.5, 0.1)))
     assert guard.twist(10.0 + age) == (Twist2D(0.5, 0.1) if fresh else None)
@@ -135,7 +130,7 @@ def test_proximity_stop_guards_by_the_newest_odometry_where_the_clocks_differ(mo
     monkeypatch.setattr(proximity_stop, "lookup_pose", lambda *_: Pose())
     stamp = (lambda now: 0.0) if ahead is None else (lambda now: now + ahead)
     robot.drive("front/scan", lambda _, a: scan_of_a_wall(stamp(robot.now), a), 0.0, SMOOTH[:400])
-    assert [stop[:9] for stop in robot.stops] == ["something"]
+    assert [stop[:9] for stop in robot.stops] == ["something"], "one danger is one request"
     assert bool(robot.warnings) is (told is not None)
     assert all(re.match(told, warning) for warning in robot.warnings)
 
@@ -144,15 +139,6 @@ def test_only_the_newest_odometry_and_scan_are_judged(monkeypatch):
     """A queue would let a guard that is late stop the robot for where it was."""
     robot = Robot(monkeypatch, proximity_stop.ProximityStopNode, ProximityConfig())
     assert robot.queues == {"odometry/filtered": 1, "front/scan": 1}
-
-
-def test_one_danger_is_one_request(monkeypatch):
-    requests = []
-    guard = guard_without_a_network(monkeypatch, requests)
-    guard.on_odometry(odometry(10.0, Twist2D(0.5, 0.0)))
-    for step in range(20):
-        guard.judge(10.0 + 0.02 * step, "a wall")
-    assert requests == ["a wall"]
 
 
 class Service:
@@ -220,3 +206,13 @@ def test_a_request_while_one_is_pending_is_the_same_one():
     assert service.answered.wait(DEADLINE)
     service.end()
     assert len(service.calls) == 1
+
+
+def test_a_second_without_odometry_is_a_start_and_more_is_a_warning():
+    blindness = proximity_stop.Blindness()
+    assert not any(blindness.lasts(stamp) for stamp in (10.0, 10.5, 10.95))
+    assert blindness.lasts(11.05)
+    blindness.end()
+    assert not blindness.lasts(12.0)
+    assert not any(blindness.lasts(stamp) for stamp in (0.0, 0.9)), "the simulation begins again"
+    assert blindness.lasts(1.1)

@@ -1,13 +1,14 @@
-"""What marking keeps of a filter while a bag is played to it, and when all has come."""
+"""What marking keeps of a filter while a bag is played to it, and asks the ROS master."""
 
 from types import SimpleNamespace
+from xmlrpc.client import Fault
 
 import pytest
 import rospy
 from nav_msgs.msg import Odometry
 
 from husky_highlevel_controller.grading.recording import Playback
-from husky_highlevel_controller.ros.grading import playback_watch
+from husky_highlevel_controller.ros.grading import exercise_driver, playback_watch
 from husky_highlevel_controller.ros.grading.playback_watch import PlaybackWatch
 
 
@@ -51,3 +52,14 @@ def test_it_waits_for_the_last_estimate_or_until_none_comes(watch, monkeypatch):
     assert not watch.is_over(90.0)
     come(watch, 89.5)
     assert watch.is_over(90.0)
+
+
+def test_a_parameter_that_the_master_cannot_send_ends_no_recording(monkeypatch):
+    def get_param(name, _):
+        raise Fault(1, "int exceeds XML-RPC limits")
+
+    monkeypatch.setattr(exercise_driver.rospy, "get_param_names", lambda: ["/big", "/robot_description"])
+    monkeypatch.setattr(exercise_driver.rospy, "get_param", get_param)
+    driver = exercise_driver.ExerciseDriver("", "/scan", set())
+    assert driver.parameters() == ((), ())
+    assert driver.descriptions({"base_link"}) == ()
