@@ -86,12 +86,18 @@ def test_calls_come_four_seconds_after_the_last_answer_from_a_second_after_it_dr
     assert [exercise_2_over(now) for now in (12.0, 13.5)] == [False, True]
 
 
-def test_each_state_is_answered_once_it_is_read(tmp_path):
+def test_time_begins_when_all_are_there_and_each_state_is_answered_once_it_is_read(tmp_path):
     rows, events = [], []
-    TruthFeed(tmp_path / "truth", rows.append, lambda *event: events.append(event))
+    feed = TruthFeed(tmp_path / "truth", rows.append, lambda *event: events.append(event))
     with socket.socket(socket.AF_UNIX) as simulator:
-        simulator.settimeout(20.0)
+        simulator.settimeout(0.2)
         simulator.connect(str(tmp_path / "truth"))
+        simulator.sendall(b'{"ready": ""}\n')
+        with pytest.raises(socket.timeout):
+            simulator.recv(10)
+        feed.begin()
+        simulator.settimeout(20.0)
+        assert simulator.recv(10) == READ
         for stamp in (0.02, 0.04):
             for broken in (b"{]\n", b"[1]\n", b'{"trith": [1]}{\n'):
                 simulator.sendall(broken)

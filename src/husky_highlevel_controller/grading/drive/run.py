@@ -104,7 +104,7 @@ def _once_up(simulator: Process, is_up: Callable[[], bool]) -> Process:
 
 
 def play(network: Network, trial: Trial, config: MarkingConfig, pace: float, truth_socket: str) -> Process:
-    """Start the player of the bag in the simulator's place; a signal SIGUSR1 lets it begin.
+    """Start the player of the bag in the simulator's place.
 
     Raises:
         MarkingError: it does not start.
@@ -206,8 +206,6 @@ def drive(
                 raise OtherRobotError(listened)
         if recorder.running and not joined:
             recorder.popen.send_signal(signal.SIGUSR1)  # lockstep would wait for the submission
-        if plays:
-            simulator.popen.send_signal(signal.SIGUSR1)
 
         reached, since = 0.0, time.monotonic()
 

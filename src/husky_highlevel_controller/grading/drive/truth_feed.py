@@ -12,7 +12,7 @@ from typing import Callable
 from husky_highlevel_controller.datatypes import TrueState
 
 BUFFER = 1 << 16  # [bytes]
-READ = b"."  # answers each state: the simulator waits for it, so that markers that come get the right time
+READ = b"."  # answers "ready" and each state: the simulator waits for it, so markers get the right time
 
 
 class TruthFeed:
@@ -23,11 +23,16 @@ class TruthFeed:
     ) -> None:
         """Listen on a socket, which is gone once the simulator has connected; events are kind and text."""
         self._path, self._on_truth, self._on_event = path, on_truth, on_event
+        self._begins = threading.Event()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
         path.chmod(0o600)
         self._listener.listen(1)
         threading.Thread(target=self._read, daemon=True).start()
+
+    def begin(self) -> None:
+        """Let time begin."""
+        self._begins.set()
 
     def _read(self) -> None:
         connection, _ = self._listener.accept()
@@ -39,8 +44,10 @@ class TruthFeed:
                     for key, value in json.loads(line).items():
                         if key == "truth":
                             self._on_truth(TrueState.from_numbers(value))
+                        elif key == "ready":
+                            self._begins.wait()
                         else:
                             self._on_event(key, str(value))
-                if "truth" in line:  # the simulator waits for it
+                if line.startswith(('{"truth"', '{"ready"')):  # the simulator waits for it
                     with contextlib.suppress(OSError):
                         connection.sendall(READ)

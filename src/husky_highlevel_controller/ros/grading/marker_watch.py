@@ -65,6 +65,11 @@ class MarkerWatch:
         pairs = _FRAME.findall(self._buffer.all_frames_as_yaml())
         return {frame[:MAX_NAME]: parent[:MAX_NAME] for frame, parent in pairs[:MAX_FRAMES]}
 
+    @property
+    def subscribers(self) -> Tuple[rospy.Subscriber, ...]:
+        """Subscribers of the topics."""
+        return tuple(self._topics.values())
+
     def close(self) -> None:
         """Keep no further markers: there is no pose of the robot to place them by."""
         self._closed = True

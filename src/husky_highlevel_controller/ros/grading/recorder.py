@@ -51,6 +51,7 @@ from husky_highlevel_controller.ros.node import run_node
 
 LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
 CLOSING_PERIOD = 0.02  # [s] of wall time between two looks for what marking has to say
+CONNECTING = 2.0  # [s] of wall time for the submission's publishers to connect before time begins
 # to the robot's mux, or past it
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
 SILENT = 2.0  # [s], simulated: a submission that listens, but advertises no command by then, sends none
@@ -77,7 +78,9 @@ class DriveRecorder:
         self._watch = MarkerWatch(lambda: self._now, self._task.packages)
         played = self._known.playback
         self._playback = PlaybackWatch(self._watch.place, played) if played else None
-        self._subscribed = self._listens = self._advertises = self._joined = False
+        self._subscribed = self._listens = self._advertises = False
+        self._joined_at = inf  # [s] of wall time
+        self._publishers: Dict[str, List[str]] = {}  # names of nodes by topic
         self._moved = self._is_over = self._written = False
         self._types: Dict[str, str] = {}  # of topics
         self._silent: List[str] = []
@@ -90,8 +93,10 @@ class DriveRecorder:
         rospy.on_shutdown(lambda: self._write(CUT_OFF))
         self._master = rosgraph.Master(rospy.get_name())
         self._our_nodes = {*self._task.ours, "/rosout", rospy.get_name()}
-        for topic in VELOCITY_TOPICS:
+        self._subscribers = [
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000, tcp_nodelay=True)
+            for topic in VELOCITY_TOPICS
+        ]
         self._driver = ExerciseDriver(self._task.driver, self._known.scan_topic, self._our_nodes)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
         self._tell("recording")
@@ -100,7 +105,9 @@ class DriveRecorder:
         """Record until the drive is over."""
         cause: Optional[Note] = None
         while cause is None and not rospy.is_shutdown():
+            joined_at = self._joined_at
             self._look_at_graph()
+            self._begin(joined_at)
             self._tell(f"now {self._now}")
             cause = self._driver.work(self._now, self._speed) or self._over()
             time.sleep(LOOK_PERIOD)
@@ -166,6 +173,7 @@ class DriveRecorder:
                 self._types = dict(self._master.getTopicTypes())
         except UNANSWERED:
             return
+        self._publishers = publishers
         for topic, nodes in publishers.items():
             if set(nodes) - self._our_nodes:
                 self._watch.follow(topic, self._types.get(topic, ""))
@@ -192,16 +200,29 @@ class DriveRecorder:
     def _join(self) -> None:
         """Take part only after the submission, for which lockstep waits, or in its place."""
         is_ready = self._subscribed and (self._advertises or self._task.driver in (FORWARD, BAG))
-        if not self._joined and (is_ready or self._go_on.is_set()):
-            self._joined = True
+        if self._joined_at == inf and (is_ready or self._go_on.is_set()):
+            self._joined_at = time.monotonic()
             self._tell("joined")
             if self._playback:
                 return
             if not is_ready:
                 self._driver.answer_scans()
-            rospy.Subscriber(
-                self._known.scan_topic, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True
+            scans = self._known.scan_topic
+            self._subscribers.append(
+                rospy.Subscriber(scans, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True)
             )
+
+    def _begin(self, joined_at: float) -> None:
+        """Let time begin once all that publishes is connected, or cannot be: a drive repeats from its start.
+
+        `joined_at` [s] is of an earlier look: what is advertised a moment after the commands is seen by now.
+        """
+        connected = all(
+            each.get_num_connections() >= len(self._publishers.get(each.resolved_name, ()))
+            for each in (*self._subscribers, *self._watch.subscribers)
+        )
+        if joined_at < inf and (connected or time.monotonic() > joined_at + CONNECTING):
+            self._feed.begin()
 
     def _over(self) -> Optional[Note]:
         if self._playback:

@@ -1,14 +1,12 @@
 """Player of exercise 4's drive: the messages of its bag, published as they are simulated, without a file.
 
-In: `ROBOT SEED PACE SECONDS`, and the signal SIGUSR1 to begin. Out: /clock, the bag's topics, and the true
-poses by `TruthLog`.
+In: `ROBOT SEED PACE SECONDS`. Out: /clock, the bag's topics, and the true poses by `TruthLog`, whose reader
+lets time begin.
 """
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
 import time
 from itertools import chain, islice
 from typing import Any, Dict
@@ -26,13 +24,11 @@ QUEUE = 100_000  # messages: none is lost on a busy machine
 
 
 class BagPlayer:
-    """Advertises every topic, waits for the signal, and plays."""
+    """Advertises every topic, waits for the reader of the true poses, and plays."""
 
     def __init__(self) -> None:
         name, seed, pace, seconds = sys.argv[1:5]
-        self._begin, self._pace = threading.Event(), float(pace)
-        signal.signal(signal.SIGUSR1, lambda *_: self._begin.set())
-        self._truth = TruthLog()
+        self._pace, self._truth = float(pace), TruthLog()
         self._messages = drive(name, "hard", int(seed), float(seconds))
         self._clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE, latch=True)
         self._publishers: Dict[str, Any] = {}
@@ -47,8 +43,7 @@ class BagPlayer:
         now = first[0][0].stamp
         publish(self._clock, Clock(time_to_msg(now)))
         print("ready", flush=True)
-        while not (self._begin.wait(0.1) or rospy.is_shutdown()):
-            pass
+        self._truth.wait_to_begin(lambda: None)
         begun = time.monotonic()
         for snapshot, topic, msg in chain(first, self._messages):
             if snapshot.stamp > now:

@@ -92,6 +92,7 @@ class SimulatorNode:
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
         if self._start.lockstep:
             self._lockstep.wait_for_partners(partners, self._hold_time)
+            publishers.truth_log.wait_to_begin(self._hold_time)
         elif self._start.real_time_factor == 0.0 and not self._paused:
             self._wait_for_launch(partners)
         if self._paused:

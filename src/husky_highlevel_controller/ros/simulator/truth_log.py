@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import socket
 import threading
-from typing import Any, Optional
+from typing import Any, Callable, Optional
 
 import rospy
 
@@ -18,10 +19,11 @@ from husky_highlevel_controller.datatypes import Snapshot
 
 VARIABLE = "HUSKY_TRUTH_SOCKET"  # environment: path of the socket; without it nothing is written
 SEND_TIMEOUT = 5.0  # [s] of wall time; a reader that is slower is given up
+POLL_PERIOD = 0.02  # [s] of wall time, while the reader does not let time begin
 
 
 class TruthLog:
-    """Log of true states, JSON by line: "truth" (`TrueState.to_numbers`), "changed", "unanswered"."""
+    """Log, JSON by line: "ready", "truth" (`TrueState.to_numbers`), "changed", "unanswered"."""
 
     def __init__(self) -> None:
         path = os.environ.get(VARIABLE)
@@ -37,14 +39,22 @@ class TruthLog:
         """Whether a parent reads it: then no topic tells the truth, which a submission could steer by."""
         return self._socket is not None
 
+    def wait_to_begin(self, meanwhile: Callable[[], None]) -> None:
+        """Wait until the reader lets time begin, calling `meanwhile`."""
+        self.write_line("ready", "")
+        while self._socket and not select.select([self._socket], [], [], POLL_PERIOD)[0]:
+            meanwhile()
+        self._wait_for_reader()
+
     def write(self, snapshot: Snapshot) -> None:
         """Write the true state, and wait until it is read.
 
         A busy reader must not take what comes now for something later.
         """
-        if self._socket is None:
-            return
         self.write_line("truth", snapshot.true_state.to_numbers())
+        self._wait_for_reader()
+
+    def _wait_for_reader(self) -> None:
         try:
             if self._socket is not None and not self._socket.recv(1):
                 raise ConnectionResetError("it has closed the socket")
