@@ -81,23 +81,31 @@ def path_beside(folder: Path) -> "list[Path]":
     return [Path(path) for path in printed.stdout.strip().split(os.pathsep)]
 
 
-def test_a_copy_keeps_its_own_files_and_gets_launch_files_that_run_here(tmp_path):
-    copy = package(
-        tmp_path, "husky_gazebo", "worlds/maze.world", "worlds/clearpath_playpen.world", "rviz/view.rviz",
-        "launch/maze.launch", "launch/spawn_husky.launch", "setup.cfg",
-    )  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "own", "replaced", "new"),
+    [
+        (
+            "husky_gazebo",
+            "worlds/maze.world worlds/clearpath_playpen.world rviz/view.rviz launch/maze.launch",
+            "launch/spawn_husky.launch",
+            "launch/husky_playpen.launch scripts/spawn_husky",
+        ),
+        (
+            "husky_description",
+            "urdf/husky.urdf.xacro launch/mine.launch",
+            "launch/description.launch",
+            "",
+        ),
+    ],
+)
+def test_a_copy_keeps_its_own_files_and_gets_launch_files_that_run_here(tmp_path, name, own, replaced, new):
+    copy = package(tmp_path, name, *own.split(), replaced, "setup.cfg")
     (joined, *others) = path_beside(tmp_path)
     assert tmp_path in others
-    assert joined.name == "husky_gazebo"
-    for file in (
-        "worlds/maze.world",
-        "worlds/clearpath_playpen.world",
-        "rviz/view.rviz",
-        "launch/maze.launch",
-    ):
-        assert (joined / file).resolve() == copy / file
-    for file in ("launch/spawn_husky.launch", "launch/husky_playpen.launch", "scripts/spawn_husky"):
-        assert (joined / file).resolve() == COMPAT / "husky_gazebo" / file
+    assert joined.name == name
+    assert [(joined / file).resolve() for file in own.split()] == [copy / file for file in own.split()]
+    for file in (replaced, *new.split()):
+        assert (joined / file).resolve() == COMPAT / name / file
     assert path_beside(tmp_path)[0] == joined  # and once more
     assert len(list((tmp_path / "home" / "gazebo_packages").iterdir())) == 1
     shutil.rmtree(copy)
@@ -160,17 +168,6 @@ def test_a_launch_file_in_an_encoding_that_no_parser_knows_costs_nothing_else(en
     (copy / "launch" / "playpen.launch").write_text(f'<?xml version="1.0" encoding="{encoding}"?><launch/>')
     (joined, *_) = path_beside(tmp_path)
     assert (joined / "launch" / "playpen.launch").resolve() == COMPAT / "husky_gazebo/launch/playpen.launch"
-
-
-def test_a_copy_of_a_description_keeps_its_urdf(tmp_path):
-    files = ("urdf/husky.urdf.xacro", "launch/description.launch", "launch/mine.launch")
-    copy = package(tmp_path, "husky_description", *files)
-    (joined, *_) = path_beside(tmp_path)
-    sources = {file: (joined / file).resolve() for file in files}
-    assert sources["urdf/husky.urdf.xacro"] == copy / "urdf" / "husky.urdf.xacro"
-    assert sources["launch/mine.launch"] == copy / "launch" / "mine.launch"
-    own = COMPAT / "husky_description" / "launch" / "description.launch"
-    assert sources["launch/description.launch"] == own
 
 
 @pytest.mark.parametrize("file", sorted(COMPAT.glob("*/launch/*.launch")), ids=lambda file: file.stem)

@@ -36,36 +36,23 @@ from husky_highlevel_controller.ros.web.viser_private import LoopEvent
 AHEAD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.8)
 
 
-@pytest.fixture
-def hold():
-    """Page 1 drives ahead since 0 s."""
+def test_the_page_that_took_hold_first_drives_until_it_lets_go_is_silent_or_gone():
     hold = HoldToDrive()
     assert hold.command(0.0) is None
     hold.hold(1, AHEAD, 0.0)
-    return hold
-
-
-def test_a_held_command_goes_on_and_stops_once_when_let_go(hold):
-    assert hold.command(0.1) == AHEAD
-    hold.hold(1, STOP, 0.15)
-    assert [hold.command(0.2), hold.command(0.25)] == [STOP, None]
-
-
-def test_a_page_that_is_silent_or_gone_stops_the_robot(hold):
-    assert hold.command(EXPIRY - 0.01) == AHEAD
-    assert hold.command(EXPIRY + 0.01) == STOP
-    hold.hold(1, AHEAD, 1.0)
-    hold.release(1)
-    assert hold.command(1.01) == STOP
-    assert not hold.is_active
-
-
-def test_the_page_that_took_hold_first_drives(hold):
     hold.hold(2, TURN, 0.1)
     hold.release(2)
-    assert hold.command(0.2) == AHEAD
-    hold.hold(2, TURN, 1.0)  # page 1 is silent by now
-    assert hold.command(1.0) == TURN
+    assert hold.command(EXPIRY - 0.01) == AHEAD
+    hold.hold(1, STOP, EXPIRY - 0.01)
+    assert [hold.command(0.25), hold.command(0.3)] == [STOP, None], "it stops once"
+    hold.hold(1, AHEAD, 1.0)
+    assert hold.command(1.0 + EXPIRY + 0.01) == STOP, "silent"
+    hold.hold(1, AHEAD, 2.0)
+    hold.hold(2, TURN, 3.0)  # page 1 is silent by now
+    assert hold.command(3.0) == TURN
+    hold.release(2)
+    assert hold.command(3.01) == STOP
+    assert not hold.is_active
 
 
 @pytest.mark.parametrize(
@@ -141,11 +128,13 @@ def test_the_controller_s_parameters_are_grouped_and_another_server_s_are_as_it_
     assert list(by_group(parameters({**DESCRIPTION, "groups": named}))) == ["", "Search", "more"]
 
 
-def test_an_enumeration_has_choices():
+def test_an_enumeration_has_choices_and_shows_its_values_by_name():
     method = "{'enum': [{'name': 'Low', 'value': 0}, {'name': 'High', 'value': 2}]}"
     (found,) = parameters({"parameters": [entry("level", "int", 0, 2, 0, edit_method=method)]})
     assert found.choices == (("Low", 0), ("High", 2))
     assert not found.has_slider
+    # its field has the names as options; a value among them would be sent again at each update
+    assert [shown_value(found, value) for value in (0, 2, 7)] == ["Low", "High", 7]
 
 
 def test_yaml_goes_round():
@@ -237,20 +226,16 @@ def test_a_click_meets_the_ground_below_the_horizon_only(down, level, point):
     assert point_on_level((0, 0, 2), (1, 0, down), level) == (point and pytest.approx(point))
 
 
-def test_a_chart_draws_gaps_as_gaps_and_survives_nothing():
+@pytest.mark.parametrize("value", [float("nan"), 1.7e308, -1.7e308, 1e12])
+def test_a_chart_draws_what_is_no_measurement_as_a_gap_and_survives_nothing(value):
     speed = CHARTS[2]
-    times, values = np.arange(4.0), np.array([0.0, 1.0, np.nan, 0.5])
-    curve = re.search(r'class="curve commanded" d="([^"]+)"', chart_html(speed, (times, values, values)))
+    times, values = np.arange(5.0), np.array([0.0, 0.1, value, -value, 0.2])
+    html = chart_html(speed, (times, values, values))
+    curve = re.search(r'class="curve commanded" d="([^"]+)"', html)
     assert re.sub("[0-9.,]", "", curve.group(1)) == "MLM"
-    assert "<svg" in chart_html(speed, (np.zeros(0),) * 3)
-
-
-@pytest.mark.parametrize("value", [1.7e308, -1.7e308, 1e12])
-def test_a_chart_leaves_out_what_is_no_measurement(value):
-    times = np.arange(0.0, 3.0, 0.5)
-    html = chart_html(CHARTS[0], (times, np.array([0.0, 0.1, value, -value, 0.2, value])))
     assert len(html) < 5000
     assert 'text-anchor="end">0.2<' in html
+    assert "<svg" in chart_html(speed, (np.zeros(0),) * 3)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -5.0, 0.0, 50.0, 1e308])
@@ -366,19 +351,16 @@ def test_a_topic_of_two_uses_stays_open_for_the_one_that_is_shown(monkeypatch):
         (RobotStatus(is_locked=True, is_silent=True, is_paused=True), "error", state_bar.LOCKED),
         (RobotStatus(is_paused=True, activity="driving"), "warn", "PAUSED"),
         (RobotStatus(activity="<driving>", distance=1.0), "ok", "&lt;driving&gt;"),
+        (RobotStatus(activity="arrived", distance=0.01, speed=0.0), "ok", "at the pillar"),
         (RobotStatus(is_silent=True), "error", "no news from the robot"),
         (RobotStatus(is_master_gone=True, is_locked=True), "error", state_bar.MASTER_GONE),
     ],
 )
 def test_the_state_bar_says_first_what_keeps_the_robot_from_driving(status, level, words):
-    assert f'husky-state {level}"' in state_html(status)
-    assert f"<b>{words}</b>" in state_html(status)
-
-
-def test_at_the_pillar_nothing_is_to_go():
-    html = state_html(RobotStatus(activity="arrived", distance=0.01, speed=0.0))
-    assert "<b>at the pillar</b>" in html
-    assert "to go" not in html
+    html = state_html(status)
+    assert f'husky-state {level}"' in html
+    assert f"<b>{words}</b>" in html
+    assert ("to go" in html) == (status.distance == 1.0), "at the pillar nothing is"
 
 
 def test_the_state_bar_says_what_has_stopped_the_controller_as_text():
@@ -398,45 +380,17 @@ def test_a_later_warning_takes_no_reason_away():
     assert reasons == ["", "hit", "hit", "", "", ""]
 
 
-class Drags:
-    """A mouse with one object that page 7 drags."""
-
-    def __init__(self):
-        node = SimpleNamespace(position=(0.0, 0.0, 0.0), wxyz=(1.0, 0.0, 0.0, 0.0))
-        shape = SimpleNamespace(
-            remove_click_callback=str, remove_drag_callback=str,
-            on_click=str, on_drag=lambda _button: lambda on_drag: setattr(self, "on_drag", on_drag),
-        )  # fmt: skip
-        shown = SimpleNamespace(node=node, shapes=[shape], is_movable=True)
-        self.objects = SimpleNamespace(
-            shown={("t", "box"): shown}, dragged={}, drop=lambda *_: None, on_new=None
-        )
-        scene = SimpleNamespace(robot_shapes=[], base=None, show_ghost=lambda _: None)
-        self.mouse = Mouse(scene, self.objects, None, {7: SimpleNamespace(tool=MOVE)})
-        self.objects.on_new(("t", "box"), shown)
-
-    def event(self, phase):
-        ray = {"ray_origin": (0.0, 0.0, 1.0), "ray_direction": (0.1, 0.0, -1.0)}
-        event = SimpleNamespace(
-            client=SimpleNamespace(client_id=7), phase=phase, **ray,
-            start=SimpleNamespace(position=(0.0, 0.0, 0.0), **ray), end=SimpleNamespace(**ray),
-            start_position=(0.0, 0.0, 0.0), position=(0.0, 0.0, 0.0),
-        )  # fmt: skip
-        asyncio.run(self.on_drag(event))
-
-
 def test_a_drag_ends_when_its_page_is_closed(monkeypatch):
     monkeypatch.setattr(Drag, "on_event", lambda drag, _: drag._show(IDENTITY))
-    drags = Drags()
-    drags.event("start")
-    assert drags.objects.dragged
-    drags.mouse.release(8)
-    assert drags.objects.dragged, "another page"
-    drags.mouse.release(7)
-    assert not drags.objects.dragged
-
-
-def test_a_value_of_an_enumeration_is_shown_by_its_name():
-    """Its field has the names as options; a value among them would be sent again at each update."""
-    parameter = SimpleNamespace(choices=(("slow", 0), ("fast", 1)))
-    assert [shown_value(parameter, value) for value in (0, 1, 7)] == ["slow", "fast", 7]
+    shape, node = Mock(), Mock(position=(0.0, 0.0, 0.0), wxyz=(1.0, 0.0, 0.0, 0.0))
+    box = Mock(node=node, shapes=[shape], is_movable=True)
+    objects = Mock(shown={("t", "box"): box}, dragged={})
+    mouse = Mouse(Mock(robot_shapes=[]), objects, None, {7: SimpleNamespace(tool=MOVE)})
+    mouse.bind()
+    (on_drag,) = shape.on_drag.return_value.call_args.args
+    asyncio.run(on_drag(Mock(phase="start", client=Mock(client_id=7))))
+    assert objects.dragged
+    mouse.release(8)
+    assert objects.dragged, "another page"
+    mouse.release(7)
+    assert not objects.dragged
