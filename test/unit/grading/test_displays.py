@@ -131,6 +131,7 @@ def put(folder, files):
         (BY_VIEWER, None, "slam.rviz"),
         (BY_BAG, None, ""),
         (BY_CODE, None, ""),
+        ({**SLAM, "slam.launch.xml": BY_CODE["slam.launch"]}, None, ""),
     ],
 )
 def test_the_configuration_of_a_hand_in(files, node, source, tmp_path):

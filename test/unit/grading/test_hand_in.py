@@ -476,10 +476,11 @@ def test_curves_are_read_from_rqt_multiplot_s_files_and_no_others(tmp_path):
 
 def test_a_launch_file_may_lie_beside_its_package_and_a_teacher_may_name_it(ann):
     package(ann / "exercise3" / "husky", "husky")
-    for name in ("ex3.launch", "launch/ex3.launch"):
+    for name in ("ex3.launch", "launch/ex3.launch", "launch/other.launch.xml", "copy.launch.bak"):
         launch(ann / "exercise3" / name, NODE.format("husky"))
     candidates = launch_files(ann)
     assert (str(candidates[0].place), candidates[0].package) == ("exercise3/ex3.launch", "husky")
+    assert {file.place.name for file in candidates} == {"ex3.launch", "other.launch.xml"}
     assert "is named for exercise 3" in launch_choice.reasons(candidates[0], candidates, 3)
     (only,) = launch_files(ann, launch="launch/ex3.launch")
     assert str(only.place) == "exercise3/launch/ex3.launch"

@@ -19,6 +19,7 @@ from husky_highlevel_controller.grading.hand_in.dependencies import debian_packa
 from husky_highlevel_controller.grading.hand_in.packages import BUILT, NotMarkableError, Package
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
+    file_suffix,
     is_below,
     is_regular,
     read_regular,
@@ -176,7 +177,7 @@ def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
         return match.group()
 
     for path in walk(folder):
-        if ".launch" in path.suffixes and path.stat().st_size <= MAX_TEXT:
+        if file_suffix(path) == ".launch" and path.stat().st_size <= MAX_TEXT:
             text = path.read_bytes().decode("utf-8", "surrogateescape")
             path.write_bytes(_HOME.sub(local_path, text).encode("utf-8", "surrogateescape"))
     return paths

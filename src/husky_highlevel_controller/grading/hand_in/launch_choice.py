@@ -21,6 +21,7 @@ from husky_highlevel_controller.grading.hand_in.plan import plans
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     copy,
+    file_suffix,
     is_below,
     texts_in,
     walk,
@@ -141,15 +142,16 @@ def _launch_files(
     beside: Set[Path] = set()
     for package in packages:
         for path in walk(folders[package.name]):
-            if path.name.endswith((".launch", ".launch.xml")):
+            if file_suffix(path) == ".launch":
                 yield path, package.place / path.relative_to(folders[package.name]).as_posix()
         for top, place in contents.places.items():
             for folder in package.path.parents:
                 if folder != top and top not in folder.parents:
                     break
-                for path in sorted([*folder.glob("*.launch"), *folder.glob("launch/*.launch")]):
+                for path in sorted([*folder.glob("*.launch*"), *folder.glob("launch/*.launch*")]):
+                    is_launch_file = file_suffix(path) == ".launch"
                     inside = any(each.path in path.parents for each in contents.packages)
-                    if not inside and path not in beside and is_below(path, top):
+                    if is_launch_file and not inside and path not in beside and is_below(path, top):
                         beside.add(path)
                         with contextlib.suppress(UnreadableFileError):  # a link, a FIFO
                             launch_place = place / path.relative_to(top).as_posix()

@@ -15,6 +15,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.hand_in.archives import Allowance, ArchiveError, suffix_of, unpack
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
+    file_suffix,
     read_text,
     read_xml,
     walk,
@@ -245,7 +246,7 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
     """Smaller is better: folders come before archives, outer ones before inner."""
     in_archive = any(suffix_of(part) for part in package.place.parts)
     fits, files = fits_exercise(package.place, exercise), list(walk(package.path, BUILT))
-    launch_files = [path for path in files if path.name.endswith((".launch", ".launch.xml"))]
+    launch_files = [path for path in files if file_suffix(path) == ".launch"]
     launched = {node for path in launch_files for node in nodes_in(path)}
     starts = any(node.partition("/")[0] == package.name for node in launched)
     return -fits, not starts, in_archive, -len(files), len(package.place.parts), str(package.place)

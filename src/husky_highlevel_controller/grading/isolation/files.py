@@ -65,6 +65,11 @@ def read_text(path: Path, max_size: int = MAX_SIZE) -> str:
     return read_regular(path, max_size).decode(errors="replace")
 
 
+def file_suffix(path: Path) -> str:
+    """Suffix of a file; .launch for .launch.xml, too: both are names of launch files."""
+    return ".launch" if path.name.endswith(".launch.xml") else path.suffix
+
+
 def texts_in(folder: Path, suffixes: Collection[str], max_size: int = MAX_SIZE) -> Iterator[Tuple[Path, str]]:
     """Files below a folder with one of these suffixes, and their texts; none that cannot be read.
 
@@ -72,7 +77,7 @@ def texts_in(folder: Path, suffixes: Collection[str], max_size: int = MAX_SIZE) 
         UnreadableFileError: as `walk`.
     """
     for path in walk(folder):
-        if path.suffix in suffixes:
+        if file_suffix(path) in suffixes:
             with contextlib.suppress(UnreadableFileError):
                 yield path, read_text(path, max_size)
 
