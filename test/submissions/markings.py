@@ -71,7 +71,7 @@ DESERVED = {
     "listens_elsewhere": (NOTHING, ["listens to /scan, where nothing is sent", "`rostopic list`"]),
     # attacks
     "teleports": (NOTHING, ["no points: the simulator was asked to interfere", "the robot jumps "]),
-    "forges_the_truth": (NOTHING, ["no points: node /controller publishes on /ground_truth/odom, as the "]),
+    "forges_the_truth": (NOTHING, ["no points: node /rosout publishes on /ground_truth/odom, as the "]),
     "steers_by_the_truth": (NOTHING, ["/controller subscribes to /husky_simulator/world/update_full, where"]),
     "marks_a_grid": (UNMARKED, ["196 markers in namespace 'grid'"]),
     "blocks_readers": ((0, 0, 0, 0, 0), ["the robot never moves: all "]),

@@ -19,6 +19,7 @@ WITH_ERROR = "does_not_build"  # `drives_in_cpp` with an error at its end
 WITH_RVIZ = {"complete", "hooks_the_setup", "marks_the_origin"}
 # its launch file includes a world that is not installed, which is no cause
 IN_OFFICE = "commands_zero"
+AS_ROSOUT = "forges_the_truth"  # its node has the name of one that every ROS network has
 
 MANIFEST = """<?xml version="1.0"?>
 <package format="2">
@@ -33,9 +34,7 @@ find_package(catkin REQUIRED)
 catkin_package()
 catkin_install_python(PROGRAMS scripts/controller DESTINATION ${{CATKIN_PACKAGE_BIN_DESTINATION}})
 """
-LAUNCH = (
-    '<launch>\n  <node name="controller" pkg="{name}" type="controller" output="screen"/>{more}\n</launch>\n'
-)
+LAUNCH = '<launch>\n  <node name="{node}" pkg="{name}" type="controller" output="screen"/>{more}\n</launch>\n'
 FAULT = '\n  <param name="controller/fault" value="{name}"/>'
 OFFICE = '\n  <include file="$(find office_gazebo)/launch/office.launch"/>'
 RVIZ = '\n  <node name="rviz" pkg="rviz" type="rviz" args="-d $(find {name})/rviz/view.rviz"/>'
@@ -59,7 +58,9 @@ def make_package(name, folder, student=""):
         (package / "CMakeLists.txt").write_text(CMAKE.format(name=name))
         rviz = RVIZ.format(name=name) if name in WITH_RVIZ else ""
         more = rviz + OFFICE * (name == IN_OFFICE) + FAULT.format(name=name) * (name in FAULTS)
-        (package / "launch" / "controller.launch").write_text(LAUNCH.format(name=name, more=more))
+        node = "rosout" if name == AS_ROSOUT else "controller"
+        launch = LAUNCH.format(name=name, node=node, more=more)
+        (package / "launch" / "controller.launch").write_text(launch)
         shutil.copy(HERE / (WITH_FAULT if name in FAULTS else name), package / "scripts" / "controller")
         if rviz:
             shutil.copy(HERE / "view.rviz", package / "rviz")

@@ -92,7 +92,7 @@ class DriveRecorder:
         signal.signal(signal.SIGUSR2, lambda *_: self._abandoned.set())
         rospy.on_shutdown(lambda: self._write(CUT_OFF))
         self._master = rosgraph.Master(rospy.get_name())
-        self._our_nodes = {*self._task.ours, "/rosout", rospy.get_name()}
+        self._our_nodes = {*self._task.ours, rospy.get_name()}
         self._subscribers = [
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000, tcp_nodelay=True)
             for topic in VELOCITY_TOPICS
