@@ -74,23 +74,20 @@ def test_bad_input_is_a_sentence_and_exit_code_2(axes, sentence, capsys, tmp_pat
     assert sentence in capsys.readouterr().err
 
 
-def test_ctrl_c_ends_it_and_keeps_what_was_driven(tmp_path):
-    running = start_sweep(tmp_path)
-    try:
-        running.send_signal(signal.SIGINT)
-        _, told = running.communicate(timeout=120.0)
-    finally:
-        running.kill()
-    assert running.returncode == 130, told
-    assert told == "sweep: stopped; with the same results file the same command goes on from here\n"
-    assert 1 <= kept(tmp_path / "results.sqlite") < 12 * 20
-
-
-def test_a_sweep_that_is_killed_leaves_no_process(tmp_path):
+@pytest.mark.parametrize(
+    ("how", "code", "sentence"),
+    [
+        (signal.SIGINT, 130, "sweep: stopped; with the same results file the same command goes on from here\n"),
+        (signal.SIGKILL, -signal.SIGKILL, ""),
+    ],
+)
+def test_a_sweep_that_is_ended_keeps_what_was_driven_and_leaves_no_process(how, code, sentence, tmp_path):
     running = start_sweep(tmp_path)
     workers = psutil.Process(running.pid).children()
-    running.kill()
-    running.communicate(timeout=60.0)
+    running.send_signal(how)
+    _, told = running.communicate(timeout=120.0)
+    assert (running.returncode, told) == (code, sentence)
+    assert 1 <= kept(tmp_path / "results.sqlite") < 12 * 20
     assert workers
     assert not psutil.wait_procs(workers, timeout=60.0)[1]
 

@@ -211,19 +211,6 @@ def test_it_does_not_follow_legs_that_walk_and_drives_to_what_stands():
     assert toy.drive(12.0)[-1].output.state is State.ARRIVED
 
 
-def test_a_pillar_that_is_taken_away_is_looked_for_and_the_new_one_found():
-    toy = Toy([(6.0, 1.0, 0.2)], period=0.05)
-    before = toy.drive(1.0)[-1].output
-    toy.circles = []
-    gone = toy.drive(2.0)
-    assert gone[0].output.twist.linear == pytest.approx(before.twist.linear, abs=0.05), "after a single scan"
-    assert states(gone) == [State.DRIVING, State.SEARCHING]
-    assert gone[-1].output.estimate is None
-    toy.circles = [(-5.0, -3.0, 0.2)]
-    assert toy.drive(25.0)[-1].output.state is State.ARRIVED
-    assert lidar_to(toy.pose, -5.0, -3.0) == pytest.approx(0.4, abs=0.02)
-
-
 def test_another_world_and_the_first_again_from_the_start_forgets_places_that_looked_empty():
     toy = Toy([PILLAR])
     toy.drive(14.0)
@@ -365,23 +352,6 @@ def test_a_scan_of_nothing_never_drives_it_anywhere(nothing, count):
     blind = count == 0 or nothing == -inf
     assert output.state is (State.WAITING if blind else State.SEARCHING)
     assert (output.twist == STOP) is blind
-
-
-def test_speckle_and_the_robot_s_own_body_do_not_stop_it():
-    rng = np.random.default_rng(6)
-
-    def dirty(scan):
-        ranges = scan.ranges.copy()
-        ranges[rng.choice(720, 5)] = rng.uniform(0.2, 29.0, 5)
-        ranges[rng.integers(330, 390)] = rng.uniform(0.4, 1.0)
-        ranges[rng.choice(720, 20)] = nan
-        ranges[:6] = ranges[-6:] = 0.155
-        return replace(scan, ranges=ranges)
-
-    steps = with_scans(Toy([(7.0, 0.5, 0.2)], seed=6, period=0.05), dirty).drive(13.0)
-    assert steps[-1].output.state is State.ARRIVED
-    assert State.SEARCHING not in states(steps)
-    assert not any("in the way" in reason for reason in reasons(steps))
 
 
 # ---------------------------------------------------------------------------- every driver's kind of miss
