@@ -4,7 +4,6 @@ import math
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
 import pytest
 import tf2_ros
 import yaml

@@ -77,7 +77,11 @@ def test_bad_input_is_a_sentence_and_exit_code_2(axes, sentence, capsys, tmp_pat
 @pytest.mark.parametrize(
     ("how", "code", "sentence"),
     [
-        (signal.SIGINT, 130, "sweep: stopped; with the same results file the same command goes on from here\n"),
+        (
+            signal.SIGINT,
+            130,
+            "sweep: stopped; with the same results file the same command goes on from here\n",
+        ),
         (signal.SIGKILL, -signal.SIGKILL, ""),
     ],
 )

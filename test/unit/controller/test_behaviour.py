@@ -149,28 +149,6 @@ def test_a_gap_of_3_mm_to_what_is_touched_is_noise(gap, state):
         assert {step.output.twist.linear for step in steps if step.time < 0.19} == {0.04}
 
 
-# ---------------------------------------------------------------------------- which one
-
-
-def test_it_stays_with_the_one_it_has_chosen_when_the_other_is_nearer():
-    toy = Toy([(20.0, 1.5, 0.2), (20.2, -1.5, 0.2)], seed=3, period=0.05)
-    toy.drive(1.0)
-    toy.circles.append((8.0, 6.0, 0.2))
-    steps = toy.drive(24.0)
-    assert all(step.output.target_in_base for step in steps)
-    assert lidar_to(toy.pose, 20.0, 1.5) == pytest.approx(0.4, abs=0.02)
-    assert all(hypot(step.output.estimate.x - 20.0, step.output.estimate.y - 1.5) < 0.3 for step in steps)
-
-
-def test_a_candidate_that_proves_to_be_none_from_nearer_by_is_dropped_for_the_pillar():
-    # five beams see a box of 0.35 m corner-on as a pillar from 15 m, not from 8 m
-    toy = Toy([(-7.0, 14.0, 0.2)], box(14.0, -2.0, 0.645, 0.33, 0.33), period=0.05)
-    steps = toy.drive(60.0)
-    assert steps[0].output.target_in_base == pytest.approx((14.0, -2.0), abs=0.5)
-    assert steps[-1].output.state is State.ARRIVED
-    assert lidar_to(toy.pose, -7.0, 14.0) == pytest.approx(0.4, abs=0.02)
-
-
 # ---------------------------------------------------------------------------- remembering
 
 
