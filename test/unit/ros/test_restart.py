@@ -23,13 +23,6 @@ RESTART = [sys.executable, "-c", "from husky_highlevel_controller.ros.restart im
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(share_folder() / "src")}
 
 
-def run(path, crashes, code):
-    """Exit code, number of starts, and what was said, of a program that crashes at first."""
-    command = [*RESTART, sys.executable, "-c", CRASH_ONCE, str(path), str(crashes), str(code)]
-    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60.0)
-    return done.returncode, int(path.read_text()), done.stderr
-
-
 ANNOUNCED = "crashed with SIGABRT; starting it once more"
 
 
@@ -38,9 +31,11 @@ ANNOUNCED = "crashed with SIGABRT; starting it once more"
     [(1, 0, 0, 2, ANNOUNCED), (9, 0, 128 + signal.SIGABRT, 2, ANNOUNCED), (0, 3, 3, 1, "")],
 )
 def test_a_crash_is_followed_by_one_more_start_that_is_announced(tmp_path, crashes, code, end, starts, words):
-    ended, started, said = run(tmp_path / "starts", crashes, code)
-    assert (ended, started) == (end, starts)
-    assert words in said
+    path = tmp_path / "starts"
+    command = [*RESTART, sys.executable, "-c", CRASH_ONCE, str(path), str(crashes), str(code)]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, timeout=60.0)
+    assert (done.returncode, int(path.read_text())) == (end, starts)
+    assert words in done.stderr
 
 
 def test_an_interrupt_reaches_the_program_and_ends_both(tmp_path):

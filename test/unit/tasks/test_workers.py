@@ -1,7 +1,8 @@
-"""Tasks on this machine: the same results in order, whoever dies, and no work done twice."""
+"""Tasks on this machine: the same results in order, no work done twice; exit codes of commands."""
 
 from __future__ import annotations
 
+import argparse
 import gc
 import os
 import signal
@@ -17,6 +18,7 @@ from noisy_tasks import noise, noise_after_a_death
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
 from husky_highlevel_controller.tasks import local
+from husky_highlevel_controller.tasks.command import STOPPED, exit_codes, seed_value
 from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint, machine
 from husky_highlevel_controller.tasks.workers import Workers
 
@@ -156,3 +158,30 @@ def test_a_task_that_ends_every_process_is_named_and_may_have_a_result_of_its_ow
         )
     assert results[7] == "task 8 of 20 ended its process 3 times"
     assert sorted(results) == list(range(20))
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (HuskyError("no such file"), 2, "mark: no such file"),
+        (OSError(28, "No space left on device"), 2, "No space left"),
+        (KeyError("seed"), 2, "mark: this is a bug: KeyError: 'seed'"),
+        (KeyboardInterrupt(), STOPPED, "mark: stopped"),
+        (SystemExit(1), 1, ""),
+    ],
+)
+def test_only_a_figure_that_is_missed_ends_with_1(error, code, words, capsys):
+    with pytest.raises(SystemExit) as end, exit_codes("mark"):
+        raise error
+    assert end.value.code == code
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["-1", "2147483648"])
+def test_a_seed_is_a_number_that_every_generator_takes(text):
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seed", type=seed_value)
+    assert parser.parse_args(["--seed", "7"]).seed == 7
+    with pytest.raises(SystemExit) as end:
+        parser.parse_args(["--seed", text])
+    assert end.value.code == 2
