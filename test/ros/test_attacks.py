@@ -7,20 +7,16 @@ import re
 import shutil
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 import pytest
 import yaml
+from packages import FOLDERS, NODES, make_package
 
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.sandbox import BUBBLEWRAP, kind_of_sandbox
-
-SUBMISSIONS = Path(__file__).parents[1] / "submissions"
-sys.path.insert(0, str(SUBMISSIONS))
-from packages import FOLDERS, NODES, make_package  # noqa: E402 - lives beside the submissions
 
 NOBODY = 65534
 AS_NOBODY = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
@@ -28,29 +24,17 @@ LAUNCH_FILES = ("eval", "itself", "prefix")  # attacks of a launch file
 GRADE = ["rosrun", "husky_highlevel_controller", "grade"]
 QUICK = ["--trials", "1", "--pace", "8", "--robot", "husky"]
 
-# state of each hand-in; attacks beside those of the package `attacks`
-STATES = {
-    "blocks_readers": "marked",
-    "breaks_readers": "marked",
-    "drives_by_chance": "for a person",
-    "forges_events": "for a person",
-    "forks": "for a person",
-    "hides": "for a person",
-    "hooks_the_setup": "marked",
-    "hooks_too": "marked",
-    "links_out": "could not be marked: its build puts links in place of src or devel/setup.bash",
-    "names_a_path": "could not be marked: no catkin package in it; package.xml: <name> is "
-    "'/var/tmp/husky_named_a_path', which is not the name of a package",
-    "sabotages": "for a person",
-}  # fmt: skip
 # what neither a unit test of the sandbox nor a kept recording shows: all of it at work, and valgrind
-FEW = ("drives_by_chance", "hooks_the_setup")
+STATES = {"drives_by_chance": "for a person", "hooks_the_setup": "marked"}
 HONEST = (
     "complete", "crashes", "commands_zero", "drives_away", "drives_in_cpp", "has_a_wiki_setup",
     "imports_what_is_missing", "marks_in_base_link", "needs_a_missing_package", "raises_in_callback", "rams",
     "spins", "stops_short",
 )  # fmt: skip
-EVERY_THIRD = ("sabotages", "unlinks", "ends_the_master", "eval", "sprays", "forks", "floods_markers")
+ATTACKS = (
+    "sabotages", "unlinks", "ends_the_master", "eval", "sprays", "forks", "floods_markers", "hides",
+    "blocks_readers", "breaks_readers", "forges_events",
+)  # fmt: skip
 
 
 def make_class(folder, *names):
@@ -74,12 +58,12 @@ def tell_places(package, key, folders, port, process):
 
 
 def grade(folder, *arguments, user=(), env=None):
-    """Mark a class into `out` beside it; rows of the table by name, and what was printed."""
+    """Mark a class into `out` beside it; rows of the table by name."""
     command = [*user, *GRADE, "--all", folder, "--out", folder.parent / "out", *QUICK, *arguments]
     done = subprocess.run(list(map(str, command)), env=env, capture_output=True, text=True, check=False)
     assert done.returncode in (1, 2), done.stdout + done.stderr
     with (folder.parent / "out" / "results.csv").open(newline="") as table:
-        return {row["submission"]: row for row in csv.DictReader(table)}, done.stdout + done.stderr
+        return {row["submission"]: row for row in csv.DictReader(table)}
 
 
 def logs_of(out, name):
@@ -97,28 +81,21 @@ def assert_without_capabilities(out):
         assert not re.findall(r"^escaped: (?!write into ).*", logs[place], re.MULTILINE)
 
 
-@pytest.mark.parametrize("names", [FEW, pytest.param(STATES, marks=pytest.mark.slow)], ids=["few", "all"])
-def test_no_attack_stops_a_class_or_gets_out_of_it(names, tmp_path):
-    make_class(tmp_path / "class", *set(names) - {"hooks_too"})
+def test_no_attack_stops_a_class_or_gets_out_of_it(tmp_path):
+    make_class(tmp_path / "class", *STATES)
     out = tmp_path / "out"
     with (tmp_path / "key").open("w") as key, socket.create_server(("127.0.0.1", 0)) as server:
         key.write("secret")
         outside = [Path("/var/tmp"), Path("/usr/local/bin"), tmp_path, out]
         hooks = tmp_path / "class" / "hooks_the_setup"
         tell_places(hooks, key.name, map(str, outside), server.getsockname()[1], os.getpid())
-        if "hooks_too" in names:
-            shutil.copytree(hooks, hooks.with_name("hooks_too"))
-            (tmp_path / "home").mkdir()
-            (tmp_path / "home" / "bashrc").write_text("mine")
-            (tmp_path / "class" / "links_out" / "target").write_text(str(tmp_path / "home"))
         env = {**os.environ, "FAKE_TOKEN": "secret"}
-        rows, printed = grade(tmp_path / "class", "--jobs", "2", "--deadline", "5", env=env)
+        rows = grade(tmp_path / "class", "--jobs", "2", "--deadline", "5", env=env)
         server.setblocking(False)
         with pytest.raises(BlockingIOError):
             server.accept()
-    assert {name: row["state"] for name, row in rows.items()} == {name: STATES[name] for name in names}
-    got = {name: row["total"] for name, row in rows.items() if not row["state"].startswith("could")}
-    assert got == {name: "20" if name.startswith("hooks") else "0" for name in got}  # for RViz
+    assert {name: row["state"] for name, row in rows.items()} == STATES
+    assert [rows[name]["total"] for name in STATES] == ["0", "20"]  # for RViz
     if shutil.which("valgrind"):
         chance = (out / "hand_ins" / "drives_by_chance" / "table.txt").read_text()
         assert "`start_` (controller.cpp:36) is read at" in " ".join(chance.split())
@@ -134,20 +111,6 @@ def test_no_attack_stops_a_class_or_gets_out_of_it(names, tmp_path):
         assert not list(Path("/var/tmp").glob("husky_*"))
     running = [path.read_bytes() for path in Path("/proc").glob("[0-9]*/cmdline") if path.exists()]
     assert b"sleep\0" + b"86399\0" not in running, "what an environment hook started"
-    assert b"forked_sleeper\0" + b"600\0" not in running
-    if names is STATES:
-        see_further_attacks(rows, printed, out, tmp_path / "home")
-
-
-def see_further_attacks(rows, printed, out, home):
-    """Those of which unit tests show the same in a second, looked at where they are driven."""
-    assert not [letter for letter in printed if not letter.isprintable() and letter not in "\n\r\t"]
-    if not os.getuid():  # the kernel refuses them to others
-        assert "it started more than 1000 processes and threads" in rows["forks"]["notes"]
-    assert [path.name for path in home.iterdir()] == ["bashrc"]
-    assert (home / "bashrc").read_text() == "mine" or kind_of_sandbox() != BUBBLEWRAP
-    if private_network.can_be_made():
-        assert "sabotaged" not in logs_of(out, "sabotages")["drive_1/submission.log"]
 
 
 @pytest.fixture
@@ -170,7 +133,7 @@ def as_nobody(home):
 def test_no_hand_in_of_a_teacher_who_is_not_root_has_a_capability(home):
     make_class(home / "class", "hooks_the_setup")
     tell_places(home / "class" / "hooks_the_setup", "/etc/shadow", ["/usr/local/bin"], 1, os.getpid())
-    rows, _ = grade(home / "class", "--deadline", "5", user=as_nobody(home))
+    rows = grade(home / "class", "--deadline", "5", user=as_nobody(home))
     assert rows["hooks_the_setup"]["state"] == STATES["hooks_the_setup"]
     assert_without_capabilities(home / "out")
 
@@ -185,19 +148,17 @@ def alone(tmp_path_factory):
     """Rows of honest hand-ins that are marked one after the other."""
     folder = tmp_path_factory.mktemp("alone")
     make_class(folder / "class", *HONEST)
-    return grade(folder / "class", "--deadline", "25")[0]
+    return grade(folder / "class", "--deadline", "25")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("user", ["root", "nobody"])
-def test_in_a_class_of_20_with_every_third_an_attack_the_others_get_what_they_get_alone(
-    user, alone, tmp_path, request, capfd
-):
+def test_in_a_class_with_attacks_the_others_get_what_they_get_alone(user, alone, tmp_path, request, capfd):
     folder = tmp_path if user == "root" else request.getfixturevalue("home")
-    make_class(folder / "class", *HONEST, *EVERY_THIRD)
+    make_class(folder / "class", *HONEST, *ATTACKS)
     prefix = () if user == "root" else as_nobody(folder)
     begun = time.monotonic()
-    rows, _ = grade(folder / "class", "--deadline", "25", "--jobs", "2", user=prefix)
+    rows = grade(folder / "class", "--deadline", "25", "--jobs", "2", user=prefix)
     with capfd.disabled():
         print(f"\n{len(rows)} hand-ins as {user}: {time.monotonic() - begun:.0f} s")
         for row in rows.values():
@@ -206,4 +167,4 @@ def test_in_a_class_of_20_with_every_third_an_attack_the_others_get_what_they_ge
         # a marker with stamp 0 counts when it comes: 16.2 or 16.3 points
         assert points_of(rows[name]) == pytest.approx(points_of(alone[name]), abs=0.2), name
         assert rows[name]["state"] == alone[name]["state"]
-    assert {rows[name]["total"] for name in EVERY_THIRD} <= {"0", ""}
+    assert {rows[name]["total"] for name in ATTACKS} <= {"0", ""}
