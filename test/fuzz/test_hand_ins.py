@@ -4,6 +4,7 @@ import json
 
 import yaml
 from damage import WORDS, damaged, mutated
+from packages import put
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.displays import STANDING, view_of
@@ -60,12 +61,6 @@ MARKING = (
     "points: {b: {points: 1, word: w}}, late: {percent: 1, word: w}}}"
 )
 RESULT = {"name": "a", "what": "b", "settings": {}, "notes": [], "items": [], "problem": ""}
-
-
-def put(path, text):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(text.encode("utf-8", errors="replace") if isinstance(text, str) else text)
-    return path
 
 
 def test_hand_ins_are_packages_and_a_launch_file_or_not_markable(cases, tmp_path, launch_files_read_here):

@@ -40,6 +40,13 @@ OFFICE = '\n  <include file="$(find office_gazebo)/launch/office.launch"/>'
 RVIZ = '\n  <node name="rviz" pkg="rviz" type="rviz" args="-d $(find {name})/rviz/view.rviz"/>'
 
 
+def put(path, text=""):
+    """Write a file and the folders above it; its path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
 def make_package(name, folder, student=""):
     """A package of this name in a folder, or in the student's; its node runs without a build."""
     package = Path(folder) / (student or name)

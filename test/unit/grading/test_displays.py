@@ -2,6 +2,7 @@
 
 import pytest
 import yaml
+from packages import put
 
 from husky_highlevel_controller.grading.displays import STANDING, FrameTree, RvizConfig, read_config, view_of
 from husky_highlevel_controller.grading.hand_in.package_files import files_of_others, find_setup
@@ -111,12 +112,6 @@ BY_CODE = {**SLAM, "slam.launch": f'<launch><node pkg="a"/>{SHOWS_SLAM}'}
 SOME = {"a.rviz": rviz_file("TF, Enabled: false"), "z/b.rviz": rviz_file("LaserScan"), "c.rviz": "- no: rviz"}
 
 
-def put(folder, files):
-    for name, text in files.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text(text)
-
-
 @pytest.mark.parametrize(
     ("files", "node", "source"),
     [
@@ -136,7 +131,8 @@ def put(folder, files):
 )
 def test_the_configuration_of_a_hand_in(files, node, source, tmp_path):
     folder = tmp_path / "a"
-    put(folder, {**files, "husky.launch": "<launch/>"})
+    for name, text in {**files, "husky.launch": "<launch/>"}.items():
+        put(folder / name, text)
     nodes = () if node is None else (RvizNode("rviz", node.format(folder), ()),)
     planned = Plan(("a/b",), rviz=nodes, package_path=folder)
     setup = find_setup(planned, None, "/ws/src/a/launch/husky.launch")
@@ -149,10 +145,10 @@ def test_the_configuration_of_a_hand_in(files, node, source, tmp_path):
 
 
 def test_the_file_of_the_rviz_node_is_that_of_the_hand_in_as_its_topics_are_remapped(tmp_path):
-    put(tmp_path, {"mine.rviz": rviz_file("LaserScan, Topic: /a"), "ws/no.txt": ""})
+    put(tmp_path / "mine.rviz", rviz_file("LaserScan, Topic: /a"))
     planned = Plan(rviz=(RvizNode("rviz", f"-d {tmp_path}/mine.rviz", (("/a", "/b"),)),))
     assert find_setup(planned).displays[0].source == "/b"
     assert not find_setup(planned, tmp_path / "ws").source, "it is not in the hand-in"
     for value in (f"Alpha: 1{'0' * 400}", f"Topic: 0x{'f' * 5000}"):
-        put(tmp_path / "numbers", {"a.rviz": rviz_file(f"LaserScan, {value}")})
+        put(tmp_path / "numbers" / "a.rviz", rviz_file(f"LaserScan, {value}"))
         assert find_setup(Plan(package_path=tmp_path / "numbers")).problem == "the file is not RViz's"

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from packages import put
 
 from husky_highlevel_controller.datatypes import Pose, TrueState
 from husky_highlevel_controller.grading.drive import run as run_module
@@ -187,8 +188,7 @@ def test_the_view_of_the_simulators_own_launch_file_is_nobody_elses(tmp_path):
 def planned(folder, files, tmp_path):
     """The plan of a.launch of a package of these files."""
     for path, text in files.items():
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (folder / path).write_text(text)
+        put(folder / path, text)
     launchable = Launchable("launch", "a", str(folder / "a.launch"))
     return plan(launchable, Workspace(packages=(folder,)), tmp_path / "plan")
 

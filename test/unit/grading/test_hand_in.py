@@ -16,6 +16,7 @@ from pathlib import Path, PurePosixPath
 from types import SimpleNamespace
 
 import pytest
+from packages import put
 
 from husky_highlevel_controller.config import ConfigError, load, to_json
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
@@ -67,12 +68,6 @@ WORLD = (
     '<include file="$(find husky_gazebo)/launch/husky_empty_world.launch">'
     '<arg name="world_name" value="$(find {})/worlds/singlePillar.world"/></include>'
 )
-
-
-def put(path, text=""):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
-    return path
 
 
 def package(folder, name, *depends, email="a@b.org"):

@@ -15,7 +15,6 @@ from husky_highlevel_controller.grading.recording import Recording
 from husky_highlevel_controller.grading.records import Item, MarkingResult, Override
 from husky_highlevel_controller.grading.reports import exports
 from husky_highlevel_controller.grading.reports.files import load_result, write_result
-from husky_highlevel_controller.grading.reports.page import class_page
 from husky_highlevel_controller.grading.reports.tables import (
     to_csv,
     to_junit,
@@ -120,7 +119,6 @@ def test_a_table_for_a_browser_is_broken_by_no_text():
     assert "| =ann | 32.5 / 50 | for a person |" in text
     assert "| bob |  | could not be marked |" in text
     assert "| arrives | 12.5/30 | stops &#124; &#60;short&#62; &#38; far &#91;17.00 s&#93; |" in text
-    assert "could not be marked: it does not build" in class_page([RESULT, BROKEN], {}, {})
 
 
 # ---------------------------------------------------------------------------- other graders
