@@ -1,6 +1,6 @@
 """Shared by rostest scripts that stand in for the robot: made-up scans and poses for the controller."""
 
-from math import acos, atan2, cos, hypot, inf, pi, sin, sqrt
+from math import cos, inf, pi, sin, sqrt
 
 import rospy
 import tf2_ros
@@ -20,20 +20,14 @@ def bearings():
     return [-HALF_VIEW + i * 2.0 * HALF_VIEW / (BEAMS - 1) for i in range(BEAMS)]
 
 
-def pillar_at(x, y=0.0, radius=0.2):
-    """The ranges of a lidar that sees nothing but a pillar with its centre there, in the laser's frame."""
-    distance, bearing = hypot(x, y), atan2(y, x)
-    ranges = []
+def pillar_ahead(distance, radius=0.2):
+    """The ranges of a lidar that sees nothing but a pillar straight ahead, its surface at a distance [m]."""
+    ranges, centre = [], distance + radius
     for angle in bearings():
-        off = acos(max(min(cos(angle - bearing), 1.0), -1.0))
-        inside = radius**2 - (distance * sin(off)) ** 2
-        ranges.append(distance * cos(off) - sqrt(inside) if inside > 0.0 and off < pi / 2.0 else inf)
+        inside = radius**2 - (centre * sin(angle)) ** 2
+        is_hit = inside > 0.0 and abs(angle) < pi / 2.0
+        ranges.append(centre * cos(angle) - sqrt(inside) if is_hit else inf)
     return ranges
-
-
-def pillar_ahead(distance):
-    """As pillar_at; `distance` is from the lidar to the pillar's surface, straight ahead."""
-    return pillar_at(distance + 0.2)
 
 
 def transform(parent, child, stamp, x=0.0, y=0.0, yaw=0.0):
@@ -82,24 +76,21 @@ class Player(RosTest):
         stamp = rospy.Time.from_sec(moment)
         self.transforms.publish(TFMessage([transform("odom", "base_link", stamp, *self.pose)]))
 
-    def send(self, ranges, pose_first=True):
-        """A scan, and where the robot was; TF may come later."""
+    def send(self, ranges):
+        """A scan, and where the robot was."""
         Player.moment += PERIOD
-        if pose_first:
-            self.tell_pose(Player.moment)
+        self.tell_pose(Player.moment)
         msg = LaserScan(angle_min=-HALF_VIEW, angle_max=HALF_VIEW, range_min=0.1, range_max=30.0)
         msg.angle_increment = 2.0 * HALF_VIEW / (BEAMS - 1)
         msg.header.frame_id = self.frame
         msg.header.stamp = rospy.Time.from_sec(Player.moment)
         msg.ranges = ranges
         self.scans.publish(msg)
-        if not pose_first:
-            self.tell_pose(Player.moment)
 
-    def answer(self, ranges, pose_first=True):
+    def answer(self, ranges):
         """The command that answers a scan."""
         seen = len(self.commands)
-        self.send(ranges, pose_first)
+        self.send(ranges)
         self.wait_until(lambda: len(self.commands) > seen, "the scan is answered")
         return self.commands[-1]
 

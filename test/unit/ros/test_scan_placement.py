@@ -80,6 +80,7 @@ def placed():
         # poses that are always later than the next scan starve none
         (", ".join(f"scan {n}, pose {n - 1}" for n in range(2, 20)), " ".join(map(str, range(2, 19)))),
         ("scan 2, scan 3, clock starts, pose 0.05, scan 0.1, pose 0.1, pose 3", "0.1"),
+        ("clock starts, pose 0, scan 0.1, pose 0.1", "0.1"),  # a stamp of 0 is no sign of a fixed pose
         ("scan 2, scan 3, discard all, pose 3", ""),
     ],
 )
