@@ -4,7 +4,6 @@ import json
 import re
 import shutil
 import sys
-import time
 from functools import partial
 from math import dist
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 import pytest
 import viser
 from network import Ros, free_port
+from network import wait_until as wait_until_within
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -69,11 +69,7 @@ class Robot:
         return json.loads(self._path.read_text())[name]
 
 
-def wait_until(condition, what):
-    end = time.monotonic() + DRAW_TIMEOUT
-    while not condition():
-        assert time.monotonic() < end, f"waited {DRAW_TIMEOUT} s until {what}"
-        time.sleep(0.05)
+wait_until = partial(wait_until_within, deadline=DRAW_TIMEOUT)
 
 
 @pytest.fixture(scope="module")
@@ -110,19 +106,15 @@ def browser():
 
 def opened(browser, address, selector=E_STOP, size=SIZE):
     page = browser.new_page(viewport=size, device_scale_factor=COARSENESS)
-    watch(page)
-    page.goto(address)
-    page.wait_for_selector(selector)
-    return page
-
-
-def watch(page):
     page.context.add_init_script(SELDOM)  # for pages that it opens, too
     page.context.set_default_timeout(1000.0 * DRAW_TIMEOUT)
     page.complaints, page.hosts = [], set()
     page.on("console", lambda msg: msg.type == "error" and page.complaints.append(msg.text))
     page.on("pageerror", lambda error: page.complaints.append(str(error)))
     page.on("request", lambda request: page.hosts.add(request.url))
+    page.goto(address)
+    page.wait_for_selector(selector)
+    return page
 
 
 @pytest.fixture(scope="module")
@@ -356,17 +348,12 @@ def test_the_emergency_stop_locks_for_every_page_and_released_leaves_the_robot_s
     assert abs(robot.speed) < 0.01
 
 
-def stop_and_release(page, robot, stop=None):
-    """The emergency stop, by its button or otherwise, and its release."""
-    (stop or partial(page.click, E_STOP))()
+def test_space_is_the_emergency_stop_even_with_a_button_in_focus(page, robot):
+    page.get_by_role("button", name="Start", exact=True).focus()
+    page.keyboard.press("Space")
     wait_until(lambda: robot.is_locked, "e_stop is sent")
     page.click(".husky-e-stop.locked")
     wait_until(lambda: not robot.is_locked, "e_stop is released")
-
-
-def test_space_is_the_emergency_stop_even_with_a_button_in_focus(page, robot):
-    page.get_by_role("button", name="Start", exact=True).focus()
-    stop_and_release(page, robot, lambda: page.keyboard.press("Space"))
 
 
 def test_a_paused_world_says_so_on_every_tab(page):
@@ -377,20 +364,6 @@ def test_a_paused_world_says_so_on_every_tab(page):
     show(page, "Drive")
     press(page, "Resume")
     page.wait_for_selector(".husky-state:not(:has-text('PAUSED'))")
-
-
-def test_hostile_messages_are_left_out_and_the_emergency_stop_goes_on(page, robot, network):
-    printed = network.processes[0]  # by the launch
-    hostile = network.start(sys.executable, str(Path(__file__).with_name("hostile_messages.py")))
-    for words in (
-        "a marker of /hostile/markers is not shown: ValueError",
-        "/front/scan is not shown: ScanError",
-    ):
-        wait_until(lambda words=words: words in printed.output, words)
-    stop_and_release(page, robot)
-    assert printed.output.count("a marker of /hostile/markers is not shown") == 1
-    hostile.popen.terminate()
-    hostile.wait()
 
 
 def take(page, tool, hint):
@@ -497,8 +470,7 @@ def test_nothing_was_complained_of_and_no_other_host_was_asked(page, launched):
 
 def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(browser, tmp_path):
     alone = Ros(tmp_path)
-    master = alone.start("roscore", "-p", str(alone.port))  # of its own: it outlives the page's launch
-    wait_until(lambda: alone.subscriptions("/rosout"), "there is a master")
+    master = alone.core()
     port = free_port()
     web = ("roslaunch", "husky_highlevel_controller", "web.launch", f"web_port:={port}")
     node = alone.start(*web)
@@ -529,8 +501,7 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
         process.popen.terminate()
         process.wait()
     before = page.evaluate(TIME_SHOWN)
-    alone.start("roscore", "-p", str(alone.port))
-    wait_until(lambda: alone.subscriptions("/rosout"), "there is another master")
+    alone.core()
     alone.roslaunch("simulator.launch", "web:=false")
     wait_until(lambda: page.evaluate(TIME_SHOWN) < before, "the page shows the new simulator")
     page.wait_for_selector("text=the emergency stop of this page reaches no robot")
@@ -542,10 +513,7 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
 
 
 def plays_from_disk(browser, file, words):
-    page = browser.new_page(viewport=SIZE, device_scale_factor=COARSENESS)
-    watch(page)
-    page.goto(file.as_uri())
-    page.wait_for_selector(f"text={words}")
+    page = opened(browser, file.as_uri(), f"text={words}")
     page.locator("input").press("End")
     end = page.inner_text("output")
     press(page, "Play")
