@@ -1,11 +1,8 @@
 """A person takes over and hands back, an emergency stop locks everybody out: the Husky's twist_mux."""
 
-import subprocess
-
 import rospy
 from geometry_msgs.msg import Twist, TwistStamped
 from harness import RosTest, stamp, twist
-from rosgraph_msgs.msg import Log
 from std_msgs.msg import Bool
 
 CONTROLLER, PERSON = 0.3, -0.2  # [m/s], so that one sees who drives
@@ -61,19 +58,3 @@ class CommandsHavePriorities(RosTest):
         self.assertEqual(self.out[-1].twist.linear.x, 0.0, "nobody moves it")
         stop.publish(False)
         self.wait_for_speed(CONTROLLER, "it drives again")
-
-    def test_two_that_command_on_one_topic_are_named(self):
-        log = self.remember("rosout", Log)
-        self.send("cmd_vel", CONTROLLER)
-        other = subprocess.Popen(
-            ["rostopic", "pub", "-r", "10", "/cmd_vel", "geometry_msgs/Twist", "{linear: {x: 0.1}}"]
-        )
-        self.addCleanup(other.wait)
-        self.addCleanup(other.terminate)
-
-        def warned():
-            return [m.msg for m in list(log) if m.level == Log.WARN and "/cmd_vel: both" in m.msg]
-
-        self.wait_until(warned, "it warns", 60.0)
-        self.assertIn(rospy.get_name(), warned()[0])
-        self.assertIn("/rostopic_", warned()[0])

@@ -1,10 +1,12 @@
 """Everything comes as on the Husky: types, frames, rates, and a twist in base_link however it stands."""
 
+from math import nan
+
 from geometry_msgs.msg import Twist, TwistStamped, Vector3Stamped
 from harness import RosTest, stamp, twist
 from husky_highlevel_controller.msg import Bumps
 from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Clock
+from rosgraph_msgs.msg import Clock, Log
 from sensor_msgs.msg import Imu, JointState, LaserScan, NavSatFix
 
 WHEELS = ["front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"]
@@ -41,10 +43,11 @@ class TopicsAreTheHuskys(RosTest):
         self.assertEqual([gap for gap in gaps if gap < 1.0 or gap % 1.0], [])
         self.assertIn(1.0, gaps)
 
-    def test_forward_is_forward_and_left_is_positive(self):
+    def test_forward_is_forward_left_is_positive_and_a_command_that_is_not_a_number_is_none(self):
         odometry = self.remember("odometry/filtered", Odometry)
         truth = self.remember("ground_truth/odom", Odometry)
         joints = self.remember("joint_states", JointState)
+        log = self.remember("rosout", Log)
         publisher = self.publisher("cmd_vel", Twist)
 
         def drive(command, duration):
@@ -53,6 +56,7 @@ class TopicsAreTheHuskys(RosTest):
             while stamp(truth[-1]) < end:
                 seen = len(truth)
                 publisher.publish(command)
+                publisher.publish(twist(nan, nan))
                 self.wait_until(lambda seen=seen: len(truth) > seen, "time goes on")
 
         drive(twist(0.0, 0.5), 3.0)  # to the left, by about 1.5 rad
@@ -65,6 +69,7 @@ class TopicsAreTheHuskys(RosTest):
         fastest = max(truth[start:], key=lambda m: m.twist.twist.linear.x)
         self.assertAlmostEqual(fastest.twist.twist.linear.x, 0.5, delta=0.02, msg="told in base_link")
         self.assertAlmostEqual(fastest.twist.twist.linear.y, 0.0, delta=0.01)
+        self.wait_until(lambda: any("cmd_vel" in m.msg and "nan" in m.msg for m in log), "it warns")
         wheels = max((msg.velocity for msg in list(joints)), key=min)
         rolled = fastest.twist.twist.linear.x / 0.1651
         self.assertAlmostEqual(min(wheels), rolled, delta=0.1, msg="all wheels roll forwards")
