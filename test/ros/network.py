@@ -96,12 +96,22 @@ class Ros:
     def run(self, *command):
         """What a command prints; it must succeed."""
         return subprocess.run(
-            command, check=True, stdout=subprocess.PIPE, env=self.env, timeout=DEADLINE
+            command, check=True, stdout=subprocess.PIPE, text=True, env=self.env, timeout=DEADLINE
         ).stdout
 
     def call(self, service, *arguments):
         """What a service answers, as YAML."""
         return self.run("rosservice", "call", service, *arguments)
+
+    def echo(self, topic, *options):
+        """The next message of a topic, or the next value of a field in it."""
+        return self.run("rostopic", "echo", "-n", "1", *options, topic).rpartition("---")[0].strip()
+
+    def core(self):
+        """A master that outlives the launches."""
+        process = self.start("roscore", "-p", str(self.port))
+        process.says("started core service")
+        return process
 
     def roslaunch(self, file, *arguments, **env):
         return self.start("roslaunch", "-p", str(self.port), PACKAGE, file, "gui:=false", *arguments, **env)
@@ -116,6 +126,15 @@ class Ros:
         for process in self.processes:
             process.popen.poll()  # or it would be there as a zombie
         return with_variable("ROS_MASTER_URI", self.uri)
+
+    def pids(self, executable):
+        """Processes by what they run; one that has just ended runs nothing."""
+        found = []
+        for pid in self.left():
+            with contextlib.suppress(psutil.NoSuchProcess):  # a zombie, too
+                if any(word.endswith(f"/{executable}") for word in psutil.Process(pid).cmdline()):
+                    found.append(pid)
+        return found
 
     def end(self):
         wait_until(self._kill_left, "everything has ended")
@@ -151,8 +170,3 @@ def make_package(folder, name, files):
         if path.startswith("scripts/"):
             (folder / path).chmod(0o755)
     return folder
-
-
-def memory(pid):
-    """Resident memory of a process [kB]."""
-    return psutil.Process(pid).memory_info().rss // 1024

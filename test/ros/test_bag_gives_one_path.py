@@ -1,18 +1,13 @@
 """Exercise 4 as it is handed in: a launch file with filter and description, and a bag that is played."""
 
-import sys
-
 import numpy as np
 import pytest
 import rosbag
 import rospy
 from nav_msgs.msg import Odometry
-from network import wait_until
+from network import make_package, wait_until
 from sensor_msgs.msg import Imu
 
-from husky_highlevel_controller.paths import share_folder
-
-COMMAND = (sys.executable, str(share_folder() / "tools" / "launch.py"))
 SECONDS, RATE = 8.0, 0.5
 END = (100.0 + SECONDS - 0.11) * 1e9  # [ns], just before the last estimate
 COLUMNS = [2, 5, 6, 12]  # of `rostopic echo -p`: stamp, x, y and its variance
@@ -85,15 +80,10 @@ def play(ros, bag, rate):
     return rows()
 
 
-def test_a_hand_in_of_exercise_4_runs_and_a_bag_gives_one_path_at_every_rate(ros, tmp_path):
-    package = tmp_path / "ws" / "smb_highlevel_controller"
-    (package / "launch").mkdir(parents=True)
-    (package / "package.xml").write_text(
-        '<package format="2"><name>smb_highlevel_controller</name><version>0.0.1</version><description>x'
-        '</description><maintainer email="a@b.c">a</maintainer><license>BSD</license></package>'
-    )
-    (package / "launch" / "ekf.launch").write_text(LAUNCH)
-    launched = ros.start(*COMMAND, str(package / "launch" / "ekf.launch"), "-p", str(ros.port))
+def test_a_hand_in_of_exercise_4_runs_and_a_bag_gives_one_path_at_every_rate(ros, launch, tmp_path):
+    name = "smb_highlevel_controller"
+    package = make_package(tmp_path / "ws" / name, name, {"launch/ekf.launch": LAUNCH})
+    launched = launch(package / "launch" / "ekf.launch")
     launched.says("two_d_mode = False is not supported: the filter is planar")
     launched.says("process_noise_covariance has 2 numbers, not 225: the default counts")
     bag = tmp_path / "navigation.bag"

@@ -1,27 +1,17 @@
 """Nodes and launch files as processes: how they start, what they say when they cannot, how they end."""
 
+import os
 import re
 import signal
 import subprocess
 
 import pytest
 import yaml
-from network import PACKAGE, Ros, wait_until
+from network import PACKAGE, wait_until
 
 from husky_highlevel_controller.paths import share_folder
-from husky_highlevel_controller.simulator.models.description import robot_description
 
-SHARE = share_folder()
 LAUNCH_FILES = ("controller.launch", "simulator.launch")
-
-
-@pytest.fixture(scope="module")
-def core(tmp_path_factory):
-    """A running master, for several tests."""
-    network = Ros(tmp_path_factory.mktemp("core"))
-    network.start("roscore", "-p", str(network.port)).says("started core service")
-    yield network
-    network.end()
 
 
 ARGUMENTS = [
@@ -94,13 +84,14 @@ def test_environment_start_pose_and_pace_reach_the_simulation_which_tells_the_fa
     arguments = ("x:=1.5", "y:=-2.0", "yaw:=0.5", "real_time_factor:=1000")
     launched = ros.roslaunch("simulator.launch", *arguments, **environment)
     launched.says("this machine is too slow for real_time_factor 1000: reached ")
-    assert b'frame_id: "rear_laser"' in ros.run("rostopic", "echo", "-n", "1", "--noarr", "/rear/scan")
-    frames = ros.run("rostopic", "echo", "-n", "1", "/tf_static").decode()
+    assert 'frame_id: "rear_laser"' in ros.echo("/rear/scan", "--noarr")
+    frames = ros.echo("/tf_static")
     upright = frames.partition('child_frame_id: "rear_laser"')[2]
     assert [float(value) for value in re.findall(r": (\S+)", upright)[:7]] == [0.055, 0, 0.0365, 0, 0, 0, 1]
-    pose = ros.run("rostopic", "echo", "-n", "1", "/ground_truth/odom/pose/pose").decode()
+    pose = ros.echo("/ground_truth/odom/pose/pose")
     x, y, _, _, _, sin_half_yaw, _ = (float(word) for word in re.findall(r"[xyzw]: (\S+)", pose))
     assert (x, y, sin_half_yaw) == pytest.approx((1.5, -2.0, 0.2474), abs=1e-3)
+    end_simulator(ros, launched, signal.SIGINT)
 
 
 def test_as_fast_as_it_goes_time_waits_for_the_controller_that_was_launched(ros):
@@ -108,43 +99,15 @@ def test_as_fast_as_it_goes_time_waits_for_the_controller_that_was_launched(ros)
     launched.says("driving to the pillar")
     (seen_at,) = re.findall(r", ([0-9.]+)\]: driving to the pillar", launched.output)
     assert float(seen_at) < 5.0  # it was ten and more, and the arrival as late
+    end_simulator(ros, launched, signal.SIGTERM)
 
 
-CONFIG = ("robots/husky.yaml", "simulator.yaml")
-
-
-def start_simulator(core, **changes):
-    """The simulator with the parameters its launch file sets, some of them changed; None leaves one out."""
-    parameters = {
-        "world_name": "singlePillar.world", "x": 0.0, "y": 0.0, "yaw": 0.0, "seed": 0,
-        "profile": "gazebo", "ground": "hard", "real_time_factor": 1.0, "lockstep": False, "paused": False,
-        "kinect_enabled": False, "laser_frame": "front_laser", **changes,
-    }  # fmt: skip
-    core.master("setParam", "/robot_description", robot_description())
-    core.master("deleteParam", "/husky_simulator")
-    files = [yaml.safe_load((SHARE / "config" / file).read_text()) for file in CONFIG]
-    for key, value in [item for values in (*files, parameters) for item in values.items()]:
-        if value is not None:
-            core.master("setParam", f"/husky_simulator/{key}", value)
-    return core.start("rosrun", PACKAGE, "husky_simulator")
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"seed": None}, "/husky_simulator/seed is missing"),
-        ({"lidar/beams": "many"}, "/husky_simulator/lidar/beams = 'many' is not a int"),
-        (
-            {"kinect_enabled": True},
-            "kinect_enabled = True, but robot_description has no 'camera_frame_optical'",
-        ),
-    ],
-)
-def test_a_node_ends_on_bad_input_and_names_it(change, words, core):
-    process = start_simulator(core, **change)
-    assert process.wait() == 1, process.output
-    assert words in process.output
-    assert "Traceback" not in process.output
+def end_simulator(ros, launched, how):
+    """End the simulator by a signal; it exits with 0, and its launch with it."""
+    (pid,) = ros.pids("husky_simulator")
+    os.kill(pid, how)
+    launched.says("process has finished cleanly")
+    assert "Traceback" not in launched.output, launched.output
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
@@ -155,12 +118,3 @@ def test_a_signal_ends_everything(how, ros):
     wait_until(lambda: not ros.left(), "everything has ended")
     assert "escalating" not in launched.output, launched.output  # roslaunch had to ask once only
     assert "Traceback" not in launched.output, launched.output
-
-
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_a_node_ended_by_a_signal_exits_with_0(how, core):
-    process = start_simulator(core)
-    process.says("simulating")
-    process.popen.send_signal(how)
-    assert process.wait() == 0, process.output
-    assert "Traceback" not in process.output, process.output

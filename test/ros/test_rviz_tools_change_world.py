@@ -26,6 +26,7 @@ GROUND = -0.13  # [m], in odom, which is as high as base_link
 LASER_X = 0.337  # [m], of the lidar in base_link
 ODOM_IN_WORLD = pose_from_2d(Pose2D(1.0, -2.0, 0.5))  # as in the launch file
 FEEDBACK = InteractiveMarkerFeedback
+PULL = (FEEDBACK.MOUSE_DOWN, FEEDBACK.POSE_UPDATE, FEEDBACK.MOUSE_UP)
 
 
 def service(name, kind):
@@ -100,9 +101,9 @@ class RvizToolsChangeWorld(RosTest):
         msg.pose.pose = conversions.pose_to_msg(pose_from_2d(Pose2D(x, y, yaw)))
         self.poses.publish(msg)
 
-    def pull(self, name, x, y, frame="odom"):
+    def pull(self, name, x, y, frame="odom", events=PULL):
         pose = Pose(Point(x, y, self.listed()[name][2]), Quaternion(w=1.0))
-        for event in (FEEDBACK.MOUSE_DOWN, FEEDBACK.POSE_UPDATE, FEEDBACK.MOUSE_UP):
+        for event in events:
             header = Header(frame_id=frame)
             self.feedback.publish(FEEDBACK(header=header, marker_name=name, event_type=event, pose=pose))
 
@@ -138,13 +139,8 @@ class RvizToolsChangeWorld(RosTest):
         self.wait_until_refused("no transform from 'nowhere' to 'odom'")
         self.click(4.0, 1.0, frame="")
         self.wait_until_refused("no transform from '' to 'odom'")
-
-    def test_a_click_on_the_robot_or_at_no_place_is_refused(self):
-        self.click(0.0, 0.0)
-        self.wait_until_refused("'box_1' would stand inside 'husky'")
         self.click(nan, 0.0)
         self.wait_until_refused("position nan is not within")
-        self.assertNotIn("box_1", self.listed())
 
     # ------------------------------------------------------------------ 2D Pose Estimate
 
@@ -175,6 +171,7 @@ class RvizToolsChangeWorld(RosTest):
         self.pull("box_1", 4.0, -1.0)
         self.wait_until_drawn("box_1", (4.0, -1.0, 0.268))
         self.assert_near(self.listed()["box_1"], (4.0, -1.0, 0.268))
+        self.pull("box_1", 5.0, -1.0, events=[FEEDBACK.MOUSE_UP])  # a mere click, which moves nothing
 
         service("pause", Trigger)()  # now odom does not drift, and nothing is told by chance
         self.addCleanup(lambda: service("resume", Trigger)())
@@ -191,17 +188,6 @@ class RvizToolsChangeWorld(RosTest):
         self.assert_near(self.listed()["box_1"], (4.0, -1.0, 0.268))
         self.pull("unit_cylinder", 3.0, 0.0, frame="nowhere")
         self.wait_until_refused("no transform from 'nowhere' to 'odom'")
-
-    def test_a_mere_click_on_a_box_leaves_it_where_it_is(self):
-        self.drop("box_1", 3.0, 0.0)
-        pose = Pose(Point(4.0, 0.0, 0.0), Quaternion(w=1.0))
-        header = Header(frame_id="odom")
-        self.feedback.publish(
-            FEEDBACK(header=header, marker_name="box_1", event_type=FEEDBACK.MOUSE_UP, pose=pose)
-        )
-        self.drop("box_2", 3.0, 2.0)  # which is done afterwards
-        self.wait(0.5)
-        self.assert_near(self.listed()["box_1"][:2], (3.0, 0.0))
 
     def test_a_box_is_deleted_by_its_menu_and_its_name_is_free_again(self):
         self.drop("box_1", 3.0, 0.0)

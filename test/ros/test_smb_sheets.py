@@ -1,10 +1,9 @@
 """What the sheets of ETH's course of 2021 have students do with the SMB works with `./dev launch PATH`."""
 
 import os
-import time
 
 import pytest
-from network import make_package
+from network import make_package, wait_until
 
 from husky_highlevel_controller.paths import share_folder
 
@@ -94,13 +93,6 @@ def theirs(tmp_path):
     return make_package(tmp_path / "smb_ws" / "src" / NAME, NAME, files)
 
 
-def echo(ros, topic, field):
-    """The value of a field in the next message."""
-    answer = ros.start("rostopic", "echo", "-n", "1", f"{topic}/{field}")
-    assert answer.wait() == 0, answer.output
-    return answer.output.split("---")[0].strip()
-
-
 def test_exercise_1_a_world_of_gazebo_s_is_found_by_its_name_and_a_twist_drives(theirs, launch, ros):
     # the course's own copy of smb_gazebo gives way where there is no Gazebo
     spawn = '<launch><arg name="world_file"/><node name="x" pkg="gazebo_ros" type="spawn_model"/></launch>'
@@ -114,9 +106,8 @@ def test_exercise_1_a_world_of_gazebo_s_is_found_by_its_name_and_a_twist_drives(
     assert {"/odometry/filtered", "/imu0", "/rslidar_points", "/joint_states", "/tf", "/clock"} <= topics
     assert "pointcloud_to_laserscan" in str(ros.master("getSystemState"))
     ros.start("rostopic", "pub", "-r", "10", "/cmd_vel", "geometry_msgs/Twist", "{linear: {x: 0.5}}")
-    end = time.monotonic() + 30.0
-    while abs(float(echo(ros, "/smb_velocity_controller/odom", "twist/twist/linear/x")) - 0.5) > 0.01:
-        assert time.monotonic() < end, "it does not drive"
+    speed = "/smb_velocity_controller/odom/twist/twist/linear/x"
+    wait_until(lambda: abs(float(ros.echo(speed)) - 0.5) < 0.01, "it drives")
     assert "ERROR" not in launched.output, launched.output
 
 
@@ -132,22 +123,14 @@ def test_exercises_2_3_and_5_their_node_sees_the_pillar_drives_into_it_and_stops
     assert angle == pytest.approx(0.245, abs=0.02), "on the left is positive"
     assert words.split()[-1] == "362"
 
-    assert "stands" in call(ros, "false")
-    end = time.monotonic() + 30.0
-    while abs(float(echo(ros, "/odometry/filtered", "twist/twist/linear/x"))) > 0.01:
-        assert time.monotonic() < end, "it does not stop"
-    assert "runs" in call(ros, "true")
+    assert "stands" in ros.call("/startService", "false")
+    speed = "/odometry/filtered/twist/twist/linear/x"
+    wait_until(lambda: abs(float(ros.echo(speed))) < 0.01, "it stops")
+    assert "runs" in ros.call("/startService", "true")
     assert "felt" not in launched.output, "driving and stopping is no hit"
     launched.says("hit, felt in imu_link")
     # it pushes the pillar on until it is looked at, which on a busy machine takes seconds
-    x, y = (float(echo(ros, "/ground_truth/odom", f"pose/pose/position/{axis}")) for axis in "xy")
+    x, y = (float(ros.echo(f"/ground_truth/odom/pose/pose/position/{axis}")) for axis in "xy")
     assert x > 19.3
     assert y == pytest.approx(5.0, abs=2.0)
     assert "ERROR" not in launched.output, launched.output
-
-
-def call(ros, data):
-    """What the service answers."""
-    answer = ros.start("rosservice", "call", "/startService", data)
-    assert answer.wait() == 0, answer.output
-    return answer.output

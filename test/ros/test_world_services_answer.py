@@ -30,8 +30,8 @@ GATE = """<sdf version="1.6"><model name="any"><static>true</static>{}</model></
 )
 
 
-def pose(x=0.0, y=0.0, z=0.0, w=1.0):
-    return Pose(Point(x, y, z), Quaternion(0.0, 0.0, 0.0, w))
+def pose(x=0.0, y=0.0, z=0.0):
+    return Pose(Point(x, y, z), Quaternion(0.0, 0.0, 0.0, 1.0))
 
 
 class WorldServicesAnswer(RosTest):
@@ -101,18 +101,11 @@ class WorldServicesAnswer(RosTest):
         before = self.names()
         for response, words in (
             (self.box("crate", 6.0), "there is a body named 'crate' already"),
-            (self.box("husky", 6.0), "a body is named 'husky'"),
-            (self.box("new", 3.2), "'new' would stand inside 'crate'"),
-            (self.box("new", 0.0), "'new' would stand inside 'husky'"),
             (self.box("new", INF), "position inf is not within"),
             (self.box("new", 6.0, size=1e3 + 1), "size 1001.0 is not within"),
-            (self.box("new", 6.0, mass=INF), "mass inf is not within"),
             (self.box("new", 6.0, reference_frame="map"), "reference_frame 'map' is not one of world, odom"),
             (self.delete("ghost"), "no body named 'ghost'"),
-            (self.move("crate", pose(0.0, 0.0, 0.4), ""), "'crate' would stand inside 'husky'"),
-            (self.move("husky", pose(3.0), ""), "'husky' would stand inside 'crate'"),
             (self.move("husky", pose(-1e308), ""), "position -1e+308 is not within"),
-            (self.move("husky", pose(1.0, w=0.0), ""), "is not a unit quaternion"),
             (self.list("map"), "reference_frame 'map' is not one of"),
             (self.step(1), "the world is running; pause it"),
         ):

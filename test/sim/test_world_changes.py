@@ -4,6 +4,7 @@ from dataclasses import replace
 from math import hypot, inf, nan
 
 import numpy as np
+import psutil
 import pybullet
 import pytest
 from hypothesis import given, settings
@@ -238,19 +239,23 @@ def test_a_refused_request_changes_nothing_and_a_granted_one_all(examples, simul
     hold()
 
 
-def test_a_thousand_things_come_and_go_and_leave_no_body_behind(simulate):
+def test_a_thousand_things_come_and_go_and_leave_no_body_and_no_memory_behind(simulate):
     simulation = simulate()
     drive(simulation, 0.2)
     grid = [(2.0 + i // 32, i % 32 - 16.0) for i in range(1000)]
     shapes = (Box((0.3, 0.3, 0.6)), Cylinder(0.2, 0.6), Sphere(0.3))
-    for i, (x, y) in enumerate(grid):
-        simulation.spawn([body(f"t{i}", shapes[i % 3], x=x, y=y, z=0.3, mass=float(i % 2))])
-    assert len(simulation.bodies) == 1001
-    drive(simulation, 0.02)
-    for i in range(1000):
-        simulation.delete(f"t{i}")
-    assert set(simulation.bodies) == {"ground"}
-    assert ahead(simulation) == inf
+    sizes = []
+    for _ in range(2):
+        for i, (x, y) in enumerate(grid):
+            simulation.spawn([body(f"t{i}", shapes[i % 3], x=x, y=y, z=0.3, mass=float(i % 2))])
+        assert len(simulation.bodies) == 1001
+        drive(simulation, 0.02)
+        for i in range(1000):
+            simulation.delete(f"t{i}")
+        assert set(simulation.bodies) == {"ground"}
+        assert ahead(simulation) == inf
+        sizes.append(psutil.Process().memory_info().rss // 1024)
+    assert sizes[1] - sizes[0] < 3000, "[kB]; a thousand that stay take about 13 MB"
 
 
 SLAB = Box((8.0, 8.0, 0.1))
