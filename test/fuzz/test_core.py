@@ -77,39 +77,35 @@ def simulate(world=EMPTY, robot=None, config=None, act=lambda simulation: None):
         simulation.close()
 
 
-def taken(found, cases):
-    """Whether this one is to be simulated."""
-    return len(cases) < 100 or found % SIMULATED == 0
+def simulate_each(cases, make, share=10):
+    """Simulate what is made of each case (None: nothing is); more than one in `share` is not refused."""
+    found = 0
+    for rng in cases:
+        try:
+            made = make(rng)
+            found += 1
+            if made and (len(cases) < 100 or found % SIMULATED == 0):
+                simulate(**made)
+        except (HuskyError, yaml.YAMLError):
+            continue
+    assert found > len(cases) // share
 
 
 def test_worlds_are_simulated_or_refused(cases):
-    found = 0
-    for rng in cases:
+    def world(rng):
         text = rng.choice(DAMAGED)
         text = damaged(rng, text) if rng.random() < 0.3 else renumbered(rng, text)
-        try:
-            world = parse_world(text, "fuzz.world")
-            found += 1
-            if taken(found, cases):
-                simulate(world)
-        except HuskyError:
-            continue
-    assert found > len(cases) // 10
+        return {"world": parse_world(text, "fuzz.world")}
+
+    simulate_each(cases, world)
 
 
 def test_robots_are_simulated_or_refused(cases):
-    found = 0
-    for rng in cases:
+    def robot(rng):
         text = husky()[0]
-        text = damaged(rng, text) if rng.random() < 0.2 else renumbered(rng, text)
-        try:
-            robot = robot_model(text)
-            found += 1
-            if taken(found, cases):
-                simulate(robot=robot)
-        except HuskyError:
-            continue
-    assert found > len(cases) // 10
+        return {"robot": robot_model((damaged if rng.random() < 0.2 else renumbered)(rng, text))}
+
+    simulate_each(cases, robot)
 
 
 def scan_message(rng, stamp):
@@ -185,23 +181,17 @@ def test_parameters_are_within_their_bounds_or_refused(cases, file, records):
     names = {name for name, each in fields if each.metadata}
     whole = yaml.safe_load((ROOT / "config" / file).read_text())
     whole = {name: value for name, value in whole.items() if name in names}
-    found = 0
-    for rng in cases[: len(cases) // 2]:
-        try:
-            text = renumbered(rng, yaml.safe_dump(whole)) if rng.random() < 0.8 else yaml.safe_dump(whole)
-            values = yaml.safe_load(text) if rng.random() < 0.7 else mutated(rng, whole)
-            config = read_config(values if isinstance(values, dict) else {}, "/node/", *records)[0]
-            found += 1
-            if isinstance(config, SimulatorConfig) and taken(found, cases):
-                simulate(config=config)
-        except (HuskyError, yaml.YAMLError):
-            continue
-    assert found
+
+    def parameters(rng):
+        text = renumbered(rng, yaml.safe_dump(whole)) if rng.random() < 0.8 else yaml.safe_dump(whole)
+        values = yaml.safe_load(text) if rng.random() < 0.7 else mutated(rng, whole)
+        config = read_config(values if isinstance(values, dict) else {}, "/node/", *records)[0]
+        return {"config": config} if isinstance(config, SimulatorConfig) else None
+
+    simulate_each(cases[: len(cases) // 2], parameters)
 
 
 def test_requests_change_the_world_or_are_refused(cases):
-    found = 0
-
     def pose(rng):
         angle = rng.uniform(-3.0, 3.0)
         turn = (0.0, 0.0, math.sin(angle / 2.0), math.cos(angle / 2.0))
@@ -209,27 +199,21 @@ def test_requests_change_the_world_or_are_refused(cases):
             turn = tuple(number(rng) for _ in range(4))
         return Pose(tuple(number(rng) for _ in range(3)), turn)
 
-    for rng in cases:
-        try:
+    def requests(rng):
+        if rng.random() < 0.5:
+            kind, size = rng.choice(["box", "cylinder", "sphere", "cone", ""]), [abs(number(rng))] * 3
             if rng.random() < 0.5:
-                kind, size = rng.choice(["box", "cylinder", "sphere", "cone", ""]), [abs(number(rng))] * 3
-                if rng.random() < 0.5:
-                    size = [number(rng) for _ in range(3)]
-                mass = rng.choice([0.0, 1.0, number(rng)])
-                bodies = [
-                    make_object(rng.choice(["a", "husky", "", "a/b"]), kind, tuple(size), mass, pose(rng))
-                ]
-            else:
-                text = damaged(rng, MODEL) if rng.random() < 0.3 else renumbered(rng, MODEL)
-                bodies = [checked(body) for body in parse_model(text, "a", checked_pose(pose(rng)))]
-            found += 1
-            if taken(found, cases):
+                size = [number(rng) for _ in range(3)]
+            name, mass = rng.choice(["a", "husky", "", "a/b"]), rng.choice([0.0, 1.0, number(rng)])
+            bodies = [make_object(name, kind, tuple(size), mass, pose(rng))]
+        else:
+            text = damaged(rng, MODEL) if rng.random() < 0.3 else renumbered(rng, MODEL)
+            bodies = [checked(body) for body in parse_model(text, "a", checked_pose(pose(rng)))]
 
-                def act(simulation, rng=rng, bodies=bodies):
-                    simulation.spawn(bodies)
-                    simulation.move(rng.choice([bodies[0].name, "husky", "nobody"]), checked_pose(pose(rng)))
+        def act(simulation):
+            simulation.spawn(bodies)
+            simulation.move(rng.choice([bodies[0].name, "husky", "nobody"]), checked_pose(pose(rng)))
 
-                simulate(act=act)
-        except HuskyError:
-            continue
-    assert found > len(cases) // 20
+        return {"act": act}
+
+    simulate_each(cases, requests, share=20)
