@@ -38,7 +38,7 @@ def package_path(paths: List[str], joined: Iterable[Path]) -> List[str]:
 def join_copies(paths: List[str]) -> Dict[str, Path]:
     """Folders of packages joined of ours and of copies of COURSE_PACKAGES in a ROS_PACKAGE_PATH, by name.
 
-    They are kept in ~/.ros/gazebo_packages, one for each copy, until the copy is gone.
+    They are kept in ~/.ros/gazebo_packages, named by their content, until the copy is gone.
     """
     kept = Path(rospkg.get_ros_home()) / "gazebo_packages"
     for folder in kept.glob("[!.]*/*"):
@@ -52,16 +52,25 @@ def join_copies(paths: List[str]) -> Dict[str, Path]:
     for name in [name for name in COURSE_PACKAGES if name in known]:
         copy = (Path(packages.get_path(name)) / "package.xml").resolve().parent  # or of one that is joined
         if copy != COMPAT / name:
-            place = kept / hashlib.sha256(f"{copy}{COMPAT}".encode()).hexdigest()[:12]
-            joined[name] = place / name
             kept.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(prefix=".", dir=kept) as new:
-                join(copy, COMPAT / name, Path(new) / name)
-                shutil.rmtree(place, ignore_errors=True)
-                with contextlib.suppress(OSError):  # another launch has just made the same
-                    place.mkdir()
-                    (Path(new) / name).rename(place / name)
+            with tempfile.TemporaryDirectory(prefix=".", dir=kept) as scratch:
+                new = Path(scratch) / "new"
+                join(copy, COMPAT / name, new / name)
+                place = kept / digest(new)
+                with contextlib.suppress(OSError):  # another launch, which may still read it, made the same
+                    new.rename(place)
+            joined[name] = place / name
     return joined
+
+
+def digest(folder: Path) -> str:
+    """Fingerprint of the links and files in a folder."""
+    paths = [path for path in sorted(folder.rglob("*")) if path.is_symlink() or path.is_file()]
+    content = [
+        (path.relative_to(folder), os.readlink(path) if path.is_symlink() else path.read_bytes())
+        for path in paths
+    ]
+    return hashlib.sha256(repr(content).encode()).hexdigest()[:12]
 
 
 def join(copy: Path, ours: Path, target: Path) -> None:

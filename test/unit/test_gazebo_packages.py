@@ -106,8 +106,13 @@ def test_a_copy_keeps_its_own_files_and_gets_launch_files_that_run_here(tmp_path
     assert [(joined / file).resolve() for file in own.split()] == [copy / file for file in own.split()]
     for file in (replaced, *new.split()):
         assert (joined / file).resolve() == COMPAT / name / file
-    assert path_beside(tmp_path)[0] == joined  # and once more
+    folder = joined.stat().st_ino
+    assert path_beside(tmp_path)[0] == joined
+    assert joined.stat().st_ino == folder, "another launch may read it"
     assert len(list((tmp_path / "home" / "gazebo_packages").iterdir())) == 1
+    package(tmp_path, name, "worlds/new.world")
+    (newer, *_) = path_beside(tmp_path)
+    assert (newer / "worlds" / "new.world").resolve() == copy / "worlds" / "new.world"
     shutil.rmtree(copy)
     path_beside(tmp_path)
     assert not list((tmp_path / "home" / "gazebo_packages").iterdir())
