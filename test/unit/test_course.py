@@ -22,58 +22,38 @@ from husky_highlevel_controller.simulator.simulator_config import simulator_conf
 
 OUTLINE = load_robot().footprint
 HALF_LENGTH, HALF_WIDTH, HULL = OUTLINE.half_length, OUTLINE.half_width, OUTLINE.hull
-clearance = OUTLINE.clearance
 
 
-def urdf(robot):
-    return ET.fromstring(robot_description(robot, meshes=""))
-
-
-def robot_model_of(robot):
-    return robot_model(robot_description(robot, meshes=""), load_robot(robot))
-
-
-def test_the_pillar_is_the_one_in_the_world_file():
-    bodies = {body.name: body for body in load_world(course_world()).bodies}
-    pillar = bodies[PILLAR_NAME]
+def test_the_pillar_is_the_one_in_the_world_file_lifted_out_of_the_ground():
+    model = robot_model(robot_description("husky", meshes=""), load_robot())
+    simulation = Simulation(load_world(course_world()), model, simulator_config(), Pose2D(), 0)
+    for _ in range(50):
+        simulation.step()
+    pillar, middle = simulation.bodies[PILLAR_NAME], simulation.pose_of(PILLAR_NAME).position[2]
+    simulation.close()
     (geometry,) = pillar.collisions
     assert pillar.pose_in_world.position[:2] == PILLAR_POSITION
     assert geometry.shape.radius == PILLAR_RADIUS
-
-
-def test_the_simulation_lifts_the_pillar_out_of_the_ground():
-    world = load_world(course_world())
-    simulation = Simulation(world, robot_model_of("husky"), simulator_config(), Pose2D(), 0)
-    for _ in range(50):
-        simulation.step()
-    half = simulation.bodies[PILLAR_NAME].collisions[0].shape.length / 2.0
-    middle = simulation.pose_of(PILLAR_NAME).position[2]
-    simulation.close()
+    half = geometry.shape.length / 2.0
     assert (middle - half, middle + half) == pytest.approx((0.0, 2.0), abs=0.01)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_the_outline_is_that_of_the_urdf(robot):
-    outline, model, tree = load_robot(robot).footprint, robot_model_of(robot), urdf(robot)
-    boxes = [
-        [float(edge) for edge in box.get("size").split()]
-        for box in tree.findall("link/collision/geometry/box")
-    ]
-    assert max(x for x, _, _ in boxes) / 2.0 == pytest.approx(outline.hull[0])
+@pytest.mark.parametrize("name", ROBOTS)
+def test_outline_lidar_and_masses_are_those_of_the_urdf(name):
+    robot, description = load_robot(name), robot_description(name, meshes="")
+    outline, model = robot.footprint, robot_model(description, robot)
+    boxes = ET.fromstring(description).findall("link/collision/geometry/box")
+    longest = max(float(box.get("size").split()[0]) for box in boxes)
+    assert longest / 2.0 == pytest.approx(outline.hull[0])
     wheel = model.wheels[0]
     assert wheel.position[0] + wheel.radius == pytest.approx(outline.wheels[0])
     assert wheel.position[1] - wheel.width / 2.0 == pytest.approx(outline.wheels[1])
     assert wheel.position[1] + wheel.width / 2.0 == pytest.approx(outline.wheels[2])
-
-
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_the_lidar_and_the_masses_are_those_of_the_urdf(robot):
-    told, model = load_robot(robot), robot_model_of(robot)
-    pose = model.fixed_poses[told.lidar_mount.frame]
-    assert pose.position == pytest.approx((told.lidar_mount.x, 0.0, told.lidar_mount.z))
-    assert (rotate(pose.quat_xyzw, (0.0, 0.0, 1.0))[2] < 0.0) is told.lidar_mount.upside_down
-    assert model.mass == pytest.approx(told.hull.mass + 4 * told.wheels.mass, abs=1.2), "and the lidar"
-    assert [wheel.joint for wheel in model.wheels] == list(told.wheels.joints)
+    pose = model.fixed_poses[robot.lidar_mount.frame]
+    assert pose.position == pytest.approx((robot.lidar_mount.x, 0.0, robot.lidar_mount.z))
+    assert (rotate(pose.quat_xyzw, (0.0, 0.0, 1.0))[2] < 0.0) is robot.lidar_mount.upside_down
+    assert model.mass == pytest.approx(robot.hull.mass + 4 * robot.wheels.mass, abs=1.2), "and the lidar"
+    assert [wheel.joint for wheel in model.wheels] == list(robot.wheels.joints)
 
 
 @pytest.mark.parametrize(
@@ -87,4 +67,4 @@ def test_the_lidar_and_the_masses_are_those_of_the_urdf(robot):
     ],
 )
 def test_clearance_is_the_distance_from_the_union_of_hull_and_wheels(x, y, distance):
-    assert clearance(np.array((x, y))) == pytest.approx(distance)
+    assert OUTLINE.clearance(np.array((x, y))) == pytest.approx(distance)
