@@ -469,6 +469,7 @@ def test_a_launch_file_may_lie_beside_its_package_and_a_teacher_may_name_it(ann)
         launch(ann / "exercise3" / name, NODE.format("husky"))
     candidates = launch_files(ann)
     assert (str(candidates[0].place), candidates[0].package) == ("exercise3/ex3.launch", "husky")
+    assert candidates[0].path.read_text() == (ann / candidates[0].place).read_text()
     assert {file.place.name for file in candidates} == {"ex3.launch", "other.launch.xml"}
     assert "is named for exercise 3" in launch_choice.reasons(candidates[0], candidates, 3)
     (only,) = launch_files(ann, launch="launch/ex3.launch")
@@ -499,28 +500,20 @@ def test_no_launch_file_is_read_through_a_link(ann, husky, tmp_path):
         launch_files(ann)
 
 
-def test_rviz_s_default_file_beside_a_package_is_its_configuration(ann, husky, tmp_path):
+def test_rviz_s_default_file_beside_a_package_is_its_configuration_and_no_link_is_followed(
+    ann, husky, tmp_path
+):
     put(ann / ".rviz" / "default.rviz", "shown")
     put(ann / "exercise2" / "other.rviz")
     put(package(ann / "other", "other") / "other.rviz")
     contents, copy = opened(ann), tmp_path / "copy"
     copy.mkdir()
+    (copy / "default.rviz").symlink_to(put(tmp_path / "home" / "bashrc", "mine"))  # which the build laid
     assert prepare_module.add_rviz_files(contents, 3, copy)
+    assert (tmp_path / "home" / "bashrc").read_text() == "mine"
     assert {path.name: path.read_text() for path in copy.iterdir()} == {"default.rviz": "shown"}
     put(husky / "own.rviz")
     assert not prepare_module.add_rviz_files(contents, 3, husky), "which has one of its own"
-
-
-@pytest.mark.usefixtures("husky")
-def test_no_file_is_copied_through_a_link_that_the_build_laid(ann, tmp_path):
-    put(ann / ".rviz" / "default.rviz", "evil")
-    beside = launch(ann / "ex3.launch", NODE.format("husky"))
-    bashrc = put(tmp_path / "home" / "bashrc", "mine")
-    assert launch_files(ann)[0].path.read_text() == beside.read_text()
-    copy = tmp_path / "out" / "ws" / "src" / "husky"
-    (copy / "default.rviz").symlink_to(bashrc)
-    assert prepare_module.add_rviz_files(opened(ann), 3, copy)
-    assert bashrc.read_text() == "mine"
 
 
 def test_a_build_that_puts_a_link_in_place_of_a_package_is_refused(tmp_path, monkeypatch):
@@ -1083,23 +1076,17 @@ def test_a_setting_of_a_job_that_is_out_of_range_is_named(job, setting, tmp_path
         load(Job, wrong)
 
 
-@pytest.mark.parametrize("folder", [".", "out"])
-def test_marking_imports_nothing_of_the_folder_it_is_called_in_or_writes_to(
-    job, tmp_path, monkeypatch, folder
+def test_marking_and_reviewing_import_nothing_of_the_folder_they_are_called_in_or_write_to(
+    job, tmp_path, monkeypatch
 ):
-    put(tmp_path / folder / "yaml.py", "raise SystemExit('imported')")
+    for folder in (tmp_path, Path(job.out)):
+        put(folder / "yaml.py", "raise SystemExit('imported')")
     monkeypatch.chdir(tmp_path)
     assert "no catkin package in it" in run_program(job).problem
-
-
-def test_reviewing_imports_nothing_of_the_folder_it_is_called_in(tmp_path):
-    put(tmp_path / "yaml.py", "raise SystemExit('imported')")
-    script = Path(__file__).parents[3] / "scripts" / "grade"
-    done = subprocess.run(
-        [sys.executable, script, "--review", "out"], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    command = [sys.executable, Path(__file__).parents[3] / "scripts" / "grade", "--review", "nothing"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert str(tmp_path / "out") in done.stderr
+    assert str(tmp_path / "nothing") in done.stderr
     assert "imported" not in done.stderr
 
 
