@@ -6,8 +6,13 @@ import threading
 import time
 
 import pytest
+from hypothesis import settings
 
 QUIET = 20.0  # [s] without a line after which the tests that run are named
+
+# properties try the same examples in every run, however long one takes
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=60)
+settings.load_profile("repeatable")
 
 
 class Heartbeat:

@@ -1,13 +1,17 @@
-"""Parameters become records, or an error that names parameter and value."""
+"""Parameters become records, or an error that names parameter and value; YAML, record and .cfg agree."""
 
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from dataclasses import dataclass, field, fields, is_dataclass
 from math import inf, nan
 from pathlib import Path
+from runpy import run_path
 from typing import get_type_hints
 
+import dynamic_reconfigure
 import pytest
 import yaml
 
@@ -196,3 +200,26 @@ def test_a_robot_without_an_input_for_its_guards_is_refused_by_name():
     values = {**vars(load_robot().topics), "velocity": ["cmd_vel"]}
     with pytest.raises(ConfigError, match="robot/topics/velocity has 1 inputs; guard and controller"):
         read_config(values, "robot/topics/", RobotTopics)
+
+
+def test_every_gain_and_limit_can_be_tuned_within_its_range_and_nothing_else(tmp_path):
+    # as catkin does, but where neither this package nor NumPy can be imported
+    site = Path(dynamic_reconfigure.__file__).parents[1]
+    command = [
+        sys.executable,
+        "-S",
+        CONFIG_FOLDER.parent / "cfg" / "Controller.cfg",
+        "/usr/share/dynamic_reconfigure",
+        *[tmp_path] * 3,
+    ]
+    subprocess.run(command, cwd=tmp_path, env={"PYTHONPATH": str(site)}, check=True, capture_output=True)
+    built = run_path(str(tmp_path / "cfg" / "ControllerConfig.py"))["config_description"]
+    assert built["groups"] == [], "it is flat"
+    tuned = {about.pop("name"): about for about in built["parameters"]}
+    for record in (ControlConfig, PillarConfig):
+        for item in fields(record):
+            about, limits = tuned.pop(item.name), {"min": False, "max": True, **item.metadata}
+            assert (about["default"], type(about["default"])) == (item.default, type(item.default))
+            assert (about["min"], about["max"]) == (limits["min"], limits["max"])
+            assert about["description"] == limits["help"]
+    assert not tuned

@@ -4,7 +4,7 @@ from math import cos, hypot, pi, sin
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
@@ -25,8 +25,6 @@ from husky_highlevel_controller.geometry import (
     wrap_angle,
     yaw_from_quat,
 )
-
-LAW = settings(derandomize=True, deadline=None, max_examples=60)
 
 angles = st.floats(-10.0, 10.0)
 lengths = st.floats(-20.0, 20.0)
@@ -49,7 +47,6 @@ def transform(pose):
     return matrix
 
 
-@LAW
 @given(st.floats(-1e4, 1e4))
 @example(pi)  # straight behind is plus pi from either side
 @example(-pi)
@@ -61,7 +58,6 @@ def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(angle):
     assert wrap_angle(wrapped) == near(wrapped, 1e-12)
 
 
-@LAW
 @given(angles, angles, angles, vectors)
 def test_rpy_turns_about_fixed_axes_x_then_y_then_z(roll, pitch, yaw, vector):
     expected = Rotation.from_euler("xyz", (roll, pitch, yaw))
@@ -73,7 +69,6 @@ def test_rpy_turns_about_fixed_axes_x_then_y_then_z(roll, pitch, yaw, vector):
         assert matrix_from_quat(again) == near(matrix_from_quat(attitude))
 
 
-@LAW
 @given(quats)
 def test_yaw_is_where_the_nose_points_seen_from_above(quat):
     x, y, _ = rotate(quat, (1.0, 0.0, 0.0))
@@ -82,7 +77,6 @@ def test_yaw_is_where_the_nose_points_seen_from_above(quat):
     assert (heading * cos(yaw), heading * sin(yaw)) == near((x, y), 1e-7)
 
 
-@LAW
 @given(poses, poses, vectors)
 def test_poses_are_composed_inverted_and_move_points_as_homogeneous_matrices(a, b, point):
     assert transform(compose(a, b)) == near(transform(a) @ transform(b))
@@ -90,7 +84,6 @@ def test_poses_are_composed_inverted_and_move_points_as_homogeneous_matrices(a, 
     assert (*transform_point(a, point), 1.0) == near(transform(a) @ (*point, 1.0))
 
 
-@LAW
 @given(poses_2d, lengths, twists, st.floats(0.0, 3.0))
 @example(
     Pose2D(), 0.0, Twist2D(1.0, 2e-7), 1.0

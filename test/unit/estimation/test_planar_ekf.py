@@ -4,7 +4,7 @@ from math import pi
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from husky_highlevel_controller.estimation import planar_ekf
@@ -20,7 +20,6 @@ from husky_highlevel_controller.estimation.planar_ekf import (
 )
 from husky_highlevel_controller.geometry import wrap_angle
 
-LAW = settings(derandomize=True, deadline=None, max_examples=50)
 STATE = st.lists(st.floats(-3.0, 3.0), min_size=8, max_size=8).map(np.array)
 
 
@@ -29,7 +28,6 @@ def measured(stamp, values, variance=1e-4):
     return Measurement(stamp, tuple(values), np.array(list(values.values())), variance * np.eye(len(values)))
 
 
-@LAW
 @given(STATE, st.floats(0.001, 0.5))
 def test_the_jacobian_is_that_of_the_transition(state, step):
     jacobian, delta = planar_ekf.transition_jacobian(state, step), 1e-6
@@ -40,7 +38,6 @@ def test_the_jacobian_is_that_of_the_transition(state, step):
         assert difference / (2.0 * delta) == pytest.approx(column, abs=1e-7)
 
 
-@LAW
 @given(
     st.lists(st.tuples(st.sampled_from([(X, Y), (YAW,), (VX, VY, YAW_RATE)]), st.floats(0, 0.3)), max_size=30)
 )

@@ -5,9 +5,10 @@ from math import inf, nan, pi
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Point, Twist, Vector3
-from hypothesis import example, given, settings
+from geometry_msgs.msg import Point, Quaternion, Twist, Vector3
+from hypothesis import example, given
 from hypothesis import strategies as st
+from nav_msgs.msg import Odometry as OdometryMsg
 from sensor_msgs.msg import Imu, LaserScan
 from visualization_msgs.msg import Marker
 
@@ -21,11 +22,11 @@ from husky_highlevel_controller.datatypes import (
     Twist2D,
     WheelState,
 )
+from husky_highlevel_controller.estimation.planar_ekf import MotionEstimate
 from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.display import STATE, marker
-
-LAW = settings(derandomize=True, deadline=None, max_examples=60)
+from husky_highlevel_controller.ros.estimation.node import estimate_to_msg, reading_from_msg
 
 numbers = st.floats(-1e6, 1e6)
 stamps = st.integers(0, 10**15).map(lambda ns: ns * 1e-9)  # [s], up to eleven days
@@ -49,7 +50,6 @@ def xyzw(it):
 # ---------------------------------------------------------------------------- time
 
 
-@LAW
 @given(st.integers(0, 10**7), st.sampled_from([50, 100, 200, 240, 1000]))
 def test_a_stamp_is_the_nearest_nanosecond_so_that_steps_never_drift(step, rate):
     stamp = conversions.time_to_msg(step / rate)
@@ -64,7 +64,6 @@ def test_a_stamp_is_the_nearest_nanosecond_so_that_steps_never_drift(step, rate)
 readings = st.one_of(st.floats(0.11, 29.9), st.sampled_from([inf, -inf, nan, 0.1, 30.0]))
 
 
-@LAW
 @given(stamps, st.lists(readings, min_size=2, max_size=50), st.floats(-3.1, 0.0), st.floats(0.1, 3.1))
 @example(0.0, [inf] * 720, -2.35619, 2.35619)  # the Husky's
 def test_a_scan_survives_the_wire(stamp, ranges, angle_min, angle_max):
@@ -173,7 +172,6 @@ def test_an_unusual_scan_is_taken_as_it_is(change):
 # ---------------------------------------------------------------------------- motion
 
 
-@LAW
 @given(st.builds(Twist2D, numbers, numbers))
 def test_a_twist_survives_the_wire_and_has_only_what_a_skid_steer_robot_can_follow(twist):
     msg = conversions.twist_to_msg(twist)
@@ -182,7 +180,6 @@ def test_a_twist_survives_the_wire_and_has_only_what_a_skid_steer_robot_can_foll
     assert conversions.twist_from_msg(over_the_wire(msg)) == twist
 
 
-@LAW
 @given(stamps, st.tuples(numbers, numbers, numbers), st.tuples(*[st.floats(-4.0, 4.0)] * 3))
 def test_a_pose_survives_the_wire_as_a_transform(stamp, position, rpy):
     pose = Pose(position, quat_from_rpy(*rpy))
@@ -247,7 +244,6 @@ def test_a_marker_of_any_kind_has_type_place_name_and_a_rotation(kind):
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
-@LAW
 @given(st.builds(quat_from_rpy, *[st.floats(-pi, pi)] * 3))
 def test_an_imu_s_sample_survives_the_wire(quat):
     sample = ImuSample(2.5, quat, (0.1, 0.2, 0.3), (0.4, 0.5, 9.8))
@@ -276,3 +272,33 @@ def test_an_imu_s_orientation_is_a_rotation_or_level(quat, first_covariance, tak
     msg.orientation.x, msg.orientation.y, msg.orientation.z, msg.orientation.w = quat
     msg.orientation_covariance[0] = first_covariance
     assert conversions.imu_from_msg(msg).quat_xyzw == pytest.approx(taken)
+
+
+# ---------------------------------------------------------------------------- readings of the filter
+
+
+def test_a_part_that_an_imu_does_not_measure_is_none():
+    msg = Imu(angular_velocity=Vector3(0.1, 0.2, 0.3), angular_velocity_covariance=np.arange(9.0).tolist())
+    msg.orientation_covariance = msg.linear_acceleration_covariance = [-1.0] + [0.0] * 8
+    msg.orientation.w = 1.0
+    reading = reading_from_msg(msg)
+    assert reading.pose is None
+    assert reading.specific_force is None
+    assert reading.velocity.tolist() == [0.0, 0.0, 0.0, 0.1, 0.2, 0.3]
+    assert reading.velocity_covariance[3:, 3:].ravel().tolist() == np.arange(9.0).tolist()
+
+
+@pytest.mark.parametrize(("quaternion", "expected"), [((0, 0, 0, 0), None), ((0, 0, 0, 2), (0, 0, 0, 1))])
+def test_a_quaternion_of_zeros_is_no_attitude_and_a_long_one_is_shortened(quaternion, expected):
+    pose = reading_from_msg(Imu(orientation=Quaternion(*quaternion))).pose
+    assert (pose and pose.quat_xyzw) == expected
+
+
+def test_an_estimate_says_where_how_fast_and_how_sure():
+    msg = estimate_to_msg(MotionEstimate(1.5, np.arange(8.0), np.diag(np.arange(1.0, 9.0))), "odom", "base")
+    assert (msg.header.stamp.to_sec(), msg.header.frame_id, msg.child_frame_id) == (1.5, "odom", "base")
+    assert (msg.pose.pose.position.x, msg.pose.pose.position.y) == (0.0, 1.0)
+    assert (msg.twist.twist.linear.x, msg.twist.twist.linear.y, msg.twist.twist.angular.z) == (3.0, 4.0, 5.0)
+    assert np.diag(np.reshape(msg.pose.covariance, (6, 6))).tolist() == [1, 2, 1e-6, 1e-6, 1e-6, 3]
+    assert np.diag(np.reshape(msg.twist.covariance, (6, 6))).tolist() == [4, 5, 1e-6, 1e-6, 1e-6, 6]
+    assert reading_from_msg(OdometryMsg(pose=msg.pose, twist=msg.twist)).velocity[5] == 5.0
