@@ -82,30 +82,19 @@ def path_beside(folder: Path) -> "list[Path]":
 
 
 @pytest.mark.parametrize(
-    ("name", "own", "replaced", "new"),
-    [
-        (
-            "husky_gazebo",
-            "worlds/maze.world worlds/clearpath_playpen.world rviz/view.rviz launch/maze.launch",
-            "launch/spawn_husky.launch",
-            "launch/husky_playpen.launch scripts/spawn_husky",
-        ),
-        (
-            "husky_description",
-            "urdf/husky.urdf.xacro launch/mine.launch",
-            "launch/description.launch",
-            "",
-        ),
-    ],
+    ("name", "replaced"), [("husky_gazebo", "spawn_husky"), ("husky_description", "description")]
 )
-def test_a_copy_keeps_its_own_files_and_gets_launch_files_that_run_here(tmp_path, name, own, replaced, new):
-    copy = package(tmp_path, name, *own.split(), replaced, "setup.cfg")
+def test_a_copy_keeps_its_own_files_and_gets_launch_files_that_run_here(tmp_path, name, replaced):
+    own = ("worlds/clearpath_playpen.world", "urdf/husky.urdf.xacro", "rviz/view.rviz", "launch/maze.launch")
+    copy = package(tmp_path, name, *own, f"launch/{replaced}.launch", "setup.cfg")
     (joined, *others) = path_beside(tmp_path)
     assert tmp_path in others
     assert joined.name == name
-    assert [(joined / file).resolve() for file in own.split()] == [copy / file for file in own.split()]
-    for file in (replaced, *new.split()):
-        assert (joined / file).resolve() == COMPAT / name / file
+    assert [(joined / file).resolve() for file in own] == [copy / file for file in own]
+    ours = [*COMPAT.glob(f"{name}/launch/*"), *COMPAT.glob(f"{name}/scripts/*")]
+    assert COMPAT / name / "launch" / f"{replaced}.launch" in ours
+    for file in ours:
+        assert (joined / file.relative_to(COMPAT / name)).resolve() == file.resolve()
     folder = joined.stat().st_ino
     assert path_beside(tmp_path)[0] == joined
     assert joined.stat().st_ino == folder, "another launch may read it"

@@ -35,13 +35,18 @@ def localization(**changes):
     return Localization(read_filter_config({**HUSKY, **changes}, "/ekf/")[0])
 
 
+def reading(stamp, velocity, attitude=(0.0, 0.0, 0.0, 1.0)):
+    return Reading(stamp, Pose(quat_xyzw=attitude), SMALL, np.array(velocity), SMALL)
+
+
 def wheels(stamp, speed=1.0, rate=0.5):
-    return Reading(stamp, Pose(), SMALL, np.array([speed, 0, 0, 0, 0, rate]), SMALL)
+    return reading(stamp, [speed, 0, 0, 0, 0, rate])
 
 
 def imu(stamp, rate=0.5):
-    attitude = Pose(quat_xyzw=quat_from_rpy(0.0, 0.0, rate * stamp))
-    return Reading(stamp, attitude, SMALL, np.array([0, 0, 0, 0, 0, rate]), SMALL, np.array([0, 0, 9.8]))
+    attitude = quat_from_rpy(0.0, 0.0, rate * stamp)
+    felt = np.array([0, 0, 9.8])
+    return reading(stamp, [0, 0, 0, 0, 0, rate], attitude)._replace(specific_force=felt)
 
 
 def drive(seconds=4.0):
@@ -106,19 +111,15 @@ def test_a_pause_of_an_hour_is_no_burst_of_estimates():
 
 
 def test_a_turned_imu_and_wheels_off_the_centre_count_as_base_link_s():
-    sensor = Pose((0.3, 0.2, 0.5), quat_from_rpy(-pi / 2, 0.0, pi / 2))
+    sensor = Mounting(Pose((0.3, 0.2, 0.5), quat_from_rpy(-pi / 2, 0.0, pi / 2)))
+    centre = Mounting(Pose((0.3, 0.2, 0.0)))
     filter_ = localization(imu0_differential=False, odom0_config=[F] * 6 + [True] * 2 + [F] * 7)
     for k in range(100):
         # the axis y of that IMU points down; its attitude is its mounting and the robot's yaw
-        turned = Pose(quat_xyzw=quat_from_rpy(-pi / 2, 0.0, pi / 2 + 0.5 * k / 50))
-        filter_.add(
-            "imu0", Reading(k / 50, turned, SMALL, np.array([0, 0, 0, 0, -0.5, 0]), SMALL), Mounting(sensor)
-        )
+        turned = quat_from_rpy(-pi / 2, 0.0, pi / 2 + 0.5 * k / 50)
+        filter_.add("imu0", reading(k / 50, [0, 0, 0, 0, -0.5, 0], turned), sensor)
         # a point at (0.3, 0.2) of a robot that turns in place
-        speeds = np.array([-0.2 * 0.5, 0.3 * 0.5, 0, 0, 0, 0])
-        due = filter_.add(
-            "odom0", Reading(k / 50, Pose(), SMALL, speeds, SMALL), Mounting(Pose((0.3, 0.2, 0.0)))
-        )
+        due = filter_.add("odom0", reading(k / 50, [-0.2 * 0.5, 0.3 * 0.5, 0, 0, 0, 0]), centre)
     assert due[-1].state[:6] == pytest.approx((0.0, 0.0, 0.99, 0.0, 0.0, 0.5), abs=0.01)
 
 
@@ -127,12 +128,10 @@ def test_gravity_and_the_centripetal_force_are_no_acceleration():
     filter_ = localization(imu0_config=used)
     at = Mounting(Pose((0.3, 0.0, 0.5)))
     for k in range(100):
-        force = np.array([-(0.5**2) * 0.3, 0.0, 9.80665])
-        reading = Reading(
-            k / 50, Pose(), SMALL, np.array([0, 0, 0, 0, 0, 0.5]), SMALL, force, 1e-4 * np.eye(3)
-        )
         filter_.add("odom0", wheels(k / 50), at)
-        due = filter_.add("imu0", reading, at)
+        force = np.array([-(0.5**2) * 0.3, 0.0, 9.80665])
+        felt = imu(k / 50)._replace(specific_force=force, force_covariance=SMALL[:3, :3])
+        due = filter_.add("imu0", felt, at)
     assert due[-1].state[6:] == pytest.approx((0.0, 0.0), abs=1e-3)
 
 

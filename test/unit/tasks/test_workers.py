@@ -123,17 +123,11 @@ DIFFERENT = [
 ]  # fmt: skip
 
 
-def test_different_values_have_different_fingerprints():
+def test_equal_values_have_equal_fingerprints_and_no_others():
     assert len({fingerprint(value) for value in DIFFERENT}) == len(DIFFERENT)
-
-
-def test_equal_values_have_equal_fingerprints():
     assert fingerprint({"a": 1, "b": {1, 2, 3}}) == fingerprint({"b": {3, 2, 1}, "a": 1})
     assert fingerprint(float("nan")) == fingerprint(np.float64("nan"))
     assert fingerprint([1, 2]) == fingerprint((1, 2))
-
-
-def test_what_has_no_fingerprint_is_named():
     with pytest.raises(TypeError, match="a object has no fingerprint"):
         fingerprint(object())
 
