@@ -187,13 +187,6 @@ def test_a_plane_s_normal_is_in_its_own_frame_and_both_sides_are_seen():
         assert np.nanmin(cast(wall, at(7.0, y))) == pytest.approx(distance, abs=0.01)
 
 
-def test_a_beam_along_a_face_reads_the_shape_or_nothing_but_no_third():
-    touching = [(Box((1.0, 1.0, 1.0)), at(5.0, 0.5)), (Cylinder(0.5, 1.0), at(0.0, 5.0, 0.5))]
-    ranges = cast(touching, bearings=[0.0, pi / 2.0])
-    for reading in ranges:
-        assert reading in (pytest.approx(4.5), inf)
-
-
 @pytest.mark.parametrize("others", [0, raycast.FEW])
 def test_a_shape_that_moved_is_seen_where_it_is_now(others):
     floor = (Plane((0.0, 0.0, 1.0), (1.0, 1.0)), at(0.0, z=-1.0))
