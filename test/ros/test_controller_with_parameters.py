@@ -3,21 +3,87 @@
 import os
 import signal
 from dataclasses import fields
-from math import nan
+from math import cos, inf, nan, pi, sin, sqrt
 from xmlrpc.client import ServerProxy
 
 import rosgraph
 import rosnode
 import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from dynamic_reconfigure.client import Client
-from geometry_msgs.msg import Twist
-from player import BEAMS, NODE, NOTHING, Player, pillar_ahead
+from geometry_msgs.msg import TransformStamped, Twist
+from harness import RosTest, stamp
 from rosgraph_msgs.msg import Log
+from sensor_msgs.msg import LaserScan
 from std_srvs.srv import SetBool
-from visualization_msgs.msg import Marker
+from tf2_msgs.msg import TFMessage
 
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
+
+BEAMS, HALF_VIEW = 720, 2.35619
+LASER_X = 0.337  # [m], of the lidar in base_link
+PERIOD = 0.1  # [s] between two scans
+NODE = "husky_highlevel_controller"
+NOTHING = [inf] * BEAMS
+
+
+def pillar_ahead(distance, radius=0.2):
+    """The ranges of a lidar that sees nothing but a pillar straight ahead, its surface at a distance [m]."""
+    ranges, centre = [], distance + radius
+    for beam in range(BEAMS):
+        angle = -HALF_VIEW + beam * 2.0 * HALF_VIEW / (BEAMS - 1)
+        inside = radius**2 - (centre * sin(angle)) ** 2
+        is_hit = inside > 0.0 and abs(angle) < pi / 2.0
+        ranges.append(centre * cos(angle) - sqrt(inside) if is_hit else inf)
+    return ranges
+
+
+def transform(parent, child, stamp, x):
+    msg = TransformStamped(child_frame_id=child)
+    msg.header.frame_id, msg.header.stamp = parent, stamp
+    msg.transform.translation.x, msg.transform.rotation.w = x, 1.0
+    return msg
+
+
+class Player(RosTest):
+    """A test case that is a robot; its scans are stamped by a clock of its own."""
+
+    moment = 1000.0  # [s], of the last scan, in any test
+
+    def setUp(self):
+        self.commands = self.remember("cmd_vel", Twist)
+        self.scans = self.publisher("front/scan", LaserScan)
+        self.transforms = self.publisher("/tf", TFMessage)
+        self.x = 0.0  # [m], where the robot stands
+
+    def send(self, ranges):
+        """A scan, and where the robot was."""
+        Player.moment += PERIOD
+        now = rospy.Time.from_sec(Player.moment)
+        robot = transform("odom", "base_link", now, self.x)
+        self.transforms.publish(TFMessage([robot, transform("base_link", "front_laser", now, LASER_X)]))
+        msg = LaserScan(angle_min=-HALF_VIEW, angle_max=HALF_VIEW, range_min=0.1, range_max=30.0)
+        msg.angle_increment = 2.0 * HALF_VIEW / (BEAMS - 1)
+        msg.header.frame_id, msg.header.stamp = "front_laser", now
+        msg.ranges = ranges
+        self.scans.publish(msg)
+
+    def answer(self, ranges):
+        """The command that answers a scan."""
+        seen = len(self.commands)
+        self.send(ranges)
+        self.wait_until(lambda: len(self.commands) > seen, "the scan is answered")
+        return self.commands[-1]
+
+    def play_until(self, condition, ranges, what):
+        """Send the same scan until something is so."""
+
+        def met():
+            self.answer(ranges)
+            return condition()
+
+        self.wait_until(met, what)
 
 
 class StartAndStopService(Player):
@@ -55,7 +121,7 @@ class ParametersBeforeStart(Player):
         rospy.ServiceProxy("let_it_drive", SetBool)(True)
         self.assertEqual(self.answer(NOTHING), Twist(), "search is off")
         self.assertAlmostEqual(self.answer(pillar_ahead(3.0)).linear.x, 0.3 * 2.0, delta=0.01)
-        self.stand_at(1.995)
+        self.x = 1.995
         self.answer(pillar_ahead(1.005))
         self.assertEqual(self.commands[-1], Twist(), "stop_distance is 1 m")
 
@@ -105,7 +171,7 @@ class AnswersTheLatestScan(Player):
         try:
             for _ in range(SCANS):
                 self.send(pillar_ahead(3.0))
-            self.stand_at(2.0)
+            self.x = 2.0
             self.send(pillar_ahead(1.0))  # where it is to stop
             self.wait_until(lambda: self.sent() > sent + SCANS, "all scans are on their way")
         finally:
@@ -121,45 +187,46 @@ class AnswersTheLatestScan(Player):
         return sum(messages for _, _, messages, *_ in connections)
 
 
-PILLAR = pillar_ahead(3.0)
-
-
-class StopsWithoutPillar(Player):
-    """With search off the robot stands where a scan has no pillar, the markers go, and the log says why."""
+class DiagnosticsTell(Player):
+    """/diagnostics reports once a second how the controller is: OK, WARN or ERROR, figures and a remedy."""
 
     def setUp(self):
         super().setUp()
-        self.markers = self.remember(f"{NODE}/visualization_marker", Marker)
-        self.log = self.remember("rosout", Log)
-        self.play_until(lambda: self.commands[-1].linear.x > 0.5, PILLAR, "it drives to the pillar")
+        self.told = self.remember("/diagnostics", DiagnosticArray)
 
-    def namespaces(self, action):
-        return {marker.ns for marker in list(self.markers) if marker.action == action}
+    def send(self, ranges):
+        """A scan of the present: its age is told."""
+        Player.moment = rospy.get_time() - PERIOD
+        super().send(ranges)
 
-    def assert_stops_at(self, ranges, why):
-        self.play_until(lambda: len(self.namespaces(Marker.ADD)) == 2, PILLAR, "the pillar is marked twice")
-        start = rospy.Time.now()
-        for _ in range(3):
-            self.assertEqual(self.answer(ranges), Twist())
-        self.wait_until(
-            lambda: self.namespaces(Marker.DELETE) == self.namespaces(Marker.ADD), "both markers are deleted"
-        )
-        self.assertGreater(self.answer(PILLAR).linear.x, 0.5, "it goes on when the pillar is back")
+    def last(self):
+        return self.told[-1].status[0] if self.told else DiagnosticStatus(level=-1)
 
-        def said():
-            return [line.msg for line in list(self.log) if line.header.stamp >= start]
+    def test_they_follow_what_happens(self):
+        self.wait_until(lambda: "no scans" in self.last().message, "there are no scans")
+        self.assertEqual((self.last().name, self.last().level), (NODE, DiagnosticStatus.ERROR))
 
-        self.wait_until(lambda: any("driving" in line for line in said()), "the log says that it goes on")
-        complaints = [line for line in said() if "no pillar" in line]
-        self.assertEqual(len(complaints), 1, complaints)
-        self.assertIn(why, complaints[0])
-        self.assertRegex(complaints[0], "set ~search|lidar covered", "it says what would help")
+        self.play_until(lambda: self.last().level == DiagnosticStatus.OK, pillar_ahead(3.0), "all is well")
+        values = {item.key: item.value for item in self.last().values}
+        self.assertEqual((values["state"], values["pillar"]), ("driving", "seen"))
+        self.assertRegex(values["scan age"], r"^-?\d+\.\d+ s$")
+        self.assertRegex(values["scan rate"], r"^\d+\.\d+ Hz$")
+        self.assertRegex(values["TF age"], r"^-?\d+\.\d+ s$")
 
-    def test_without_a_range_and_at_a_wall_it_stops_and_goes_on_when_the_pillar_is_back(self):
-        self.assert_stops_at([], "no valid range")
-        self.assert_stops_at([2.0] * BEAMS, "none of its")
+        self.play_until(lambda: self.last().level == DiagnosticStatus.WARN, NOTHING, "there is no pillar")
+        self.assertIn("no pillar", self.last().message)
 
-    def test_zzz_its_last_word_is_stop(self):
-        self.assertGreater(self.answer(PILLAR).linear.x, 0.5)
+        # and the scans end
+        self.wait_until(lambda: "no scans" in self.last().message, "scans are missed")
+        self.assertEqual(self.last().level, DiagnosticStatus.ERROR)
+        stamps = [stamp(array) for array in self.told][1:]  # the first is for whoever has just come
+        self.assertGreater(min(b - a for a, b in zip(stamps, stamps[1:])), 0.5, "once a second")
+
+
+class StopsAtItsEnd(Player):
+    """A controller that is ended stops the robot."""
+
+    def test_its_last_word_is_stop(self):
+        self.play_until(lambda: self.commands[-1].linear.x > 0.5, pillar_ahead(3.0), "it drives")
         rosnode.kill_nodes([NODE])
         self.wait_until(lambda: self.commands[-1] == Twist(), "a zero Twist ends its work")

@@ -11,6 +11,7 @@ from geometry_msgs.msg import TransformStamped  # noqa: E402
 from husky_highlevel_controller.datatypes import Scan  # noqa: E402
 from husky_highlevel_controller.robot import load_robot  # noqa: E402
 from husky_highlevel_controller.ros.controller.scan_placement import (  # noqa: E402
+    MAX_UNPLACED_SCANS,
     START_TIMEOUT,
     TRANSFORM_TIMEOUT,
     ScanPlacement,
@@ -26,8 +27,8 @@ class Fixture:
         outline = load_robot().footprint
         self.placement = ScanPlacement(self.transforms, self.observations.append, outline, lambda: self.now)
 
-    def mount(self):
-        self.transforms.set_transform_static(transform("base_link", "laser", 0.0, 0.3), "test")
+    def mount(self, x=0.3):
+        self.transforms.set_transform_static(transform("base_link", "laser", 0.0, x), "test")
 
     def pose(self, stamp, x):
         self.transforms.set_transform(transform("odom", "base_link", stamp, x), "test")
@@ -135,6 +136,25 @@ def test_without_any_transform_the_first_scan_is_answered_at_a_deadline_and_the_
     fixture.scan(2.0)
     assert fixture.answers() == [(1.0, None), (2.0, None)]
     assert fixture.observations[0].laser_in_base is None
+
+
+def test_a_lidar_without_a_place_is_told_and_gets_the_one_where_it_is_put_later(monkeypatch):
+    warnings = []
+    monkeypatch.setattr(rospy, "logwarn_throttle", lambda _, text: warnings.append(text))
+    fixture = Fixture()
+    fixture.scan(1.0)
+    fixture.now = 1.1 * START_TIMEOUT
+    for number in range(2, MAX_UNPLACED_SCANS + 1):
+        fixture.scan(float(number))
+    assert warnings == [], "TF may take a moment: that is no reason for a warning"
+    fixture.scan(MAX_UNPLACED_SCANS + 1.0)
+    (warning,) = warnings
+    assert "'laser' to 'base_link'" in warning
+    assert "robot_state_publisher" in warning, "it says what would help"
+    for x in (0.3, 0.5):
+        fixture.mount(x)
+        fixture.scan(fixture.answers()[-1][0] + 1.0)
+        assert fixture.observations[-1].laser_in_base.position[0] == x
 
 
 @pytest.mark.parametrize("ahead", [0.1, 0.3, 0.5, 2.0, 3600.0])
