@@ -13,6 +13,7 @@ from xmlrpc.client import ServerProxy
 import psutil
 
 from husky_highlevel_controller.grading.isolation.process import with_variable
+from husky_highlevel_controller.paths import share_folder
 
 PACKAGE = "husky_highlevel_controller"
 LAUNCH = str(Path(__file__).resolve().parents[2] / "tools" / "launch.py")
@@ -115,6 +116,14 @@ class Ros:
 
     def roslaunch(self, file, *arguments, **env):
         return self.start("roslaunch", "-p", str(self.port), PACKAGE, file, "gui:=false", *arguments, **env)
+
+    def rostest(self, file, *options, **env):
+        """What `./dev run rostest` prints of a file with one test, which must pass."""
+        command = (str(share_folder() / "dev"), "run", "rostest", *options, str(file))
+        process = self.start(*command, ROS_TEST_RESULTS_DIR=str(self.folder / "results"), **env)
+        assert process.wait() == 0, process.output
+        assert "TESTS: 1" in process.output
+        return process.output
 
     def master(self, call, *arguments):
         """What the master answers to a call of its API."""

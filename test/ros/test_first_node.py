@@ -16,20 +16,6 @@ def new(folder, *arguments):
     subprocess.run([DEV, "new", "my_husky", *arguments], cwd=folder, check=True)
 
 
-def rostest(ros, package, folder):
-    tested = ros.start(
-        DEV,
-        "run",
-        "rostest",
-        "--text",
-        str(package / "test" / "drives.test"),
-        ROS_TEST_RESULTS_DIR=str(folder),
-    )
-    assert tested.wait() == 0, tested.output
-    assert "TESTS: 1" in tested.output
-    return tested.output
-
-
 def test_the_package_drives_and_exercise_2_prints_distances(ros, tmp_path):
     new(tmp_path)
     package = tmp_path / "my_husky"
@@ -41,7 +27,7 @@ def test_the_package_drives_and_exercise_2_prints_distances(ros, tmp_path):
     line = '<node name="nearest" pkg="my_husky" type="nearest" output="screen"/>'
     file.write_text(file.read_text().replace("</launch>", line + "</launch>"))
     # the pillar stands at (20, 5), the lidar 0.34 m ahead of the robot's middle
-    assert "smallest distance 20." in rostest(ros, package, tmp_path / "results")
+    assert "smallest distance 20." in ros.rostest(package / "test" / "drives.test", "--text")
 
 
 @pytest.mark.slow
@@ -50,4 +36,4 @@ def test_the_package_in_cpp_is_built_and_drives(ros, tmp_path):
     workspace = tmp_path / "my_husky_ws"
     built = ros.start(DEV, "run", "catkin_make", "-C", str(workspace))
     assert built.wait() == 0, built.output
-    rostest(ros, workspace / "src" / "my_husky", tmp_path / "results")
+    ros.rostest(workspace / "src" / "my_husky" / "test" / "drives.test")

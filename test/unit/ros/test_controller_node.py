@@ -74,8 +74,8 @@ class Controller:
         self.listener = listener or self.listener
         return self.topics.setdefault(name, Topic(latch))
 
-    def offer(self, _name, _kind, callback):
-        self.start_stop = lambda wanted: callback(SetBoolRequest(wanted))
+    def offer(self, name, _kind, callback):
+        self.service, self.start_stop = name, lambda wanted: callback(SetBoolRequest(wanted))
 
     def place(self, _transforms, answer, _outline):
         self.answer_observation = answer
@@ -92,7 +92,7 @@ class Controller:
     def answer_at(self, distance):
         """Answer the scan of a robot so far before the pillar, which it looks at [m]."""
         self.toy.pose = Pose2D(X - RADIUS - LASER_X - distance, Y)
-        self.answer()
+        return self.answer()
 
     def drive(self, seconds):
         """The last scan's pose of the robot."""
@@ -249,6 +249,28 @@ def test_each_arrival_is_announced_once(controller):
     for _ in range(3):
         controller.answer_at(0.8)
     assert not announced()[-1], "it was carried away"
+
+
+def test_it_starts_and_stops_at_once_by_its_service_and_drives_with_the_parameters_that_it_was_given(
+    monkeypatch,
+):
+    given = dict(start_stop_service_name="let_it_drive", start_enabled=False, stop_distance=1.0)
+    controller = Controller(monkeypatch, **given, p_gain_vel=0.3, search=False)
+    assert controller.service == "let_it_drive"
+    for _ in range(3):
+        assert controller.answer_at(3.0) == Twist()
+        started = controller.start_stop(True)
+        assert (started.success, started.message) == (True, "driving to the pillar")
+        assert controller.answer_at(3.0).linear.x == pytest.approx(0.3 * 2.0, abs=0.01)
+        told = len(controller.sent("cmd_vel"))
+        stopped = controller.start_stop(False)
+        assert (stopped.success, stopped.message) == (True, "standing still until it is started")
+        assert controller.sent("cmd_vel")[told:] == [Twist()], "it stops without a scan"
+    assert controller.start_stop(False).message.startswith("already")
+    controller.start_stop(True)
+    assert controller.answer_at(1.005) == Twist(), "at the stop distance"
+    controller.toy.circles = []
+    assert controller.answer() == Twist(), "search is off"
 
 
 @pytest.mark.parametrize(
