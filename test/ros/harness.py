@@ -100,11 +100,16 @@ class RosTest(unittest.TestCase):
         self.assertEqual(told(), parents)
 
 
+def simulator_service(name, kind):
+    """A service of the simulator, which is there."""
+    service = rospy.ServiceProxy(f"husky_simulator/{name}", kind)
+    service.wait_for_service(WALL_LIMIT)
+    return service
+
+
 def ask_simulator(name):
     """Call a service of the simulator that takes nothing."""
-    service = rospy.ServiceProxy(f"husky_simulator/{name}", Trigger)
-    service.wait_for_service(WALL_LIMIT)
-    answer = service()
+    answer = simulator_service(name, Trigger)()
     assert answer.success, answer.message
 
 

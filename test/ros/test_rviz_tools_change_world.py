@@ -2,15 +2,13 @@
 
 from math import nan
 
-import rospy
 from geometry_msgs.msg import Point, PointStamped, Pose, PoseWithCovarianceStamped, Quaternion
-from harness import RosTest
+from harness import RosTest, ask_simulator, simulator_service
 from husky_highlevel_controller.srv import ListObjects, SpawnObject
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
-from std_srvs.srv import Trigger
 from visualization_msgs.msg import (
     InteractiveMarkerFeedback,
     InteractiveMarkerInit,
@@ -29,12 +27,6 @@ FEEDBACK = InteractiveMarkerFeedback
 PULL = (FEEDBACK.MOUSE_DOWN, FEEDBACK.POSE_UPDATE, FEEDBACK.MOUSE_UP)
 
 
-def service(name, kind):
-    proxy = rospy.ServiceProxy(NODE + name, kind)
-    proxy.wait_for_service(30.0)
-    return proxy
-
-
 def at(position):
     return (position.x, position.y, position.z)
 
@@ -47,13 +39,13 @@ class RvizToolsChangeWorld(RosTest):
         self.points = self.publisher("clicked_point", PointStamped)
         self.poses = self.publisher("initialpose", PoseWithCovarianceStamped)
         self.feedback = self.publisher(NODE + "world/feedback", FEEDBACK)
-        service("reset", Trigger)()
+        ask_simulator("reset")
         self.wait_until(lambda: set(self.drawn()) == set(self.listed()), "RViz knows the world")
 
     # ------------------------------------------------------------------ what is there, what is shown
 
     def listed(self, frame="odom"):
-        answer = service("list", ListObjects)(frame)
+        answer = simulator_service("list", ListObjects)(frame)
         return {name: at(pose.position) for name, pose in zip(answer.model_names, answer.poses)}
 
     def drawn(self):
@@ -173,8 +165,8 @@ class RvizToolsChangeWorld(RosTest):
         self.assert_near(self.listed()["box_1"], (4.0, -1.0, 0.268))
         self.pull("box_1", 5.0, -1.0, events=[FEEDBACK.MOUSE_UP])  # a mere click, which moves nothing
 
-        service("pause", Trigger)()  # now odom does not drift, and nothing is told by chance
-        self.addCleanup(lambda: service("resume", Trigger)())
+        self.pause()  # now odom does not drift, and nothing is told by chance
+        self.addCleanup(self.resume)
         self.drop("box_3", 5.0, 2.0)
         self.wait_until_drawn("box_3", (5.0, 2.0, 0.268))
         count = len(self.updates)
@@ -205,7 +197,7 @@ class RvizToolsChangeWorld(RosTest):
         pose = Pose(Point(3.0, 0.0, 3.0), Quaternion(w=1.0))
         ball = {"model_name": "ball", "shape": "sphere", "mass": 1.0, "initial_pose": pose}
         size = Point(0.2, 0.2, 0.2)
-        service("spawn", SpawnObject)(**ball, size=size, reference_frame="odom")
+        simulator_service("spawn", SpawnObject)(**ball, size=size, reference_frame="odom")
         self.wait_until_drawn("ball", (3.0, 0.0, GROUND + 0.1))
         count = len(self.updates)
         self.wait_until(lambda: len(self.updates) > count + 15, "there are signs of life")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import rospy
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
-from harness import RosTest, stamp, twist
+from harness import RosTest, simulator_service, stamp, twist
 from husky_highlevel_controller.msg import Bumps
 from husky_highlevel_controller.srv import (
     DeleteObject,
@@ -36,18 +36,14 @@ def pose(x=0.0, y=0.0, z=0.0):
 
 class WorldServicesAnswer(RosTest):
     def setUp(self):
-        def service(name, kind):
-            rospy.wait_for_service(name, 30.0)
-            return rospy.ServiceProxy(name, kind)
-
-        node = "husky_simulator/"
         self.pause, self.resume, self.reset, self.reset_world = (
-            service(node + name, Trigger) for name in ("pause", "resume", "reset", "reset_world")
+            simulator_service(name, Trigger) for name in ("pause", "resume", "reset", "reset_world")
         )
-        self.spawn, self.delete = service(node + "spawn", SpawnObject), service(node + "delete", DeleteObject)
-        self.move, self.list = service(node + "move", MoveObject), service(node + "list", ListObjects)
-        self.step = service(node + "step", StepWorld)
-        self.load_world = service(node + "load_world", LoadWorld)
+        self.spawn = simulator_service("spawn", SpawnObject)
+        self.delete = simulator_service("delete", DeleteObject)
+        self.move, self.list = simulator_service("move", MoveObject), simulator_service("list", ListObjects)
+        self.step = simulator_service("step", StepWorld)
+        self.load_world = simulator_service("load_world", LoadWorld)
         self.scans = self.remember("front/scan", LaserScan)
         self.truth = self.remember("ground_truth/odom", Odometry)
         self.says(self.reset(), "the world is as it was at the start; time runs on from ")
