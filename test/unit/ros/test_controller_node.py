@@ -82,11 +82,11 @@ class Controller:
         return Mock()
 
     def answer(self, ranges=None):
-        """The command that answers a scan, of what the robot sees unless there are ranges."""
+        """The command that answers a scan, of what the robot sees unless there are ranges; it drives on."""
         toy = self.toy
         scan = toy.scan() if ranges is None else replace(toy.scan(), ranges=ranges)
         self.answer_observation(Observation(scan, toy.laser_in_base, toy.pose))
-        toy.time = round(toy.time + toy.period, 6)
+        toy.step()
         return self.topics["cmd_vel"].sent[-1]
 
     def answer_at(self, distance):
@@ -99,8 +99,6 @@ class Controller:
         for _ in range(round(seconds / self.toy.period)):
             pose = self.toy.pose
             self.answer()
-            self.toy.time = round(self.toy.time - self.toy.period, 6)
-            self.toy.step()
         return pose
 
     def sent(self, topic):
