@@ -1,4 +1,4 @@
-"""Commands of a scan that has its answer are dropped; who sends more than once again and again is told."""
+"""Who drives the robot: persons before the controller, nobody in an emergency; two that both do are told."""
 
 from types import SimpleNamespace
 
@@ -6,44 +6,77 @@ import pytest
 
 pytest.importorskip("rospy")
 
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, Vector3
+from std_msgs.msg import Bool
 
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros.simulator import commands
 
+DIRECT = "husky_velocity_controller/cmd_vel"  # the output of the Husky's twist_mux
+
+
+class Network:
+    """Commands that nodes send, those that are obeyed, and what is warned of."""
+
+    def __init__(self, monkeypatch):
+        self.callbacks, self.passed, self.warnings, self.drops = {}, [], [], False
+        output = SimpleNamespace(publish=self.passed.append, get_num_connections=lambda: 2)
+        monkeypatch.setattr(commands.rospy, "Subscriber", self.subscribe)
+        monkeypatch.setattr(commands.rospy, "Publisher", lambda *_, **__: output)
+        monkeypatch.setattr(commands.rospy, "logwarn", self.warnings.append)
+        monkeypatch.setattr(commands.rospy, "logwarn_throttle", lambda _, text: self.warnings.append(text))
+        monkeypatch.setattr(commands.rospy, "get_time", lambda: 0.0)
+        lockstep = SimpleNamespace(drops=lambda _: self.drops, command_arrived=lambda *_: None)
+        self.commands = commands.Commands(load_robot().topics, lockstep, lockstep)
+
+    def subscribe(self, topic, _kind, callback, **_):
+        self.callbacks[topic] = callback
+
+    def send(self, topic="cmd_vel", linear=0.3, sender="/walker", at=0.0):
+        """Forward speeds that are obeyed after a command [m/s]."""
+        msg = Twist(linear=Vector3(x=linear))
+        msg._connection_header = {"callerid": sender}
+        self.callbacks[topic](msg)
+        return [twist.linear for _, twist in self.commands.take(at)]
+
 
 @pytest.fixture
-def warnings(monkeypatch):
-    warnings = []
-    monkeypatch.setattr(commands.rospy, "Subscriber", lambda *_, **__: SimpleNamespace())
-    monkeypatch.setattr(commands.rospy, "Publisher", lambda *_, **__: SimpleNamespace())
-    monkeypatch.setattr(commands.rospy, "logwarn_throttle", lambda _, text: warnings.append(text))
-    monkeypatch.setattr(commands.rospy, "get_time", lambda: 0.0)
-    return warnings
+def network(monkeypatch):
+    return Network(monkeypatch)
 
 
-def received(is_dropped, *senders):
-    """Commands after one of each sender."""
-    lockstep = SimpleNamespace(drops=lambda _: is_dropped, command_arrived=str)
-    received = commands.Commands(load_robot().topics, lockstep, lockstep)
-    for sender in senders:
-        msg = Twist()
-        msg._connection_header = {"callerid": sender}
-        received._on_twist("cmd_vel", msg)
-    return received
+def test_a_person_takes_over_from_the_controller_and_hands_back(network):
+    assert network.send() == [0.3]
+    assert network.send("kb_teleop/cmd_vel", -0.2, at=0.1) == [-0.2]
+    assert network.send(at=0.2) == [], "the controller, which goes on commanding, is not heard"
+    assert network.send("joy_teleop/cmd_vel", 0.1, at=0.2) == [0.1]
+    assert network.send("kb_teleop/cmd_vel", -0.2, at=0.3) == [], "the gamepad comes before the keyboard"
+    assert network.send(at=1.0) == [0.3]
+    assert [msg.linear.x for msg in network.passed] == [0.3, -0.2, 0.1, 0.3]
 
 
-def test_the_stop_of_a_controller_that_ends_in_lockstep_is_no_warning(warnings):
-    received(True, "/walker")
-    assert warnings == []
-    assert received(True, "/walker", "/walker").take(0.0) == []
-    (warning,) = warnings
+def test_an_emergency_stop_locks_all_until_it_is_released(network):
+    topics = ("cmd_vel", DIRECT)
+    assert [network.send(topic) for topic in topics] == [[0.3], [0.3]]
+    network.callbacks["e_stop"](Bool(True))
+    assert [network.send(topic) for topic in topics] == [[], []]
+    network.callbacks["e_stop"](Bool(False))
+    assert [network.send(topic) for topic in topics] == [[0.3], [0.3]]
+
+
+def test_the_stop_of_a_controller_that_ends_in_lockstep_is_no_warning(network):
+    network.drops = True
+    assert network.send() == []
+    assert network.warnings == []
+    assert network.send() == []
+    (warning,) = network.warnings
     assert "/walker sends several commands for one scan" in warning
 
 
-def test_two_that_command_on_one_topic_are_named(warnings):
-    received(False, "/walker", "/walker")
-    assert warnings == []
-    received(False, "/walker", "/runner")
-    (warning,) = warnings
+def test_two_that_command_on_one_topic_are_named(network):
+    network.send()
+    network.send()
+    assert network.warnings == []
+    network.send(sender="/runner")
+    (warning,) = network.warnings
     assert warning.startswith("/cmd_vel: both /walker and /runner send commands")
