@@ -24,6 +24,8 @@ from itertools import islice
 from math import hypot, inf, isfinite, sqrt
 from typing import Deque, NamedTuple, Optional, Tuple
 
+import numpy as np
+
 from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import ImuSample, Quaternion, Twist2D, Vector3
 from husky_highlevel_controller.geometry import cross, dot, minus, quat_inverse, rotate, unit
@@ -207,12 +209,11 @@ class CrashDetector:
 
     def _acceleration(self, stamp: float) -> float:
         """Acceleration of the wheels by the last two messages before a time [m/s^2]; 0 if they are old."""
-        for (after, new), (before, old) in zip(
-            reversed(self._wheels), islice(reversed(self._wheels), 1, None)
-        ):
-            if after <= stamp:
-                return (new - old) / (after - before) if stamp - after <= LONGEST_PERIOD else 0.0
-        return 0.0
+        earlier = [wheels for wheels in self._wheels if wheels[0] <= stamp][-2:]
+        if len(earlier) < 2 or stamp - earlier[-1][0] > LONGEST_PERIOD:
+            return 0.0
+        (before, old), (after, new) = earlier
+        return (new - old) / (after - before)
 
     def _curve(self, sample: ImuSample) -> float:
         """Acceleration to the left in a curve at the wheels' speed [m/s^2]."""
@@ -288,14 +289,10 @@ class CrashDetector:
 
     def _speed_at(self, stamp: float) -> Optional[float]:
         """The wheels' speed at a time, by linear interpolation [m/s]; None if unknown."""
-        later: Optional[Tuple[float, float]] = None
-        for at, speed in reversed(self._wheels):
-            if at <= stamp:
-                if later is None:
-                    return speed if stamp - at <= LONGEST_PERIOD else None
-                return speed + (later[1] - speed) * (stamp - at) / (later[0] - at)
-            later = at, speed
-        return later[1] if later is not None else None
+        if not self._wheels or stamp - self._wheels[-1][0] > LONGEST_PERIOD:
+            return None
+        stamps, speeds = zip(*self._wheels)
+        return float(np.interp(stamp, stamps, speeds))
 
 
 def _damped(force: float, vertical: float) -> float:

@@ -115,7 +115,10 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
             for number, result in enumerate(marked, 1):
                 results[result.name] = result
                 if result.problem or not sys.stderr.isatty():  # a terminal shows a bar
-                    tqdm.write(f"{number} of {len(waiting)}: {_line(result)}", file=sys.stderr)
+                    why = f": {result.problem}" * bool(result.problem)
+                    tqdm.write(
+                        f"{number} of {len(waiting)}: {result.name}: {_sum(result)}{why}", file=sys.stderr
+                    )
                     sys.stderr.flush()
     except (StoppedError, KeyboardInterrupt):
         raise HuskyError("stopped; the same command goes on from here") from None
@@ -131,10 +134,6 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
 
 def _sum(result: MarkingResult) -> str:
     return "could not be marked" if result.problem else f"{result.points:g}/{result.max_points:g}"
-
-
-def _line(result: MarkingResult) -> str:
-    return f"{result.name}: {_sum(result)}" + (f": {result.problem}" if result.problem else "")
 
 
 def job_of(name: str, path: Path, override: Override, config: MarkingConfig, batch: Batch) -> Job:

@@ -26,7 +26,7 @@ from husky_highlevel_controller.grading.isolation.files import remove_tree, writ
 from husky_highlevel_controller.grading.isolation.process import StoppedError, stop_on_signals
 from husky_highlevel_controller.grading.isolation.sandbox import kind_of_sandbox
 from husky_highlevel_controller.grading.judge import judge, unmarked
-from husky_highlevel_controller.grading.notes import may_miss_packages
+from husky_highlevel_controller.grading.notes import MISSES_PACKAGES
 from husky_highlevel_controller.grading.recording import recordings_in
 from husky_highlevel_controller.grading.records import Job, MarkingConfig, MarkingResult
 from husky_highlevel_controller.grading.reports.files import (
@@ -62,7 +62,8 @@ def mark(job: Job) -> MarkingResult:
         recordings = recordings_in(out)
         write_pictures(recordings, job.name, out)
         fingerprint = job.fingerprint  # a typo in marking.yaml needs no other drive
-        if may_miss_packages([*submission.notes, *(note for each in recordings for note in each.notes)]):
+        notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
+        if MISSES_PACKAGES & {note.kind for note in notes}:
             fingerprint += job.installed
         result = judge(submission, recordings, job)
     except StoppedError:
@@ -97,8 +98,8 @@ def kept_submission(job: Job) -> Optional[Submission]:
         *submission.workspace.hidden
     }
     is_same = bool(job.made_of) and submission.made_of == job.made_of
-    is_whole = not may_miss_packages(submission.notes)  # else what it missed may be installed by now
-    return submission if is_here and is_shut and is_same and is_whole else None
+    misses = MISSES_PACKAGES & {note.kind for note in submission.notes}  # which may be installed by now
+    return submission if is_here and is_shut and is_same and not misses else None
 
 
 def trials_of(config: MarkingConfig) -> List[Trial]:

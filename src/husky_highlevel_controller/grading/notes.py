@@ -83,11 +83,6 @@ class Note:
     at: Optional[float] = None  # [s], simulated
 
 
-def may_miss_packages(notes: Iterable[Note]) -> bool:
-    """Whether a package that is not installed may be the cause of a note."""
-    return any(note.kind in MISSES_PACKAGES for note in notes)
-
-
 def texts(notes: Iterable[Note]) -> List[str]:
     """The sentences of notes, each once, in order, and how many more there are."""
     sentences = list(dict.fromkeys(note.text for note in notes))

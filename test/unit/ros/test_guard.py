@@ -208,11 +208,19 @@ def test_a_request_while_one_is_pending_is_the_same_one():
     assert len(service.calls) == 1
 
 
-def test_a_second_without_odometry_is_a_start_and_more_is_a_warning():
-    blindness = proximity_stop.Blindness()
-    assert not any(blindness.lasts(stamp) for stamp in (10.0, 10.5, 10.95))
-    assert blindness.lasts(11.05)
-    blindness.end()
-    assert not blindness.lasts(12.0)
-    assert not any(blindness.lasts(stamp) for stamp in (0.0, 0.9)), "the simulation begins again"
-    assert blindness.lasts(1.1)
+def test_a_second_without_odometry_is_a_start_and_more_is_a_warning(monkeypatch):
+    robot = Robot(monkeypatch, proximity_stop.ProximityStopNode, ProximityConfig())
+    monkeypatch.setattr(proximity_stop, "lookup_pose", lambda *_: Pose())
+
+    def warnings(*times):
+        robot.warnings.clear()
+        for robot.now in times:
+            robot.callbacks["front/scan"](scan_of_a_wall(robot.now, 0.0))
+        return len(robot.warnings)
+
+    assert warnings(10.0, 10.5, 10.95) == 0
+    assert warnings(11.05) == 1
+    robot.callbacks["odometry/filtered"](odometry(11.5, Twist2D(0.0, 0.0)))
+    assert warnings(11.6, 12.2, 13.1) == 0
+    assert warnings(0.0, 0.9) == 0, "the simulation begins again"
+    assert warnings(1.1) == 1

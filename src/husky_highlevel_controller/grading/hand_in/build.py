@@ -212,12 +212,15 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     missing: Set[str] = set()
     output, code = "", None
     for _ in range(MAX_MISSING):
-        _write_stand_ins(folders, missing)
         output, code = _catkin_make(folders, needed, underlay, "")
         unknown = set(_NOT_FOUND.findall(output)) - missing - set(folders.packages)
         if not code or not unknown:
             break
         missing |= unknown
+        for name in unknown:
+            place = folders.stand_ins / "share" / name / "cmake"
+            place.mkdir(parents=True, exist_ok=True)
+            write_whole(place / f"{name}Config.cmake", _STAND_IN.format(name=name))
     if missing:
         notes.append(Note(Kind.MISSING_PACKAGE, missing_note(missing)))
     repair = OLD_BOOST if code and needs_old_boost(output) else ""
@@ -256,13 +259,6 @@ def _publishes_plain_values(libraries: Path) -> bool:
                 if PLAIN_PUBLISH.search(read_regular(path)):
                     return True
     return False
-
-
-def _write_stand_ins(folders: Folders, names: Set[str]) -> None:
-    for name in names:
-        place = folders.stand_ins / "share" / name / "cmake"
-        place.mkdir(parents=True, exist_ok=True)
-        write_whole(place / f"{name}Config.cmake", _STAND_IN.format(name=name))
 
 
 def _catkin_make(

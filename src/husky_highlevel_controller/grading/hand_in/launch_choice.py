@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Any, Collection, Iterator, List, Mapping, Sequence, Set, Tuple
+from typing import Any, Collection, Iterator, List, Mapping, Sequence, Tuple
 
 from husky_highlevel_controller.grading.hand_in.build import Folders
 from husky_highlevel_controller.grading.hand_in.packages import (
@@ -139,7 +139,6 @@ def _launch_files(
     contents: Contents, packages: Collection[Package], folders: Mapping[str, Path], root: Path
 ) -> Iterator[Tuple[Path, PurePosixPath]]:
     """Launch files in the copies of packages; and copies of those beside the packages, in folders above."""
-    beside: Set[Path] = set()
     for package in packages:
         for path in walk(folders[package.name]):
             if file_suffix(path) == ".launch":
@@ -149,13 +148,12 @@ def _launch_files(
                 if folder != top and top not in folder.parents:
                     break
                 for path in sorted([*folder.glob("*.launch*"), *folder.glob("launch/*.launch*")]):
-                    is_launch_file = file_suffix(path) == ".launch"
+                    launch_place = place / path.relative_to(top).as_posix()
+                    target = root / "src" / BESIDE / launch_place
                     inside = any(each.path in path.parents for each in contents.packages)
-                    if is_launch_file and not inside and path not in beside and is_below(path, top):
-                        beside.add(path)
+                    is_new = not inside and not target.exists() and is_below(path, top)
+                    if is_new and file_suffix(path) == ".launch":
                         with contextlib.suppress(UnreadableFileError):  # a link, a FIFO
-                            launch_place = place / path.relative_to(top).as_posix()
-                            target = root / "src" / BESIDE / launch_place
                             target.parent.mkdir(parents=True, exist_ok=True)
                             copy(path, target)
                             yield target, launch_place

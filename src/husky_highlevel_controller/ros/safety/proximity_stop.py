@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite
-from typing import Optional
+from math import inf, isfinite
 
 import rospy
 import tf2_ros
@@ -22,23 +21,6 @@ CLOCK_TOLERANCE = 0.3  # [s]; a slow lidar's scans are stamped up to 0.2 s befor
 STARTING_TIME = 1.0  # [s] of scans that may lack odometry or transforms without a warning
 
 
-class Blindness:
-    """Time for which scans could not be judged; the robot's nodes may take STARTING_TIME to start."""
-
-    def __init__(self) -> None:
-        self._since: Optional[float] = None  # [s], stamp of the first such scan
-
-    def lasts(self, stamp: float) -> bool:
-        """Note that a scan of this stamp [s] cannot be judged; whether that has lasted for too long."""
-        if self._since is None or stamp < self._since:
-            self._since = stamp
-        return stamp - self._since >= STARTING_TIME
-
-    def end(self) -> None:
-        """Note that a scan was judged."""
-        self._since = None
-
-
 class ProximityStopNode:
     """Checks every scan for obstacles in the robot's path."""
 
@@ -47,7 +29,7 @@ class ProximityStopNode:
         service, self._config = read_config(values, rospy.get_name() + "/", ServiceConfig, ProximityConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
-        self._blindness = Blindness()
+        self._blind_since = inf  # [s], time of the first scan that could not be judged
         self._guard = Guard(service, self._robot, CLOCK_TOLERANCE)
         rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1, tcp_nodelay=True)
 
@@ -68,10 +50,12 @@ class ProximityStopNode:
             reason = frame_sentence(scan.frame)
             if twist is None:
                 reason = "no odometry younger than 0.5 s: is the robot running?"
-            if self._blindness.lasts(rospy.get_time()):  # stamps may stand still
+            now = rospy.get_time()  # stamps may stand still
+            self._blind_since = min(self._blind_since, now)
+            if now - self._blind_since >= STARTING_TIME:
                 rospy.logwarn_throttle(REPORT_PERIOD, f"nothing stops the robot: {reason}")
             return
-        self._blindness.end()
+        self._blind_since = inf
         clearance = too_close(scan, laser_in_base, twist, self._config, self._robot)
         danger = None
         if not (isfinite(twist.linear) and isfinite(twist.angular)):
