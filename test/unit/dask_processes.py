@@ -38,16 +38,8 @@ class Processes:
         env = {**os.environ, "PYTHONPATH": str(path), "DASK_TEMPORARY_DIRECTORY": str(self.folder)}
         with log.open("wb") as output:
             command = [sys.executable, "-m", f"distributed.cli.{words[0]}", *words[1:]]
-            self.started.append(
-                subprocess.Popen(
-                    command,
-                    stdout=output,
-                    stderr=output,
-                    env=env,
-                    cwd=self.folder,
-                    preexec_fn=_die_with_parent,
-                )
-            )
+            how = dict(stdout=output, stderr=output, env=env, cwd=self.folder)
+            self.started.append(subprocess.Popen(command, preexec_fn=_die_with_parent, **how))
 
     def work(self, name, *options, path=SOURCES):
         known = len(self.workers())
