@@ -129,6 +129,7 @@ def test_pillar_estimate_path_target_state_and_errors_are_where_they_are(control
     shown = controller.markers()
     assert set(shown) == {"estimate", "path", "target", "state"}
     assert all(marker.color.a > 0.0 for marker in shown.values())
+    assert all(marker.pose.orientation.w == 1.0 for marker in shown.values()), "or RViz complains of each"
 
     estimate = shown["estimate"]
     assert (estimate.header.frame_id, place(estimate)) == ("odom", near(X, Y))

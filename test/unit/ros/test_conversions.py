@@ -5,12 +5,11 @@ from math import inf, nan, pi
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Point, Quaternion, Twist, Vector3
+from geometry_msgs.msg import Quaternion, Twist, Vector3
 from hypothesis import example, given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry as OdometryMsg
 from sensor_msgs.msg import Imu, LaserScan
-from visualization_msgs.msg import Marker
 
 from husky_highlevel_controller.datatypes import (
     ImuSample,
@@ -25,7 +24,6 @@ from husky_highlevel_controller.datatypes import (
 from husky_highlevel_controller.estimation.planar_ekf import MotionEstimate
 from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.controller.display import STATE, marker
 from husky_highlevel_controller.ros.estimation.node import estimate_to_msg, reading_from_msg
 
 numbers = st.floats(-1e6, 1e6)
@@ -222,21 +220,6 @@ def test_joint_states_keep_each_wheel_s_numbers_with_its_name():
         ("front_left_wheel", 1.0, 3.0, 5.0),
         ("front_right_wheel", 2.0, 4.0, 6.0),
     ]
-
-
-# ---------------------------------------------------------------------------- markers
-
-
-@pytest.mark.parametrize("kind", [Marker.CYLINDER, Marker.SPHERE, Marker.LINE_STRIP, Marker.TEXT_VIEW_FACING])
-def test_a_marker_of_any_kind_has_type_place_name_and_a_rotation(kind):
-    msg = over_the_wire(marker(kind, STATE, 2.5, "odom", (0.1, 0.2, 0.3), Point(1.0, 2.0, 0.0), text="words"))
-    assert (msg.type, msg.action, msg.ns, msg.text) == (kind, Marker.ADD, STATE, "words")
-    assert (msg.header.frame_id, msg.header.stamp.to_sec()) == ("odom", 2.5)
-    assert xyzw(msg.pose.orientation) == (0.0, 0.0, 0.0, 1.0)
-    assert xyz(msg.pose.position) == (1.0, 2.0, 0.0)
-    assert xyz(msg.scale) == (0.1, 0.2, 0.3)
-    assert msg.color.a == 1.0
-    assert msg.lifetime.is_zero()  # until replaced or deleted
 
 
 # ---------------------------------------------------------------------------- IMU
