@@ -1,8 +1,8 @@
 """TF ties every frame of the robot to odom, each by the parent that its URDF says."""
 
+import socket
 import subprocess
-from contextlib import closing, contextmanager
-from itertools import chain, islice
+from contextlib import contextmanager
 from math import cos, sin
 from xml.etree import ElementTree
 from xmlrpc.client import ServerProxy
@@ -11,8 +11,7 @@ import rosgraph
 import rospy
 from geometry_msgs.msg import Twist, Vector3
 from harness import RosTest, stamp
-from rospy.impl.tcpros_base import TCPROSTransport
-from rospy.impl.tcpros_pubsub import TCPROSSub
+from rosgraph.network import write_ros_handshake_header
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
@@ -70,9 +69,9 @@ class TfTreeIsComplete(RosTest):
 
     def test_a_node_that_subscribes_gets_each_transform_once(self):
         self.wait_until(lambda: rospy.get_time() > 0.0, "the simulator runs")
-        for _ in range(SUBSCRIBERS):
-            with connection_to_tf() as messages:
-                received = [t for msg in islice(messages, 6) for t in msg.transforms]
+        for number in range(SUBSCRIBERS):
+            with connection_to_tf(number) as stream:
+                received = [t for _ in range(6) for t in next_message(stream).transforms]
             keys = [(t.child_frame_id, t.header.stamp) for t in received]
             self.assertEqual(len(keys), len(set(keys)), keys)
             self.assertEqual({t.child_frame_id for t in received}, {"base_link", *WHEEL_LINKS})
@@ -80,16 +79,30 @@ class TfTreeIsComplete(RosTest):
     def test_a_node_that_subscribes_while_time_stands_still_gets_the_last_transforms(self):
         self.pause()
         self.addCleanup(self.resume)
-        with connection_to_tf() as messages:
-            received = [t.child_frame_id for msg in islice(messages, 2) for t in msg.transforms]
+        with connection_to_tf(SUBSCRIBERS) as stream:
+            received = [t.child_frame_id for _ in range(2) for t in next_message(stream).transforms]
         self.assertEqual(sorted(received), sorted(["base_link", *WHEEL_LINKS]))
 
 
 @contextmanager
-def connection_to_tf():
-    """Messages of a new connection to the simulator's /tf; rospy's own subscribers share one."""
-    with ServerProxy(rosgraph.Master(rospy.get_name()).lookupNode("/husky_simulator")) as api:
-        _, _, (_, host, port) = api.requestTopic(rospy.get_name(), "/tf", [["TCPROS"]])
-    with closing(TCPROSTransport(TCPROSSub("/tf", TFMessage), "/tf")) as connection:
-        connection.connect(host, port, "")
-        yield chain.from_iterable(iter(connection.receive_once, None))
+def connection_to_tf(number):
+    """Stream of a new connection to the simulator's /tf; rospy's own subscribers share one."""
+    master, name = rosgraph.Master(rospy.get_name()), f"/subscriber_{number}"
+    with ServerProxy(master.lookupNode("/husky_simulator")) as api:
+        _, _, (_, host, port) = api.requestTopic(name, "/tf", [["TCPROS"]])
+    header = {"topic": "/tf", "type": TFMessage._type, "md5sum": TFMessage._md5sum, "callerid": name}
+    with socket.create_connection((host, port), timeout=30.0) as connection:
+        write_ros_handshake_header(connection, header)
+        with connection.makefile("rb") as stream:
+            read_block(stream)  # the publisher's header
+            yield stream
+
+
+def next_message(stream):
+    """The next message of a stream."""
+    return TFMessage().deserialize(read_block(stream))
+
+
+def read_block(stream):
+    """Bytes that follow their own number."""
+    return stream.read(int.from_bytes(stream.read(4), "little"))
