@@ -42,11 +42,6 @@ def verdict(posts=(), walls=(), linear=0.0, angular=0.0, laser=UPSIDE_DOWN, conf
 # ---------------------------------------------------------------------------- too close
 
 
-@pytest.mark.parametrize("laser", [UPSIDE_DOWN, UPRIGHT])
-def test_the_clearance_told_is_from_the_robot_s_nose_not_from_the_lidar(laser):
-    assert verdict(walls=wall_ahead(0.25), linear=1.0, laser=laser) == pytest.approx(0.25, abs=0.005)
-
-
 @pytest.mark.parametrize(
     ("speed", "change", "needed"),
     [
