@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from itertools import islice
-from math import hypot, inf, isfinite, sqrt
+from math import copysign, hypot, inf, isfinite, sqrt
 from typing import Deque, NamedTuple, Optional, Tuple
 
 import numpy as np
@@ -298,10 +298,7 @@ class CrashDetector:
 def _damped(force: float, vertical: float) -> float:
     """A horizontal force [m/s^2] without the part above SHOCK that a shock from below explains."""
     size = abs(force)
-    if size <= SHOCK:
-        return force
-    size = SHOCK + max(size - SHOCK - abs(vertical), 0.0)
-    return size if force > 0.0 else -size
+    return copysign(min(size, SHOCK) + max(size - SHOCK - abs(vertical), 0.0), force)
 
 
 def _clamped(value: float, limit: float) -> float:

@@ -61,10 +61,9 @@ def mark(job: Job) -> MarkingResult:
         observe(submission, trials_of(config), config, out)
         recordings = recordings_in(out)
         write_pictures(recordings, job.name, out)
-        fingerprint = job.fingerprint  # a typo in marking.yaml needs no other drive
         notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
-        if MISSES_PACKAGES & {note.kind for note in notes}:
-            fingerprint += job.installed
+        misses = bool(MISSES_PACKAGES & {note.kind for note in notes})
+        fingerprint = job.fingerprint + job.installed * misses  # also where marking.yaml has a typo
         result = judge(submission, recordings, job)
     except StoppedError:
         raise

@@ -128,19 +128,17 @@ _LINE = re.compile(r'File "(?:[^"\n]*/)?([^/"\n]+)", line (\d+)')
 
 def exceptions_in(output: str) -> List[Note]:
     """Exceptions in callbacks and threads, after which rospy goes on, from what was printed."""
-    count: Dict[str, int] = {}
-    first: Dict[str, Optional[float]] = {}
+    moments: Dict[str, List[Optional[float]]] = {}
     for match in _CALLBACK.finditer(output):
         places = _LINE.findall(match["lines"])
         line = f" ({places[-1][0]}:{places[-1][1]})" if places else ""
         source = f"callback {match['name']}" if match["name"] else "a thread"
         text = f"{source} raises {match['error'][:200]}{line}"
-        count[text] = count.get(text, 0) + 1
-        first.setdefault(text, float(match["at"]) if match["at"] else None)
+        moments.setdefault(text, []).append(float(match["at"]) if match["at"] else None)
     notes = []
-    for text, at in first.items():
-        moment = "" if at is None else f", first at {at:.2f} s"
-        notes.append(Note(Kind.EXCEPTION, f"{text}{moment}, {count[text]} times", at))
+    for text, (first, *later) in moments.items():
+        moment = "" if first is None else f", first at {first:.2f} s"
+        notes.append(Note(Kind.EXCEPTION, f"{text}{moment}, {1 + len(later)} times", first))
     return notes
 
 

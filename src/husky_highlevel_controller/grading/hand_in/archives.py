@@ -115,13 +115,12 @@ def main(archive: str, folder: str, files: str, size: str) -> None:
     """Unpack, and print [links, large files, files and bytes still allowed, error or empty] as JSON."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CPU, (DEADLINE, DEADLINE))
-    allowance, problem = Allowance(int(files), int(size)), ""
-    left_out = 0
-    large: List[str] = []
+    allowance = Allowance(int(files), int(size))
     try:
         left_out, large = _unpack(Path(archive), Path(folder), allowance)
+        problem = ""
     except ArchiveError as error:
-        problem = str(error)
+        left_out, large, problem = 0, [], str(error)
     print(json.dumps([left_out, large, allowance.files, allowance.size, problem]))
 
 
