@@ -4,7 +4,7 @@ import json
 
 import yaml
 from damage import WORDS, damaged, mutated
-from packages import put
+from packages import manifest, put
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.displays import STANDING, view_of
@@ -30,10 +30,7 @@ from husky_highlevel_controller.grading.reports.files import load_result
 from husky_highlevel_controller.grading.settings import read_overrides
 from husky_highlevel_controller.grading.submission import Plan, RvizNode, notes_on, read_events
 
-MANIFEST = (
-    '<package format="2"><name>husky</name><version>0.0.0</version><description>d</description>'
-    '<maintainer email="a@b.org">m</maintainer><license>BSD</license><depend>roscpp</depend></package>'
-)
+MANIFEST = manifest("husky", "roscpp")
 LAUNCH = (
     '<launch><arg name="x" default="1"/><include file="$(find husky)/launch/b.launch">'
     '<arg name="x" value="2"/></include><group if="$(arg x)">'

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from packages import CMAKE, MANIFEST
+from packages import CMAKE, manifest
 
 LAUNCH = """<launch>
   <param name="use_sim_time" value="true"/>
@@ -57,7 +57,7 @@ def make_localization(name, folder):
     """A package of this name in a folder; it needs no build."""
     package = Path(folder) / name
     package.mkdir(parents=True)
-    (package / "package.xml").write_text(MANIFEST.format(name=name))
+    (package / "package.xml").write_text(manifest(name, "catkin", tag="buildtool_depend"))
     (package / "CMakeLists.txt").write_text(CMAKE.format(name=name).replace("catkin_install_python", "# "))
     if VARIANTS[name]:
         filter_node, top_view = VARIANTS[name]

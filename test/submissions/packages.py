@@ -21,13 +21,10 @@ WITH_RVIZ = {"complete", "hooks_the_setup", "marks_the_origin"}
 IN_OFFICE = "commands_zero"
 AS_ROSOUT = "forges_the_truth"  # its node has the name of one that every ROS network has
 
-MANIFEST = """<?xml version="1.0"?>
-<package format="2">
-  <name>{name}</name><version>0.0.0</version><description>A submission.</description>
-  <maintainer email="student@example.org">student</maintainer><license>BSD</license>
-  <buildtool_depend>catkin</buildtool_depend>
-</package>
-"""
+MANIFEST = (
+    '<package format="2"><name>{}</name><version>0.0.0</version><description>A submission.</description>'
+    '<maintainer email="{}">student</maintainer><license>BSD</license>{}</package>'
+)
 CMAKE = """cmake_minimum_required(VERSION 3.0.2)
 project({name})
 find_package(catkin REQUIRED)
@@ -47,6 +44,11 @@ def put(path, text=""):
     return path
 
 
+def manifest(name, *depends, tag="depend", email="student@example.org"):
+    """Text of a package.xml."""
+    return MANIFEST.format(name, email, "".join(f"<{tag}>{each}</{tag}>" for each in depends))
+
+
 def make_package(name, folder, student=""):
     """A package of this name in a folder, or in the student's; its node runs without a build."""
     package = Path(folder) / (student or name)
@@ -61,7 +63,7 @@ def make_package(name, folder, student=""):
     else:
         for part in ("launch", "scripts", "rviz"):
             (package / part).mkdir(parents=True)
-        (package / "package.xml").write_text(MANIFEST.format(name=name))
+        (package / "package.xml").write_text(manifest(name, "catkin", tag="buildtool_depend"))
         (package / "CMakeLists.txt").write_text(CMAKE.format(name=name))
         rviz = RVIZ.format(name=name) if name in WITH_RVIZ else ""
         more = rviz + OFFICE * (name == IN_OFFICE) + FAULT.format(name=name) * (name in FAULTS)

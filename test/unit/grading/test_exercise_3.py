@@ -3,7 +3,7 @@
 import ast
 import hashlib
 import json
-import sys
+import trace
 from dataclasses import replace
 from math import nan
 from pathlib import Path
@@ -352,19 +352,9 @@ def test_what_is_deleted_too_old_or_in_another_namespace_is_not_drawn_in_its_pla
 
 def lines_run(function):
     """Number of Python lines that a call runs."""
-    count, before = 0, sys.gettrace()
-
-    def trace(_frame, event, _argument):
-        nonlocal count
-        count += event == "line"
-        return trace
-
-    sys.settrace(trace)
-    try:
-        function()
-    finally:
-        sys.settrace(before)
-    return count
+    tracer = trace.Trace(trace=False)
+    tracer.runfunc(function)
+    return sum(tracer.results().counts.values())
 
 
 @pytest.mark.parametrize("until", [20.0, np.inf])

@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from types import SimpleNamespace
 
 import pytest
-from packages import put
+from packages import manifest, put
 
 from husky_highlevel_controller.config import ConfigError, load, to_json
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
@@ -58,10 +58,6 @@ from husky_highlevel_controller.tasks.workers import Workers
 
 pytestmark = pytest.mark.usefixtures("launch_files_read_here")
 
-MANIFEST = (
-    '<package format="2"><name>{}</name><version>0.0.0</version><description>d</description>'
-    '<maintainer email="{}">m</maintainer><license>BSD</license>{}</package>'
-)
 NODE = '<node name="n" pkg="{}" type="controller"/>'
 RVIZ = '<node name="rviz" pkg="rviz" type="rviz"/>'
 WORLD = (
@@ -70,9 +66,8 @@ WORLD = (
 )
 
 
-def package(folder, name, *depends, email="a@b.org"):
-    needs = "".join(f"<depend>{each}</depend>" for each in depends)
-    put(folder / "package.xml", MANIFEST.format(name, email, needs))
+def package(folder, name, *depends, **more):
+    put(folder / "package.xml", manifest(name, *depends, **more))
     return folder
 
 
@@ -183,8 +178,8 @@ def test_packages_are_found_by_manifests_that_are_files_in_folders_and_in_archiv
     for name, make in (("i", os.mkfifo), ("j", Path.mkdir), ("k", lambda path: path.symlink_to("/dev/zero"))):
         (ann / name).mkdir()
         make(ann / name / "package.xml")
-    inner = archive(ann.parent / "inner.zip", {"g/package.xml": MANIFEST.format("g", "", "")})
-    archive(ann / "e.zip", {"e/package.xml": MANIFEST.format("e", "", ""), "g.zip": inner.read_bytes()})
+    inner = archive(ann.parent / "inner.zip", {"g/package.xml": manifest("g")})
+    archive(ann / "e.zip", {"e/package.xml": manifest("e"), "g.zip": inner.read_bytes()})
     put(ann / "f.zip", "no archive")
     put(ann / "h.rar")
     contents = opened(ann)
@@ -308,7 +303,7 @@ def test_numbers_of_exercises_in_names():
 def test_of_packages_with_one_name_the_exercise_s_is_taken(exercise, taken, ann):
     for folder in ("course2", "src", "course5"):
         package(ann / folder / "husky", "husky")
-    archive(ann / "ex3_husky.zip", {"husky/package.xml": MANIFEST.format("husky", "", "")})
+    archive(ann / "ex3_husky.zip", {"husky/package.xml": manifest("husky")})
     _, (found,), notes = chosen(ann, exercise)
     assert str(found.place) == taken
     assert f"package husky is taken from {taken}" in notes[0]
