@@ -13,7 +13,7 @@ from rosgraph.network import encode_ros_handshake_header
 from rospy.exceptions import TransportTerminated
 from rospy.impl import tcpros_base
 from rospy.impl.tcpros_base import TCPROSTransport
-from rospy.impl.tcpros_pubsub import TCPROSPub
+from rospy.impl.tcpros_pubsub import QueuedConnection, TCPROSPub
 from std_msgs.msg import String
 
 from husky_highlevel_controller.ros import transport as transport_module
@@ -110,7 +110,8 @@ def replaced(monkeypatch):
     replace_transport()
 
 
-def test_every_publisher_with_a_queue_sends_a_small_message_at_once(ends, replaced):
+def test_every_publisher_with_a_queue_sends_a_small_message_at_once(ends, replaced, monkeypatch):
+    monkeypatch.setattr(QueuedConnection, "write_data", pytest.fail)
     publisher = rospy.topics._PublisherImpl("/scan", String)
     publisher.set_queue_size(1)
     transport, theirs = ends
