@@ -111,7 +111,7 @@ def replaced(monkeypatch):
 
 
 def test_every_publisher_with_a_queue_sends_a_small_message_at_once(ends, replaced, monkeypatch):
-    monkeypatch.setattr(QueuedConnection, "write_data", pytest.fail)
+    monkeypatch.setattr(QueuedConnection, "write_data", lambda *_: pytest.fail("queued"))
     publisher = rospy.topics._PublisherImpl("/scan", String)
     publisher.set_queue_size(1)
     transport, theirs = ends
