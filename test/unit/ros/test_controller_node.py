@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import fields, replace
+from io import BytesIO
 from math import atan2, hypot
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -31,13 +32,17 @@ STOP_DISTANCE, LASER_X = 0.4, 0.337  # [m]
 
 
 class Topic:
-    """A publisher with a subscriber."""
+    """A publisher with a subscriber, who gets what was sent by bytes as through a network."""
 
     impl = SimpleNamespace(connections=())
 
-    def __init__(self, latch):
-        self.latch, self.sent = latch, []
-        self.publish = self.sent.append
+    def __init__(self, kind, latch):
+        self.kind, self.latch, self.sent = kind, latch, []
+
+    def publish(self, msg):
+        sent = BytesIO()
+        msg.serialize(sent)
+        self.sent.append(self.kind().deserialize(sent.getvalue()))
 
     def get_num_connections(self):
         return 1
@@ -70,9 +75,9 @@ class Controller:
             monkeypatch.setattr(node, name, Mock())
         self.node = ControllerNode(None)
 
-    def advertise(self, name, _kind, listener=None, latch=False, **_):
+    def advertise(self, name, kind, listener=None, latch=False, **_):
         self.listener = listener or self.listener
-        return self.topics.setdefault(name, Topic(latch))
+        return self.topics.setdefault(name, Topic(kind, latch))
 
     def offer(self, name, _kind, callback):
         self.service, self.start_stop = name, lambda wanted: callback(SetBoolRequest(wanted))
