@@ -290,6 +290,15 @@ def test_a_crash_is_felt_however_the_samples_are_stamped(rate, stamped, loss):
     assert drive.go(hit)
 
 
+def test_a_crash_is_felt_by_all_samples_of_a_stamp():
+    drive = Drive(rate=200, stamped=by_clock)
+    assert not drive.go(np.zeros((400, 3)))
+    hit = np.zeros((200, 3))
+    hit[10:22, 0] = -0.4 / 0.06
+    hit[3::4] = 0.0  # the first of each stamp
+    assert drive.go(hit)
+
+
 @pytest.mark.parametrize("wheels_late", [0.0, 1.0])
 def test_a_jump_of_time_is_a_new_beginning_and_samples_that_waited_are_forgotten(wheels_late):
     drive = driven(wheels_late=wheels_late)
