@@ -291,6 +291,8 @@ def test_with_search_off_it_stops_says_why_once_and_goes_on_when_the_pillar_is_b
         assert controller.answer(ranges) == Twist()
     (warning,) = controller.warnings
     assert re.search(why, warning)
+    controller.answer(np.full(720, 1.0) if len(ranges) == 0 else np.zeros(0))
+    assert len(controller.warnings) == 2, "for another reason, which it says"
     told = len(controller.log)
     assert controller.answer().linear.x > 0.5
     (driving,) = controller.log[told:]
