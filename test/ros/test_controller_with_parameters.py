@@ -56,6 +56,8 @@ class Player(RosTest):
         self.scans = self.publisher("front/scan", LaserScan)
         self.transforms = self.publisher("/tf", TFMessage)
         self.x = 0.0  # [m], where the robot stands
+        rospy.wait_for_service("let_it_drive", 30.0)
+        rospy.ServiceProxy("let_it_drive", SetBool)(True)
 
     def send(self, ranges):
         """A scan, and where the robot was."""
@@ -103,8 +105,6 @@ class ParametersBeforeStart(Player):
         self.addCleanup(client.close)
         before = client.get_configuration(timeout=30.0)
         self.addCleanup(lambda: client.update_configuration(before))
-        rospy.wait_for_service("let_it_drive", 30.0)
-        rospy.ServiceProxy("let_it_drive", SetBool)(True)
         self.assertAlmostEqual(self.answer(pillar_ahead(3.0)).linear.x, 0.3 * 2.0, delta=0.01)
         client.update_configuration({"p_gain_vel": 0.1})
         self.assertAlmostEqual(self.answer(pillar_ahead(3.0)).linear.x, 0.1 * 2.0, delta=0.01)

@@ -28,16 +28,14 @@ class StopsWhenTooClose(RosTest):
         self.wait_until(lambda: warnings("zero is commanded on /twist_marker_server/cmd_vel"), "it says so")
         self.wait_until(standing, "the robot stands", 5.0)
         driver.offer_service()
-        self.wait_until(lambda: driver.stops, "the driver is stopped")
+        stopped = "stopped the controller. When the way is free: rosservice call /driver/start_stop true"
+        self.wait_until(lambda: warnings(stopped), "it warns")
         count = len(zeros)
         self.wait(1.0)
         self.assertEqual(driver.stops, 1, "once is enough")
         self.assertLessEqual(len(zeros), count + 1)
         self.assertGreater(gap(truth[-1]), 0.02, "it has not touched the post")
         self.assertLess(gap(truth[-1]), 0.30, "it did not stop long before")
-
-        stopped = "When the way is free: rosservice call /driver/start_stop true"
-        self.wait_until(lambda: warnings(stopped), "it warns")
         (warning,) = warnings(stopped)
         self.assertIn("towards it", warning.msg)
 
