@@ -160,6 +160,8 @@ def test_pillar_estimate_path_target_state_and_errors_are_where_they_are(control
 
     single = controller.sent("~visualization_marker")
     assert len({(marker.ns, marker.header.stamp) for marker in single}) == len(single) == 2 * 15
+    arrays = [marker for array in controller.sent("~visualization_marker_array") for marker in array.markers]
+    assert {marker.lifetime for marker in single + arrays} == {rospy.Duration()}, "drawn until taken away"
     in_laser, in_odom = single[-2:]
     assert (in_laser.ns, in_laser.header.frame_id) == ("pillar_in_laser", "front_laser")
     assert place(in_laser) == near(x - LASER_X, -y), "the lidar hangs upside down"

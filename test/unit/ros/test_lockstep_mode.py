@@ -240,6 +240,7 @@ def waits(limit, scans, answers_each):
 def test_time_waits_once_for_a_controller_that_no_longer_answers_every_scan(monkeypatch, answers_each):
     monkeypatch.setattr(lockstep.threading, "Event", Arrived)
     limit = LeadLimit(True)
+    assert waits(limit, 100, 1) == 0
     for _ in range(2):
         assert waits(limit, 100, answers_each) == 1
         assert waits(limit, FOLLOWING_SCANS + 1, 1) == 0, "it answers again"
