@@ -511,14 +511,21 @@ def test_rviz_s_default_file_beside_a_package_is_its_configuration_and_no_link_i
     assert not prepare_module.add_rviz_files(contents, 3, husky), "which has one of its own"
 
 
-def test_a_build_that_puts_a_link_in_place_of_a_package_is_refused(tmp_path, monkeypatch):
+def test_a_build_that_lays_links_in_place_of_files_writes_nothing_outside_and_is_refused(
+    tmp_path, monkeypatch
+):
     folders = Folders(tmp_path / "ws", {"husky": tmp_path / "ws" / "src" / "husky"})
     (tmp_path / "home").mkdir()
     (tmp_path / "ws" / "src").mkdir(parents=True)
-    folders.packages["husky"].symlink_to(tmp_path / "home")
-    monkeypatch.setattr(build_module, "_catkin_make", lambda *_: ("", 0))
+    remove = "rm -rf stand_ins build.log src/husky"
+    links = "ln -s ../home stand_ins; ln -s ../home/log build.log; ln -s ../../home src/husky"
+    command = ["sh", "-c", f"{remove}; {links}; echo '{MISSES.format('stand_in')}'; exit 1"]
+    monkeypatch.setattr(process_module, "sandboxed", lambda *_: command)
     with pytest.raises(NotMarkableError, match="links in place of src"):
         build_module.build(folders, frozenset({"husky"}), Workspace())
+    assert [path.name for path in folders.stand_ins.glob("share/*")] == ["no_such_stand_in"]
+    assert folders.log.read_text().startswith("Could not find")
+    assert not list((tmp_path / "home").iterdir())
 
 
 @pytest.mark.parametrize(
