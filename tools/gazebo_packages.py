@@ -5,7 +5,6 @@ Run by its path it prints a ROS_PACKAGE_PATH for plain roslaunch.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import re
@@ -57,8 +56,11 @@ def join_copies(paths: List[str]) -> Dict[str, Path]:
                 new = Path(scratch) / "new"
                 join(copy, COMPAT / name, new / name)
                 place = kept / digest(new)
-                with contextlib.suppress(OSError):  # another launch, which may still read it, made the same
+                try:
                     new.rename(place)
+                except OSError:
+                    if not place.is_dir():  # else another launch, which may still read it, made the same
+                        raise
             joined[name] = place / name
     return joined
 

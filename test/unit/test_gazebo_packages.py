@@ -99,6 +99,11 @@ def test_a_copy_keeps_its_own_files_and_gets_launch_files_that_run_here(tmp_path
     assert path_beside(tmp_path)[0] == joined
     assert joined.stat().st_ino == folder, "another launch may read it"
     assert len(list((tmp_path / "home" / "gazebo_packages").iterdir())) == 1
+    shutil.rmtree(joined.parent)
+    joined.parent.touch()
+    with pytest.raises(subprocess.CalledProcessError):  # a folder that cannot be made is not printed
+        path_beside(tmp_path)
+    joined.parent.unlink()
     package(tmp_path, name, "worlds/new.world")
     (newer, *_) = path_beside(tmp_path)
     assert (newer / "worlds" / "new.world").resolve() == copy / "worlds" / "new.world"
