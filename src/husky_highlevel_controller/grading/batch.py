@@ -58,6 +58,7 @@ from husky_highlevel_controller.tasks.workers import Workers
 
 DEADLINE = 3600.0  # [s] of wall time for one hand-in, beside its drives
 PROGRAM = "husky_highlevel_controller.grading.mark"
+DPKG = "/var/lib/dpkg/info"  # folder with a list of files for each package of Debian
 CLEANUP_DEADLINE = 10.0  # [s] of wall time from Ctrl-C until the marking program is killed
 MAX_RETURNED = 50_000_000  # [bytes] of a file that a cluster sends back
 # folders that are made of the hand-in, or by it
@@ -160,7 +161,7 @@ def job_of(name: str, path: Path, override: Override, config: MarkingConfig, bat
 def installed_packages(setups: Sequence[str]) -> str:
     """Fingerprint of the names of the packages of Debian, ROS and Python on this machine."""
     prefixes = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), *map(os.path.dirname, setups)]
-    patterns = ["/var/lib/dpkg/info/*.list", *(f"{glob.escape(prefix)}/share/*" for prefix in prefixes)]
+    patterns = [f"{DPKG}/*.list", *(f"{glob.escape(prefix)}/share/*" for prefix in prefixes)]
     patterns += [f"{glob.escape(folder)}/*.dist-info" for folder in sys.path]
     return fingerprint(sorted(path for pattern in patterns for path in glob.glob(pattern)))
 

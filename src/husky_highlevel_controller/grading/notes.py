@@ -71,7 +71,9 @@ class Subject(Enum):
 
 
 # of findings that a package which is not installed may cause
-MISSES_PACKAGES = frozenset({Kind.BUILD, Kind.MISSING_PACKAGE, Kind.NOT_STARTED, Kind.NODE_FAILED})
+MISSES_PACKAGES = frozenset(
+    {Kind.BUILD, Kind.MISSING_PACKAGE, Kind.LAUNCH_FILE, Kind.NOT_STARTED, Kind.NODE_FAILED}
+)
 
 
 @dataclass(frozen=True)

@@ -810,23 +810,31 @@ def test_another_deadline_or_robot_drives_again_and_what_changed_or_was_missing_
     mark_all(config, batch)
     assert (len(builds), len(driven)) == (5, 7)
 
-    def installed(package):
-        (tmp_path / "prefix" / "share" / package).mkdir(parents=True)
+    def marked_with(installed=None):
+        if installed:
+            put(tmp_path / installed, "")
         mark_all(config, batch)
         return len(builds), len(driven)
 
     monkeypatch.setenv("CMAKE_PREFIX_PATH", str(tmp_path / "prefix"))
-    assert installed("other") == (5, 7), "nothing was missing"
-    notes.append(Note(Kind.MISSING_PACKAGE, "not installed: missing"))
-    put(husky / "new.txt", "xx")
-    assert installed("one_more") == (6, 8)
-    mark_all(config, batch)
-    assert len(builds) == 6, "nothing was installed"
-    assert installed("missing") == (7, 9)
-    notes.clear()
-    failures.append(Note(Kind.NODE_FAILED, "ModuleNotFoundError"))
-    assert installed("build_dependency") == (8, 10)
-    assert installed("module") == (8, 11), "what was built is whole"
+    monkeypatch.setattr(batch_module, "DPKG", str(tmp_path / "dpkg"))
+    monkeypatch.syspath_prepend(tmp_path / "python")
+    assert marked_with("prefix/share/other/package.xml") == (5, 7), "nothing was missing"
+    for place, kind, installed in (
+        (notes, Kind.MISSING_PACKAGE, "prefix/share/missing/package.xml"),
+        (notes, Kind.BUILD, "dpkg/missing.list"),
+        (notes, Kind.LAUNCH_FILE, "python/missing.dist-info/METADATA"),
+        (failures, Kind.NODE_FAILED, "python/module.dist-info/METADATA"),
+        (failures, Kind.NOT_STARTED, "dpkg/module.list"),
+    ):
+        notes.clear()
+        failures.clear()
+        place.append(Note(kind, "not installed: missing"))
+        put(husky / "new.txt", kind.value)
+        built, drives = marked_with()
+        assert marked_with() == (built, drives), "nothing was installed"
+        is_whole = place is failures  # what was built
+        assert marked_with(installed) == (built if is_whole else built + 1, drives + 1), kind
 
 
 @pytest.mark.parametrize(
