@@ -39,6 +39,7 @@ MEMORY = 1.0  # [s], over which the ground's vibration is averaged
 LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1  # [s] of samples before smooth and rough ground are judged
 LONGEST_PERIOD = 0.2  # [s], a longer gap between samples is a new beginning
 PATIENCE = 2.0  # [s] without odometry, or before the first, for which samples wait: then it has ended
+LONGEST_WAIT = 2.5  # [s] of a sample for later odometry
 LONGEST_DELAY = 10.0  # [s] by which samples may come later than odometry
 SHOCK = 6.0  # [m/s^2], samples above count only as far as they exceed what the vertical axis shows
 ROUGH = 0.013  # [m/s], vibration of a window that is rough ground; an A200 standing: 0.005, on flooring: 0.03
@@ -96,7 +97,7 @@ class CrashDetector:
         self._config = config
         self._wheels: Deque[Tuple[float, float]] = deque()  # stamp [s], speed [m/s]
         self._waiting: Deque[Tuple[ImuSample, Quaternion]] = deque()  # for odometry, with their mounts
-        self._received = inf  # [s], when the last odometry came, or the first sample where none has
+        self._silent_since = inf  # [s], stamp of the first sample since the last odometry
         self.reset()
 
     def reset(self) -> None:
@@ -119,7 +120,7 @@ class CrashDetector:
                 return
             self._wheels.clear()
         self._wheels.append((stamp, twist_in_base.linear))
-        self._received = max(stamp, self._waiting[-1][0].stamp if self._waiting else self._stamp)
+        self._silent_since = inf
         oldest = max(min(stamp, self._stamp), stamp - LONGEST_DELAY) - MEMORY  # for the next sample to judge
         while self._wheels[0][0] < oldest:
             self._wheels.popleft()
@@ -149,8 +150,7 @@ class CrashDetector:
         if self._waiting and sample.stamp < self._waiting[-1][0].stamp - LONGEST_PERIOD:
             self._waiting.clear()  # time runs back
         self._waiting.append((sample, imu_in_base))
-        if not self._wheels:
-            self._received = min(self._received, sample.stamp)
+        self._silent_since = min(self._silent_since, sample.stamp)
         loss = None
         while loss is None and self._waiting and self._has_odometry(self._waiting[0][0].stamp, sample.stamp):
             loss = self._judge_sample(*self._waiting.popleft())
@@ -158,7 +158,7 @@ class CrashDetector:
 
     def _has_odometry(self, stamp: float, now: float) -> bool:
         """Whether odometry of a time [s] has come, as far as it will."""
-        if now - self._received > PATIENCE:
+        if now - self._silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
             return True
         last = [at for at, _ in islice(reversed(self._wheels), 3)]
         period = min((after - before for after, before in zip(last, last[1:])), default=0.0)  # no gap

@@ -252,9 +252,13 @@ def test_when_odometry_ends_a_crash_is_felt_within_two_seconds_of_its_end_or_soo
     assert drive.go(crash(after=0.2)), "and the next one is felt soon"
 
 
-@pytest.mark.parametrize("late", [0.0, 1.0])
-def test_the_delay_is_that_of_odometry(late):
-    assert driven(wheels_late=late).detector.delay == pytest.approx(late, abs=0.25 if late else 0.1)
+@pytest.mark.parametrize(("late", "delay"), [(0.0, 0.0), (1.0, 1.0), (3.0, 2.5)])
+def test_the_delay_is_that_of_odometry_up_to_two_and_a_half_seconds(late, delay):
+    drive = driven(wheels_late=late)
+    drive.go(push(4.5))
+    assert drive.detector.delay == pytest.approx(delay, abs=0.25 if late else 0.1)
+    (first, _), *_ = drive.go(crash(after=3.5))
+    assert first - 6.5 < delay + 0.3
 
 
 def by_clock(now):
@@ -299,12 +303,16 @@ def test_a_crash_is_felt_by_all_samples_of_a_stamp():
     assert drive.go(hit)
 
 
+@pytest.mark.parametrize("odometry_ends", [False, True])
 @pytest.mark.parametrize("wheels_late", [0.0, 1.0])
-def test_a_jump_of_time_is_a_new_beginning_and_samples_that_waited_are_forgotten(wheels_late):
+def test_a_jump_of_time_is_a_new_beginning_and_samples_that_waited_are_forgotten(wheels_late, odometry_ends):
     drive = driven(wheels_late=wheels_late)
     assert bool(drive.go(crash(after=0.2))) is (wheels_late == 0.0)
     drive.step, drive.wheels_late = 0, 0.0  # the simulator was started again
     drive.wheels.clear()
+    drive.wheels_every = 1  # odometry comes first
+    drive.go(push(0.01))
+    drive.wheels_late = 1e9 if odometry_ends else 0.0
     assert not drive.go(push(2.0))
     assert drive.go(crash())
 
