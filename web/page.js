@@ -179,9 +179,21 @@
     // viser prevents the default in a passive listener when a thing is dragged: only an error in the console
     if (event.target instanceof HTMLCanvasElement) event.preventDefault = () => {};
   }, true);
+  // the bar may be drawn anew while the button is held down: what was pressed counts, where it is let go
+  const stopButton = (element) => (element instanceof Element ? element.closest("[data-husky-e-stop]") : null);
+  const sendStop = (button) => send({ e_stop: button.dataset.huskyEStop === "true" });
+  let pressed = null;
+  document.addEventListener("pointerdown", (event) => {
+    pressed = event.button === 0 ? stopButton(event.target) : null;
+  }, true);
+  document.addEventListener("pointerup", (event) => {
+    const isOver = stopButton(document.elementFromPoint(event.clientX, event.clientY)) !== null;
+    if (pressed !== null && isOver) sendStop(pressed);
+    pressed = null;
+  }, true);
   document.addEventListener("click", (event) => {
-    const button = event.target instanceof Element ? event.target.closest("[data-husky-e-stop]") : null;
-    if (button !== null) send({ e_stop: button.dataset.huskyEStop === "true" });
+    const button = event.detail === 0 ? stopButton(event.target) : null; // by a key, not by a pointer
+    if (button !== null) sendStop(button);
   }, true);
   window.addEventListener("load", () => {
     if (location.search.includes("token=")) history.replaceState(null, "", "/"); // it is a cookie by now

@@ -40,14 +40,15 @@ class TruthFeed:
         self._path.unlink()
         with connection, connection.makefile("r", buffering=BUFFER) as lines:
             for line in lines:
+                key = ""
                 with contextlib.suppress(ValueError, TypeError, AttributeError):  # a broken line
-                    for key, value in json.loads(line).items():
-                        if key == "truth":
-                            self._on_truth(TrueState.from_numbers(value))
-                        elif key == "ready":
-                            self._begins.wait()
-                        else:
-                            self._on_event(key, str(value))
-                if line.startswith(('{"truth"', '{"ready"')):  # the simulator waits for it
+                    ((key, value),) = json.loads(line).items()
+                    if key == "truth":
+                        self._on_truth(TrueState.from_numbers(value))
+                    elif key == "ready":
+                        self._begins.wait()
+                    else:
+                        self._on_event(key, str(value))
+                if key in ("truth", "ready"):  # the simulator waits for it
                     with contextlib.suppress(OSError):
                         connection.sendall(READ)

@@ -27,12 +27,14 @@ class PlaybackWatch:
         self._paths: Dict[str, List[Tuple[float, float, float]]] = {}
         self._top_view: List[Tuple[float, ...]] = []
         self._came_at = time.monotonic()
+        self.subscribers: List[rospy.Subscriber] = []
 
     def follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic of the submission, if it is odometry."""
         if kind == "nav_msgs/Odometry" and topic not in self._paths and len(self._paths) < MAX_TOPICS:
             self._paths[topic] = []
-            rospy.Subscriber(topic, Odometry, self._on_odometry, topic, queue_size=MAX_ESTIMATES)
+            subscriber = rospy.Subscriber(topic, Odometry, self._on_odometry, topic, queue_size=MAX_ESTIMATES)
+            self.subscribers.append(subscriber)
 
     def _on_odometry(self, msg: Odometry, topic: str) -> None:
         self._came_at = time.monotonic()

@@ -213,13 +213,14 @@ class DriveRecorder:
             )
 
     def _begin(self, joined_at: float) -> None:
-        """Let time begin once all that publishes is connected, or cannot be: a drive repeats from its start.
+        """Let time begin once what is recorded is connected, or cannot be: a drive repeats from its start.
 
         `joined_at` [s] is of an earlier look: what is advertised a moment after the commands is seen by now.
         """
+        estimates = self._playback.subscribers if self._playback else ()
         connected = all(
             each.get_num_connections() >= len(self._publishers.get(each.resolved_name, ()))
-            for each in (*self._subscribers, *self._watch.subscribers)
+            for each in (*self._subscribers, *self._watch.subscribers, *estimates)
         )
         if joined_at < inf and (connected or time.monotonic() > joined_at + CONNECTING):
             self._feed.begin()

@@ -42,9 +42,11 @@ class TruthLog:
     def wait_to_begin(self, meanwhile: Callable[[], None]) -> None:
         """Wait until the reader lets time begin, calling `meanwhile`."""
         self.write_line("ready", "")
-        while self._socket and not select.select([self._socket], [], [], POLL_PERIOD)[0]:
+        while self._socket and not rospy.is_shutdown():
+            if select.select([self._socket], [], [], POLL_PERIOD)[0]:
+                self._wait_for_reader()
+                return
             meanwhile()
-        self._wait_for_reader()
 
     def write(self, snapshot: Snapshot) -> None:
         """Write the true state, and wait until it is read.
