@@ -89,7 +89,10 @@ def test_a_sweep_that_is_ended_keeps_what_was_driven_and_leaves_no_process(how, 
     running = start_sweep(tmp_path)
     workers = psutil.Process(running.pid).children()
     running.send_signal(how)
-    _, told = running.communicate(timeout=120.0)
+    try:
+        _, told = running.communicate(timeout=120.0)
+    finally:
+        running.kill()
     assert (running.returncode, told) == (code, sentence)
     assert 1 <= kept(tmp_path / "results.sqlite") < 12 * 20
     assert workers

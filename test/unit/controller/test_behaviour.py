@@ -408,3 +408,10 @@ def test_an_arrived_robot_drives_again_when_the_pillar_is_10_cm_farther_off(shif
     assert toy.drive(3.0)[-1].output.state is State.ARRIVED
     toy.circles = [(1.2 + shift, 0.0, 0.2)]
     assert toy.step().output.state is state
+
+
+def test_it_drives_on_to_the_one_it_has_chosen_when_another_is_nearer():
+    toy = Toy([(20.0, 1.5, 0.2)], seed=3, period=0.05)
+    toy.drive(1.0)
+    toy.circles.append((8.0, 6.0, 0.2))
+    assert all(hypot(*step.output.target_in_base) > 15.0 for step in toy.drive(1.0))

@@ -23,7 +23,6 @@ from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.diff_drive import Drive
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
-LAW = settings(derandomize=True, deadline=None, max_examples=100)
 CONFIG, HUSKY = ProximityConfig(), load_robot()
 HULL = (0.9874 / 2, 0.5709 / 2)  # [m], half lengths and widths, husky_description 0.6.10
 WHEELS = (0.5120 / 2 + 0.1651, (0.5708 + 0.1143) / 2)

@@ -62,6 +62,8 @@ def test_beams_are_cast_where_the_scan_says_they_point_and_as_far_as_it_reaches(
 )
 def test_a_miss_reads_plus_inf_and_too_close_minus_inf_whatever_the_noise(noise, distance, reading):
     assert set(ranges_of([distance] * 500, replace(SICK, noise=noise))) == {reading}
+    hidden = ranges_of([distance] * 500, replace(simulator_config("smb").lidar, noise=noise, range_max=30.0))
+    assert set(hidden) == {inf}, "the SMB's does not see what is too near"
 
 
 @LAW
