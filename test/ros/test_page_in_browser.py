@@ -227,8 +227,11 @@ def test_the_log_is_filtered_by_text(page, network):
     field = label.locator("xpath=ancestor::div[.//input][1]").locator("input")
     field.fill("ONE OF A KIND")
     lines = page.locator(".husky-log div")
-    shown = lambda: {"one of a kind" in line for line in lines.all_inner_texts()}  # noqa: E731
-    wait_until(lambda: shown() == {True}, "this line alone is shown")
+
+    def are_of_a_kind():
+        return {"one of a kind" in line for line in lines.all_inner_texts()}
+
+    wait_until(lambda: are_of_a_kind() == {True}, "this line alone is shown")
     field.fill("nothing has said this")
     page.wait_for_selector("text=no lines pass the filter")
     field.fill("")

@@ -209,11 +209,11 @@ class CrashDetector:
 
     def _acceleration(self, stamp: float) -> float:
         """Acceleration of the wheels by the last two messages before a time [m/s^2]; 0 if they are old."""
-        earlier = [wheels for wheels in self._wheels if wheels[0] <= stamp][-2:]
-        if len(earlier) < 2 or stamp - earlier[-1][0] > LONGEST_PERIOD:
-            return 0.0
-        (before, old), (after, new) = earlier
-        return (new - old) / (after - before)
+        newest = reversed(self._wheels)
+        for (after, new), (before, old) in zip(newest, islice(reversed(self._wheels), 1, None)):
+            if after <= stamp:
+                return (new - old) / (after - before) if stamp - after <= LONGEST_PERIOD else 0.0
+        return 0.0
 
     def _curve(self, sample: ImuSample) -> float:
         """Acceleration to the left in a curve at the wheels' speed [m/s^2]."""

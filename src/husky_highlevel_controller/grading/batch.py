@@ -97,8 +97,10 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     (batch.out / "CATKIN_IGNORE").touch()  # unpacked hand-ins are no packages of a workspace around them
     results: Dict[str, MarkingResult] = {}
     waiting: List[Job] = []
+    installed = installed_packages(batch.setups)
     for name in names:
         job = job_of(name, hand_ins[name], overrides.get(name, Override()), config, batch)
+        job = replace(job, installed=installed)
         if job.name in batch.only:  # all of it again
             Path(job.out, WORKSPACE).unlink(missing_ok=True)
         earlier = None if job.name in batch.only else _earlier(job)
@@ -154,8 +156,7 @@ def job_of(name: str, path: Path, override: Override, config: MarkingConfig, bat
             digest.update(line.encode(errors="replace"))
     made_of = digest.hexdigest()
     digest.update(to_json(replace(config, rules=Rules())).encode() + repr(override.robot).encode())
-    installed = installed_packages(batch.setups)
-    return replace(job, made_of=made_of, fingerprint=digest.hexdigest(), installed=installed)
+    return replace(job, made_of=made_of, fingerprint=digest.hexdigest())
 
 
 def installed_packages(setups: Sequence[str]) -> str:

@@ -53,8 +53,9 @@ class TruthLog:
 
         A busy reader must not take what comes now for something later.
         """
-        self.write_line("truth", snapshot.true_state.to_numbers())
-        self._wait_for_reader()
+        if self.is_open:
+            self.write_line("truth", snapshot.true_state.to_numbers())
+            self._wait_for_reader()
 
     def _wait_for_reader(self) -> None:
         try:
