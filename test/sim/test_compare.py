@@ -13,6 +13,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation import metrics
 from husky_highlevel_controller.evaluation.scenarios import random_starts
 from husky_highlevel_controller.evaluation.setup import Setup
+from husky_highlevel_controller.grading import compare as grading_compare
 from husky_highlevel_controller.robot import load_robot
 
 BASE = Outcome("start 0", 10.0, 0.3, np.zeros((2, 3)), (20.0, 5.0))
@@ -110,6 +111,7 @@ def test_the_command_draws_where_one_fails_and_ends_with_1(tmp_path, capsys, mon
         ("no_module:decide", "no_module: no such Python file or module"),
         ("FILE:nothing", "nothing is not a function"),
         ("FILE:other", "has no attribute 'other'"),
+        ("package/file.launch", "package/file.launch: a launch file needs ROS; use rosrun"),
         ("FILE:broken", r"timid\.py:broken fails in start 0: ZeroDivisionError"),
     ],
 )
@@ -131,8 +133,9 @@ def test_what_is_no_contestant_or_fails_is_named(tmp_path, text, sentence):
 def test_a_launch_file_is_known_by_its_package_and_drives_with_one_profile_only(
     option, sentence, tmp_path, capsys
 ):
-    one = contestant("husky_highlevel_controller/controller.launch naive:=true", Setup())
+    text = "husky_highlevel_controller/controller.launch naive:=true"
+    one = contestant(text, Setup(), grading_compare.launch_contestant)
     assert one.launch.command[1:] == ("husky_highlevel_controller", "controller.launch", "naive:=true")
     with pytest.raises(SystemExit, match="2"):
-        compare.main([one.name, one.name, *option, "--out", str(tmp_path)])
+        grading_compare.main([one.name, one.name, *option, "--out", str(tmp_path)])
     assert sentence in capsys.readouterr().err

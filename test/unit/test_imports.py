@@ -23,7 +23,7 @@ MAY_IMPORT = {
     "estimation": {"estimation"},
     "tasks": {"tasks"},
     "evaluation": {"evaluation", "simulator", "controller", "tasks"},
-    "grading": {"grading", "tasks"},
+    "grading": {"grading", "tasks", "evaluation", "comparison"},
     # the stages of marking: each reads the files of the one before, none knows another
     "grading/hand_in": {
         "grading/hand_in",
@@ -50,7 +50,7 @@ MAY_IMPORT = {
     },
     "grading/reports": {"grading/reports", "grading/recording", "grading/isolation", "grading/records"},
     "grading/isolation": {"grading/isolation"},
-    "comparison": {"comparison", "evaluation", "grading", "simulator", "controller", "tasks"},
+    "comparison": {"comparison", "evaluation", "simulator", "controller", "tasks"},
     "ros": {"ros"},
     **{f"ros/{room}": {f"ros/{room}", room} for room in ("simulator", "controller", "estimation", "grading")},
     "ros/safety": {"ros/safety", "controller"},

@@ -9,17 +9,22 @@ import argparse
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import List, Optional, Sequence, Tuple
+from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.comparison.contestant import Contestant, Outcome, contestant, drive_scene
+from husky_highlevel_controller.comparison.contestant import (
+    Contestant,
+    LaunchKind,
+    Outcome,
+    contestant,
+    drive_scene,
+)
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation.plots import draw_pairs
 from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
 from husky_highlevel_controller.evaluation.setup import add_drive_options, setup_of
 from husky_highlevel_controller.evaluation.statistics import bootstrap, paired_row
-from husky_highlevel_controller.grading.isolation.process import stop_on_signals
 from husky_highlevel_controller.plots import draw_paths
 from husky_highlevel_controller.result import Result, Table
 from husky_highlevel_controller.tasks.command import between, exit_codes
@@ -101,7 +106,9 @@ def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: W
     sides = []
     for letter, competitor in (("A", a), ("B", b)):
         items = [(competitor, scene) for scene in scenes]
-        sides.append(tuple(workers.map(drive_scene, items, letter, starts_programs=bool(competitor.launch))))
+        sides.append(
+            tuple(workers.map(drive_scene, items, letter, starts_programs=competitor.starts_programs))
+        )
     return Comparison((a.name, b.name), sides[0], sides[1])
 
 
@@ -140,13 +147,21 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def main(arguments: Optional[Sequence[str]] = None) -> None:
-    """Run the command."""
+def main(
+    arguments: Optional[Sequence[str]] = None,
+    launch_kind: Optional[LaunchKind] = None,
+    end_programs_on_signals: Callable[[], None] = lambda: None,
+) -> None:
+    """Run the command.
+
+    The grader passes the maker of launch file contestants, and the function that has their programs ended
+    before this one at a signal; without them launch files are refused.
+    """
     options = parse(arguments)
     with exit_codes("compare"):
         base = setup_of(options.profile, options.ground, options.robot)
-        a, b = contestant(options.a, base), contestant(options.b, base)
-        launches = bool(a.launch or b.launch)
+        a, b = (contestant(text, base, launch_kind) for text in (options.a, options.b))
+        launches = a.starts_programs or b.starts_programs
         if launches:
             if options.profile != "gazebo":
                 raise HuskyError(
@@ -154,7 +169,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
                 )
             if options.robot != "husky":
                 raise HuskyError(f"--robot {options.robot}: a launch file drives the husky only")
-            stop_on_signals()  # its programs are ended first
+            end_programs_on_signals()
         options.out.mkdir(parents=True, exist_ok=True)
         # what a launch file starts is not known, so its drives are not kept
         with Workers(options.jobs, options.cluster, None if launches else options.out / RESULTS) as workers:

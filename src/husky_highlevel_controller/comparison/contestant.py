@@ -1,8 +1,9 @@
-"""Contestants of a comparison (parameters, a function, a launch file), and one drive of each.
+"""Contestants of a comparison (parameters or a function), and the outcome of one run of each.
 
 In: texts of a command line, scenes. Out: `Outcome`s.
 
-All kinds are judged by the true poses alone, for a launch file tells nothing else.
+All kinds of contestants are judged by the true poses alone, because a launch file exposes nothing else. A
+contestant that is a launch file stands beside the grader, whose recorder watches it.
 """
 
 from __future__ import annotations
@@ -11,49 +12,103 @@ import importlib
 import importlib.util
 import shlex
 import sys
-import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from math import inf
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Optional, Tuple
+from typing import Any, Optional, Protocol, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.config import load
 from husky_highlevel_controller.controller.behaviour import decide
-from husky_highlevel_controller.course import PILLAR_POSITION, PILLAR_RADIUS, REACHED, STANDS, TOUCH
+from husky_highlevel_controller.course import PILLAR_RADIUS, REACHED, STANDS, TOUCH
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.evaluation import metrics
 from husky_highlevel_controller.evaluation.rollout import Controller
 from husky_highlevel_controller.evaluation.scenarios import Scenario
 from husky_highlevel_controller.evaluation.setup import Setup, load_setup
-from husky_highlevel_controller.grading.drive.run import drive
-from husky_highlevel_controller.grading.drive.trials import Trial
-from husky_highlevel_controller.grading.hand_in.plan import plan
-from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.notes import texts
-from husky_highlevel_controller.grading.recording import RECORDING, Recording
-from husky_highlevel_controller.grading.records import Launchable, MarkingConfig
-from husky_highlevel_controller.grading.submission import Submission
-from husky_highlevel_controller.robot import Robot, load_robot
+from husky_highlevel_controller.robot import Robot
 
 PACKAGE = __name__.split(".")[0]
-LAUNCH_PACE, LAUNCH_DEADLINE = 5.0, metrics.DRIVE_SECONDS  # simulated seconds a second; [s], simulated
 DRAWN_POSES = 300  # of a drive, that are kept for its picture
 
 
+class Contestant(Protocol):
+    """Side of a comparison, A or B; it is sent to the worker that drives."""
+
+    @property
+    def name(self) -> str:
+        """Text that names the contestant on the command line and in the report."""
+
+    @property
+    def starts_programs(self) -> bool:
+        """Whether a run starts programs of their own, so that a kept result could be of other code."""
+
+    def drive(self, scenario: Scenario) -> Outcome:
+        """Drive a scene.
+
+        Raises:
+            HuskyError: the controller fails, or does not start.
+        """
+
+
+class LaunchKind(Protocol):
+    """Maker of contestants that are launch files; only the grader has one, because it starts ROS."""
+
+    def __call__(self, text: str, package: str, file: str, arguments: Sequence[str]) -> Contestant:
+        """Return the contestant of PACKAGE/FILE.launch with arguments name:=value."""
+
+
 @dataclass(frozen=True)
-class Contestant:
-    """Side of a comparison, A or B."""
+class FunctionContestant:
+    """Controller that runs in the process of the simulation."""
 
     name: str
     setup: Setup
-    function: str = ""  # what decides in place of `behaviour.decide`; empty: that does
-    module: str = ""  # the function's, if it is this package's
-    source: str = ""  # text of the function's file, else: it is sent to where it drives
-    launch: Optional[Launchable] = None  # None: it drives in process
+    function: str = ""  # decision function; defaults to `behaviour.decide`
+    module: str = ""  # module of the function, if it belongs to this package
+    source: str = ""  # otherwise, source text of the function's file, sent to the worker
+
+    @property
+    def starts_programs(self) -> bool:
+        """False, because the run stays in this process."""
+        return False
+
+    @property
+    def controller(self) -> Controller:
+        """Function that decides.
+
+        Raises:
+            HuskyError: the file cannot be run, or has no such function.
+        """
+        if not self.function:
+            return decide
+        try:
+            module: Any = importlib.import_module(self.module) if self.module else _module(self.source)
+            controller: Controller = getattr(module, self.function)
+        except Exception as error:  # anything may be in a file
+            raise HuskyError(f"{self.name}: {type(error).__name__}: {error}") from None
+        if not callable(controller):
+            raise HuskyError(f"{self.name}: {self.function} is not a function")
+        return controller
+
+    def drive(self, scenario: Scenario) -> Outcome:
+        """Drive a scene.
+
+        Raises:
+            HuskyError: the function fails.
+        """
+        setup = self.setup
+        try:
+            trace = metrics.drive(setup, scenario, self.controller)
+        except HuskyError:
+            raise
+        except Exception as error:
+            failure = f"{type(error).__name__}: {error}"
+            raise HuskyError(f"{self.name} fails in {scenario.name}: {failure}") from error
+        x, y = trace.pillars[0]
+        return outcome(scenario.name, trace.times, trace.poses, (float(x), float(y)), setup.simulator.robot)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,28 +137,32 @@ class Outcome:
         return end + touched + notes
 
 
-def contestant(text: str, base: Setup) -> Contestant:
+def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None) -> Contestant:
     """Contestant of a text: FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch [ARGUMENTS].
 
     Raises:
-        HuskyError: none of these, or it cannot be read.
+        HuskyError: none of these, it cannot be read, or it is a launch file and there is no ROS.
     """
     first, *arguments = shlex.split(text) or [""]
     if first.endswith((".yaml", ".yml")):
-        return Contestant(text, load_setup(Path(first), base))
+        return FunctionContestant(text, load_setup(Path(first), base))
     if first.endswith(".launch") and first.count("/") == 1:
+        if launch_kind is None:
+            raise HuskyError(
+                f"{text}: a launch file needs ROS; use rosrun husky_highlevel_controller compare"
+            )
         package, file = first.split("/")
-        return Contestant(text, base, launch=Launchable("launch", package, file, tuple(arguments)))
+        return launch_kind(text, package, file, arguments)
     place, colon, function = first.rpartition(":")
     if not colon or not function.isidentifier() or arguments:
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION and PACKAGE/FILE.launch"
         raise HuskyError(f"'{text}' is none of {kinds}")
     if place.split(".")[0] == PACKAGE:
-        contestant = Contestant(text, base, function, module=place)
+        made = FunctionContestant(text, base, function, module=place)
     else:
-        contestant = Contestant(text, base, function, source=_source(place))
-    controller_of(contestant)  # now, and not in the middle of many drives
-    return contestant
+        made = FunctionContestant(text, base, function, source=_source(place))
+    _ = made.controller  # raises now, and not in the middle of many drives
+    return made
 
 
 def _source(place: str) -> str:
@@ -117,21 +176,6 @@ def _source(place: str) -> str:
         raise HuskyError(f"{place}: no such Python file or module: {error}") from None
 
 
-def controller_of(contestant: Contestant) -> Controller:
-    """The function that decides; HuskyError where its file cannot be run, or has no such function."""
-    if not contestant.function:
-        return decide
-    try:
-        name = contestant.module
-        module: Any = importlib.import_module(name) if name else _module(contestant.source)
-        controller: Controller = getattr(module, contestant.function)
-    except Exception as error:  # anything may be in a file
-        raise HuskyError(f"{contestant.name}: {type(error).__name__}: {error}") from None
-    if not callable(controller):
-        raise HuskyError(f"{contestant.name}: {contestant.function} is not a function")
-    return controller
-
-
 @lru_cache(maxsize=4)
 def _module(source: str) -> ModuleType:
     module = ModuleType(f"contestant_{abs(hash(source))}")
@@ -142,42 +186,8 @@ def _module(source: str) -> ModuleType:
 
 def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
     """Drive a scene, as a task for `Workers.map`; HuskyError where the function or ROS fails."""
-    contestant, scenario = item
-    if contestant.launch is not None:
-        return _launched(contestant, contestant.launch, scenario)
-    setup = contestant.setup
-    try:
-        trace = metrics.drive(setup, scenario, controller_of(contestant))
-    except HuskyError:
-        raise
-    except Exception as error:
-        failure = f"{type(error).__name__}: {error}"
-        raise HuskyError(f"{contestant.name} fails in {scenario.name}: {failure}") from error
-    x, y = trace.pillars[0]
-    return outcome(scenario.name, trace.times, trace.poses, (float(x), float(y)), setup.simulator.robot)
-
-
-def _launched(contestant: Contestant, launch: Launchable, scenario: Scenario) -> Outcome:
-    _check(contestant.name, launch)
-    trial = Trial(1, scenario.start, PILLAR_POSITION, scenario.seed)
-    config = MarkingConfig(robot="husky", deadline=LAUNCH_DEADLINE, pace=LAUNCH_PACE)
-    with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
-        drive(Submission(launch), trial, config, Path(folder))
-        recording: Recording = load(Recording, Path(folder, RECORDING))
-    if not len(recording.times):
-        why = "; ".join(texts(recording.notes)) or "no drive"
-        raise HuskyError(f"{contestant.name} in {scenario.name}: {why}")
-    judged = outcome(scenario.name, recording.times, recording.poses, trial.pillar, load_robot())
-    return replace(judged, notes=tuple(texts(recording.notes)))
-
-
-@lru_cache(maxsize=4)
-def _check(name: str, launch: Launchable) -> None:
-    """Refuse a launch file that starts no node, with a HuskyError."""
-    with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
-        planned = plan(launch, Workspace(), Path(folder))
-    if not planned.nodes:
-        raise HuskyError(f"{name}: {'; '.join(texts(planned.notes)) or 'it starts no node'}")
+    competitor, scenario = item
+    return competitor.drive(scenario)
 
 
 def outcome(
