@@ -4,6 +4,7 @@ import ast
 import contextlib
 import errno
 import os
+import secrets
 import signal
 import socket
 import subprocess
@@ -32,6 +33,7 @@ from husky_highlevel_controller.grading.isolation.sandbox import Workspace, kind
 
 SOURCES = Path(__file__).parents[3] / "src"
 KINDS = BUBBLEWRAP, NAMESPACE, NONE = sandbox.BUBBLEWRAP, sandbox.NAMESPACE, sandbox.NONE  # the best first
+OWN = secrets.token_hex(8)  # in the names of processes, so that no other test run finds them
 WITH_SOURCES = {**os.environ, "PYTHONPATH": f"{SOURCES}:{os.environ.get('PYTHONPATH', '')}"}
 
 
@@ -137,7 +139,7 @@ if os.fork() == 0:
 @pytest.mark.parametrize("last", ["time.sleep(1000)", "raise SystemExit(3)"], ids=["is ended", "ends itself"])
 def test_no_process_is_left_that_hides(last, kind, tmp_path):
     """The hidden one has no parent, no session and no environment of ours."""
-    name = f"hidden_{os.getpid()}_{kind.replace(' ', '_')}_{last[:5]}"
+    name = f"hidden_{OWN}_{kind.replace(' ', '_')}_{last[:5]}"
     process = run(tmp_path, HIDDEN.format(name=name, last=last))
     if last == "time.sleep(1000)":
         assert wait(lambda: named(name), 30.0)
@@ -170,7 +172,7 @@ sys.stdin.read()
 
 def test_all_end_when_marking_is_killed_and_run_no_script_of_it_again(tmp_path):
     """As the kernel does it when memory runs out: no handler of marking runs."""
-    script, name, kinds = tmp_path / "script", f"orphan_{os.getpid()}", list(filter(is_made, KINDS))
+    script, name, kinds = tmp_path / "script", f"orphan_{OWN}", list(filter(is_made, KINDS))
     script.write_text(MARKING)
     command = [sys.executable, script, tmp_path, name, *kinds]
     env = {**WITH_SOURCES, "TMPDIR": str(tmp_path)}  # what is killed leaves its temporary files
@@ -405,7 +407,7 @@ time.sleep(100)
     [pytest.param(SLEEPERS, id="processes"), pytest.param(THREADS, id="threads", marks=pytest.mark.slow)],
 )
 def test_processes_and_threads_are_limited_where_uid_0_marks_too(kind, code, tmp_path):
-    name = f"sleeper_{os.getpid()}"
+    name = f"sleeper_{OWN}"
     process = run(tmp_path, code.replace("NAME", name))
     try:
         assert wait(lambda: not process.running, 60.0)
