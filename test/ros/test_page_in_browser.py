@@ -232,6 +232,8 @@ def test_the_log_is_filtered_by_text(page, network):
         return {"one of a kind" in line for line in lines.all_inner_texts()}
 
     wait_until(lambda: are_of_a_kind() == {True}, "this line alone is shown")
+    field.fill("smallest range 19.")  # of the first seconds, in which the page's node still starts
+    page.wait_for_selector(".husky-log >> text=smallest range 19.")
     field.fill("nothing has said this")
     page.wait_for_selector("text=no lines pass the filter")
     field.fill("")

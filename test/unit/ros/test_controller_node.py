@@ -219,11 +219,31 @@ def test_each_stage_of_a_search_is_told_once(controller):
         controller.answer()
     controller.toy.circles = [(X, Y, RADIUS)]
     controller.answer_at(3.0)
-    turning, widening, driving = controller.log[told:]
+    turning, widening, driving = (text for text in controller.log[told:] if "commanding" not in text)
     assert "turning to look around" in turning
     assert "widening search" in widening
     assert driving.startswith("driving to the pillar")
     assert "smallest range 3.000 m, pillar at x 3.2" in driving, "with what it sees"
+
+
+def test_the_smallest_range_is_logged_each_second_as_the_first_number_of_its_line(controller):
+    controller.toy.pose = Pose2D(X - 3.0, Y)
+    expected = []
+    for _ in range(31):
+        ranges = controller.toy.scan().ranges.copy()
+        expected.append(f"smallest range {np.nanmin(ranges):.3f} m; driving, ")
+        ranges[:5] = np.nan, np.inf, -np.inf, 0.001, 200.0  # none of them measures a distance
+        command = controller.answer(ranges)
+    lines = [text for text in controller.log if "commanding" in text]
+    assert [line[: line.index("driving, ") + 9] for line in lines] == expected[::10]
+    assert re.search(r"driving, \d\.\d\d m to go, commanding \d\.\d\d m/s, -?\d\.\d\d rad/s$", lines[-1])
+    assert f"commanding {command.linear.x:.2f} m/s, {command.angular.z:.2f} rad/s" in lines[-1]
+    controller.start_stop(False)
+    controller.toy.circles = []
+    controller.drive(1.0)
+    assert "no valid range; stopped" in controller.log[-1], controller.log[-1]
+    (driving,) = (text for text in controller.log if text.startswith("driving to the pillar"))
+    assert re.search(r"\d+\.\d+", driving)[0] == expected[0].split()[2], "no other number comes first"
 
 
 def test_each_arrival_is_announced_once(controller):

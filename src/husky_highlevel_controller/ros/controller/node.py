@@ -7,7 +7,7 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass
-from math import isfinite
+from math import inf, isfinite, isnan
 from typing import Any, Deque, Optional, Tuple
 
 import rosgraph.names
@@ -41,6 +41,7 @@ from husky_highlevel_controller.ros.node import named_robot, publish, run_node
 
 LOG = logging.getLogger("rosout")  # rospy's own; its level is checked before a DEBUG line is formatted
 REPORT_PERIOD = 5.0  # [s] between two complaints about the same
+RANGE_PERIOD = 1.0  # [s] of scan stamps between two lines with the smallest range
 RATE_SCANS = 50  # whose stamps give the rate of the scans
 POLL_PERIOD = 0.1  # [s] of wall time between two checks whether a transform is overdue or /diagnostics is due
 
@@ -83,6 +84,7 @@ class ControllerNode:
         self._deciding = threading.Lock()  # so that nothing but zero follows a stop
         self._arrived: Optional[bool] = None
         self._seen, self._reason = "unknown", ""
+        self._range_logged_at = -inf  # [s], stamp of a scan
         self._stamps: Deque[float] = deque(maxlen=RATE_SCANS)
         self._scan_frame, self._scan_fault = "", ""
         self._scan_stamp = self._scan_age = self._tf_stamp = 0.0  # [s]
@@ -171,7 +173,11 @@ class ControllerNode:
     def _log(
         self, observation: Observation, before: ControllerState, output: ControlOutput, control: ControlConfig
     ) -> None:
-        """Log what a scan holds at DEBUG level, and what changed at INFO level, or WARN with the remedy."""
+        """Log each scan at DEBUG level; the smallest range and what changed at INFO, or WARN with the remedy.
+
+        The smallest range is the first number of its line: it is what the exercise sheet asks for, and what
+        readers look for.
+        """
         scan, pillar, state = observation.scan, output.pillar, output.state
         if observation.ahead_of_odometry > 0.0:
             rospy.logwarn_throttle(
@@ -187,8 +193,20 @@ class ControllerNode:
         changed = _stage(self._controller_state) != _stage(before)
         changed |= state is State.WAITING and output.reason != self._reason
         self._reason = output.reason
-        if not changed:
-            return
+        if changed:
+            self._log_change(observation, before, output, control)
+        if not 0.0 <= scan.stamp - self._range_logged_at < RANGE_PERIOD:  # < 0: the simulator started again
+            self._range_logged_at = scan.stamp
+            rospy.loginfo(
+                f"{_smallest_range(scan)}; {state.value}{_to_go(output)}, "
+                f"commanding {output.twist.linear:.2f} m/s, {output.twist.angular:.2f} rad/s"
+            )
+
+    def _log_change(
+        self, observation: Observation, before: ControllerState, output: ControlOutput, control: ControlConfig
+    ) -> None:
+        """Log a new state, or a new reason to wait."""
+        scan, pillar, state = observation.scan, output.pillar, output.state
         if state is State.ARRIVED and pillar is not None and before.at_pillar:
             rospy.loginfo(f"at the pillar already, {pillar.distance:.3f} m from it")
         elif state is State.ARRIVED and pillar is not None:
@@ -199,8 +217,7 @@ class ControllerNode:
             )
             rospy.loginfo(next_step(self._display.listeners))
         elif state is State.DRIVING:
-            remaining_distance = f"{output.distance_error:.2f} m to go"
-            rospy.loginfo(f"{output.reason}, {remaining_distance}; {_seen(scan, pillar)}")
+            rospy.loginfo(f"{output.reason}; {_seen(scan, pillar)}{_to_go(output)}")
         elif state is State.SEARCHING:
             rospy.loginfo(output.reason)
         elif state is State.WAITING and observation.laser_in_base is not None:
@@ -239,9 +256,17 @@ class ControllerNode:
         )
 
 
+def _smallest_range(scan: Scan) -> str:
+    valid = scan.ranges[scan.valid]  # neither NaN nor inf, from range_min to range_max
+    return f"smallest range {valid.min():.3f} m" if len(valid) else "no valid range"
+
+
+def _to_go(output: ControlOutput) -> str:
+    return "" if isnan(output.distance_error) else f", {output.distance_error:.2f} m to go"
+
+
 def _seen(scan: Scan, pillar: Optional[Pillar]) -> str:
-    nearest = scan.ranges[scan.valid]
-    summary = f"smallest range {nearest.min():.3f} m" if len(nearest) else "no valid range"
+    summary = _smallest_range(scan)
     if pillar is not None:
         summary += f", pillar at x {pillar.x:.3f} m, y {pillar.y:.3f} m, angle {pillar.bearing:.3f} rad"
     return f"{summary} in {scan.frame}"

@@ -1,10 +1,11 @@
 """The log: a ring of lines, filtered, as HTML.
 
-In: rosgraph_msgs/Log. Out: HTML.
+In: rosgraph_msgs/Log, and rosout's file for what was logged before. Out: HTML.
 """
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from datetime import datetime, timezone
 from html import escape
@@ -13,6 +14,11 @@ from typing import Any, Deque, Iterable, List, NamedTuple, Optional
 
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "error": 8, "fatal": 16}  # rosgraph_msgs/Log
 CAPACITY = 2000  # lines kept
+EARLIER = 1000  # lines kept of those that were logged before this buffer was there
+# a line of rosout.log; file and line of the code, and the node's topics stand in brackets
+_ROSOUT = re.compile(
+    r"(\d+\.\d+) (DEBUG|INFO|WARN|ERROR|FATAL) (\S+) (?:\[[^\]]*\] )?(?:\[topics: [^\]]*\] )?(.*)"
+)
 DAY_ONE = 1e9  # [s]; a stamp from here on (2001) is no simulated time
 SHOWN, SHOWN_LETTERS = 150, 30_000  # lines of one page, and letters of all: a browser with more stays behind
 MAX_LETTERS = 5000  # of a line
@@ -53,18 +59,42 @@ class LogBuffer:
 
     def add(self, msg: Any) -> None:
         """Keep a message of /rosout."""
-        text = msg.msg if len(msg.msg) <= MAX_LETTERS else f"{msg.msg[:MAX_LETTERS]} ..."
-        line = Line(msg.level, msg.header.stamp.to_sec(), msg.name[:MAX_LETTERS], text)
+        line = Line(msg.level, msg.header.stamp.to_sec(), msg.name[:MAX_LETTERS], _cut(msg.msg))
         if line.level >= LEVELS["warn"]:
             self.warning = line
         self._lines.append(line)
         self.count += 1
+
+    def add_earlier(self, lines: Iterable[Line]) -> None:
+        """Put the last EARLIER lines of a file before those that came by themselves, each line once."""
+        known = {line._replace(stamp=round(line.stamp, 6)) for line in list(self._lines)}
+        earlier = [line for line in lines if line._replace(stamp=round(line.stamp, 6)) not in known]
+        earlier = earlier[-EARLIER:]
+        self._lines.extendleft(reversed(earlier[: CAPACITY - len(self._lines)]))
+        self.count += len(earlier)
 
     def select(self, condition: Filter) -> List[Line]:
         """The newest lines that pass, newest first, as many as a page can show."""
         passing = [line for line in reversed(list(self._lines)) if condition.passes(line)][:SHOWN]
         letters = accumulate(len(line.text) for line in passing)
         return [line for line, total in zip(passing, letters) if total <= SHOWN_LETTERS]
+
+
+def lines_of_rosout(text: str) -> List[Line]:
+    """Lines of the file that the rosout node writes; a line that does not begin as one continues the last."""
+    lines: List[Line] = []
+    for row in text.splitlines():
+        found = _ROSOUT.match(row)
+        if found:
+            stamp, level, node, message = found.groups()
+            lines.append(Line(LEVELS[level.lower()], float(stamp), node, message))
+        elif lines and row:
+            lines[-1] = lines[-1]._replace(text=f"{lines[-1].text}\n{row}")
+    return [line._replace(node=line.node[:MAX_LETTERS], text=_cut(line.text)) for line in lines]
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= MAX_LETTERS else f"{text[:MAX_LETTERS]} ..."
 
 
 def to_html(lines: Iterable[Line]) -> str:

@@ -8,9 +8,11 @@ import gc
 import time
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, Dict, Optional
 
 import rosgraph
+import rospkg
 import rospy
 from geometry_msgs.msg import PointStamped, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
@@ -25,7 +27,7 @@ from husky_highlevel_controller.ros.web.actions import Actions
 from husky_highlevel_controller.ros.web.camera import FIELD_OF_VIEW
 from husky_highlevel_controller.ros.web.drawing import left_out
 from husky_highlevel_controller.ros.web.drive_tab import DriveTab
-from husky_highlevel_controller.ros.web.log import LogBuffer
+from husky_highlevel_controller.ros.web.log import LogBuffer, lines_of_rosout
 from husky_highlevel_controller.ros.web.mouse import Mouse
 from husky_highlevel_controller.ros.web.numbers import Numbers
 from husky_highlevel_controller.ros.web.objects import Objects
@@ -45,6 +47,7 @@ READINGS_PERIOD = 0.2  # [s] between two updates of numbers and diagnostics
 CURVES_PERIOD = 1.0  # [s] between two updates of curves and of the log
 NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
 MASTER_DEADLINE = 2.0  # [s] for its answer: the view waits for it
+ROSOUT_BYTES = 1_000_000  # of rosout's file that are read: a line with its node's topics has about 700
 IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
 
 SOFTWARE = (  # shown by page.js in place of viser's warning, which covers the scene
@@ -80,6 +83,7 @@ class WebNode:
         self._config: WebConfig = config
         self._description = ""
         self._log = LogBuffer()
+        rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
         self._topics = Topics(_topic_names(config))
         self._actions, self._teleop = Actions(), Teleop()
         self._server, address, has_token = serve(
@@ -91,7 +95,8 @@ class WebNode:
         self._reason = StopReason()
         self._world_name = ""  # of the simulator's world
         self._was_master_silent = False  # at the last look at the network
-        rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
+        # /rosout_agg has no memory; by now it is subscribed to, so that no line is lost in between
+        self._log.add_earlier(lines_of_rosout(read_rosout()))
         rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
         # a token is for who sees this terminal: logs can be read by everybody
         (print if has_token else rospy.loginfo)(f"the page; open it in a browser: {address}")
@@ -254,6 +259,17 @@ class WebNode:
 
     def _on_layer(self, layer: str, event: Any) -> None:
         self._scene.layers[layer] = event.target.value
+
+
+def read_rosout() -> str:
+    """The end of the file in which rosout keeps the log of this ROS network; empty on another machine."""
+    try:
+        file = Path(rospkg.get_log_dir()) / str(rospy.get_param("/run_id", "")) / "rosout.log"
+        with file.open("rb") as log:
+            log.seek(max(0, file.stat().st_size - ROSOUT_BYTES))
+            return log.read().decode(errors="replace")
+    except OSError:
+        return ""
 
 
 def give_memory_back() -> None:

@@ -16,7 +16,17 @@ from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import IDENTITY, STOP, HuskyError, Twist2D
 from husky_highlevel_controller.ros.web import actions, drawing, state_bar, topics
-from husky_highlevel_controller.ros.web.log import CAPACITY, LEVELS, SHOWN, Filter, Line, LogBuffer, to_html
+from husky_highlevel_controller.ros.web.log import (
+    CAPACITY,
+    EARLIER,
+    LEVELS,
+    SHOWN,
+    Filter,
+    Line,
+    LogBuffer,
+    lines_of_rosout,
+    to_html,
+)
 from husky_highlevel_controller.ros.web.mouse import Drag, Mouse, point_on_level
 from husky_highlevel_controller.ros.web.page_server import _parse, refusal
 from husky_highlevel_controller.ros.web.pages import MOVE
@@ -183,6 +193,32 @@ def test_the_log_is_filtered_newest_first_and_capped():
     assert [item.text for item in log.select(Filter(level=LEVELS["warn"]))] == ["Pillar lost"]
     assert [item.text for item in log.select(Filter(node="contr", text="pillar"))] == ["Pillar lost"]
     assert log.select(Filter(text="line 3 ")) == []
+
+
+ROSOUT = """the end of a line that is cut off
+0.000000000  Node Startup
+0.020000000 INFO /controller [node.py:12(Node.run)] [topics: /clock, /rosout] driving [2 pillars]
+1795748647.638548000 WARN /smb/driver two
+lines, and [brackets]
+7.500000000 ERROR /cpp [/src/a.cpp:5(main)] [topics: /rosout] boom
+"""
+
+
+def test_what_rosout_has_written_before_comes_before_each_line_once():
+    earlier = lines_of_rosout(ROSOUT)
+    assert earlier == [
+        Line(LEVELS["info"], 0.02, "/controller", "driving [2 pillars]"),
+        Line(LEVELS["warn"], 1795748647.638548, "/smb/driver", "two\nlines, and [brackets]"),
+        Line(LEVELS["error"], 7.5, "/cpp", "boom"),
+    ]
+    log = log_of(line("driving [2 pillars]", node="/controller", stamp=0.02), line("newest"))
+    log.add_earlier(earlier)
+    texts = [item.text for item in log.select(Filter())]
+    assert texts == ["newest", "driving [2 pillars]", "boom", "two\nlines, and [brackets]"]
+    assert log.count == 4, "so that pages draw it anew"
+    log = log_of(*(line(f"line {number}") for number in range(CAPACITY - 5)))
+    log.add_earlier(lines_of_rosout("".join(f"1.0 INFO /n {number}\n" for number in range(2 * EARLIER))))
+    assert log.select(Filter())[0].text == f"line {CAPACITY - 6}", "what is new stays"
 
 
 def test_lines_of_the_log_are_cut_are_never_markup_and_show_the_time_of_day_where_it_is_wall_time():
