@@ -1,6 +1,7 @@
 """`./dev launch`: roslaunch that checks the arguments first and exits with 1 when a required node failed.
 
-Usage: launch.py FILE.launch [name:=value ...] [options of roslaunch]. FILE is one of this package or a path.
+Usage: launch.py [PACKAGE] FILE.launch [name:=value ...] [options of roslaunch]. FILE without PACKAGE is a launch
+file of this package or a path.
 """
 
 from __future__ import annotations
@@ -15,8 +16,7 @@ import socket
 import sys
 import threading
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Set
-from xml.etree import ElementTree
+from typing import Any, Dict, List, Optional, Set, Tuple
 
 if sys.version_info < (3, 12):  # rosclean imports distutils: Python's own, or half of the start is setuptools
     with contextlib.suppress(ImportError, AttributeError):
@@ -24,6 +24,7 @@ if sys.version_info < (3, 12):  # rosclean imports distutils: Python's own, or h
 
         _distutils_hack.remove_shim()
 
+import find_packages
 import gazebo_packages
 import rosgraph.names
 import rosgraph.network
@@ -33,14 +34,13 @@ import roslaunch.nodeprocess
 import roslaunch.parent
 import roslaunch.pmon
 import rospkg
+from find_packages import PACKAGE, PACKAGE_FOLDER
 from launch_arguments import check_arguments
 from launch_output import FoldedOutput
 from roslaunch import substitution_args
 
 from husky_highlevel_controller.ros.restart import display_problem
 
-PACKAGE = "husky_highlevel_controller"
-PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 MASTER_TIMEOUT = 3.0  # [s] of wall time for a connection to a master elsewhere
 OWN_RVIZ = {"husky_rviz", "gazebo_gui"}  # RViz nodes of this package's launch files
 # programs that open a window of their own around a node, as in launch-prefix="xterm -e"
@@ -60,14 +60,25 @@ def say(sentence: str) -> None:
     print(f"[dev] {sentence}", file=sys.stderr, flush=True)
 
 
-def find_launch_file(name: str) -> Path:
-    """The launch file called `name`: one of this package, or any by its path."""
+def find_launch_file(words: List[str]) -> Tuple[Path, List[str]]:
+    """Launch file that a command line begins with, `[PACKAGE] FILE.launch`, and the rest of the line."""
+    name, *others = words
+    if not name.endswith(".launch") and others and others[0].endswith(".launch"):
+        package, name, *others = words
+        found = find_packages.find_file(package, name, Path.cwd())
+        if found is None:
+            places = ", ".join(map(str, (*find_packages.places(Path.cwd()), PACKAGE_FOLDER.parent)))
+            raise SystemExit(
+                f"[dev] error: no {name} in a package '{package}' in {places} or ROS_PACKAGE_PATH: "
+                f"./dev launch PATH/{name}"
+            )
+        return found, others
     own = PACKAGE_FOLDER / "launch" / name
     path = own if own.is_file() and "/" not in name else Path(name)
     if not path.is_file():
         known = ", ".join(sorted(file.name for file in (PACKAGE_FOLDER / "launch").glob("*.launch")))
         raise SystemExit(f"[dev] error: no launch file '{name}'; this package has {known}")
-    return path.absolute()
+    return path.absolute(), others
 
 
 def check_master() -> None:
@@ -129,11 +140,6 @@ def check_integers(config: Any) -> None:
             raise SystemExit(f"[dev] error: {param.key} = {value} is beyond a parameter's 32 bits")
 
 
-def package_of(file: Path) -> Optional[Path]:
-    """The folder of the ROS package that a file lies in."""
-    return next((folder for folder in file.parents if (folder / "package.xml").is_file()), None)
-
-
 def hide_own_package() -> None:
     """Take this package's workspace out of the environment: another package has its name."""
     own = str(PACKAGE_FOLDER / ".dev")
@@ -144,18 +150,20 @@ def hide_own_package() -> None:
 
 def find_packages_for(file: Path) -> Path:
     """Make a launch file's own package found first, and stand-ins for Gazebo's; the file, or its stand-in."""
-    package = package_of(file.resolve())
+    folder = file.resolve().parent
+    package = find_packages.package_around(folder)
     if package == PACKAGE_FOLDER:
         package = None
-    if package and (ElementTree.parse(package / "package.xml").findtext("name") or "").strip() == PACKAGE:
+    if PACKAGE_FOLDER not in folder.parents:
+        find_packages.source_workspace(folder)
+    if package and find_packages.name_of(package) == PACKAGE:
         hide_own_package()
     paths = [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
     if package:
         paths.insert(0, str(package))
-    # the other packages of its workspace, which need not be built; not of a home folder
-    workspace = next((path for path in file.resolve().parents if path.name == "src"), None)
-    if package and workspace and workspace.parent != Path.home():
-        paths.append(str(workspace))
+    if folder != PACKAGE_FOLDER / "launch":  # whose files need no package of anybody else's
+        # the other packages of its workspace too, which need not be built
+        paths = find_packages.add_packages(paths, folder, Path.cwd())
     joined = gazebo_packages.join_copies(paths)
     os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(gazebo_packages.package_path(paths, joined.values()))
     find_resource = substitution_args._find_resource
@@ -173,7 +181,7 @@ def replacement_of(file: Path, package: Optional[Path], joined: Dict[str, Path])
     """The stand-in of a launch file that needs Gazebo; else the file itself."""
     if package is None:
         return file
-    name = (ElementTree.parse(package / "package.xml").findtext("name") or "").strip()
+    name = find_packages.name_of(package)
     if name not in joined:
         return file
     stand_in = joined[name] / file.resolve().relative_to(package)
@@ -312,11 +320,11 @@ def launch(file: Path, options: List[str], output: FoldedOutput) -> int:
 def main() -> int:
     """Check, then launch."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # ./dev has it ignored, which nodes must not inherit
-    file = find_launch_file(sys.argv[1])
+    file, arguments = find_launch_file(sys.argv[1:])
     file = find_packages_for(file)
     check_master()
     check_display()
-    options = check_arguments(file, sys.argv[2:])
+    options = check_arguments(file, arguments)
     output = FoldedOutput()
     try:
         return launch(file, options, output)

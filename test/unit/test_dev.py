@@ -112,6 +112,7 @@ def function_of_dev(name):
         ("groups_of_launch controller.launch gui:=false web:=true", "", "page"),
         ("groups_of_launch web.launch", "", "page"),
         ("groups_of_launch ../my/launch/my.launch", "", "page"),
+        ("groups_of_launch my_husky my.launch", "", "page"),
         ("groups_of_command rostopic list", "", ""),
         ("groups_of_command rosrun husky_highlevel_controller evaluate --scenes 3", "", "page"),
         ("groups_of_command rosrun husky_highlevel_controller grade --all there", ":0", "rviz grade page"),
@@ -124,30 +125,6 @@ def function_of_dev(name):
 def test_a_command_pulls_in_the_groups_that_it_may_need(call, display, groups):
     output, _ = bash(f"{function_of_dev(call.split()[0])}\n{call}", DISPLAY=display)
     assert output.split() == groups.split()
-
-
-def test_a_package_and_a_launch_file_are_found_as_roslaunch_finds_them(tmp_path):
-    beside, stood_in = (
-        tmp_path / "beside" / "launch" / "a.launch",
-        tmp_path / "ws" / "src" / "mine" / "b.launch",
-    )
-    for file in (beside, stood_in):
-        file.parent.mkdir(parents=True)
-        file.touch()
-    (tmp_path / "clone" / "launch").mkdir(parents=True)
-    (tmp_path / "clone" / "launch" / "web.launch").touch()
-    head = (
-        f"here={tmp_path}/clone; cd $here; caller={stood_in.parent}\n{function_of_dev('find_in_package')}\n"
-    )
-    for call, path in (
-        ("beside a.launch", str(beside)),
-        ("mine b.launch", str(stood_in)),
-        ("husky_highlevel_controller web.launch", "web.launch"),
-        ("theirs a.launch", ""),
-    ):
-        output, code = bash(f"{head} find_in_package {call}", ROS_PACKAGE_PATH="")
-        assert code == (not path)
-        assert output.strip() == path or "no a.launch in a package 'theirs' where you stand" in output
 
 
 @pytest.mark.parametrize(("name", "hint"), [("lauch", '; did you mean "launch"?'), ("qqq", "")])

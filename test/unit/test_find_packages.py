@@ -1,0 +1,107 @@
+"""Packages of a person's own: `./dev launch` and `./dev run` find them in the same places."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from husky_highlevel_controller.paths import share_folder
+
+ROOT = share_folder()
+sys.path.append(str(ROOT / "tools"))
+import find_packages  # noqa: E402
+import run  # noqa: E402
+
+MANIFEST = "<package><name>{}</name><version>0.0.0</version></package>"
+
+
+def package(folder: Path, *files: str, name: str = "") -> Path:
+    for file in ("package.xml", *files):
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / file).write_text(MANIFEST.format(name or folder.name))
+    return folder
+
+
+@pytest.fixture
+def workspace(tmp_path, monkeypatch):
+    """A built workspace with a repository of several packages, in a home folder with other things in it."""
+    home = tmp_path / "home"
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("ROS_PACKAGE_PATH", "")
+    workspace = home / "catkin_ws"
+    (workspace / "devel").mkdir(parents=True)
+    package(workspace / "src" / "lab_repo" / "lab_robot", "launch/drive.launch")
+    package(workspace / "src" / "it's a repo" / "quoted", "launch/quoted.launch")
+    package(workspace / "build" / "stale", "launch/drive.launch")
+    package(workspace / "src" / "left_out" / "ignored")
+    (workspace / "src" / "left_out" / "CATKIN_IGNORE").touch()
+    (workspace / "src" / "broken").mkdir()
+    (workspace / "src" / "broken" / "package.xml").write_text("<a")
+    return workspace
+
+
+@pytest.mark.parametrize(
+    "place", [".", "..", "src", "devel", "src/lab_repo", "src/lab_repo/lab_robot/launch"]
+)
+def test_packages_are_found_from_anywhere_in_a_workspace(place, workspace):
+    caller = (workspace / place).resolve()
+    lab_robot = workspace / "src" / "lab_repo" / "lab_robot"
+    found = find_packages.find_file("lab_robot", "drive.launch", caller)
+    assert found == lab_robot / "launch" / "drive.launch"
+    paths = find_packages.add_packages([], caller)
+    assert {str(lab_robot), str(workspace / "src" / "it's a repo" / "quoted")} <= set(paths)
+    assert not [path for path in paths if path.endswith(("stale", "ignored", "broken"))]
+
+
+def test_what_roslaunch_would_find_by_itself_stays_in_front(workspace):
+    other = package(workspace.parent / "elsewhere" / "deep" / "er" / "lab_robot", "launch/drive.launch")
+    paths = find_packages.add_packages([str(other)], workspace)
+    assert paths[0] == str(other)
+    assert str(workspace / "src" / "lab_repo" / "lab_robot") not in paths
+
+
+def test_a_hand_in_that_stands_around_does_not_hide_the_simulator(workspace):
+    package(workspace / "src" / "hand_in", name=find_packages.PACKAGE)
+    assert not [path for path in find_packages.add_packages([], workspace) if path.endswith("hand_in")]
+    own = find_packages.find_file(find_packages.PACKAGE, "controller.launch", workspace)
+    assert own == ROOT / "launch" / "controller.launch"
+
+
+def test_a_launch_file_of_a_stand_in_is_found(workspace):
+    file = find_packages.find_file("husky_gazebo", "husky_empty_world.launch", workspace)
+    assert file == ROOT / "compat" / "husky_gazebo" / "launch" / "husky_empty_world.launch"
+    copy = package(workspace / "src" / "husky_gazebo", "launch/husky_empty_world.launch")
+    file = find_packages.find_file("husky_gazebo", "husky_empty_world.launch", workspace)
+    assert file == copy / "launch" / "husky_empty_world.launch"
+    assert find_packages.find_file("husky_gazebo", "other.launch", workspace) is None
+
+
+def test_the_words_of_a_command_keep_their_blanks_and_quotes(workspace):
+    words = ["-p", "1", "quoted", "quoted.launch", "name:=it's a b", "theirs", "a.launch"]
+    path = workspace / "src" / "it's a repo" / "quoted" / "launch" / "quoted.launch"
+    assert run.with_path(words, workspace) == ["-p", "1", str(path), *words[4:]]
+
+
+def test_marking_does_not_see_what_lies_beside_it():
+    assert run.is_own_program(["rosrun", find_packages.PACKAGE, "grade", "--all", "."])
+    assert not run.is_own_program(["rosrun", "their_package", find_packages.PACKAGE])
+    assert not run.is_own_program(["roslaunch", find_packages.PACKAGE, "x.launch"])
+
+
+def test_the_environment_of_a_command_has_packages_and_stand_ins(workspace):
+    (workspace / "devel" / "setup.bash").write_text('export SOURCED="$1 it\'s\nhere"')
+    command = [
+        sys.executable,
+        str(ROOT / "tools" / "run.py"),
+        "bash",
+        "-c",
+        'echo "$SOURCED"; echo "$ROS_PACKAGE_PATH"',
+    ]
+    env = {**os.environ, "ROS_HOME": str(workspace / "ros")}
+    done = subprocess.run(command, cwd=workspace / "src", env=env, capture_output=True, text=True, check=True)
+    *sourced, paths = done.stdout.splitlines()
+    assert sourced == ["--extend it's", "here"]
+    assert str(workspace / "src" / "lab_repo" / "lab_robot") in paths.split(os.pathsep)
+    assert str(ROOT / "compat" / "gazebo_ros") in paths.split(os.pathsep)

@@ -1,0 +1,134 @@
+"""Packages of a person's own, found in the same places by every command of ./dev.
+
+The places, in this order: the folder where the person stands, the catkin workspace around it, ROS_PACKAGE_PATH,
+and the folder that this clone lies in. tools/gazebo_packages.py adds the stand-ins of compat/.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Dict, Iterable, Iterator, List, Optional, Tuple
+from xml.etree.ElementTree import ParseError
+
+import gazebo_packages
+import rospkg
+from defusedxml import DefusedXmlException, ElementTree
+
+PACKAGE = "husky_highlevel_controller"
+PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
+DEPTH = 4  # folders from a place down to a package: catkin_ws/src/repository/package from a home folder
+MOST_FOLDERS = 20_000  # that are looked into below a place: a home folder may have millions
+# folders of a workspace and of other tools that hold no sources of packages
+SKIPPED = {"build", "devel", "install", "logs", "log", "node_modules", "site-packages", "__pycache__"}
+
+
+def name_of(package: Path) -> str:
+    """Name in the package.xml of a folder; empty if it has none that can be read."""
+    try:
+        return (ElementTree.parse(package / "package.xml").findtext("name") or "").strip()
+    except (OSError, ParseError, DefusedXmlException, ValueError, LookupError):
+        return ""
+
+
+def package_around(path: Path) -> Optional[Path]:
+    """Folder of the package that a file or folder lies in."""
+    return next((folder for folder in (path, *path.parents) if (folder / "package.xml").is_file()), None)
+
+
+def workspace_around(path: Path) -> Optional[Path]:
+    """Folder `src` of the catkin workspace that a file or folder lies in; a home folder is no workspace."""
+    for folder in (path, *path.parents):
+        if folder == Path.home():
+            return None
+        if folder.name == "src" and folder.parent != Path.home():
+            return folder
+        if (folder / "src").is_dir() and any((folder / name).is_dir() for name in ("devel", "build")):
+            return folder / "src"
+    return None
+
+
+def packages_below(place: Path) -> Iterator[Tuple[str, Path]]:
+    """Names and folders of the packages in a place, near its top first; none lies in another, as for rospack."""
+    level, looked = [place], 0
+    for _ in range(DEPTH + 1):
+        below: List[Path] = []
+        for folder in level:
+            looked += 1
+            if looked > MOST_FOLDERS:
+                return
+            try:
+                entries = {entry.name: entry for entry in os.scandir(folder)}
+            except OSError:  # a folder of somebody else's
+                continue
+            if "CATKIN_IGNORE" in entries:
+                continue
+            if "package.xml" in entries:
+                name = name_of(folder)
+                if name:
+                    yield name, folder
+                continue
+            below += [
+                folder / name
+                for name in sorted(entries)
+                if name[0] != "." and name not in SKIPPED and entries[name].is_dir()
+            ]
+        level = below
+
+
+def places(*starts: Path) -> List[Path]:
+    """Folders to look for packages in, from where a person stands or a file lies, without repetition."""
+    found: List[Path] = []
+    for start in starts:
+        package, workspace = package_around(start), workspace_around(start)
+        found += [folder for folder in (package, start, workspace) if folder]
+    return list(dict.fromkeys(folder.resolve() for folder in found))
+
+
+def find_file(package: str, file: str, caller: Path) -> Optional[Path]:
+    """File at any depth in the nearest package of that name which has it, as roslaunch finds it."""
+    around = [(name, folder) for place in places(caller) for name, folder in packages_below(place)]
+    beside = packages_below(PACKAGE_FOLDER.parent)
+    paths = _paths()
+    packages = rospkg.RosPack(paths)
+    known = [(package, Path(packages.get_path(package)))] if package in packages.list() else []
+    if package == PACKAGE:  # another clone beside this one has the same files
+        known, beside = [(PACKAGE, PACKAGE_FOLDER), *known], iter(())
+    for name, folder in (*around, *known, *beside, (package, gazebo_packages.COMPAT / package)):
+        if name == package:
+            for path, folders, files in os.walk(folder, followlinks=True):
+                folders[:] = sorted(inner for inner in folders if inner[0] != ".")
+                if file in files:
+                    return Path(path) / file
+    return None
+
+
+def add_packages(paths: Iterable[str], *starts: Path) -> List[str]:
+    """A ROS_PACKAGE_PATH and, behind it, packages around `starts` and beside this clone whose names it lacks."""
+    paths = list(paths)
+    found: Dict[str, str] = {}
+    for place in (*places(*starts), PACKAGE_FOLDER.parent):
+        for name, folder in packages_below(place):
+            found.setdefault(name, str(folder))
+    known = {*rospkg.RosPack(paths).list(), PACKAGE}
+    return [*paths, *(folder for name, folder in found.items() if name not in known)]
+
+
+def source_workspace(path: Path) -> None:
+    """Source the built catkin workspace that a file or folder lies in, if there is one, in this process."""
+    setups = (folder / "devel" / "setup.bash" for folder in (path, *path.parents))
+    setup = next((setup for setup in setups if setup.is_file()), None)
+    if setup is None or PACKAGE_FOLDER / ".dev" in setup.parents:
+        return
+    script = 'source "$1" --extend >/dev/null && env -0'
+    done = subprocess.run(["bash", "-c", script, "bash", str(setup)], stdout=subprocess.PIPE, check=False)
+    if done.returncode == 0:
+        variables = [line.partition("=") for line in os.fsdecode(done.stdout).split("\0") if line]
+        os.environ.update({name: value for name, _, value in variables})
+        os.environ["PATH"] = os.pathsep.join((os.path.dirname(sys.executable), os.environ.get("PATH", "")))
+
+
+def _paths() -> List[str]:
+    return [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]

@@ -1,0 +1,73 @@
+"""`./dev run`: a command in an environment in which ROS finds the packages that `./dev launch` finds.
+
+roslaunch and rostest run in this process, as `./dev launch` does: a launch file's own package comes first.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import List
+
+import find_packages
+import gazebo_packages
+
+# they make the workspace that would be sourced
+BUILDS = ("catkin_make", "catkin_make_isolated", "catkin", "cmake")
+LAUNCHES = ("roslaunch", "rostest")
+
+
+def is_own_program(words: List[str]) -> bool:
+    """Whether a command is a program of this package: `grade` must not see what lies beside it."""
+    named = [word for word in words[1:] if word[0:1] != "-"]
+    return words[0] == "rosrun" and named[0:1] == [find_packages.PACKAGE]
+
+
+def with_path(words: List[str], caller: Path) -> List[str]:
+    """Words of a command line with the path of a file in the place of `PACKAGE FILE`."""
+    for at, (package, file) in enumerate(zip(words, words[1:])):
+        named = file.endswith((".launch", ".test")) and "/" not in package + file and package[0] != "-"
+        path = find_packages.find_file(package, file, caller) if named else None
+        if path:
+            return [*words[:at], str(path), *words[at + 2 :]]
+    return words
+
+
+def launch_here(words: List[str], caller: Path) -> None:
+    """Run roslaunch or rostest of files with the packages that these need."""
+    from launch import find_packages_for
+
+    arguments = with_path(words[1:], caller)
+    files = [word for word in arguments if Path(word).is_file()]
+    replaced = {word: str(find_packages_for(Path(word).absolute())) for word in files}
+    sys.argv = [words[0], *(replaced.get(word, word) for word in arguments)]
+    if words[0] == "rostest":
+        from rostest import rostestmain
+
+        rostestmain()
+    else:
+        import roslaunch
+
+        roslaunch.main(sys.argv)
+
+
+def main() -> None:
+    """Run the command of the command line."""
+    words, caller = sys.argv[1:], Path.cwd()
+    if words[0] in LAUNCHES:
+        launch_here(words, caller)
+        return
+    if not is_own_program(words):
+        if words[0] not in BUILDS:
+            find_packages.source_workspace(caller)
+        paths = [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]
+        paths = find_packages.add_packages(paths, caller)
+        joined = gazebo_packages.join_copies(paths)
+        paths = gazebo_packages.package_path(paths, joined.values())
+        os.environ["ROS_PACKAGE_PATH"] = os.pathsep.join(paths)
+    os.execvp(words[0], words)
+
+
+if __name__ == "__main__":
+    main()
