@@ -7,7 +7,7 @@ launch_packages=(ca-certificates cmake gcc libc6-dev make python3 python3-venv) 
 launch_ros_packages=(
   catkin rosbash rosout ros-robot-state-publisher
   python3-rosbag python3-roslaunch python3-rosmaster python3-rosmsg python3-rosnode python3-rosparam
-  python3-rospy python3-rosservice python3-rostopic python3-roswtf python3-tf2-ros python3-yaml tf2-tools
+  python3-rospy python3-rosservice python3-rostopic python3-roswtf python3-tf python3-tf2-ros python3-yaml tf2-tools
   libdynamic-reconfigure-config-init-mutex-dev
   libdiagnostic-msgs-dev libgeometry-msgs-dev libnav-msgs-dev libros-rosgraph-msgs-dev libsensor-msgs-dev
   libstd-msgs-dev libstd-srvs-dev libtf2-msgs-dev libtf2-ros-dev libtopic-tools-dev libvisualization-msgs-dev
@@ -34,7 +34,7 @@ grade_ros_packages=(
   libactionlib-dev libangles-dev liblaser-geometry-dev libmessage-filters-dev libmove-base-msgs-dev libroslib-dev
   libshape-msgs-dev libtf-conversions-dev libtf-dev libtf2-eigen-dev libtf2-geometry-msgs-dev libtf2-sensor-msgs-dev
   libtrajectory-msgs-dev tf-tools
-  python3-actionlib python3-angles python3-laser-geometry python3-message-filters python3-tf
+  python3-actionlib python3-angles python3-laser-geometry python3-message-filters
   python3-tf2-geometry-msgs python3-tf2-sensor-msgs
 )
 # `run rostest`

@@ -30,6 +30,14 @@ class NaiveControllerArrives(RosTest):
         place = truth[-1].pose.pose.position
         self.assertLess(hypot(place.x - PILLAR[0], place.y - PILLAR[1]), 1.2)
 
-        marker = markers[-1]
-        self.assertEqual(marker.header.frame_id, "front_laser")
-        self.assertAlmostEqual(hypot(marker.pose.position.x, marker.pose.position.y), nearest(), delta=0.02)
+        newest = {marker.ns: marker for marker in markers}
+        self.assertEqual(
+            {name: marker.header.frame_id for name, marker in newest.items()},
+            {"pillar_in_laser": "front_laser", "pillar_in_odom": "odom"},
+        )
+        in_laser, in_odom = newest["pillar_in_laser"].pose.position, newest["pillar_in_odom"].pose.position
+        self.assertAlmostEqual(hypot(in_laser.x, in_laser.y), nearest(), delta=0.02)
+        # its surface, 0.2 m from its axis; odom begins where the robot does
+        self.assertLess(hypot(in_odom.x - PILLAR[0], in_odom.y - PILLAR[1]), 0.3)
+        first = next(marker for marker in markers if marker.ns == "pillar_in_odom").pose.position
+        self.assertLess(hypot(first.x - PILLAR[0], first.y - PILLAR[1]), 0.3, "while it turns, too")

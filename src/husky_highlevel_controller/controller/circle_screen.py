@@ -39,6 +39,9 @@ class PillarConfig:
     """Limits of a pillar: size, number of beams, clearance."""
 
     pillar_radius: float = number(0.02, 2.0, "radius of the pillar looked for [m]", default=0.2)
+    pillar_height: float = number(
+        0.1, 20.0, "height of the pillar's marker; a planar scan cannot see it [m]", default=2.0
+    )
     radius_tolerance: float = number(0.001, 1.0, "how far a measured radius may be off [m]", default=0.05)
     max_residual: float = number(
         0.001, 0.5, "largest root mean square distance from the circle [m]", default=0.05

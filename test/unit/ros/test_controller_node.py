@@ -28,7 +28,8 @@ from husky_highlevel_controller.ros.controller import node
 from husky_highlevel_controller.ros.controller.node import ControllerNode, ScanTopicConfig, StartStopConfig
 
 X, Y, RADIUS = 4.0, 1.5, 0.2  # [m], of the pillar in odom
-STOP_DISTANCE, LASER_X = 0.4, 0.337  # [m]
+STOP_DISTANCE, LASER_X, LASER_Z = 0.4, 0.337, 0.308  # [m]
+HEIGHT, GROUND = 2.0, -0.132  # [m], of the pillar, and in base_link
 
 
 class Topic:
@@ -166,6 +167,15 @@ def test_pillar_estimate_path_target_state_and_errors_are_where_they_are(control
     assert (in_laser.ns, in_laser.header.frame_id) == ("pillar_in_laser", "front_laser")
     assert place(in_laser) == near(x - LASER_X, -y), "the lidar hangs upside down"
     assert (in_odom.ns, in_odom.header.frame_id, place(in_odom)) == ("pillar_in_odom", "odom", near(X, Y))
+    for marker in (in_laser, in_odom):
+        assert marker.type == Marker.CYLINDER
+        size = marker.scale.x, marker.scale.y, marker.scale.z
+        assert size == pytest.approx((2.0 * RADIUS, 2.0 * RADIUS, HEIGHT), rel=0.03), "the pillar's own"
+    assert in_laser.scale.x < 0.99 * in_odom.scale.x, "or RViz would draw flickering patches of both"
+    assert in_odom.pose.position.z == pytest.approx(GROUND + HEIGHT / 2.0, abs=0.001), "on the ground"
+    above_base = LASER_Z - in_laser.pose.position.z  # the lidar hangs upside down
+    assert above_base == pytest.approx(GROUND + HEIGHT / 2.0, abs=0.001)
+    assert state.pose.position.z - state.scale.z / 2.0 > GROUND + HEIGHT, "its text hides none of it"
 
     pillar, error = controller.sent("~pillar")[-1], controller.sent("~error")[-1].vector
     assert (pillar.header.frame_id, (pillar.point.x, pillar.point.y)) == ("base_link", near(x, y))

@@ -14,16 +14,19 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from husky_highlevel_controller.controller.behaviour import ControlOutput, Observation, State
 from husky_highlevel_controller.datatypes import Pose2D
+from husky_highlevel_controller.geometry import inverse, transform_point
+from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
 ODOM, BASE = "odom", "base_link"
-# namespaces of the markers, and their colours; the first two are sent one by one, the others as an array
+# namespaces of the markers, and their colours. The first two are the markers that the exercise sheet wants,
+# sent one by one. The others are what this package adds, sent as an array
 IN_ODOM, IN_LASER = "pillar_in_odom", "pillar_in_laser"
 ESTIMATE, PATH, TARGET, STATE = "estimate", "path", "target", "state"
 COLORS = {
     IN_ODOM: ColorRGBA(1.0, 0.45, 0.0, 1.0),  # solid, or RViz draws it over the others at some angles
-    IN_LASER: ColorRGBA(0.0, 0.6, 1.0, 0.8),
+    IN_LASER: ColorRGBA(0.0, 0.6, 1.0, 1.0),
     ESTIMATE: ColorRGBA(0.2, 0.9, 0.3, 0.5),
     PATH: ColorRGBA(0.3, 0.7, 1.0, 1.0),
     TARGET: ColorRGBA(1.0, 1.0, 0.2, 1.0),
@@ -32,18 +35,21 @@ COLORS = {
 ARRAY_PERIOD = 0.099  # [s] of scan stamps between two arrays; a hair less than 10 Hz, for rounding
 PATH_STEP = 0.1  # [m] between two points of the path
 PATH_POINTS = 1000  # at most; the oldest go first
-ABOVE_PILLAR, ABOVE_ROBOT = 2.3, 1.0  # [m] of the text above base_link
+ABOVE_ROBOT = 1.0  # [m] of the text above base_link, without a pillar
 # of the letters: [rad] as seen by a camera so far [m] behind the robot, as rviz/controller.rviz has it
 TEXT_ANGLE, CAMERA_BEHIND = 0.022, 8.0
-COLLAR = 1.5  # times the pillar's radius
-PILLAR_HEIGHT, DISC_HEIGHT = 0.8, 0.02  # [m]; a planar scan cannot see how tall a pillar is
+# of its size is the cylinder in the laser's frame: two cylinders of one size at one place flicker. It is seen
+# when the namespace of the other one is switched off; more than the 0.95 of the simulator's own pillar
+INSIDE = 0.98
+DISC_HEIGHT = 0.02  # [m]
 MIN_SPREAD = 0.05  # [m], of the estimate's rim beyond the pillar, or it would not be visible
 
 
 class Display:
     """Publishes markers and errors once for each scan, each only if its topic has a subscriber."""
 
-    def __init__(self) -> None:
+    def __init__(self, robot: Robot) -> None:
+        self._ground = robot.wheels.height - robot.drive.wheel_radius  # [m], in base_link and in odom
         self._new_subscribers = NewSubscribers()
         self._marker = rospy.Publisher("~visualization_marker", Marker, self._new_subscribers, queue_size=10)
         self._array = rospy.Publisher(
@@ -55,13 +61,22 @@ class Display:
         self._shown: Dict[rospy.Publisher, Set[str]] = {self._marker: set(), self._array: set()}
         self._array_at = -inf
         self._state: Optional[State] = None
-        self._last: Optional[Tuple[Observation, ControlOutput, float]] = None
+        self._last: Optional[Tuple[Observation, ControlOutput, float, float]] = None
         self._turn = threading.Lock()
 
-    def show(self, observation: Observation, output: ControlOutput, stop_distance: float) -> None:
-        """Show a scan and what follows from it; `stop_distance` [m] is from lidar to the pillar's surface."""
+    def show(
+        self, observation: Observation, output: ControlOutput, stop_distance: float, pillar_height: float
+    ) -> None:
+        """Show a scan and what follows from it.
+
+        Args:
+            observation: the scan, and where its lidar was.
+            output: the answer to the scan.
+            stop_distance: where the lidar stops, from the pillar's surface [m].
+            pillar_height: from the ground to the pillar's top [m].
+        """
         with self._turn:
-            self._last = (observation, output, stop_distance)
+            self._last = (observation, output, stop_distance, pillar_height)
             self._show(*self._last)
 
     @property
@@ -77,7 +92,9 @@ class Display:
                     self._array_at = -inf
                     self._show(*self._last)
 
-    def _show(self, observation: Observation, output: ControlOutput, stop_distance: float) -> None:
+    def _show(
+        self, observation: Observation, output: ControlOutput, stop_distance: float, pillar_height: float
+    ) -> None:
         stamp = observation.scan.stamp
         if stamp < self._array_at:  # the simulator was started again
             self._path.clear()
@@ -86,11 +103,13 @@ class Display:
             self._path.clear()
         self._follow(observation.base_in_odom)
         if self._marker.get_num_connections():
-            for each in self._deleting(self._marker, _pillar_markers(observation, output), stamp):
+            pillars = _pillar_markers(observation, output, self._ground, pillar_height)
+            for each in self._deleting(self._marker, pillars, stamp):
                 publish(self._marker, each)
         due = output.state is not self._state or stamp >= self._array_at + ARRAY_PERIOD
         if due and self._array.get_num_connections():
-            markers = [*_state_markers(observation, output, stop_distance), *self._path_marker(stamp)]
+            top = self._ground + pillar_height
+            markers = [*_state_markers(observation, output, stop_distance, top), *self._path_marker(stamp)]
             publish(self._array, MarkerArray(self._deleting(self._array, markers, stamp)))
             self._array_at, self._state = stamp, output.state
         self._publish_numbers(stamp, output)
@@ -147,20 +166,33 @@ def marker(
     )
 
 
-def _pillar_markers(observation: Observation, output: ControlOutput) -> List[Marker]:
-    """The pillar of this scan, as the lidar sees it and, by the transform of the same moment, in odom."""
+def _pillar_markers(
+    observation: Observation, output: ControlOutput, ground: float, height: float
+) -> List[Marker]:
+    """The pillar of this scan, as the lidar sees it and, by the transform of the same moment, in odom.
+
+    Its width is measured. A planar scan can see neither its height nor the `ground` [m, in base_link].
+    """
     pillar, stamp = output.pillar, observation.scan.stamp
     if pillar is None:
         return []
-
-    # in the laser's frame a collar in the scan's plane, to differ from the one in odom
-    width, center = 2.0 * pillar.radius, Point(pillar.x, pillar.y, 0.0)
-    collar = (COLLAR * width, COLLAR * width, DISC_HEIGHT)
-    markers = [marker(Marker.CYLINDER, IN_LASER, stamp, observation.scan.frame, collar, center)]
+    width, middle = 2.0 * pillar.radius, ground + height / 2.0
+    size = (INSIDE * width, INSIDE * width, INSIDE * height)
+    center = Point(pillar.x, pillar.y, _height_in_laser(observation, middle))
+    markers = [marker(Marker.CYLINDER, IN_LASER, stamp, observation.scan.frame, size, center)]
     if output.pillar_in_odom is not None:
-        size, center = (width, width, PILLAR_HEIGHT), Point(*output.pillar_in_odom)
+        x, y, _ = output.pillar_in_odom
+        size, center = (width, width, height), Point(x, y, middle)
         markers.append(marker(Marker.CYLINDER, IN_ODOM, stamp, ODOM, size, center))
     return markers
+
+
+def _height_in_laser(observation: Observation, height: float) -> float:
+    """The z of a height above base_link [m] in the frame of a level lidar, which may be upside-down."""
+    if observation.laser_in_base is None:
+        return 0.0
+    x, y, _ = observation.laser_in_base.position
+    return float(transform_point(inverse(observation.laser_in_base), (x, y, height))[2])
 
 
 def next_step(viewers: Sequence[str]) -> str:
@@ -174,8 +206,10 @@ def next_step(viewers: Sequence[str]) -> str:
     return f"to drive again: {action}; Ctrl-C ends the launch"
 
 
-def _state_markers(observation: Observation, output: ControlOutput, stop_distance: float) -> List[Marker]:
-    """Markers of the estimate, of the stop point and of the state."""
+def _state_markers(
+    observation: Observation, output: ControlOutput, stop_distance: float, top: float
+) -> List[Marker]:
+    """Markers of the estimate, of the stop point and of the state; `top` [m] of the pillar in base_link."""
     stamp = observation.scan.stamp
     text = output.state.value
     markers = []
@@ -189,11 +223,11 @@ def _state_markers(observation: Observation, output: ControlOutput, stop_distanc
             markers.append(marker(Marker.SPHERE, TARGET, stamp, BASE, (0.16, 0.16, 0.16), goal))
     if output.target_in_base is not None and output.state is not State.ARRIVED:
         text += f", {output.distance_error:.2f} m to go"
-    above = Point(0.0, 0.0, ABOVE_ROBOT)
-    if output.target_in_base is not None:
-        above = Point(*output.target_in_base, ABOVE_PILLAR)
-    letters = (0.0, 0.0, TEXT_ANGLE * (CAMERA_BEHIND + hypot(above.x, above.y)))
-    markers.append(marker(Marker.TEXT_VIEW_FACING, STATE, stamp, BASE, letters, above, text=text))
+    x, y = output.target_in_base or (0.0, 0.0)
+    letters = TEXT_ANGLE * (CAMERA_BEHIND + hypot(x, y))  # [m], height of a line
+    above = Point(x, y, ABOVE_ROBOT if output.target_in_base is None else top + letters)
+    size = (0.0, 0.0, letters)
+    markers.append(marker(Marker.TEXT_VIEW_FACING, STATE, stamp, BASE, size, above, text=text))
     return markers
 
 

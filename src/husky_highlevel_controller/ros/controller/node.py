@@ -92,7 +92,7 @@ class ControllerNode:
         self._tf_time: Optional[float] = None  # [s] of ROS time, when a new odom -> base_link was seen
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._announcement = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
-        self._display = Display()
+        self._display = Display(robot)
         self._tuning = ReconfigureServer(tunable, control, detector_config)
         self._diagnostics = Diagnostics(self._examine)
         transforms = tf2_ros.Buffer()
@@ -168,7 +168,7 @@ class ControllerNode:
         self._stamps.append(observation.scan.stamp)
         self._log(observation, before, output, control)
         self._announce(output.at_pillar)
-        self._display.show(observation, output, control.stop_distance)
+        self._display.show(observation, output, control.stop_distance, detector_config.pillar_height)
 
     def _log(
         self, observation: Observation, before: ControllerState, output: ControlOutput, control: ControlConfig
