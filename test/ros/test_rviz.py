@@ -51,8 +51,11 @@ def test_rviz_shows_robot_scan_frames_and_marker(ros):
         "roslaunch", "-p", str(ros.port), PACKAGE, "controller.launch",
         DISPLAY=screen.display, GALLIUM_DRIVER="softpipe",
     )  # fmt: skip
+    launched.says("time begins: RViz draws")
+    assert ros.subscriptions("/husky_rviz") >= SHOWN, "and so it is seen from the start"
     launched.says("driving to the pillar")
-    wait_until(lambda: ros.subscriptions("/husky_rviz") >= SHOWN, f"rviz subscribes to {SHOWN}")
+    begin, drive = (launched.output.index(words) for words in ("time begins: RViz", "driving to the pillar"))
+    assert begin < drive, "nobody has seen the robot drive off otherwise"
     for color in COLORS:
         wait_until(lambda color=color: screen.shows(color) > 30, f"{color} is to be seen")
     log = subprocess.run(

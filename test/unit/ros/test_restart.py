@@ -67,6 +67,23 @@ def test_an_interrupt_while_the_program_starts_reaches_it(monkeypatch):
             signal.signal(number, handler)
 
 
+def test_the_program_opens_a_copy_of_its_configuration_which_lies_beside_its_log(tmp_path):
+    ours = tmp_path / "controller.rviz"
+    ours.write_text("ours")
+    save = "import sys; file = sys.argv[2]; print(open(file).read()); open(file, 'w').write('theirs')"
+    command = [sys.executable, "-c", save, "-d", str(ours), f"__log:={tmp_path / 'husky_rviz-3.log'}"]
+    done = subprocess.run([*RESTART, *command], env=ENVIRONMENT, capture_output=True, text=True)
+    assert (done.stdout, ours.read_text()) == ("ours\n", "ours"), "it is shown, and Ctrl+S does not change it"
+    copy = tmp_path / "husky_rviz-3.rviz"
+    assert copy.read_text() == "theirs"
+    assert f"RViz shows a copy of controller.rviz: Ctrl+S saves to {copy}" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["rviz", "rviz -d", "rviz -d view.rviz", "rviz -d /no.rviz __log:=/a"])
+def test_a_command_without_file_or_log_or_with_a_file_that_is_not_there_stays_as_it_is(command):
+    assert restart.with_own_config(command.split()) == command.split()
+
+
 def test_without_a_display_that_answers_nothing_is_started():
     answer = subprocess.run(
         [*RESTART, "touch", "/dev/null"],

@@ -58,14 +58,19 @@ class Partners:
         )
 
 
-def launched_beside() -> Set[str]:
-    """Names of the nodes, besides the simulator's own, that a roslaunch on this master has started."""
+def launched() -> Set[str]:
+    """Names of the nodes that a roslaunch on this master has started, and that have not ended."""
     names: Set[str] = set()
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
         processes = ask(uri, "list_processes")  # None: it has ended
         # "NODE-COUNT" of each process that lives, and how often it was started
         names.update(name.rsplit("-", 1)[0] for name, _ in (processes or [[]])[0])
-    return names - NODES
+    return names
+
+
+def launched_beside() -> Set[str]:
+    """Names of the launched nodes without the simulator's own."""
+    return launched() - NODES
 
 
 class GraphWatch:

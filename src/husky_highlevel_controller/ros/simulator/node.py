@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from functools import partial
-from typing import Any, Optional
+from typing import Any, Callable, Optional
 
 import rosgraph
 import rospy
@@ -21,12 +21,13 @@ from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.commands import Commands
 from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCamera
-from husky_highlevel_controller.ros.simulator.graph import GraphWatch, Partners, launched_beside
+from husky_highlevel_controller.ros.simulator.graph import GraphWatch, Partners, launched, launched_beside
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
 from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERIOD, LeadLimit, Lockstep
 from husky_highlevel_controller.ros.simulator.one_simulator import refusal, running_simulator
 from husky_highlevel_controller.ros.simulator.parameters import read_parameters, read_robot_description
 from husky_highlevel_controller.ros.simulator.publishers import Publishers
+from husky_highlevel_controller.ros.simulator.rviz_windows import is_rviz, missing_topics
 from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
 from husky_highlevel_controller.ros.simulator.world_services import WorldServices
 from husky_highlevel_controller.simulator.diff_drive import CommandError
@@ -43,6 +44,8 @@ MAX_STEPS = 100_000  # in one request
 # [s] of wall time
 PAUSE_POLL_PERIOD = 0.05  # between two checks for the end of a pause
 LAUNCH_TIMEOUT = 10.0  # for the nodes launched with this one, as fast as it goes
+RVIZ_TIMEOUT = 30.0  # for an RViz that was launched with this node to draw
+RVIZ_POLL_PERIOD = 0.2  # between two looks at it; more often would take CPU time from its start
 
 
 class SimulatorNode:
@@ -95,6 +98,8 @@ class SimulatorNode:
             publishers.truth_log.wait_to_begin(self._hold_time)
         elif self._start.real_time_factor == 0.0 and not self._paused:
             self._wait_for_launch(partners)
+        if self._start.wait_for_rviz and not self._paused and not publishers.truth_log.is_open:
+            self._wait_for_rviz()
         if self._paused:
             self._publishers.keep(simulation.at_start())
         self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
@@ -121,19 +126,47 @@ class SimulatorNode:
 
     def _wait_for_launch(self, partners: Partners) -> None:
         """Wait for the nodes launched: unpaced, ten simulated seconds pass while a controller starts."""
-        end = time.monotonic() + LAUNCH_TIMEOUT
-        while not rospy.is_shutdown() and not partners.joined():
-            beside = launched_beside()
-            if not beside:
-                return
+
+        def missing() -> str:
+            beside = launched_beside() if not partners.joined() else ()
+            topics = f"{partners.scan_topic} and {partners.command_topics}"
+            return f"{', '.join(sorted(beside))} did not join on {topics}" if beside else ""
+
+        self._hold_time_while(missing, LAUNCH_TIMEOUT, PARTNERS_POLL_PERIOD)
+
+    def _wait_for_rviz(self) -> None:
+        """Wait for the RViz that a launch file opens: nobody sees the begin of a drive without it."""
+        master_uri, caller = rosgraph.get_master_uri(), rospy.get_name()
+        seen = False
+
+        def missing() -> str:
+            nonlocal seen
+            nodes = sorted(filter(is_rviz, launched()))
+            seen = seen or bool(nodes)
+            topics = missing_topics(master_uri, caller, nodes)
+            return ", ".join(f"{node} did not subscribe to {' '.join(topics[node])}" for node in topics)
+
+        begun = time.monotonic()
+        if self._hold_time_while(missing, RVIZ_TIMEOUT, RVIZ_POLL_PERIOD) and seen:
+            rospy.loginfo(f"time begins: RViz draws, after {time.monotonic() - begun:.1f} s of wall time")
+
+    def _hold_time_while(self, missing: Callable[[], str], timeout: float, period: float) -> bool:
+        """Hold time while a sentence says what is missing; log the sentence after `timeout` [s] of wall time.
+
+        Returns:
+            Whether nothing is missing any more. `period` [s] of wall time is between two looks.
+        """
+        end = time.monotonic() + timeout
+        while not rospy.is_shutdown():
+            sentence = missing()
+            if not sentence:
+                return True
             if time.monotonic() > end:
-                rospy.loginfo(
-                    f"time begins: {', '.join(sorted(beside))} did not join on {partners.scan_topic} and "
-                    f"{partners.command_topics} within {LAUNCH_TIMEOUT:g} s of wall time"
-                )
-                return
+                rospy.loginfo(f"time begins: {sentence} within {timeout:g} s of wall time")
+                break
             self._hold_time()
-            time.sleep(PARTNERS_POLL_PERIOD)
+            time.sleep(period)
+        return False
 
     def _advance(self) -> bool:
         """Advance the physics by one step and publish its messages; whether /clock was published."""

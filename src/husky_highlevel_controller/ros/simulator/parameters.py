@@ -30,6 +30,7 @@ class StartConfig:
     seed: int = number(0, 2**31 - 1, "of all noise", default=0)
     real_time_factor: float = number(0.0, 1000.0, "pace; 0 = as fast as it goes", default=1.0)
     paused: bool = setting("wait for gazebo/unpause_physics", default=False)
+    wait_for_rviz: bool = setting("hold time until the RViz that was launched beside draws", default=True)
     lockstep: bool = setting("wait for the command that answers a scan", default=False)
     kinect_enabled: bool = setting("with a depth camera", default=False)
     profile: str = setting("whose drivers: gazebo or robot", default="gazebo")
