@@ -9,6 +9,7 @@ from packages import manifest, put
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.displays import STANDING, view_of
 from husky_highlevel_controller.grading.hand_in.build import copy_packages
+from husky_highlevel_controller.grading.hand_in.class_folder import find_hand_ins
 from husky_highlevel_controller.grading.hand_in.launch_choice import (
     choose_launch_files,
     read_launch_files,
@@ -19,7 +20,6 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     NotMarkableError,
     choose_packages,
     exercise_numbers,
-    find_hand_ins,
     open_hand_in,
     read_manifest,
 )
@@ -69,9 +69,9 @@ def test_hand_ins_are_packages_and_a_launch_file_or_not_markable(cases, tmp_path
         for name in ("launch/a.launch", "launch/b.launch", "../ex3.launch"):
             put(package / name, damaged(rng, LAUNCH))
         (place / "scratch").mkdir()
-        (hand_in,) = find_hand_ins(place / "class").values()
+        (hand_in,) = find_hand_ins(place / "class")
         try:
-            contents = open_hand_in(hand_in, place / "scratch")
+            contents = open_hand_in(hand_in.path, place / "scratch")
             packages, _ = choose_packages(contents.packages, 3)
             folders = copy_packages(packages, place / "ws")[0]
             workspace = Workspace(packages=(folders.root / "src",))

@@ -11,6 +11,7 @@ import glob
 import hashlib
 import os
 import platform
+import secrets
 import subprocess
 import sys
 import tempfile
@@ -23,11 +24,12 @@ from tqdm import tqdm
 from husky_highlevel_controller.config import load, to_json
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.hand_in.archives import PackedPath
-from husky_highlevel_controller.grading.hand_in.packages import find_hand_ins
+from husky_highlevel_controller.grading.hand_in.class_folder import HandIn, find_hand_ins, is_package
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     read_regular,
+    read_text,
     remove_tree,
     walk,
     write_whole,
@@ -51,7 +53,7 @@ from husky_highlevel_controller.grading.reports.files import (
     write_class,
     write_result,
 )
-from husky_highlevel_controller.grading.settings import PointsError, read_overrides
+from husky_highlevel_controller.grading.settings import FILE, PointsError, read_overrides
 from husky_highlevel_controller.grading.submission import SUBMISSION_FOLDER, WORKSPACE
 from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint
 from husky_highlevel_controller.tasks.workers import Workers
@@ -61,6 +63,8 @@ PROGRAM = "husky_highlevel_controller.grading.mark"
 DPKG = "/var/lib/dpkg/info"  # folder with a list of files for each package of Debian
 CLEANUP_DEADLINE = 10.0  # [s] of wall time from Ctrl-C until the marking program is killed
 MAX_RETURNED = 50_000_000  # [bytes] of a file that a cluster sends back
+SEED = "seed"  # file in the folder of results with the class's seed
+SEEDS = 2**30  # their number; the simulator adds a drive's number, and a parameter of ROS has 31 bits
 # folders that are made of the hand-in, or by it
 NOT_RETURNED = frozenset({"unpacked", "ws", "copies", "stand_ins", SUBMISSION_FOLDER})
 Files = Dict[str, bytes]  # content by place in the folder of results
@@ -85,22 +89,26 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     Raises:
         HuskyError: there is none, marking.yaml is wrong, or marking was interrupted.
     """
-    hand_ins = find_hand_ins(batch.folder)
-    names = [name for name, path in hand_ins.items() if path.resolve() != batch.out]
+    hand_ins = [each for each in find_hand_ins(batch.folder) if each.path.resolve() != batch.out]
+    names = [each.name for each in hand_ins]
     if not names:
         raise HuskyError(f"no hand-in in {batch.folder}: no folder, zip or tar archive")
     for name in batch.only:
         if name not in names:
             raise HuskyError(f"--only {name}: not in {batch.folder}; there are: {', '.join(names)}")
-    overrides = read_overrides(batch.folder, names)
+    overrides = _overrides(batch.folder, names)
     batch.out.mkdir(parents=True, exist_ok=True)
     (batch.out / "CATKIN_IGNORE").touch()  # unpacked hand-ins are no packages of a workspace around them
     results: Dict[str, MarkingResult] = {}
     waiting: List[Job] = []
     installed = installed_packages(batch.setups)
-    for name in names:
-        job = job_of(name, hand_ins[name], overrides.get(name, Override()), config, batch)
+    for hand_in in hand_ins:
+        job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
         job = replace(job, installed=installed)
+        if hand_in.problem:
+            remove_tree(Path(job.out))  # with the result of the entry that may be the wrong one
+            results[job.name] = unmarked(job, hand_in.problem)
+            continue
         if job.name in batch.only:  # all of it again
             Path(job.out, WORKSPACE).unlink(missing_ok=True)
         earlier = None if job.name in batch.only else _earlier(job)
@@ -126,7 +134,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     except (StoppedError, KeyboardInterrupt):
         raise HuskyError("stopped; the same command goes on from here") from None
     ordered = [results[name] for name in names if name in results]
-    write_class(ordered, batch.out)
+    write_class(ordered, {each.name: each.folder for each in hand_ins}, batch.out)
     for result in ordered:
         print(f"{result.name:<40}{_sum(result)}")
     if open_ones := [each.name for each in ordered if each.state is not ResultState.MARKED]:
@@ -139,11 +147,42 @@ def _sum(result: MarkingResult) -> str:
     return "could not be marked" if result.problem else f"{result.points:g}/{result.max_points:g}"
 
 
-def job_of(name: str, path: Path, override: Override, config: MarkingConfig, batch: Batch) -> Job:
+def _overrides(folder: Path, names: Sequence[str]) -> Dict[str, Override]:
+    """Return the teacher's settings for students; a hand-in's own marking.yaml is not the teacher's."""
+    if not is_package(folder):
+        return read_overrides(folder, names)
+    if (folder / FILE).exists():
+        problem = f"{folder} is itself a package, so its {FILE} is the student's, and does not count"
+        print(f"{problem}; put the package into a folder of your own, and {FILE} beside it", file=sys.stderr)
+    return {}
+
+
+def class_seed(out: Path) -> int:
+    """Return the seed of a class: drawn once, and kept in its folder of results.
+
+    So the class has the same starts whenever it is marked again, and no student knows them.
+
+    Raises:
+        HuskyError: what is kept is not a seed.
+    """
+    path = out / SEED
+    if not path.exists():
+        out.mkdir(parents=True, exist_ok=True)
+        write_whole(path, f"{secrets.randbelow(SEEDS)}\n")
+    text = read_text(path).strip()
+    if not text.isdecimal() or int(text) >= SEEDS:
+        raise HuskyError(
+            f"{path}: {text[:80]!r} is not a seed; remove the file, so that another one is drawn"
+        )
+    return int(text)
+
+
+def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Batch) -> Job:
     """The job of a student, with fingerprints of what it is made of, and of what decides how it drives."""
+    path = hand_in.path
     job = Job(
-        name, str(batch.out / HAND_INS / name), config, hand_in=str(path), override=override,
-        setups=batch.setups, hidden=(str(batch.folder), str(batch.out)), time_limit=batch.time_limit,
+        hand_in.name, str(batch.out / HAND_INS / hand_in.folder), config, hand_in=str(path),
+        override=override, setups=batch.setups, hidden=(str(batch.folder), str(batch.out)), time_limit=batch.time_limit,
     )  # fmt: skip
     choices = replace(override, robot=None, points={}, late=None, hold=False)
     built = [code_version(), config.exercise, to_json(choices), batch.setups]
@@ -181,7 +220,8 @@ def _earlier(job: Job) -> Optional[MarkingResult]:
         is_as_before = not (out / WORKSPACE).exists()
         with contextlib.suppress(HuskyError):  # else it is not known how it was judged
             before = load(Job, out / JOB)
-            is_as_before |= (before.config, before.override) == (job.config, job.override)
+            same = ("name", "config", "override")
+            is_as_before |= all(getattr(before, field) == getattr(job, field) for field in same)
         judged = result if is_as_before else judge_again(job)
     except PointsError:
         raise
@@ -272,7 +312,7 @@ def run_there(packed: Tuple[Job, PackedPath]) -> Files:
     with tempfile.TemporaryDirectory(prefix="husky_grade_") as place:
         folder = Path(place)
         (folder / "hand_ins").mkdir()
-        path, out = content.unpack(folder / "hand_ins"), folder / "out" / job.name
+        path, out = content.unpack(folder / "hand_ins"), folder / "out" / Path(job.out).name
         run_program(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
         files: Files = {}
         for file in walk(out, NOT_RETURNED):

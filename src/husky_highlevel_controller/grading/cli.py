@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Optional, Sequence
 
-from husky_highlevel_controller.grading.batch import Batch, mark_all, run_program
+from husky_highlevel_controller.grading.batch import Batch, class_seed, mark_all, run_program
 from husky_highlevel_controller.grading.exercises import EXERCISES
 from husky_highlevel_controller.grading.isolation.process import stop_on_signals
 from husky_highlevel_controller.grading.records import (
@@ -50,7 +50,11 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         help="husky: scans on /front/scan in front_laser, husky_melodic: on /scan in base_laser, smb: on "
         "/scan in rslidar (default auto: what the submission subscribes to and names)",
     )  # fmt: skip
-    add("--seed", type=seed_value, default=0, help="of starts, pillars and noise (default 0)")
+    add(
+        "--seed", type=seed_value,
+        help="random seed for start poses, pillars and noise (with --all defaults to one that is drawn "
+        "for the class and kept in --out; otherwise 0)",
+    )  # fmt: skip
     add("--trials", type=between(int, 1, 1000), default=3, help="drives in exercise 3 (default 3)")
     seconds = between(float, 0.1, 3600.0)
     add("--deadline", type=seconds, help="of a drive, simulated seconds (default 120; 60 in 2, 5; 90 in 4)")
@@ -99,11 +103,14 @@ def run(options: argparse.Namespace) -> int:
         return 0
     exercise = EXERCISES[options.exercise]
     rules = load_rules(options.rubric, exercise.items) if options.rubric else Rules()
+    out = options.out.resolve()
+    seed = options.seed
+    if seed is None:
+        seed = class_seed(out) if options.all else 0
     config = MarkingConfig(
-        options.exercise, options.robot, options.seed, options.trials,
+        options.exercise, options.robot, seed, options.trials,
         options.deadline or exercise.deadline, options.pace or exercise.pace, rules,
     )  # fmt: skip
-    out = options.out.resolve()
     setups = (str(options.underlay.resolve()),) if options.underlay else ()
     if options.all:
         batch = Batch(options.all.resolve(), out, options.jobs, tuple(options.only), setups, options.cluster)

@@ -15,6 +15,7 @@ from typing import List, Tuple
 
 from husky_highlevel_controller.config import ConfigError, load
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.grading.hand_in.class_folder import find_hand_ins
 from husky_highlevel_controller.grading.isolation.files import (
     UnreadableFileError,
     texts_in,
@@ -22,7 +23,7 @@ from husky_highlevel_controller.grading.isolation.files import (
 )
 from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.recording import RECORDING, Recording
-from husky_highlevel_controller.grading.records import Item, Job
+from husky_highlevel_controller.grading.records import Item, Job, MarkingResult
 from husky_highlevel_controller.grading.reports.files import (
     HAND_INS,
     JOB,
@@ -114,25 +115,38 @@ def open_items(out: Path) -> Tuple[List[OpenItem], Path, List[str]]:
     """Items of a class without points, the folder of its hand-ins, and its students.
 
     Raises:
-        HuskyError: there are no results of one class.
+        HuskyError: there are no results of one class, or its folder is itself a hand-in.
     """
-    items: List[OpenItem] = []
-    students: List[str] = []
-    folders = set()
+    marked: List[Tuple[MarkingResult, Job, Path]] = []
     for path in sorted((out / HAND_INS).glob(f"*/{RESULT}")):
         try:
             result, job = load_result(path), load(Job, path.with_name(JOB))
         except ConfigError as error:
             print(f"left out: {error}", file=sys.stderr)
             continue
-        if not Path(job.hand_in).exists():
-            continue  # a student who is gone
-        students.append(result.name)
-        folders.add(Path(job.hand_in).parent)
-        items += [OpenItem(result.name, each, path.parent) for each in result.items if each.points is None]
+        if Path(job.hand_in).exists():  # otherwise the student is gone
+            marked.append((result, job, path.parent))
+    folders = {Path(job.hand_in).parent for _, job, _ in marked}
     if len(folders) != 1:
         raise HuskyError(f"{out}: no results of one class, as `grade --all FOLDER --out {out}` writes them")
-    return items, folders.pop(), students
+    folder = folders.pop()
+    for _, job, _ in marked:
+        if job.hand_in in job.hidden:  # which has the folder of the class
+            raise HuskyError(
+                f"{job.hand_in} is itself a package, so no {FILE} counts in it: put the package into a "
+                "folder of your own, and run `grade --all` with that folder"
+            )
+    hand_ins = find_hand_ins(folder)
+    current = {each.folder for each in hand_ins}  # a student whose name met another one's has a new folder
+    items = [
+        OpenItem(result.name, item, place)
+        for result, _, place in marked
+        if place.name in current
+        for item in result.items
+        if item.points is None
+    ]
+    students = [result.name for result, _, place in marked if place.name in current]
+    return items, folder, list(dict.fromkeys([*students, *(each.name for each in hand_ins)]))
 
 
 def write_review(out: Path) -> Path:

@@ -1,9 +1,7 @@
-"""Hand-ins of a class: one first-level entry of a folder is one student, with all the packages in it."""
+"""Packages of a hand-in: unpacked, found by their manifests, and those that belong to an exercise."""
 
 from __future__ import annotations
 
-import hashlib
-import os
 import re
 import unicodedata
 from dataclasses import dataclass, field
@@ -22,7 +20,6 @@ from husky_highlevel_controller.grading.isolation.files import (
 )
 
 MAX_ARCHIVES, MAX_PACKAGES = 50, 200  # inside of one hand-in
-MAX_NAME, KEPT_NAME = 200, 40  # [bytes] of a name that becomes a folder, letters kept of a longer one
 MAX_MANIFEST = 1_000_000  # [bytes]
 BUILT = frozenset({"build", "devel", "install", "logs", ".git", "__pycache__", "__MACOSX", ".catkin_tools"})
 # packages that courses hand out or that Debian and the robot bring: a copy of one is not the student's work
@@ -33,7 +30,7 @@ KNOWN = frozenset({
     "smb_common", "smb_control", "smb_description", "smb_gazebo",
 })  # fmt: skip
 COPIED = {"husky_gazebo", "smb_gazebo"}  # to put one's own worlds and launch files into
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,99}")  # it becomes the name of folders and files
 _COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
 _ATTRIBUTE = re.compile(r"""\b(pkg|type)\s*=\s*["']([^"']*)""")
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
@@ -68,36 +65,6 @@ class Contents:
     # of its folder, or that of the unpacked archive, and of those of archives in it
     places: Mapping[Path, PurePosixPath] = field(default_factory=dict)
     notes: Tuple[str, ...] = ()
-
-
-def find_hand_ins(folder: Path) -> Dict[str, Path]:
-    """Every folder and archive in a folder by its student; a folder that is itself a package is one hand-in.
-
-    Raises:
-        HuskyError: two entries belong to the same student.
-    """
-    if (folder / "package.xml").is_file():
-        return {_printable_name(folder.name): folder}
-    hand_ins: Dict[str, Path] = {}
-    for path in sorted(folder.iterdir()):
-        suffix = suffix_of(path.name)
-        is_archive = bool(suffix) and path.is_file()
-        if path.name.startswith(".") or path.is_symlink() or not (is_archive or path.is_dir()):
-            continue
-        name = _printable_name(path.name[: -len(suffix)] if is_archive else path.name)
-        if name in hand_ins:
-            raise HuskyError(f"{folder}: {hand_ins[name].name} and {path.name} are both called {name}")
-        hand_ins[name] = path
-    return hand_ins
-
-
-def _printable_name(name: str) -> str:
-    """Name of a file as printable text: other bytes and letters as backslash escapes, cut if long."""
-    text = os.fsencode(name).decode("utf-8", "backslashreplace")
-    text = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-    if len(text.encode()) <= MAX_NAME:
-        return text
-    return f"{text[:KEPT_NAME]}~{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
 def open_hand_in(path: Path, scratch: Path) -> Contents:
@@ -167,7 +134,11 @@ def read_manifest(path: Path) -> Tuple[str, FrozenSet[str]]:
         raise NotMarkableError(str(error)) from error
     name = str(root.findtext("name") or "").strip()
     if not _NAME.fullmatch(name):
-        raise NotMarkableError(f"{path}: <name> is {name[:80]!r}, which is not the name of a package")
+        shown = f"{name[:80]!r}" + (f" and {len(name) - 80} more letters" if len(name) > 80 else "")
+        raise NotMarkableError(
+            f"{path}: <name> is {shown}, which is not a valid name of a package: a letter, and at most 99 "
+            "more letters, digits, _ and -"
+        )
     tags = ("depend", "build_depend", "exec_depend", "run_depend", "build_export_depend")
     return name, frozenset(str(node.text or "").strip() for tag in tags for node in root.iter(tag))
 

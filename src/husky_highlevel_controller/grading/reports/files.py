@@ -6,7 +6,7 @@ import os
 import re
 from contextlib import suppress
 from pathlib import Path
-from typing import Dict, List, Sequence, Tuple
+from typing import Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
@@ -68,13 +68,21 @@ def load_result(path: Path) -> MarkingResult:
     return load(MarkingResult, path, *SUMS)
 
 
-def write_class(results: Sequence[MarkingResult], out: Path) -> None:
-    """Write the table, the page and the test report of a class; OSError: such as a full disk."""
+def write_class(results: Sequence[MarkingResult], folders: Mapping[str, str], out: Path) -> None:
+    """Write the table, the page and the test report of a class.
+
+    Args:
+        results: of its students.
+        folders: the name of the folder of a student's result, by the student's name.
+        out: folder for the files; the students' folders are in its hand_ins/.
+
+    Raises:
+        OSError: such as a full disk.
+    """
+    places = {result.name: Path(HAND_INS, folders[result.name]) for result in results}
     # one each: the page of thirty is long enough
-    pictures: Dict[str, Sequence[bytes]] = {
-        each.name: _pictures(out / HAND_INS / each.name)[:1] for each in results
-    }
-    files = {result.name: _files(Path(HAND_INS, result.name), out) for result in results}
+    pictures = {name: _pictures(out / place)[:1] for name, place in places.items()}
+    files = {name: _files(place, out) for name, place in places.items()}
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / "results.csv", to_csv(results))
     write_whole(out / "moodle.csv", to_moodle(results))
@@ -158,10 +166,10 @@ def _logs(out: Path) -> Dict[str, str]:
     return texts
 
 
-def _files(name: Path, out: Path) -> List[Tuple[str, str]]:
-    """Titles and addresses, relative to the class's page, of what there is of a student."""
+def _files(place: Path, out: Path) -> List[Tuple[str, str]]:
+    """Titles and addresses, relative to the class's page, of what there is in a student's folder."""
     logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]
-    for number, folder in drive_folders(out / name).items():
+    for number, folder in drive_folders(out / place).items():
         logs.append((f"replay of drive {number}", f"{folder.name}/{REPLAY}"))
         logs.append((f"log of drive {number}", f"{folder.name}/submission.log"))
-    return [(title, f"{name}/{path}") for title, path in logs if (out / name / path).is_file()]
+    return [(title, f"{place}/{path}") for title, path in logs if (out / place / path).is_file()]
