@@ -1,6 +1,6 @@
 """Turning of the simulated `profile:=robot` with a real Husky's wheel speeds, against the real one's gyro.
 
-./dev run python tools/real_turns.py FOLDER
+./dev run python tools/recordings/real_turns.py FOLDER
 
 FOLDER is that of borealtc.py. The simulated wheels turn as the recorded ones did. Compared are means over
 half a second in which the real robot turns by 0.05 rad/s or more. Where the simulated one does and the real

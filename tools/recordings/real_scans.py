@@ -1,6 +1,6 @@
 """Pillar detection and tracking on logs of real lidars: sightings, ghosts, confirmed estimates.
 
-./dev run python tools/real_scans.py LOG... [--scans 1500] [--tolerance 0.15]
+./dev run python tools/recordings/real_scans.py LOG... [--scans 1500] [--tolerance 0.15]
 
 A log is a CARMEN log with corrected poses (`*.log`, `*.log.gz`: acschaefer/ple, data/carmen) or a rosbag of
 sensor_msgs/LaserScan from lidars at rest (tysik/obstacle_detector, resources). Parameters are those of
@@ -33,7 +33,7 @@ from husky_highlevel_controller.controller.tracking import BASELINE, Track, foll
 from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan
 from husky_highlevel_controller.geometry import pose_from_2d, transform_point, wrap_angle
 
-CONFIG = Path(__file__).parents[1] / "config"
+CONFIG = Path(__file__).parents[2] / "config"
 ELSEWHERE, FARTHEST = 0.7, 12.0  # [m], of scans that judge a place: from where it was sighted, from it
 SLACK = 0.1  # [m], errors of the poses
 STANDS, GHOST, VOTERS = 0.5, 0.2, 3

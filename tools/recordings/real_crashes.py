@@ -1,6 +1,6 @@
 """Collision detection on a real Husky's recordings: false stops, and the share of added losses that is felt.
 
-./dev run python tools/real_crashes.py FOLDER [--rate 50|100|400] [--picture docs/crash_curve.png]
+./dev run python tools/recordings/real_crashes.py FOLDER [--rate 50|100|400] [--picture docs/crash_curve.png]
 
 FOLDER is that of borealtc.py. No run holds a collision. A loss of 0.4 m/s within 80 ms is added at 18
 places of each run, while the wheels go on turning as recorded; it is felt if a stop comes within 0.3 s.
@@ -206,7 +206,7 @@ def main() -> None:
     parser.add_argument("--rate", type=int, default=100, choices=(50, 100, 400), help="of the IMU [Hz]")
     parser.add_argument("--picture", type=Path, help="file for the curve")
     options = parser.parse_args()
-    values = yaml.safe_load((Path(__file__).parents[1] / "config" / "crash_stop.yaml").read_text())
+    values = yaml.safe_load((Path(__file__).parents[2] / "config" / "crash_stop.yaml").read_text())
     config = CrashConfig(**{name: values[name] for name in CrashConfig.__dataclass_fields__})
     most_often = replace(config, max_loss_rough=min(ROUGH_LOSSES), vibration_factor=min(FACTORS))
     runs = [evidence(run, options.rate, most_often) for run in read_runs(options.folder)]
