@@ -79,3 +79,24 @@ def test_a_bag_without_odometry_is_told_with_its_topics(tmp_path):
         bag.write("/imu/data", Imu())
     with pytest.raises(HuskyError, match=r"x\.bag has no nav_msgs/Odometry; its topics: /imu/data"):
         plot_path.paths_of_bag(tmp_path / "x.bag")
+
+
+def test_a_seed_that_is_none_is_refused_and_a_drive_that_fails_leaves_no_bag(tmp_path, monkeypatch, capsys):
+    arguments = ["record_bag", "--folder", str(tmp_path), "--seed"]
+    monkeypatch.setattr("sys.argv", [*arguments, "-1"])
+    with pytest.raises(SystemExit) as end:
+        record_bag.main()
+    assert end.value.code == 2
+    assert "argument --seed: -1 is not in 0.." in capsys.readouterr().err
+
+    def drive(*_):
+        yield from ()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(record_bag, "drive", drive)
+    monkeypatch.setattr("sys.argv", [*arguments, "1"])
+    with pytest.raises(SystemExit) as end:
+        record_bag.main()
+    assert end.value.code == 1
+    assert "No space left on device" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == [], "otherwise the next call refuses to write"

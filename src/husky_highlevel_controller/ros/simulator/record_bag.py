@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from math import pi
 from pathlib import Path
-from typing import Any, Iterator, Tuple
+from typing import Any, Iterable, Iterator, Sequence, Tuple
 
 import rosbag
 import rospy
@@ -32,6 +32,7 @@ from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE,
 
 WORLD_FILE = share_folder() / "compat" / "husky_gazebo" / "worlds" / "clearpath_playpen.world"
 DURATION = 90.0  # [s]
+MAX_SEED = 2**31 - 1  # as the simulator's
 STANDING = 3.0  # [s], before and after the drive
 SPEED = 0.33  # [m/s]
 STEERING_GAIN = 2.0  # [1/s]
@@ -92,6 +93,8 @@ def drive(name: str, ground: str, seed: int, duration: float) -> Iterator[Tuple[
 def record(name: str, ground: str, seed: int, folder: Path) -> None:
     """Write both bags of a drive into a folder.
 
+    A recording that does not come to its end leaves no bag, because the next call refuses to replace one.
+
     Raises:
         HuskyError: a file is there already, or cannot be written.
     """
@@ -100,11 +103,25 @@ def record(name: str, ground: str, seed: int, folder: Path) -> None:
         if path.exists():
             raise HuskyError(f"there is a {path} already: move it away, or give another folder")
     try:
-        bags = [rosbag.Bag(str(path), "w", compression=rosbag.Compression.BZ2) for path in paths]
-    except OSError as error:
-        raise HuskyError(f"{error.filename}: {error.strerror}") from None
-    with bags[0] as sensors, bags[1] as truth:
-        for snapshot, topic, msg in drive(name, ground, seed, DURATION):
+        _write(paths, drive(name, ground, seed, DURATION))
+    except BaseException as error:  # Ctrl-C, too
+        for path in paths:
+            path.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise HuskyError(f"{error.filename or folder}: {error.strerror or error}") from None
+        raise
+    for path in paths:
+        print(f"{path}: {path.stat().st_size / 1e6:.1f} MB", flush=True)
+
+
+def _write(paths: Sequence[Path], messages: Iterable[Tuple[Snapshot, str, Any]]) -> None:
+    """Write the bag of the sensors and the bag of the true poses."""
+    with ExitStack() as stack:
+        sensors, truth = (
+            stack.enter_context(rosbag.Bag(str(path), "w", compression=rosbag.Compression.BZ2))
+            for path in paths
+        )
+        for snapshot, topic, msg in messages:
             header = {
                 "topic": topic,
                 "type": msg._type,
@@ -115,18 +132,18 @@ def record(name: str, ground: str, seed: int, folder: Path) -> None:
             }
             stamp = conversions.time_to_msg(snapshot.stamp)
             (truth if topic == TRUTH_TOPIC else sensors).write(topic, msg, stamp, connection_header=header)
-    for path in paths:
-        print(f"{path}: {path.stat().st_size / 1e6:.1f} MB", flush=True)
 
 
 def main() -> None:
-    """Write the bags; exit with 1 where that fails."""
+    """Write the bags; exit with 1 if that fails, and with 2 for a wrong argument."""
     parser = argparse.ArgumentParser(prog="record_bag", description="Writes the bag of exercise 4.")
     parser.add_argument("--robot", choices=ROBOTS, default="husky", help="which robot (default husky)")
     parser.add_argument("--ground", choices=GROUNDS, default="hard", help="under the Husky (default hard)")
-    parser.add_argument("--seed", type=int, default=0, help="of all noise (default 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of all noise (defaults to 0)")
     parser.add_argument("--folder", type=Path, default=Path(), help="for the bags (default: here)")
     options = parser.parse_args(rospy.myargv()[1:])
+    if not 0 <= options.seed <= MAX_SEED:
+        parser.error(f"argument --seed: {options.seed} is not in 0..{MAX_SEED}")
     try:
         record(options.robot, options.ground, options.seed, options.folder)
     except HuskyError as error:
