@@ -17,10 +17,18 @@ from husky_highlevel_controller.config import ConfigError, from_plain, number, s
 VARIABLES = 15  # x, y, z, roll, pitch, yaw, their velocities, three accelerations: of every `odom0_config`
 PLANAR = [0, 1, 5, 6, 7, 11, 12, 13]  # the states of `planar_ekf` among them
 INPUT = re.compile(r"((?:odom|imu)\d+)(?:_(\w+))?")
-REFUSED = re.compile(  # unless false
-    r"(pose|twist)\d+\w*|\w+_rejection_threshold|\w+_pose_use_child_frame|use_control|smooth_lagged_data"
-    r"|dynamic_process_noise_covariance|publish_acceleration|invert_tf|disabled_at_startup"
-)
+# parameters that are refused unless they are false, and why
+REFUSED = {
+    re.compile(r"(pose|twist)\d+\w*"): "inputs are odometry (odom0 ...) and IMU (imu0 ...)",
+    re.compile(r"\w+_rejection_threshold"): "the filter takes every measurement, however far it is off",
+    re.compile(r"\w+_pose_use_child_frame"): "a pose is the pose of base_link_frame",
+    re.compile(r"use_control"): "the filter has no model of commands, only measurements",
+    re.compile(r"smooth_lagged_data"): "measurements are taken in the order of their stamps without it",
+    re.compile(r"dynamic_process_noise_covariance"): "process_noise_covariance is the same at every speed",
+    re.compile(r"publish_acceleration"): "the filter publishes pose and velocity only",
+    re.compile(r"invert_tf"): "the transform goes from odom_frame to base_link_frame",
+    re.compile(r"disabled_at_startup"): "the filter works from its start",
+}
 WITHOUT_EFFECT = re.compile(
     r"print_diagnostics|debug\w*|transform_t\w+|silent_tf_failure|permit_corrected_publication|\w+_nodelay"
     r"|reset_on_time_jump|history_length|stamped_control|control_\w+|(ac|de)celeration_\w+|map_frame"
@@ -88,10 +96,10 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
     known = FilterOptions.__dataclass_fields__
     for key, value in sorted(values.items()):
         of_input = INPUT.fullmatch(key)
-        if REFUSED.fullmatch(key):
+        reason = next((reason for names, reason in REFUSED.items() if names.fullmatch(key)), None)
+        if reason is not None:
             if value is not False:
-                text = "inputs are odometry and IMU, in the order of their stamps"
-                raise ConfigError(f"{source}{key} = {value!r} is not supported: {text}")
+                raise ConfigError(f"{source}{key} = {value!r} is not supported: {reason}")
         elif WITHOUT_EFFECT.fullmatch(key):
             continue
         elif key in matrices:
