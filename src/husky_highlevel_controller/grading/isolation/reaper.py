@@ -4,6 +4,8 @@ A child subreaper (prctl(2)): orphans below become children of this process, so 
 parents. It ends with the command, on SIGTERM, or when the process that started it dies, by whatever signal.
 SIGINT, SIGUSR1 and SIGUSR2 are passed on to the command. It is started by its path and imports nothing of
 this package, because a package of a submission may have the same name.
+
+Signals are blocked and waited for: none interrupts anything, and none is passed on after the command's end.
 """
 
 from __future__ import annotations
@@ -14,23 +16,14 @@ import os
 import signal
 import subprocess
 import sys
-from typing import Any, List
+from typing import List
 
 import psutil
 
 SET_PARENT_DEATH_SIGNAL, SET_CHILD_SUBREAPER = 1, 36  # of prctl(2)
 POLL_PERIOD = 0.02  # [s]
 STOPPED = 128 + signal.SIGTERM
-PASSED_ON = (signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2)
-
-
-class Stop(BaseException):
-    """SIGTERM, or the death of the parent."""
-
-
-def stop(*_: Any) -> None:
-    """Signal handler."""
-    raise Stop
+SIGNALS = {signal.SIGCHLD, signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2}
 
 
 def end_descendants() -> None:
@@ -44,39 +37,39 @@ def end_descendants() -> None:
                 pass
         except ChildProcessError:
             return
-        with contextlib.suppress(Stop):
-            signal.sigtimedwait([signal.SIGCHLD], POLL_PERIOD)
+        signal.sigtimedwait([signal.SIGCHLD], POLL_PERIOD)
 
 
 def run(parent: int, command: List[str]) -> int:
     """Run the command to its end; its exit code."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     prctl = ctypes.CDLL(None).prctl
     prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGTERM, 0, 0, 0)
     if os.getppid() != parent:
         return STOPPED  # it died before it could be watched
-    child = subprocess.Popen(command)
-    for number in PASSED_ON:
-        signal.signal(number, lambda number, _: os.kill(child.pid, number))
+    child = subprocess.Popen(command, preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_SETMASK, before))
     while True:
-        pid, status = os.waitpid(-1, 0)
-        if pid == child.pid:
-            return os.WEXITSTATUS(status) if os.WIFEXITED(status) else 128 + os.WTERMSIG(status)
+        number = signal.sigwait(SIGNALS)
+        if number == signal.SIGTERM:
+            return STOPPED
+        if number != signal.SIGCHLD:
+            os.kill(child.pid, number)  # at worst a zombie, whose number belongs to nobody else
+            continue
+        pid, status = os.waitpid(-1, os.WNOHANG)
+        while pid:
+            if pid == child.pid:
+                return os.WEXITSTATUS(status) if os.WIFEXITED(status) else 128 + os.WTERMSIG(status)
+            pid, status = os.waitpid(-1, os.WNOHANG)
 
 
 def main() -> None:
     """Run `PARENT_PID COMMAND...` and leave nothing of it behind."""
-    for number in (signal.SIGTERM, *PASSED_ON):
-        signal.signal(number, stop)
     try:
         code = run(int(sys.argv[1]), sys.argv[2:])
-    except Stop:
-        code = STOPPED
     except OSError as error:
         print(error, file=sys.stderr)
         code = 127
-    for number in (signal.SIGTERM, *PASSED_ON):
-        signal.signal(number, signal.SIG_IGN)
     end_descendants()
     sys.stdout.flush()
     os._exit(code)
