@@ -6,8 +6,10 @@ import faulthandler
 import signal
 import sys
 import threading
+import traceback
+from contextlib import contextmanager
 from io import TextIOWrapper
-from typing import Any, Callable, Dict, Protocol, Tuple
+from typing import Any, Callable, Dict, Iterator, Protocol, Set, Tuple
 
 import rospy
 
@@ -45,6 +47,27 @@ def publish(publisher: Any, message: Any, **options: Any) -> None:
     except (rospy.ROSException, ValueError):  # ValueError: its buffer is closed already
         if not rospy.core.is_shutdown_requested():
             raise
+
+
+@contextmanager
+def contained(what: str) -> Iterator[None]:
+    """Run a block whose error must not end its thread, because others wait for that thread.
+
+    Each kind of error is logged once with its traceback, and counts for nothing while the node shuts down.
+
+    Args:
+        what: what fails, as the beginning of a sentence.
+    """
+    try:
+        yield
+    except Exception as error:  # whatever it is, the thread goes on
+        kind = (what, type(error).__name__)
+        if kind not in _contained and not rospy.core.is_shutdown_requested():
+            _contained.add(kind)
+            rospy.logerr(f"{what} failed, and is tried again: {traceback.format_exc()}")
+
+
+_contained: Set[Tuple[str, str]] = set()  # what failed, and by which error
 
 
 class NewSubscribers(rospy.SubscribeListener):

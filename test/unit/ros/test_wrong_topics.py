@@ -79,24 +79,6 @@ def test_a_topic_with_its_other_side_is_none():
     assert wrong_topics(graph(*pair)) == []
 
 
-def test_the_watch_warns_once_and_five_simulated_seconds_after_the_node_has_joined():
-    pytest.importorskip("rospy")
-    from husky_highlevel_controller.ros.simulator.graph import GraphWatch
-
-    now, warnings = [100.0], []
-    watch = GraphWatch(lambda: now[0], warnings.append)
-    wrong = graph(("/walker", "/cmd_vell", TWIST, True))
-    for moment, count in ((100.0, 0), (104.9, 0), (105.1, 1), (110.0, 1)):
-        now[0] = moment
-        watch.look(wrong)
-        assert len(warnings) == count
-    watch.look(graph())
-    watch.look(wrong)
-    now[0] = 200.0
-    watch.look(wrong)
-    assert len(warnings) == 1, "once for each"
-
-
 @pytest.mark.parametrize(
     "answer", [b"SSH-2.0-OpenSSH\r\n", b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\n\r\nhello"]
 )

@@ -6,11 +6,13 @@ In: topics, the ROS master. Out: whether the partners are there; warnings.
 from __future__ import annotations
 
 import threading
+import time
 from typing import Callable, Dict, Sequence, Set
 
 import rosgraph
 import rospy
 
+from husky_highlevel_controller.ros.node import contained
 from husky_highlevel_controller.ros.simulator.one_simulator import clock_publishers
 from husky_highlevel_controller.ros.simulator.wrong_topics import (
     Graph,
@@ -85,13 +87,16 @@ class GraphWatch:
         self._warnings: Set[WrongTopic] = set()
 
     def start(self) -> None:
-        """Look now, and every PERIOD."""
-        graph = read_graph(self._master_uri)
-        if graph is not None:
-            self.look(graph)
-        timer = threading.Timer(PERIOD, self.start)
-        timer.daemon = True
-        timer.start()
+        """Look now, and every PERIOD in a thread of its own."""
+        threading.Thread(target=self._run, name="graph", daemon=True).start()
+
+    def _run(self) -> None:
+        while True:
+            with contained("the search for wrong topics"):
+                graph = read_graph(self._master_uri)
+                if graph is not None:
+                    self.look(graph)
+            time.sleep(PERIOD)
 
     def look(self, graph: Graph) -> None:
         """Warn of what is new in a graph."""
