@@ -6,7 +6,7 @@ Only the standard library, because every launch waits for it.
 from __future__ import annotations
 
 from http.client import HTTPException
-from typing import Any
+from typing import Any, Optional, Tuple
 from xml.parsers.expat import ExpatError
 from xmlrpc.client import Error, ServerProxy, Transport
 
@@ -29,11 +29,20 @@ def server(uri: str, deadline: float) -> ServerProxy:
     return ServerProxy(uri, _Transport(deadline))
 
 
-def ask(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) -> Any:
-    """Value of a method of a master, node or roslaunch; None where it fails or does not answer in time."""
+def reply(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) -> Optional[Tuple[int, Any]]:
+    """Code and value of a method of a master, node or roslaunch; None if none answers in time.
+
+    The code is 1 for success, -1 for a refusal, 0 for a failure (http://wiki.ros.org/ROS/Master_API).
+    """
     try:
         with server(uri, deadline) as api:
             code, _, value = getattr(api, method)(*arguments)
     except (OSError, HTTPException, Error, ExpatError, ValueError, TypeError):  # a port may be any program's
         return None
+    return code, value
+
+
+def ask(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) -> Any:
+    """Value of a method of a master, node or roslaunch; None where it fails or does not answer in time."""
+    code, value = reply(uri, method, *arguments, deadline=deadline) or (0, None)
     return value if code == 1 else None

@@ -7,9 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from network import PACKAGE, wait_until
 
 from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.ros.registration import LOST
 
 CONTROLLER = "husky_highlevel_controller"
 STRESS_CLIENT = str(Path(__file__).with_name("stress_client.py"))
@@ -119,6 +121,63 @@ def test_a_thousand_commands_a_second_are_obeyed_as_one(ros):
     wait_until(lambda: abs(speed_of(ros) - 0.5) < 0.01, "it drives as told")
     sender.popen.terminate()
     wait_until(lambda: abs(speed_of(ros)) < 0.01, "nothing is left to obey")
+
+
+def numbers(echo):
+    """What `rostopic echo` of a number has printed."""
+    return [float(line) for line in echo.output.splitlines() if re.fullmatch(r"-?\d[\d.e-]*", line)]
+
+
+def has_error(echo, node):
+    """Whether `rostopic echo /diagnostics` has printed that a node stands still."""
+    statuses = (status for text in echo.split("---\n")[:-1] for status in yaml.safe_load(text)["status"])
+    return any((each["level"], each["name"], each["message"]) == (2, node, LOST) for each in statuses)
+
+
+def kill_master(ros):
+    for pid in ros.pids("rosmaster"):
+        os.kill(pid, signal.SIGKILL)
+
+
+def test_nodes_that_a_new_master_does_not_know_stand_still_and_say_so(ros):
+    core = ros.core()
+    launched = ros.roslaunch("controller.launch")
+    guard = ros.roslaunch("proximity_stop.launch")
+    guard.says("on guard")
+    speed = ros.start("rostopic", "echo", "/ground_truth/odom/twist/twist/linear/x")
+    lights = ros.start("rostopic", "echo", "/diagnostics")
+    launched.says("driving to the pillar")
+    wait_until(lambda: max(numbers(speed), default=0.0) > 0.3, "it drives")
+    lights.says("level: 0")
+    kill_master(ros)
+    wait_until(lambda: core.popen.poll() is not None, "its master has ended")
+    end = numbers(speed)
+    wait_until(lambda: len(numbers(speed)) > len(end) + 100, "it goes on")
+    assert min(numbers(speed)[len(end) :]) > 0.2, "without a master the robot drives on"
+    assert "standing still" not in launched.output + guard.output
+    ros.core()
+    wait_until(lambda: "standing still: the ROS master does not know" in guard.output, "the guard says so")
+    wait_until(
+        lambda: launched.output.count("standing still: the ROS master does not know") >= 2, "both say so"
+    )
+    wait_until(lambda: abs(numbers(speed)[-1]) < 0.01, "it stands")
+    for node in ("husky_highlevel_controller", "husky_simulator", "proximity_stop"):
+        wait_until(lambda node=node: has_error(lights.output, node), f"{node} is an error in /diagnostics")
+
+
+def test_a_master_that_does_not_answer_for_a_while_stops_nobody(ros):
+    ros.core()
+    launched = ros.roslaunch("controller.launch", "real_time_factor:=2")
+    speed = ros.start("rostopic", "echo", "/ground_truth/odom/twist/twist/linear/x")
+    launched.says("driving to the pillar")
+    wait_until(lambda: max(numbers(speed), default=0.0) > 0.3, "it drives")
+    (master,) = ros.pids("rosmaster")
+    os.kill(master, signal.SIGSTOP)
+    before = len(numbers(speed))
+    wait_until(lambda: len(numbers(speed)) > before + 300, "three seconds have passed")
+    os.kill(master, signal.SIGCONT)
+    launched.says("arrived after")
+    assert "standing still" not in launched.output
 
 
 @pytest.mark.parametrize("seconds", [60, pytest.param(3600, marks=pytest.mark.slow)])

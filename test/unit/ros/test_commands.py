@@ -1,5 +1,6 @@
 """Who drives the robot: persons before the controller, nobody in an emergency; two that both do are told."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -20,14 +21,18 @@ class Network:
 
     def __init__(self, monkeypatch):
         self.callbacks, self.passed, self.warnings, self.drops = {}, [], [], False
-        output = SimpleNamespace(publish=self.passed.append, get_num_connections=lambda: 2)
+        self.latched = {}  # last message, by topic
         monkeypatch.setattr(commands.rospy, "Subscriber", self.subscribe)
-        monkeypatch.setattr(commands.rospy, "Publisher", lambda *_, **__: output)
+        monkeypatch.setattr(commands.rospy, "Publisher", self.advertise)
         monkeypatch.setattr(commands.rospy, "logwarn", self.warnings.append)
         monkeypatch.setattr(commands.rospy, "logwarn_throttle", lambda _, text: self.warnings.append(text))
         monkeypatch.setattr(commands.rospy, "get_time", lambda: 0.0)
         lockstep = SimpleNamespace(drops=lambda _: self.drops, command_arrived=lambda *_: None)
         self.commands = commands.Commands(load_robot().topics, lockstep, lockstep)
+
+    def advertise(self, topic, _kind, latch=False, **_):
+        publish = partial(self.latched.__setitem__, topic) if latch else self.passed.append
+        return SimpleNamespace(publish=publish, get_num_connections=lambda: 2)
 
     def subscribe(self, topic, _kind, callback, **_):
         self.callbacks[topic] = callback
@@ -58,10 +63,20 @@ def test_a_person_takes_over_from_the_controller_and_hands_back(network):
 def test_an_emergency_stop_locks_all_until_it_is_released(network):
     topics = ("cmd_vel", DIRECT)
     assert [network.send(topic) for topic in topics] == [[0.3], [0.3]]
+    assert network.latched["~locked"] == Bool(False)
     network.callbacks["e_stop"](Bool(True))
+    assert network.latched["~locked"] == Bool(True), "who comes later is told"
     assert [network.send(topic) for topic in topics] == [[], []]
     network.callbacks["e_stop"](Bool(False))
+    assert network.latched["~locked"] == Bool(False)
     assert [network.send(topic) for topic in topics] == [[0.3], [0.3]]
+
+
+def test_a_simulator_that_its_master_does_not_know_obeys_nobody(network):
+    assert network.send() == [0.3]
+    network.commands.refuse()
+    network.callbacks["e_stop"](Bool(False))
+    assert [network.send(topic) for topic in ("cmd_vel", DIRECT, "joy_teleop/cmd_vel")] == [[], [], []]
 
 
 def test_the_stop_of_a_controller_that_ends_in_lockstep_is_no_warning(network):

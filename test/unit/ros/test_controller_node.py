@@ -74,6 +74,7 @@ class Controller:
         monkeypatch.setattr(node, "ScanPlacement", self.place)
         for name in ("tf2_ros", "Listener", "Diagnostics"):
             monkeypatch.setattr(node, name, Mock())
+        monkeypatch.setattr(node, "RegistrationWatch", self.watch)
         self.node = ControllerNode(None)
 
     def advertise(self, name, kind, listener=None, latch=False, **_):
@@ -82,6 +83,10 @@ class Controller:
 
     def offer(self, name, _kind, callback):
         self.service, self.start_stop = name, lambda wanted: callback(SetBoolRequest(wanted))
+
+    def watch(self, stand):
+        self.registration = SimpleNamespace(is_lost=False, start=Mock(), lose=stand)
+        return self.registration
 
     def place(self, _transforms, answer, _outline):
         self.answer_observation = answer
@@ -203,6 +208,19 @@ def test_who_comes_late_is_shown_the_last_scan_once(controller, monkeypatch):
     controller.node.run()
     assert (len(single), len(arrays)) == (before[0] + 2, before[1] + 1)
     assert single[-2:] == single[-4:-2]
+
+
+def test_a_node_that_its_master_does_not_know_stands_still_and_refuses_to_start(controller):
+    controller.drive(0.5)
+    assert controller.answer().linear.x > 0.0
+    controller.registration.is_lost = True
+    controller.registration.lose()
+    assert controller.sent("cmd_vel")[-1] == Twist(), "at once, not at the next scan"
+    assert controller.answer() == Twist()
+    answer = controller.start_stop(True)
+    assert not answer.success
+    assert "start all nodes again" in answer.message
+    assert controller.answer() == Twist()
 
 
 def test_the_path_of_a_robot_that_was_put_elsewhere_begins_there(controller):

@@ -38,6 +38,7 @@ from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Displa
 from husky_highlevel_controller.ros.controller.reconfigure import ReconfigureServer
 from husky_highlevel_controller.ros.controller.scan_placement import Listener, ScanPlacement
 from husky_highlevel_controller.ros.node import named_robot, publish, run_node
+from husky_highlevel_controller.ros.registration import LOST, RegistrationWatch
 
 LOG = logging.getLogger("rosout")  # rospy's own; its level is checked before a DEBUG line is formatted
 REPORT_PERIOD = 5.0  # [s] between two complaints about the same
@@ -95,6 +96,7 @@ class ControllerNode:
         self._display = Display(robot)
         self._tuning = ReconfigureServer(tunable, control, detector_config)
         self._diagnostics = Diagnostics(self._examine)
+        self._registration = RegistrationWatch(self._stand)
         transforms = tf2_ros.Buffer()
         self._placement = ScanPlacement(transforms, self._answer, robot.footprint)
         self._listener = Listener(transforms, self._placement.update)
@@ -115,14 +117,20 @@ class ControllerNode:
 
     def run(self) -> None:
         """Work until the node is shut down."""
+        self._registration.start()
         while not rospy.is_shutdown():
-            self._diagnostics.update()
+            if not self._registration.is_lost:  # which has a status of its own
+                self._diagnostics.update()
             self._display.update()
             self._placement.update()  # ends waits that are overdue
             time.sleep(POLL_PERIOD)
 
     def _stop(self) -> None:
         self._command(STOP)
+
+    def _stand(self) -> None:
+        with self._deciding:
+            self._stop()
 
     def _command(self, twist: Twist2D) -> None:
         """Publish a velocity command; zero in place of one that is not finite."""
@@ -132,6 +140,8 @@ class ControllerNode:
         publish(self._velocity, conversions.twist_to_msg(twist))
 
     def _on_start_stop(self, request: SetBoolRequest) -> SetBoolResponse:
+        if request.data and self._registration.is_lost:
+            return SetBoolResponse(False, LOST)
         with self._deciding:
             already = self._enabled is request.data
             self._enabled = request.data
@@ -162,7 +172,11 @@ class ControllerNode:
             control, detector_config = self._tuning.records
             before = self._controller_state
             self._controller_state, output = decide(
-                before, observation, self._enabled, control, detector_config
+                before,
+                observation,
+                self._enabled and not self._registration.is_lost,
+                control,
+                detector_config,
             )
             self._command(output.twist)
         self._stamps.append(observation.scan.stamp)

@@ -23,6 +23,7 @@ from husky_highlevel_controller.datatypes import STOP, Twist2D
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
+from husky_highlevel_controller.ros.registration import RegistrationWatch
 from husky_highlevel_controller.ros.safety.stop_request import StopRequest
 
 REPORT_PERIOD = 5.0  # [s] between two complaints about the same
@@ -65,6 +66,7 @@ class Guard:
         self._service = rospy.resolve_name(config.start_stop_service_name)
         self._zero = rospy.Publisher(robot.topics.velocity[-2], Twist, queue_size=1)
         self._stop = StopRequest(self._call, self._command_zero, self._on_failure, self._on_success)
+        self._registration = RegistrationWatch(self._command_zero)
         topic = robot.topics.odometry
         rospy.Subscriber(topic, Odometry, self.on_odometry, queue_size=queue_size, tcp_nodelay=True)
 
@@ -109,6 +111,7 @@ class Guard:
     def run(self) -> None:
         """Wait for the service, and serve stops until the node is shut down."""
         threading.Thread(target=self._stop.run, args=(rospy.is_shutdown,), daemon=True).start()
+        self._registration.start()
         while not rospy.is_shutdown():
             try:
                 rospy.wait_for_service(self._service, timeout=REPORT_PERIOD)

@@ -31,6 +31,7 @@ class Commands:
         self._senders: Dict[str, Tuple[str, float]] = {}  # of each topic: the last, and when it sent [s]
         self._doubled: Set[str] = set()  # senders of a second command for one scan
         self._mux = CommandMux(topics.velocity)
+        self._is_refusing = False
         self._passed = rospy.Publisher(topics.wheel_command, Twist, queue_size=QUEUE)
         subscribers = {
             topic: rospy.Subscriber(
@@ -40,11 +41,17 @@ class Commands:
         }
         self._main, self._direct = subscribers[MAIN], subscribers[topics.wheel_command]
         self.topics = " or ".join(rospy.resolve_name(topic) for topic in (MAIN, topics.wheel_command))
+        # latched: a page that starts later knows whether the emergency stop is on
+        self._locked = rospy.Publisher("~locked", Bool, queue_size=1, latch=True)
+        publish(self._locked, Bool(False))
         rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=10)
 
     def take(self, stamp: float) -> List[Tuple[str, Twist2D]]:
         """Topic and command of those to obey that have arrived, oldest first; they arrive at `stamp` [s]."""
-        obeyed = []
+        obeyed: List[Tuple[str, Twist2D]] = []
+        if self._is_refusing:
+            self._arrived.clear()
+            return obeyed
         while self._arrived:
             topic, msg = self._arrived.popleft()
             if topic == self._direct_topic:
@@ -64,6 +71,10 @@ class Commands:
     def locked(self) -> bool:
         """Whether the emergency stop is on."""
         return self._mux.locked
+
+    def refuse(self) -> None:
+        """Obey no command any more, from whomever. Any thread."""
+        self._is_refusing = True
 
     def forget(self) -> None:
         """Begin anew, but for the emergency stop."""
@@ -103,4 +114,5 @@ class Commands:
     def _on_e_stop(self, msg: Bool) -> None:
         if msg.data != self._mux.locked:
             rospy.logwarn("e_stop: commands are locked" if msg.data else "e_stop: commands are free again")
+            publish(self._locked, msg)
         self._mux.locked = msg.data

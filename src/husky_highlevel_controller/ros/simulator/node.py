@@ -17,6 +17,7 @@ from husky_highlevel_controller import srv
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError, Vector3, World
 from husky_highlevel_controller.ros.node import run_node
+from husky_highlevel_controller.ros.registration import RegistrationWatch
 from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.commands import Commands
@@ -70,6 +71,7 @@ class SimulatorNode:
         )
         self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
         self._commands = Commands(config.robot.topics, self._lockstep, self._lead_limit)
+        self._registration = RegistrationWatch(self._commands.refuse)
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
         self._offer_services()
         if vain := variables_without_effect(os.environ):
@@ -91,6 +93,7 @@ class SimulatorNode:
         """Simulate until the node is shut down."""
         publishers, simulation = self._publishers, self._simulation
         GraphWatch(lambda: simulation.stamp, rospy.logwarn).start()
+        self._registration.start()
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
         if self._start.lockstep:

@@ -1,0 +1,99 @@
+"""Registration of a node with its ROS master: a node that the master does not know any more stands still.
+
+rospy registers a node once, when it starts. If the master dies and another one starts in its place, the
+node's connections go on from peer to peer, but nobody who comes later finds it: `rostopic pub /e_stop` has no
+subscriber, and `start_stop` is not there.
+
+In: the master. Out: whether it knows this node.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Callable, Optional
+
+import rosgraph
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+from husky_highlevel_controller.ros.node import contained, publish
+from husky_highlevel_controller.xml_rpc import reply
+
+# [s] of wall time
+PERIOD = 1.0  # between two questions to the master, and between two messages on /diagnostics
+DEADLINE = 2.0  # of an answer
+STAND_PERIOD = 0.05  # between two zero commands; a twist_mux drops an input after 0.5 s
+REPORT_PERIOD = 10.0  # between two lines of the log
+LOST = (
+    "standing still: the ROS master does not know this node any more, because it was started again. No new "
+    "program finds this node, so press the robot's red button, then start all nodes again"
+)
+
+
+class Registration:
+    """Registration of this node, as its master tells it; once lost it stays lost, until the node ends."""
+
+    def __init__(self) -> None:
+        self.is_lost = False
+        self._master_uri = rosgraph.get_master_uri()
+
+    def look(self) -> Optional[bool]:
+        """Ask the master whether it knows this node; None if it does not answer within DEADLINE.
+
+        A master that is slow, or that cannot be reached for a while, says nothing about the registration. A
+        node of the same name at another address is not this one.
+        """
+        name = rospy.get_name()
+        code, uri = reply(self._master_uri, "lookupNode", name, name, deadline=DEADLINE) or (0, "")
+        if code == 0 or rospy.core.is_shutdown_requested():
+            return None
+        is_known = bool(code == 1 and uri == rospy.get_node_uri())
+        self.is_lost = self.is_lost or not is_known
+        return is_known
+
+
+class RegistrationWatch:
+    """Asks the master in a thread of its own; after a loss the node stands still and says so."""
+
+    def __init__(self, stand: Callable[[], None]) -> None:
+        """Set up; `stand` is called in the thread, every STAND_PERIOD after a loss."""
+        self._registration, self._stand = Registration(), stand
+        # from the start: later no subscriber could find it
+        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=10)
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether a master answered that does not know this node."""
+        return self._registration.is_lost
+
+    def start(self) -> None:
+        """Look now, and every PERIOD."""
+        threading.Thread(target=self._run, name="registration", daemon=True).start()
+
+    def _run(self) -> None:
+        while not (self.is_lost or rospy.is_shutdown()):
+            with contained("the look for this node's registration"):
+                self._registration.look()
+            if not self.is_lost:
+                time.sleep(PERIOD)
+        said_at = published_at = -REPORT_PERIOD
+        while not rospy.is_shutdown():
+            now = time.monotonic()
+            with contained("standing still"):
+                self._stand()
+            with contained("the report of a lost registration"):
+                if now - said_at >= REPORT_PERIOD:
+                    said_at = now
+                    rospy.logerr(LOST)
+                if now - published_at >= PERIOD:
+                    published_at = now
+                    self._publish()
+            time.sleep(STAND_PERIOD)
+
+    def _publish(self) -> None:
+        name = rospy.get_name().strip("/")
+        status = DiagnosticStatus(DiagnosticStatus.ERROR, name, LOST, "husky", [])
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = rospy.Time.now()
+        publish(self._diagnostics, array)
