@@ -1,7 +1,8 @@
 """Packages of a person's own, found in the same places by every command of ./dev.
 
-The places, in this order: the folder where the person stands, the catkin workspace around it, ROS_PACKAGE_PATH,
-and the folder that this clone lies in. tools/gazebo_packages.py adds the stand-ins of compat/.
+The places, in this order: the folder where the person stands, the catkin workspace around it,
+ROS_PACKAGE_PATH, and the folder that this clone lies in. tools/gazebo_packages.py adds the stand-ins of
+compat/.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def workspace_around(path: Path) -> Optional[Path]:
 
 
 def packages_below(place: Path) -> Iterator[Tuple[str, Path]]:
-    """Names and folders of the packages in a place, near its top first; none lies in another, as for rospack."""
+    """Names and folders of the packages in a place, near its top first; none in another, as for rospack."""
     level, looked = [place], 0
     for _ in range(DEPTH + 1):
         below: List[Path] = []
@@ -106,7 +107,7 @@ def find_file(package: str, file: str, caller: Path) -> Optional[Path]:
 
 
 def add_packages(paths: Iterable[str], *starts: Path) -> List[str]:
-    """A ROS_PACKAGE_PATH and, behind it, packages around `starts` and beside this clone whose names it lacks."""
+    """A ROS_PACKAGE_PATH and, behind it, packages around `starts` and beside this clone that it lacks."""
     paths = list(paths)
     found: Dict[str, str] = {}
     for place in (*places(*starts), PACKAGE_FOLDER.parent):

@@ -1,7 +1,7 @@
 """`./dev launch`: roslaunch that checks the arguments first and exits with 1 when a required node failed.
 
-Usage: launch.py [PACKAGE] FILE.launch [name:=value ...] [options of roslaunch]. FILE without PACKAGE is a launch
-file of this package or a path.
+Usage: launch.py [PACKAGE] FILE.launch [name:=value ...] [options of roslaunch]. FILE without PACKAGE is a
+launch file of this package or a path.
 """
 
 from __future__ import annotations

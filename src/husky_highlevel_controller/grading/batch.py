@@ -182,7 +182,8 @@ def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Ba
     path = hand_in.path
     job = Job(
         hand_in.name, str(batch.out / HAND_INS / hand_in.folder), config, hand_in=str(path),
-        override=override, setups=batch.setups, hidden=(str(batch.folder), str(batch.out)), time_limit=batch.time_limit,
+        override=override, setups=batch.setups, hidden=(str(batch.folder), str(batch.out)),
+        time_limit=batch.time_limit,
     )  # fmt: skip
     choices = replace(override, robot=None, points={}, late=None, hold=False)
     built = [code_version(), config.exercise, to_json(choices), batch.setups]
