@@ -21,7 +21,7 @@ from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
 from husky_highlevel_controller.grading.exercises import EXERCISES
 from husky_highlevel_controller.grading.hand_in.packages import NotMarkableError
 from husky_highlevel_controller.grading.hand_in.prepare import prepare
-from husky_highlevel_controller.grading.isolation import private_network
+from husky_highlevel_controller.grading.isolation import place, private_network
 from husky_highlevel_controller.grading.isolation.files import remove_tree, write_whole
 from husky_highlevel_controller.grading.isolation.process import StoppedError, stop_on_signals
 from husky_highlevel_controller.grading.isolation.sandbox import kind_of_sandbox
@@ -117,7 +117,13 @@ def main(arguments: Optional[List[str]] = None) -> None:
         resource.setrlimit(limit, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
     stop_on_signals()
     try:
-        mark(load(Job, Path((arguments or sys.argv[1:])[0])))
+        job = load(Job, Path((arguments or sys.argv[1:])[0]))
+        try:
+            job = replace(job, out=str(place.enter(Path(job.out))))
+        except HuskyError as error:
+            write_result(unmarked(job, str(error)), Path(job.out))
+        else:
+            mark(job)
     except StoppedError:
         raise SystemExit(2) from None  # as grade's
 

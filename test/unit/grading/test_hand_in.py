@@ -513,6 +513,7 @@ def test_a_build_that_lays_links_in_place_of_files_writes_nothing_outside_and_is
     links = "ln -s ../home stand_ins; ln -s ../home/log build.log; ln -s ../../home src/husky"
     command = ["sh", "-c", f"{remove}; {links}; echo '{MISSES.format('stand_in')}'; exit 1"]
     monkeypatch.setattr(process_module, "sandboxed", lambda *_: command)
+    monkeypatch.setattr(build_module, "_check_builds", lambda *_: None)
     with pytest.raises(NotMarkableError, match="links in place of src"):
         build_module.build(folders, frozenset({"husky"}), Workspace())
     assert [path.name for path in folders.stand_ins.glob("share/*")] == ["no_such_stand_in"]

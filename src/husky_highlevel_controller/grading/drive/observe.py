@@ -20,6 +20,8 @@ from husky_highlevel_controller.grading.recording import RECORDING, to_json
 from husky_highlevel_controller.grading.records import AUTO, SMB, MarkingConfig
 from husky_highlevel_controller.grading.submission import Submission
 
+DRIVE = "drive"  # folder of each drive while it lasts: a submission sees its path, and not which start it has
+
 
 def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConfig, out: Path) -> None:
     """Let a submission drive, and write drive_N/recording.json; further ones only where the first one moved.
@@ -30,7 +32,7 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
     Raises:
         MarkingError: our own part of it does not work.
     """
-    for earlier in [*out.glob("drive_*"), out / "memcheck"]:
+    for earlier in [*out.glob("drive_*"), out / DRIVE, out / "memcheck"]:
         remove_tree(earlier)
     is_named = config.robot == AUTO
     if is_named:
@@ -51,7 +53,7 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
         if listened is not None:
             config, why = listened, listens_to(listened)
     for trial in trials:
-        folder = out / f"drive_{trial.number}"
+        folder = out / DRIVE
         with _bar(trial, len(trials), config) as bar:
             act = partial(
                 drive, submission, trial, folder=folder, chance=chance, on_time=partial(_advance, bar)
@@ -61,6 +63,9 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
             except OtherRobotError as other:
                 config = other.config
                 moved = act(config, note=listens_to(config))
+            finally:
+                if folder.exists():
+                    folder.rename(out / f"drive_{trial.number}")
         if not moved:
             break
         is_guess = is_named = False

@@ -29,6 +29,7 @@ from husky_highlevel_controller.grading.isolation.files import (
 )
 from husky_highlevel_controller.grading.isolation.forked import import_early
 from husky_highlevel_controller.grading.isolation.process import Process, ends
+from husky_highlevel_controller.grading.isolation.ros_network import MarkingError
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, clean_environment
 from husky_highlevel_controller.grading.notes import Kind, Note
 
@@ -206,6 +207,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
 
     Raises:
         NotMarkableError: its build leads out of the workspace.
+        MarkingError: nothing can be built here.
     """
     import_early()  # while the compiler waits for the disk
     notes: List[Note] = []
@@ -232,6 +234,8 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     notes += [Note(Kind.HAND_IN, OLD_BOOST_NOTE)] * bool(repair)
     is_plain = _publishes_plain_values(folders.root / "devel" / "lib")
     notes += [Note(Kind.HAND_IN, PLAIN_PUBLISH_NOTE)] * is_plain
+    if code and not _ERROR.search(output):
+        _check_builds(folders.root.with_name("check"), underlay)
     if code is None:
         notes.append(Note(Kind.BUILD, f"it does not build within {BUILD_DEADLINE:g} s"))
     elif code:
@@ -243,6 +247,22 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     setups = (*underlay.setups, *places[1:])
     workspace = Workspace(setups, (*underlay.packages, places[0]), underlay.hidden, own_modules=False)
     return Build(workspace, tuple(notes))
+
+
+def _check_builds(folder: Path, underlay: Workspace) -> None:
+    """Build an empty workspace, after CMake has failed: where that fails too, no hand-in is to blame.
+
+    Raises:
+        MarkingError: nothing can be built here.
+    """
+    empty = Folders(folder / "ws")
+    (empty.root / "src").mkdir(parents=True, exist_ok=True)
+    output, code = _catkin_make(empty, frozenset(), underlay, "")
+    remove_tree(folder)
+    if code != 0:
+        raise MarkingError(
+            f"catkin_make does not even build an empty workspace: {build_error(output, folder)}"
+        )
 
 
 def needs_old_boost(output: str) -> bool:

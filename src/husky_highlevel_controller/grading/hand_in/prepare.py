@@ -36,7 +36,9 @@ from husky_highlevel_controller.grading.hand_in.packages import (
 from husky_highlevel_controller.grading.hand_in.plan import plan, with_filter
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import copy, remove_tree, walk, write_whole
-from husky_highlevel_controller.grading.isolation.sandbox import Workspace, kind_of_sandbox
+from husky_highlevel_controller.grading.isolation.process import Process, ends
+from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError
+from husky_highlevel_controller.grading.isolation.sandbox import Workspace, clean_environment, kind_of_sandbox
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import BAG_EXERCISE, Job, Launchable
 from husky_highlevel_controller.grading.submission import WORKSPACE, Plan, Submission
@@ -53,6 +55,7 @@ def prepare(job: Job) -> Submission:
 
     Raises:
         NotMarkableError: there is nothing in it that could be started.
+        MarkingError: no program can be started here.
     """
     out = Path(job.out)
     names = FILES if job.launchable else (*FILES, *FOLDERS)  # `ws` may be anybody's
@@ -62,6 +65,7 @@ def prepare(job: Job) -> Submission:
         setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
         hidden=tuple(map(Path, job.hidden)),
     )  # fmt: skip
+    _check_starts(workspace, out / "plan")
     kept = _kept(job)
     if job.launchable is None:
         submission, planned = prepare_hand_in(job, workspace)
@@ -91,6 +95,22 @@ def prepare(job: Job) -> Submission:
     )
     write_whole(out / WORKSPACE, to_json(submission))
     return submission
+
+
+def _check_starts(workspace: Workspace, folder: Path) -> None:
+    """Start a program that does nothing: where that fails, the sandbox or --underlay is to blame, no hand-in.
+
+    Raises:
+        MarkingError: no program can be started here.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    process = Process(["true"], folder / "check.log", clean_environment(), folder, workspace)
+    if not ends(process, START_DEADLINE) or process.popen.returncode:
+        said = process.output.strip()[-300:]
+        setups = f" or {', '.join(map(str, workspace.setups))} cannot be sourced" if workspace.setups else ""
+        raise MarkingError(
+            f"no program can be started in the sandbox{setups}: {said or 'it printed nothing'}"
+        )
 
 
 def _kept(job: Job) -> Tuple[str, ...]:

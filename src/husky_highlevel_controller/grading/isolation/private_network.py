@@ -1,4 +1,7 @@
-"""Network namespace of one marking: loopback only, so that no submission reaches another, or a machine."""
+"""Namespaces of one marking: a network with a loopback only, and mounts of its own.
+
+So no submission reaches another, or a machine, and the folder of results is seen at a neutral place.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,11 @@ import sys
 from functools import lru_cache
 from typing import Dict, List, Sequence, Tuple
 
+from husky_highlevel_controller.grading.isolation import place
 from husky_highlevel_controller.grading.isolation.sandbox import system_program, works
 
 VARIABLE = "HUSKY_GRADE_NETWORK"  # set in the environment of the program that runs inside
+MOUNTS = "--mount"  # option of unshare
 _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x8 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_LOOPBACK, IFF_RUNNING
 
 
@@ -29,9 +34,10 @@ def enter() -> None:
 
 
 def inside(command: Sequence[str]) -> Tuple[List[str], Dict[str, str]]:
-    """Command of a program in a network of its own, where the machine allows one, and its variables."""
+    """Command of a program in namespaces of its own, where the machine allows them, and its variables."""
     prefix = _namespace_command()
-    return [*prefix, *command], {VARIABLE: "private" if prefix else ""}
+    own_place = place.make() if MOUNTS in prefix else ""
+    return [*prefix, *command], {VARIABLE: "private" if prefix else "", place.VARIABLE: own_place}
 
 
 def reach() -> str:
@@ -46,9 +52,10 @@ def can_be_made() -> bool:
 
 @lru_cache(maxsize=None)
 def _namespace_command() -> Tuple[str, ...]:
-    for flags in (["--user", "--map-root-user", "--net", "--"], ["--net", "--"]):
-        if works("unshare", *flags, "true"):
-            return (system_program("unshare"), *flags)
+    as_root = ["--user", "--map-root-user"]
+    for flags in ([*as_root, MOUNTS], [MOUNTS], as_root, []):
+        if works("unshare", *flags, "--net", "--", "true"):
+            return (system_program("unshare"), *flags, "--net", "--")
     return ()
 
 
