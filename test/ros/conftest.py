@@ -11,9 +11,15 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from network import LAUNCH, Ros
+from network import LAUNCH, PACKAGE, Ros
 
+import husky_highlevel_controller
 from husky_highlevel_controller.robot import ROBOTS
+
+# pytest finds the sources first, and catkin makes the messages and services elsewhere
+husky_highlevel_controller.__path__.extend(
+    str(made) for made in (Path(path) / PACKAGE for path in sys.path) if (made / "srv").is_dir()
+)
 
 WALL_LIMIT = 360  # [s], for a rostest that hangs in spite of its own time limits
 HERE = Path(__file__).parent

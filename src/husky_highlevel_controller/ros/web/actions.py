@@ -9,13 +9,16 @@ import traceback
 from concurrent import futures
 from typing import Any, Callable, Optional
 
+import rosgraph
 import rospy
 import viser
 
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.xml_rpc import ask
 
 NOTICE_TIME = 6.0  # [s] that a sentence stays in the page
 CALL_TIMEOUT, LONG_TIMEOUT = 5.0, 60.0  # [s] of wall time for a service call, and for one with much to do
+MASTER_DEADLINE = 2.0  # [s] of wall time for an answer of the ROS master
 Work = Callable[[], Optional[str]]  # returns a sentence for the page; None: nothing worth saying
 
 
@@ -44,6 +47,12 @@ class Actions:
             if sentence and client is not None:
                 with contextlib.suppress(Exception):  # the page may have been closed meanwhile
                     notify(client, title, sentence, is_good)
+
+
+def parameter(name: str, default: Any) -> Any:
+    """Value of a parameter; the default if it is not set, or the master does not answer in time."""
+    value = ask(rosgraph.get_master_uri(), "getParam", rospy.get_name(), name, deadline=MASTER_DEADLINE)
+    return default if value is None else value
 
 
 def notify(client: viser.ClientHandle, title: str, sentence: str, is_good: bool = True) -> None:

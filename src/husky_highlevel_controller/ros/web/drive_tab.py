@@ -11,7 +11,13 @@ import viser
 from std_srvs.srv import SetBool, Trigger
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.ros.web.actions import CALL_TIMEOUT, LONG_TIMEOUT, Actions, call
+from husky_highlevel_controller.ros.web.actions import (
+    CALL_TIMEOUT,
+    LONG_TIMEOUT,
+    Actions,
+    call,
+    parameter,
+)
 from husky_highlevel_controller.ros.web.plots import choice_html, fixed
 from husky_highlevel_controller.ros.web.state_bar import LEVELS, STOPPED
 from husky_highlevel_controller.ros.web.teleop import SLOWEST, Teleop, set_speed
@@ -121,7 +127,7 @@ class DriveTab:
     def _start_stop(self, starts: bool) -> str:
         if starts and self._teleop.is_locked:
             raise HuskyError("the emergency stop is on: release it first")
-        name = rospy.get_param(f"{self._controller}/start_stop_service_name", "~start_stop")
+        name = str(parameter(f"{self._controller}/start_stop_service_name", "~start_stop"))
         service = f"{self._controller}/{name[1:]}" if name.startswith("~") else rospy.resolve_name(name)
         return call(service, SetBool, starts)
 

@@ -23,7 +23,8 @@ from std_msgs.msg import Bool
 from husky_highlevel_controller.config import number, read_config, setting
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros.node import run_node
-from husky_highlevel_controller.ros.web.actions import Actions
+from husky_highlevel_controller.ros.registration import Registration
+from husky_highlevel_controller.ros.web.actions import MASTER_DEADLINE, Actions, parameter
 from husky_highlevel_controller.ros.web.camera import FIELD_OF_VIEW
 from husky_highlevel_controller.ros.web.drawing import left_out
 from husky_highlevel_controller.ros.web.drive_tab import DriveTab
@@ -41,12 +42,11 @@ from husky_highlevel_controller.ros.web.teleop import Teleop
 from husky_highlevel_controller.ros.web.topics import Topics
 from husky_highlevel_controller.ros.web.tuning import Tuning
 from husky_highlevel_controller.ros.web.world_tab import WorldTab
-from husky_highlevel_controller.xml_rpc import server
+from husky_highlevel_controller.xml_rpc import ask
 
 READINGS_PERIOD = 0.2  # [s] between two updates of numbers and diagnostics
 CURVES_PERIOD = 1.0  # [s] between two updates of curves and of the log
 NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
-MASTER_DEADLINE = 2.0  # [s] for its answer: the view waits for it
 ROSOUT_BYTES = 1_000_000  # of rosout's file that are read: a line with its node's topics has about 700
 IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
 
@@ -85,12 +85,12 @@ class WebNode:
         self._log = LogBuffer()
         rospy.Subscriber("/rosout_agg", Log, self._log.add, queue_size=100)
         self._topics = Topics(_topic_names(config))
-        self._actions, self._teleop = Actions(), Teleop()
+        self._actions, self._teleop = Actions(), Teleop(config.simulator)
         self._server, address, has_token = serve(
             config.address, config.port, self._teleop.on_message, self._teleop.on_leave
         )
         self._build(config)
-        self._is_master_gone = False
+        self._is_master_gone, self._registration = False, Registration()
         self._is_paused: Optional[bool] = None  # without a simulator
         self._reason = StopReason()
         self._world_name = ""  # of the simulator's world
@@ -180,22 +180,21 @@ class WebNode:
             self._objects.clear()
             self._scene.forget()
             self._drive.forget()
+        if self._server.gate.last_has_gone():
             give_memory_back()
 
     def _follow_network(self) -> None:
-        name = rospy.get_name()
-        try:
-            with server(rosgraph.get_master_uri(), MASTER_DEADLINE) as master:
-                answers: Any = [master.getPublishedTopics(name, ""), master.getSystemState(name)]
-            (_, _, published), (_, _, (publishers, _, _)) = answers
-            is_master_gone = not self._teleop.is_registered(dict(publishers))
-        except OSError as error:
+        was_lost = self._registration.is_lost
+        is_known = self._registration.look()
+        published = None if is_known is None else self._ask("getPublishedTopics", "")
+        if published is None:
             self._is_master_gone = self._was_master_silent = True
-            rospy.logwarn_throttle(60.0, f"the ROS master does not answer: {error}")
+            rospy.logwarn_throttle(60.0, f"the ROS master does not answer: {rosgraph.get_master_uri()}")
             return
-        if self._was_master_silent or (is_master_gone and not self._is_master_gone):
+        is_lost = self._registration.is_lost
+        if self._was_master_silent or (is_lost and not was_lost):
             self._topics.close()  # a master that was started anew knows nothing of the subscriptions
-        self._is_master_gone, self._was_master_silent = is_master_gone, False
+        self._is_master_gone, self._was_master_silent = is_lost, False
         if not self._topics.is_open:
             self._topics.open()
         self._topics.follow(published)
@@ -208,13 +207,18 @@ class WebNode:
         self._topics.listen("cloud", PointCloud2, self._scene.layers["depth"])
         self._depth_box.visible = self._topics.names["cloud"] in offered
         self._tuning.follow(published)
-        self._world_name = str(rospy.get_param(f"{self._config.simulator}/world_name", ""))
-        description = str(rospy.get_param(rospy.search_param("robot_description") or "robot_description", ""))
+        self._world_name = str(parameter(f"{self._config.simulator}/world_name", ""))
+        description = str(parameter(self._ask("searchParam", "robot_description") or "robot_description", ""))
         if description and description != self._description:
             self._description = description
             self._scene.draw_robot(description)
             self._recorder.robot_name = self._scene.robot_name
             self._mouse.bind_robot()
+
+    def _ask(self, method: str, *arguments: Any) -> Any:
+        """Value of a method of the master, None if it fails: the view waits for it."""
+        uri, name = rosgraph.get_master_uri(), rospy.get_name()
+        return ask(uri, method, name, *arguments, deadline=MASTER_DEADLINE)
 
     def _update(self) -> None:
         self._scene.update(self._topics)
@@ -264,7 +268,7 @@ class WebNode:
 def read_rosout() -> str:
     """The end of the file in which rosout keeps the log of this ROS network; empty on another machine."""
     try:
-        file = Path(rospkg.get_log_dir()) / str(rospy.get_param("/run_id", "")) / "rosout.log"
+        file = Path(rospkg.get_log_dir()) / str(parameter("/run_id", "")) / "rosout.log"
         with file.open("rb") as log:
             log.seek(max(0, file.stat().st_size - ROSOUT_BYTES))
             return log.read().decode(errors="replace")

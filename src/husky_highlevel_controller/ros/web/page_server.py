@@ -15,6 +15,7 @@ import ipaddress
 import json
 import secrets
 import socket
+import threading
 import warnings
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, Callable, Dict, Mapping, Optional, Tuple
@@ -24,15 +25,21 @@ import rospy
 import viser
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
+from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.ros.node import contained
 from husky_highlevel_controller.ros.web.viser_private import page_html, started_behind
 
 DRIVE_PATH = "/drive"
 COOKIE = "husky_token"
 MAX_MESSAGE = 1000  # [B] on the drive channel
+MAX_PAGES = 20  # open at the same time; each takes up to 1.6 MB here
+TOO_MANY = (
+    f"{MAX_PAGES} pages are open, and there can be no more: close one of them, then load this page again"
+)
 LOOPBACK = {"127.0.0.1", "localhost", "::1"}
 # the browser refuses requests to any other host; viser's page unpacks itself by script and runs workers
 POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; frame-ancestors 'none'"
@@ -43,6 +50,8 @@ OnLeave = Callable[[int], None]
 
 class PageServer(viser.ViserServer):
     """viser without the offer to show the page through a host of viser's makers."""
+
+    gate: Gate
 
     def request_share_url(self, verbose: bool = True) -> Optional[str]:
         """Refused, whichever page asks for it."""
@@ -71,6 +80,7 @@ def serve(host: str, port: int, on_message: OnMessage, on_leave: OnLeave) -> Tup
     is_behind_gate = started_behind(gate.answer, gate.with_drive_channel)
     with is_behind_gate, contextlib.redirect_stdout(io.StringIO()):  # viser prints a table of its own
         server = PageServer(host=host, port=port, label="Husky", verbose=False)
+    server.gate = gate
     everywhere = host in ("0.0.0.0", "::")
     visible_host = "127.0.0.1" if everywhere else f"[{host}]" if ":" in host else host
     suffix = f":{server.get_port()}" + ("" if token is None else f"/?token={token}")
@@ -140,6 +150,8 @@ class Gate:
         """Args as `refusal` and `serve`."""
         self._is_loopback, self._token, self._page = is_loopback, token, page()
         self._on_message, self._on_leave = on_message, on_leave
+        self._open = {True: 0, False: 0}  # connections: of the drive channel, and of viser
+        self._is_empty_again = threading.Event()
 
     def answer(self, _connection: Any, request: Request) -> Optional[Response]:
         """An HTTP response, or None for a WebSocket that may be opened."""
@@ -147,7 +159,11 @@ class Gate:
         if reason is not None:
             return _response(http.HTTPStatus.FORBIDDEN, reason.encode(), "text/plain; charset=utf-8")
         if request.headers.get("Upgrade", "").lower() == "websocket":
-            return None
+            return None  # counted by the handler, because two may come at once
+        if self._open[False] >= MAX_PAGES:
+            return _response(
+                http.HTTPStatus.SERVICE_UNAVAILABLE, TOO_MANY.encode(), "text/plain; charset=utf-8"
+            )
         if urlsplit(request.path).path not in ("/", "/index.html"):
             return _response(http.HTTPStatus.NOT_FOUND, b"there is only /", "text/plain; charset=utf-8")
         response = _response(http.HTTPStatus.OK, self._page, "text/html; charset=utf-8")
@@ -159,19 +175,33 @@ class Gate:
         """The handler of viser's connections, and of the drive channel."""
 
         async def handle(connection: Any) -> None:
-            if urlsplit(connection.request.path).path == DRIVE_PATH:
-                await self._read_drive_channel(connection)
-            else:
-                await handler(connection)
+            is_drive = urlsplit(connection.request.path).path == DRIVE_PATH
+            if self._open[is_drive] >= MAX_PAGES:
+                await connection.close(CloseCode.TRY_AGAIN_LATER, TOO_MANY)
+                return
+            self._open[is_drive] += 1
+            try:
+                await (self._read_drive_channel if is_drive else handler)(connection)
+            finally:
+                self._open[is_drive] -= 1
+                if not any(self._open.values()):
+                    self._is_empty_again.set()
 
         return handle
+
+    def last_has_gone(self) -> bool:
+        """Whether the last connection has ended since the last call. Any thread."""
+        has_gone = self._is_empty_again.is_set()
+        self._is_empty_again.clear()
+        return has_gone
 
     async def _read_drive_channel(self, connection: Any) -> None:
         try:
             async for text in connection:
                 message = _parse(text)
                 if message is not None:
-                    self._on_message(id(connection), message)
+                    with contained("a message of the page"):
+                        self._on_message(id(connection), message)
         except ConnectionClosed:
             pass
         finally:

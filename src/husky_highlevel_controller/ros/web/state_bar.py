@@ -14,8 +14,8 @@ from husky_highlevel_controller.ros.web.plots import fixed
 LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 ARRIVED, STOPPED = "arrived", "stopped"  # the controller's states
 MASTER_GONE = (
-    "the ROS master has ended, and the emergency stop of this page reaches no robot: "
-    "end the launch of this page and start it again"
+    "the ROS master has ended, and the emergency stop of this page may reach no robot: "
+    "press the robot's red button, end the launch of this page and start it again"
 )
 LOCKED = "emergency stop: no command is obeyed"
 UNHEARD = "emergency stop, but nobody listens to e_stop: this page cannot stop the robot"

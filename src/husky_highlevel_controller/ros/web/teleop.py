@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from math import inf
-from typing import Any, Callable, Dict, Mapping, Optional, Sequence
+from typing import Any, Callable, Dict, Optional
 
 import rospy
 from geometry_msgs.msg import Twist
@@ -13,7 +13,7 @@ from std_msgs.msg import Bool
 
 from husky_highlevel_controller.datatypes import STOP, Twist2D
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.node import publish
+from husky_highlevel_controller.ros.node import contained, publish
 
 PERIOD = 0.05  # [s] between two commands; twist_mux drops a source after 0.5 s, the wheels stop after 0.25 s
 
@@ -76,7 +76,8 @@ class HoldToDrive:
 class Teleop:
     """Commands on kb_teleop/cmd_vel and e_stop."""
 
-    def __init__(self) -> None:
+    def __init__(self, simulator: str) -> None:
+        """Start the thread; `simulator` is a node that latches on `locked` whether it is stopped."""
         self.on_lock: Callable[[], None] = lambda: None  # called when a page presses the emergency stop
         self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s], of a key that is held
         self.is_locked = False  # by e_stop, from any sender
@@ -85,7 +86,9 @@ class Teleop:
         self._wake = threading.Event()
         self._velocity = rospy.Publisher("kb_teleop/cmd_vel", Twist, queue_size=1)
         self._e_stop = rospy.Publisher("e_stop", Bool, queue_size=1, latch=True)
-        rospy.Subscriber("e_stop", Bool, self._on_e_stop, queue_size=1)
+        # a simulator tells it also to a page that comes later; a twist_mux does not
+        for topic in ("e_stop", f"{simulator}/locked"):
+            rospy.Subscriber(topic, Bool, self._on_locked, queue_size=1)
         threading.Thread(target=self._run, name="teleop", daemon=True).start()
 
     def on_message(self, page: int, message: Dict[str, Any]) -> None:
@@ -117,11 +120,7 @@ class Teleop:
         self.is_locked = locked
         publish(self._e_stop, Bool(locked))
 
-    def is_registered(self, publishers: Mapping[str, Sequence[str]]) -> bool:
-        """Whether a master's publishers, by topic, include the emergency stop's; a new master's do not."""
-        return rospy.get_name() in publishers.get(self._e_stop.resolved_name, ())
-
-    def _on_e_stop(self, msg: Bool) -> None:
+    def _on_locked(self, msg: Bool) -> None:
         self.is_locked = msg.data
 
     def _run(self) -> None:
@@ -132,7 +131,8 @@ class Teleop:
                 if not is_active:
                     self._wake.clear()
             if twist is not None:
-                publish(self._velocity, conversions.twist_to_msg(twist))
+                with contained("driving by hand"):
+                    publish(self._velocity, conversions.twist_to_msg(twist))
             if is_active:
                 time.sleep(PERIOD)
             else:
