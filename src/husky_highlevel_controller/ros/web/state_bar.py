@@ -15,7 +15,7 @@ LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus
 ARRIVED, STOPPED = "arrived", "stopped"  # the controller's states
 MASTER_GONE = (
     "the ROS master has ended, and the emergency stop of this page may reach no robot: "
-    "press the robot's red button, end the launch of this page and start it again"
+    "press the red button of the robot, end the launch of this page and start it again"
 )
 LOCKED = "emergency stop: no command is obeyed"
 UNHEARD = "emergency stop, but nobody listens to e_stop: this page cannot stop the robot"
