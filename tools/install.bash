@@ -185,7 +185,7 @@ complete_venv() {
 
 build_workspace() {
   local package=$workspace/src/husky_highlevel_controller entry log=$state/build.log
-  local sources=(package.xml CMakeLists.txt setup.py cfg/* msg/* srv/* src/*/controller/control.py src/*/controller/pillar_detection.py)
+  local sources=(package.xml CMakeLists.txt setup.py cfg/* msg/* srv/* src/*/__init__.py src/*/controller/control.py src/*/controller/pillar_detection.py)
   # a folder of links rather than one link: rosrun searches the package, and must not find .dev in it
   mkdir -p "$package"
   find "$package" -xtype l -delete

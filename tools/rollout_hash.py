@@ -9,8 +9,8 @@ import platform
 import numpy as np
 import pybullet  # noqa: TID251 - for its version
 
-from husky_highlevel_controller.evaluation.rollout import rollout
-from husky_highlevel_controller.evaluation.scenarios import course_scenario
+from husky_evaluation.rollout import rollout
+from husky_evaluation.scenarios import course_scenario
 
 trace = rollout(course_scenario(seed=0))
 digest = hashlib.sha256(np.ascontiguousarray(trace.poses).tobytes()).hexdigest()

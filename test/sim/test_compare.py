@@ -6,13 +6,12 @@ from math import dist, inf
 import numpy as np
 import pytest
 
-from husky_highlevel_controller.comparison import compare
-from husky_highlevel_controller.comparison.compare import Comparison
-from husky_highlevel_controller.comparison.contestant import Outcome, contestant, drive_scene, outcome
+from husky_evaluation import compare, metrics
+from husky_evaluation.compare import Comparison
+from husky_evaluation.contestant import Outcome, contestant, drive_scene, outcome
+from husky_evaluation.scenarios import random_starts
+from husky_evaluation.setup import Setup
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation import metrics
-from husky_highlevel_controller.evaluation.scenarios import random_starts
-from husky_highlevel_controller.evaluation.setup import Setup
 from husky_highlevel_controller.grading import compare as grading_compare
 from husky_highlevel_controller.robot import load_robot
 

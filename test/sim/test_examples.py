@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from husky_highlevel_controller.evaluation import rollout, scenarios
+from husky_evaluation import rollout, scenarios
 from husky_highlevel_controller.paths import share_folder
 
 SHARE = share_folder()

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = ROOT / "src" / "husky_highlevel_controller"
+SOURCES = [ROOT / "src" / name for name in ("husky_highlevel_controller", "husky_evaluation")]
 COMMANDS = ("compare", "evaluate", "sweep", "tune")
 NAMES = {"yaml": "pyyaml"}  # of a module and of the package that brings it, where they differ
 ROS_OF_A_HAND_IN = {"catkin_pkg", "rospy", "roslib", "rosgraph", "roslaunch", "rospkg", "genpy"}
@@ -90,9 +90,15 @@ def test_pyproject_declares_what_is_imported():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     requirements = [*project["dependencies"], *project["optional-dependencies"]["cluster"]]
     declared = {re.match(r"[\w-]+", text).group().lower() for text in requirements}
-    files = [path for path in SOURCES.rglob("*.py") if (SOURCES / "ros") not in path.parents]
+    files = [path for folder in SOURCES for path in folder.rglob("*.py") if "ros" not in path.parts]
     libraries = {name for path in files for name in imported(path)} - set(sys.stdlib_module_names)
-    libraries -= {"husky_highlevel_controller", "pybullet_data", "pyarrow", *ROS_OF_A_HAND_IN}
+    libraries -= {
+        "husky_highlevel_controller",
+        "husky_evaluation",
+        "pybullet_data",
+        "pyarrow",
+        *ROS_OF_A_HAND_IN,
+    }
     assert {NAMES.get(name, name).lower() for name in libraries} <= declared
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from stage import drive
 
+from husky_evaluation.rollout import model_of
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.rollout import model_of
 from husky_highlevel_controller.simulator.profile import RobotProfile
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 

@@ -6,13 +6,13 @@ from math import cos, dist, hypot, sin
 import numpy as np
 import pytest
 
+from husky_evaluation import evaluate, metrics
+from husky_evaluation.evaluate import COURSE_GAINS, TOUCHING
+from husky_evaluation.rollout import rollout
+from husky_evaluation.scenarios import course_scenario, random_starts
+from husky_evaluation.setup import Setup
 from husky_highlevel_controller.controller.behaviour import State
 from husky_highlevel_controller.datatypes import Body, Cylinder, Geometry, Pose, Pose2D
-from husky_highlevel_controller.evaluation import evaluate, metrics
-from husky_highlevel_controller.evaluation.evaluate import COURSE_GAINS, TOUCHING
-from husky_highlevel_controller.evaluation.rollout import rollout
-from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import Setup
 
 COURSE = course_scenario()
 NEAR = replace(COURSE, start=Pose2D(15.0, 4.0, 0.0))  # five metres before the pillar

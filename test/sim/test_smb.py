@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from stage import body, drive
 
+from husky_evaluation.metrics import run
+from husky_evaluation.rollout import model_of
+from husky_evaluation.scenarios import course_scenario, random_starts
+from husky_evaluation.setup import setup_of
 from husky_highlevel_controller.datatypes import Cylinder
-from husky_highlevel_controller.evaluation.metrics import run
-from husky_highlevel_controller.evaluation.rollout import model_of
-from husky_highlevel_controller.evaluation.scenarios import course_scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import setup_of
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 

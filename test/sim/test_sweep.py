@@ -13,13 +13,13 @@ from contextlib import closing
 import psutil
 import pytest
 
-from husky_highlevel_controller.evaluation import sweep
-from husky_highlevel_controller.evaluation.metrics import DriveResult, run
-from husky_highlevel_controller.evaluation.plots import draw_sweep
-from husky_highlevel_controller.evaluation.scenarios import random_starts
-from husky_highlevel_controller.evaluation.setup import Setup, parse_axis
+from husky_evaluation import sweep
+from husky_evaluation.metrics import DriveResult, run
+from husky_evaluation.plots import draw_sweep
+from husky_evaluation.scenarios import random_starts
+from husky_evaluation.setup import Setup, parse_axis
+from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.paths import share_folder
-from husky_highlevel_controller.tasks.workers import Workers
 
 SHARE = share_folder()
 PNG = b"\x89PNG"

@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 import yaml
 
+from husky_evaluation import tune
+from husky_evaluation.metrics import DriveResult
+from husky_evaluation.scenarios import random_starts
+from husky_evaluation.setup import Setup
+from husky_evaluation.tasks.workers import Workers
+from husky_evaluation.tune import Objective, Range, parse_range, parse_weights
 from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation import tune
-from husky_highlevel_controller.evaluation.metrics import DriveResult
-from husky_highlevel_controller.evaluation.scenarios import random_starts
-from husky_highlevel_controller.evaluation.setup import Setup
-from husky_highlevel_controller.evaluation.tune import Objective, Range, parse_range, parse_weights
 from husky_highlevel_controller.paths import share_folder
-from husky_highlevel_controller.tasks.workers import Workers
 
 RANGES = [Range("p_gain_vel", 0.1, 10.0), Range("p_gain_ang", 0.1, 10.0), Range("min_beams", 2, 20)]
 CALLS = "calls"

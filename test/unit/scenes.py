@@ -6,6 +6,7 @@ from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
+from husky_evaluation.scenarios import SICK, Disc, scan_of
 from husky_highlevel_controller.controller.behaviour import (
     ControllerState,
     ControlOutput,
@@ -15,7 +16,6 @@ from husky_highlevel_controller.controller.behaviour import (
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import STOP, Box, Cylinder, Pose, Pose2D, Scan, Twist2D, even_beams
-from husky_highlevel_controller.evaluation.scenarios import SICK, Disc, scan_of
 from husky_highlevel_controller.geometry import advance, compose, pose_from_2d, quat_from_rpy, transform_point
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make_scene

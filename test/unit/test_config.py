@@ -15,13 +15,13 @@ import dynamic_reconfigure
 import pytest
 import yaml
 
+from husky_evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS, setup_of
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS, setup_of
 from husky_highlevel_controller.grading.rubrics.exercise_3 import ITEMS
 from husky_highlevel_controller.grading.settings import load_rules
 from husky_highlevel_controller.robot import RobotTopics, load_robot

@@ -18,9 +18,9 @@ import numpy as np
 import pybullet
 from network import peak_megabytes
 
+from husky_evaluation.rollout import model_of
+from husky_evaluation.scenarios import course_scenario
 from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Pose, Shape, Sphere, even_beams
-from husky_highlevel_controller.evaluation.rollout import model_of
-from husky_highlevel_controller.evaluation.scenarios import course_scenario
 from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel

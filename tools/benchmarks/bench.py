@@ -20,7 +20,7 @@ from typing import Dict, List
 from figures import FIGURES
 from rows import SHORT, Effort, Row
 
-from husky_highlevel_controller.tasks.fingerprint import processor
+from husky_evaluation.tasks.fingerprint import processor
 
 RESULTS = Path(__file__).resolve().parents[2] / ".dev" / "bench.json"
 

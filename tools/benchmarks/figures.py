@@ -21,10 +21,10 @@ from marking import marking
 from network import HERE, Network, cpu_seconds, peak_megabytes
 from rows import Effort, Row, compare, reaching
 
+from husky_evaluation.rollout import rollout
+from husky_evaluation.scenarios import SICK, course_scenario, pillar_scene, scan_of
+from husky_evaluation.tasks.fingerprint import processor
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
-from husky_highlevel_controller.evaluation.rollout import rollout
-from husky_highlevel_controller.evaluation.scenarios import SICK, course_scenario, pillar_scene, scan_of
-from husky_highlevel_controller.tasks.fingerprint import processor
 
 WARM_UP = 1.0  # [s] of simulated time that does not count
 # at least, over the bare loop: an AMD EPYC runs Python faster beside Bullet than an Intel Xeon does

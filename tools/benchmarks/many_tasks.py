@@ -16,10 +16,10 @@ from typing import Callable, List, Tuple
 import numpy as np
 import psutil
 
-from husky_highlevel_controller.evaluation.metrics import DriveResult
-from husky_highlevel_controller.evaluation.setup import parse_axis
-from husky_highlevel_controller.evaluation.sweep import Sweep, write
-from husky_highlevel_controller.tasks.workers import Workers
+from husky_evaluation.metrics import DriveResult
+from husky_evaluation.setup import parse_axis
+from husky_evaluation.sweep import Sweep, write
+from husky_evaluation.tasks.workers import Workers
 
 TASKS, SHORT_TASKS, GROUP = 16, 10000, 20  # short ones are sent in groups, as evaluate sends its scans
 

@@ -28,9 +28,9 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Empty
 from tf2_msgs.msg import TFMessage
 
+from husky_evaluation.rollout import model_of
+from husky_evaluation.scenarios import course_scenario
 from husky_highlevel_controller.datatypes import Pose2D, Snapshot, Twist2D
-from husky_highlevel_controller.evaluation.rollout import model_of
-from husky_highlevel_controller.evaluation.scenarios import course_scenario
 from husky_highlevel_controller.geometry import pose_from_2d
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions

@@ -20,8 +20,8 @@ from typing import NamedTuple, Tuple
 import numpy as np
 from borealtc import HARD, SOFT, Run, read_runs
 
+from husky_evaluation.rollout import model_of
 from husky_highlevel_controller.datatypes import Body, Geometry, Plane, Pose
-from husky_highlevel_controller.evaluation.rollout import model_of
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.chassis import Chassis

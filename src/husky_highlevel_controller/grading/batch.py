@@ -21,6 +21,8 @@ from typing import Dict, Iterator, List, Optional, Sequence, Tuple
 
 from tqdm import tqdm
 
+from husky_evaluation.tasks.fingerprint import code_version, fingerprint
+from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.config import load, to_json
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.hand_in.archives import PackedPath
@@ -55,8 +57,6 @@ from husky_highlevel_controller.grading.reports.files import (
 )
 from husky_highlevel_controller.grading.settings import FILE, PointsError, read_overrides
 from husky_highlevel_controller.grading.submission import SUBMISSION_FOLDER, WORKSPACE
-from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint
-from husky_highlevel_controller.tasks.workers import Workers
 
 DEADLINE = 3600.0  # [s] of wall time for one hand-in, beside its drives
 PROGRAM = "husky_highlevel_controller.grading.mark"

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Optional, Sequence
 
+from husky_evaluation.tasks.command import add_worker_options, between, exit_codes, seed_value
 from husky_highlevel_controller.grading.batch import Batch, class_seed, mark_all, run_program
 from husky_highlevel_controller.grading.exercises import EXERCISES
 from husky_highlevel_controller.grading.isolation.process import stop_on_signals
@@ -21,7 +22,6 @@ from husky_highlevel_controller.grading.records import (
 from husky_highlevel_controller.grading.reports.files import add_step_summary
 from husky_highlevel_controller.grading.reports.tables import to_result
 from husky_highlevel_controller.grading.settings import load_rules
-from husky_highlevel_controller.tasks.command import add_worker_options, between, exit_codes, seed_value
 
 
 def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:

@@ -11,13 +11,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Optional, Sequence
 
-from husky_highlevel_controller.comparison import compare
-from husky_highlevel_controller.comparison.contestant import Outcome, outcome
+from husky_evaluation import compare
+from husky_evaluation.contestant import Outcome, outcome
+from husky_evaluation.metrics import DRIVE_SECONDS
+from husky_evaluation.scenarios import Scenario
 from husky_highlevel_controller.config import load
 from husky_highlevel_controller.course import PILLAR_POSITION
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.metrics import DRIVE_SECONDS
-from husky_highlevel_controller.evaluation.scenarios import Scenario
 from husky_highlevel_controller.grading.drive.run import drive
 from husky_highlevel_controller.grading.drive.trials import Trial
 from husky_highlevel_controller.grading.hand_in.plan import plan

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scenes import UPRIGHT, UPSIDE_DOWN, Toy, box, look
 
+from husky_evaluation.scenarios import SICK, scan_of
 from husky_highlevel_controller.controller.behaviour import ControllerState, Observation, State, decide
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D
-from husky_highlevel_controller.evaluation.scenarios import SICK, scan_of
 from husky_highlevel_controller.geometry import (
     inverse,
     pose_from_2d,

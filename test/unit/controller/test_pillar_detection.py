@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import box, look
 
+from husky_evaluation.scenarios import SICK, bare_scene, pillar_scene, scan_of
 from husky_highlevel_controller.controller import pillar_detection
 from husky_highlevel_controller.controller.circle_fit import fit_circle
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 from husky_highlevel_controller.datatypes import Scan
-from husky_highlevel_controller.evaluation.scenarios import SICK, bare_scene, pillar_scene, scan_of
 
 CONFIG = PillarConfig()
 

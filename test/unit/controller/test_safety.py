@@ -9,6 +9,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from scenes import UPRIGHT, UPSIDE_DOWN, box, look
 
+from husky_evaluation.scenarios import SICK, scan_of
 from husky_highlevel_controller.controller.safety import (
     Latch,
     ProximityConfig,
@@ -17,7 +18,6 @@ from husky_highlevel_controller.controller.safety import (
     too_close,
 )
 from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Twist2D
-from husky_highlevel_controller.evaluation.scenarios import SICK, scan_of
 from husky_highlevel_controller.geometry import advance, compose, inverse, pose_from_2d, transform_point
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.diff_drive import Drive

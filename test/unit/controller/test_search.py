@@ -6,10 +6,10 @@ from math import atan2, cos, hypot, pi, radians, sin
 import numpy as np
 import pytest
 
+from husky_evaluation.scenarios import SICK, scan_of
 from husky_highlevel_controller.controller.control import ControlConfig, target_at
 from husky_highlevel_controller.controller.search import Search, free_bearing, is_free, near_points, search_on
 from husky_highlevel_controller.datatypes import STOP, Pose, Pose2D, Twist2D
-from husky_highlevel_controller.evaluation.scenarios import SICK, scan_of
 from husky_highlevel_controller.robot import load_robot
 
 OUTLINE = load_robot().footprint

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from husky_evaluation.scenarios import SICK, scan_of
 from husky_highlevel_controller.controller.pillar_detection import Pillar
 from husky_highlevel_controller.controller.tracking import (
     Anchor,
@@ -16,7 +17,6 @@ from husky_highlevel_controller.controller.tracking import (
     look_at,
 )
 from husky_highlevel_controller.datatypes import Pose
-from husky_highlevel_controller.evaluation.scenarios import SICK, scan_of
 
 INCREMENT = 2.0 * SICK.angle_max / (SICK.beams - 1)  # [rad]
 LASER = Pose((0.0, 0.0, 0.0))  # in odom

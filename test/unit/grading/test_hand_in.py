@@ -18,6 +18,7 @@ from types import SimpleNamespace
 import pytest
 from packages import manifest, put
 
+from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.config import ConfigError, load, to_json
 from husky_highlevel_controller.datatypes import Pose2D
 from husky_highlevel_controller.grading import batch as batch_module
@@ -55,7 +56,6 @@ from husky_highlevel_controller.grading.reports.files import FINGERPRINT, write_
 from husky_highlevel_controller.grading.review import open_items
 from husky_highlevel_controller.grading.settings import read_overrides, with_override
 from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
-from husky_highlevel_controller.tasks.workers import Workers
 
 pytestmark = pytest.mark.usefixtures("launch_files_read_here")
 

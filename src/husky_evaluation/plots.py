@@ -12,7 +12,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
-from husky_highlevel_controller.evaluation.setup import Axis
+from husky_evaluation.setup import Axis
 from husky_highlevel_controller.plots import DRIVEN, MARKER, new_figure, plain, png
 
 MAX_LABELLED = 15  # values of an axis, up to which each cell is labelled

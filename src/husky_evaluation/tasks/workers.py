@@ -12,10 +12,10 @@ from typing import Any, Callable, Iterable, Iterator, List, Optional, Set, Tuple
 
 from tqdm import tqdm
 
+from husky_evaluation.tasks.fingerprint import code_version, fingerprint, machine
+from husky_evaluation.tasks.local import run_here
+from husky_evaluation.tasks.store import Store
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint, machine
-from husky_highlevel_controller.tasks.local import run_here
-from husky_highlevel_controller.tasks.store import Store
 
 Task = Callable[[Any], Any]
 OnError = Callable[[Any, Exception], Any]  # result of an item whose task has failed; or it raises
@@ -39,7 +39,7 @@ class Workers:
         self._digest = hashlib.sha256()
         self._machines: Set[str] = set()
         if cluster:
-            from husky_highlevel_controller.tasks.cluster import Cluster  # optional: it loads Dask
+            from husky_evaluation.tasks.cluster import Cluster  # optional: it loads Dask
 
             self._cluster = Cluster(cluster)
 

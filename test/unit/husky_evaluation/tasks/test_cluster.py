@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
+from husky_evaluation.metrics import run
+from husky_evaluation.scenarios import random_starts
+from husky_evaluation.setup import Setup
+from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.metrics import run
-from husky_highlevel_controller.evaluation.scenarios import random_starts
-from husky_highlevel_controller.evaluation.setup import Setup
 from husky_highlevel_controller.grading.batch import Batch, mark_all
 from husky_highlevel_controller.grading.records import MarkingConfig
 from husky_highlevel_controller.paths import share_folder
-from husky_highlevel_controller.tasks.workers import Workers
 
 pytest.importorskip("distributed")
 from dask_processes import WORKER, Processes
@@ -101,7 +101,7 @@ def test_a_worker_of_another_kind_is_refused_by_name(cluster, tmp_path, capfd):
     assert hash_of(noise, range(20), cluster=cluster.address) == hash_of(noise, range(20), jobs=1)
     told = capfd.readouterr().err
     assert "worker bare at tcp://127.0.0.1:" in told
-    assert "is refused: it has no package husky_highlevel_controller" in told
+    assert "is refused: it has no package husky_evaluation" in told
     assert "worker changed at" in told
     assert re.search(r"; here it is \d+\.\d", told)
     assert "it has 2 threads; start it with --nthreads 1" in told
@@ -109,7 +109,7 @@ def test_a_worker_of_another_kind_is_refused_by_name(cluster, tmp_path, capfd):
 
 
 def test_where_no_scheduler_answers_the_command_says_so(monkeypatch):
-    from husky_highlevel_controller.tasks import cluster
+    from husky_evaluation.tasks import cluster
 
     monkeypatch.setattr(cluster, "CONNECT_DEADLINE", 0.5)
     with pytest.raises(HuskyError, match=r"--cluster tcp://127.0.0.1:1: no Dask scheduler answers there"):
@@ -117,7 +117,7 @@ def test_where_no_scheduler_answers_the_command_says_so(monkeypatch):
 
 
 def test_without_dask_the_message_says_what_to_install(monkeypatch):
-    monkeypatch.delitem(sys.modules, "husky_highlevel_controller.tasks.cluster", raising=False)
+    monkeypatch.delitem(sys.modules, "husky_evaluation.tasks.cluster", raising=False)
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(HuskyError, match=r"pip install -r requirements/cluster.txt"):
         Workers(cluster="tcp://127.0.0.1:8786")

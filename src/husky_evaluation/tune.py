@@ -18,12 +18,10 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from husky_highlevel_controller.config import ConfigError, from_plain, number
-from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.metrics import Drive, DriveResult, run_scene
-from husky_highlevel_controller.evaluation.plots import draw_trials
-from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import (
+from husky_evaluation.metrics import Drive, DriveResult, run_scene
+from husky_evaluation.plots import draw_trials
+from husky_evaluation.scenarios import Scenario, random_starts
+from husky_evaluation.setup import (
     METADATA,
     Setup,
     add_drive_options,
@@ -32,11 +30,13 @@ from husky_highlevel_controller.evaluation.setup import (
     to_yaml,
     unit_of,
 )
-from husky_highlevel_controller.evaluation.statistics import paired_row
+from husky_evaluation.statistics import paired_row
+from husky_evaluation.tasks.command import exit_codes, positive
+from husky_evaluation.tasks.store import RESULTS
+from husky_evaluation.tasks.workers import Workers
+from husky_highlevel_controller.config import ConfigError, from_plain, number
+from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.result import Result, Table, every_row
-from husky_highlevel_controller.tasks.command import exit_codes, positive
-from husky_highlevel_controller.tasks.store import RESULTS
-from husky_highlevel_controller.tasks.workers import Workers
 from husky_highlevel_controller.templates import write_page
 
 BATCH = 8  # setups that are proposed at once; fixed, for the proposals depend on it

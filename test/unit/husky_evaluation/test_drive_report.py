@@ -6,8 +6,8 @@ from math import inf, isnan
 import numpy as np
 import pytest
 
+from husky_evaluation.statistics import bootstrap
 from husky_highlevel_controller.config import load
-from husky_highlevel_controller.evaluation.statistics import bootstrap
 from husky_highlevel_controller.result import Cell, Result, Table, every_row
 from husky_highlevel_controller.templates import write_page
 

@@ -24,7 +24,7 @@ from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
-from husky_highlevel_controller.tasks.command import add_worker_options, positive, seed_value
+from husky_evaluation.tasks.command import add_worker_options, positive, seed_value
 
 COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
 ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # config/robot.yaml's, at the default limits

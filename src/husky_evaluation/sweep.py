@@ -14,11 +14,10 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.config import ConfigError
-from husky_highlevel_controller.evaluation.metrics import Drive, DriveResult, run_scene
-from husky_highlevel_controller.evaluation.plots import Panel, draw_sweep
-from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import (
+from husky_evaluation.metrics import Drive, DriveResult, run_scene
+from husky_evaluation.plots import Panel, draw_sweep
+from husky_evaluation.scenarios import Scenario, random_starts
+from husky_evaluation.setup import (
     COURSE_GAINS,
     ROBOT_GAINS,
     Axis,
@@ -30,10 +29,11 @@ from husky_highlevel_controller.evaluation.setup import (
     parse_axis,
     setup_of,
 )
+from husky_evaluation.tasks.command import exit_codes
+from husky_evaluation.tasks.store import RESULTS
+from husky_evaluation.tasks.workers import Workers
+from husky_highlevel_controller.config import ConfigError
 from husky_highlevel_controller.result import Result, Table, every_row
-from husky_highlevel_controller.tasks.command import exit_codes
-from husky_highlevel_controller.tasks.store import RESULTS
-from husky_highlevel_controller.tasks.workers import Workers
 from husky_highlevel_controller.templates import write_page
 
 

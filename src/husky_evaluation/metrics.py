@@ -12,13 +12,13 @@ from typing import Callable, Tuple
 
 import numpy as np
 
+from husky_evaluation.rollout import Controller, Trace, model_of, rollout
+from husky_evaluation.scenarios import SICK, Scenario, bare_scene, pillar_scene
+from husky_evaluation.setup import Setup
 from husky_highlevel_controller.controller.behaviour import decide
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 from husky_highlevel_controller.course import PILLAR_RADIUS
-from husky_highlevel_controller.evaluation.rollout import Controller, Trace, model_of, rollout
-from husky_highlevel_controller.evaluation.scenarios import SICK, Scenario, bare_scene, pillar_scene
-from husky_highlevel_controller.evaluation.setup import Setup
 from husky_highlevel_controller.replay import Replay, to_html
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig

@@ -18,9 +18,9 @@ from concurrent.futures import CancelledError
 from functools import partial
 from typing import Any, Callable, Deque, Dict, FrozenSet, List, Sequence, Tuple
 
+from husky_evaluation.tasks.fingerprint import OURS, code_version
+from husky_evaluation.tasks.local import Answers, Group, perform
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.tasks.fingerprint import PACKAGE, code_version
-from husky_highlevel_controller.tasks.local import Answers, Group, perform
 
 try:
     import cloudpickle
@@ -149,7 +149,7 @@ class Cluster:
             elif python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
                 why = f"its Python is {python.split('.final')[0]}, here it is {sys.version.split()[0]}"
             else:
-                (version,) = self._client.run(_asker(PACKAGE), workers=[address]).values()
+                (version,) = self._client.run(_asker(__name__.split(".")[0]), workers=[address]).values()
                 if version != code_version():
                     why = f"{version}; here it is {code_version()}"
             if why:
@@ -166,7 +166,7 @@ def _send_by_value(task: Callable[[Any], Any]) -> None:
         task = task.func
     module: Any = sys.modules.get(getattr(task, "__module__", ""))
     is_own = "-packages" not in str(getattr(module, "__file__", "-packages"))
-    if is_own and module.__name__.split(".")[0] not in (PACKAGE, "__main__"):
+    if is_own and module.__name__.split(".")[0] not in (*OURS, "__main__"):
         cloudpickle.register_pickle_by_value(module)
 
 

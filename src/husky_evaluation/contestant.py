@@ -21,16 +21,16 @@ from typing import Any, Optional, Protocol, Sequence, Tuple
 
 import numpy as np
 
+from husky_evaluation import metrics
+from husky_evaluation.rollout import Controller
+from husky_evaluation.scenarios import Scenario
+from husky_evaluation.setup import Setup, load_setup
+from husky_evaluation.tasks.fingerprint import OURS
 from husky_highlevel_controller.controller.behaviour import decide
 from husky_highlevel_controller.course import PILLAR_RADIUS, REACHED, STANDS, TOUCH
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation import metrics
-from husky_highlevel_controller.evaluation.rollout import Controller
-from husky_highlevel_controller.evaluation.scenarios import Scenario
-from husky_highlevel_controller.evaluation.setup import Setup, load_setup
 from husky_highlevel_controller.robot import Robot
 
-PACKAGE = __name__.split(".")[0]
 DRAWN_POSES = 300  # of a drive, that are kept for its picture
 
 
@@ -67,7 +67,7 @@ class FunctionContestant:
     name: str
     setup: Setup
     function: str = ""  # decision function; defaults to `behaviour.decide`
-    module: str = ""  # module of the function, if it belongs to this package
+    module: str = ""  # module of the function, if it is one of OURS
     source: str = ""  # otherwise, source text of the function's file, sent to the worker
 
     @property
@@ -157,7 +157,7 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
     if not colon or not function.isidentifier() or arguments:
         kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION and PACKAGE/FILE.launch"
         raise HuskyError(f"'{text}' is none of {kinds}")
-    if place.split(".")[0] == PACKAGE:
+    if place.split(".")[0] in OURS:
         made = FunctionContestant(text, base, function, module=place)
     else:
         made = FunctionContestant(text, base, function, source=_source(place))

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from noisy_tasks import noise, noise_after_a_death
 
+from husky_evaluation.tasks import local
+from husky_evaluation.tasks.command import STOPPED, exit_codes, seed_value
+from husky_evaluation.tasks.fingerprint import code_version, fingerprint, machine
+from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.datatypes import HuskyError, Pose2D
-from husky_highlevel_controller.tasks import local
-from husky_highlevel_controller.tasks.command import STOPPED, exit_codes, seed_value
-from husky_highlevel_controller.tasks.fingerprint import code_version, fingerprint, machine
-from husky_highlevel_controller.tasks.workers import Workers
 
 
 def kill_at_seven(number):

@@ -13,23 +13,23 @@ from typing import Callable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.comparison.contestant import (
+from husky_evaluation.contestant import (
     Contestant,
     LaunchKind,
     Outcome,
     contestant,
     drive_scene,
 )
+from husky_evaluation.plots import draw_pairs
+from husky_evaluation.scenarios import Scenario, random_starts
+from husky_evaluation.setup import add_drive_options, setup_of
+from husky_evaluation.statistics import bootstrap, paired_row
+from husky_evaluation.tasks.command import between, exit_codes
+from husky_evaluation.tasks.store import RESULTS
+from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.evaluation.plots import draw_pairs
-from husky_highlevel_controller.evaluation.scenarios import Scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import add_drive_options, setup_of
-from husky_highlevel_controller.evaluation.statistics import bootstrap, paired_row
 from husky_highlevel_controller.plots import draw_paths
 from husky_highlevel_controller.result import Result, Table
-from husky_highlevel_controller.tasks.command import between, exit_codes
-from husky_highlevel_controller.tasks.store import RESULTS
-from husky_highlevel_controller.tasks.workers import Workers
 from husky_highlevel_controller.templates import write_page
 
 

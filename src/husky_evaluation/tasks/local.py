@@ -22,8 +22,8 @@ from multiprocessing import get_context
 from typing import Any, Callable, Dict, Generator, List, Sequence, Tuple, Union
 from typing import Counter as CounterType
 
+from husky_evaluation.tasks.fingerprint import machine
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.tasks.fingerprint import machine
 
 Group = Sequence[Any]  # items that are sent to a worker together
 Answer = Tuple[str, List[Any]]  # the machine that computed, and the result of each item of a group

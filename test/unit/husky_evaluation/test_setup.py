@@ -3,9 +3,7 @@
 import pytest
 import yaml
 
-from husky_highlevel_controller.config import ConfigError
-from husky_highlevel_controller.controller.control import ControlConfig
-from husky_highlevel_controller.evaluation.setup import (
+from husky_evaluation.setup import (
     Setup,
     load_setup,
     parameters,
@@ -14,6 +12,8 @@ from husky_highlevel_controller.evaluation.setup import (
     to_yaml,
     unit_of,
 )
+from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.paths import share_folder
 
 CONFIG = share_folder() / "config"

@@ -16,6 +16,7 @@ from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from husky_evaluation.scenarios import Scenario
 from husky_highlevel_controller.controller.behaviour import (
     ControllerState,
     ControlOutput,
@@ -26,7 +27,6 @@ from husky_highlevel_controller.controller.behaviour import (
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import Scan, Snapshot
-from husky_highlevel_controller.evaluation.scenarios import Scenario
 from husky_highlevel_controller.geometry import advance, pose_to_2d
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.models.description import robot_description

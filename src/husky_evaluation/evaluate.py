@@ -17,19 +17,19 @@ from urllib.parse import quote
 
 import numpy as np
 
-from husky_highlevel_controller.controller.control import ControlConfig
-from husky_highlevel_controller.evaluation.metrics import (
+from husky_evaluation.metrics import (
     DriveResult,
     center_error,
     false_pillars,
     run_scene,
     run_with_page,
 )
-from husky_highlevel_controller.evaluation.scenarios import Scenario, course_scenario, random_starts
-from husky_highlevel_controller.evaluation.setup import COURSE_GAINS, Setup, add_profile_options, setup_of
+from husky_evaluation.scenarios import Scenario, course_scenario, random_starts
+from husky_evaluation.setup import COURSE_GAINS, Setup, add_profile_options, setup_of
+from husky_evaluation.tasks.command import add_worker_options, exit_codes, positive, seed_value
+from husky_evaluation.tasks.workers import Workers
+from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.result import Cell, Result, Table
-from husky_highlevel_controller.tasks.command import add_worker_options, exit_codes, positive, seed_value
-from husky_highlevel_controller.tasks.workers import Workers
 from husky_highlevel_controller.templates import write_page
 
 TOUCHING = ControlConfig(stop_distance=0.0)
