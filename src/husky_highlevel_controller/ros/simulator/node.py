@@ -28,7 +28,7 @@ from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERI
 from husky_highlevel_controller.ros.simulator.one_simulator import refusal, running_simulator
 from husky_highlevel_controller.ros.simulator.parameters import read_parameters, read_robot_description
 from husky_highlevel_controller.ros.simulator.publishers import Publishers
-from husky_highlevel_controller.ros.simulator.rviz_windows import is_rviz, missing_topics
+from husky_highlevel_controller.ros.simulator.rviz_windows import is_rviz, loading
 from husky_highlevel_controller.ros.simulator.world_display import WorldDisplay
 from husky_highlevel_controller.ros.simulator.world_services import WorldServices
 from husky_highlevel_controller.simulator.diff_drive import CommandError
@@ -140,18 +140,17 @@ class SimulatorNode:
     def _wait_for_rviz(self) -> None:
         """Wait for the RViz that a launch file opens: nobody sees the begin of a drive without it."""
         master_uri, caller = rosgraph.get_master_uri(), rospy.get_name()
-        seen = False
+        begin, found = time.monotonic(), False
 
         def missing() -> str:
-            nonlocal seen
+            nonlocal found
             nodes = sorted(filter(is_rviz, launched()))
-            seen = seen or bool(nodes)
-            topics = missing_topics(master_uri, caller, nodes)
-            return ", ".join(f"{node} did not subscribe to {' '.join(topics[node])}" for node in topics)
+            found = found or bool(nodes)
+            late = ", ".join(loading(master_uri, caller, nodes))
+            return f"{late} did not open its window" if late else ""
 
-        begun = time.monotonic()
-        if self._hold_time_while(missing, RVIZ_TIMEOUT, RVIZ_POLL_PERIOD) and seen:
-            rospy.loginfo(f"time begins: RViz draws, after {time.monotonic() - begun:.1f} s of wall time")
+        if self._hold_time_while(missing, RVIZ_TIMEOUT, RVIZ_POLL_PERIOD) and found:
+            rospy.loginfo(f"time begins: RViz draws, after {time.monotonic() - begin:.1f} s of wall time")
 
     def _hold_time_while(self, missing: Callable[[], str], timeout: float, period: float) -> bool:
         """Hold time while a sentence says what is missing; log the sentence after `timeout` [s] of wall time.
