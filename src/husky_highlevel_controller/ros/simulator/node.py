@@ -96,13 +96,13 @@ class SimulatorNode:
         self._registration.start()
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)
+        if self._start.wait_for_rviz and not self._paused and not publishers.truth_log.is_open:
+            self._wait_for_rviz()  # first: the partners count as joined when RViz is connected, too
         if self._start.lockstep:
             self._lockstep.wait_for_partners(partners, self._hold_time)
             publishers.truth_log.wait_to_begin(self._hold_time)
         elif self._start.real_time_factor == 0.0 and not self._paused:
             self._wait_for_launch(partners)
-        if self._start.wait_for_rviz and not self._paused and not publishers.truth_log.is_open:
-            self._wait_for_rviz()
         if self._paused:
             self._publishers.keep(simulation.at_start())
         self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
