@@ -35,7 +35,7 @@ import roslaunch.parent
 import roslaunch.pmon
 import rospkg
 from find_packages import PACKAGE, PACKAGE_FOLDER
-from launch_arguments import check_arguments
+from launch_arguments import Arguments, check_arguments, refuse
 from launch_output import FoldedOutput
 from roslaunch import substitution_args
 
@@ -124,10 +124,12 @@ def drop_missing_terminals(config: Any) -> None:
 
 
 def drop_missing_rviz(config: Any) -> None:
-    """Start no RViz where it is not installed: Debian forky's archive has none."""
+    """Start no RViz without a display, nor where it is not installed: Debian forky's archive has none."""
     others = [node for node in config.nodes if node.package != "rviz"]
     if len(others) < len(config.nodes) and "rviz" not in rospkg.RosPack().list():
         say("warning: RViz is not installed; web:=true shows the robot in a browser")
+        config.nodes = others
+    if not os.environ.get("DISPLAY"):
         config.nodes = others
 
 
@@ -193,26 +195,42 @@ def replacement_of(file: Path, package: Optional[Path], joined: Dict[str, Path])
     return stand_in
 
 
-def adapt(config: Any) -> None:
+def starts_robot(node: Any) -> bool:
+    """Whether a node is a stand-in that starts this package's simulator."""
+    spawns = (node.package, node.type) == ("gazebo_ros", "spawn_model") and "-urdf" in node.args
+    return node.type == "spawn_husky" or bool(spawns)
+
+
+def adapt(config: Any, file: Path, arguments: Arguments) -> None:
     """Make the nodes of a launch file for Gazebo and a desktop start here."""
     check_integers(config)
+    robots = [node for node in config.nodes if starts_robot(node)]
+    for name in arguments.for_simulator:
+        if not robots:
+            refuse(file, name, arguments.known, arguments.known)
+    if is_true(arguments.for_simulator.get("exit_on_arrival", "false")):
+        for node in robots:
+            node.required = True  # it ends at the arrival, and the launch with it
+    if not is_true(arguments.for_simulator.get("rviz", "true")):
+        config.nodes = [n for n in config.nodes if n.package != "rviz" or n.name == "gazebo_gui"]
     drop_missing_terminals(config)
     drop_missing_rviz(config)
     programs = {(node.package, node.type) for node in config.nodes}
     has_world = "/gazebo_world/world_name" in config.params or ("gazebo_ros", "gzserver") in programs
-    has_robot = any(
-        node.type == "spawn_husky" or (node.type == "spawn_model" and "-urdf" in node.args)
-        for node in config.nodes
-    )
     for node in config.nodes:
         if (node.package, node.type) == ("gazebo_ros", "spawn_model"):
             node.output = "screen"  # it refuses a model by a sentence, or becomes the simulator
-    if has_world and not has_robot:
+    if has_world and not robots:
         say("warning: the launch file has a world but no robot (husky_gazebo/launch/spawn_husky.launch)")
     if any(node.package == "rviz" and node.name not in OWN_RVIZ for node in config.nodes):
         config.nodes = [
             node for node in config.nodes if node.name not in OWN_RVIZ and node.type != "gzclient"
         ]  # one window is enough
+
+
+def is_true(value: str) -> bool:
+    """Whether a value of an argument is true for roslaunch."""
+    return value.lower() in ("true", "1")
 
 
 class Failures(roslaunch.pmon.ProcessListener):
@@ -256,7 +274,7 @@ def tell_end(text: str) -> None:
         roslaunch.core.printerrlog(text)
 
 
-def launch(file: Path, options: List[str], output: FoldedOutput) -> int:
+def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
     """Run roslaunch; 0, or 1 if a required node failed."""
     roslaunch.pmon.printlog, roslaunch.pmon.printerrlog = tell, tell_end
     failures = Failures()
@@ -270,7 +288,8 @@ def launch(file: Path, options: List[str], output: FoldedOutput) -> int:
 
         def _load_config(self) -> None:  # the only place between reading the file and starting its nodes
             super()._load_config()
-            adapt(self.config)
+            adapt(self.config, file, arguments)
+            run["robots"] = {n.name for n in self.config.nodes if starts_robot(n)}
             # as roslaunch calls their processes
             names = [rosgraph.names.ns_join(n.namespace, n.name) for n in self.config.nodes if n.required]
             failures.required = {name.lstrip("/") for name in names}
@@ -308,11 +327,13 @@ def launch(file: Path, options: List[str], output: FoldedOutput) -> int:
     start, roslaunch.nodeprocess.LocalProcess.start = roslaunch.nodeprocess.LocalProcess.start, start_process
     roslaunch.pmon.rl_signal = end_also_while_starting
     roslaunch.parent.ROSLaunchParent = Parent
-    roslaunch.main(["roslaunch", str(file), *options])
+    roslaunch.main(["roslaunch", str(file), *arguments.options])
     if failures.first is None:
         return 0
     name = failures.first.rsplit("-", 1)[0]
     sentence = last_fatal(failures.first, Path(rospkg.get_log_dir()) / run["id"])
+    if not sentence and name in run["robots"]:
+        return 1  # the launch of the simulator in it has said why
     say(f"error: {name}: {sentence or f'ended with exit code {failures.exit_code}'}")
     return 1
 
@@ -324,10 +345,10 @@ def main() -> int:
     file = find_packages_for(file)
     check_master()
     check_display()
-    options = check_arguments(file, arguments)
+    checked = check_arguments(file, arguments)
     output = FoldedOutput()
     try:
-        return launch(file, options, output)
+        return launch(file, checked, output)
     finally:
         output.close()
 

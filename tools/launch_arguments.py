@@ -1,12 +1,18 @@
-"""Arguments of a launch file: checked before it runs, and passed on to the files that it includes."""
+"""Arguments of a launch file: checked before it runs, and passed on to the files that it includes.
+
+Arguments of this package's simulator can be given to any launch file that starts it. A file that includes
+simulator.launch gets them there; the stand-ins of compat/ read them from the environment.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import difflib
+import os
 import re
+import shlex
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Optional, Set, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Set, Tuple
 from xml.etree import ElementTree
 
 import roslaunch.arg_dump
@@ -15,7 +21,19 @@ import yaml
 from roslaunch import substitution_args
 
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
-OF_CONTROLLER = {"naive", "parameters", "exit_on_arrival", "deadline"}  # simulator.launch only hands them on
+SIMULATOR = PACKAGE_FOLDER / "launch" / "simulator.launch"
+OF_CONTROLLER = {"naive", "parameters"}  # simulator.launch only hands them on
+VARIABLE = "HUSKY_SIMULATOR_ARGUMENTS"  # name:=value words, as on a command line, for stand-ins of compat/
+# what the stand-ins read of the Husky of ROS Melodic; simulator.launch has the same for robot:=husky_melodic
+MELODIC = {"HUSKY_LMS1XX_TOPIC": "scan", "HUSKY_LMS1XX_PREFIX": "base"}
+
+
+class Arguments(NamedTuple):
+    """Checked arguments of a launch file."""
+
+    options: List[str]  # for roslaunch
+    for_simulator: Dict[str, str]  # that only a file takes which starts this package's simulator
+    known: Set[str]  # names that the file takes
 
 
 def declared_arguments(file: Path) -> Optional[Set[str]]:
@@ -74,33 +92,44 @@ def pass_on(values: Dict[str, str]) -> None:
     roslaunch.loader.process_include_args = process
 
 
-def check_arguments(file: Path, given: List[str]) -> List[str]:
-    """Refuse an argument that the launch file does not take; roslaunch would ignore it in silence.
-
-    Returns:
-        The arguments without those that only a file takes which it includes from this package.
-    """
+def check_arguments(file: Path, given: List[str]) -> Arguments:
+    """Refuse an argument that the launch file does not take; roslaunch would ignore it in silence."""
     declared, own = declared_arguments(file), own_arguments(file)
+    of_simulator = set() if file.parent == SIMULATOR.parent else declared_arguments(SIMULATOR) or set()
     passed_on: Dict[str, str] = {}
+    for_simulator: Dict[str, str] = {}
     for argument in given:
         name, assigned, value = argument.partition(":=")
         mistyped = re.fullmatch(r"(\w+)(?:=|:)(.*)", argument)
         if mistyped and not assigned:
             raise SystemExit(f"[dev] error: {argument!r}: write {mistyped[1]}:={mistyped[2]}")
         if assigned and declared is not None and not name.startswith("_") and name not in declared:
-            if name not in own:
-                near = difflib.get_close_matches(name, declared | own, n=1)
-                hint = f"did you mean '{near[0]}'? " if near else ""
-                known = ", ".join(sorted(declared)) or "none"
-                raise SystemExit(
-                    f"[dev] error: {file.name} has no argument '{name}'; {hint}It takes: {known}"
-                )
-            passed_on[name] = value
+            if name in own:
+                passed_on[name] = value
+            elif name in of_simulator:
+                for_simulator[name] = value
+            else:
+                refuse(file, name, declared, declared | own | of_simulator)
         if name in ("parameters", "simulator_parameters") and assigned:
             check_yaml(name, value)
     if passed_on:
         pass_on(passed_on)
-    return [argument for argument in given if argument.partition(":=")[0] not in passed_on]
+    if for_simulator:
+        words = [f"{name}:={value}" for name, value in for_simulator.items()]
+        os.environ[VARIABLE] = shlex.join([*shlex.split(os.environ.get(VARIABLE, "")), *words])
+    if for_simulator.get("robot") == "husky_melodic":
+        os.environ.update(MELODIC)
+    taken = passed_on.keys() | for_simulator.keys()
+    options = [argument for argument in given if argument.partition(":=")[0] not in taken]
+    return Arguments(options, for_simulator, declared or set())
+
+
+def refuse(file: Path, name: str, takes: Set[str], candidates: Set[str]) -> None:
+    """End with a sentence on an argument that a launch file does not take."""
+    near = difflib.get_close_matches(name, candidates - {name}, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else "."
+    known = ", ".join(sorted(takes)) or "none"
+    raise SystemExit(f"[dev] error: {file.name} has no argument '{name}'{hint} It takes: {known}")
 
 
 def check_yaml(argument: str, name: str) -> None:

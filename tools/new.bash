@@ -10,8 +10,12 @@ for argument in "$@"; do
   esac
 done
 [ -n "$name" ] || die "new what? e.g. ./dev new my_husky"
-[[ $name =~ ^[a-z][a-z0-9_]*[a-z0-9]$ ]] \
-  || die "'$name' is no name for a ROS package: two or more of a-z, 0-9 and _, a letter first, no _ last"
+[[ $name =~ ^[a-z0-9][a-z0-9_]*[a-z0-9]$ && $name =~ [a-z] ]] \
+  || die "'$name' is not a valid name of a ROS package: two or more of a-z, 0-9 and _, one of them a letter, no _ first or last"
+# catkin only warns of such a package; a node of that name does not start
+node=$(sed 's/^[^a-z]*//' <<<"$name")
+[ "$node" = "$name" ] \
+  || say "warning: the package name '$name' begins with a digit, which catkin warns of; name its nodes '$node...', because the name of a ROS node begins with a letter"
 for share in "$here/compat" "${opt_ros:-/usr}/share"; do
   [ ! -e "$share/$name/package.xml" ] || die "ROS has a package '$name' already ($share/$name): take another name"
 done

@@ -17,6 +17,7 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.paths import share_folder
 
 ROBOTS = ("husky", "smb")
+VERSIONS = {"husky_melodic": "husky"}  # by another topic and frame of the lidar, which launch files set
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,7 @@ class Robot:
 @lru_cache(maxsize=None)
 def robot_file(name: str) -> Dict[str, Any]:
     """Content of config/robots/NAME.yaml; ConfigError if there is no robot of that name."""
+    name = VERSIONS.get(name, name)
     if name not in ROBOTS:
         raise ConfigError(f"robot '{name}' is not {' or '.join(ROBOTS)}")
     with (share_folder() / "config" / "robots" / f"{name}.yaml").open() as file:

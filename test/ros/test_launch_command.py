@@ -40,8 +40,15 @@ SIMULATOR = "$(find husky_highlevel_controller)/launch/simulator.launch"
         (
             "robot.launch",
             f'<include file="{SIMULATOR}" pass_all_args="true"/>',
-            "exit_on_arrival:=true",  # which only the controller takes
-            "robot.launch has no argument 'exit_on_arrival'",
+            "naive:=true",  # which only the controller takes
+            "robot.launch has no argument 'naive'",
+        ),
+        ("web.launch", "", "real_time_factor:=6", "web.launch has no argument 'real_time_factor'"),
+        (
+            "talker.launch",
+            '<node name="a" pkg="rostopic" type="rostopic"/>',
+            "seed:=6",  # which only a file takes that starts the simulator
+            "talker.launch has no argument 'seed'. It takes: none",
         ),
     ],
 )
@@ -49,8 +56,9 @@ def test_a_mistake_on_the_command_line_is_refused_in_a_line(file, content, argum
     (tmp_path / file).write_text(f"<launch>{content}</launch>")
     launched = launch(tmp_path / file if content else file, argument)
     assert launched.wait() == 1
-    (line,) = launched.output.splitlines()
+    *_, line = launched.output.splitlines()
     assert line.startswith(f"[dev] error: {words}")
+    assert "process[" not in launched.output, "nothing has started"
 
 
 def test_an_argument_for_an_include_that_takes_all_is_none_of_them(launch, tmp_path):

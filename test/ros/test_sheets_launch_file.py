@@ -77,6 +77,69 @@ def test_the_older_launch_file_shows_the_football_field_with_the_laser_of_the_en
     assert "rear_laser" in ros.master("getParam", "/robot_description")
 
 
+AS_PRINTED = """<launch>
+  <arg name="seed" default="4"/>
+  <include file="$(find gazebo_ros)/launch/empty_world.launch">
+    <arg name="world_name" value="$(find husky_highlevel_controller)/worlds/singlePillar.world"/>
+    <arg name="gui" value="true"/>
+  </include>
+  <include file="$(find husky_gazebo)/launch/spawn_husky.launch"/>
+  <node name="husky_highlevel_controller" pkg="husky_highlevel_controller" type="husky_highlevel_controller"
+        output="screen">
+    <rosparam command="load" file="$(find husky_highlevel_controller)/config/config.yaml"/>
+  </node>
+  <node pkg="rviz" type="rviz" name="rviz" required="true"/>
+</launch>"""
+ENDS = ("real_time_factor:=6", "exit_on_arrival:=true")
+
+
+def test_the_sheet_s_file_drives_this_package_s_controller_with_arguments_of_the_simulator(
+    launch, ros, tmp_path
+):
+    (tmp_path / "husky_controller.launch").write_text(AS_PRINTED)
+    core = ros.core()  # which keeps the parameters
+    launched = launch(tmp_path / "husky_controller.launch", *ENDS, "seed:=7", "web:=true", "web_port:=8171")
+    launched.says("arrived after")
+    assert launched.wait() == 0, launched.output
+    assert core.popen.poll() is None
+    assert ros.master("getParam", "/husky_simulator/real_time_factor") == 6.0
+    assert ros.master("getParam", "/husky_simulator/seed") == 0, "the file has a seed of its own"
+    assert "process[husky_web" in launched.output
+    assert "process[rviz" not in launched.output, "there is no display"
+
+
+WITH_SCAN = """<launch>
+  <include file="$(find gazebo_ros)/launch/empty_world.launch">
+    <arg name="world_name" value="$(find husky_highlevel_controller)/worlds/singlePillar.world"/>
+  </include>
+  <include file="$(find husky_description)/launch/description.launch"/>
+  <node name="spawn" pkg="gazebo_ros" type="spawn_model" args="-urdf -param robot_description -model husky"/>
+  <node name="theirs" pkg="husky_highlevel_controller" type="naive_controller" output="screen">
+    <param name="scan_topic_name" value="/scan"/>
+  </node>
+</launch>"""
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "words"),
+    [
+        (["robot:=husky_melodic"], 0, "arrived after"),
+        (["deadline:=6"], 1, "no arrival within 6 s of simulated time; last: the robot has not moved"),
+    ],
+)
+def test_a_controller_of_2018_arrives_with_its_robot_and_is_told_of_it_without(
+    more, code, words, launch, ros, tmp_path
+):
+    (tmp_path / "theirs.launch").write_text(WITH_SCAN)
+    ros.core()
+    launched = launch(tmp_path / "theirs.launch", *ENDS, *more)
+    assert launched.wait() == code, launched.output
+    assert words in launched.output
+    frame = ros.master("getParam", "/husky_simulator/laser_frame")
+    assert frame == ("base_laser" if code == 0 else "front_laser")
+    assert frame in ros.master("getParam", "/robot_description")
+
+
 MAZE = """<sdf version="1.6"><world name="maze">
   <include><uri>model://ground_plane</uri></include>
 </world></sdf>"""

@@ -279,9 +279,9 @@ def new(folder, *arguments):
     ("arguments", "words"),
     [
         ("", "new what? e.g. ./dev new my_husky"),
-        ("2nd", "'2nd' is no name for a ROS package"),
-        ("My", "'My' is no name for a ROS package"),
-        ("../my", "'../my' is no name for a ROS package"),
+        ("22", "'22' is not a valid name of a ROS package"),
+        ("My", "'My' is not a valid name of a ROS package"),
+        ("../my", "'../my' is not a valid name of a ROS package"),
         ("husky_gazebo", "ROS has a package 'husky_gazebo' already"),
         ("husky_highlevel_controller", "is the simulator's package"),
         ("my_husky yours", "one package at a time: 'my_husky' or 'yours'"),
@@ -310,6 +310,15 @@ def test_new_writes_beside_the_clone_and_over_nothing(tmp_path):
     assert (package / "src" / "drive.cpp").is_file()
     assert not (package / "scripts").exists()
     assert not [path for path in tmp_path.rglob("my_husky/**/*") if "first_node" in path.name]
+
+
+def test_new_takes_the_name_of_the_course_s_package_with_a_warning(tmp_path):
+    output, code = new(tmp_path, "5ro14_husky_controller")
+    assert code == 0, output
+    assert "warning: the package name '5ro14_husky_controller' begins with a digit" in output
+    assert "name its nodes 'ro14_husky_controller...'" in output
+    launch = (tmp_path / "5ro14_husky_controller" / "launch" / "drive.launch").read_text()
+    assert '<node name="drive" pkg="5ro14_husky_controller"' in launch
 
 
 @pytest.mark.parametrize("file", ["package.xml", "scripts/drive", "launch/drive.launch"])

@@ -8,7 +8,7 @@ A planar lidar sees what is at its own height, and nothing behind the robot beyo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import copysign, hypot
+from math import copysign, hypot, inf
 from typing import List, Optional, Tuple
 
 import numpy as np
@@ -74,6 +74,12 @@ def too_close(
         nearest = np.minimum(nearest, _clearance(points_in_base, pose, outline))
     threats = now[(nearest < config.margin) & (nearest < now - APPROACH)]
     return float(threats.min()) if len(threats) else None
+
+
+def nearest_clearance(scan: Scan, pose_laser_in_base: Pose, outline: Footprint) -> float:
+    """Distance from a robot's outline to the nearest return of a scan [m]; inf if there is none."""
+    clearance = outline.clearance(_points(scan, pose_laser_in_base))
+    return float(clearance.min()) if len(clearance) else inf
 
 
 def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -> List[Pose2D]:

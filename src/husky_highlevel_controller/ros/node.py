@@ -19,7 +19,7 @@ from husky_highlevel_controller.robot import Robot, load_robot
 from husky_highlevel_controller.ros.transport import replace_transport
 
 LAUNCH_FILES = {  # that load the parameters of nodes
-    "husky_highlevel_controller": "controller", "arrival_exit": "controller", "husky_simulator": "simulator",
+    "husky_highlevel_controller": "controller", "arrival_exit": "simulator", "husky_simulator": "simulator",
     "husky_web": "web", "crash_stop": "crash_stop", "proximity_stop": "proximity_stop",
 }  # fmt: skip
 

@@ -1,21 +1,34 @@
-"""Node that ends with the drive, for CI: exit code 0 at the pillar, 1 with the reason without arrival."""
+"""Node that ends with the drive, for CI: exit code 0 at the pillar, 1 with the reason without arrival.
+
+This package's controller announces its arrival. With another controller the robot has arrived when it has
+driven and then stands near something.
+"""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from math import inf, pi
+from typing import Optional
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool
 
 from husky_highlevel_controller.config import number, read_config
 from husky_highlevel_controller.controller.behaviour import State
-from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.ros.node import run_node
+from husky_highlevel_controller.controller.safety import is_moving, nearest_clearance
+from husky_highlevel_controller.course import REACHED
+from husky_highlevel_controller.datatypes import HuskyError, Pose
+from husky_highlevel_controller.geometry import quat_from_rpy
+from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.node import named_robot, run_node
 
 CONTROLLER = "husky_highlevel_controller"  # its node's name, in this node's namespace
 POLL_PERIOD = 0.02  # [s] of wall time: half a simulated second of a fast simulation
+STANDING_TIME = 1.0  # [s] of simulated time that a robot stands which has arrived
 
 
 @dataclass(frozen=True)
@@ -26,15 +39,23 @@ class ExitConfig:
 
 
 class ArrivalExit:
-    """Waits for the arrival that the controller announces."""
+    """Waits for the arrival that the controller announces, or that odometry and scans show."""
 
     def __init__(self) -> None:
-        (self._config,) = read_config(rospy.get_param("~", {}), rospy.get_name() + "/", ExitConfig)
+        values, self._robot = named_robot()
+        (self._config,) = read_config(values, rospy.get_name() + "/", ExitConfig)
+        mount = self._robot.lidar_mount
+        turn = quat_from_rpy(pi if mount.upside_down else 0.0, 0.0, 0.0)
+        self._pose_laser_in_base = Pose((mount.x, 0.0, mount.z), turn)
         self._arrived = False
+        self._has_driven, self._standing_since = False, inf  # [s], stamp of odometry
+        self._clearance = inf  # [m], from the robot's outline to the nearest return of the last scan
+        self._scans: Optional[rospy.Subscriber] = None
         self._starts_enabled = rospy.get_param(f"{CONTROLLER}/start_enabled", True)
-        self._state, self._status = "", "nothing heard of the controller"
-        rospy.Subscriber(f"{CONTROLLER}/arrived", Bool, self._on_arrived)
+        self._state, self._status = "", ""
+        self._announcements = rospy.Subscriber(f"{CONTROLLER}/arrived", Bool, self._on_arrived)
         rospy.Subscriber("/diagnostics", DiagnosticArray, self._on_diagnostics)
+        rospy.Subscriber(self._robot.topics.odometry, Odometry, self._on_odometry, queue_size=1)
 
     def run(self) -> None:
         """Return at arrival; HuskyError at the deadline, or where the controller is stopped on its way."""
@@ -45,9 +66,17 @@ class ArrivalExit:
                 )
             if rospy.get_time() > self._config.deadline:
                 raise HuskyError(
-                    f"no arrival within {self._config.deadline:g} s of simulated time; last: {self._status}"
+                    f"no arrival within {self._config.deadline:g} s of simulated time; last: {self._last()}"
                 )
             time.sleep(POLL_PERIOD)
+
+    def _last(self) -> str:
+        """Sentence on what the controller or the robot did last."""
+        if self._status:
+            return self._status
+        if self._standing_since == inf:
+            return "the robot moves"
+        return "the robot stands" if self._has_driven else "the robot has not moved"
 
     def _on_arrived(self, message: Bool) -> None:
         self._arrived = message.data
@@ -57,6 +86,32 @@ class ArrivalExit:
             if status.name == rospy.resolve_name(CONTROLLER).strip("/"):
                 self._state = next((item.value for item in status.values if item.key == "state"), "")
                 self._status = status.message
+
+    def _on_odometry(self, message: Odometry) -> None:
+        stamp = message.header.stamp.to_sec()
+        if is_moving(conversions.twist_from_msg(message.twist.twist)):
+            self._has_driven, self._standing_since, self._clearance = True, inf, inf
+            return
+        self._standing_since = min(self._standing_since, stamp)
+        stands = self._has_driven and stamp - self._standing_since >= STANDING_TIME
+        if not stands or self._announcements.get_num_connections():
+            return
+        if self._scans is None:  # not from the start: a controller that announces needs none
+            self._scans = rospy.Subscriber(self._robot.topics.scan, LaserScan, self._on_scan, queue_size=1)
+        if self._clearance <= REACHED and not self._arrived:
+            self._arrived = True
+            rospy.loginfo(
+                f"arrived after {self._standing_since:.2f} s of simulated time: the robot stands, "
+                f"{self._clearance:.3f} m from its outline to what is nearest"
+            )
+
+    def _on_scan(self, message: LaserScan) -> None:
+        try:
+            scan = conversions.scan_from_msg(message)
+        except conversions.ScanError:
+            return  # the simulator's own are valid; another node's are none to judge by
+        if scan.stamp >= self._standing_since:
+            self._clearance = nearest_clearance(scan, self._pose_laser_in_base, self._robot.footprint)
 
 
 def main() -> None:

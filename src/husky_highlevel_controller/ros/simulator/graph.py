@@ -23,8 +23,11 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import (
 )
 from husky_highlevel_controller.xml_rpc import ask
 
-# roslaunch's own processes, and the nodes of simulator.launch: none of them drives the robot
-NODES = {"master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web"}
+# roslaunch's own processes, and the nodes of simulator.launch and compat/: none of them drives the robot
+NODES = {
+    "master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web",
+    "arrival_exit", "spawn_husky", "gazebo_gui",
+}  # fmt: skip
 PERIOD = 2.5  # [s] of wall time between two looks
 JOINING_TIME = 5.0  # [s] of simulated time that a topic may lack its other side
 

@@ -63,7 +63,10 @@ def sentence(finding: WrongTopic) -> str:
         does = f"publishes {finding.kind} on {finding.topic}, which no node reads"
     else:
         does = f"subscribes to {finding.topic}, which no node publishes"
-    return f"{finding.node} {does}: did you mean {finding.suggestion}?"
+    remedy = f"did you mean {finding.suggestion}?"
+    if (finding.topic.rsplit("/", 1)[-1], finding.suggestion) == ("scan", f"{finding.topic[:-4]}front/scan"):
+        remedy += " Or launch with robot:=husky_melodic, whose lidar is on scan in the frame base_laser."
+    return f"{finding.node} {does}: {remedy}"
 
 
 def read_graph(master_uri: str) -> Optional[Graph]:

@@ -11,7 +11,7 @@ import sys
 from typing import Any, List, Mapping, Optional
 
 from husky_highlevel_controller.paths import mesh_folder, share_folder
-from husky_highlevel_controller.robot import ROBOTS, load_robot
+from husky_highlevel_controller.robot import ROBOTS, VERSIONS, load_robot
 from husky_highlevel_controller.urdf import DescriptionError
 
 FLAGS = ("true", "false", "True", "False", "1", "0")
@@ -19,11 +19,11 @@ _FLAG = ("|".join(FLAGS), "true|false")
 _TRIPLE = r"\s*" + r"\s+".join([r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"] * 3) + r"\s*"
 LIDAR_VARIABLES = {"laser_xyz": "HUSKY_LMS1XX_XYZ", "laser_rpy": "HUSKY_LMS1XX_RPY"}
 # of the Husky's own launch files; those of drivers, and one of marking's, concern nothing that is simulated
-_WITH_EFFECT = r"\w*LMS1XX_(ENABLED|TOPIC|PREFIX|TOWER|XYZ|RPY)|HUSKY_(KINECT_ENABLED|SIMULATOR_IS_OURS)"
+_WITH_EFFECT = r"\w*LMS1XX_(ENABLED|TOPIC|PREFIX|TOWER|XYZ|RPY)|HUSKY_(KINECT_ENABLED|SIMULATOR_\w+)"
 _OF_DRIVERS = r"\w*_(PORT|IP|HOST|BAUD|DEVICE|LOGITECH)"
 # name of an argument: what its value must match, and how to say so; `$` would be expanded by xacro
 ARGUMENTS = {
-    "robot": ("|".join(ROBOTS), "|".join(ROBOTS)),
+    "robot": ("|".join((*ROBOTS, *VERSIONS)), "|".join((*ROBOTS, *VERSIONS))),
     "laser_enabled": _FLAG,
     "laser_tower": _FLAG,
     "laser_prefix": (r"[\w./-]+", "a name, e.g. front"),
