@@ -40,6 +40,7 @@ ARGUMENTS = [
     "exit_on_arrival:=false",
     "deadline:=60",
     "rviz:=false",
+    "wait_for_rviz:=true",
 ]
 
 

@@ -106,11 +106,19 @@ def test_nodes_in_a_terminal_are_in_one_still():
 
 
 @pytest.mark.parametrize(
-    ("installed", "started"), [(["rviz", "mine"], ["rviz", "mine"]), (["mine"], ["mine"])]
+    ("installed", "display", "started"),
+    [
+        (["rviz", "mine"], ":0", ["rviz", "mine"]),
+        (["rviz", "mine"], "", ["mine"]),
+        (["mine"], ":0", ["mine"]),
+    ],
 )
-def test_without_rviz_its_nodes_are_left_out_in_one_sentence(installed, started, monkeypatch, capsys):
+def test_without_rviz_its_nodes_are_left_out_in_one_sentence(
+    installed, display, started, monkeypatch, capsys
+):
+    monkeypatch.setenv("DISPLAY", display)
     monkeypatch.setattr(launch.rospkg, "RosPack", lambda: SimpleNamespace(list=lambda: installed))
     config = SimpleNamespace(nodes=[SimpleNamespace(package=name) for name in ("rviz", "mine")])
     launch.drop_missing_rviz(config)
     assert [node.package for node in config.nodes] == started
-    assert ("RViz is not installed" in capsys.readouterr().err) == (started == ["mine"])
+    assert ("RViz is not installed" in capsys.readouterr().err) == ("rviz" not in installed)
