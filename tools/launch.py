@@ -42,7 +42,7 @@ from roslaunch import substitution_args
 from husky_highlevel_controller.ros.restart import display_problem
 
 MASTER_TIMEOUT = 3.0  # [s] of wall time for a connection to a master elsewhere
-OWN_RVIZ = {"husky_rviz", "gazebo_gui"}  # RViz nodes of this package's launch files
+OWN_RVIZ, WINDOW = "husky_rviz", "gazebo_gui"  # RViz nodes of this package's launch files
 # programs that open a window of their own around a node, as in launch-prefix="xterm -e"
 TERMINALS = {
     "xterm",
@@ -212,7 +212,7 @@ def adapt(config: Any, file: Path, arguments: Arguments) -> None:
         for node in robots:
             node.required = True  # it ends at the arrival, and the launch with it
     if not is_true(arguments.for_simulator.get("rviz", "true")):
-        config.nodes = [n for n in config.nodes if n.package != "rviz" or n.name == "gazebo_gui"]
+        config.nodes = [n for n in config.nodes if n.package != "rviz" or n.name == WINDOW]
     drop_missing_terminals(config)
     drop_missing_rviz(config)
     programs = {(node.package, node.type) for node in config.nodes}
@@ -222,10 +222,8 @@ def adapt(config: Any, file: Path, arguments: Arguments) -> None:
             node.output = "screen"  # it refuses a model by a sentence, or becomes the simulator
     if has_world and not robots:
         say("warning: the launch file has a world but no robot (husky_gazebo/launch/spawn_husky.launch)")
-    if any(node.package == "rviz" and node.name not in OWN_RVIZ for node in config.nodes):
-        config.nodes = [
-            node for node in config.nodes if node.name not in OWN_RVIZ and node.type != "gzclient"
-        ]  # one window is enough
+    if any(node.package == "rviz" and node.name not in (OWN_RVIZ, WINDOW) for node in config.nodes):
+        config.nodes = [node for node in config.nodes if node.name != OWN_RVIZ]  # the file has its own view
 
 
 def is_true(value: str) -> bool:

@@ -18,7 +18,7 @@ from sensor_msgs.msg import Imu, JointState, LaserScan, MagneticField, NavSatFix
 from tf2_msgs.msg import TFMessage
 
 from husky_highlevel_controller.datatypes import OdometrySample, Pose, Scan, Snapshot
-from husky_highlevel_controller.geometry import pose_from_2d
+from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d
 from husky_highlevel_controller.msg import Bumps
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import points_to_msg
@@ -79,7 +79,10 @@ class Publishers:
         self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
         self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
         self._truth: Optional[rospy.Publisher] = None
+        self._world_transforms: Optional[rospy.Publisher] = None
         if not self.truth_log.is_open:
+            # a tree of its own: on /tf odom has no parent, as on the Husky, because localization gives it one
+            self._world_transforms = rospy.Publisher("~world_tf", TFMessage, queue_size=QUEUE, latch=True)
             self._truth = rospy.Publisher("ground_truth/odom", Odometry, queue_size=QUEUE)
         self._bumps = rospy.Publisher("bumps", Bumps, queue_size=QUEUE)
         self._set_time(rospy.Time())
@@ -141,6 +144,8 @@ class Publishers:
         """Keep what is sent to new subscribers while time has not begun."""
         if snapshot.odometry is not None:
             self._last = snapshot.stamp, snapshot.odometry
+            if self._world_transforms:
+                publish(self._world_transforms, self._world_tree_to_msg(snapshot, snapshot.odometry))
         self._kept_scan = snapshot.scan
 
     def send_kept_scan(self) -> None:
@@ -174,12 +179,22 @@ class Publishers:
             self._odometry, conversions.odometry_to_msg, odometry.filtered, stamp, ODOM, BASE
         )
         publish_if_subscribed(self._command, conversions.twist_to_stamped_msg, snapshot.command, stamp)
+        if self._world_transforms:
+            publish_if_subscribed(self._world_transforms, self._world_tree_to_msg, snapshot, odometry)
         if self._truth:
             publish_if_subscribed(self._truth, conversions.truth_to_msg, snapshot.robot, stamp, WORLD, BASE)
         publish_if_subscribed(
             self._bumps, lambda: Bumps(conversions.header(stamp, BASE), sorted(self._bumped))
         )
         self._bumped.clear()
+
+    def _world_tree_to_msg(self, snapshot: Snapshot, odometry: OdometrySample) -> TFMessage:
+        """Transforms from the world to where the robot truly is, to its wheels, and to odom."""
+        base_in_world = snapshot.robot.pose_in_world
+        base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
+        odom_in_world = compose(pose_from_2d(pose_to_2d(base_in_world)), inverse(base_in_odom))
+        tree = [(WORLD, BASE, base_in_world), (WORLD, ODOM, odom_in_world), *self._wheel_branches(odometry)]
+        return conversions.tree_to_msg(tree, snapshot.stamp)
 
     def _wheel_branches(self, odometry: OdometrySample) -> Iterator[Tuple[str, str, Pose]]:
         return (
