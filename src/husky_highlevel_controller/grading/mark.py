@@ -68,11 +68,11 @@ def mark(job: Job) -> MarkingResult:
     except StoppedError:
         raise
     except NotMarkableError as error:
-        problem, fingerprint = str(error), job.fingerprint
+        problem, fingerprint = _text_of(error), job.fingerprint
     except HuskyError as error:
-        problem = str(error)
+        problem = _text_of(error)
     except OSError as error:
-        problem = f"{error.strerror or error}" + (f": {error.filename}" if error.filename else "")
+        problem = (error.strerror or _text_of(error)) + (f": {error.filename}" if error.filename else "")
     except Exception as error:
         problem = f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
         traceback.print_exc()
@@ -82,6 +82,11 @@ def mark(job: Job) -> MarkingResult:
     if fingerprint:
         write_whole(out / FINGERPRINT, fingerprint)  # the last one: with it, it is done
     return result
+
+
+def _text_of(error: Exception) -> str:
+    """Text of an error, or its name: a problem without a text would be none."""
+    return str(error) or type(error).__name__
 
 
 def kept_submission(job: Job) -> Optional[Submission]:

@@ -83,5 +83,5 @@ def with_override(result: MarkingResult, override: Override) -> MarkingResult:
     if override.late:
         before = sum(item.points or 0.0 for item in items.values())
         evidence = f"{override.late.percent:g} % of {before:g} points: {override.late.word}"
-        penalty = [Item("late", -round(before * override.late.percent / 100.0, 1), 0.0, evidence)]
+        penalty = [Item("late", 0.0 - round(before * override.late.percent / 100.0, 1), 0.0, evidence)]
     return replace(result, items=(*items.values(), *penalty), held=override.hold)

@@ -27,6 +27,7 @@ WORKSPACE = "workspace.json"
 SUBMISSION_FOLDER = "submission"  # in the folder of a drive, the only one that the submission can write
 SIMULATOR_NODES = ("/husky_simulator",)  # another node of this name would end ours
 COMPAT = share_folder() / "compat"  # its launch files start a simulator
+MAX_EVENTS = 10_000  # of one run; a submission can write any number of them
 _STARTER = str(Path(__file__).parents[1] / "ros" / "grading" / "submission.py")
 
 
@@ -107,15 +108,21 @@ def starter(
 
 
 def read_events(path: Path) -> List[Event]:
-    """The events in a file; lines that the program did not write are left out."""
-    events = []
+    """The first MAX_EVENTS events in a file; lines that the program did not write are left out.
+
+    Where there are more, the last one of these is `TOO_MANY`.
+    """
+    events: List[Event] = []
     with contextlib.suppress(UnreadableFileError):
         for line in read_text(path).splitlines():
+            if len(events) == MAX_EVENTS:
+                return [*events[:-1], Event(TOO_MANY)]
             with contextlib.suppress(ValueError, RecursionError, ConfigError):
                 events.append(from_plain(Event, json.loads(line), ""))
     return events
 
 
+TOO_MANY = "too many events"
 EVENTS = [Kind.LAUNCH_FILE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX]  # before a start, the worst first
 _CALLBACK = re.compile(
     r"(?:\[ERROR\] \[[\d.]+(?:, (?P<at>[\d.]+))?\]: "
@@ -160,15 +167,18 @@ def notes_on(events: Sequence[Event], output: str) -> List[Note]:
         notes.append(Note(Kind.NOT_STARTED, text))
     notes += exceptions_in(output)
     errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
+    lines = _LINE.findall(output)
     for event in events:
         if event.event == "died":
             code = event.exit_code
             how = f"exit code {code}"
             if code is not None and code < 0:
                 how = f"signal {-code}" + (f", {signal.Signals(-code).name}" if -code < 32 else "")
-            lines = _LINE.findall(output)
             line = f" ({lines[-1][0]}:{lines[-1][1]})" if lines else ""
             why = f": {errors[-1][:200]}{line}" if errors and code else ""
             kind = Kind.NODE_ENDED if code == 0 else Kind.NODE_FAILED
             notes.append(Note(kind, f"node {event.node} ends during the drive ({how}){why}"))
+        elif event.event == TOO_MANY:
+            text = f"it wrote more than {MAX_EVENTS} events; the first {MAX_EVENTS - 1} of them count"
+            notes.append(Note(Kind.LIMIT, text))
     return list(dict.fromkeys(notes))

@@ -71,7 +71,8 @@ NOT_MOVING = np.column_stack([TIMES, -TRUTH[:, :2], TOP_VIEW[:, 3]])
         (WAY, {"path": PATH[TIMES > 6.0]}, 15.0),
         (WAY, {"path": PATH[TIMES < 80.0]}, 15.0),  # it ends on the way
         (WAY, {"path": PATH[(TIMES < 3.0) | (TIMES > 88.0)]}, 15.0),  # where it stands
-        (WAY, {"path": np.where(np.equal(PATH, PATH[500, 1]), np.nan, PATH)}, 15.0),
+        (WAY, {"path": np.where(np.equal(PATH, PATH[500, 1]), np.nan, PATH)}, 30.0),
+        (WAY, {"path": np.where((PATH[:, :1] > 40.0) & (PATH[:, :1] < 46.0), np.nan, PATH)}, 15.0),  # a gap
         (WAY, {"path": PATH * (1.0, np.nan, np.nan)}, 0.0),
         (WAY, {"path": PATH[:5]}, 0.0),
         (WAY, {"path": np.zeros((0, 3))}, 0.0),

@@ -112,6 +112,18 @@ def test_a_call_that_takes_long_is_judged_from_its_answer():
     assert judge_calls(late)[0].points == 50.0
 
 
+def test_a_call_after_which_the_drive_ends_is_not_judged():
+    """Without a moment after the call nobody knows what it did."""
+    stops = called((False, 0.0), (True, 0.5), (False, 0.0))
+    at = float(TIMES[-1]) - 0.5
+    started = replace(stops, calls=(*stops.calls, Call(at, True, True, "", at)))
+    assert [item.points for item in judge_calls(started)] == [50.0, 50.0]
+    assert "drives after 1 of 1 calls" in judge_calls(started)[1].evidence
+    only = recording(0.5, calls=(Call(at, False, True, "", at),), services=("/start_stop",))
+    assert [item.points for item in judge_calls(only)] == [None, None]
+    assert "the drive ended before its effect" in judge_calls(only)[0].evidence
+
+
 SLOW = Note(Kind.UNANSWERED_SCANS, "it does not answer every scan with a command")
 
 

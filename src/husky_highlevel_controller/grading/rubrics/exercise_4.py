@@ -53,14 +53,15 @@ def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Ve
 
 def judge_path(recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
     """The filter's path of the bag is complete and true: all; half if it comes and differs."""
-    estimates = int(np.isfinite(playback.path).all(axis=1).sum())
+    path = playback.path[np.isfinite(playback.path).all(axis=1)]  # one that is not a number is no estimate
+    estimates = len(path)
     if estimates < MIN_ESTIMATES or not len(recording.times):
         cause = _cause(recording)
         evidence = f"{estimates} estimates on {playback.topic or FILTERED}: {cause.text}"
         return 0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS
-    stamps, end = playback.path[:, 0], float(recording.times[-1])
+    stamps, end = path[:, 0], float(recording.times[-1])
     true = [np.interp(stamps, recording.times, column) for column in recording.poses[:, :2].T]
-    off = float(np.hypot(*(playback.path[:, 1:].T - true)).max())
+    off = float(np.hypot(*(path[:, 1:].T - true)).max())
     length = float(np.hypot(*np.diff(recording.poses[:, :2], axis=0).T).sum())
     gap = float(np.diff(np.sort(stamps)).max())
     is_whole = stamps[0] <= BEGIN and stamps[-1] >= end - END and gap <= GAP

@@ -58,7 +58,10 @@ def judge_calls(recording: Recording) -> List[Item]:
         hint = hint_on(cause) if cause else SERVICE
         return [replace(item, evidence=why, hint=hint) for item in (stop, start)]
     name = recording.services[0] if recording.services else "its service"
-    effects = [Effect(call, *_speeds(recording, call)) for call in recording.calls]
+    effects = _effects(recording)
+    if not effects:
+        why = f"{name}: the drive ended before its effect was to be seen: for a person"
+        return [replace(item, points=None, evidence=why) for item in (stop, start)]
     stops = _stopping_value(effects)
     stop = _judge_stops(stop, name, [effect for effect in effects if effect.call.data is stops])
     if not any(effect.before >= FAST for effect in effects):
@@ -81,12 +84,16 @@ def _stopping_value(effects: Sequence[Effect]) -> bool:
     return bool(mean[True] < mean[False])
 
 
-def _speeds(recording: Recording, call: Call) -> List[float]:
-    speeds = np.abs(recording.speeds[:, 0])
-    before = (recording.times >= call.at - BEFORE) & (recording.times <= call.at)
-    since = recording.times - call.answered_at
-    after = (since >= SETTLED) & (since <= CALM)
-    return [float(speeds[when].max()) if when.any() else 0.0 for when in (before, after)]
+def _effects(recording: Recording) -> List[Effect]:
+    """Effect of each call, without those that the recording holds no moment before or after of."""
+    speeds, effects = np.abs(recording.speeds[:, 0]), []
+    for call in recording.calls:
+        before = (recording.times >= call.at - BEFORE) & (recording.times <= call.at)
+        since = recording.times - call.answered_at
+        after = (since >= SETTLED) & (since <= CALM)
+        if before.any() and after.any():
+            effects.append(Effect(call, float(speeds[before].max()), float(speeds[after].max())))
+    return effects
 
 
 def _judge_stops(item: Item, name: str, effects: Sequence[Effect]) -> Item:
