@@ -36,6 +36,7 @@ from husky_highlevel_controller.grading.notes import Kind, Note
 BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
 MAX_TEXT = 1_000_000  # [bytes] of a launch file
 MAX_MISSING = 10  # packages that CMake misses one after the other
+MAX_STAND_INS = 50  # for packages that it misses in all: a build can print any number of names
 LESS_COLLECTION = "--param ggc-min-heapsize=500000"  # [kB] before GCC collects garbage, a tenth of its time
 # header before each C++ source; a repair changes it, so CMake need not run again
 PRELUDE = "marking_prelude.h"
@@ -59,7 +60,7 @@ PLAIN_PUBLISH_NOTE = (
 )
 _OTHER_PYTHON = re.compile(rb"#!.*\bpython(?:(?:2(?:\.\d+)?)?\s*|3\s+)")
 _HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
-_NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]+)"')
+_NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]{1,100})"')
 _ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
 _NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")  # it may be generated too late
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
@@ -216,15 +217,19 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     for _ in range(MAX_MISSING):
         output, code = _catkin_make(folders, needed, underlay, "")
         unknown = set(_NOT_FOUND.findall(output)) - missing - set(folders.packages)
-        if not code or not unknown:
+        new = sorted(unknown)[: MAX_STAND_INS - len(missing)]
+        if not code or not new:
             break
-        missing |= unknown
-        for name in unknown:
+        missing |= set(new)
+        for name in new:
             place = folders.stand_ins / "share" / name / "cmake"
             place.mkdir(parents=True, exist_ok=True)
             write_whole(place / f"{name}Config.cmake", _STAND_IN.format(name=name))
     if missing:
         notes.append(Note(Kind.MISSING_PACKAGE, missing_note(missing)))
+    if len(missing) == MAX_STAND_INS:
+        text = f"{MAX_STAND_INS} packages or more are missing; none is stood in for beyond these"
+        notes.append(Note(Kind.MISSING_PACKAGE, text))
     repair = OLD_BOOST if code and needs_old_boost(output) else ""
     if code and (repair or _NO_HEADER.search(output)):
         output, code = _catkin_make(folders, needed, underlay, repair)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import re
 import stat
 import threading
 from pathlib import Path
@@ -19,6 +20,9 @@ MEMORY = 6_000_000_000  # [bytes] of all processes of a program together, and of
 TEMPORARY = ("/tmp", "/var/tmp", "/dev/shm")  # folders in memory that a sandbox of bubblewrap can write
 TEMPORARY_FILES = 500_000_000  # [bytes] in each of them
 THREADS = 1000  # of all processes of a program together
+# of a marking's network, whose own programs and a class's nodes have some hundred; the kernel keeps what is
+# sent and not read, up to 0.4 MB for each (net.core.rmem_default and wmem_default), and counts it for nobody
+SOCKETS = 1000
 DISK = 3_000_000_000  # [bytes] of all files in its folder
 MEMORY_POLL_PERIOD = 0.25  # [s]
 FILES = 200_000  # files and folders in its folder
@@ -28,11 +32,15 @@ DISK_POLLS = 8  # memory polls for each look at the folders
 
 
 class SizeWatch:
-    """Ends a program whose memory or files have grown beyond their limits."""
+    """Ends a program whose memory, files or sockets have grown beyond their limits."""
 
-    def __init__(self, pid: int, folder: Path, end_program: Callable[[], None]) -> None:
+    def __init__(
+        self, pid: int, folder: Path, end_program: Callable[[], None], is_network_own: bool = False
+    ) -> None:
+        """Start watching; `is_network_own`: only this program and marking's own are in the network."""
         self.problem = ""  # why the program was ended
         self._pid, self._folder, self._end_program = pid, folder, end_program
+        self._is_network_own = is_network_own
         self._done = threading.Event()
         threading.Thread(target=self._run, daemon=True).start()
 
@@ -59,6 +67,8 @@ class SizeWatch:
                 break
             if thread_count(processes) > THREADS:
                 return f"it was ended: it started more than {THREADS} processes and threads"
+            if self._is_network_own and socket_count() > SOCKETS:
+                return f"it was ended: it opened more than {SOCKETS} sockets"
             hidden = temporary_files(processes) + detached_segments(processes)
             if memory_of(processes) + hidden > MEMORY:
                 return f"it was ended: it used more than {MEMORY / 1e9:g} GB of memory"
@@ -87,6 +97,12 @@ def thread_count(processes: Sequence[psutil.Process]) -> int:
         with contextlib.suppress(psutil.Error):
             count += process.num_threads() - 1
     return count
+
+
+def socket_count() -> int:
+    """Number of the sockets in this program's network, also of those that no process has accepted yet."""
+    (used,) = re.findall(r"^sockets: used (\d+)", Path("/proc/self/net/sockstat").read_text(), re.MULTILINE)
+    return int(used)
 
 
 def temporary_files(processes: Sequence[psutil.Process]) -> int:

@@ -40,9 +40,14 @@ def inside(command: Sequence[str]) -> Tuple[List[str], Dict[str, str]]:
     return [*prefix, *command], {VARIABLE: "private" if prefix else "", place.VARIABLE: own_place}
 
 
+def is_entered() -> bool:
+    """Whether this program runs in a network of its own."""
+    return bool(os.environ.get(VARIABLE))
+
+
 def reach() -> str:
     """Reach of this program's network, as text."""
-    return "loopback only" if os.environ.get(VARIABLE) else "not kept apart"
+    return "loopback only" if is_entered() else "not kept apart"
 
 
 def can_be_made() -> bool:

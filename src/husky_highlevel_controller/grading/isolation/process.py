@@ -20,6 +20,7 @@ import psutil
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.isolation.files import create
 from husky_highlevel_controller.grading.isolation.limits import SizeWatch
+from husky_highlevel_controller.grading.isolation.private_network import is_entered
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, sandboxed
 
 LOG_HEAD, LOG_TAIL = 2_000_000, 500_000  # [bytes] of a log that are kept
@@ -64,7 +65,7 @@ class Process:
         self._stderr = None if shows_errors else subprocess.STDOUT
         self.popen = self._popen(command, env, folder)
         if workspace is not None:
-            self._watch = SizeWatch(self.popen.pid, folder, self.popen.terminate)
+            self._watch = SizeWatch(self.popen.pid, folder, self.popen.terminate, is_entered())
         self._head, self._tail = bytearray(), bytearray()
         self._pump = threading.Thread(target=self._read, daemon=True)
         self._pump.start()
