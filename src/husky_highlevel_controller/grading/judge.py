@@ -8,7 +8,7 @@ from typing import Any, Sequence
 from husky_highlevel_controller.config import load
 from husky_highlevel_controller.grading.displays import STANDING, FrameTree, view_of
 from husky_highlevel_controller.grading.exercises import EXERCISES
-from husky_highlevel_controller.grading.notes import texts
+from husky_highlevel_controller.grading.notes import Kind, Note, texts
 from husky_highlevel_controller.grading.recording import Recording, recordings_in
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Job, MarkingConfig, MarkingResult
 from husky_highlevel_controller.grading.rubrics.items import left_to_chance
@@ -31,6 +31,10 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     if first.uninitialised:
         items = left_to_chance(items, first.uninitialised)
     notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
+    asked = job.config.trials if EXERCISES[job.config.exercise].random_starts else 1
+    if len(recordings) < asked:
+        text = f"{len(recordings)} of {asked} drives were made; others follow if the robot moves in the first"
+        notes.append(Note(Kind.FEWER_DRIVES, text))
     settings = {
         **settings_of(job.config),
         "sandbox": submission.sandbox,

@@ -45,16 +45,19 @@ class Kind(Enum):
     OTHER_BEAM = "other beam"
     IN_BASE_LINK = "in base_link"
     NOT_A_NUMBER = "not a number"
+    UNREADABLE = "unreadable"  # messages that are not of their topic's type
     # ends of a drive
     TOUCHES = "touches"
     AT_PILLAR = "at pillar"
     NEVER_MOVED = "never moved"
     STOOD_STILL = "stood still"
     NODES_ENDED = "nodes ended"
+    LEAVES = "leaves"
     DEADLINE = "deadline"
     SLOW = "slow"  # on the wall clock
     PLAN_DONE = "plan done"  # every call is made, or the robot driven
     NO_SERVICE = "no service"
+    FEWER_DRIVES = "fewer drives"  # than asked for
     STALLED = "stalled"
     CUT_OFF = "cut off"
 

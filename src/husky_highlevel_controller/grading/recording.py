@@ -77,11 +77,26 @@ class Assignment:
     recording: Recording  # as far as it is known before the drive
     output: str  # file for the whole of it
     truth_socket: str  # where the simulator connects
+    status: str  # file with a `Status`, from when the recorder is ready
     closing: str  # file with a `Closing`, once the drive is over
     driver: str  # see `exercises.Exercise`
     ends_at_pillar: bool
     ours: Tuple[str, ...]  # nodes that are not the submission's
     packages: Tuple[str, ...] = ()  # folders of the submission's packages, for meshes
+
+
+@dataclass(frozen=True)
+class Status:
+    """State of the recorder in a drive, which it writes for marking into a file of their own.
+
+    What it prints could not be trusted: ROS's libraries log what a submission sends, of any length.
+    """
+
+    now: float = 0.0  # [s], simulated
+    joined: bool = False  # the submission takes part, or does not in time
+    subscribed: bool = False  # the submission listens to the scans
+    over: bool = False
+    sha256: str = ""  # of the recording, once it is written
 
 
 @dataclass(frozen=True)
@@ -172,8 +187,8 @@ def recordings_in(out: Path) -> List[Recording]:
 def closed(recording: Recording, closing: Closing) -> Recording:
     """A recording with what marking saw, and notes on a flood of commands and on a drive that was cut off."""
     notes, ended = list(closing.notes), closing.ended or recording.ended
-    if not any(note.kind in (Kind.NODE_ENDED, Kind.NODE_FAILED) for note in notes):
-        notes += recording.notes
+    has_ended = any(note.kind in (Kind.NODE_ENDED, Kind.NODE_FAILED) for note in notes)
+    notes += [note for note in recording.notes if not (has_ended and note.kind is Kind.UNANSWERED_SCANS)]
     seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
     if recording.command_count / seconds > FLOOD:
         text = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s"
@@ -208,6 +223,17 @@ def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot
 def to_json(recording: Recording) -> str:
     """A recording as text."""
     return json.dumps(to_plain(recording))
+
+
+TWIST_SIZE = 48  # [bytes] of a serialised geometry_msgs/Twist: six doubles
+NOTHING = 1e-6  # [m/s] and [rad/s], as good as zero
+
+
+def is_zero(twist: bytes) -> bool:
+    """Whether a serialised geometry_msgs/Twist commands nothing; -0.0 has a bit set and is zero."""
+    if len(twist) != TWIST_SIZE:
+        return not any(twist)
+    return bool((np.abs(np.frombuffer(twist, "<f8")) <= NOTHING).all())
 
 
 MAX_ROBOT_SPEED = 4.0  # [m/s], four times the Husky's: contacts may push it

@@ -94,6 +94,7 @@ int main(int argc, char** argv) {
   int nearest = -1;
   const double angle = f(argc, argv) * 2.0;
   for (int i = 0; i < 3; ++i) a(i);
+  int sum = f(g(1), 2), other(f(g(1), h((2))), 3);
 }
 """
 

@@ -1,7 +1,9 @@
 """Markers as RViz would draw them, or not; what a submission sends costs the recorder a bounded memory."""
 
 import tracemalloc
+from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -46,6 +48,16 @@ def test_a_frame_that_tf_refuses_costs_its_marker_only(watch, frame, stamp):
     first, second = samples(watch)
     assert first.problem
     assert not second.problem
+
+
+def test_messages_that_are_no_markers_are_counted_and_end_nothing(watch):
+    whole = BytesIO()
+    marker().serialize(whole)
+    for content in (b"junkjunk\xff\xff\xff\xff", whole.getvalue()[:50], whole.getvalue()):
+        watch._on_message(SimpleNamespace(_buff=content), ("/viz", Marker))
+    assert len(samples(watch)) == 1
+    (note,) = watch.notes
+    assert note.text == "2 messages on /viz are not of its type, and count as nothing"
 
 
 POINTS = [Point(10.0, 0.0, 0.0)] * 4

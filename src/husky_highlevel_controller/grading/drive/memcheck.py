@@ -12,7 +12,11 @@ from pathlib import Path
 from typing import Collection, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.grading.drive.progress import settles, state_of_tree
-from husky_highlevel_controller.grading.drive.ros_graph import is_up, robot_listened_to, topics_subscribed
+from husky_highlevel_controller.grading.drive.ros_graph import (
+    registered,
+    robot_listened_to,
+    topics_subscribed,
+)
 from husky_highlevel_controller.grading.drive.run import simulate, start
 from husky_highlevel_controller.grading.drive.trials import Trial
 from husky_highlevel_controller.grading.isolation.files import (
@@ -33,6 +37,7 @@ CPU, WALL = 2.0, 8.0  # [s] that the node computes beneath valgrind once it list
 ELF = b"\x7fELF"
 SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
 MAX_NESTED = 20  # parentheses in each other
+IN_PARENTHESES = "\0"  # in their place and that of all within
 DEPTH = 4  # frames of the standard library between the read and the line of the hand-in
 
 _FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (.*) \(([^()]+):(\d+)\)$")
@@ -88,7 +93,8 @@ def uninitialised(
         def subscribes() -> bool:
             return config.scan_topic in topics_subscribed(network.uri, SIMULATOR_NODES)
 
-        joined = settles(process, subscribes, lambda: is_up(network.uri, SIMULATOR_NODES))
+        nodes = len(submission.nodes)
+        joined = settles(process, nodes, subscribes, lambda: registered(network.uri, SIMULATOR_NODES))
         if is_guess:
             listened = robot_listened_to(network.uri, SIMULATOR_NODES, config)
         if listened is not None and listened != config:
@@ -127,10 +133,10 @@ def may_be_unwritten(text: str) -> bool:
     """Whether C++ declares a variable without a value, or may: then valgrind's seconds are spent on it."""
     text = _IGNORED.sub("", text)
     for _ in range(MAX_NESTED):
-        text = re.sub(r"\([^()]+\)", "()", text)
+        text = re.sub(r"\([^()]*\)", IN_PARENTHESES, text)
     declarations = filter(None, map(_VARIABLE.search, re.split(r"[;{}]", text)))
     names = [name for declaration in declarations for name in declaration["names"].split(",")]
-    return bool(_MEMORY.search(text)) or any("=" not in name and "()" not in name for name in names)
+    return bool(_MEMORY.search(text)) or any("=" not in name and IN_PARENTHESES not in name for name in names)
 
 
 def _texts(sources: Path) -> Dict[str, str]:

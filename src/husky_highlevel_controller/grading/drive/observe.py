@@ -26,8 +26,9 @@ DRIVE = "drive"  # folder of each drive while it lasts: a submission sees its pa
 def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConfig, out: Path) -> None:
     """Let a submission drive, and write drive_N/recording.json; further ones only where the first one moved.
 
-    It is started once for each drive, and at most once more: where its memory is checked, which tells its
-    robot as well, or where the robot that its files name is not the one whose scans it subscribes to.
+    It is started once for each drive, once more where its memory is checked, which tells its robot as well,
+    and once more where the robot that its files name is not the one whose scans it subscribes to and the
+    check, in which it may die, has not told that.
 
     Raises:
         MarkingError: our own part of it does not work.
@@ -49,9 +50,8 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
     chance = ""
     if not is_bag and is_worth_checking(submission):  # else no code is handed in
         chance, listened = uninitialised(submission, trials[0], config, out / "memcheck", is_guess)
-        is_guess = False
         if listened is not None:
-            config, why = listened, listens_to(listened)
+            config, why, is_guess = listened, listens_to(listened), False
     for trial in trials:
         folder = out / DRIVE
         with _bar(trial, len(trials), config) as bar:
@@ -66,7 +66,7 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
             finally:
                 if folder.exists():
                     folder.rename(out / f"drive_{trial.number}")
-        if not moved:
+        if not moved and trial is trials[0]:
             break
         is_guess = is_named = False
 

@@ -7,33 +7,55 @@ import time
 from pathlib import Path
 from typing import Callable, List, Tuple
 
+from husky_highlevel_controller.grading.drive.ros_graph import Registered
 from husky_highlevel_controller.grading.isolation.process import Process, wait
 
 POLL_PERIOD = 0.1  # [s] of wall time
-IDLE, IDLE_BEFORE = 2.0, 12.0  # [s] of wall time without a running thread: once it is up, and before
+LOOK_PERIOD = 0.5  # [s] of wall time between two looks at the ROS graph
+IDLE, IDLE_BEFORE = 2.0, 12.0  # [s] of wall time without a running thread: once it listens, and before
+# [s] of wall and of CPU time since the last registration of a program that is never idle, such as one that
+# publishes in a loop; so much longer where a node has not registered, which may have ended
+SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 3.0, 4.0
 CPU_LIMIT, WALL_LIMIT = 50.0, 300.0  # [s] of CPU and of wall time for a program that is never idle
 _TICKS = os.sysconf("SC_CLK_TCK")
 _RUNNING = {"R", "D"}  # running or runnable, waiting for a disk
 
 
-def settles(process: Process, done: Callable[[], bool], is_up: Callable[[], bool]) -> bool:
-    """Wait until a condition holds; False if the program ends, or waits for something else.
+def settles(process: Process, nodes: int, done: Callable[[], bool], graph: Callable[[], Registered]) -> bool:
+    """Wait until a condition holds; False if the program ends, waits for something else, or has settled.
 
-    A program that is starved of CPU time is runnable, and so not idle: a busy machine ends no wait.
+    A program that is starved of CPU time is runnable, and so not idle, and does not settle: a busy machine
+    ends no wait. One that has registered something and then works on without any further registration for
+    SETTLED and SETTLED_CPU has settled: what it has not registered by then does not come.
 
-    `is_up` says whether it has started; some sleep for 10 s before they do anything.
+    Args:
+        process: the program.
+        nodes: number of the nodes that it starts.
+        done: the condition.
+        graph: gives what its nodes have registered; some sleep for 10 s before they do anything.
     """
-    idle_since = time.monotonic()
+    idle_since = looked_at = changed_at = time.monotonic()
+    seen, cpu_at_change = Registered(), 0.0
 
     def decided() -> bool:
-        nonlocal idle_since
+        nonlocal idle_since, looked_at, changed_at, seen, cpu_at_change
         runs, cpu_seconds = state_of_tree(process.popen.pid)
         now = time.monotonic()
         if runs:
             idle_since = now
+        if now - looked_at > LOOK_PERIOD:
+            looked_at, before, seen = now, seen, graph()
+            if seen != before:
+                changed_at, cpu_at_change = now, cpu_seconds
         idle = now - idle_since
-        idles = idle > IDLE_BEFORE or (idle > IDLE and is_up())
-        return done() or not process.running or idles or cpu_seconds > CPU_LIMIT
+        idles = idle > IDLE_BEFORE or (idle > IDLE and bool(seen.subscribed))
+        patience = 1.0 if len(seen.nodes) >= nodes else NODE_MISSING
+        settled = (
+            bool(seen.advertised or seen.subscribed)
+            and now - changed_at > SETTLED * patience
+            and cpu_seconds - cpu_at_change > SETTLED_CPU * patience
+        )
+        return done() or not process.running or idles or settled or cpu_seconds > CPU_LIMIT
 
     wait(decided, WALL_LIMIT, POLL_PERIOD)
     return done()

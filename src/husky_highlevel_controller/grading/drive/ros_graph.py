@@ -3,7 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Collection, Dict, List, Mapping, Optional, Sequence, Set, Tuple
+from typing import (
+    Any,
+    Collection,
+    Dict,
+    FrozenSet,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+)
 
 from husky_highlevel_controller.grading.records import ROBOT_TITLES, ROBOT_VERSIONS, SMB, MarkingConfig
 from husky_highlevel_controller.xml_rpc import ask
@@ -21,10 +33,26 @@ def has_service(uri: str, name: str) -> bool:
     return bool(_ask(uri, "lookupService", name))
 
 
-def is_up(uri: str, our_nodes: Sequence[str]) -> bool:
-    """Whether a node that is not ours subscribes to a topic other than the clock."""
-    state = _ask(uri, "getSystemState")
-    return bool(state) and listens(dict(state[1]), set(our_nodes))
+class Registered(NamedTuple):
+    """Registrations of a submission with a ROS master, without the topics that every node has."""
+
+    nodes: FrozenSet[str] = frozenset()
+    advertised: FrozenSet[str] = frozenset()  # topics
+    subscribed: FrozenSet[str] = frozenset()
+
+
+def registered(uri: str, our_nodes: Collection[str]) -> Registered:
+    """Registrations of the nodes that are not ours."""
+    state = [
+        {topic: set(nodes) - set(our_nodes) for topic, nodes in part}
+        for part in _ask(uri, "getSystemState") or ()
+    ]
+    topics = [
+        frozenset(topic for topic, nodes in part.items() if nodes and topic not in EVERY_NODE_HAS)
+        for part in state[:2]
+    ]
+    nodes = frozenset(node for part in state for nodes in part.values() for node in nodes)
+    return Registered(nodes, *topics)
 
 
 def set_parameters(uri: str, values: Mapping[str, Any]) -> None:

@@ -10,16 +10,17 @@ import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Tuple
 
+from husky_highlevel_controller.config import load
 from husky_highlevel_controller.config import to_json as record_to_json
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.grading.drive.call_plan import BAG
 from husky_highlevel_controller.grading.drive.progress import settles
 from husky_highlevel_controller.grading.drive.ros_graph import (
     has_service,
-    is_up,
     listens_to,
+    registered,
     robot_listened_to,
     set_parameters,
 )
@@ -40,6 +41,7 @@ from husky_highlevel_controller.grading.recording import (
     Closing,
     Playback,
     Recording,
+    Status,
     to_json,
 )
 from husky_highlevel_controller.grading.records import MarkingConfig
@@ -172,34 +174,38 @@ def drive(
         OtherRobotError: the robot is a guess, and it listens to another one's scans; it has not driven.
     """
     with Network(folder) as network, tempfile.TemporaryDirectory(prefix="husky_") as private:
-        output, assignment, closing = folder / RECORDING, folder / "assignment.json", Path(private, "closing")
+        output, assignment = folder / RECORDING, folder / "assignment.json"
+        status, closing = Path(private, "status"), Path(private, "closing")
         known, plays = replace(not_begun(trial, config), uninitialised=chance), trial.driver == BAG
         if plays:
             topic = f"/{load_robot(config.robot_name).topics.wheel_odometry}"
             played = Playback(players=submission.players, curves=submission.curves)
             known = replace(known, scan_topic=topic, playback=played)
         task = Assignment(
-            known, str(output), f"{private}/truth", str(closing), trial.driver, trial.ends_at_pillar,
-            SIMULATOR_NODES, tuple(map(str, submission.workspace.packages)),
+            known, str(output), f"{private}/truth", str(status), str(closing), trial.driver,
+            trial.ends_at_pillar, SIMULATOR_NODES, tuple(map(str, submission.workspace.packages)),
         )  # fmt: skip
         assignment.write_text(record_to_json(task))
         recorder = network.start("recorder", [RECORDER, str(assignment)])
 
-        def told(line: str) -> List[str]:
-            # rospy's warnings hold lines of a submission, which does not know this path
-            return _lines(recorder, f"{re.escape(task.truth_socket)} {line}")
-
-        def reports(line: str) -> bool:
-            return not recorder.running or bool(told(line))
-
-        wait(lambda: reports("recording"), START_DEADLINE, START_PERIOD)
-        if not recorder.running:
+        if not wait(status.exists, START_DEADLINE, START_PERIOD) or not recorder.running:
             raise MarkingError(f"the recorder does not start: {recorder.output.strip()[-500:]}")
         bring_up = play if plays else simulate
         simulator = bring_up(network, trial, config, config.pace, task.truth_socket)
         submitted, events = start(network, submission)
         our_nodes = (f"/{RECORDER_NODE}", *SIMULATOR_NODES)
-        joined = settles(submitted, lambda: reports("joined"), lambda: is_up(network.uri, our_nodes))
+
+        def told() -> Status:
+            return load(Status, status)
+
+        def has_joined() -> bool:
+            return not recorder.running or told().joined
+
+        def has_ended() -> bool:
+            return not recorder.running or told().over
+
+        nodes = len(submission.nodes)
+        joined = settles(submitted, nodes, has_joined, lambda: registered(network.uri, our_nodes))
         if is_guess and not joined:
             listened = robot_listened_to(network.uri, our_nodes, config) or config
             if listened != config:
@@ -211,23 +217,23 @@ def drive(
 
         def is_over() -> bool:
             nonlocal reached, since
-            now = float(["0", *told(r"now ([\d.]+)")][-1])
+            now = told().now
             on_time(now)
             if now > reached:
                 reached, since = now, time.monotonic()
             stalled = time.monotonic() - since > STALL_DEADLINE
             if not submitted.running:
                 recorder.popen.send_signal(signal.SIGUSR2)  # no node is left to drive it
-            return stalled or reports("over") or not simulator.running
+            return stalled or has_ended() or not simulator.running
 
         ended = None
         if not wait(is_over, config.wall_limit, PROGRESS_PERIOD):
             ended = Note(Kind.SLOW, f"it took longer than {config.wall_limit:.0f} s")
-        elif not reports("over") and simulator.running:
+        elif not has_ended() and simulator.running:
             ended = Note(Kind.STALLED, f"the simulation made no progress for {STALL_DEADLINE:g} s")
-        elif not reports("over"):
+        elif not has_ended():
             ended = Note(Kind.STALLED, "the simulator was ended")
-        if is_guess and told("subscribed"):
+        if is_guess and told().subscribed:
             note = listens_to(config)
         notes = [Note(Kind.ROBOT, note)] * bool(note) + notes_on(read_events(events), submitted.output)
         notes += [Note(Kind.LIMIT, submitted.problem)] * bool(submitted.problem)
@@ -235,14 +241,15 @@ def drive(
         if ended:
             recorder.interrupt()
         wait(lambda: not recorder.running, START_DEADLINE)
+        digest = told().sha256
     if not output.is_file():
         raise MarkingError(f"no recording; the recorder said: {recorder.output.strip()[-500:]}")
-    if was_exchanged(output, told(r"sha256 (\w{64})")):
+    if was_exchanged(output, digest):
         violation = f"{RECORDING} was exchanged after the drive"
         exchanged = replace(not_begun(trial, config), violations=(violation,))
         write_whole(output, to_json(replace(exchanged, notes=(Note(Kind.CUT_OFF, violation),))))
         return False
-    return bool(told("moved"))
+    return bool(load(Recording, output).moving.any())
 
 
 def not_begun(trial: Trial, config: MarkingConfig) -> Recording:
@@ -253,9 +260,9 @@ def not_begun(trial: Trial, config: MarkingConfig) -> Recording:
     )  # fmt: skip
 
 
-def was_exchanged(path: Path, digests: Sequence[str]) -> bool:
-    """Whether a file is not the one whose SHA-256 its writer printed, if it printed one."""
-    return bool(digests) and hashlib.sha256(read_regular(path, MAX_RECORDING)).hexdigest() not in digests
+def was_exchanged(path: Path, digest: str) -> bool:
+    """Whether a file is not the one whose SHA-256 its writer told, if it told one."""
+    return bool(digest) and hashlib.sha256(read_regular(path, MAX_RECORDING)).hexdigest() != digest
 
 
 def start(network: Network, submission: Submission, action: str = "run") -> Tuple[Process, Path]:

@@ -7,7 +7,7 @@ import json
 import socket
 import threading
 from pathlib import Path
-from typing import Callable
+from typing import Callable, Optional
 
 from husky_highlevel_controller.datatypes import TrueState
 
@@ -23,6 +23,7 @@ class TruthFeed:
     ) -> None:
         """Listen on a socket, which is gone once the simulator has connected; events are kind and text."""
         self._path, self._on_truth, self._on_event = path, on_truth, on_event
+        self.failure: Optional[Exception] = None  # the first that a callback raised; reading goes on
         self._begins = threading.Event()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(str(path))
@@ -40,15 +41,20 @@ class TruthFeed:
         self._path.unlink()
         with connection, connection.makefile("r", buffering=BUFFER) as lines:
             for line in lines:
-                key = ""
-                with contextlib.suppress(ValueError, TypeError, AttributeError):  # a broken line
+                try:
                     ((key, value),) = json.loads(line).items()
-                    if key == "truth":
-                        self._on_truth(TrueState.from_numbers(value))
+                    state = TrueState.from_numbers(value) if key == "truth" else None
+                except (ValueError, TypeError, AttributeError):  # a broken line
+                    continue
+                try:
+                    if state is not None:
+                        self._on_truth(state)
                     elif key == "ready":
                         self._begins.wait()
                     else:
                         self._on_event(key, str(value))
+                except Exception as error:
+                    self.failure = self.failure or error
                 if key in ("truth", "ready"):  # the simulator waits for it
                     with contextlib.suppress(OSError):
                         connection.sendall(READ)

@@ -26,11 +26,12 @@ HINTS = {
     Kind.COMMANDS_CEASE: "the branch that your callback takes at that moment, and what it waits for",
     Kind.BUILD: "mend this error first: nothing can be started without it; others may follow from it",
 }
-HARMLESS = {Kind.ROBOT, Kind.UNANSWERED_SCANS, Kind.FLOOD, Kind.LAUNCH_PREFIX}  # notes that are no cause
+# notes that are no cause
+HARMLESS = {Kind.ROBOT, Kind.UNANSWERED_SCANS, Kind.FLOOD, Kind.LAUNCH_PREFIX, Kind.UNREADABLE}
 # ends of a drive until which another node ran than one that had ended without an error
 RAN_ON = {
     Kind.TOUCHES, Kind.AT_PILLAR, Kind.NEVER_MOVED, Kind.STOOD_STILL, Kind.SLOW, Kind.NO_PUBLISHER,
-    Kind.CUT_OFF,
+    Kind.CUT_OFF, Kind.LEAVES,
 }  # fmt: skip
 
 

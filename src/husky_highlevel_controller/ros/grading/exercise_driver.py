@@ -8,7 +8,9 @@ import time
 import xmlrpc.client
 from contextlib import suppress
 from dataclasses import replace
+from http.client import HTTPException
 from typing import Any, Collection, List, Optional, Sequence, Set, Tuple
+from xml.parsers.expat import ExpatError
 
 import rosgraph
 import rospy
@@ -27,9 +29,15 @@ from husky_highlevel_controller.grading.drive.call_plan import (
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.recording import Call
 
-# a master that does not answer, or cannot: a submission's parameter may hold what XML-RPC cannot send
-UNANSWERED = (OSError, rospy.ROSException, rosgraph.MasterException, xmlrpc.client.Error)
+# a master that does not answer, or cannot: a submission's parameter may hold what XML-RPC cannot send, and
+# a submission may end the master and answer in its place
+UNANSWERED = (
+    OSError, HTTPException, ExpatError, ValueError, TypeError, rospy.ROSException, rosgraph.MasterException,
+    xmlrpc.client.Error,
+)  # fmt: skip
 ANSWER_DEADLINE = 10.0  # [s] of wall time
+SET_BOOL = "std_srvs/SetBool"
+MAX_SERVICES = 100  # of a submission that are looked at, each in a thread
 MAX_DESCRIPTION = 2_000_000  # letters of a URDF
 _LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
 
@@ -39,8 +47,7 @@ class ExerciseDriver:
 
     def __init__(self, driver: str, scan_topic: str, our_nodes: Set[str]) -> None:
         self._driver, self._scan_topic, self._our_nodes = driver, scan_topic, our_nodes
-        self.services: Set[str] = set()  # that are a std_srvs/SetBool
-        self.other_services: Set[str] = set()  # "/name (package/Type)"
+        self._types: List[Tuple[str, str]] = []  # service and type; threads append while others read
         self.calls: List[Call] = []
         self._plan = CallPlan()
         self._made: Optional[Call] = None  # the call that waits for its answer
@@ -48,6 +55,16 @@ class ExerciseDriver:
         self._give_up_at = 0.0  # [s] of wall time
         self._probed: Set[str] = set()
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1) if driver == FORWARD else None
+
+    @property
+    def services(self) -> Set[str]:
+        """Services of type std_srvs/SetBool."""
+        return {name for name, kind in tuple(self._types) if kind == SET_BOOL}
+
+    @property
+    def other_services(self) -> Set[str]:
+        """Services of other types, as "/name (package/Type)"."""
+        return {f"{name} ({kind})" for name, kind in tuple(self._types) if kind != SET_BOOL}
 
     def answer_scans(self) -> None:
         """Publish commands in place of a submission that publishes none: lockstep would wait for it."""
@@ -64,19 +81,19 @@ class ExerciseDriver:
         if self._driver != SERVICE:
             return
         for name, nodes in services:
-            if set(nodes) - self._our_nodes and name not in self._probed and not _internal(name):
+            is_new = name not in self._probed and len(self._probed) < MAX_SERVICES
+            if set(nodes) - self._our_nodes and is_new and not _internal(name):
                 self._probed.add(name)
                 threading.Thread(target=self._probe, args=(name,), daemon=True).start()
 
     def _probe(self, name: str) -> None:
         try:
             kind = rosservice.get_service_type(name)
-            if kind == "std_srvs/SetBool":
-                self.services.add(name)
-            elif kind:
-                self.other_services.add(f"{name} ({kind})")
-        except (rosservice.ROSServiceException, OSError):
+        except Exception:  # of whatever kind: the submission answers; it is asked again
             self._probed.discard(name)
+        else:
+            if kind:
+                self._types.append((name, kind))
 
     def work(self, now: float, speed: float) -> Optional[Note]:
         """Do what is due at this simulated time [s] and true speed [m/s]; why the drive is over, if it is."""
@@ -91,12 +108,13 @@ class ExerciseDriver:
             self.calls.append(replace([*self._answers, self._made][0], answered_at=now))
             self._plan.answered(now)
             self._made = None
-        value = self._plan.due(now, speed) if self.services else None
+        services = self.services
+        value = self._plan.due(now, speed) if services else None
         if value is None:
-            return self._plan.reason(now, bool(self.services))
+            return self._plan.reason(now, bool(services))
         self._made, self._answers = Call(now, value, False, "no answer", now), []
         self._give_up_at = time.monotonic() + ANSWER_DEADLINE
-        call = min(self.services), self._made, self._answers
+        call = min(services), self._made, self._answers
         threading.Thread(target=_ask, args=call, daemon=True).start()
         return None
 
@@ -130,8 +148,8 @@ def _ask(name: str, call: Call, answers: List[Call]) -> None:
     try:
         response = rospy.ServiceProxy(name, SetBool)(call.data)
         answers.append(replace(call, success=bool(response.success), answer=str(response.message)))
-    except (rospy.ServiceException, rospy.ROSException, OSError) as error:
-        answers.append(replace(call, answer=str(error)))
+    except Exception as error:  # of whatever kind: the submission answers, and the drive waits for this
+        answers.append(replace(call, answer=str(error) or type(error).__name__))
 
 
 def _internal(name: str) -> bool:

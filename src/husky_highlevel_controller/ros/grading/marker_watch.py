@@ -20,6 +20,7 @@ from husky_highlevel_controller.datatypes import Pose, Quaternion, Vector3
 from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.grading.drive.marker_shape import LINES, LISTS, MAX_POINTS, draw
 from husky_highlevel_controller.grading.isolation.files import is_below, is_regular
+from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.recording import ADD, DELETE, DELETE_ALL, MarkerSample
 from husky_highlevel_controller.ros import conversions
 
@@ -51,6 +52,7 @@ class MarkerWatch:
         # [s] of the last moment of a namespace that was recorded, and how many markers came then
         self._moments: Dict[Tuple[str, str], Tuple[float, int]] = {}
         self._topics: Dict[str, rospy.Subscriber] = {}
+        self._unreadable: Dict[str, int] = {}  # messages that are not of their topic's type
         self._buffer = tf2_ros.Buffer(rospy.Duration(3600.0), debug=False)
         self._listener = tf2_ros.TransformListener(self._buffer)
 
@@ -58,6 +60,14 @@ class MarkerWatch:
     def topics(self) -> Tuple[str, ...]:
         """Topics of markers that were published."""
         return tuple(sorted(self._topics))
+
+    @property
+    def notes(self) -> Tuple[Note, ...]:
+        """Notes on topics whose messages cannot be read."""
+        return tuple(
+            Note(Kind.UNREADABLE, f"{count} messages on {topic} are not of its type, and count as nothing")
+            for topic, count in sorted(self._unreadable.items())
+        )
 
     @property
     def frames(self) -> Dict[str, str]:
@@ -96,7 +106,11 @@ class MarkerWatch:
             large = Marker(ns=f"larger than {MAX_MESSAGE} bytes", action=Marker.ADD)  # not seen
             self.add([large], topic)
             return
-        message = kind().deserialize(raw._buff)
+        try:
+            message = kind().deserialize(raw._buff)
+        except Exception:  # of whatever kind: bytes of a submission, each of which would fill the log
+            self._unreadable[topic] = self._unreadable.get(topic, 0) + 1
+            return
         self.add(message.markers if kind is MarkerArray else [message], topic)
 
     def add(self, markers: Sequence[Marker], topic: str) -> None:

@@ -18,7 +18,7 @@ import rospy
 from sensor_msgs.msg import LaserScan
 
 from husky_highlevel_controller.config import load
-from husky_highlevel_controller.course import STANDS
+from husky_highlevel_controller.config import to_json as record_to_json
 from husky_highlevel_controller.datatypes import Scan, TrueState
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.grading.drive.call_plan import BAG, FORWARD
@@ -37,7 +37,9 @@ from husky_highlevel_controller.grading.recording import (
     CUT_OFF,
     Assignment,
     Closing,
+    Status,
     closed,
+    is_zero,
     pose_jumps,
     scan_hits,
     to_json,
@@ -81,7 +83,8 @@ class DriveRecorder:
         self._subscribed = self._listens = self._advertises = False
         self._joined_at = inf  # [s] of wall time
         self._publishers: Dict[str, List[str]] = {}  # names of nodes by topic
-        self._moved = self._is_over = self._written = False
+        self._is_over = self._written = False
+        self._status, self._status_lock = Status(), threading.Lock()
         self._types: Dict[str, str] = {}  # of topics
         self._silent: List[str] = []
         self._unread: List[str] = []
@@ -99,21 +102,34 @@ class DriveRecorder:
         ]
         self._driver = ExerciseDriver(self._task.driver, self._known.scan_topic, self._our_nodes)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
-        self._tell("recording")
+        self._tell()
 
     def run(self) -> None:
-        """Record until the drive is over."""
+        """Record until the drive is over.
+
+        Raises:
+            Exception: of a callback. Nothing is written then: a part of a drive would cost points.
+        """
+        try:
+            self._record()
+        except Exception:
+            self._written = self._written or not rospy.core.is_shutdown_requested()
+            raise
+
+    def _record(self) -> None:
         cause: Optional[Note] = None
         while cause is None and not rospy.is_shutdown():
             joined_at = self._joined_at
             self._look_at_graph()
             self._begin(joined_at)
-            self._tell(f"now {self._now}")
+            self._tell(now=self._now)
+            if self._feed.failure is not None:
+                raise self._feed.failure
             cause = self._driver.work(self._now, self._speed) or self._over()
             time.sleep(LOOK_PERIOD)
         self._is_over = True
         self._watch.close()
-        self._tell("over")
+        self._tell(over=True)
         while not Path(self._task.closing).exists() and not rospy.is_shutdown():
             time.sleep(CLOSING_PERIOD)
         self._write(cause)
@@ -130,9 +146,6 @@ class DriveRecorder:
         if self._is_over or self._now >= self._known.deadline:
             self._watch.close()
             return
-        if not self._moved and (abs(state.speed) > STANDS or abs(state.yaw_rate) > STANDS):
-            self._moved = True
-            self._tell("moved")
         with self._lock:
             self._truth.append(state)
         self._end.update(state)
@@ -151,7 +164,7 @@ class DriveRecorder:
         if self._is_over or msg._connection_header.get("callerid") in self._our_nodes:
             return
         self._command_count += 1
-        self._zero_count += not any(msg._buff)
+        self._zero_count += is_zero(msg._buff)
         now = self._now
         if not self._commands or self._commands[-1] < now:
             self._commands.append(now)
@@ -182,7 +195,7 @@ class DriveRecorder:
         listeners: Set[str] = set(subscribers.get(self._known.scan_topic, ()))
         if not self._subscribed and listeners - self._our_nodes:
             self._subscribed = True
-            self._tell("subscribed")
+            self._tell(subscribed=True)
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
         simulator_topics = (TRUTH, "/clock", self._known.scan_topic)
@@ -202,7 +215,7 @@ class DriveRecorder:
         is_ready = self._subscribed and (self._advertises or self._task.driver in (FORWARD, BAG))
         if self._joined_at == inf and (is_ready or self._go_on.is_set()):
             self._joined_at = time.monotonic()
-            self._tell("joined")
+            self._tell(joined=True)
             if self._playback:
                 return
             if not is_ready:
@@ -246,9 +259,13 @@ class DriveRecorder:
         done = self._now >= end and playback.is_over(end)
         return Note(Kind.PLAN_DONE, "the bag was played") if done else None
 
-    def _tell(self, line: str) -> None:
-        """Tell marking, which knows these lines by a path from a submission's in rospy's warnings."""
-        print(f"{self._task.truth_socket} {line}", flush=True)
+    def _tell(self, **changes: Any) -> None:
+        """Tell marking what has changed."""
+        with self._status_lock:
+            self._status = replace(self._status, **changes)
+            part = Path(self._task.status + ".part")
+            part.write_text(record_to_json(self._status))
+            part.replace(self._task.status)
 
     def _write(self, cause: Optional[Note]) -> None:
         with self._lock:
@@ -284,9 +301,7 @@ class DriveRecorder:
             silent_topics=tuple(self._silent),
             unread_topics=tuple(self._unread),
             violations=(*self._violations, *pose_jumps(times, poses)),
-            notes=(Note(Kind.UNANSWERED_SCANS, self._unanswered),)
-            if self._unanswered and self._command_count
-            else (),
+            notes=self._notes(),
             ended=cause,
             frames=frames,
             descriptions=self._driver.descriptions(frames),
@@ -297,7 +312,14 @@ class DriveRecorder:
         part = Path(self._task.output + ".part")
         part.write_text(text)
         part.replace(self._task.output)
-        self._tell(f"sha256 {hashlib.sha256(text.encode()).hexdigest()}")
+        self._tell(sha256=hashlib.sha256(text.encode()).hexdigest())
+
+    def _notes(self) -> Tuple[Note, ...]:
+        """Notes on what this recorder alone has seen."""
+        notes = self._watch.notes
+        if self._unanswered and self._command_count:
+            notes = (Note(Kind.UNANSWERED_SCANS, self._unanswered), *notes)
+        return notes
 
 
 def main() -> None:
