@@ -26,7 +26,7 @@ UNJUDGED = ("hits", "workspace", "root", "made_of")  # keys of these files
 # whose end depends on processes: every run of the tests drives them
 DRIVEN = (
     "complete", "crashes", "floods", "forges_the_truth", "hangs", "needs_a_missing_package",
-    "sleeps_by_simulated_time", "teleports",
+    "sends_junk", "sleeps_by_simulated_time", "teleports",
 )  # fmt: skip
 
 # points for: drives towards it, reaches it, RViz, marker's place, marker in RViz (None: for a person, since
@@ -51,6 +51,7 @@ DESERVED = {
     ),
     "never_advertises": (NOTHING, ["never moves: it advertises no cmd_vel", "make a publisher"]),
     "floods": (UNMARKED, ["it floods cmd_vel: "]),
+    "sends_junk": (UNMARKED, [" messages on /viz are not of its type, and count as nothing"]),
     "drives_away": ((0, 0, None, 20, None), ["drives away: ", "check the sign of angular.z"]),
     "spins": ((0, 0, None, pytest.approx(16.5, abs=2.0), None), ["turns round ", "inf or NaN"]),
     "stops_short": ((20, 0, None, 0, 0), ["stops short: nearest 2."]),
