@@ -15,13 +15,13 @@ LISTENS = Registered(frozenset({"/n"}), frozenset({"/cmd_vel"}), frozenset({"/fr
 
 
 class Machine:
-    """Wall time, and a program that gets a share of a CPU and registers at moments."""
+    """Wall time, and a program that computes for a share of it, registers, and is seen to run or not."""
 
-    def __init__(self, monkeypatch, share, registers, runs=True):
-        self.now, self.share, self.registers, self.runs = 0.0, share, registers, runs
+    def __init__(self, monkeypatch, share, registers, runs=lambda now: True):
+        self.now, self.share, self.registers = 0.0, share, registers
         monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: self.now))
         monkeypatch.setattr(progress, "wait", self.wait)
-        monkeypatch.setattr(progress, "state_of_tree", lambda _: (self.runs, self.share * self.now))
+        monkeypatch.setattr(progress, "state_of_tree", lambda _: (runs(self.now), self.share * self.now))
 
     def wait(self, condition, seconds, period):
         while not condition() and self.now < seconds:
@@ -38,9 +38,9 @@ BUSY, SLOW, STARVED = 1.0, 0.3, 0.01  # share of a CPU
     ("share", "registers", "nodes", "ends_at"),
     [
         (BUSY, [(6.0, ADVERTISED)], 1, 12.0),  # it publishes in a loop, and never listens
-        (SLOW, [(6.0, ADVERTISED)], 1, 17.0),
+        (SLOW, [(6.0, ADVERTISED)], 1, 23.0),
         (BUSY, [(6.0, LISTENS)], 1, 12.0),  # to another topic than is waited for
-        (BUSY, [(6.0, ADVERTISED)], 2, 27.0),  # a node is missing: it may come
+        (BUSY, [(6.0, ADVERTISED)], 2, 26.0),  # a node is missing: it may come
         (BUSY, [], 1, 50.0),  # it computes before it registers anything
         (STARVED, [(6.0, ADVERTISED)], 1, 300.0),  # the machine is busy: it may come
     ],
@@ -51,6 +51,13 @@ def test_a_program_that_is_never_idle_has_settled_soon_after_its_last_registrati
     machine = Machine(monkeypatch, share, registers)
     assert not settles(PROCESS, nodes, lambda: False, machine.graph)
     assert machine.now == pytest.approx(ends_at, abs=2.0)
+
+
+def test_a_program_that_publishes_now_and_then_has_settled_too(monkeypatch):
+    """It sleeps most of the time, never for long, so that it is not idle."""
+    machine = Machine(monkeypatch, 0.05, [(6.0, ADVERTISED)], runs=lambda now: int(now) % 2 == 0)
+    assert not settles(PROCESS, 1, lambda: False, machine.graph)
+    assert machine.now == pytest.approx(17.0, abs=2.0)
 
 
 def test_what_is_registered_later_is_waited_for(monkeypatch):
@@ -65,6 +72,6 @@ def test_what_is_registered_later_is_waited_for(monkeypatch):
     ids=["it may sleep for 10 s", "likewise after it has advertised", "it listens elsewhere"],
 )
 def test_a_program_that_is_idle_waits_for_something_else(registers, ends_at, monkeypatch):
-    machine = Machine(monkeypatch, 0.0, registers, runs=False)
+    machine = Machine(monkeypatch, 0.01, registers, runs=lambda now: False)
     assert not settles(PROCESS, 1, lambda: False, machine.graph)
     assert machine.now == pytest.approx(ends_at, abs=1.0)

@@ -13,9 +13,11 @@ from husky_highlevel_controller.grading.isolation.process import Process, wait
 POLL_PERIOD = 0.1  # [s] of wall time
 LOOK_PERIOD = 0.5  # [s] of wall time between two looks at the ROS graph
 IDLE, IDLE_BEFORE = 2.0, 12.0  # [s] of wall time without a running thread: once it listens, and before
-# [s] of wall and of CPU time since the last registration of a program that is never idle, such as one that
-# publishes in a loop; so much longer where a node has not registered, which may have ended
-SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 3.0, 4.0
+# A program that is never idle for long, such as one that publishes in a loop, has settled where it has
+# computed or slept for SETTLED seconds since its last registration, and has computed for SETTLED_CPU of them.
+# Time in which it waits for a CPU does not count. It takes NODE_MISSING times as long if a node has not
+# registered.
+SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 0.5, 4.0
 CPU_LIMIT, WALL_LIMIT = 50.0, 300.0  # [s] of CPU and of wall time for a program that is never idle
 _TICKS = os.sysconf("SC_CLK_TCK")
 _RUNNING = {"R", "D"}  # running or runnable, waiting for a disk
@@ -25,8 +27,7 @@ def settles(process: Process, nodes: int, done: Callable[[], bool], graph: Calla
     """Wait until a condition holds; False if the program ends, waits for something else, or has settled.
 
     A program that is starved of CPU time is runnable, and so not idle, and does not settle: a busy machine
-    ends no wait. One that has registered something and then works on without any further registration for
-    SETTLED and SETTLED_CPU has settled: what it has not registered by then does not come.
+    ends no wait. What a program has not registered once it has settled does not come.
 
     Args:
         process: the program.
@@ -34,26 +35,31 @@ def settles(process: Process, nodes: int, done: Callable[[], bool], graph: Calla
         done: the condition.
         graph: gives what its nodes have registered; some sleep for 10 s before they do anything.
     """
-    idle_since = looked_at = changed_at = time.monotonic()
+    idle_since = looked_at = time.monotonic()
+    polled_at, asleep = idle_since, 0.0
     seen, cpu_at_change = Registered(), 0.0
 
     def decided() -> bool:
-        nonlocal idle_since, looked_at, changed_at, seen, cpu_at_change
+        nonlocal idle_since, looked_at, polled_at, asleep, seen, cpu_at_change
         runs, cpu_seconds = state_of_tree(process.popen.pid)
         now = time.monotonic()
         if runs:
             idle_since = now
+        else:
+            asleep += now - polled_at
+        polled_at = now
         if now - looked_at > LOOK_PERIOD:
             looked_at, before, seen = now, seen, graph()
             if seen != before:
-                changed_at, cpu_at_change = now, cpu_seconds
+                asleep, cpu_at_change = 0.0, cpu_seconds
         idle = now - idle_since
         idles = idle > IDLE_BEFORE or (idle > IDLE and bool(seen.subscribed))
         patience = 1.0 if len(seen.nodes) >= nodes else NODE_MISSING
+        computed = cpu_seconds - cpu_at_change
         settled = (
             bool(seen.advertised or seen.subscribed)
-            and now - changed_at > SETTLED * patience
-            and cpu_seconds - cpu_at_change > SETTLED_CPU * patience
+            and computed > SETTLED_CPU * patience
+            and computed + asleep > SETTLED * patience
         )
         return done() or not process.running or idles or settled or cpu_seconds > CPU_LIMIT
 
