@@ -16,10 +16,10 @@ import warnings
 from collections import deque
 from concurrent.futures import CancelledError
 from functools import partial
-from typing import Any, Callable, Deque, Dict, FrozenSet, List, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, FrozenSet, List, Sequence, Tuple, Union
 
 from husky_evaluation.tasks.fingerprint import OURS, code_version
-from husky_evaluation.tasks.local import Answers, Group, perform
+from husky_evaluation.tasks.local import Answer, Answers, Group, perform
 from husky_highlevel_controller.datatypes import HuskyError
 
 try:
@@ -34,6 +34,7 @@ except ImportError as missing:
 CONNECT_DEADLINE = 20.0  # [s] for the scheduler to answer
 WORKER_DEADLINE = 600.0  # [s] without any worker that may be used
 POLL_PERIOD = 1.0  # [s] between two looks at which workers there are
+OUR_PACKAGE = __name__.split(".")[0]
 ROS = "ROS"  # the resource of workers on which ROS programs can be started
 
 
@@ -89,7 +90,7 @@ class Cluster:
                     if isinstance(failure, KilledWorker):
                         place = f"task {number + 1} of {len(groups)}"
                         failure = HuskyError(f"{place} ended every worker that did it: {failure}")
-                    yield number, failure or pickle.loads(future.result())
+                    yield number, failure or _unpacked(future.result())
         except (CommClosedError, CancelledError, OSError) as error:
             raise HuskyError(f"--cluster {self._address}: the scheduler is gone: {error}") from None
         finally:
@@ -149,7 +150,9 @@ class Cluster:
             elif python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
                 why = f"its Python is {python.split('.final')[0]}, here it is {sys.version.split()[0]}"
             else:
-                (version,) = self._client.run(_asker(__name__.split(".")[0]), workers=[address]).values()
+                version = self._version_of(address)
+                if not version:
+                    continue  # it has left: checked again
                 if version != code_version():
                     why = f"{version}; here it is {code_version()}"
             if why:
@@ -158,6 +161,16 @@ class Cluster:
                 self._refused[address] = why
             else:
                 self._fit |= {address}
+
+    def _version_of(self, address: str) -> str:
+        """Version of the package on a worker, or a sentence on why it has none; empty if it has left."""
+        try:
+            version = self._client.run(_asker(OUR_PACKAGE), workers=[address]).get(address, "")
+        except OSError:
+            return ""
+        except Exception as error:  # of its code: another worker may be good
+            return f"its {OUR_PACKAGE} cannot be read: {type(error).__name__}: {error}"
+        return str(version)
 
 
 def _send_by_value(task: Callable[[Any], Any]) -> None:
@@ -174,6 +187,15 @@ def perform_packed(payload: bytes) -> bytes:
     """Do a group of tasks on a worker; the scheduler sees bytes only."""
     task, group = pickle.loads(payload)
     return pickle.dumps(perform(task, group))
+
+
+def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
+    """Answer of a worker, or why it cannot be read here: one that cannot is not the end of the others."""
+    try:
+        answer: Answer = pickle.loads(payload)
+    except Exception as error:  # whatever a class does that is made again from its fields
+        return error
+    return answer
 
 
 def _asker(package: str) -> Callable[[], str]:

@@ -210,6 +210,23 @@ def test_who_comes_late_is_shown_the_last_scan_once(controller, monkeypatch):
     assert single[-2:] == single[-4:-2]
 
 
+def test_an_error_of_one_scan_or_of_the_display_stops_the_robot_and_not_the_node(controller, monkeypatch):
+    assert controller.answer().linear.x > 0.0
+    with monkeypatch.context() as patch:
+        patch.setattr(node, "decide", Mock(side_effect=ZeroDivisionError))
+        with pytest.raises(ZeroDivisionError):
+            controller.answer()
+    assert controller.sent("cmd_vel")[-1] == Twist()
+    errors = []
+    monkeypatch.setattr(rospy, "logerr", errors.append)
+    monkeypatch.setattr(rospy, "is_shutdown", Mock(side_effect=[False, False, True]))
+    controller.node._placement.update = controller.node._display.update = Mock(side_effect=KeyError("odom"))
+    controller.node.run()
+    assert controller.node._placement.update.call_count == 4, "twice both"
+    assert [error.split(" failed")[0] for error in errors] == ["placing a scan", "showing the last scan"]
+    assert controller.answer().linear.x > 0.0
+
+
 def test_a_node_that_its_master_does_not_know_stands_still_and_refuses_to_start(controller):
     controller.drive(0.5)
     assert controller.answer().linear.x > 0.0

@@ -197,6 +197,23 @@ def test_calls_that_hang_do_not_pile_up(monkeypatch):
     release.set()
 
 
+def test_a_call_that_raises_is_a_failure_and_an_error_on_the_way_does_not_end_the_stop():
+    service = Service(lambda: {}["gone"], lambda: None, lambda: None)
+    service.fails = iter([True, False])
+
+    def on_success(_danger):
+        if next(service.fails, False):
+            raise ValueError("the log is gone")
+        service.answered.set()
+
+    service.request._on_success = on_success
+    service.request.start("a wall")
+    assert service.answered.wait(DEADLINE), "it is called until all is done"
+    assert service.failures == ["KeyError: 'gone'"]
+    service.end()
+    assert not service.request.pending
+
+
 def test_a_request_while_one_is_pending_is_the_same_one():
     answer = threading.Event()
     service = Service(lambda: not answer.wait(DEADLINE) or None, lambda: None)

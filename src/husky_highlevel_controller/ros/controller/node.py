@@ -37,7 +37,7 @@ from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, H
 from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Display, next_step
 from husky_highlevel_controller.ros.controller.reconfigure import ReconfigureServer
 from husky_highlevel_controller.ros.controller.scan_placement import Listener, ScanPlacement
-from husky_highlevel_controller.ros.node import named_robot, publish, run_node
+from husky_highlevel_controller.ros.node import contained, named_robot, publish, run_node
 from husky_highlevel_controller.ros.registration import LOST, RegistrationWatch
 
 LOG = logging.getLogger("rosout")  # rospy's own; its level is checked before a DEBUG line is formatted
@@ -119,10 +119,13 @@ class ControllerNode:
         """Work until the node is shut down."""
         self._registration.start()
         while not rospy.is_shutdown():
-            if not self._registration.is_lost:  # which has a status of its own
-                self._diagnostics.update()
-            self._display.update()
-            self._placement.update()  # ends waits that are overdue
+            with contained("placing a scan"):
+                self._placement.update()  # ends waits that are overdue
+            with contained("the status on /diagnostics"):
+                if not self._registration.is_lost:  # which has a status of its own
+                    self._diagnostics.update()
+            with contained("showing the last scan"):
+                self._display.update()
             time.sleep(POLL_PERIOD)
 
     def _stop(self) -> None:
@@ -171,13 +174,14 @@ class ControllerNode:
         with self._deciding:
             control, detector_config = self._tuning.records
             before = self._controller_state
-            self._controller_state, output = decide(
-                before,
-                observation,
-                self._enabled and not self._registration.is_lost,
-                control,
-                detector_config,
-            )
+            enabled = self._enabled and not self._registration.is_lost
+            try:
+                self._controller_state, output = decide(
+                    before, observation, enabled, control, detector_config
+                )
+            except Exception:  # logged by the thread that it came to
+                self._stop()
+                raise
             self._command(output.twist)
         self._stamps.append(observation.scan.stamp)
         self._log(observation, before, output, control)

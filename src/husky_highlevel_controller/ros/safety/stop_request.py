@@ -11,6 +11,8 @@ import threading
 import time
 from typing import Callable, Optional
 
+from husky_highlevel_controller.ros.node import contained
+
 CALL_TIMEOUT = 2.0  # [s] of wall time for one call
 RETRY_PERIOD = 0.5  # [s] of wall time between a failed call and the next
 ZERO_DELAY = 0.2  # [s] of wall time after the first call until zero is commanded
@@ -31,7 +33,7 @@ class StopRequest:
         """Set up without a pending stop.
 
         Args:
-            call: calls the service; the reason of a failure, or None. May hang.
+            call: calls the service; the reason of a failure, or None. May hang or raise.
             command_zero: publishes a zero Twist.
             on_failure: gets the danger and the reason after each failed call.
             on_success: gets the danger when the service has answered.
@@ -57,8 +59,12 @@ class StopRequest:
                 danger = self._dangers.get(timeout=ZERO_PERIOD)
             except queue.Empty:
                 continue
-            self._serve(danger, is_shutdown)
-            self.pending = False
+            while self.pending and not is_shutdown():
+                with contained("the stop of the controller"):  # which is served until it is done
+                    self._serve(danger, is_shutdown)
+                    self.pending = False
+                if self.pending:
+                    time.sleep(ZERO_PERIOD)
 
     def _serve(self, danger: str, is_shutdown: Callable[[], bool]) -> None:
         begin = time.monotonic()
@@ -89,6 +95,8 @@ class StopRequest:
         def call() -> None:
             try:
                 answers.put(self._call())
+            except Exception as error:  # whatever it is, the service was not answered
+                answers.put(f"{type(error).__name__}: {error}")
             finally:
                 self._hung.release()
 

@@ -22,6 +22,7 @@ from visualization_msgs.msg import InteractiveMarkerFeedback
 from husky_highlevel_controller.datatypes import Body, Box, Geometry, Pose, Vector3
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, pose_to_2d
 from husky_highlevel_controller.ros import conversions
+from husky_highlevel_controller.ros.node import contained
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.object_markers import DELETE, body_to_msg, upwards
 from husky_highlevel_controller.ros.simulator.publishers import ODOM
@@ -112,8 +113,9 @@ class WorldDisplay:
             self._transforms = tf2_ros.Buffer(debug=False)
             tf2_ros.TransformListener(self._transforms)
         if self._server.is_watched:
-            self._draw()
-            self._server.send()
+            with contained("drawing the world's objects"):  # the world goes on without a picture of it
+                self._draw()
+                self._server.send()
 
     def _draw(self) -> None:
         bodies, world_in_odom = self._simulation.bodies, self._simulation.pose_world_in_odom

@@ -142,7 +142,8 @@ class WebNode:
         period = 1.0 / self._config.rate
         readings_due = curves_due = network_due = 0.0
         while not rospy.is_shutdown():
-            self._pages.admit()
+            with left_out("a page"):
+                self._pages.admit()
             if not self._pages.open:
                 with left_out("the end of the last page"):
                     self._forget()

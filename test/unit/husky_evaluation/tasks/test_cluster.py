@@ -35,6 +35,15 @@ class Unsendable:
         raise OSError("a file is gone")
 
 
+class Unreadable:
+    def __reduce__(self):
+        return int, ("no number",)
+
+
+def unreadable_at_3(number):
+    return Unreadable() if number == 3 else number
+
+
 def no_ros(number):
     return number
 
@@ -74,6 +83,11 @@ def test_the_hash_is_that_of_this_machine_also_when_a_worker_is_killed(cluster, 
         items = [0, Unsendable()]
         results = workers.as_completed(fail, items, on_error=lambda _, error: str(error))
         assert sorted(results) == [(0, "0 is no world"), (1, "a file is gone")]
+    with Workers(cluster=cluster.address) as workers:
+        results = workers.as_completed(
+            unreadable_at_3, [2, 3], on_error=lambda _, error: type(error).__name__
+        )
+        assert sorted(results) == [(0, 2), (1, "ValueError")]
     with Workers(cluster=cluster.address) as workers, pytest.raises(HuskyError, match="--resources ROS=1"):
         workers.map(no_ros, range(2), starts_programs=True)
     cluster.work("ros", *WORKER, "--resources", "ROS=1")
