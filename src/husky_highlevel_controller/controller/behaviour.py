@@ -44,6 +44,8 @@ from husky_highlevel_controller.robot import load_robot
 
 TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0  # [m], [m/s]: a robot farther from its last place was put there
 RESUME_ERROR = 0.10  # [m], further than this from where it should stand an arrived robot drives again
+ODOM_TIMEOUT = 0.5  # [s] without a pose in odom, where there was one: a robot that had odometry has lost it
+ROOM_SHARE = 0.05  # of the beams: where so many return something, walls stand around the robot
 TOUCH_GAP = 0.003  # [m], a gap that noise may make of a touch; from here on it creeps for TOUCH_CREEP_TIME
 TOUCH_CREEP_TIME = 0.2  # [s], at control.MIN_TOUCH_SPEED: 8 mm, so that it does touch, and hardly pushes
 
@@ -87,6 +89,8 @@ class ControllerState(NamedTuple):
     started_at: Optional[float] = None  # [s], stamp of this drive's first scan
     base_in_odom: Optional[Pose2D] = None  # at the last scan; None where TF did not know
     updated_at: float = -inf  # [s], stamp of the last scan
+    odom_at: float = inf  # [s], stamp of the last scan with a pose in odom; inf: there was none
+    in_room: bool = False  # a scan of this place had returns on ROOM_SHARE of its beams
 
     @property
     def estimate(self) -> Optional[Estimate]:
@@ -136,7 +140,9 @@ def decide(
     moved = _moved(controller_state, observation)
     if moved:
         track = controller_state.track._replace(rejected=(), walked_to=None)  # it may be another world
-        controller_state = controller_state._replace(track=track, started_at=None, at_pillar=False)
+        controller_state = controller_state._replace(
+            track=track, started_at=None, at_pillar=False, in_room=False
+        )
     pillars = find_pillars(observation.scan, detector_config)
     track, (pillar, pillar_in_odom), visibility = _look(controller_state, observation, pillars)
     target = _target(track.estimate, observation, pillar)
@@ -146,6 +152,8 @@ def decide(
         started_at=stamp if enabled and controller_state.started_at is None else controller_state.started_at,
         base_in_odom=observation.base_in_odom,
         updated_at=stamp,
+        odom_at=controller_state.odom_at if observation.base_in_odom is None else stamp,
+        in_room=controller_state.in_room or _shows_a_room(observation.scan),
     )
     state, twist, reason, search = _act(
         controller_state, observation, target, pillar is not None, visibility, enabled, control
@@ -181,6 +189,11 @@ def _moved(controller_state: ControllerState, observation: Observation) -> bool:
     return hypot(now.x - before.x, now.y - before.y) > TELEPORT_DISTANCE + TOP_SPEED * (
         observation.scan.stamp - controller_state.updated_at
     )
+
+
+def _shows_a_room(scan: Scan) -> bool:
+    """Whether many beams return something, so that later scans without any are a fault of the lidar."""
+    return bool(np.count_nonzero(scan.valid) > ROOM_SHARE * len(scan.ranges))
 
 
 def _look(
@@ -245,6 +258,9 @@ def _act(
     if observation.ahead_of_odometry > MAX_OFFSET:
         reason = "standing still until the clocks are set: scans are stamped too far ahead of odometry"
         return State.WAITING, STOP, reason, None
+    if observation.scan.stamp - controller_state.odom_at > ODOM_TIMEOUT:
+        reason = "standing still: there is no transform from odom to base_link any more; is odometry running?"
+        return State.WAITING, STOP, reason, None
     measured = pillar_seen or observation.scan.valid.any()
     if not measured and not (observation.scan.returns == inf).any():  # no beam, or too close for all
         reason = "no pillar in the scan (it has no valid range): standing still; is the lidar covered?"
@@ -266,6 +282,10 @@ def _act(
     search, twist = search_on(
         controller_state.search or Search(), observation.base_in_odom, points, observation.outline, control
     )
+    if twist.linear > 0.0 and not measured and controller_state.in_room:
+        # in an empty world a scan of misses is no fault, but walls do not vanish
+        reason = "no beam of a whole turn returned anything: standing still; is the lidar covered?"
+        return State.WAITING, STOP, reason, controller_state.search
     how = "turning to look around" if search.to_turn > 0.0 else "driving a widening search"
     return State.SEARCHING, twist, f"{nothing}: {how}", search
 

@@ -319,6 +319,40 @@ def test_without_odometry_it_drives_to_what_it_sees_and_waits_where_it_sees_none
     assert "no transform to odom" in output.reason
 
 
+def test_where_odometry_is_lost_on_the_way_it_stands_until_it_is_back():
+    toy = Toy([(6.0, 0.0, 0.2)])
+    assert toy.drive(2.0)[-1].output.twist.linear > 0.5
+    toy.knows_odom = False
+    first, *later = toy.drive(3.0)
+    assert first.output.state is State.DRIVING, "one that is missing is no loss"
+    stopped = [step for step in later if step.time > first.time + 0.6]
+    assert {(step.output.state, step.output.twist) for step in stopped} == {(State.WAITING, STOP)}
+    assert "no transform from odom to base_link any more" in stopped[-1].output.reason
+    toy.knows_odom = True
+    assert toy.drive(9.0)[-1].output.state is State.ARRIVED
+
+
+@pytest.mark.parametrize("miss", [inf, nan, 0.0])
+def test_a_lidar_that_goes_blind_in_a_room_turns_once_and_then_stands_until_it_sees_again(miss):
+    is_blind = [False]
+
+    def seen(scan):
+        return replace(scan, ranges=np.full(len(scan.ranges), miss)) if is_blind[0] else scan
+
+    walls = box(4.0, 0.0, 0.0, 14.0, 8.0)
+    toy = with_scans(Toy([(8.0, 0.5, 0.2)], walls, period=0.1), seen)
+    assert toy.drive(2.0)[-1].output.state is State.DRIVING
+    is_blind[0] = True
+    steps = toy.drive(40.0)
+    x, y, _ = steps[10].pose
+    assert all(hypot(step.pose.x - x, step.pose.y - y) < 0.05 for step in steps[10:]), "it drives nowhere"
+    assert sum(step.output.state is State.SEARCHING for step in steps) < 150, "one turn"
+    assert (steps[-1].output.state, steps[-1].output.twist) == (State.WAITING, STOP)
+    assert "no beam of a whole turn returned anything" in steps[-1].output.reason
+    is_blind[0] = False
+    assert toy.drive(40.0)[-1].output.state is State.ARRIVED
+
+
 @pytest.mark.parametrize("count", [0, 1, 720])
 @pytest.mark.parametrize("nothing", [inf, -inf, nan, 0.0])
 def test_a_scan_of_nothing_never_drives_it_anywhere(nothing, count):

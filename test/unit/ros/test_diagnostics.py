@@ -49,6 +49,7 @@ WELL = Health(
         ({"scan_age": 0.7}, WARN, "scans come late"),
         ({"tf_age": 0.7}, WARN, "odometry comes late"),
         ({"pillar": "unknown", "state": State.SEARCHING}, WARN, "searching: no pillar"),
+        ({"state": State.WAITING, "reason": "the pillar walked away"}, WARN, "the pillar walked away"),
     ],
 )
 def test_each_cause_has_its_sentence(changes, level, message):

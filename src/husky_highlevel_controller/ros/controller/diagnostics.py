@@ -40,6 +40,7 @@ class Health:
     ahead: float  # [s], by which the scans' clock is ahead of odometry's
     state: State
     pillar: str  # "seen", "remembered" or "unknown"
+    reason: str = ""  # of the controller for its last command
 
 
 def judge(health: Health) -> Tuple[int, str]:
@@ -59,6 +60,8 @@ def judge(health: Health) -> Tuple[int, str]:
         return DiagnosticStatus.WARN, "scans come late"
     if health.tf_age > OLD:
         return DiagnosticStatus.WARN, "odometry comes late"
+    if health.state is State.WAITING and health.reason:
+        return DiagnosticStatus.WARN, health.reason
     if health.pillar == "unknown" and health.state is not State.STOPPED:
         return DiagnosticStatus.WARN, f"{health.state.value}: no pillar"
     return DiagnosticStatus.OK, health.state.value

@@ -271,6 +271,7 @@ class ControllerNode:
             ahead=self._placement.ahead,
             state=self._controller_state.state,
             pillar=self._seen,
+            reason=self._reason,
         )
 
 
