@@ -22,5 +22,5 @@ def test_an_rviz_loads_until_it_offers_its_services(monkeypatch):
 
 
 def test_an_rviz_is_known_by_its_name():
-    assert all(map(is_rviz, ("rviz", "husky_rviz", "robot1/rviz_vm_12_345", "gazebo_gui")))
-    assert not any(map(is_rviz, ("husky_simulator", "controller", "spawn_husky")))
+    assert all(map(is_rviz, ("rviz", "husky_rviz", "robot1/rviz_my_vm_12_345", "gazebo_gui")))
+    assert not any(map(is_rviz, ("husky_simulator", "controller", "rviz_markers", "rviz/pillar")))

@@ -8,17 +8,19 @@ description. Then it shows its window, and it offers its services last (Visualiz
 
 from __future__ import annotations
 
+import re
 from typing import Iterable, List
 
 from husky_highlevel_controller.xml_rpc import ask
 
-IN_NAME = ("rviz", "gazebo_gui")  # parts of the name of a node that is an RViz
+# ends of the name of an RViz node, also of an anonymous one (NAME_HOST_PID_TIME)
+NAMES = re.compile(r"(rviz|gazebo_gui)(_\w+_\d+_\d+)?$")
 SERVICE = "reload_shaders"  # that every RViz offers as its own when its window is open
 
 
 def is_rviz(node: str) -> bool:
     """Whether a launched node is an RViz, by its name: roslaunch does not tell its program."""
-    return any(part in node for part in IN_NAME)
+    return NAMES.search(node) is not None
 
 
 def loading(master_uri: str, caller: str, nodes: Iterable[str]) -> List[str]:
