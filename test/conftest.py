@@ -73,7 +73,7 @@ def launch_files_read_here(monkeypatch):
         monkeypatch.setattr(substitution_args, "_rospack", None)
         reporter = submission.Reporter(str(events))
         for launchable in launchables:
-            submission.describe(list(launchable.command), reporter, [[], [], list(kept)])
+            submission.describe(list(launchable.command), reporter, [[], [], list(kept), []])
         reporter.close()
         return ""
 

@@ -16,7 +16,7 @@ check_system() {
     bad "$(os_name) has no ROS 1 in its archive: use the container (docs/install.md)"
   fi
   case $here in
-    *[[:space:]:]*) bad "the folder '$here' has a space or a colon in its name: move it" ;;
+    *$odd_letter*) bad "the folder '$here' has $odd_letters in its name: move it" ;;
     *) if [ -w "$here" ]; then good "the repository $here can be written to"; else bad "$here cannot be written to"; fi ;;
   esac
   local free

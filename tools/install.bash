@@ -4,6 +4,10 @@
 say() { printf '[dev] %s\n' "$*" >&2; }
 die() { say "error: $*"; exit 1; }
 
+# Characters in a path that CMake, make, catkin's setup files or ROS_PACKAGE_PATH do not quote.
+odd_letter='[][:space:]:;"\\$%#&()<>|*?`'"'"'[]'
+odd_letters="a space, a quote or one of : ; \\ \$ % # & ( ) < > | * ? [ ]"
+
 # An installation of ROS outside Debian's archive; its packages are then not asked of apt.
 opt_ros=
 for distribution in noetic one; do
@@ -205,7 +209,7 @@ build_workspace() {
 
 # Make the installation complete for the package groups GROUP..., and bring it into the environment.
 set_up() {
-  case $here in *[[:space:]:]*) die "the folder '$here' has a space or a colon in its name, which ROS 1 cannot take: move it" ;; esac
+  case $here in *$odd_letter*) die "the folder '$here' has $odd_letters in its name, which ROS 1 and CMake cannot take: move it" ;; esac
   { mkdir -p "$state" 2>/dev/null && [ -w "$state" ]; } \
     || die "cannot write to $here: put the repository where you may write"
   touch "$state/CATKIN_IGNORE"

@@ -109,6 +109,17 @@ def check_display() -> None:
         del os.environ["DISPLAY"]
 
 
+def check_quotes(config: Any) -> None:
+    """Refuse a node whose command line has an open quote; roslaunch would end in a traceback."""
+    for node in config.nodes:
+        for attribute, text in (("launch-prefix", node.launch_prefix), ("args", node.args)):
+            try:
+                shlex.split(text or "")
+            except ValueError:
+                problem = f"node {node.name}: {attribute} = {text!r} has a quote or backslash without its end"
+                raise SystemExit(f"[dev] error: {problem}") from None
+
+
 def drop_missing_terminals(config: Any) -> None:
     """Start nodes whose launch-prefix is a terminal without it where it cannot open."""
     for node in config.nodes:
@@ -204,6 +215,7 @@ def starts_robot(node: Any) -> bool:
 def adapt(config: Any, file: Path, arguments: Arguments) -> None:
     """Make the nodes of a launch file for Gazebo and a desktop start here."""
     check_integers(config)
+    check_quotes(config)
     robots = [node for node in config.nodes if starts_robot(node)]
     for name in arguments.for_simulator:
         if not robots:

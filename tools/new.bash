@@ -40,5 +40,5 @@ if [ "$kind" = cpp ]; then
 fi
 find "$package" -type f -exec sed -i "s/first_node/$name/g" {} +
 say "wrote $package; then:"
-[ "$kind" = python ] || echo "$here/dev run catkin_make -C $workspace"
-printf '%s\n' "$here/dev launch $package/launch/drive.launch" "$here/dev run rostest $package/test/drives.test"
+[ "$kind" = python ] || echo "$here/dev run catkin_make -C $(printf %q "$workspace")"
+printf "%s %s %q\n" "$here/dev" launch "$package/launch/drive.launch" "$here/dev" "run rostest" "$package/test/drives.test"

@@ -49,12 +49,18 @@ def test_the_top_level_is_what_the_package_promises():
     assert old.resolve() == (ROOT / "rviz" / "controller.rviz").resolve()
 
 
-def test_a_folder_with_a_space_in_its_name_is_refused_at_once(tmp_path):
-    copy = tmp_path / "my robot"
+@pytest.mark.parametrize("letter", list(" :;'\"\\$%#&()<>|*?`[]\n"), ids=repr)
+def test_a_folder_whose_name_ros_or_cmake_cannot_take_is_refused_at_once(letter, tmp_path):
+    copy = tmp_path / f"my{letter}robot"
     output, code = call(copy_of_dev(copy), "launch")
     assert code == 1
-    assert f"the folder '{copy}' has a space or a colon in its name" in output
+    assert f"the folder '{copy}' has a space, a quote or one of " in output
     assert not (copy / ".dev").exists()
+
+
+@pytest.mark.parametrize("name", ["robot", "a-b_c.d+e,f=g@h~i", "m\u00fcller"])
+def test_other_names_of_a_folder_are_taken(name):
+    assert bash(f"case {name} in *$odd_letter*) echo refused ;; esac") == ("", 0)
 
 
 def test_each_example_of_the_help_works():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from pathlib import Path
 from typing import Any, Sequence
 
@@ -14,6 +16,8 @@ from husky_highlevel_controller.grading.records import DEFAULT_RULES, Job, Marki
 from husky_highlevel_controller.grading.rubrics.items import left_to_chance
 from husky_highlevel_controller.grading.settings import with_override
 from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
+
+_FOLDERS = re.compile(r"(?<![\w.$)])/([\w.+@~-]+)/(?:[^\s/:'\"<>]+/)*")  # before the name of a file, absolute
 
 
 def judge_again(job: Job) -> MarkingResult:
@@ -48,8 +52,16 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
 
 
 def unmarked(job: Job, problem: str) -> MarkingResult:
-    """The result of a submission that could not be marked."""
-    return MarkingResult(job.name, "", settings_of(job.config), (), (), problem)
+    """The result of a submission that could not be marked; it tells the student no path of this machine."""
+    return MarkingResult(job.name, "", settings_of(job.config), (), (), _without_folders(problem, job))
+
+
+def _without_folders(problem: str, job: Job) -> str:
+    """Return a sentence in which a file has its name only, or its place in the hand-in."""
+    for place in filter(None, (job.out, job.hand_in)):
+        problem = problem.replace(f"{place}/", "").replace(place, Path(place).name)
+    # not a topic or a node
+    return _FOLDERS.sub(lambda match: "" if os.path.isdir(f"/{match[1]}") else match.group(), problem)
 
 
 def settings_of(config: MarkingConfig) -> Any:

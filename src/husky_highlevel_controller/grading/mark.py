@@ -28,7 +28,7 @@ from husky_highlevel_controller.grading.isolation.sandbox import kind_of_sandbox
 from husky_highlevel_controller.grading.judge import judge, unmarked
 from husky_highlevel_controller.grading.notes import MISSES_PACKAGES
 from husky_highlevel_controller.grading.recording import recordings_in
-from husky_highlevel_controller.grading.records import Job, MarkingConfig, MarkingResult
+from husky_highlevel_controller.grading.records import Job, MarkingConfig, MarkingResult, printable
 from husky_highlevel_controller.grading.reports.files import (
     FINGERPRINT,
     PICTURES,
@@ -77,6 +77,7 @@ def mark(job: Job) -> MarkingResult:
         problem = f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
         traceback.print_exc()
     if problem:
+        print(printable(problem), file=sys.stderr)  # with the paths of this machine, for the teacher
         result = unmarked(job, problem)
     write_result(result, out)
     if fingerprint:

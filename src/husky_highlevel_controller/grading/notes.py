@@ -17,6 +17,7 @@ class Kind(Enum):
     ROBOT = "robot"  # that is simulated
     BUILD = "build"
     LAUNCH_FILE = "launch file"  # cannot be loaded, or starts nothing
+    OWN_NODE = "own node"  # of this package, which is nobody's hand-in
     MISSING_PACKAGE = "missing package"
     LAUNCH_PREFIX = "launch prefix"
     NO_RVIZ_FILE = "no RViz file"

@@ -18,6 +18,7 @@ from typing import Dict, List, Optional, Sequence, Tuple
 from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.grading.displays import RvizConfig
 from husky_highlevel_controller.grading.isolation.files import UnreadableFileError, read_text
+from husky_highlevel_controller.grading.isolation.own_files import STARTER, Own, programs
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import Launchable
@@ -28,7 +29,6 @@ SUBMISSION_FOLDER = "submission"  # in the folder of a drive, the only one that 
 SIMULATOR_NODES = ("/husky_simulator",)  # another node of this name would end ours
 COMPAT = share_folder() / "compat"  # its launch files start a simulator
 MAX_EVENTS = 10_000  # of one run; a submission can write any number of them
-_STARTER = str(Path(__file__).parents[1] / "ros" / "grading" / "submission.py")
 
 
 @dataclass(frozen=True)
@@ -93,18 +93,25 @@ class Event:
 
 
 def starter(
-    events: Path, action: str, launchables: Sequence[Launchable], kept: Sequence[str] = ()
+    events: Path,
+    action: str,
+    launchables: Sequence[Launchable],
+    kept: Sequence[str] = (),
+    own: Own = Own.NOTHING,
 ) -> List[str]:
     """The command that reads launch files (`describe`), or with `run` or `memcheck` starts a single one.
 
-    Nodes of the `kept` packages are the submission's, though they are the robot's otherwise.
+    Nodes of the `kept` packages are the submission's, though they are the robot's otherwise. Unless `own` is
+    ALL, nodes of this package are nobody's submission: they are left out.
     """
     # by its path: a package of the submission may have this package's name
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
     files = [file.name for file in COMPAT.glob("*/launch/*.launch")]
-    ours = json.dumps([SIMULATOR_NODES, files, kept])
+    manifest = (share_folder() / "package.xml").resolve()
+    own_places = [] if own is Own.ALL else [str(manifest), *map(str, programs())]
+    ours = json.dumps([SIMULATOR_NODES, files, kept, own_places])
     commands = [json.dumps(launchable.command) for launchable in launchables]
-    return [sys.executable, "-c", code, _STARTER, str(events), action, ours, *commands]
+    return [sys.executable, "-c", code, str(STARTER), str(events), action, ours, *commands]
 
 
 def read_events(path: Path) -> List[Event]:
@@ -123,7 +130,8 @@ def read_events(path: Path) -> List[Event]:
 
 
 TOO_MANY = "too many events"
-EVENTS = [Kind.LAUNCH_FILE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX]  # before a start, the worst first
+# before a start, the worst first
+EVENTS = [Kind.LAUNCH_FILE, Kind.OWN_NODE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX]
 _CALLBACK = re.compile(
     r"(?:\[ERROR\] \[[\d.]+(?:, (?P<at>[\d.]+))?\]: "
     r"bad callback: <(?:function|bound method) (?P<name>[\w.]{1,200})[^\n]{0,500}"
@@ -158,6 +166,9 @@ def notes_on(events: Sequence[Event], output: str) -> List[Note]:
         elif event.event == "missing":
             text = f"package '{event.package}' is missing; the <{event.tag}> that needs it is left out"
             notes.append(Note(Kind.MISSING_PACKAGE, text))
+        elif event.event == "own":
+            reason = "it is a node of the simulator's package, and not of the hand-in"
+            notes.append(Note(Kind.OWN_NODE, f"node {event.node} is left out: {reason}"))
         elif event.event == "prefix":
             text = f"launch-prefix '{event.prefix}' of node {event.node} is dropped"
             notes.append(Note(Kind.LAUNCH_PREFIX, text))

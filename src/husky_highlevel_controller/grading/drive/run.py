@@ -269,7 +269,8 @@ def start(network: Network, submission: Submission, action: str = "run") -> Tupl
     """Start a submission in a network; the program, and the file of its events."""
     events = network.folder_of(SUBMISSION_FOLDER) / "events.jsonl"
     create(events).close()
-    command = starter(events, action, [submission.launchable], submission.kept)
+    own = submission.workspace.own
+    command = starter(events, action, [submission.launchable], submission.kept, own)
     return network.start(SUBMISSION_FOLDER, command, submission.workspace), events
 
 

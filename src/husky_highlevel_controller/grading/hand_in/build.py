@@ -28,6 +28,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     write_whole,
 )
 from husky_highlevel_controller.grading.isolation.forked import import_early
+from husky_highlevel_controller.grading.isolation.own_files import Own
 from husky_highlevel_controller.grading.isolation.process import Process, ends
 from husky_highlevel_controller.grading.isolation.ros_network import MarkingError
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, clean_environment
@@ -250,7 +251,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
         raise NotMarkableError("its build puts links in place of src or devel/setup.bash")
     setups = (*underlay.setups, *places[1:])
-    workspace = Workspace(setups, (*underlay.packages, places[0]), underlay.hidden, own_modules=False)
+    workspace = Workspace(setups, (*underlay.packages, places[0]), underlay.hidden, Own.NOTHING)
     return Build(workspace, tuple(notes))
 
 

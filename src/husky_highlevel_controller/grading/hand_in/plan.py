@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Dict, List, Optional, Sequence
 
 from husky_highlevel_controller.grading.isolation.files import create
+from husky_highlevel_controller.grading.isolation.own_files import Own
 from husky_highlevel_controller.grading.isolation.process import Process, ends
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, clean_environment
 from husky_highlevel_controller.grading.notes import Kind, Note
@@ -31,7 +32,7 @@ def with_filter(workspace: Workspace) -> Workspace:
     roots += workspace.packages
     stand_ins = [path for path in COMPAT.iterdir() if not any((root / path.name).is_dir() for root in roots)]
     # the stand-in is a node of this package
-    return replace(workspace, packages=(*workspace.packages, *stand_ins), own_modules=True)
+    return replace(workspace, packages=(*workspace.packages, *stand_ins), own=Own.FILTER)
 
 
 def plan(launchable: Launchable, workspace: Workspace, folder: Path, kept: Sequence[str] = ()) -> Plan:
@@ -66,7 +67,11 @@ def _describe(
     env.update(ROS_LOG_DIR=str(folder / "log"), ROS_HOME=str(folder / "ros_home"), HOME=str(folder))
     env["DISPLAY"] = ":0"  # a launch file may start RViz only where there is a screen; nothing is started now
     process = Process(
-        starter(events, "describe", launchables, kept), folder / "plan.log", env, folder, workspace
+        starter(events, "describe", launchables, kept, workspace.own),
+        folder / "plan.log",
+        env,
+        folder,
+        workspace,
     )
     in_time = ends(process, LOAD_DEADLINE)
     return process.output.strip()[-300:] if in_time else f"no end after {LOAD_DEADLINE:g} s"

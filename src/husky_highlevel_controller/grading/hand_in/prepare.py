@@ -36,14 +36,14 @@ from husky_highlevel_controller.grading.hand_in.packages import (
 from husky_highlevel_controller.grading.hand_in.plan import plan, with_filter
 from husky_highlevel_controller.grading.isolation import private_network
 from husky_highlevel_controller.grading.isolation.files import copy, remove_tree, walk, write_whole
+from husky_highlevel_controller.grading.isolation.own_files import NAME, Own
 from husky_highlevel_controller.grading.isolation.process import Process, ends
 from husky_highlevel_controller.grading.isolation.ros_network import START_DEADLINE, MarkingError
 from husky_highlevel_controller.grading.isolation.sandbox import Workspace, clean_environment, kind_of_sandbox
 from husky_highlevel_controller.grading.notes import Kind, Note
 from husky_highlevel_controller.grading.records import BAG_EXERCISE, Job, Launchable
-from husky_highlevel_controller.grading.submission import WORKSPACE, Plan, Submission
+from husky_highlevel_controller.grading.submission import WORKSPACE, Plan, Submission, starter
 
-PACKAGE = "husky_highlevel_controller"  # its own nodes may import it
 FILES = (WORKSPACE, "plan", "build.log")  # that this stage writes; what tells that all are there goes first
 FOLDERS = ("ws", "copies", "stand_ins", "unpacked")  # likewise, of a hand-in
 MAX_TRIED = 3  # copies of a package, and launch files, the next one where no node of one is built
@@ -65,13 +65,15 @@ def prepare(job: Job) -> Submission:
         setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
         hidden=tuple(map(Path, job.hidden)),
     )  # fmt: skip
-    _check_starts(workspace, out / "plan")
+    _check_starts(replace(workspace, own=Own.NOTHING), out / "plan")
     kept = _kept(job)
     if job.launchable is None:
         submission, planned = prepare_hand_in(job, workspace)
     else:
-        is_ours = job.launchable.package == PACKAGE and not job.setups
-        workspace = with_filter(workspace) if kept else replace(workspace, own_modules=is_ours)
+        is_ours = job.launchable.package == NAME and not job.setups
+        workspace = (
+            with_filter(workspace) if kept else replace(workspace, own=Own.ALL if is_ours else Own.NOTHING)
+        )
         submission = Submission(job.launchable, workspace)
         planned = plan(job.launchable, workspace, out / "plan", kept)
     launch_file = submission.launchable.name if submission.launchable.kind == "launch" else ""
@@ -98,13 +100,15 @@ def prepare(job: Job) -> Submission:
 
 
 def _check_starts(workspace: Workspace, folder: Path) -> None:
-    """Start a program that does nothing: where that fails, the sandbox or --underlay is to blame, no hand-in.
+    """Start the program that reads launch files, without any: where that fails, no hand-in is to blame.
 
     Raises:
         MarkingError: no program can be started here.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    process = Process(["true"], folder / "check.log", clean_environment(), folder, workspace)
+    command = starter(folder / "check.jsonl", "describe", [])
+    env = {**clean_environment(), "ROS_LOG_DIR": str(folder), "HOME": str(folder)}
+    process = Process(command, folder / "check.log", env, folder, workspace)
     if not ends(process, START_DEADLINE) or process.popen.returncode:
         said = process.output.strip()[-300:]
         setups = f" or {', '.join(map(str, workspace.setups))} cannot be sourced" if workspace.setups else ""
@@ -128,7 +132,7 @@ def prepare_hand_in(job: Job, underlay: Workspace) -> Tuple[Submission, Plan]:
     (out / "unpacked").mkdir(parents=True)
     contents = open_hand_in(path, out / "unpacked")
     job = replace(job, override=replace(job.override, exercise=job.override.exercise or job.config.exercise))
-    underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent), own_modules=False)
+    underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent), own=Own.NOTHING)
     choices: List[Choice] = []
     for attempt in range(MAX_TRIED):
         choice = choose_packages(contents.packages, job.override.exercise or 0, attempt)

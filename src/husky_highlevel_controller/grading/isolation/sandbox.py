@@ -22,9 +22,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Dict, List, Sequence, Tuple
 
-import husky_highlevel_controller
 from husky_highlevel_controller.grading.isolation.limits import TEMPORARY, TEMPORARY_FILES, THREADS
-from husky_highlevel_controller.paths import share_folder
+from husky_highlevel_controller.grading.isolation.own_files import IN_WORKSPACE, Own, holders, own_files
 
 BUBBLEWRAP, NAMESPACE, NONE = "bubblewrap", "process namespace", "none"
 FILE_SIZE, PROCESS_MEMORY = 500_000_000, 4_000_000_000  # [bytes] of a file, of a process's own memory
@@ -48,7 +47,6 @@ _BUBBLEWRAP = [
 ]  # fmt: skip
 _NO_NESTED_NAMESPACES = ["--disable-userns"]  # bubblewrap 0.8 and newer
 _NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
-_IN_WORKSPACE = share_folder() / "tools" / "in_workspace.bash"
 
 
 def clean_environment() -> Dict[str, str]:
@@ -66,7 +64,7 @@ class Workspace:
     setups: Tuple[Path, ...] = ()  # setup.bash files, sourced in the sandbox, in this order
     packages: Tuple[Path, ...] = ()  # folders of packages that need no build
     hidden: Tuple[Path, ...] = ()  # folders whose content it must not see: other hand-ins and their results
-    own_modules: bool = True  # it can import this package's modules; a hand-in has one of the same name
+    own: Own = Own.ALL  # use of this package; a hand-in has one of the same name, and makes none
 
 
 def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: Dict[str, str]) -> List[str]:
@@ -79,10 +77,10 @@ def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: D
     limits += [f"--nofile={DESCRIPTORS}"]
     if kind != NONE:
         limits.append(f"--nproc={THREADS}")
-    hidden = [] if workspace.own_modules else _own_modules()
+    hidden = holders() if workspace.own is Own.NOTHING else []
     lists = [os.pathsep.join(map(str, paths)) for paths in (workspace.packages, hidden)]
     setups = [str(path.resolve()) for path in workspace.setups]
-    source = [system_program("bash"), str(_IN_WORKSPACE), *lists, *setups]
+    source = [system_program("bash"), str(IN_WORKSPACE), *lists, *setups]
     inner = [*limits, *source, "--", system_program("stdbuf"), "-oL", *command]
     if kind == BUBBLEWRAP:
         return [system_program("bwrap"), *_bubblewrap(), *_mounts(workspace, folder, env), "--", *inner]
@@ -157,19 +155,21 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     homes = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
     roots = {path.resolve() for path in homes} - {Path("/"), *map(Path, TEMPORARY)}
     place = folder.resolve()
+    own = own_files(workspace.own)
     hidden = {
         path
-        for path in roots | {path.resolve() for path in workspace.hidden}
+        for path in roots | {path.resolve() for path in workspace.hidden} | own.hidden
         if path.is_dir() and place not in (path, *path.parents)
     }
     steps = [(len(path.parts), 0, ["--tmpfs", str(path)]) for path in hidden]
     needed = _needed(workspace, env)
-    bound = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)}
+    bound = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)} | own.shown
     bound = {path for path in bound if not any(path in root.parents for root in roots)}
     steps += [(len(path.parts), 1, ["--ro-bind", str(path), str(path)]) for path in bound]
-    shown = {*bound, *hidden, *(Path("/", name) for name in SYSTEM)}
+    whole = {*bound, *(Path("/", name) for name in SYSTEM)}
     for link in {each for path in needed for each in (path, *path.parents) if each.is_symlink()}:
-        if not shown & {link, *link.parents}:  # it leads to something that is
+        around = next((each for each in (link, *link.parents) if each in whole | hidden), None)
+        if around not in whole:  # it is not there already, and leads to something that is
             steps.append((len(link.parts), 1, ["--symlink", os.readlink(link), str(link)]))
     steps.append((len(place.parts), 2, ["--bind", str(place), str(place)]))
     mounts = chain.from_iterable(options for _, _, options in sorted(steps, key=lambda step: step[:2]))
@@ -177,25 +177,15 @@ def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str
     return [*_system(), *mounts, *read_only]
 
 
-def _own_modules() -> List[str]:
-    """Folders on PYTHONPATH that hold this package, and no other of its name: built, installed, sources."""
-    folders = [Path(entry) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
-    package = Path(husky_highlevel_controller.__file__).parent
-    own_files = ("paths.py", "msg/_HuskyStatus.py")
-    holders = [path for path in folders if any((path / package.name / file).is_file() for file in own_files)]
-    return [str(package.parent), *map(str, holders)]
-
-
 def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
-    """Folders that a program of the workspace reads: what its environment names, and this package."""
-    share = share_folder()
-    folders = {Path(sys.prefix), Path(sys.base_prefix), share, Path(sysconfig.get_paths()["purelib"])}
-    folders |= {entry.resolve().parent for entry in share.iterdir()} | {Path(__file__).resolve().parents[2]}
+    """Folders that a program of the workspace reads: what its environment names."""
+    folders = {Path(sys.prefix), Path(sys.base_prefix), Path(sysconfig.get_paths()["purelib"])}
     for name in SEARCH_PATHS:
         folders |= {Path(word) for word in env.get(name, "").split(os.pathsep) if word.startswith("/")}
     for prefix in env.get("CMAKE_PREFIX_PATH", "").split(os.pathsep):
         if prefix.startswith("/"):  # libraries and messages lie beside devel/ in the source space
-            folders |= {Path(prefix).parent}
+            sources = Path(prefix).parent / "src"
+            folders.add(sources if os.path.isdir(sources) else Path(prefix).parent)
     folders |= {setup.resolve().parents[1] for setup in workspace.setups} | set(workspace.packages)
     # not Path.exists, which raises for a folder that this user must not enter
     return sorted(path for path in folders if os.path.exists(path))

@@ -14,6 +14,7 @@ NO_SCANS = Note(Kind.NO_SCANS, "it does not subscribe to the scans")
 LOGS = "read what your node prints, and see whether your launch file starts it"
 ENDS = "the last line of its output says why"
 HINTS = {
+    Kind.OWN_NODE: "start a node of your own package",
     Kind.SILENT_TOPIC: "compare your topic's name with `rostopic list`, and look for a missing remap",
     Kind.NO_SCANS: "subscribe to the scans, in the constructor",
     Kind.NO_PUBLISHER: "make a publisher of geometry_msgs/Twist on /cmd_vel, in the constructor",
