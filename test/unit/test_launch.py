@@ -1,0 +1,39 @@
+"""What `./dev launch` refuses in a launch file before it starts a node."""
+
+import importlib.util
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from husky_highlevel_controller.paths import share_folder
+
+TOOLS = share_folder() / "tools"
+
+
+@pytest.fixture
+def launch(monkeypatch):
+    """The program, by its path: the folder of launch files has the same name."""
+    pytest.importorskip("roslaunch")
+    monkeypatch.setattr(sys, "path", [str(TOOLS), *sys.path])
+    spec = importlib.util.spec_from_file_location("launch_program", TOOLS / "launch.py")
+    program = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(program)
+    return program
+
+
+@pytest.mark.parametrize("attribute", ["launch-prefix", "args"])
+@pytest.mark.parametrize("text", ["xterm -T 'my node -e", '--name "a', "a\\"])
+def test_a_quote_without_its_end_is_named_with_the_node(attribute, text, launch):
+    node = SimpleNamespace(name="controller", launch_prefix=None, args="")
+    setattr(node, attribute.replace("-", "_"), text)
+    with pytest.raises(SystemExit) as refusal:
+        launch.check_quotes(SimpleNamespace(nodes=[node]))
+    assert str(refusal.value).startswith(
+        f"[dev] error: node controller: {attribute} = {text!r} has a quote or "
+    )
+
+
+def test_quotes_that_are_closed_are_taken(launch):
+    node = SimpleNamespace(name="a", launch_prefix='bash -c \'sleep 1; "$0" "$@"\'', args='-d "my view.rviz"')
+    launch.check_quotes(SimpleNamespace(nodes=[node]))
