@@ -1,0 +1,116 @@
+"""Python packages that this package needs and this Python lacks, in one sentence with the command for them.
+
+In: a name of a group. Out: a sentence. Only the standard library, because programs ask before they import
+anything else. In ./dev's own environment nothing is missing; a catkin workspace may have the system's Python.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shlex
+import sys
+import sysconfig
+from importlib import metadata
+from pathlib import Path
+from typing import List, NamedTuple, Optional
+
+BULLET = "pybullet_arm64==3.2.8" if (3, 12) <= sys.version_info < (3, 14) else "pybullet==3.2.7"
+
+
+class PythonPackage(NamedTuple):
+    """Package of PyPI."""
+
+    module: str
+    requirement: str  # for pip, as in requirements/*.in
+    oldest: str = ""  # version that has what is used; empty: any
+
+
+ROBOT = (
+    PythonPackage("numpy", "numpy", "1.20"),  # sliding_window_view, numpy.typing
+    PythonPackage("yaml", "PyYAML"),
+)
+LAUNCH = (
+    *ROBOT,
+    PythonPackage("pybullet", BULLET),
+    PythonPackage("xacro", "xacro==2.1.1"),
+    PythonPackage("defusedxml", "defusedxml==0.7.1"),
+)
+RUN = (
+    PythonPackage("matplotlib", "matplotlib"),
+    PythonPackage("jinja2", "Jinja2"),
+    PythonPackage("markupsafe", "MarkupSafe"),
+    PythonPackage("tqdm", "tqdm"),
+    PythonPackage("psutil", "psutil"),
+)
+PAGE = (
+    PythonPackage("viser", "viser==1.1.1"),
+    PythonPackage("trimesh", "trimesh"),
+    PythonPackage("PIL", "pillow"),
+    PythonPackage("websockets", "websockets"),
+)
+# what nodes beside a real robot need, the simulator too, commands and the page
+GROUPS = {"robot": ROBOT, "launch": LAUNCH, "run": LAUNCH + RUN, "page": ROBOT + PAGE}
+
+
+def sentence(group: str = "launch") -> Optional[str]:
+    """Sentence on what a group of GROUPS lacks, with the one command that installs it; None if nothing."""
+    lacking: List[str] = []
+    requirements: List[str] = []
+    for package in GROUPS[group]:
+        try:
+            found = importlib.util.find_spec(package.module) is not None
+        except (ImportError, ValueError):
+            found = False
+        version = _version(package.module) if found and package.oldest else ""
+        if found and not (version and _numbers(version) < _numbers(package.oldest)):
+            continue
+        old = f"{package.module} {package.oldest} or later (there is {version})"
+        lacking.append(old if found else package.module)
+        requirements.append(
+            f"{package.requirement}>={package.oldest}" if package.oldest else package.requirement
+        )
+    if not lacking:
+        return None
+    names = " and ".join(filter(None, (", ".join(lacking[:-1]), lacking[-1])))
+    return (
+        f"husky_highlevel_controller needs {names}, which {sys.executable} does not have. "
+        f"Install with: {_pip(requirements)}"
+    )
+
+
+def end_if_missing(group: str = "launch") -> None:
+    """Exit with 1 and a sentence if something is missing."""
+    text = sentence(group)
+    if text is not None:
+        print(f"error: {text}", file=sys.stderr)
+        raise SystemExit(1)
+
+
+def main() -> None:
+    """Exit with 1 and a sentence if the group in the first argument lacks something, or print 'none'."""
+    named = [word for word in sys.argv[1:] if word in GROUPS]
+    end_if_missing(*named[:1])
+    print("none")
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return ""
+
+
+def _numbers(version: str) -> List[int]:
+    return [int(number) for number in re.findall(r"\d+", version)[:2]]
+
+
+def _pip(requirements: List[str]) -> str:
+    """Command line of pip, into the virtual environment or else into the home folder."""
+    words = [sys.executable, "-m", "pip", "install"]
+    if sys.prefix == sys.base_prefix:
+        words.append("--user")
+        if (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").is_file():
+            words.append("--break-system-packages")  # which replaces nothing of the system's: it goes home
+    first = "" if importlib.util.find_spec("pip") else "sudo apt install python3-pip && "
+    return first + shlex.join([*words, *requirements])
