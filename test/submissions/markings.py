@@ -49,10 +49,13 @@ DESERVED = {
         NOTHING,
         ["raises NameError: name 'minimum' is not defined (controller:11), first at 0.", "line named"],
     ),
-    "never_advertises": (NOTHING, ["never moves: it advertises no cmd_vel", "make a publisher"]),
+    "never_advertises": (NOTHING, ["never moves: it advertises no cmd_vel", "advertise geometry_msgs/Twist"]),
     "floods": (UNMARKED, ["it floods cmd_vel: "]),
     "sends_junk": (UNMARKED, [" messages on /viz are not of its type, and count as nothing"]),
-    "drives_away": ((0, 0, None, 20, None), ["drives away: ", "check the sign of angular.z"]),
+    "drives_away": (
+        (0, 0, None, 20, None),
+        ["drives away: ", "it drives backwards", "check the sign of linear.x"],
+    ),
     "spins": ((0, 0, None, pytest.approx(16.5, abs=2.0), None), ["turns round ", "inf or NaN"]),
     "stops_short": ((20, 0, None, 0, 0), ["stops short: nearest 2."]),
     "rams": (ARRIVES, ["reaches it, at 1.0"]),  # the sheet's "hits the pillar"
@@ -66,7 +69,7 @@ DESERVED = {
     "sleeps_by_simulated_time": (ARRIVES, ["front_laser, stamp 0: right "]),
     "marks_in_base_link": (
         arrives(9.6, 0.3),
-        ["0.54 m from the pillar's axis", "m too near, seen from the robot", "not in base_link's origin"],
+        ["0.54 m from the pillar's axis", "0.33 m in front of the pillar, seen", "not in base_link's origin"],
     ),
     "commands_zero": (NOTHING, ["never moves: all ", "commands were zero", "a gain of 0"]),
     "listens_elsewhere": (NOTHING, ["listens to /scan, where nothing is sent", "`rostopic list`"]),
@@ -92,15 +95,51 @@ DESERVED = {
     "reference_of_exercise_5": ((50, 50, None, None), ["stands after 2 of 2 calls", "drives after 2 of 2 "]),
     "does_not_build": (NOTHING, ["it does not build: ", "controller.cpp:51:", "mend this error first"]),
     # faults, each named as it is in the code
-    "turns_too_slowly": ((10, 0, None, 20, None), ["too slowly for 1.0 m/s: a larger gain"]),
+    "turns_too_slowly": (
+        (10, 0, None, 20, None),
+        ["too slowly for 1.0 m/s: a larger gain", "the same as for 'drives towards the pillar'"],
+    ),
     "swaps_x_and_y": (UNMARKED, ["x and y are swapped", "x is ahead, y to the left"]),
     "takes_another_beam": (UNMARKED, ["its distance is right, its angle is not", "angle_min + index"]),
     "cuts_to_whole_metres": (arrives(5.2), ["coordinates are whole metres", "the position in double"]),
     "forgets_y": (arrives(15.0), ["y is always 0", "give the marker a y, too"]),
     "marks_nan": (UNMARKED, ["leave out ranges that are inf or NaN"]),
+    "never_turns": (
+        (10, 0, None, pytest.approx(18.0, abs=2.0), None),
+        ["it never turns: angular.z is 0 in all commands", "a gain that is read into an int is cut to 0"],
+    ),
+    "creeps": (
+        (0, 0, None, 20, None),
+        ["the robot never moves: all ", "zero", "a gain of 0"],
+    ),
+    "keeps_no_subscriber": (
+        NOTHING,
+        ["it does not subscribe to the scans", "a local one ends with its function"],
+    ),
+    "hides_its_displays": (
+        (20, 30, 13, 20, 0),
+        ["laser scan not to be seen: its display is there, but switched off", "tick the display LaserScan",
+         "display of /visualization_marker is switched off", "tick the display Marker"],
+    ),
+    "marks_twice": ((0, 0, None, 0, 0), ["2 commands, the last at", "mirrored: ", "and change no sign"]),
+    "marks_itself": (
+        (0, 0, None, pytest.approx(17.0, abs=2.0), None),
+        ["on the lidar where no beam has a return", "sits on the lidar: publish none then"],
+    ),
+    "includes_a_missing_file": (
+        (0, 0, 20, 0, 0),
+        ["includes_a_missing_file/launch/other.launch", "hand in the file that is named"],
+    ),
+    "starts_a_map_server": (
+        (0, 0, None, 20, None),
+        ["the robot never moves: nothing came on cmd_vel", "node map_server/map_server cannot be started"],
+    ),
     "drives_by_chance": (
         (None, None, None, None, None),
-        ["person: `start_` (controller.cpp:36) is read", "by chance, as above; in", "constructor; then x"],
+        [
+            "person: `start_` (controller.cpp:36) is read", "by chance, as above; in",
+            "value in the constructor", "change no sign",
+        ],
     ),
 }  # fmt: skip
 ATTACKS = ("forges_events", "hides")  # of the package `attacks`

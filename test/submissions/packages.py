@@ -1,5 +1,6 @@
 """Makes packages of the nodes here, as students hand them in. By hand: packages.py FOLDER [NAME ...]."""
 
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -7,18 +8,25 @@ from pathlib import Path
 HERE = Path(__file__).parent
 WITH_FAULT = "has_a_fault"  # node of the packages that are called as its faults
 FAULTS = [
-    "counts_ids", "cuts_to_whole_metres", "drives_away", "forgets_y", "is_for_an_older_husky",
-    "listens_elsewhere", "listens_to_laser", "marks_in_base_link", "marks_nan", "marks_the_origin", "rams",
-    "spins", "swaps_x_and_y", "takes_another_beam", "turns_too_slowly",
+    "counts_ids", "creeps", "cuts_to_whole_metres", "drives_away", "forgets_y", "hides_its_displays",
+    "includes_a_missing_file", "is_for_an_older_husky", "listens_elsewhere", "listens_to_laser",
+    "marks_in_base_link", "marks_itself", "marks_nan", "marks_the_origin", "marks_twice", "never_turns",
+    "rams", "spins", "starts_a_map_server", "swaps_x_and_y", "takes_another_beam", "turns_too_slowly",
 ]  # fmt: skip
 NODES = [*FAULTS, *(path.name for path in HERE.iterdir() if path.is_file() and not path.suffix)]
 NODES.remove(WITH_FAULT)
 FOLDERS = sorted(path.name for path in HERE.iterdir() if (path / "package.xml").is_file())
-WITH_ERROR = "does_not_build"  # `drives_in_cpp` with an error at its end
+IN_CPP = {  # `drives_in_cpp` with some text in place of another
+    "does_not_build": ("ros::spin();", "ros::spin(); int oops = ;"),
+    "keeps_no_subscriber": (
+        '  ros::Subscriber scans = node.subscribe("/front/scan", 1, onScan);',
+        '  { ros::Subscriber scans = node.subscribe("/front/scan", 1, onScan); }',
+    ),
+}
 # the others have no configuration, and no points for it
-WITH_RVIZ = {"complete", "hooks_the_setup", "marks_the_origin"}
-# its launch file includes a world that is not installed, which is no cause
-IN_OFFICE = "commands_zero"
+WITH_RVIZ = {
+    "complete", "hides_its_displays", "hooks_the_setup", "includes_a_missing_file", "marks_the_origin",
+}  # fmt: skip
 AS_ROSOUT = "forges_the_truth"  # its node has the name of one that every ROS network has
 
 MANIFEST = (
@@ -33,7 +41,12 @@ catkin_install_python(PROGRAMS scripts/controller DESTINATION ${{CATKIN_PACKAGE_
 """
 LAUNCH = '<launch>\n  <node name="{node}" pkg="{name}" type="controller" output="screen"/>{more}\n</launch>\n'
 FAULT = '\n  <param name="controller/fault" value="{name}"/>'
-OFFICE = '\n  <include file="$(find office_gazebo)/launch/office.launch"/>'
+MORE = {  # in a launch file
+    # a world and a program that are not installed are no cause
+    "commands_zero": '\n  <include file="$(find office_gazebo)/launch/office.launch"/>',
+    "starts_a_map_server": '\n  <node name="map" pkg="map_server" type="map_server" args="office.yaml"/>',
+    "includes_a_missing_file": '\n  <include file="$(find {name})/launch/other.launch"/>',
+}
 RVIZ = '\n  <node name="rviz" pkg="rviz" type="rviz" args="-d $(find {name})/rviz/view.rviz"/>'
 
 
@@ -52,10 +65,10 @@ def manifest(name, *depends, tag="depend", email="student@example.org"):
 def make_package(name, folder, student=""):
     """A package of this name in a folder, or in the student's; its node runs without a build."""
     package = Path(folder) / (student or name)
-    if name == WITH_ERROR:
+    if name in IN_CPP:
         package = make_package("drives_in_cpp", folder, student or name)
-        with (package / "src" / "controller.cpp").open("a") as code:
-            code.write("int oops = ;\n")
+        code = package / "src" / "controller.cpp"
+        code.write_text(code.read_text().replace(*IN_CPP[name]))
     elif name in FOLDERS:
         shutil.copytree(HERE / name, package)
         if name in WITH_RVIZ:
@@ -66,18 +79,22 @@ def make_package(name, folder, student=""):
         (package / "package.xml").write_text(manifest(name, "catkin", tag="buildtool_depend"))
         (package / "CMakeLists.txt").write_text(CMAKE.format(name=name))
         rviz = RVIZ.format(name=name) if name in WITH_RVIZ else ""
-        more = rviz + OFFICE * (name == IN_OFFICE) + FAULT.format(name=name) * (name in FAULTS)
+        more = rviz + MORE.get(name, "").format(name=name) + FAULT.format(name=name) * (name in FAULTS)
         node = "rosout" if name == AS_ROSOUT else "controller"
         launch = LAUNCH.format(name=name, node=node, more=more)
         (package / "launch" / "controller.launch").write_text(launch)
         shutil.copy(HERE / (WITH_FAULT if name in FAULTS else name), package / "scripts" / "controller")
         if rviz:
-            shutil.copy(HERE / "view.rviz", package / "rviz")
+            view = (HERE / "view.rviz").read_text()
+            if name == "hides_its_displays":
+                for display in ("LaserScan", "Marker"):
+                    view = re.sub(rf"(Class: rviz/{display}\n +Enabled: )true", r"\1false", view)
+            (package / "rviz" / "view.rviz").write_text(view)
     for script in (package / "scripts").glob("*"):
         script.chmod(0o755)
     return package
 
 
 if __name__ == "__main__":
-    for each in sys.argv[2:] or [*NODES, *FOLDERS, WITH_ERROR]:
+    for each in sys.argv[2:] or [*NODES, *FOLDERS, *IN_CPP]:
         make_package(each, sys.argv[1])

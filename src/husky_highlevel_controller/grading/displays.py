@@ -35,8 +35,10 @@ class RvizConfig:
     source: str = ""  # of it, for a sentence; empty: there is none
     fixed_frame: str = ""
     displays: Tuple[RvizDisplay, ...] = ()
+    off: Tuple[RvizDisplay, ...] = ()  # in the file, but switched off, transparent, or without a size
     problem: str = ""  # why there is nothing to look at
     started: bool = False  # its launch file starts RViz
+    missing: str = ""  # path that its launch file names, and that was not handed in
 
 
 @dataclass(frozen=True)
@@ -84,12 +86,12 @@ def read_config(source: str, content: Any, remaps: Sequence[Tuple[str, str]] = (
     if not manager:
         return RvizConfig(source, problem="the file is not RViz's")
     names = {_resolved(old): _resolved(new) for old, new in remaps}
-    displays = []
-    for entry in _switched_on(manager.get("Displays")):
+    displays: Dict[bool, List[RvizDisplay]] = {True: [], False: []}
+    for entry, is_on in _entries(manager.get("Displays")):
         display = _display(entry)
-        displays.append(replace(display, source=names.get(display.source, display.source)))
+        displays[is_on].append(replace(display, source=names.get(display.source, display.source)))
     frame = str(_mapping(manager, "Global Options").get("Fixed Frame", "map"))[:MAX_TEXT]
-    return RvizConfig(source, frame.lstrip("/"), tuple(displays))
+    return RvizConfig(source, frame.lstrip("/"), tuple(displays[True]), tuple(displays[False]))
 
 
 def _mapping(content: Any, key: str) -> Dict[str, Any]:
@@ -98,16 +100,19 @@ def _mapping(content: Any, key: str) -> Dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _switched_on(displays: Any) -> Iterator[Dict[str, Any]]:
-    """Displays that are switched on and to be seen, also those in groups."""
-    waiting: List[Any] = list(displays) if isinstance(displays, list) else []
+def _entries(displays: Any) -> Iterator[Tuple[Dict[str, Any], bool]]:
+    """Displays, also those in groups, and whether each is switched on and to be seen."""
+    waiting: List[Tuple[Any, bool]] = (
+        [(each, True) for each in displays] if isinstance(displays, list) else []
+    )
     for _ in range(MAX_DISPLAYS):
-        entry = waiting.pop(0) if waiting else None
-        if isinstance(entry, dict) and entry.get("Enabled", True):
+        entry, is_on = waiting.pop(0) if waiting else (None, False)
+        if isinstance(entry, dict):
+            is_on = is_on and bool(entry.get("Enabled", True))
             if isinstance(entry.get("Displays"), list):
-                waiting += entry["Displays"]
-            elif _is_visible(entry):
-                yield entry
+                waiting += [(each, is_on) for each in entry["Displays"]]
+            else:
+                yield entry, is_on and _is_visible(entry)
 
 
 def _display(entry: Mapping[str, Any]) -> RvizDisplay:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Sequence
 
 from husky_highlevel_controller.config import load
 from husky_highlevel_controller.grading.displays import STANDING, FrameTree, view_of
 from husky_highlevel_controller.grading.exercises import EXERCISES
+from husky_highlevel_controller.grading.isolation.places import hide_places
 from husky_highlevel_controller.grading.notes import Kind, Note, texts
 from husky_highlevel_controller.grading.recording import Recording, recordings_in
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Job, MarkingConfig, MarkingResult
-from husky_highlevel_controller.grading.rubrics.items import left_to_chance
+from husky_highlevel_controller.grading.rubrics.items import left_to_chance, left_to_choice, told_once
 from husky_highlevel_controller.grading.settings import with_override
 from husky_highlevel_controller.grading.submission import WORKSPACE, Submission
 
@@ -32,6 +34,8 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
     view = view_of(submission.rviz, tree)
     items = EXERCISES[job.config.exercise].judge(recordings, view, first.scan_topic, job.config.rules)
+    if submission.equals:
+        items = left_to_choice(items, submission.equals)
     if first.uninitialised:
         items = left_to_chance(items, first.uninitialised)
     notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
@@ -46,22 +50,33 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
         "simulated": first.simulated,
     }
     result = MarkingResult(
-        job.name, submission.launchable.summary, settings, tuple(items), tuple(texts(notes))
+        job.name, submission.launchable.summary, settings, tuple(told_once(items)), tuple(texts(notes))
     )
-    return with_override(result, job.override)
+    return with_override(_from_known_folders(result, job), job.override)
 
 
 def unmarked(job: Job, problem: str) -> MarkingResult:
-    """The result of a submission that could not be marked; it tells the student no path of this machine."""
-    return MarkingResult(job.name, "", settings_of(job.config), (), (), _without_folders(problem, job))
+    """The result of a submission that could not be marked."""
+    result = _from_known_folders(MarkingResult(job.name, "", settings_of(job.config), (), (), problem), job)
+    # of a file of this machine only the name; a topic or a node has no folder
+    told = _FOLDERS.sub(lambda match: "" if os.path.isdir(f"/{match[1]}") else match.group(), result.problem)
+    return replace(result, problem=told)
 
 
-def _without_folders(problem: str, job: Job) -> str:
-    """Return a sentence in which a file has its name only, or its place in the hand-in."""
-    for place in filter(None, (job.out, job.hand_in)):
-        problem = problem.replace(f"{place}/", "").replace(place, Path(place).name)
-    # not a topic or a node
-    return _FOLDERS.sub(lambda match: "" if os.path.isdir(f"/{match[1]}") else match.group(), problem)
+def _from_known_folders(result: MarkingResult, job: Job) -> MarkingResult:
+    """The result without paths of this machine: a student knows those in the hand-in only."""
+    folders = [Path(folder) for folder in (job.out, job.hand_in, *job.hidden, *job.packages) if folder]
+    items = [
+        replace(item, evidence=hide_places(item.evidence, folders), hint=hide_places(item.hint, folders))
+        for item in result.items
+    ]
+    return replace(
+        result,
+        what=hide_places(result.what, folders),
+        items=tuple(items),
+        notes=tuple(hide_places(note, folders) for note in result.notes),
+        problem=hide_places(result.problem, folders),
+    )
 
 
 def settings_of(config: MarkingConfig) -> Any:

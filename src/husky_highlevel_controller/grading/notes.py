@@ -16,16 +16,21 @@ class Kind(Enum):
     HAND_IN = "hand-in"  # its archive and packages
     ROBOT = "robot"  # that is simulated
     BUILD = "build"
+    MISSING_RETURN = "missing return"  # of a function, where the node may crash
     LAUNCH_FILE = "launch file"  # cannot be loaded, or starts nothing
     OWN_NODE = "own node"  # of this package, which is nobody's hand-in
+    MISSING_INCLUDE = "missing include"  # so that it cannot be loaded
     MISSING_PACKAGE = "missing package"
     LAUNCH_PREFIX = "launch prefix"
+    SKIPPED = "skipped"  # a launch file of the simulator, which marking brings
     NO_RVIZ_FILE = "no RViz file"
     # of its nodes
     NOT_STARTED = "not started"
     EXCEPTION = "exception"  # in a callback or thread, after which the node goes on
     NODE_FAILED = "node failed"
+    NODE_CRASHED = "node crashed"  # by a signal, mostly without a word
     NODE_ENDED = "node ended"  # without an error
+    OTHERS_NODE = "others' node"  # a program that is not the hand-in's was not started, or ended
     LIMIT = "limit"  # of memory, processes or files
     # of the chain from scan to command
     SILENT_TOPIC = "silent topic"
@@ -47,6 +52,12 @@ class Kind(Enum):
     IN_BASE_LINK = "in base_link"
     NOT_A_NUMBER = "not a number"
     UNREADABLE = "unreadable"  # messages that are not of their topic's type
+    AT_ORIGIN = "at the origin"  # of its frame, or on the lidar, always
+    NO_RETURN = "no return"  # likewise, at times: where no beam has a return
+    WRONG_HEIGHT = "wrong height"
+    INVISIBLE = "invisible"
+    DELETED = "deleted"
+    OLD_ONES = "old ones"  # most are right, but earlier ones stay
     # ends of a drive
     TOUCHES = "touches"
     AT_PILLAR = "at pillar"
@@ -76,7 +87,16 @@ class Subject(Enum):
 
 # of findings that a package which is not installed may cause
 MISSES_PACKAGES = frozenset(
-    {Kind.BUILD, Kind.MISSING_PACKAGE, Kind.LAUNCH_FILE, Kind.NOT_STARTED, Kind.NODE_FAILED}
+    {
+        Kind.BUILD,
+        Kind.MISSING_PACKAGE,
+        Kind.LAUNCH_FILE,
+        Kind.MISSING_INCLUDE,
+        Kind.NOT_STARTED,
+        Kind.NODE_FAILED,
+        Kind.NODE_CRASHED,
+        Kind.OTHERS_NODE,
+    }
 )
 
 

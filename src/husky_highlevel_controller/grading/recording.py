@@ -121,6 +121,10 @@ class Recording:
     commands: np.ndarray = table("[s], when commands came; one for each true pose")
     command_count: int = 0  # all of them
     zero_count: int = 0  # of these, how many were zero in every component
+    fastest: Optional[float] = (
+        None  # [m/s], the largest linear.x of all commands, either way; None if unknown
+    )
+    sharpest: Optional[float] = None  # [rad/s], likewise of angular.z
     nearest: np.ndarray = table("[s, m], smallest valid range of each scan; inf for none", 2)
     hits: np.ndarray = table("[s, m, m], points in the world of some of the scans", 3)
     markers: Tuple[MarkerSample, ...] = ()
@@ -187,7 +191,8 @@ def recordings_in(out: Path) -> List[Recording]:
 def closed(recording: Recording, closing: Closing) -> Recording:
     """A recording with what marking saw, and notes on a flood of commands and on a drive that was cut off."""
     notes, ended = list(closing.notes), closing.ended or recording.ended
-    has_ended = any(note.kind in (Kind.NODE_ENDED, Kind.NODE_FAILED) for note in notes)
+    ends = (Kind.NODE_ENDED, Kind.NODE_FAILED, Kind.NODE_CRASHED)
+    has_ended = any(note.kind in ends for note in notes)
     notes += [note for note in recording.notes if not (has_ended and note.kind is Kind.UNANSWERED_SCANS)]
     seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
     if recording.command_count / seconds > FLOOD:
@@ -234,6 +239,15 @@ def is_zero(twist: bytes) -> bool:
     if len(twist) != TWIST_SIZE:
         return not any(twist)
     return bool((np.abs(np.frombuffer(twist, "<f8")) <= NOTHING).all())
+
+
+def ahead_and_turn(twist: bytes) -> Tuple[float, float]:
+    """Return the sizes of linear.x [m/s] and angular.z [rad/s] of a serialised Twist; inf if there is no number."""
+    if len(twist) != TWIST_SIZE:
+        return inf, inf
+    numbers = np.abs(np.frombuffer(twist, "<f8"))
+    ahead, turn = np.where(np.isfinite(numbers), numbers, inf)[[0, 5]].tolist()
+    return ahead, turn
 
 
 MAX_ROBOT_SPEED = 4.0  # [m/s], four times the Husky's: contacts may push it

@@ -13,7 +13,7 @@ import signal
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Collection, Dict, List, Optional, Sequence, Tuple
 
 from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.grading.displays import RvizConfig
@@ -46,6 +46,8 @@ class Submission:
     names_robot: str = ""  # by what, in a sentence
     sandbox: str = ""  # kind of sandbox
     network: str = ""
+    own: Tuple[str, ...] = ()  # packages that were handed in; empty if unknown
+    equals: Tuple[str, ...] = ()  # its launch file, and others that fit as well and start something else
     kept: Tuple[str, ...] = ()  # packages of the robot that it starts itself; then marking plays the bag
     players: Tuple[str, ...] = ()  # arguments of its rosbag players, which are left out
     curves: Tuple[Tuple[str, str], ...] = ()  # of its rqt_multiplot files: /topic/field of x and of y
@@ -71,6 +73,7 @@ class Plan:
     uses: Tuple[str, ...] = ()  # packages that it names
     pillar: bool = False  # it names the course's world
     players: Tuple[str, ...] = ()  # arguments of its rosbag players, which are left out
+    digest: str = ""  # of what is started with which arguments and parameters
     # beside what its launch file says
     is_read: bool = False  # it can be loaded
     package_path: Optional[Path] = None  # folder of its package
@@ -106,7 +109,7 @@ def starter(
     """
     # by its path: a package of the submission may have this package's name
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
-    files = [file.name for file in COMPAT.glob("*/launch/*.launch")]
+    files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
     manifest = (share_folder() / "package.xml").resolve()
     own_places = [] if own is Own.ALL else [str(manifest), *map(str, programs())]
     ours = json.dumps([SIMULATOR_NODES, files, kept, own_places])
@@ -131,7 +134,9 @@ def read_events(path: Path) -> List[Event]:
 
 TOO_MANY = "too many events"
 # before a start, the worst first
-EVENTS = [Kind.LAUNCH_FILE, Kind.OWN_NODE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX]
+EVENTS = [
+    Kind.MISSING_INCLUDE, Kind.LAUNCH_FILE, Kind.OWN_NODE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX, Kind.SKIPPED,
+]  # fmt: skip
 _CALLBACK = re.compile(
     r"(?:\[ERROR\] \[[\d.]+(?:, (?P<at>[\d.]+))?\]: "
     r"bad callback: <(?:function|bound method) (?P<name>[\w.]{1,200})[^\n]{0,500}"
@@ -157,12 +162,23 @@ def exceptions_in(output: str) -> List[Note]:
     return notes
 
 
-def notes_on(events: Sequence[Event], output: str) -> List[Note]:
-    """Notes on what went wrong, each once, from events and from what was printed."""
+def notes_on(events: Sequence[Event], output: str, own: Collection[str] = ()) -> List[Note]:
+    """Notes on what went wrong, each once, from events and from what was printed.
+
+    Nodes of other packages than the submission's `own` are told apart, where these are known.
+    """
     notes = []
     for event in events:
         if event.event == "unloadable":
             notes.append(Note(Kind.LAUNCH_FILE, f"the launch file cannot be loaded: {event.error}"))
+        elif event.event == "no_include":
+            text = f"the launch file cannot be loaded: it includes {event.path}, which is not there"
+            notes.append(Note(Kind.MISSING_INCLUDE, text))
+        elif event.event == "skipped":
+            text = (
+                f"the <include> of {event.path} is skipped, since marking brings the simulator: {event.error}"
+            )
+            notes.append(Note(Kind.SKIPPED, text))
         elif event.event == "missing":
             text = f"package '{event.package}' is missing; the <{event.tag}> that needs it is left out"
             notes.append(Note(Kind.MISSING_PACKAGE, text))
@@ -175,7 +191,8 @@ def notes_on(events: Sequence[Event], output: str) -> List[Note]:
     notes.sort(key=lambda note: EVENTS.index(note.kind))
     for node in re.findall(r"ERROR: cannot launch node of type \[([^\]\n]{1,200})\]", output):
         text = f"node {node} cannot be started: no such package or program, or it is not executable"
-        notes.append(Note(Kind.NOT_STARTED, text))
+        is_own = not own or node.partition("/")[0] in own
+        notes.append(Note(Kind.NOT_STARTED if is_own else Kind.OTHERS_NODE, text))
     notes += exceptions_in(output)
     errors = re.findall(r"^[^\w\n]*((?:\w+\.)*\w*(?:Error|Exception)\b.*)$", output, re.MULTILINE)
     lines = _LINE.findall(output)
@@ -188,6 +205,10 @@ def notes_on(events: Sequence[Event], output: str) -> List[Note]:
             line = f" ({lines[-1][0]}:{lines[-1][1]})" if lines else ""
             why = f": {errors[-1][:200]}{line}" if errors and code else ""
             kind = Kind.NODE_ENDED if code == 0 else Kind.NODE_FAILED
+            if code is not None and code < 0 and code != -signal.SIGABRT:  # which prints why
+                kind = Kind.NODE_CRASHED
+            if own and event.package and event.package not in own:
+                kind = Kind.OTHERS_NODE
             notes.append(Note(kind, f"node {event.node} ends during the drive ({how}){why}"))
         elif event.event == TOO_MANY:
             text = f"it wrote more than {MAX_EVENTS} events; the first {MAX_EVENTS - 1} of them count"

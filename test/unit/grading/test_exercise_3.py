@@ -241,9 +241,14 @@ def test_points_grow_with_the_time_for_which_the_marker_is_right(share, points):
         ((10.0, 0.0, 0.0), {}, 20.0, "right 100 % of the time"),
         ((9.8, 0.0, 0.3), {}, 20.0, "right 100 % of the time"),
         ((10.1, 0.25, 1.2), {}, 20.0, "right 100 % of the time"),
-        ((0.0, 0.0, 0.0), {}, 0.0, "at (0.00, 0.00, 0.00), the pillar at (10.00, 0.00): 10.00 m too near"),
+        (
+            (0.0, 0.0, 0.0),
+            {},
+            0.0,
+            "at (0.00, 0.00, 0.00), the pillar at (10.00, 0.00): 9.80 m in front of the pillar",
+        ),
         ((10.0, 2.0, 0.0), {}, 0.0, "2.00 m too far left"),
-        ((9.0, 1.0, 0.0), {}, 0.0, "1.00 m too near and 1.00 m too far left"),
+        ((9.0, 1.0, 0.0), {}, 0.0, "0.80 m in front of the pillar and 1.00 m too far left"),
         ((10.0, 0.0, 3.4), {}, 0.0, "z is wrong, it is drawn from 3.20 to 3.60 m"),
         # no cliff in the distance and the height
         ((9.7, 0.0, 0.0), {}, 20.0, ""),
@@ -301,7 +306,7 @@ def test_the_fault_of_a_marker_is_named_as_it_is_in_the_code():
     whole_metres = judge_place(turning(lambda x, y: (np.trunc(x), np.trunc(y)), "base_link"))
     assert "whole metres" in whole_metres.evidence
     near = judge_place(turning(lambda x, y: (x - 1.5, y), "front_laser"))
-    assert "m too near, seen" in near.evidence
+    assert "m in front of the pillar, seen" in near.evidence
     assert near.hint.startswith("check header.frame_id")
     assert "base_link" not in near.hint
     assert "NaN" not in judge_place(turning(lambda x, y: (nan, y), problem="its alpha is 0")).hint

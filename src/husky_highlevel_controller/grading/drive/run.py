@@ -235,7 +235,11 @@ def drive(
             ended = Note(Kind.STALLED, "the simulator was ended")
         if is_guess and told().subscribed:
             note = listens_to(config)
-        notes = [Note(Kind.ROBOT, note)] * bool(note) + notes_on(read_events(events), submitted.output)
+        notes = [Note(Kind.ROBOT, note)] * bool(note) + notes_on(
+            read_events(events),
+            submitted.output,
+            (*submission.own, *submission.kept) if submission.own else (),
+        )
         notes += [Note(Kind.LIMIT, submitted.problem)] * bool(submitted.problem)
         write_whole(closing, record_to_json(Closing(tuple(notes), ended, _shortened(submitted.output))))
         if ended:

@@ -63,6 +63,11 @@ _OTHER_PYTHON = re.compile(rb"#!.*\bpython(?:(?:2(?:\.\d+)?)?\s*|3\s+)")
 _HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
 _NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]{1,100})"')
 _ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
+_RETURN = re.compile(
+    r"^(?P<where>[^\s:][^:\n]*:\d+)(?::\d+)?: warning: "
+    r"(?P<what>no return statement in function returning non-void|control reaches end of non-void function)",
+    re.MULTILINE,
+)
 _NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")  # it may be generated too late
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
@@ -246,6 +251,9 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
         notes.append(Note(Kind.BUILD, f"it does not build within {BUILD_DEADLINE:g} s"))
     elif code:
         notes.append(Note(Kind.BUILD, f"it does not build: {build_error(output, folders.root)}"))
+    if without := _RETURN.search(output.replace(f"{folders.root}/src/", "")):
+        text = f"{without['where']}: {without['what']}; a node ends there by a signal, or goes on somewhere"
+        notes.append(Note(Kind.MISSING_RETURN, text))
     places = [folders.root / "src", *[folders.setup] * folders.setup.exists()]
     # the sandbox would show a link's target, and marking would write into it
     if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path, PurePosixPath
-from typing import Any, Collection, Iterator, List, Mapping, Sequence, Tuple
+from typing import Any, Collection, FrozenSet, Iterator, List, Mapping, Sequence, Tuple
 
 from husky_highlevel_controller.grading.hand_in.build import Folders
 from husky_highlevel_controller.grading.hand_in.packages import (
@@ -16,6 +16,7 @@ from husky_highlevel_controller.grading.hand_in.packages import (
     Package,
     fits_exercise,
     nodes_in,
+    with_dependencies,
 )
 from husky_highlevel_controller.grading.hand_in.plan import plans
 from husky_highlevel_controller.grading.isolation.files import (
@@ -40,6 +41,7 @@ OTHER_USE = re.compile(  # trials, leftovers, and the course's exercise on local
 FILTER = "robot_localization"  # package whose node exercise 4 is about; a bag is played to it
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
 SCAN = re.compile(r"LaserScan|PointCloud2")
+MOTION = re.compile(r"LaserScan|PointCloud2|Twist")  # what names none of them does no exercise of a robot
 SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
 
 
@@ -53,6 +55,12 @@ class LaunchFile:
     plan: Plan
     nodes: Tuple[str, ...] = ()  # package/type, of the hand-in's packages
     scans: bool = False  # a package of its nodes names the lidar's messages
+    able: FrozenSet[str] = frozenset()  # the hand-in's packages that name scans or velocities
+
+    @property
+    def able_nodes(self) -> Tuple[str, ...]:
+        """Its nodes of able packages."""
+        return tuple(node for node in self.nodes if node.partition("/")[0] in self.able)
 
 
 def read_launch_files(
@@ -87,11 +95,13 @@ def read_launch_files(
         if len(files) != 1:
             fit = f"{override.launch!r}: {len(files)} fit it"
             raise NotMarkableError(f"marking.yaml names the launch file {fit}")
-    scanning = {
-        name
+    texts = {
+        name: [text for _, text in texts_in(folder, SOURCES, MAX_LAUNCH) if MOTION.search(text)]
         for name, folder in folders.items()
-        if any(SCAN.search(text) for _, text in texts_in(folder, SOURCES, MAX_LAUNCH))
     }
+    scanning = {name for name, found in texts.items() if any(map(SCAN.search, found))}
+    own = {package.name: package for package in packages if package.name in folders}
+    able = frozenset(name for name in own if any(texts[each] for each in with_dependencies({name}, own)))
     inside = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
     launchables = [
         Launchable("launch", name or next(iter(folders)), str(path), override.arguments)
@@ -106,7 +116,7 @@ def read_launch_files(
         owners = [name, *(node.partition("/")[0] for node in nodes), *folders]
         package = next(owner for owner in owners if owner in folders)
         scans = bool({node.partition("/")[0] for node in nodes} & scanning)
-        launch_files.append(LaunchFile(path, place, package, plan, nodes, scans))
+        launch_files.append(LaunchFile(path, place, package, plan, nodes, scans, able))
     return launch_files
 
 
@@ -117,9 +127,14 @@ def choose_launch_files(files: Sequence[LaunchFile], exercise: int) -> List[Laun
         NotMarkableError: there is none.
     """
     fitting = [file for file in files if file.nodes]
+    able = files[0].able if files and exercise != BAG_EXERCISE else frozenset()
+    if able:  # a tutorial's node never stands in for the controller
+        fitting = [file for file in fitting if file.able_nodes]
     if not fitting:
         names = ", ".join(sorted(str(file.place) for file in files)[:20]) or "none"
         what = "ekf_localization_node" if exercise == BAG_EXERCISE else "a node of the hand-in"
+        if able:
+            what = f"a node of {', '.join(sorted(able))}"
         off = [f"{n} is commented out in {each.place}; " for each in files for n in nodes_in(each.path, True)]
         raise NotMarkableError(f"no launch file starts {what}; {''.join(off[:3])}launch files: {names}")
     return sorted(fitting, key=lambda file: _rank(file, exercise))
@@ -133,6 +148,15 @@ def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int)
     merits += ["uses the world singlePillar"] * launch.plan.pillar + ["starts RViz"] * bool(launch.plan.rviz)
     choice = f" (chosen of {len(candidates)})" if len(candidates) > 1 else ""
     return f"launch file {launch.place}: {', '.join(merits)}{choice}"
+
+
+def equal_launch_files(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> List[str]:
+    """Places of other launch files that fit as well as the chosen one, and start something else."""
+    return [
+        str(other.place)
+        for other in candidates
+        if other.plan.digest != launch.plan.digest and _merits(other, exercise) == _merits(launch, exercise)
+    ]
 
 
 def _launch_files(
@@ -160,13 +184,15 @@ def _launch_files(
 
 
 def _rank(file: LaunchFile, exercise: int) -> Tuple[Any, ...]:
+    """Smaller is better; of equals the one whose place is shorter, then the first by name."""
+    return *_merits(file, exercise), len(file.place.parts), str(file.place)
+
+
+def _merits(file: LaunchFile, exercise: int) -> Tuple[bool, ...]:
     """Smaller is better. The pillar is exercise 3's world, so that it says less of another exercise."""
     fits, name = fits_exercise(file.place, exercise), str(file.place)
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
     order = (content, -fits) if exercise == 3 else (-fits, content)
     starts_filter = any(node.startswith(f"{FILTER}/") for node in file.nodes)
     other_use = not starts_filter if exercise == BAG_EXERCISE else bool(OTHER_USE.search(file.place.name))
-    return (
-        fits == 0, other_use, *order, not CONTROLLER.search(file.place.name),
-        not file.plan.rviz, len(file.place.parts), name,
-    )  # fmt: skip
+    return fits == 0, other_use, *order, not CONTROLLER.search(file.place.name), not file.plan.rviz

@@ -21,9 +21,11 @@ from husky_highlevel_controller.grading.isolation.files import (
     walk,
 )
 from husky_highlevel_controller.grading.records import ROBOT_TITLES, SMB
-from husky_highlevel_controller.grading.submission import Plan
+from husky_highlevel_controller.grading.submission import Plan, RvizNode
 from husky_highlevel_controller.paths import share_folder
 
+_COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
+_ATTRIBUTE = re.compile(r"""\b(pkg|name|args)\s*=\s*["']([^"'<>]*)""")
 _NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
 
 
@@ -39,11 +41,13 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
     """
     planned = _without_the_simulators(planned)
     remaps: Sequence[Tuple[str, str]] = ()
+    missing = ""
     for node in planned.rviz[:1]:
         remaps = node.remap
         path = _display_config(node.args)
         if path is not None and is_regular(path) and (root is None or is_below(path, root)):
             return _config(f"its rviz node, {path.name}", path, remaps)
+        missing = str(path or "")
     folder = planned.package_path
     files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
     if folder and launch_file:
@@ -54,7 +58,7 @@ def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = ""
             return _config(source, files[0], remaps)
         files = [path for path in files if path.name not in elsewhere]
     configs = [_config(path.name, path, remaps) for path in files]
-    return max(configs, key=_wanted_displays, default=RvizConfig(started=bool(planned.rviz)))
+    return max(configs, key=_wanted_displays, default=RvizConfig(started=bool(planned.rviz), missing=missing))
 
 
 def _without_the_simulators(planned: Plan) -> Plan:
@@ -75,7 +79,30 @@ def files_of_others(planned: Plan, launch_file: str) -> List[str]:
     """Sentences on .rviz files of a package that belong to other launch files than this one."""
     folder = planned.package_path
     named = _named_by_others(folder, launch_file, not planned.rviz) if folder else {}
-    return [f"{name} belongs to {path.name}, and is not looked at" for name, path in named.items()]
+    there = {path.name for path in walk(folder)} if folder else set()
+    return [
+        f"{name} belongs to {path.name}, and is not looked at"
+        for name, path in named.items()
+        if name in there
+    ]
+
+
+def rviz_nodes_in(launch_file: Path, package: Path) -> Tuple[RvizNode, ...]:
+    """Return the rviz nodes that the text of a launch file names, where roslaunch cannot load it.
+
+    The folder of a package has its name.
+    """
+    try:
+        text = _COMMENT.sub("", read_text(launch_file, MAX_FILE))
+    except UnreadableFileError:
+        return ()
+    nodes = [dict(_ATTRIBUTE.findall(node)) for node in re.findall(r"<node\b([^<>]{0,2000})", text)]
+    find = re.compile(rf"\$\(find +{re.escape(package.name)} *\)")
+    return tuple(
+        RvizNode(node.get("name", "rviz"), find.sub(lambda _: str(package), node.get("args", "")), ())
+        for node in nodes
+        if node.get("pkg") == "rviz"
+    )
 
 
 def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Dict[str, Path]:

@@ -34,7 +34,10 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,99}")  # it becomes the name of fol
 _COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
 _ATTRIBUTE = re.compile(r"""\b(pkg|type)\s*=\s*["']([^"']*)""")
 _NUMBERS = {"one": 1, "two": 2, "three": 3, "four": 4, "five": 5, "six": 6}
-_WORD = r"(?:exercises?|exercice|exo|ex|course|session|uebung|\u00fcbung|task|homework|hw|lab|tp|sheet)"
+# also as it is misspelt
+_WORD = (
+    r"(?:exc?er[cs]i[cs]es?|exo|exe?|course|session|uebung|\u00fcbung|aufgabe|task|homework|hw|lab|tp|sheet)"
+)
 _COUNT = r"0*([1-9]\d?|" + "|".join(_NUMBERS) + r")(?![\da-z])"
 # exercise_3, Ex3, 5th_ex, or a number alone; but ENSTA's session 2 is the pillar's
 _EXERCISE = re.compile(
@@ -199,8 +202,21 @@ def choose_packages(
 
 
 def copies_of_known(packages: Sequence[Package]) -> List[Package]:
-    """Packages of COPIED, each name once: they are not built, but their files are found."""
-    return list({each.name: each for each in reversed(packages) if each.name in COPIED}.values())
+    """Known packages that a hand-in puts its own into, each name once: not built, but their files are found.
+
+    These are COPIED, and those with a launch file that starts a node of the hand-in.
+    """
+    own = {each.name for each in packages} - KNOWN
+    copies = [
+        each for each in packages if each.name in COPIED or (each.name in KNOWN and _launched(each) & own)
+    ]
+    return list({each.name: each for each in reversed(copies)}.values())
+
+
+def _launched(package: Package) -> Set[str]:
+    """Names of the packages whose nodes the launch files of a package start, by their texts."""
+    files = [path for path in walk(package.path, BUILT) if file_suffix(path) == ".launch"]
+    return {node.partition("/")[0] for path in files for node in nodes_in(path)}
 
 
 def with_dependencies(names: Set[str], packages: Dict[str, Package]) -> Set[str]:
@@ -217,10 +233,14 @@ def _rank(package: Package, exercise: int) -> Tuple[Any, ...]:
     """Smaller is better: folders come before archives, outer ones before inner."""
     in_archive = any(suffix_of(part) for part in package.place.parts)
     fits, files = fits_exercise(package.place, exercise), list(walk(package.path, BUILT))
-    launch_files = [path for path in files if file_suffix(path) == ".launch"]
-    launched = {node for path in launch_files for node in nodes_in(path)}
-    starts = any(node.partition("/")[0] == package.name for node in launched)
-    return -fits, not starts, in_archive, -len(files), len(package.place.parts), str(package.place)
+    return (
+        -fits,
+        package.name not in _launched(package),
+        in_archive,
+        -len(files),
+        len(package.place.parts),
+        str(package.place),
+    )
 
 
 def nodes_in(launch_file: Path, in_comments: bool = False) -> Tuple[str, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Sequence, Tuple
+from typing import List, Tuple
 
 from husky_highlevel_controller.config import to_json
 from husky_highlevel_controller.grading.hand_in.build import Folders, build, copy_packages, is_built
@@ -12,6 +12,7 @@ from husky_highlevel_controller.grading.hand_in.launch_choice import (
     FILTER,
     LaunchFile,
     choose_launch_files,
+    equal_launch_files,
     read_launch_files,
     reasons,
 )
@@ -21,6 +22,7 @@ from husky_highlevel_controller.grading.hand_in.package_files import (
     find_setup,
     named_bag,
     named_robot,
+    rviz_nodes_in,
 )
 from husky_highlevel_controller.grading.hand_in.packages import (
     BUILT,
@@ -77,6 +79,8 @@ def prepare(job: Job) -> Submission:
         submission = Submission(job.launchable, workspace)
         planned = plan(job.launchable, workspace, out / "plan", kept)
     launch_file = submission.launchable.name if submission.launchable.kind == "launch" else ""
+    if launch_file and not planned.is_read and planned.package_path:
+        planned = replace(planned, rviz=rviz_nodes_in(Path(launch_file), planned.package_path))
     rviz = find_setup(planned, submission.root, launch_file)
     others = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
     robot, names_robot = (named_bag if kept else named_robot)(planned)
@@ -184,17 +188,23 @@ def _prepare_choice(
     needed = set(launch.plan.uses if launch else ()) & set(by_name) or set(by_name)
     built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
     for other in candidates[1:MAX_TRIED]:
-        if launch is None or _is_any_built(launch.nodes, folders):
+        if launch is None or _is_any_built(launch, folders):
             break
         needed |= set(other.plan.uses) & set(by_name)
         rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
-        if _is_any_built(other.nodes, folders):
+        if _is_any_built(other, folders):
             notes.append(f"launch file {launch.place} is passed over: {', '.join(launch.nodes)} is not built")
             launch, built = other, rebuilt
     workspace = replace(built.workspace, packages=(*built.workspace.packages, *copies.packages.values()))
     workspace = with_filter(workspace) if kept else workspace
+    equals: List[str] = []
     if launch and not override.launch:
         notes.append(reasons(launch, candidates, exercise))
+        equals = equal_launch_files(launch, candidates, exercise)
+    if launch and equals:
+        lines = ", ".join(f"`launch: {place}`" for place in equals)
+        notes.append(f"other launch files fit as well; to mark one of them, write into marking.yaml: {lines}")
+        equals.insert(0, str(launch.place))
     if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
         notes.append("RViz's configuration lies beside the packages")
     if launch is None:
@@ -207,15 +217,20 @@ def _prepare_choice(
     if not planned.is_read:  # it may need what was built
         planned = plan(launchable, workspace, out / "plan", kept)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
-    nodes = launch.nodes if launch else (f"{launchable.package}/{launchable.name}",)
-    is_any_built = _is_any_built(nodes, folders)
+    node_is_built = is_built(f"{launchable.package}/{launchable.name}", folders)
+    is_any_built = _is_any_built(launch, folders) if launch else node_is_built
     problem = () if is_any_built else tuple(note for note in built.notes if note.kind is Kind.BUILD)
     all_notes = (*(Note(Kind.HAND_IN, each) for each in notes), *built.notes)
-    return Submission(launchable, workspace, folders.root, (), problem, all_notes), planned
+    submission = Submission(
+        launchable, workspace, folders.root, problem=problem, notes=all_notes, own=tuple(by_name),
+        equals=tuple(equals),
+    )  # fmt: skip
+    return submission, planned
 
 
-def _is_any_built(nodes: Sequence[str], folders: Folders) -> bool:
-    return any(is_built(node, folders) for node in nodes)
+def _is_any_built(launch: LaunchFile, folders: Folders) -> bool:
+    """Whether a node that may drive the robot is built; where the hand-in has none, any node."""
+    return any(is_built(node, folders) for node in launch.able_nodes or launch.nodes)
 
 
 def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:

@@ -17,6 +17,7 @@ from husky_highlevel_controller.grading.isolation.files import (
     read_text,
     write_whole,
 )
+from husky_highlevel_controller.grading.isolation.places import hide_places
 from husky_highlevel_controller.grading.recording import ADD, Recording, drive_folders
 from husky_highlevel_controller.grading.records import MarkingResult, printable
 from husky_highlevel_controller.grading.reports.exports import write_exports
@@ -162,7 +163,7 @@ def _logs(out: Path) -> Dict[str, str]:
         with suppress(UnreadableFileError):
             text = COLOURS.sub("", read_text(path)[-MAX_LOG:].strip())
             if text:
-                texts[title] = "\n".join(map(printable, text.splitlines()))
+                texts[title] = "\n".join(map(printable, hide_places(text, [out]).splitlines()))
     return texts
 
 

@@ -8,12 +8,17 @@ from typing import List, Sequence
 
 import numpy as np
 
-from husky_highlevel_controller.grading.displays import RvizView
+from husky_highlevel_controller.grading.displays import SCAN, RvizView
 from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.recording import Recording
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules
 from husky_highlevel_controller.grading.rubrics.causes import NO_SCANS, causes, with_cause
-from husky_highlevel_controller.grading.rubrics.exercise_3 import DISPLAYS, without_config
+from husky_highlevel_controller.grading.rubrics.exercise_3 import (
+    SAVED,
+    find_display_fault,
+    hint_on_view,
+    without_config,
+)
 from husky_highlevel_controller.grading.rubrics.items import forfeited, weighted
 
 ITEMS = (
@@ -48,7 +53,8 @@ def judge_output(recording: Recording) -> Item:
         evidence = (
             f"{len(printed)} lines with a range between {low:.2f} and {high:.2f} m, wanted {LEAST_LINES}"
         )
-        return replace(item, evidence=evidence, hint=PRINT)
+        numbers = any(_NUMBER.search(_PREFIX.sub("", line)) for line in recording.output.splitlines())
+        return replace(item, evidence=evidence, hint=MINIMUM if numbers else PRINT)
     evidence = f"{len(printed)} lines, from {printed[0]:.2f} to {printed[-1]:.2f} m; "
     evidence += f"measured {high:.2f} to {low:.2f} m"
     follows = max(printed) - min(printed) >= SPAN * (high - low) and printed[0] > printed[-1]
@@ -71,15 +77,17 @@ def judge_parameters(recording: Recording) -> Item:
 
 def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
     """RViz shows the scan (10) in odom (5)."""
-    item = Item(ITEMS[3], 0.0, 15.0, "", hint=DISPLAYS, subject=Subject.DISPLAYS)
+    item = Item(ITEMS[3], 0.0, 15.0, "", subject=Subject.DISPLAYS)
     if not view.source:
         return without_config(item, view, rules)
     if view.problem:
-        return replace(item, evidence=view.problem)
-    is_visible = view.scan and scan_topic in view.topics
-    evidence = f"{view.source}: laser scan {'' if is_visible else 'not '}to be seen"
-    evidence += f", fixed frame '{view.fixed_frame}'"
-    return replace(item, points=(10.0 + 5.0 * (view.fixed_frame == "odom")) * is_visible, evidence=evidence)
+        return replace(item, evidence=view.problem, hint=hint_on_view(view))
+    if not (view.scan and scan_topic in view.topics):
+        evidence, hint = find_display_fault(view, SCAN, scan_topic)
+        return replace(item, evidence=f"{view.source}: {evidence}", hint=f"{hint}, {SAVED}")
+    evidence = f"{view.source}: laser scan to be seen, fixed frame '{view.fixed_frame}'"
+    points = 10.0 + 5.0 * (view.fixed_frame == "odom")
+    return replace(item, points=points, evidence=evidence, hint=f"set the fixed frame to odom, {SAVED}")
 
 
 def judge_exercise_2(

@@ -11,7 +11,13 @@ from husky_highlevel_controller.grading.displays import RvizView
 from husky_highlevel_controller.grading.notes import Subject
 from husky_highlevel_controller.grading.recording import Call, Recording
 from husky_highlevel_controller.grading.records import DEFAULT_RULES, Item, Rules
-from husky_highlevel_controller.grading.rubrics.causes import causes, first_cause, hint_on, with_cause
+from husky_highlevel_controller.grading.rubrics.causes import (
+    MEMBER,
+    causes,
+    first_cause,
+    hint_on,
+    with_cause,
+)
 from husky_highlevel_controller.grading.rubrics.items import forfeited, weighted
 
 ITEMS = (
@@ -24,7 +30,11 @@ BEFORE = 0.5  # [s], simulated, before a call: what the robot did then counts as
 SETTLED, CALM = 1.5, 4.0  # [s], simulated, after a call's answer: from when to when it is looked at
 SLOW, FAST = 0.05, 0.1  # [m/s]: stands, drives
 # hints
-SERVICE = "advertise a service of type std_srvs/SetBool in the constructor"
+SERVICE = f"advertise a service of type std_srvs/SetBool in the constructor, and {MEMBER}"
+NEITHER = (
+    "keep the request in a member, and let each callback of the scans send a zero twist while it says stop; "
+    "see that no other node of yours calls the service, or sends velocities as well"
+)
 STOP = "keep the request in a member, and let each callback of the scans send a zero twist while it says stop"
 START = "let the other request clear that member, so that the scans' callback drives again"
 
@@ -62,6 +72,9 @@ def judge_calls(recording: Recording) -> List[Item]:
     if not effects:
         why = f"{name}: the drive ended before its effect was to be seen: for a person"
         return [replace(item, points=None, evidence=why) for item in (stop, start)]
+    driven = [effect for effect in effects if effect.before >= FAST]
+    if driven and not any(effect.stopped for effect in driven):
+        return _neither_stops(stop, start, name, driven)
     stops = _stopping_value(effects)
     stop = _judge_stops(stop, name, [effect for effect in effects if effect.call.data is stops])
     if not any(effect.before >= FAST for effect in effects):
@@ -73,6 +86,18 @@ def judge_calls(recording: Recording) -> List[Item]:
         if effect.call.data is not stops and number and effects[number - 1].stopped
     ]
     return [stop, _judge_starts(start, name, starts)]
+
+
+def _neither_stops(stop: Item, start: Item, name: str, driven: Sequence[Effect]) -> List[Item]:
+    """Items of a robot that drives on after every call, whichever value was sent."""
+    speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in driven[:2]]
+    told = f" ({driven[0].call.answer})" * (not driven[0].call.success and bool(driven[0].call.answer))
+    evidence = f"{name}: neither value stops it: {', '.join(speeds)}{told}"
+    stop = replace(stop, evidence=evidence, at=driven[0].call.at, hint=NEITHER)
+    return [
+        stop,
+        replace(start, evidence=f"{name}: no call had stopped it, so none could start it", hint=NEITHER),
+    ]
 
 
 def _stopping_value(effects: Sequence[Effect]) -> bool:

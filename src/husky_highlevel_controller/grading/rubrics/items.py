@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import List, Sequence
+from typing import Dict, List, Sequence
 
 import numpy as np
 
@@ -30,7 +30,7 @@ def over_trials(items: Sequence[Item], other_worlds: float) -> Item:
     mean = float(np.mean(further))
     points = round((1.0 - other_worlds) * first + other_worlds * mean, 1)
     evidence = f"{worst.evidence}; likewise in {len(further)} other worlds"
-    if not worst.full:
+    if max(scores) > min(scores):
         evidence = (
             f"{worst.evidence} (drive {number + 1}; of {worst.max_points:g} points {first:g} in the course's"
         )
@@ -53,15 +53,39 @@ def forfeited(items: Sequence[Item], recordings: Sequence[Recording]) -> List[It
 
 def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
     """Items of a submission whose behaviour is chance: a person judges what was driven."""
-    judged, reason = [], f"{cause}, so that it drives by chance"
+    judged, reason, first = [], f"{cause}, so that it drives by chance", [INITIALISE]
     for item in items:
         if item.points is not None and item.subject is not Subject.DISPLAYS:
             evidence = f"for a person: {reason}; in our drive: {item.evidence} ({item.points:g} points)"
-            hint = "; then ".join([INITIALISE, *[item.hint] * bool(item.hint)])
+            hint = "; then ".join([*first, *[item.hint] * bool(item.hint)])
             item = replace(item, points=None, evidence=evidence, hint=hint)
-            reason = "by chance, as above"
+            reason, first = "by chance, as above", []
         judged.append(item)
     return judged
+
+
+def left_to_choice(items: Sequence[Item], launch_files: Sequence[str]) -> List[Item]:
+    """Items of which a person judges those that lost points by the first of several equal launch files."""
+    started, *others = launch_files
+    reason = f"its launch files {started} and {', '.join(others)} fit alike, and {started} was started"
+    judged = []
+    for item in items:
+        if item.points is not None and not item.full:
+            evidence = f"for a person: {reason}: {item.evidence} ({item.points:g} points)"
+            item, reason = replace(item, points=None, evidence=evidence), "by this choice"
+        judged.append(item)
+    return judged
+
+
+def told_once(items: Sequence[Item]) -> List[Item]:
+    """Items, of which a later one with an earlier one's hint refers to that one."""
+    first: Dict[str, str] = {}
+    return [
+        replace(item, hint=f"the same as for '{first[item.hint]}'")
+        if item.hint and first.setdefault(item.hint, item.name) != item.name
+        else item
+        for item in items
+    ]
 
 
 def weighted(items: Sequence[Item], rules: Rules) -> List[Item]:

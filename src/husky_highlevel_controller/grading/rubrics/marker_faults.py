@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import atan2, cos, hypot, sin
-from typing import NamedTuple, Optional, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -13,10 +13,11 @@ from husky_highlevel_controller.grading.recording import MarkerSample, Recording
 from husky_highlevel_controller.grading.records import Rules
 from husky_highlevel_controller.robot import load_robot
 
-FEW = 3  # markers that show no fault yet
+FEW = 3  # markers or moments that decide nothing about points yet
 MOSTLY = 0.8  # of the wrong markers off the axis must have a fault
 IMAGE_SLOPE = 0.1  # [m/m], error by distance at which a marker is still at an image of the pillar
 EXACT = 0.05  # [m], of a coordinate that is 0, or a whole number of metres
+THERE = 0.15  # [m], from a place at which a marker is
 ALONG = 0.35  # [m], of a distance that is right
 OUT_OF_THE_WORLD = 1e6  # [m], of a coordinate: a number of no meaning
 HEIGHT_MARGIN = 0.3  # [m], above and below the pillar, for all points
@@ -26,6 +27,8 @@ FAULTS = {
     Kind.WHOLE_METRES: "its coordinates are whole metres",
     Kind.SWAPPED: "x and y are swapped",
     Kind.OTHER_BEAM: "its distance is right, its angle is not",
+    Kind.AT_ORIGIN: "it is at the origin of its frame",
+    Kind.NO_RETURN: "it is on the lidar where no beam has a return",
 }
 CHECK = "check header.frame_id and header.stamp, and the pillar's position in that frame"
 HINTS = {
@@ -37,6 +40,12 @@ HINTS = {
     Kind.OTHER_BEAM: "angle = angle_min + index * angle_increment, with the index of the nearest valid range",
     Kind.IN_BASE_LINK: f"{CHECK}: the lidar is not in base_link's origin",
     Kind.NOT_A_NUMBER: "leave out ranges that are inf or NaN before you compute the position",
+    Kind.AT_ORIGIN: "set pose.position from the nearest valid range and its angle before you publish it",
+    Kind.NO_RETURN: "where no beam has a return the marker sits on the lidar: publish none then",
+    Kind.WRONG_HEIGHT: "check pose.position.z and scale.z: z is 0 at the height of header.frame_id",
+    Kind.INVISIBLE: "RViz draws no such marker: mend what is named here",
+    Kind.DELETED: "give it a longer lifetime, or do not delete it before the next one comes",
+    Kind.OLD_ONES: "send each marker with the same ns and id: with another one the old markers stay in RViz",
 }
 
 
@@ -54,17 +63,28 @@ class Seen(NamedTuple):
         return hypot(self.x - x, self.y - y) <= self.slack
 
 
-def find_fault(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) -> Optional[Kind]:
-    """The kind of fault that most wrong markers have; None: none that is known."""
-    if float(np.mean([not marker.finite for marker in wrong])) >= MOSTLY:
+def find_fault(
+    recording: Recording, wrong: Sequence[MarkerSample], are_all: bool, rules: Rules
+) -> Optional[Kind]:
+    """The kind of fault that most wrong markers have; None if none is known.
+
+    Args:
+        recording: of the drive.
+        wrong: markers, at least one.
+        are_all: no other marker came.
+        rules: of the rubric.
+    """
+    if _mostly([not marker.finite for marker in wrong]):
         return Kind.NOT_A_NUMBER
-    seen = [
-        _seen(recording, marker, rules)
-        for marker in wrong
-        if not marker.problem and is_off_axis(recording, marker.at, rules)
-    ]
-    if len(seen) >= FEW:
-        mount = load_robot(recording.robot).lidar_mount
+    drawn = [marker for marker in wrong if not marker.problem]
+    if not drawn:
+        return Kind.INVISIBLE
+    mount = load_robot(recording.robot).lidar_mount
+    if _mostly([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
+        is_blind = _mostly([_smallest_range(recording, marker) == np.inf for marker in drawn])
+        return Kind.NO_RETURN if is_blind and not are_all else Kind.AT_ORIGIN
+    seen = off_axis(recording, wrong, rules)
+    if seen:
         ahead = 0.0 if wrong[0].frame == "base_link" else mount.x
         turned = wrong[0].frame != "odom"
         tests = {
@@ -83,10 +103,56 @@ def find_fault(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules
             Kind.OTHER_BEAM: lambda each: abs(hypot(each.x, each.y) - each.distance) <= ALONG,
         }
         for kind, test in tests.items():
-            if float(np.mean([test(each) for each in seen])) >= MOSTLY:
+            if _mostly([test(each) for each in seen]):
                 return kind
-    mount_is_away = abs(load_robot(recording.robot).lidar_mount.x) > EXACT
-    return Kind.IN_BASE_LINK if wrong[0].frame == "base_link" and mount_is_away else None
+    if _mostly([_is_short_of_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
+        return Kind.IN_BASE_LINK
+    height, slack = recording.pillar_size.height, rules.marker_full + slack_of(recording, 0.0, rules)
+    is_too_high = [
+        distance_to_pillar(recording, each) <= slack and height_score(each, height) < 1.0 for each in drawn
+    ]
+    return Kind.WRONG_HEIGHT if _mostly(is_too_high) else None
+
+
+def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) -> List[Seen]:
+    """Wrong markers that are drawn while the pillar is off the robot's axis: only these show which way."""
+    return [
+        _seen(recording, marker, rules)
+        for marker in wrong
+        if not marker.problem and is_off_axis(recording, marker.at, rules)
+    ]
+
+
+def _mostly(tests: Sequence[bool]) -> bool:
+    return float(np.mean(tests)) >= MOSTLY
+
+
+def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> bool:
+    """Whether a marker is on the lidar, `mount` [m] ahead of base_link, or at the origin of its frame."""
+    x, y = _from_robot(recording, marker.position, marker.stamp or marker.at)
+    start = recording.start
+    dx, dy = marker.position[0] - start.x, marker.position[1] - start.y
+    on_robot = (0.0, mount) if marker.frame == "base_link" else (mount,)
+    return min(hypot(x - ahead, y) for ahead in on_robot) <= THERE or (
+        marker.frame == "odom" and hypot(dx, dy) <= THERE
+    )
+
+
+def _smallest_range(recording: Recording, marker: MarkerSample) -> float:
+    """The smallest valid range [m] of the scan before a marker came; inf if no beam had a return."""
+    before = recording.nearest[recording.nearest[:, 0] <= marker.at + 1e-6]
+    return float(before[-1, 1]) if len(before) else 0.0
+
+
+def _is_short_of_the_mount(recording: Recording, marker: MarkerSample, mount: float, rules: Rules) -> bool:
+    """Whether a marker in base_link were right if it was as far ahead as the lidar is."""
+    if marker.frame != "base_link" or abs(mount) <= EXACT:
+        return False
+    at = marker.stamp or marker.at
+    distance, bearing = pillar_from_robot(recording, at)
+    x, y = _from_robot(recording, marker.position, at)
+    off = hypot(x + mount - distance * cos(bearing), y - distance * sin(bearing))
+    return off <= rules.marker_full + slack_of(recording, distance, rules)
 
 
 def _seen(recording: Recording, marker: MarkerSample, rules: Rules) -> Seen:
@@ -158,7 +224,9 @@ def fault_text(recording: Recording, marker: MarkerSample) -> str:
     across = left * cos(bearing) - ahead * sin(bearing)
     parts = []
     if 2.0 * abs(along) >= abs(across):
-        parts.append(f"{abs(along):.2f} m too {'far' if along > 0.0 else 'near'}")
+        # a marker on the pillar's side is as right as one on its axis
+        gap = max(abs(along) - recording.pillar_size.radius, 0.0)
+        parts.append(f"{gap:.2f} m {'behind' if along > 0.0 else 'in front of'} the pillar")
     if 2.0 * abs(across) >= abs(along):
         parts.append(f"{abs(across):.2f} m too far {'left' if across > 0.0 else 'right'}")
     return f"{text}: {' and '.join(parts)}, seen from the robot"

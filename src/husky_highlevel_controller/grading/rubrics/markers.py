@@ -20,11 +20,13 @@ from husky_highlevel_controller.grading.recording import (
 from husky_highlevel_controller.grading.records import Rules
 from husky_highlevel_controller.grading.rubrics.marker_faults import (
     FAULTS,
+    FEW,
     distance_to_pillar,
     fault_text,
     find_fault,
     height_score,
     is_off_axis,
+    off_axis,
     pillar_from_robot,
     slack_of,
 )
@@ -35,7 +37,6 @@ TOUCHING = 0.5  # score of such a shape
 MOST = 0.5  # of what is drawn in a namespace must be right at a moment
 MAX_SERIES = 6  # topics and namespaces that are judged apart; where more came, all that is drawn is judged
 ALWAYS, NEVER = 0.8, 0.2  # of the time, for all points and for none; linear in between
-FEW = 3  # moments that make no group yet
 
 
 @dataclass(frozen=True)
@@ -75,12 +76,12 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     invisible = [marker for marker in added if marker.problem]
     if len(invisible) == len(added):
         evidence = f"{name}: not to be seen: {invisible[0].problem}"
-        fault = Kind.NOT_A_NUMBER if not invisible[0].finite else None
-        return Placement(0.0, evidence, invisible[0].at, fault)
+        kind = Kind.INVISIBLE if invisible[0].finite else Kind.NOT_A_NUMBER
+        return Placement(0.0, evidence, invisible[0].at, kind)
     scores = {id(marker): score_of(recording, marker, rules) for marker in added}
     moments = _moments(markers, scores)
     if not moments:
-        return Placement(0.0, f"{name}: deleted as soon as it comes", first.at)
+        return Placement(0.0, f"{name}: deleted as soon as it comes", first.at, Kind.DELETED)
     groups = _by_axis(recording, moments, rules)
     score = _score(groups)
     full = sum(moment >= 1.0 for _, moment in moments) / len(moments)
@@ -93,9 +94,10 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     if len(groups) > 1:
         parts = [f"{100.0 * _share(group):.0f} % {axis}" for axis, group in groups.items()]
         evidence += f"; near enough for points: {', '.join(parts)}"
-    fault = find_fault(recording, [marker for marker in added if scores[id(marker)] < 1.0], rules)
+    all_wrong = [marker for marker in added if scores[id(marker)] < 1.0]
+    fault = find_fault(recording, all_wrong, len(all_wrong) == len(added), rules)
     if fault is Kind.MIRRORED:
-        score = min(score, 0.5)
+        score = min(score, 0.5) if len(off_axis(recording, all_wrong, rules)) >= FEW else score
         hangs = ", for this laser hangs upside down" * load_robot(recording.robot).lidar_mount.upside_down
         evidence = f"mirrored: y has the wrong sign{hangs}; {evidence}"
     elif fault in FAULTS:
@@ -104,6 +106,8 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     crowd = len({(marker.topic, marker.namespace, marker.id) for marker in added})
     series = len({(marker.topic, marker.namespace) for marker in added})
     if crowd > 1:
+        if len(all_wrong) <= (1.0 - MOST) * len(added):
+            fault = fault or Kind.OLD_ONES
         holder = f"namespace '{first.namespace}'" if series == 1 else f"{series} topics and namespaces"
         evidence += f"; {crowd} markers in {holder}, half of those drawn must be right"
     return Placement(score, evidence, wrong.at, fault)

@@ -38,6 +38,7 @@ from husky_highlevel_controller.grading.recording import (
     Assignment,
     Closing,
     Status,
+    ahead_and_turn,
     closed,
     is_zero,
     pose_jumps,
@@ -75,6 +76,7 @@ class DriveRecorder:
         self._end = DriveEnd(self._known.pillar, self._known.robot)
         self._commands: List[float] = []
         self._command_count = self._zero_count = 0
+        self._fastest = self._sharpest = 0.0
         self._nearest: List[Tuple[float, float]] = []
         self._scans: List[Scan] = []
         self._watch = MarkerWatch(lambda: self._now, self._task.packages)
@@ -165,6 +167,8 @@ class DriveRecorder:
             return
         self._command_count += 1
         self._zero_count += is_zero(msg._buff)
+        ahead, turn = ahead_and_turn(msg._buff)
+        self._fastest, self._sharpest = max(self._fastest, ahead), max(self._sharpest, turn)
         now = self._now
         if not self._commands or self._commands[-1] < now:
             self._commands.append(now)
@@ -287,6 +291,8 @@ class DriveRecorder:
             commands=np.array(self._commands),
             command_count=self._command_count,
             zero_count=self._zero_count,
+            fastest=self._fastest,
+            sharpest=self._sharpest,
             nearest=np.array(self._nearest).reshape(-1, 2),
             hits=scan_hits(self._scans, times, poses, self._known.robot),
             markers=self._watch.samples(times, [row.pose_in_world for row in truth], self._known.pillar),
