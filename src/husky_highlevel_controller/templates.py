@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import base64
+import re
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Mapping, Optional
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from husky_highlevel_controller.config import to_json
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.result import Result
+
+_OPTION = re.compile(r"(?<![\w&#;-])--?\w[\w-]*")  # on a command line
 
 
 def render(template: str, **values: Any) -> str:
@@ -28,6 +31,11 @@ def write_page(result: Result, folder: Path, pictures: Optional[Mapping[str, byt
     return page
 
 
+def unbroken_options(text: str) -> Markup:
+    """Return a text as HTML, in which no line breaks after the hyphen of an option such as -d."""
+    return Markup(_OPTION.sub(r'<span class="unbroken">\g<0></span>', str(escape(text))))
+
+
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
     folder = share_folder() / "web" / "templates"
@@ -38,6 +46,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["unbroken"] = unbroken_options
     environment.globals.update(
         style=Markup((folder / "style.css").read_text(encoding="utf-8")),
         script=lambda name: Markup((folder / name).read_text(encoding="utf-8")),

@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 from concurrent.futures import ProcessPoolExecutor as Pool
 from dataclasses import replace
 from functools import partial
@@ -23,6 +24,7 @@ from husky_highlevel_controller.grading import mark as mark_module
 from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
 from husky_highlevel_controller.grading.records import Job, Launchable
 from husky_highlevel_controller.grading.reports.files import load_result
+from husky_highlevel_controller.paths import share_folder
 
 PACKAGE = "husky_highlevel_controller"
 GRADE = ["rosrun", PACKAGE, "grade"]
@@ -111,6 +113,16 @@ def test_who_is_judged_by_a_kept_recording_gets_the_same_by_driving_and_is_recor
         check(name, results[name])
         assert starts(tmp_path / name) <= 2, "once for its drive, and once more"
     assert starts(tmp_path / "listens_to_laser") == 2, "its files name no robot"
+
+
+def test_no_page_for_a_student_names_a_folder_of_this_machine(results, tmp_path_factory):
+    assert results
+    folders = [tmp_path_factory.getbasetemp(), Path(sys.prefix), share_folder(), Path.home()]
+    pages = list(tmp_path_factory.getbasetemp().glob("out*/*/feedback.html"))
+    assert len(pages) >= len(results)
+    for page in pages:
+        text = page.read_text()
+        assert not [folder for folder in folders if f"{folder}/" in text], page
 
 
 def test_nobody_is_left_of_them(results, tmp_path_factory):

@@ -60,11 +60,15 @@ def mark(job: Job) -> MarkingResult:
         config = replace(job.config, robot=job.override.robot or job.config.robot)
         observe(submission, trials_of(config), config, out)
         recordings = recordings_in(out)
-        write_pictures(recordings, job.name, out)
         notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
         misses = bool(MISSES_PACKAGES & {note.kind for note in notes})
         fingerprint = job.fingerprint + job.installed * misses  # also where marking.yaml has a typo
-        result = judge(submission, recordings, job)
+        cause = None
+        try:
+            result = judge(submission, recordings, job)
+            cause = result.cause
+        finally:  # also where the teacher's points do not fit
+            write_pictures(recordings, job.name, out, cause)
     except StoppedError:
         raise
     except NotMarkableError as error:

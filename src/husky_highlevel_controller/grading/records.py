@@ -241,6 +241,12 @@ class MarkingResult:
         return ResultState.FOR_A_PERSON if is_open else ResultState.MARKED
 
     @property
+    def lacks_rviz_file_only(self) -> bool:
+        """Whether a person has to judge it for want of an RViz configuration alone."""
+        reasons = {item.reason for item in self.items if item.points is None}
+        return reasons == {Kind.NO_RVIZ_FILE}
+
+    @property
     def full(self) -> bool:
         """Whether it has all points that a machine can give."""
         return not self.problem and all(item.full for item in self.items)

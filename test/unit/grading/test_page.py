@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from husky_highlevel_controller.grading.notes import Kind
 from husky_highlevel_controller.grading.records import Item, MarkingResult
 from husky_highlevel_controller.grading.reports.files import replays
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page, histogram
@@ -56,6 +57,36 @@ def test_the_headline_is_what_is_decided_and_another_robot_is_coloured():
     assert '<td class="person">husky_melodic</td>' in page
     nothing = class_page([replace(husky, items=(Item("style", None, 30.0, "for a person"),))], {}, {})
     assert 'full">0 / 0' not in nothing
+
+
+def test_with_the_smb_s_class_no_row_is_coloured_for_its_robot():
+    of_class = [
+        replace(result(name, 50.0), settings={**SETTINGS, "robot": "auto", "simulated": robot})
+        for name, robot in (("a", "smb"), ("b", "husky"), ("c", "smb"))
+    ]
+    page = class_page(of_class, {}, {})
+    assert page.count('<td class="">smb</td>') == 2
+    assert '<td class="person">husky</td>' in page
+
+
+def test_a_row_that_could_not_be_marked_says_why_and_the_histogram_has_a_unit():
+    page = class_page(CLASS, {}, {})
+    assert '<td colspan="3">it does not build: no &#39;foo.h&#39;</td>' in page
+    assert "hand-ins by % of their points decided" in page
+
+
+def test_the_headline_tells_how_many_wait_only_for_want_of_an_rviz_file():
+    lacks = Item("RViz", None, 20.0, "for a person", reason=Kind.NO_RVIZ_FILE)
+    by_hand = Item("style", None, 30.0, "for a person")
+    of_class = [result("a", 0.0, items=(lacks,)), result("b", 0.0, items=(lacks, by_hand)), result("c", 50.0)]
+    assert "1 of 3 hand-ins wait for a person only because no RViz" in class_page(of_class, {}, {})
+    assert "wait for a person" not in class_page(CLASS, {}, {})
+
+
+def test_an_option_in_a_hint_is_not_broken_after_its_hyphen():
+    item = Item("RViz", 0.0, 20.0, "none", hint="name it by -d <x>, not by left-handed")
+    page = feedback_page(result("a", 0.0, items=(item,)), [])
+    assert '<span class="unbroken">-d</span> &lt;x&gt;, not by left-handed' in page
 
 
 def test_the_median_and_the_histogram_are_of_those_that_were_marked():

@@ -6,7 +6,7 @@ import os
 import re
 from contextlib import suppress
 from pathlib import Path
-from typing import Dict, List, Mapping, Sequence, Tuple
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from husky_highlevel_controller.grading.isolation.files import (
 )
 from husky_highlevel_controller.grading.isolation.places import hide_places
 from husky_highlevel_controller.grading.recording import ADD, Recording, drive_folders
-from husky_highlevel_controller.grading.records import MarkingResult, printable
+from husky_highlevel_controller.grading.records import Item, MarkingResult, printable
 from husky_highlevel_controller.grading.reports.exports import write_exports
 from husky_highlevel_controller.grading.reports.page import class_page, feedback_page
 from husky_highlevel_controller.grading.reports.tables import (
@@ -93,8 +93,11 @@ def write_class(results: Sequence[MarkingResult], folders: Mapping[str, str], ou
     add_step_summary(results)
 
 
-def write_pictures(recordings: Sequence[Recording], name: str, out: Path) -> None:
-    """Write the pictures of a student's drives, and a page for each that plays it; none without drives."""
+def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause: Optional[Item]) -> None:
+    """Write the pictures of a student's drives, and a page for each that plays it; none without drives.
+
+    One picture shows the moment of `cause`, the first item that lost points; without one, a drive's middle.
+    """
     is_bag = recordings[0].playback is not None
     if not is_bag and not len(recordings[0].times):
         return
@@ -104,8 +107,10 @@ def write_pictures(recordings: Sequence[Recording], name: str, out: Path) -> Non
     draw = plots.draw_playback if is_bag else plots.draw_drives
     (out / PICTURES[0]).write_bytes(draw(recordings, name))
     if not is_bag:
-        middle = float(recordings[0].times[-1]) / 2.0
-        (out / PICTURES[1]).write_bytes(plots.draw_moment(recordings[0], middle))
+        shown, at = recordings[0], float(recordings[0].times[-1]) / 2.0
+        if cause is not None and cause.at is not None and cause.drive <= len(recordings):
+            shown, at = recordings[cause.drive - 1], cause.at
+        (out / PICTURES[1]).write_bytes(plots.draw_moment(shown, at))
     for number, recording in enumerate(recordings, 1):
         if len(recording.times):
             _write_replay(recording, f"{name}, drive {number}", out / f"drive_{number}")

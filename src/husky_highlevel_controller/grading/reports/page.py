@@ -10,7 +10,6 @@ from urllib.parse import quote
 from husky_highlevel_controller.grading.records import AUTO, Item, MarkingResult, ResultState
 from husky_highlevel_controller.templates import render
 
-COURSE_ROBOT = "husky"  # of the sheets
 LEAD = 1.0  # [s], simulated: a replay begins so long before the moment of an evidence
 BARS = 10  # of the histogram
 BAR_HEIGHT = 60  # [pixels], the highest
@@ -74,6 +73,7 @@ def class_page(
         decided=sum(result.max_points for result in ordered),
         possible=sum(item.max_points for result in ordered for item in result.items),
         course_robot=_course_robot(ordered),
+        lack_rviz_files=sum(result.lacks_rviz_file_only for result in ordered),
         median=round(100.0 * statistics.median(shares), 1) if shares else None,
         bars=histogram(shares),
         grade=_grade,
@@ -126,9 +126,10 @@ def moment_of(item: Item) -> float:
 
 
 def _course_robot(results: Sequence[MarkingResult]) -> str:
-    """The robot of the command line, else the sheets': another one is coloured."""
+    """Return the robot of the command line, otherwise of most hand-ins: another one is coloured."""
     robot = str(results[0].settings.get("robot", AUTO)) if results else AUTO
-    return COURSE_ROBOT if robot == AUTO else robot
+    simulated = [str(result.settings["simulated"]) for result in results if "simulated" in result.settings]
+    return statistics.mode(simulated) if robot == AUTO and simulated else robot
 
 
 def _grade(points: float, max_points: float) -> str:

@@ -64,7 +64,7 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
             draw_robot(axis, tuple(recording.poses[row]), load_robot(recording.robot).footprint)
         _label(axis, "start", (x[0], y[0]), recording.pillar, 18)
     robot = tuple(recording.poses[-1, :2]) if len(recording.poses) else (-inf, 0.0)
-    _label(axis, "pillar", recording.pillar, robot, -12)
+    _name_pillar(axis, recording, robot)
     markers = _near(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
     if markers:
         places = np.array([marker.position[:2] for marker in markers])
@@ -87,6 +87,18 @@ def _label(
     side = "left" if offset[0] > 5.0 else "right" if offset[0] < -5.0 else "center"
     axis.annotate(
         text, at, offset, textcoords="offset points", ha=side, va="center", fontsize=9, zorder=8, **more
+    )
+
+
+def _name_pillar(axis: Any, recording: Recording, robot: Sequence[float]) -> None:
+    """Write the pillar's name behind it, seen from the robot [m], where neither robot nor markers lie."""
+    x, y = recording.pillar
+    angle, radius = atan2(y - robot[1], x - robot[0]), recording.pillar_size.radius
+    side = "left" if cos(angle) > 0.3 else "right" if cos(angle) < -0.3 else "center"
+    edge = x + radius * cos(angle), y + radius * sin(angle)
+    offset = 7 * cos(angle), 9 * sin(angle)
+    axis.annotate(
+        "pillar", edge, offset, textcoords="offset points", ha=side, va="center", fontsize=9, zorder=8
     )
 
 
@@ -122,7 +134,7 @@ def draw_moment(recording: Recording, at: float) -> bytes:
     for marker in markers:
         axis.plot(*marker.position[:2], "X", color=MARKER, markersize=12, markeredgecolor="white", zorder=7,
                   label=f"marker on {plain(marker.topic)}")  # fmt: skip
-    _label(axis, "pillar", recording.pillar, (x, y), -12)
+    _name_pillar(axis, recording, (x, y))
     axis.legend(fontsize=9)
     absent = "" if markers else "; no marker so far"
     axis.set_title(f"{recording.times[row]:.2f} s{absent}", fontsize=11)
