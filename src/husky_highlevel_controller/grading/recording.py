@@ -242,7 +242,7 @@ def is_zero(twist: bytes) -> bool:
 
 
 def ahead_and_turn(twist: bytes) -> Tuple[float, float]:
-    """Return the sizes of linear.x [m/s] and angular.z [rad/s] of a serialised Twist; inf if there is no number."""
+    """Return the sizes of linear.x [m/s] and angular.z [rad/s] of a serialised Twist; inf if unknown."""
     if len(twist) != TWIST_SIZE:
         return inf, inf
     numbers = np.abs(np.frombuffer(twist, "<f8"))
