@@ -128,7 +128,7 @@ def moment_of(item: Item) -> float:
 def _course_robot(results: Sequence[MarkingResult]) -> str:
     """Return the robot of the command line, otherwise of most hand-ins: another one is coloured."""
     robot = str(results[0].settings.get("robot", AUTO)) if results else AUTO
-    simulated = [str(result.settings["simulated"]) for result in results if "simulated" in result.settings]
+    simulated = list(filter(None, (str(result.settings.get("simulated", "")) for result in results)))
     return statistics.mode(simulated) if robot == AUTO and simulated else robot
 
 
