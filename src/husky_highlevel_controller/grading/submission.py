@@ -135,7 +135,8 @@ def read_events(path: Path) -> List[Event]:
 TOO_MANY = "too many events"
 # before a start, the worst first
 EVENTS = [
-    Kind.MISSING_INCLUDE, Kind.LAUNCH_FILE, Kind.OWN_NODE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX, Kind.SKIPPED,
+    Kind.MISSING_INCLUDE, Kind.LAUNCH_FILE, Kind.OWN_NODE, Kind.MISSING_PACKAGE, Kind.LAUNCH_PREFIX,
+    Kind.SKIPPED,
 ]  # fmt: skip
 _CALLBACK = re.compile(
     r"(?:\[ERROR\] \[[\d.]+(?:, (?P<at>[\d.]+))?\]: "
