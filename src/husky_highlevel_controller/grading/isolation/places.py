@@ -15,8 +15,8 @@ ROOT = Path("/")
 def hide_places(text: str, folders: Iterable[Path]) -> str:
     """Return a text without the paths of these folders, of this package, of Python's, and of the home."""
     places = {*folders, *_own_places()} - {ROOT, Path()}
-    for place in sorted(map(str, places), key=len, reverse=True):  # inner ones first
-        text = text.replace(f"{place}/", "").replace(place, "its folder")
+    for place in sorted(places, key=lambda place: len(str(place)), reverse=True):  # inner ones first
+        text = text.replace(f"{place}/", "").replace(str(place), place.name)
     return text
 
 
