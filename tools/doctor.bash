@@ -41,8 +41,9 @@ check_installation() {
   else bad "Python packages in .dev/venv are missing or of another version: ./dev setup"; fi
   if [ -f "$state/build.done" ] && [ -f "$workspace/devel/setup.bash" ]; then good "the workspace in .dev/ws is built"
   else bad "the workspace in .dev/ws is not built: ./dev setup"; fi
-  local folder=${ROS_LOG_DIR:-${ROS_HOME:-$HOME/.ros}}
-  if [ -w "$folder" ] || { [ ! -e "$folder" ] && [ -w "$(dirname "$folder")" ]; }; then good "logs go to $folder"
+  local folder
+  folder=$(unwritable_log_folder look)
+  if [ -z "$folder" ]; then good "logs go to ${ROS_LOG_DIR:-${ROS_HOME:-$HOME/.ros}}"
   else bad "logs cannot be written to $folder: set ROS_HOME to a folder where you may write"; fi
 }
 

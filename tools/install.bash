@@ -70,17 +70,25 @@ show_progress() {
   [ ! -t 2 ] || printf '\r%40s\r' '' >&2
 }
 
-# End with the cause of a failed installation whose output is in the log $1. In: name of the program, log.
+unreachable='Temporary failure|Could not resolve|Could not connect|Network is unreachable|Failed to establish|Connection timed out|No route to host|roxyError|nnect to proxy|407 Proxy'
+
+# End with the cause of a failed installation. In: name of the program, its log.
 die_of_log() {
-  local unreachable='Temporary failure|Could not resolve|Could not connect|Network is unreachable|Failed to establish|Connection timed out|No route to host'
-  if grep -qE "$unreachable" "$2"; then
-    die "no network: $1 could not reach its server ($(grep -oE "($unreachable)[^(]*" "$2" | tail -n 1 | cut -c1-80)); connect and call this again"
+  local program=$1 log=$2 cause proxies
+  [ -s "$log" ] || die "$program ended before it wrote its log $log"
+  cause=$(grep -oE "($unreachable)[^(]*" "$log" | tail -n 1 | cut -c1-80) || true
+  # apt and pip take the proxy from these; apt calls one that is dead a server that it could not connect to
+  proxies=$(env | sed -nE 's#^(https?_proxy|all_proxy)=([a-z0-9]+://)?([^@/]*@)?([^/]+).*#\4#Ip' | sort -u | paste -sd' ')
+  if [ -n "$proxies" ] && [ -n "$cause" ]; then
+    die "$program could not reach its server through the proxy $proxies ($cause): start the proxy, or unset http_proxy and https_proxy, and call this again"
   fi
-  if grep -qE 'No space left on device|enough free space' "$2"; then
-    die "$1: the disk is full ($(df -h "$here" | awk 'END {print $4}') left; $disk_needed are needed)"
+  [ -z "$cause" ] || die "no network: $program could not reach its server ($cause); connect and call this again"
+  if grep -qE 'No space left on device|enough free space' "$log"; then
+    die "$program: the disk is full ($(df -h "$here" | awk 'END {print $4}') left; $disk_needed are needed)"
   fi
-  grep -E '^(E|ERROR):' "$2" | tail -n 5 >&2 || tail -n 10 "$2" >&2
-  die "$1 failed; the whole log is $2"
+  # pip writes the time before each line
+  grep -E '(^|^[0-9T:-]+,[0-9]+ +)(E|ERROR):|fatal error' "$log" | tail -n 5 >&2 || tail -n 10 "$log" >&2
+  die "$program failed; the whole log is $log"
 }
 
 disk_needed="2 GB"
@@ -133,34 +141,89 @@ for file in sys.argv[1:]:
 PYTHON
 }
 
+# Run a command that may be silent for minutes, and say how far it is. In: seconds between two sentences, the shell
+# command that prints one, the command.
+run_with_progress() {
+  local seconds=$1 how_far=$2 code=0 waited=0 beat
+  # sleeps that are short: the last one outlives this function, and with it the pipe that the caller's output goes to
+  (while sleep 1 && kill -0 $$ 2>/dev/null; do
+    waited=$((waited + 1))
+    [ $((waited % seconds)) -ne 0 ] || say "$(eval "$how_far")"
+  done) 9>&- &
+  beat=$!
+  "${@:3}" || code=$?
+  kill "$beat" 2>/dev/null || true
+  return "$code"
+}
+
+# pip of .dev/venv, with a log of its own. Not .dev/venv/bin/pip, which names the folder that it was made in.
+venv_pip() { "$venv/bin/python" -m pip "$1" --disable-pip-version-check --log "$state/pip.log" "${@:2}"; }
+
 # Install the lock files $2... into the virtual environment; $1 says what they are.
 pip_install() {
-  local what=$1 log=$state/pip.log
-  shift
-  say "installing $what from PyPI into .dev/venv"
-  rm -f "$log"
-  requirements_here "$@" >"$state/requirements.txt"
-  # a bar for each package in a terminal, else two lines
-  # it says nothing while it unpacks, which takes minutes on a slow disk
-  (while sleep 20 && kill -0 $$ 2>/dev/null; do say "pip is at work"; done) &
-  local beat=$!
-  "$venv/bin/pip" install --disable-pip-version-check --require-hashes --log "$log" -r "$state/requirements.txt" >&2 \
-    || { kill "$beat"; die_of_log pip "$log"; }
-  kill "$beat"
+  say "installing $1 from PyPI into .dev/venv"
+  requirements_here "${@:2}" >"$state/requirements.txt"
+  rm -f "$state/pip.log"
+  # a bar for each package in a terminal, otherwise two lines; nothing while it unpacks, which takes minutes on a slow disk
+  run_with_progress 20 "echo pip is at work" venv_pip install --require-hashes -r "$state/requirements.txt" >&2 \
+    || die_of_log pip "$state/pip.log"
+}
+
+# Install the requirement $1 from the wheels that were compiled here, if one fits.
+install_kept_wheel() {
+  [ -d "$state/wheels" ] \
+    && venv_pip install --quiet --no-deps --no-index --find-links "$state/wheels" "$1" 2>/dev/null
+}
+
+# Install a wheel of PyBullet: one that was compiled before, else PyPI's, else one that is compiled now. What fits this
+# processor and Python is for pip to say.
+install_pybullet() {
+  local wanted=$state/pybullet.txt name
+  requirements_here requirements/launch.txt | awk '/^[a-z]/ {here = /^pybullet/} here' >"$wanted"
+  name=$(grep -oE '^[^ ;\\]+' "$wanted")
+  if install_kept_wheel "$name"; then return; fi
+  say "installing PyBullet (0.1 GB) from PyPI into .dev/venv"
+  rm -f "$state/pip.log"
+  take_wheel() {
+    venv_pip install --require-hashes --no-deps --only-binary pybullet,pybullet_arm64 -r "$wanted" >&2 2>"$state/pip.errors"
+  }
+  if run_with_progress 20 "echo pip is at work" take_wheel; then return; fi
+  if ! grep -q 'No matching distribution' "$state/pip.errors" || grep -qE "$unreachable" "$state/pip.errors"; then
+    die_of_log pip "$state/pip.log"
+  fi
+  say "PyPI has no wheel of PyBullet for $("$venv/bin/python" --version) on $(uname -m): it is compiled once, some 6 minutes of a fast core, half an hour on a Raspberry Pi"
+  install_debian_packages compile
+  pip_install "what compiles PyBullet" requirements/build.txt
+  rm -rf "$state/compile"
+  mkdir -p "$state/compile" "$state/wheels"
+  rm -f "$state/pip.log"
+  local flags="-O2 -DNDEBUG -fwrapv"   # Debian's without -g, which takes a third more time and memory
+  compile() {
+    TMPDIR=$state/compile CFLAGS=$flags CXXFLAGS=$flags venv_pip wheel --quiet --require-hashes --no-deps \
+      --no-build-isolation --no-binary pybullet,pybullet_arm64 --wheel-dir "$state/wheels" -r "$wanted" >"$state/pip.errors" 2>&1
+  }
+  run_with_progress 30 "echo compiling PyBullet: \$(find '$state/compile' -name '*.o' | wc -l) of some 230 files" compile \
+    || die_of_log pip "$state/pip.log"
+  rm -rf "$state/compile"
+  install_kept_wheel "$name" || die_of_log pip "$state/pip.log"
 }
 
 make_venv() {
   local site file=requirements/launch.txt
   done_before venv-launch "$file" && [ -x "$venv/bin/python" ] && return
+  # the programs of an environment name the folder that it was made in: those of a copy would change the original's
+  if [ ! -L "$venv" ] && [ -e "$venv/bin/pip" ] && ! grep -qF "$venv/bin/python" "$venv/bin/pip"; then
+    say "this clone was moved or copied to $here: making its .dev/venv anew"
+    rm -rf "$venv"
+  fi
   # Debian's own python3, because rospy is built for it; what is there already is not fetched again
   if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
     [ ! -L "$venv" ] || die ".dev/venv is a link to an environment that is not whole: remove the link"
     /usr/bin/python3 -m venv --clear "$venv"
   fi
   rm -f "$state"/venv-*.done
-  "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info >= (3, 14))' || "$venv/bin/python" -c 'import pybullet' 2>/dev/null \
-    || die "PyPI has no wheel of PyBullet for $("$venv/bin/python" --version): use the container or conda-forge, or compile it (docs/install.md)"
-  pip_install "NumPy and PyBullet (0.12 GB)" "$file"
+  install_pybullet
+  pip_install "NumPy (20 MB)" "$file"
   # rospy comes from Debian. A path rather than --system-site-packages: Debian's own .pth files and /usr/local
   # stay out, which put another matplotlib and another NumPy in front of those that belong together.
   site=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
@@ -192,7 +255,8 @@ build_workspace() {
   local sources=(package.xml CMakeLists.txt setup.py cfg/* msg/* srv/* src/*/__init__.py src/*/controller/control.py src/*/controller/pillar_detection.py)
   # a folder of links rather than one link: rosrun searches the package, and must not find .dev in it
   mkdir -p "$package"
-  find "$package" -xtype l -delete
+  # those of what is gone, and those that a moved or copied clone has brought along
+  find "$package" -type l \( -xtype l -o ! -lname "$here/*" \) -delete
   for entry in *; do
     [ "$entry" = dev ] || [ -L "$package/$entry" ] || ln -s "$here/$entry" "$package/$entry"
   done
@@ -207,12 +271,32 @@ build_workspace() {
   mark_done build "${sources[@]}"
 }
 
+# Take ROS 2, if the caller has sourced it, out of the environment: its packages bear the names of ROS 1's.
+leave_out_ros2() {
+  [ "${ROS_VERSION:-}" = 2 ] || [ -n "${AMENT_PREFIX_PATH:-}" ] || return 0
+  local prefix variable entry kept prefixes=${AMENT_PREFIX_PATH:-}:${COLCON_PREFIX_PATH:-}
+  if [ "${ROS_VERSION:-}" = 2 ]; then prefixes+=:/opt/ros/$ROS_DISTRO; fi
+  say "this shell has ROS 2${ROS_DISTRO:+ ($ROS_DISTRO)} in its environment: leaving it out"
+  for variable in PATH LD_LIBRARY_PATH CMAKE_PREFIX_PATH PKG_CONFIG_PATH ROS_PACKAGE_PATH; do
+    kept=
+    while IFS= read -r -d : entry; do
+      while IFS= read -r -d : prefix; do
+        case ${prefix:+$entry/} in "${prefix%/}"/*) entry= ;; esac
+      done <<<"$prefixes:"
+      kept+=${entry:+:$entry}
+    done <<<"${!variable:-}:"
+    if [ -n "$kept" ]; then export "$variable=${kept#:}"; else unset "$variable"; fi
+  done
+  unset AMENT_PREFIX_PATH AMENT_CURRENT_PREFIX COLCON_PREFIX_PATH ROS_DISTRO ROS_VERSION ROS_PYTHON_VERSION
+}
+
 # Make the installation complete for the package groups GROUP..., and bring it into the environment.
 set_up() {
   case $here in *$odd_letter*) die "the folder '$here' has $odd_letters in its name, which ROS 1 and CMake cannot take: move it" ;; esac
   { mkdir -p "$state" 2>/dev/null && [ -w "$state" ]; } \
     || die "cannot write to $here: put the repository where you may write"
   touch "$state/CATKIN_IGNORE"
+  leave_out_ros2
   local callers_packages=${ROS_PACKAGE_PATH:-}
   exec 9>"$state/lock"
   if command -v flock >/dev/null && ! flock -n 9; then
@@ -249,9 +333,20 @@ set_up() {
   fi
 }
 
+# Print the first folder in which ROS could not write its logs; nothing if there is none.
+unwritable_log_folder() {
+  local folder folders=("${ROS_HOME:-$HOME/.ros}" "${ROS_HOME:-$HOME/.ros}/log")   # log is root's after a sudo roslaunch
+  if [ -n "${ROS_LOG_DIR:-}" ]; then folders=("$ROS_LOG_DIR"); fi
+  for folder in "${folders[@]}"; do
+    while [ "${1:-}" = look ] && [ ! -e "$folder" ]; do folder=$(dirname "$folder"); done   # whether it could be made
+    { [ -e "$folder" ] || mkdir -p "$folder" 2>/dev/null; } && [ -d "$folder" ] && [ -w "$folder" ] || { echo "$folder"; return; }
+  done
+}
+
 # End where ROS could not write its logs.
 need_log_folder() {
-  local folder=${ROS_LOG_DIR:-${ROS_HOME:-$HOME/.ros}}
-  { mkdir -p "$folder" 2>/dev/null && [ -w "$folder" ]; } \
-    || die "cannot write logs to $folder: name a folder where you may write, e.g. ROS_HOME=/tmp/ros ./dev ..."
+  local folder
+  folder=$(unwritable_log_folder)
+  [ -z "$folder" ] \
+    || die "cannot write logs to $folder: name a folder where you may write, e.g. ROS_HOME=/tmp/ros ./dev ..., or make it yours: sudo chown -R $(id -un) $folder"
 }

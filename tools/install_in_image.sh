@@ -10,10 +10,10 @@ case ${1:-} in
   packages)
     mkdir -p "$state"
     install_debian_packages launch grade
-    apt-get clean
-    rm -rf /var/lib/apt/lists/*
     make_venv
     complete_venv grade
+    apt-get clean
+    rm -rf /var/lib/apt/lists/* "$state/wheels"
     ;;
   build) ./dev setup ;;
   *) die "usage: $0 packages | build" ;;

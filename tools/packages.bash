@@ -18,6 +18,9 @@ launch_ros_packages=(
   ros-diagnostic-msgs ros-geometry-msgs ros-nav-msgs ros-rosgraph-msgs ros-sensor-msgs ros-std-msgs ros-std-srvs
   ros-visualization-msgs
 )
+# where PyPI has no wheel of PyBullet
+compile_packages=(g++ python3-dev)
+compile_ros_packages=()
 # where there is a display
 rviz_packages=()
 # RViz on Qt 6 draws none of its icons without it, and complains of each

@@ -191,36 +191,6 @@ def test_what_the_archive_of_a_later_debian_has_not_is_named_once_and_left_out(t
     assert "then missing: cmake\n" in output
 
 
-def test_a_python_without_a_wheel_of_pybullet_is_told_the_ways(tmp_path):
-    python = tmp_path / "bin" / "python"
-    python.parent.mkdir()
-    # it has pip, is later than 3.13, has no PyBullet
-    python.write_text(
-        '#!/bin/sh\ncase "$*" in *"import pip"*) ;; --version) echo Python 3.14.7 ;; *) exit 1 ;; esac\n'
-    )
-    python.chmod(0o755)
-    output, code = bash(f"state={tmp_path} venv={tmp_path}; pip_install() {{ echo fetched; }}; make_venv")
-    assert code == 1
-    assert "no wheel of PyBullet for Python 3.14.7: use the container or conda-forge, or compile it" in output
-    assert "fetched" not in output
-
-
-@pytest.mark.parametrize(
-    ("line", "words"),
-    [
-        ("Err:1 Temporary failure resolving 'example.org'", "no network: apt-get could not reach its server"),
-        ("E: You don't have enough free space in /var/cache/apt/archives/.", "the disk is full"),
-        ("E: Unable to locate package rvix", "E: Unable to locate package rvix"),
-    ],
-)
-def test_a_failed_installation_tells_its_cause(line, words, tmp_path):
-    log = tmp_path / "apt.log"
-    log.write_text(line + "\n")
-    output, code = bash(f"die_of_log apt-get {log}")
-    assert code == 1
-    assert words in output
-
-
 def test_progress_is_told_every_ten_percent_and_the_rest_is_logged(tmp_path):
     lines = [f"pmstatus:libc6:amd64:{percent}.5:Installing" for percent in range(100)]
     (tmp_path / "in").write_text(
