@@ -37,7 +37,14 @@ check_installation() {
     elif [ "$group" = launch ]; then bad "${#missing[@]} Debian packages for 'launch' are missing: ./dev setup (${missing[*]})"
     else note "${#missing[@]} Debian packages for '$group' are missing; ./dev setup $group installs them (${missing[*]})"; fi
   done
-  if done_before venv-launch requirements/launch.txt; then good "Python packages in .dev/venv"
+  local lacking
+  if done_before venv-launch requirements/launch.txt; then
+    # as every program of the package asks at its start
+    if lacking=$(PYTHONPATH=$here/src "$venv/bin/python" -m husky_highlevel_controller.missing_packages 2>&1); then
+      good "Python packages in .dev/venv"
+    else
+      bad "${lacking##*error: }"
+    fi
   else bad "Python packages in .dev/venv are missing or of another version: ./dev setup"; fi
   if [ -f "$state/build.done" ] && [ -f "$workspace/devel/setup.bash" ]; then good "the workspace in .dev/ws is built"
   else bad "the workspace in .dev/ws is not built: ./dev setup"; fi

@@ -191,7 +191,7 @@ install_pybullet() {
   if ! grep -q 'No matching distribution' "$state/pip.errors" || grep -qE "$unreachable" "$state/pip.errors"; then
     die_of_log pip "$state/pip.log"
   fi
-  say "PyPI has no wheel of PyBullet for $("$venv/bin/python" --version) on $(uname -m): it is compiled once, some 6 minutes of a fast core, half an hour on a Raspberry Pi"
+  say "PyPI has no wheel of PyBullet for $("$venv/bin/python" --version) on $(uname -m): it is compiled once, some 7 minutes of one core of a PC, longer on a small board"
   install_debian_packages compile
   pip_install "what compiles PyBullet" requirements/build.txt
   rm -rf "$state/compile"
@@ -202,7 +202,7 @@ install_pybullet() {
     TMPDIR=$state/compile CFLAGS=$flags CXXFLAGS=$flags venv_pip wheel --quiet --require-hashes --no-deps \
       --no-build-isolation --no-binary pybullet,pybullet_arm64 --wheel-dir "$state/wheels" -r "$wanted" >"$state/pip.errors" 2>&1
   }
-  run_with_progress 30 "echo compiling PyBullet: \$(find '$state/compile' -name '*.o' | wc -l) of some 230 files" compile \
+  run_with_progress 30 "echo compiling PyBullet: \$(find '$state/compile' -name '*.o' | wc -l) of some 290 files" compile \
     || die_of_log pip "$state/pip.log"
   rm -rf "$state/compile"
   install_kept_wheel "$name" || die_of_log pip "$state/pip.log"

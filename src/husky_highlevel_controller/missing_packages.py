@@ -7,6 +7,7 @@ anything else. In ./dev's own environment nothing is missing; a catkin workspace
 from __future__ import annotations
 
 import importlib.util
+import platform
 import re
 import shlex
 import sys
@@ -15,7 +16,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import List, NamedTuple, Optional
 
-BULLET = "pybullet_arm64==3.2.8" if (3, 12) <= sys.version_info < (3, 14) else "pybullet==3.2.7"
+# the fork has wheels where PyBullet has none, as requirements/launch.in says
+FORK = sys.version_info >= (3, 12) or (sys.version_info >= (3, 10) and sys.platform != "linux")
+BULLET = "pybullet_arm64==3.2.8" if FORK else "pybullet==3.2.7"
 
 
 class PythonPackage(NamedTuple):
@@ -112,5 +115,8 @@ def _pip(requirements: List[str]) -> str:
         words.append("--user")
         if (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").is_file():
             words.append("--break-system-packages")  # which replaces nothing of the system's: it goes home
-    first = "" if importlib.util.find_spec("pip") else "sudo apt install python3-pip && "
+    debian = [] if importlib.util.find_spec("pip") else ["python3-pip"]
+    if BULLET in requirements and (platform.machine() != "x86_64" or sys.version_info >= (3, 14)):
+        debian += ["g++", "python3-dev"]  # no wheel fits: pip compiles
+    first = shlex.join(["sudo", "apt", "install", *debian]) + " && " if debian else ""
     return first + shlex.join([*words, *requirements])

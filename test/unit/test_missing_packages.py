@@ -45,6 +45,16 @@ def test_the_system_s_python_gets_packages_for_one_user(managed, monkeypatch, tm
     assert words == ["--user", *(["--break-system-packages"] if managed else []), "'numpy>=1.20'"]
 
 
+def test_where_no_wheel_of_pybullet_fits_the_compiler_is_installed_first(monkeypatch):
+    monkeypatch.setattr(missing_packages.importlib.util, "find_spec", lambda name: name == "pip" or None)
+    commands = {}
+    for machine in ("x86_64", "aarch64"):
+        monkeypatch.setattr(missing_packages.platform, "machine", lambda machine=machine: machine)
+        commands[machine] = missing_packages.sentence().partition("Install with: ")[2]
+    assert commands["aarch64"] == "sudo apt install g++ python3-dev && " + commands["x86_64"]
+    assert "g++" not in missing_packages.sentence("robot"), "a robot needs no engine"
+
+
 def test_the_versions_are_those_of_the_requirements():
     pinned = (ROOT / "requirements" / "launch.in").read_text() + (
         ROOT / "requirements" / "run.in"

@@ -2,10 +2,13 @@
 
 import re
 import runpy
+import sys
 
 import pytest
 from packaging.requirements import Requirement
 from test_dev import ROOT
+
+from husky_highlevel_controller import missing_packages
 
 WHEELS = runpy.run_path(str(ROOT / "tools" / "wheels.py"))
 
@@ -28,6 +31,12 @@ def test_every_machine_gets_one_pybullet_and_the_same_from_pip_as_from_dev(pytho
     fork = python in ("3.12", "3.13", "3.14") or (python in ("3.10", "3.11") and system != "linux")
     expected = ["pybullet_arm64" if fork else "pybullet"]
     assert chosen(library, python, system) == chosen(pinned, python, system) == expected
+
+
+def test_a_catkin_workspace_is_told_to_install_the_same_pybullet():
+    pinned = pybullets((ROOT / "requirements" / "launch.in").read_text().splitlines())
+    here = f"{sys.version_info[0]}.{sys.version_info[1]}"
+    assert missing_packages.BULLET.partition("==")[0] in chosen(pinned, here, sys.platform)
 
 
 def test_the_table_of_the_manual_has_every_python_and_system():
