@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, hypot, inf, isfinite, pi, sin
+from math import atan2, cos, hypot, isfinite, pi, sin
 from typing import Any, List, Sequence
 
 import numpy as np
@@ -63,8 +63,8 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
         for row in (0, -1):
             draw_robot(axis, tuple(recording.poses[row]), load_robot(recording.robot).footprint)
         _label(axis, "start", (x[0], y[0]), recording.pillar, 18)
-    robot = tuple(recording.poses[-1, :2]) if len(recording.poses) else (-inf, 0.0)
-    _name_pillar(axis, recording, robot)
+    start = recording.start.x, recording.start.y
+    _name_pillar(axis, recording, start)
     markers = _near(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
     if markers:
         places = np.array([marker.position[:2] for marker in markers])
@@ -74,7 +74,7 @@ def _draw(recording: Recording, axis: Any, end: float) -> Any:
         )
         name = "marker" if len(markers) == 1 else "markers"
         arrow = {"arrowstyle": "-", "color": MARKER}
-        _label(axis, name, places[len(places) // 2], robot, 30, color=MARKER, arrowprops=arrow)
+        _label(axis, name, places[len(places) // 2], start, 30, color=MARKER, arrowprops=arrow)
     return dots
 
 
@@ -90,16 +90,11 @@ def _label(
     )
 
 
-def _name_pillar(axis: Any, recording: Recording, robot: Sequence[float]) -> None:
-    """Write the pillar's name behind it, seen from the robot [m], where neither robot nor markers lie."""
-    x, y = recording.pillar
-    angle, radius = atan2(y - robot[1], x - robot[0]), recording.pillar_size.radius
-    side = "left" if cos(angle) > 0.3 else "right" if cos(angle) < -0.3 else "center"
-    edge = x + radius * cos(angle), y + radius * sin(angle)
-    offset = 7 * cos(angle), 9 * sin(angle)
-    axis.annotate(
-        "pillar", edge, offset, textcoords="offset points", ha=side, va="center", fontsize=9, zorder=8
-    )
+def _name_pillar(axis: Any, recording: Recording, seen_from: Sequence[float]) -> None:
+    """Write the pillar's name on its right edge, seen from a place [m]: markers are named to the left."""
+    (x, y), radius = recording.pillar, recording.pillar_size.radius
+    angle = atan2(y - seen_from[1], x - seen_from[0]) - pi / 2.0
+    _label(axis, "pillar", (x + radius * cos(angle), y + radius * sin(angle)), seen_from, -10)
 
 
 def _near(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:
