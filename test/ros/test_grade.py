@@ -36,14 +36,16 @@ WAITED_FOR = ("never_publishes", "listens_elsewhere", "hangs")  # in vain, up to
 
 @pytest.fixture(scope="module")
 def handed_in(tmp_path_factory):
-    """A folder of packages that run without a build, and the environment that finds them."""
+    """A folder of packages that run without a build, and the environment that finds the complete one."""
     folder = tmp_path_factory.mktemp("class")
     for name in [*DRIVEN, *KEPT]:
         if name in ATTACKS:
             make_package("attacks", folder / name)
         elif not name.startswith("reference"):
             make_package(name, folder)
-    return folder, {**os.environ, "ROS_PACKAGE_PATH": f"{folder}:{os.environ['ROS_PACKAGE_PATH']}"}
+    # some of the others have this package's name
+    path = f"{folder / 'complete'}:{os.environ['ROS_PACKAGE_PATH']}"
+    return folder, {**os.environ, "ROS_PACKAGE_PATH": path}
 
 
 def mark_one(folder, out, name):

@@ -83,7 +83,7 @@ def mark(job: Job) -> MarkingResult:
     if problem:
         print(printable(problem), file=sys.stderr)  # with the paths of this machine, for the teacher
         result = unmarked(job, problem)
-    write_result(result, out)
+    write_result(result, out, job.packages)
     if fingerprint:
         write_whole(out / FINGERPRINT, fingerprint)  # the last one: with it, it is done
     return result

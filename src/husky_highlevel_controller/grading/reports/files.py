@@ -45,8 +45,13 @@ SUMS = ("points", "max_points", "full")  # keys of result.json for other program
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"  # variable with the file that GitHub Actions shows
 
 
-def write_result(result: MarkingResult, out: Path) -> None:
+def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ()) -> None:
     """Every file of one student's result; result.json is the last: with it, the marking is done.
+
+    Args:
+        result: of the student.
+        out: folder for the files.
+        packages: folders of packages that were started where they lie; logs show no path of them or of `out`
 
     Raises:
         OSError: such as a full disk.
@@ -58,7 +63,7 @@ def write_result(result: MarkingResult, out: Path) -> None:
     if result.held:
         feedback.unlink(missing_ok=True)
     else:
-        write_whole(feedback, feedback_page(result, _pictures(out), pages, _logs(out)))
+        write_whole(feedback, feedback_page(result, _pictures(out), pages, _logs(out, packages)))
     write_exports(result, out)
     sums = {name: getattr(result, name) for name in SUMS}
     write_whole(out / RESULT, to_json(result, **sums))
@@ -158,17 +163,17 @@ def replays(out: Path) -> Dict[int, Path]:
     return {number: path for number, path in paths.items() if path.is_file()}
 
 
-def _logs(out: Path) -> Dict[str, str]:
+def _logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
     """The ends of what its build and its nodes printed, by title."""
     logs = {"Output of the build": out / "build.log"}
     for number, folder in drive_folders(out).items():
         logs[f"Output of your nodes in drive {number}"] = folder / "submission.log"
-    texts = {}
+    texts, folders = {}, [out, *map(Path, packages)]
     for title, path in logs.items():
         with suppress(UnreadableFileError):
             text = COLOURS.sub("", read_text(path)[-MAX_LOG:].strip())
             if text:
-                texts[title] = "\n".join(map(printable, hide_places(text, [out]).splitlines()))
+                texts[title] = "\n".join(map(printable, hide_places(text, folders).splitlines()))
     return texts
 
 
