@@ -18,10 +18,14 @@ BUILDS = ("catkin_make", "catkin_make_isolated", "catkin", "cmake")
 LAUNCHES = ("roslaunch", "rostest")
 
 
-def is_own_program(words: List[str]) -> bool:
-    """Whether a command is a program of this package: `grade` must not see what lies beside it."""
+def sees_neighbours(words: List[str]) -> bool:
+    """Whether a command finds the packages around; a program of this package does if it is told a package.
+
+    `grade --all` must not: a hand-in would find the packages of the others.
+    """
     named = [word for word in words[1:] if word[0:1] != "-"]
-    return words[0] == "rosrun" and named[0:1] == [find_packages.PACKAGE]
+    is_own = words[0] == "rosrun" and named[0:1] == [find_packages.PACKAGE]
+    return not is_own or not {"--launch", "--node"}.isdisjoint(words)
 
 
 def with_path(words: List[str], caller: Path) -> List[str]:
@@ -58,7 +62,7 @@ def main() -> None:
     if words[0] in LAUNCHES:
         launch_here(words, caller)
         return
-    if not is_own_program(words):
+    if sees_neighbours(words):
         if words[0] not in BUILDS:
             find_packages.source_workspace(caller)
         paths = [path for path in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if path]

@@ -85,9 +85,11 @@ def test_the_words_of_a_command_keep_their_blanks_and_quotes(workspace):
 
 
 def test_marking_does_not_see_what_lies_beside_it():
-    assert run.is_own_program(["rosrun", find_packages.PACKAGE, "grade", "--all", "."])
-    assert not run.is_own_program(["rosrun", "their_package", find_packages.PACKAGE])
-    assert not run.is_own_program(["roslaunch", find_packages.PACKAGE, "x.launch"])
+    grade = ["rosrun", find_packages.PACKAGE, "grade"]
+    assert not run.sees_neighbours([*grade, "--all", "."])
+    assert run.sees_neighbours([*grade, "--launch", "their_package", "x.launch"])
+    assert run.sees_neighbours(["rosrun", "their_package", find_packages.PACKAGE])
+    assert run.sees_neighbours(["roslaunch", find_packages.PACKAGE, "x.launch"])
 
 
 def test_the_environment_of_a_command_has_packages_and_stand_ins(workspace):
