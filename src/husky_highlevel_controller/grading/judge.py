@@ -33,7 +33,9 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
     first = recordings[0]
     tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
     view = view_of(submission.rviz, tree)
-    items = EXERCISES[job.config.exercise].judge(recordings, view, first.scan_topic, job.config.rules)
+    items = told_once(
+        EXERCISES[job.config.exercise].judge(recordings, view, first.scan_topic, job.config.rules)
+    )
     if submission.equals:
         items = left_to_choice(items, submission.equals)
     if first.uninitialised:
@@ -50,7 +52,7 @@ def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> 
         "simulated": first.simulated,
     }
     result = MarkingResult(
-        job.name, submission.launchable.summary, settings, tuple(told_once(items)), tuple(texts(notes))
+        job.name, submission.launchable.summary, settings, tuple(items), tuple(texts(notes))
     )
     return with_override(_from_known_folders(result, job), job.override)
 

@@ -35,7 +35,12 @@ from husky_highlevel_controller.grading.rubrics.exercise_3 import (
     judge_exercise_3,
     judge_place,
 )
-from husky_highlevel_controller.grading.rubrics.items import left_to_chance, over_trials
+from husky_highlevel_controller.grading.rubrics.items import (
+    left_to_chance,
+    left_to_choice,
+    over_trials,
+    told_once,
+)
 from husky_highlevel_controller.grading.settings import load_rules
 
 PILLAR = (10.0, 0.0)  # [m]
@@ -437,6 +442,24 @@ def test_one_drive_that_interferes_costs_all_points_and_displays_are_no_chance()
     items = judge_exercise_3([all_of_it, cheated], FULL_VIEW, SCAN)
     assert total(items) == (0.0, 100.0)
     assert items[0].evidence == "no points: the robot jumps 19.87 m at 1.48 s"
+
+
+def test_what_lost_points_by_one_of_equal_launch_files_is_for_a_person_and_full_marks_stand():
+    full = judge_exercise_3([markers(GOOD, RIGHT)], FULL_VIEW, SCAN)
+    assert left_to_choice(full, ("a.launch", "b.launch")) == full
+    items = left_to_choice(judge_exercise_3([GOOD], FULL_VIEW, SCAN), ("a.launch", "b.launch"))
+    assert [item.points for item in items] == [20.0, 30.0, 20.0, None, None]
+    assert (
+        "its launch files a.launch and b.launch fit alike, and a.launch was started: no topic"
+        in items[3].evidence
+    )
+
+
+def test_a_cause_is_told_once_and_the_same_result_of_all_drives_has_no_sums():
+    short = [drive((3.0, 0.0)), drive((3.0, 0.0))]
+    items = told_once(judge_exercise_3(short, FULL_VIEW, SCAN))
+    assert items[1].hint == "the same as for 'drives towards the pillar'"
+    assert items[3].evidence.endswith("; likewise in 1 other worlds")
 
 
 def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():

@@ -90,7 +90,13 @@ STANDS = [(False, 0.0), (True, 0.0), (False, 0.0), (True, 0.0)]
         ([(False, 0.5), (True, 0.0), (False, 0.5), (True, 0.0)], (), 50.0, 50.0, ""),  # true stops
         ([(False, 0.0), (True, 0.5), (False, 0.5), (True, 0.5)], (), 25.0, 50.0, "stands after 1 of 2"),
         (STANDS, (), 50.0, 0.0, ""),
-        ([(False, 0.5), (True, 0.5), (False, 0.5), (True, 0.5)], (), 0.0, 0.0, ""),  # it changes nothing
+        (
+            [(False, 0.5), (True, 0.5), (False, 0.5), (True, 0.5)],
+            (),
+            0.0,
+            0.0,
+            "neither value stops it: 0.50 m/s after false",
+        ),
         (STANDS, (0.0, 99.0), 0.0, 0.0, ""),  # it never drives
         (STANDS, (0.4, 99.0), None, None, "stood already before each call: for a person"),
         (STOPS, (0.0, 5.5), 50.0, 50.0, ""),  # it waits for its first start
