@@ -176,6 +176,7 @@ def test_the_file_of_the_rviz_node_is_that_of_the_hand_in_as_its_topics_are_rema
         ("view.rviz", "Topic: /rslidar_points", "smb", "/rslidar_points"),
         ("view.rviz", "Topic: /scan", "husky_melodic", "/scan"),
         ("view.rviz", "Topic: /front/scan", "husky", "front/scan"),
+        ("view.rviz", "Frames:\n  rslidar:\n    Value: true\nTopic: front/scan", "husky", "front/scan"),
         ("it", "Topic: ''", "husky", "no topic of scans"),
     ],
 )

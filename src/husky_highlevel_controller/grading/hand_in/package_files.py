@@ -136,7 +136,8 @@ def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizC
 DEFAULT = "husky"
 MAX_TEXT = 200_000  # [bytes] of a file that is read
 # in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
-SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b|/?\brslidar_points\b|/imu0\b")
+# (as a key in RViz's file it is one of the frames that were seen once, as in this package's own view)
+SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b(?!:[ \t]*\n)|/?\brslidar_points\b|/imu0\b")
 # of its sheet 4; a Husky's hand-in may name /rslidar_points and smb_top_view, too
 FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
 # topic of scans in a package whose nodes are not started
