@@ -107,3 +107,10 @@ def test_the_environment_of_a_command_has_packages_and_stand_ins(workspace):
     assert sourced == ["--extend it's", "here"]
     assert str(workspace / "src" / "lab_repo" / "lab_robot") in paths.split(os.pathsep)
     assert str(ROOT / "compat" / "gazebo_ros") in paths.split(os.pathsep)
+
+
+def test_each_launch_file_of_this_package_is_the_only_one_of_its_name():
+    """Plain roslaunch refuses `roslaunch PACKAGE FILE` where a package has two files of that name."""
+    own = {file.name for file in (ROOT / "launch").iterdir()}
+    others = [file for place in ("compat", "test", "examples") for file in (ROOT / place).rglob("*.launch")]
+    assert [file for file in others if file.name in own] == []
