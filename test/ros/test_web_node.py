@@ -18,9 +18,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from husky_highlevel_controller.ros.registration import Registration
-from husky_highlevel_controller.ros.web import actions, node
-from husky_highlevel_controller.ros.web.node import WebConfig, WebNode
-from husky_highlevel_controller.ros.web.page_server import MAX_PAGES
+from husky_web import actions, node
+from husky_web.node import WebConfig, WebNode
+from husky_web.page_server import MAX_PAGES
 
 ADDRESS = re.compile(r": (http://127\.0\.0\.1:\d+)\n")
 VISER = f"viser-v{viser.__version__}"

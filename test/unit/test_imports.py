@@ -60,7 +60,7 @@ MAY_IMPORT = {
     "ros": {"ros"},
     **{f"ros/{room}": {f"ros/{room}", room} for room in ("simulator", "controller", "estimation", "grading")},
     "ros/safety": {"ros/safety", "controller"},
-    "ros/web": {"ros/web"},
+    "husky_web": {"husky_web", "ros"},
 }
 ROS = {"rospy", "tf2_ros", "roslib", "roslaunch", "rosgraph", "genpy", "rospkg", "dynamic_reconfigure"}
 CLOCKS = {"time", "datetime", "threading", "random"}
@@ -108,7 +108,7 @@ def within(name, folders):
     return any(name == folder or name.startswith(f"{folder}/") for folder in folders)
 
 
-SHELLS = ("ros",)  # rooms of ROS nodes
+SHELLS = ("ros", "husky_web")  # rooms of ROS nodes
 PLAIN = [name for name in SOURCES if not within(name, SHELLS)]
 
 

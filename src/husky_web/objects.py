@@ -19,13 +19,13 @@ from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
-from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, contact_shadow
-from husky_highlevel_controller.ros.web.drawing import bounds, clickable, draw, left_out
-from husky_highlevel_controller.ros.web.frames import Frames
-from husky_highlevel_controller.ros.web.markers import frame_of, pose_of, primitives
-from husky_highlevel_controller.ros.web.shapes import Piece, Solid
-from husky_highlevel_controller.ros.web.topics import Received
-from husky_highlevel_controller.ros.web.viser_private import place
+from husky_web.backdrop import SHADOW_HEIGHT, contact_shadow
+from husky_web.drawing import bounds, clickable, draw, left_out
+from husky_web.frames import Frames
+from husky_web.markers import frame_of, pose_of, primitives
+from husky_web.shapes import Piece, Solid
+from husky_web.topics import Received
+from husky_web.viser_private import place
 
 Key = Tuple[str, str]  # server's topic, name of the marker
 WIDEST = 50.0  # [m]

@@ -6,12 +6,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Callable, Dict, Optional, Sequence
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
-from husky_highlevel_controller.ros.web.objects import Key, Object, Objects
-from husky_highlevel_controller.ros.web.pages import DELETE, LOOK, MOVE, PUT, Page
-from husky_highlevel_controller.ros.web.scene import BASE, Scene
+from husky_web.objects import Key, Object, Objects
+from husky_web.pages import DELETE, LOOK, MOVE, PUT, Page
+from husky_web.scene import BASE, Scene
 
 if TYPE_CHECKING:  # it imports messages, which tests without a workspace do not have
-    from husky_highlevel_controller.ros.web.world_tab import WorldTab
+    from husky_web.world_tab import WorldTab
 
 FARTHEST = 200.0  # [m]; a click just below the horizon means no place
 

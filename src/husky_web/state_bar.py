@@ -8,8 +8,8 @@ from typing import Any, Callable, NamedTuple, Optional
 
 import viser
 
-from husky_highlevel_controller.ros.web.log import Line
-from husky_highlevel_controller.ros.web.plots import fixed
+from husky_web.log import Line
+from husky_web.plots import fixed
 
 LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 ARRIVED, STOPPED = "arrived", "stopped"  # the controller's states

@@ -11,8 +11,8 @@ import viser
 
 from husky_highlevel_controller.datatypes import Pose, Rgba, Vector3
 from husky_highlevel_controller.geometry import matrix_from_quat
-from husky_highlevel_controller.ros.web.shapes import Label, Lines, MeshFile, Piece, Points, Solid, load
-from husky_highlevel_controller.ros.web.viser_private import wxyz
+from husky_web.shapes import Label, Lines, MeshFile, Piece, Points, Solid, load
+from husky_web.viser_private import wxyz
 
 LETTER_SCALE = 1.0  # of a text marker: 12 px whatever its size in the scene, sharp at any distance
 LINE_WIDTH = 0.01  # [m], of a line without a width

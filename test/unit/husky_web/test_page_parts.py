@@ -15,8 +15,8 @@ import pytest
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.datatypes import IDENTITY, STOP, HuskyError, Twist2D
-from husky_highlevel_controller.ros.web import actions, drawing, state_bar, topics
-from husky_highlevel_controller.ros.web.log import (
+from husky_web import actions, drawing, state_bar, topics
+from husky_web.log import (
     CAPACITY,
     EARLIER,
     LEVELS,
@@ -27,21 +27,21 @@ from husky_highlevel_controller.ros.web.log import (
     lines_of_rosout,
     to_html,
 )
-from husky_highlevel_controller.ros.web.mouse import Drag, Mouse, point_on_level
-from husky_highlevel_controller.ros.web.page_server import _parse, refusal
-from husky_highlevel_controller.ros.web.pages import MOVE
-from husky_highlevel_controller.ros.web.parameters import (
+from husky_web.mouse import Drag, Mouse, point_on_level
+from husky_web.page_server import _parse, refusal
+from husky_web.pages import MOVE
+from husky_web.parameters import (
     by_group,
     from_yaml,
     parameters,
     shown_value,
     to_yaml,
 )
-from husky_highlevel_controller.ros.web.plots import CHARTS, Curve, chart_html, fixed, nice_ticks
-from husky_highlevel_controller.ros.web.recorder import recording_page
-from husky_highlevel_controller.ros.web.state_bar import RobotStatus, StopReason, state_html
-from husky_highlevel_controller.ros.web.teleop import EXPIRY, HoldToDrive, clamp_axis, set_speed
-from husky_highlevel_controller.ros.web.viser_private import LoopEvent
+from husky_web.plots import CHARTS, Curve, chart_html, fixed, nice_ticks
+from husky_web.recorder import recording_page
+from husky_web.state_bar import RobotStatus, StopReason, state_html
+from husky_web.teleop import EXPIRY, HoldToDrive, clamp_axis, set_speed
+from husky_web.viser_private import LoopEvent
 
 AHEAD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.8)
 

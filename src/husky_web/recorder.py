@@ -13,8 +13,8 @@ from husky_highlevel_controller.datatypes import HuskyError, Pose, Vector3
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.replay import Replay, to_html
 from husky_highlevel_controller.robot import ROBOTS, load_robot
-from husky_highlevel_controller.ros.web.actions import Actions
-from husky_highlevel_controller.ros.web.plots import choice_html
+from husky_web.actions import Actions
+from husky_web.plots import choice_html
 
 MAX_TIME = 3600.0  # [s], then a recording ends by itself: it is kept in memory
 RECORD, STOP = "Record", "Stop"

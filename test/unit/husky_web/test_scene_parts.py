@@ -18,10 +18,10 @@ from visualization_msgs.msg import Marker, MarkerArray
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros.controller.display import PATH, marker
-from husky_highlevel_controller.ros.web import backdrop, camera, drawing, shapes
-from husky_highlevel_controller.ros.web.drawing import DASH, dashes
-from husky_highlevel_controller.ros.web.scene import Scene
-from husky_highlevel_controller.ros.web.shapes import MeshFile
+from husky_web import backdrop, camera, drawing, shapes
+from husky_web.drawing import DASH, dashes
+from husky_web.scene import Scene
+from husky_web.shapes import MeshFile
 
 
 class Browser:

@@ -10,8 +10,6 @@ from xml.etree.ElementTree import Element
 
 from husky_highlevel_controller.datatypes import IDENTITY, Pose, Rgba
 from husky_highlevel_controller.geometry import compose
-from husky_highlevel_controller.ros.web import shapes
-from husky_highlevel_controller.ros.web.shapes import PLAIN, MeshFile, Solid
 from husky_highlevel_controller.urdf import (
     Elements,
     ends_of,
@@ -21,6 +19,8 @@ from husky_highlevel_controller.urdf import (
     read_urdf,
     shape_of,
 )
+from husky_web import shapes
+from husky_web.shapes import PLAIN, MeshFile, Solid
 
 
 class Visual(NamedTuple):

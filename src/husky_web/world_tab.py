@@ -12,13 +12,13 @@ from typing import Any, Dict, Optional
 
 import viser
 from geometry_msgs.msg import Vector3 as Vector3Msg
+from husky_highlevel_controller.srv import DeleteObject, ListObjects, LoadWorld, MoveObject, SpawnObject
 
 from husky_highlevel_controller.datatypes import HuskyError, Pose, Vector3
 from husky_highlevel_controller.geometry import pose_from_2d, pose_to_2d
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.web.actions import LONG_TIMEOUT, Actions, answer_of, call
-from husky_highlevel_controller.srv import DeleteObject, ListObjects, LoadWorld, MoveObject, SpawnObject
+from husky_web.actions import LONG_TIMEOUT, Actions, answer_of, call
 
 ROBOT = "husky"  # what the simulator's services call the robot
 GROUND = "ground_plane"

@@ -15,7 +15,7 @@ import viser
 from PIL import Image, ImageDraw, ImageFont
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
-from husky_highlevel_controller.ros.web.viser_private import place, show_in_page
+from husky_web.viser_private import place, show_in_page
 
 SIDES = 48  # of the ground's rim and of the sky's dome
 RADIUS = 400.0  # [m] from the robot to the horizon

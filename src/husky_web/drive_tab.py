@@ -8,20 +8,20 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import rospy
 import viser
+from husky_highlevel_controller.srv import StepWorld
 from std_srvs.srv import SetBool, Trigger
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.ros.web.actions import (
+from husky_web.actions import (
     CALL_TIMEOUT,
     LONG_TIMEOUT,
     Actions,
     call,
     parameter,
 )
-from husky_highlevel_controller.ros.web.plots import choice_html, fixed
-from husky_highlevel_controller.ros.web.state_bar import LEVELS, STOPPED
-from husky_highlevel_controller.ros.web.teleop import SLOWEST, Teleop, set_speed
-from husky_highlevel_controller.srv import StepWorld
+from husky_web.plots import choice_html, fixed
+from husky_web.state_bar import LEVELS, STOPPED
+from husky_web.teleop import SLOWEST, Teleop, set_speed
 
 PAD = """<div class="husky-block husky-drive">
 <div class="husky-pad" aria-hidden="true"><div class="husky-knob"></div></div>

@@ -12,8 +12,8 @@ from dynamic_reconfigure.msg import Config, ConfigDescription
 from dynamic_reconfigure.srv import Reconfigure
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.ros.web.actions import Actions, answer_of, notify
-from husky_highlevel_controller.ros.web.parameters import (
+from husky_web.actions import Actions, answer_of, notify
+from husky_web.parameters import (
     Parameter,
     by_group,
     from_yaml,

@@ -10,7 +10,7 @@ import viser
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_highlevel_controller.geometry import quat_from_rpy, rotate, wrap_angle, yaw_from_quat
-from husky_highlevel_controller.ros.web.viser_private import look
+from husky_web.viser_private import look
 
 FOLLOW, PILLAR, ABOVE, FREE = CAMERAS = ("Follow", "Pillar", "Above", "Free")
 FIELD_OF_VIEW = radians(34.0)  # of the view's height; wider ones make what stands upright lean

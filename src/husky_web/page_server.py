@@ -31,7 +31,7 @@ from websockets.http11 import Request, Response
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros.node import contained
-from husky_highlevel_controller.ros.web.viser_private import page_html, started_behind
+from husky_web.viser_private import page_html, started_behind
 
 DRIVE_PATH = "/drive"
 COOKIE = "husky_token"

@@ -11,8 +11,8 @@ pytest.importorskip("viser")
 import rospy
 from std_msgs.msg import Bool
 
-from husky_highlevel_controller.ros.web import teleop
-from husky_highlevel_controller.ros.web.teleop import Teleop
+from husky_web import teleop
+from husky_web.teleop import Teleop
 
 DEADLINE = 20.0  # [s]
 

@@ -16,8 +16,8 @@ from visualization_msgs.msg import Marker
 from husky_highlevel_controller.datatypes import Pose, Rgba
 from husky_highlevel_controller.geometry import matrix_from_quat, quat_between
 from husky_highlevel_controller.ros.conversions import pose_from_msg
-from husky_highlevel_controller.ros.web import shapes
-from husky_highlevel_controller.ros.web.shapes import Label, Lines, Mesh, MeshFile, Piece, Points, Solid
+from husky_web import shapes
+from husky_web.shapes import Label, Lines, Mesh, MeshFile, Piece, Points, Solid
 
 MAX_COPIES = 2000  # of a cube or sphere that a list draws; a page with more does not turn smoothly
 # by what a browser takes to draw them: in points of a cloud. With more, its emergency stop comes late

@@ -8,9 +8,9 @@ from typing import Dict, Optional, Tuple
 from husky_highlevel_controller.datatypes import Vector3
 from husky_highlevel_controller.geometry import transform_point
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.web.plots import Curve
-from husky_highlevel_controller.ros.web.scene import Scene
-from husky_highlevel_controller.ros.web.topics import Topics
+from husky_web.plots import Curve
+from husky_web.scene import Scene
+from husky_web.topics import Topics
 
 NO_NEWS_TIME = 2.0  # [s] of wall time without a message of the robot until the page says so
 RATE_WINDOW = 3.0  # [s] over which rates are taken

@@ -13,11 +13,11 @@ from visualization_msgs.msg import Marker
 from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros.clouds import points_from_msg
-from husky_highlevel_controller.ros.web import shapes
-from husky_highlevel_controller.ros.web.frames import Frames
-from husky_highlevel_controller.ros.web.markers import Markers, markers_of, primitives
-from husky_highlevel_controller.ros.web.robot import rigid_groups
-from husky_highlevel_controller.ros.web.shapes import Label, Lines, MeshFile, Points, Solid
+from husky_web import shapes
+from husky_web.frames import Frames
+from husky_web.markers import Markers, markers_of, primitives
+from husky_web.robot import rigid_groups
+from husky_web.shapes import Label, Lines, MeshFile, Points, Solid
 
 RED, GREEN = ColorRGBA(1, 0, 0, 1), ColorRGBA(0, 1, 0, 1)
 

@@ -10,8 +10,8 @@ from viser import _messages
 from viser.infra import _infra
 
 from husky_highlevel_controller.datatypes import Pose
-from husky_highlevel_controller.ros.web import viser_private
-from husky_highlevel_controller.ros.web.viser_private import (
+from husky_web import viser_private
+from husky_web.viser_private import (
     LoopEvent,
     MessageBuffer,
     page_html,

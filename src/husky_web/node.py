@@ -24,25 +24,25 @@ from husky_highlevel_controller.config import number, read_config, setting
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.registration import Registration
-from husky_highlevel_controller.ros.web.actions import MASTER_DEADLINE, Actions, parameter
-from husky_highlevel_controller.ros.web.camera import FIELD_OF_VIEW
-from husky_highlevel_controller.ros.web.drawing import left_out
-from husky_highlevel_controller.ros.web.drive_tab import DriveTab
-from husky_highlevel_controller.ros.web.log import LogBuffer, lines_of_rosout
-from husky_highlevel_controller.ros.web.mouse import Mouse
-from husky_highlevel_controller.ros.web.numbers import Numbers
-from husky_highlevel_controller.ros.web.objects import Objects
-from husky_highlevel_controller.ros.web.page_server import serve
-from husky_highlevel_controller.ros.web.pages import Pages, theme
-from husky_highlevel_controller.ros.web.plots import Plots
-from husky_highlevel_controller.ros.web.recorder import Recorder
-from husky_highlevel_controller.ros.web.scene import Scene
-from husky_highlevel_controller.ros.web.state_bar import RobotStatus, StateBar, StopReason
-from husky_highlevel_controller.ros.web.teleop import Teleop
-from husky_highlevel_controller.ros.web.topics import Topics
-from husky_highlevel_controller.ros.web.tuning import Tuning
-from husky_highlevel_controller.ros.web.world_tab import WorldTab
 from husky_highlevel_controller.xml_rpc import ask
+from husky_web.actions import MASTER_DEADLINE, Actions, parameter
+from husky_web.camera import FIELD_OF_VIEW
+from husky_web.drawing import left_out
+from husky_web.drive_tab import DriveTab
+from husky_web.log import LogBuffer, lines_of_rosout
+from husky_web.mouse import Mouse
+from husky_web.numbers import Numbers
+from husky_web.objects import Objects
+from husky_web.page_server import serve
+from husky_web.pages import Pages, theme
+from husky_web.plots import Plots
+from husky_web.recorder import Recorder
+from husky_web.scene import Scene
+from husky_web.state_bar import RobotStatus, StateBar, StopReason
+from husky_web.teleop import Teleop
+from husky_web.topics import Topics
+from husky_web.tuning import Tuning
+from husky_web.world_tab import WorldTab
 
 READINGS_PERIOD = 0.2  # [s] between two updates of numbers and diagnostics
 CURVES_PERIOD = 1.0  # [s] between two updates of curves and of the log

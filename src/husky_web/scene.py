@@ -18,9 +18,9 @@ from husky_highlevel_controller.geometry import compose, transform_points
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.clouds import MAX_POINTS, points_from_msg, points_from_scan
 from husky_highlevel_controller.ros.transforms import is_pose
-from husky_highlevel_controller.ros.web import shapes
-from husky_highlevel_controller.ros.web.backdrop import SHADOW_HEIGHT, Backdrop, contact_shadow
-from husky_highlevel_controller.ros.web.drawing import (
+from husky_web import shapes
+from husky_web.backdrop import SHADOW_HEIGHT, Backdrop, contact_shadow
+from husky_web.drawing import (
     bounds,
     clickable,
     dashes,
@@ -29,8 +29,8 @@ from husky_highlevel_controller.ros.web.drawing import (
     redraw,
     warn_left_out,
 )
-from husky_highlevel_controller.ros.web.frames import Frames
-from husky_highlevel_controller.ros.web.markers import (
+from husky_web.frames import Frames
+from husky_web.markers import (
     Key,
     Markers,
     appearance,
@@ -40,9 +40,9 @@ from husky_highlevel_controller.ros.web.markers import (
     pose_of,
     primitives,
 )
-from husky_highlevel_controller.ros.web.robot import rigid_groups
-from husky_highlevel_controller.ros.web.topics import Topics
-from husky_highlevel_controller.ros.web.viser_private import place
+from husky_web.robot import rigid_groups
+from husky_web.topics import Topics
+from husky_web.viser_private import place
 
 SCAN_COLOR, RAY_COLOR, CLOUD_COLOR = (235, 30, 250), (205, 130, 215), (60, 170, 160)
 TRAIL_COLOR, PLAN_COLOR = (20, 120, 255), (255, 120, 0)

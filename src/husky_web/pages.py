@@ -9,11 +9,11 @@ from typing import Any, Callable, Deque, Dict, Mapping, Optional, Tuple
 import viser
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
-from husky_highlevel_controller.ros.web.backdrop import show_backdrop
-from husky_highlevel_controller.ros.web.camera import CAMERAS, Camera
-from husky_highlevel_controller.ros.web.drawing import left_out
-from husky_highlevel_controller.ros.web.log import LEVELS, Filter, LogBuffer, to_html
-from husky_highlevel_controller.ros.web.plots import choice_html
+from husky_web.backdrop import show_backdrop
+from husky_web.camera import CAMERAS, Camera
+from husky_web.drawing import left_out
+from husky_web.log import LEVELS, Filter, LogBuffer, to_html
+from husky_web.plots import choice_html
 
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
 BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}  # by day and by night: text of 4.5 times the contrast
