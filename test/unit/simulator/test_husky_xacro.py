@@ -190,7 +190,10 @@ def test_the_command_prints_the_urdf_by_switches_as_of_roslaunch_or_of_the_envir
 @pytest.mark.parametrize(
     ("argument", "words"),
     [
-        ("laser:=true", "unknown argument 'laser'; there are robot:=husky|smb laser_enabled:=true|false"),
+        (
+            "laser:=true",
+            "unknown argument 'laser'; there are robot:=husky|smb|husky_melodic laser_enabled:=true|false",
+        ),
         ("laser_enabled=true", "unknown argument 'laser_enabled=true'"),
         ("laser_enabled:=yes", "laser_enabled is 'yes'; use true|false"),
         ("laser_tower:=", "laser_tower is ''; use true|false"),
