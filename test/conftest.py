@@ -63,9 +63,9 @@ def launch_files_read_here(monkeypatch):
     """Marking reads launch files by the program that starts submissions, here without a process for each."""
     from roslaunch import substitution_args
 
-    from husky_highlevel_controller.grading.hand_in import plan
+    from husky_grading.hand_in import plan
+    from husky_grading.nodes import submission
     from husky_highlevel_controller.paths import share_folder
-    from husky_highlevel_controller.ros.grading import submission
 
     def describe(launchables, workspace, events, kept):
         places = [*map(str, workspace.packages), str(share_folder()), "/usr/share"]

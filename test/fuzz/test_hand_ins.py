@@ -6,29 +6,29 @@ import yaml
 from damage import WORDS, damaged, mutated
 from packages import manifest, put
 
-from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.displays import STANDING, view_of
-from husky_highlevel_controller.grading.hand_in.build import copy_packages
-from husky_highlevel_controller.grading.hand_in.class_folder import find_hand_ins
-from husky_highlevel_controller.grading.hand_in.launch_choice import (
+from husky_grading.displays import STANDING, view_of
+from husky_grading.hand_in.build import copy_packages
+from husky_grading.hand_in.class_folder import find_hand_ins
+from husky_grading.hand_in.launch_choice import (
     choose_launch_files,
     read_launch_files,
     reasons,
 )
-from husky_highlevel_controller.grading.hand_in.package_files import find_setup
-from husky_highlevel_controller.grading.hand_in.packages import (
+from husky_grading.hand_in.package_files import find_setup
+from husky_grading.hand_in.packages import (
     NotMarkableError,
     choose_packages,
     exercise_numbers,
     open_hand_in,
     read_manifest,
 )
-from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.notes import Note
-from husky_highlevel_controller.grading.records import Override
-from husky_highlevel_controller.grading.reports.files import load_result
-from husky_highlevel_controller.grading.settings import read_overrides
-from husky_highlevel_controller.grading.submission import Plan, RvizNode, notes_on, read_events
+from husky_grading.isolation.sandbox import Workspace
+from husky_grading.notes import Note
+from husky_grading.records import Override
+from husky_grading.reports.files import load_result
+from husky_grading.settings import read_overrides
+from husky_grading.submission import Plan, RvizNode, notes_on, read_events
+from husky_highlevel_controller.datatypes import HuskyError
 
 MANIFEST = manifest("husky", "roscpp")
 LAUNCH = (

@@ -12,7 +12,7 @@ from xmlrpc.client import ServerProxy
 
 import psutil
 
-from husky_highlevel_controller.grading.isolation.process import with_variable
+from husky_grading.isolation.process import with_variable
 from husky_highlevel_controller.paths import share_folder
 
 PACKAGE = "husky_highlevel_controller"

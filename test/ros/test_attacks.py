@@ -16,8 +16,8 @@ import pytest
 import yaml
 from packages import FOLDERS, NODES, make_package
 
-from husky_highlevel_controller.grading.isolation import private_network
-from husky_highlevel_controller.grading.isolation.sandbox import BUBBLEWRAP, kind_of_sandbox
+from husky_grading.isolation import private_network
+from husky_grading.isolation.sandbox import BUBBLEWRAP, kind_of_sandbox
 
 NOBODY = 65534
 AS_NOBODY = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]

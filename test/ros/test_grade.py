@@ -18,12 +18,12 @@ from markings import ATTACKS, CONFIGS, DRIVEN, KEPT, NEAR, check, keep
 from network import wait_until
 from packages import make_package
 
+from husky_grading import mark as mark_module
+from husky_grading.drive.trials import Trial, draw_trials
+from husky_grading.records import Job, Launchable
+from husky_grading.reports.files import load_result
 from husky_highlevel_controller.course import PILLAR_POSITION
 from husky_highlevel_controller.datatypes import Pose2D
-from husky_highlevel_controller.grading import mark as mark_module
-from husky_highlevel_controller.grading.drive.trials import Trial, draw_trials
-from husky_highlevel_controller.grading.records import Job, Launchable
-from husky_highlevel_controller.grading.reports.files import load_result
 from husky_highlevel_controller.paths import share_folder
 
 PACKAGE = "husky_highlevel_controller"

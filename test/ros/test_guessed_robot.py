@@ -5,9 +5,9 @@ import shutil
 import pytest
 from packages import make_package
 
-from husky_highlevel_controller.grading.mark import mark
-from husky_highlevel_controller.grading.recording import recordings_in
-from husky_highlevel_controller.grading.records import Job, MarkingConfig
+from husky_grading.mark import mark
+from husky_grading.recording import recordings_in
+from husky_grading.records import Job, MarkingConfig
 
 
 @pytest.mark.skipif(shutil.which("valgrind") is None, reason="no valgrind here")

@@ -10,10 +10,10 @@ import pytest
 from network import LAUNCH, PACKAGE, make_package, wait_until
 from test_rviz import Screen
 
-from husky_highlevel_controller.grading.hand_in.plan import plan
-from husky_highlevel_controller.grading.isolation.own_files import Own
-from husky_highlevel_controller.grading.isolation.sandbox import Workspace
-from husky_highlevel_controller.grading.records import Launchable
+from husky_grading.hand_in.plan import plan
+from husky_grading.isolation.own_files import Own
+from husky_grading.isolation.sandbox import Workspace
+from husky_grading.records import Launchable
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros.node import LAUNCH_FILES
 

@@ -11,8 +11,8 @@ from husky_evaluation.compare import Comparison
 from husky_evaluation.contestant import Outcome, contestant, drive_scene, outcome
 from husky_evaluation.scenarios import random_starts
 from husky_evaluation.setup import Setup
+from husky_grading import compare as grading_compare
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading import compare as grading_compare
 from husky_highlevel_controller.robot import load_robot
 
 BASE = Outcome("start 0", 10.0, 0.3, np.zeros((2, 3)), (20.0, 5.0))

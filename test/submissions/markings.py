@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from husky_highlevel_controller.grading.judge import judge_again
-from husky_highlevel_controller.grading.recording import RECORDING
-from husky_highlevel_controller.grading.records import Job, MarkingConfig
-from husky_highlevel_controller.grading.submission import WORKSPACE
+from husky_grading.judge import judge_again
+from husky_grading.recording import RECORDING
+from husky_grading.records import Job, MarkingConfig
+from husky_grading.submission import WORKSPACE
 
 FILES = Path(__file__).parents[1] / "data" / "markings"
 NEAR = MarkingConfig(robot="husky", deadline=15.0, pace=8.0, trials=1)

@@ -16,14 +16,14 @@ import pytest
 import yaml
 
 from husky_evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS, setup_of
+from husky_grading.rubrics.exercise_3 import ITEMS
+from husky_grading.settings import load_rules
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.crash_detection import CrashConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig
 from husky_highlevel_controller.controller.safety import ProximityConfig
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.rubrics.exercise_3 import ITEMS
-from husky_highlevel_controller.grading.settings import load_rules
 from husky_highlevel_controller.robot import RobotTopics, load_robot
 from husky_highlevel_controller.simulator.husky_base import HuskyBaseConfig
 from husky_highlevel_controller.simulator.power import PowerConfig

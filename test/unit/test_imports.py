@@ -30,35 +30,41 @@ MAY_IMPORT = {
     "estimation": {"estimation"},
     "husky_evaluation/tasks": {"husky_evaluation/tasks"},
     "husky_evaluation": {"husky_evaluation", "simulator", "controller"},
-    "grading": {"grading", "husky_evaluation"},
+    "husky_grading": {"husky_grading", "husky_evaluation"},
     # the stages of marking: each reads the files of the one before, none knows another
-    "grading/hand_in": {
-        "grading/hand_in",
-        "grading/displays",
-        "grading/isolation",
-        "grading/notes",
-        "grading/records",
-        "grading/submission",
+    "husky_grading/hand_in": {
+        "husky_grading/hand_in",
+        "husky_grading/displays",
+        "husky_grading/isolation",
+        "husky_grading/notes",
+        "husky_grading/records",
+        "husky_grading/submission",
     },
-    "grading/drive": {
-        "grading/drive",
-        "grading/isolation",
-        "grading/notes",
-        "grading/recording",
-        "grading/records",
-        "grading/submission",
+    "husky_grading/drive": {
+        "husky_grading/drive",
+        "husky_grading/isolation",
+        "husky_grading/notes",
+        "husky_grading/recording",
+        "husky_grading/records",
+        "husky_grading/submission",
     },
-    "grading/rubrics": {
-        "grading/rubrics",
-        "grading/recording",
-        "grading/displays",
-        "grading/notes",
-        "grading/records",
+    "husky_grading/rubrics": {
+        "husky_grading/rubrics",
+        "husky_grading/recording",
+        "husky_grading/displays",
+        "husky_grading/notes",
+        "husky_grading/records",
     },
-    "grading/reports": {"grading/reports", "grading/recording", "grading/isolation", "grading/records"},
-    "grading/isolation": {"grading/isolation"},
+    "husky_grading/reports": {
+        "husky_grading/reports",
+        "husky_grading/recording",
+        "husky_grading/isolation",
+        "husky_grading/records",
+    },
+    "husky_grading/isolation": {"husky_grading/isolation"},
+    "husky_grading/nodes": {"husky_grading", "ros"},
     "ros": {"ros"},
-    **{f"ros/{room}": {f"ros/{room}", room} for room in ("simulator", "controller", "estimation", "grading")},
+    **{f"ros/{room}": {f"ros/{room}", room} for room in ("simulator", "controller", "estimation")},
     "ros/safety": {"ros/safety", "controller"},
     "husky_web": {"husky_web", "ros"},
 }
@@ -108,7 +114,7 @@ def within(name, folders):
     return any(name == folder or name.startswith(f"{folder}/") for folder in folders)
 
 
-SHELLS = ("ros", "husky_web")  # rooms of ROS nodes
+SHELLS = ("ros", "husky_web", "husky_grading/nodes")  # rooms of ROS nodes
 PLAIN = [name for name in SOURCES if not within(name, SHELLS)]
 
 
@@ -148,7 +154,7 @@ def test_libraries_are_loaded_in_their_own_rooms_only():
 
 def test_what_runs_beside_a_submission_imports_nothing_of_this_package():
     # a package of the submission may have the same name
-    assert not neighbours("ros/grading/submission")
+    assert not neighbours("husky_grading/nodes/submission")
 
 
 def test_only_the_rooms_of_nodes_talk_to_ros():
@@ -160,7 +166,9 @@ def test_only_the_rooms_of_nodes_talk_to_ros():
 
 def test_only_grading_tasks_and_ros_keep_time():
     assert not offenders(
-        lambda name: within(name, {"grading", "husky_evaluation/tasks"}) or not CLOCKS & libraries(name),
+        lambda name: (
+            within(name, {"husky_grading", "husky_evaluation/tasks"}) or not CLOCKS & libraries(name)
+        ),
         PLAIN,
     )
 

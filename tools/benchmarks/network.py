@@ -11,8 +11,8 @@ from typing import Any, Callable, Dict, Optional, Sequence
 
 import psutil
 
-from husky_highlevel_controller.grading.isolation import ros_network
-from husky_highlevel_controller.grading.isolation.process import Process, wait, with_variable
+from husky_grading.isolation import ros_network
+from husky_grading.isolation.process import Process, wait, with_variable
 
 HERE = Path(__file__).parent
 PACKAGE = "husky_highlevel_controller"

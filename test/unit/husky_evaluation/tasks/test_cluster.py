@@ -14,9 +14,9 @@ from husky_evaluation.metrics import run
 from husky_evaluation.scenarios import random_starts
 from husky_evaluation.setup import Setup
 from husky_evaluation.tasks.workers import Workers
+from husky_grading.batch import Batch, mark_all
+from husky_grading.records import MarkingConfig
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.grading.batch import Batch, mark_all
-from husky_highlevel_controller.grading.records import MarkingConfig
 from husky_highlevel_controller.paths import share_folder
 
 pytest.importorskip("distributed")

@@ -1,0 +1,338 @@
+"""Marking by a program for each hand-in, some at a time, here or on a cluster; results and tables of a class.
+
+An interrupted marking goes on where it was; what is marked is judged again where only rubric, points by hand
+or penalties have changed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import hashlib
+import os
+import platform
+import secrets
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Dict, Iterator, List, Optional, Sequence, Tuple
+
+from tqdm import tqdm
+
+from husky_evaluation.tasks.fingerprint import code_version, fingerprint
+from husky_evaluation.tasks.workers import Workers
+from husky_grading.hand_in.archives import PackedPath
+from husky_grading.hand_in.class_folder import HandIn, find_hand_ins, is_package
+from husky_grading.isolation import private_network
+from husky_grading.isolation.files import (
+    UnreadableFileError,
+    read_regular,
+    read_text,
+    remove_tree,
+    walk,
+    write_whole,
+)
+from husky_grading.isolation.process import Process, StoppedError, wait
+from husky_grading.judge import judge_again, unmarked
+from husky_grading.records import (
+    Job,
+    MarkingConfig,
+    MarkingResult,
+    Override,
+    ResultState,
+    Rules,
+)
+from husky_grading.reports.files import (
+    FINGERPRINT,
+    HAND_INS,
+    JOB,
+    RESULT,
+    load_result,
+    write_class,
+    write_result,
+)
+from husky_grading.settings import FILE, PointsError, read_overrides
+from husky_grading.submission import SUBMISSION_FOLDER, WORKSPACE
+from husky_highlevel_controller.config import load, to_json
+from husky_highlevel_controller.datatypes import HuskyError
+
+DEADLINE = 3600.0  # [s] of wall time for one hand-in, beside its drives
+PROGRAM = "husky_grading.mark"
+DPKG = "/var/lib/dpkg/info"  # folder with a list of files for each package of Debian
+CLEANUP_DEADLINE = 10.0  # [s] of wall time from Ctrl-C until the marking program is killed
+MAX_RETURNED = 50_000_000  # [bytes] of a file that a cluster sends back
+SEED = "seed"  # file in the folder of results with the class's seed
+SEEDS = 2**30  # their number; the simulator adds a drive's number, and a parameter of ROS has 31 bits
+# folders that are made of the hand-in, or by it
+NOT_RETURNED = frozenset({"unpacked", "ws", "copies", "stand_ins", SUBMISSION_FOLDER})
+Files = Dict[str, bytes]  # content by place in the folder of results
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A class: its hand-ins, and where the results go."""
+
+    folder: Path  # of hand-ins
+    out: Path  # hand_ins/ with a folder for each, results.csv, junit.xml and index.html
+    jobs: int = 1  # hand-ins at a time
+    only: Tuple[str, ...] = ()  # hand-ins to mark again; empty: all that are not marked yet
+    setups: Tuple[str, ...] = ()  # setup.bash files that hand-ins are built on
+    cluster: str = ""  # address of a Dask scheduler whose workers mark; empty: this machine
+    time_limit: float = 0.0  # [s] of wall time for one hand-in; 0: DEADLINE and its drives
+
+
+def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
+    """Mark every hand-in; those that could not be marked have a `problem` and no items.
+
+    Raises:
+        HuskyError: there is none, marking.yaml is wrong, or marking was interrupted.
+    """
+    hand_ins = [each for each in find_hand_ins(batch.folder) if each.path.resolve() != batch.out]
+    names = [each.name for each in hand_ins]
+    if not names:
+        raise HuskyError(f"no hand-in in {batch.folder}: no folder, zip or tar archive")
+    for name in batch.only:
+        if name not in names:
+            raise HuskyError(f"--only {name}: not in {batch.folder}; there are: {', '.join(names)}")
+    overrides = _overrides(batch.folder, names)
+    batch.out.mkdir(parents=True, exist_ok=True)
+    (batch.out / "CATKIN_IGNORE").touch()  # unpacked hand-ins are no packages of a workspace around them
+    results: Dict[str, MarkingResult] = {}
+    waiting: List[Job] = []
+    installed = installed_packages(batch.setups)
+    for hand_in in hand_ins:
+        job = job_of(hand_in, overrides.get(hand_in.name, Override()), config, batch)
+        job = replace(job, installed=installed)
+        if hand_in.problem:
+            remove_tree(Path(job.out))  # with the result of the entry that may be the wrong one
+            results[job.name] = unmarked(job, hand_in.problem)
+            continue
+        if job.name in batch.only:  # all of it again
+            Path(job.out, WORKSPACE).unlink(missing_ok=True)
+        earlier = None if job.name in batch.only else _earlier(job)
+        if earlier is not None:
+            results[job.name] = earlier
+        elif not batch.only or job.name in batch.only:
+            waiting.append(job)
+    jobs = batch.jobs
+    if jobs > 1 and not private_network.can_be_made():  # one could forge another's ROS graph
+        jobs = 1
+        print("one hand-in at a time: this machine makes no network namespaces", file=sys.stderr)
+    try:
+        with Workers(jobs, batch.cluster) as workers:
+            marked = _marked_by(workers, waiting, bool(batch.cluster))
+            for number, result in enumerate(marked, 1):
+                results[result.name] = result
+                if result.problem or not sys.stderr.isatty():  # a terminal shows a bar
+                    why = f": {result.problem}" * bool(result.problem)
+                    tqdm.write(
+                        f"{number} of {len(waiting)}: {result.name}: {_sum(result)}{why}", file=sys.stderr
+                    )
+                    sys.stderr.flush()
+    except (StoppedError, KeyboardInterrupt):
+        raise HuskyError("stopped; the same command goes on from here") from None
+    ordered = [results[name] for name in names if name in results]
+    write_class(ordered, {each.name: each.folder for each in hand_ins}, batch.out)
+    for result in ordered:
+        print(f"{result.name:<40}{_sum(result)}")
+    if open_ones := [each.name for each in ordered if each.state is not ResultState.MARKED]:
+        print(f"\nnot decided, and so not in moodle.csv: {', '.join(open_ones)}")
+    print(f"\ntable: {batch.out / 'results.csv'}\npage:  {batch.out / 'index.html'}")
+    return ordered
+
+
+def _sum(result: MarkingResult) -> str:
+    return "could not be marked" if result.problem else f"{result.points:g}/{result.max_points:g}"
+
+
+def _overrides(folder: Path, names: Sequence[str]) -> Dict[str, Override]:
+    """Return the teacher's settings for students; a hand-in's own marking.yaml is not the teacher's."""
+    if not is_package(folder):
+        return read_overrides(folder, names)
+    if (folder / FILE).exists():
+        problem = f"{folder} is itself a package, so its {FILE} is the student's, and does not count"
+        print(f"{problem}; put the package into a folder of your own, and {FILE} beside it", file=sys.stderr)
+    return {}
+
+
+def class_seed(out: Path) -> int:
+    """Return the seed of a class: drawn once, and kept in its folder of results.
+
+    So the class has the same starts whenever it is marked again, and no student knows them.
+
+    Raises:
+        HuskyError: what is kept is not a seed.
+    """
+    path = out / SEED
+    if not path.exists():
+        out.mkdir(parents=True, exist_ok=True)
+        write_whole(path, f"{secrets.randbelow(SEEDS)}\n")
+    text = read_text(path).strip()
+    if not text.isdecimal() or int(text) >= SEEDS:
+        raise HuskyError(
+            f"{path}: {text[:80]!r} is not a seed; remove the file, so that another one is drawn"
+        )
+    return int(text)
+
+
+def job_of(hand_in: HandIn, override: Override, config: MarkingConfig, batch: Batch) -> Job:
+    """The job of a student, with fingerprints of what it is made of, and of what decides how it drives."""
+    path = hand_in.path
+    job = Job(
+        hand_in.name, str(batch.out / HAND_INS / hand_in.folder), config, hand_in=str(path),
+        override=override, setups=batch.setups, hidden=(str(batch.folder), str(batch.out)),
+        time_limit=batch.time_limit,
+    )  # fmt: skip
+    choices = replace(override, robot=None, points={}, late=None, hold=False)
+    built = [code_version(), config.exercise, to_json(choices), batch.setups]
+    # a class is marked by one version of the simulator
+    digest = hashlib.sha256(repr(built).encode())
+    with contextlib.suppress(UnreadableFileError, OSError):  # too many files, or one is gone: marking says so
+        for file in walk(path) if path.is_dir() else [path]:
+            status = file.stat()
+            line = f"{file.relative_to(path)} {status.st_size} {status.st_mtime_ns}\n"
+            digest.update(line.encode(errors="replace"))
+    made_of = digest.hexdigest()
+    digest.update(to_json(replace(config, rules=Rules())).encode() + repr(override.robot).encode())
+    return replace(job, made_of=made_of, fingerprint=digest.hexdigest())
+
+
+def installed_packages(setups: Sequence[str]) -> str:
+    """Fingerprint of the names of the packages of Debian, ROS and Python on this machine."""
+    prefixes = [*os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep), *map(os.path.dirname, setups)]
+    patterns = [f"{DPKG}/*.list", *(f"{glob.escape(prefix)}/share/*" for prefix in prefixes)]
+    patterns += [f"{glob.escape(folder)}/*.dist-info" for folder in sys.path]
+    return fingerprint(sorted(path for pattern in patterns for path in glob.glob(pattern)))
+
+
+def _earlier(job: Job) -> Optional[MarkingResult]:
+    """The result of an earlier marking of the same files with the same settings, judged again.
+
+    Raises:
+        PointsError: marking.yaml's points do not fit the rubric.
+    """
+    out = Path(job.out)
+    try:
+        if (out / FINGERPRINT).read_text() not in (job.fingerprint, job.fingerprint + job.installed):
+            return None
+        result = load_result(out / RESULT)
+        is_as_before = not (out / WORKSPACE).exists()
+        with contextlib.suppress(HuskyError):  # else it is not known how it was judged
+            before = load(Job, out / JOB)
+            same = ("name", "config", "override")
+            is_as_before |= all(getattr(before, field) == getattr(job, field) for field in same)
+        judged = result if is_as_before else judge_again(job)
+    except PointsError:
+        raise
+    except Exception:  # of whatever kind: it is marked again, and then that is its result
+        return None
+    try:
+        if judged != result:
+            write_result(judged, out)
+        write_whole(out / JOB, to_json(job))  # the class may lie elsewhere by now
+    except OSError:  # as above
+        return None
+    return judged
+
+
+def _marked_by(workers: Workers, jobs: Sequence[Job], elsewhere: bool) -> Iterator[MarkingResult]:
+    """The result of each job, in the order in which they come."""
+    title = f"hand-ins ({len(jobs)} to mark)"
+    if not elsewhere:
+        for _, result in workers.as_completed(run_program, list(jobs), title, 1, True, _failed):
+            yield result
+        return
+
+    def failed(packed: Tuple[Job, PackedPath], error: Exception) -> Files:
+        return {RESULT: to_json(_failed(packed[0], error)).encode()}
+
+    packed = [(job, PackedPath(Path(job.hand_in))) for job in jobs]
+    for number, files in workers.as_completed(run_there, packed, title, 1, True, failed):
+        try:
+            yield write_outputs(files, jobs[number])
+        except Exception as error:
+            yield _failed(jobs[number], error)
+
+
+def _failed(job: Job, error: Exception) -> MarkingResult:
+    """The result of a hand-in that marking itself has failed for; it is marked again at the next call.
+
+    Raises:
+        StoppedError: marking is to end.
+    """
+    if isinstance(error, StoppedError):
+        raise error
+    return unmarked(job, f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}")
+
+
+def run_program(job: Job, shows_errors: bool = False) -> MarkingResult:
+    """Run the marking program for a job; the result, also where the program dies.
+
+    With `shows_errors` its standard error is this program's, for its progress bar, in place of mark.log.
+
+    Raises:
+        StoppedError: marking is to end.
+    """
+    out = Path(job.out)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / RESULT).unlink(missing_ok=True)
+    (out / FINGERPRINT).unlink(missing_ok=True)
+    write_whole(out / JOB, to_json(job))
+    command, variables = private_network.inside([sys.executable, "-m", PROGRAM, str(out / JOB)])
+    # not in a student's folder, whose yaml.py `python -m` would import
+    process = Process(command, out / "mark.log", {**os.environ, **variables}, Path("/"), None, shows_errors)
+    deadline = job.time_limit or DEADLINE + job.config.trials * job.config.wall_limit
+    try:
+        in_time = wait(lambda: not process.running, deadline)
+    except StoppedError:
+        process.interrupt()  # it cleans up behind itself
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.popen.wait(CLEANUP_DEADLINE)
+        raise
+    finally:
+        process.kill()
+    try:
+        return load_result(out / RESULT)
+    except HuskyError:
+        output = " ".join(process.output.split())[-500:] or "its errors are above"
+        problem = f"marking has failed on {platform.node()} (exit code {process.popen.returncode}): {output}"
+        if not in_time:
+            problem = f"it did not end within {deadline:g} s"
+            (out / WORKSPACE).unlink(missing_ok=True)  # some drives are not to be judged
+            write_whole(out / FINGERPRINT, job.fingerprint)
+        result = unmarked(job, problem)
+        write_result(result, out)
+        return result
+
+
+def run_there(packed: Tuple[Job, PackedPath]) -> Files:
+    """Run the marking program on this worker; the files of the result."""
+    job, content = packed
+    with tempfile.TemporaryDirectory(prefix="husky_grade_") as place:
+        folder = Path(place)
+        (folder / "hand_ins").mkdir()
+        path, out = content.unpack(folder / "hand_ins"), folder / "out" / Path(job.out).name
+        run_program(replace(job, hand_in=str(path), out=str(out), hidden=(str(folder),)))
+        files: Files = {}
+        for file in walk(out, NOT_RETURNED):
+            with contextlib.suppress(UnreadableFileError):  # too large, or gone
+                files[file.relative_to(out).as_posix()] = read_regular(file, MAX_RETURNED)
+        return files
+
+
+def write_outputs(files: Files, job: Job) -> MarkingResult:
+    """Write the files that came back into the job's folder of results, the fingerprint last.
+
+    Raises:
+        HuskyError: there is no result among them.
+    """
+    out = Path(job.out)
+    remove_tree(out)
+    for place, content in sorted(files.items(), key=lambda file: file[0] == FINGERPRINT):
+        path = out / place
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    write_whole(out / JOB, to_json(job))  # with the places of this machine
+    return load_result(out / RESULT)

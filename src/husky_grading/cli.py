@@ -1,0 +1,137 @@
+"""Command `grade`: marks a launch file, a node or a class of hand-ins; docs/marking.md."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Optional, Sequence
+
+from husky_evaluation.tasks.command import add_worker_options, between, exit_codes, seed_value
+from husky_grading.batch import Batch, class_seed, mark_all, run_program
+from husky_grading.exercises import EXERCISES
+from husky_grading.isolation.process import stop_on_signals
+from husky_grading.records import (
+    AUTO,
+    ROBOT_VERSIONS,
+    Job,
+    Launchable,
+    MarkingConfig,
+    Rules,
+)
+from husky_grading.reports.files import add_step_summary
+from husky_grading.reports.tables import to_result
+from husky_grading.settings import load_rules
+
+
+def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(
+        prog="grade",
+        description="Mark a controller by the course's rubric, headless. "
+        "Exit code 0: full marks, 1: less, 2: it could not be marked.",
+    )
+    choice, add = parser.add_mutually_exclusive_group(required=True), parser.add_argument
+    choice.add_argument(
+        "--launch", nargs="+", metavar=("PACKAGE", "FILE"), help="a launch file, and its arguments"
+    )
+    choice.add_argument("--node", nargs="+", metavar=("PACKAGE", "TYPE"), help="a node, and its arguments")
+    choice.add_argument(
+        "--all", type=Path, metavar="DIR",
+        help="every hand-in in a folder: each folder or archive in it is one",
+    )  # fmt: skip
+    choice.add_argument(
+        "--review", type=Path, metavar="OUT",
+        help="write a page on which a person gives the points that `grade --all ... --out OUT` left open",
+    )  # fmt: skip
+    add("--exercise", type=int, choices=sorted(EXERCISES), default=3, help="(default 3)")
+    add(
+        "--robot", choices=(AUTO, *ROBOT_VERSIONS), default=AUTO,
+        help="husky: scans on /front/scan in front_laser, husky_melodic: on /scan in base_laser, smb: on "
+        "/scan in rslidar (default auto: what the submission subscribes to and names)",
+    )  # fmt: skip
+    add(
+        "--seed", type=seed_value,
+        help="random seed for start poses, pillars and noise (with --all defaults to one that is drawn "
+        "for the class and kept in --out; otherwise 0)",
+    )  # fmt: skip
+    add("--trials", type=between(int, 1, 1000), default=3, help="drives in exercise 3 (default 3)")
+    seconds = between(float, 0.1, 3600.0)
+    add("--deadline", type=seconds, help="of a drive, simulated seconds (default 120; 60 in 2, 5; 90 in 4)")
+    add(
+        "--pace",
+        type=seconds,
+        help="simulated seconds a second, at most (default 5; 1 in exercise 2, 2 in 5)",
+    )
+    add("--out", type=Path, default=Path("marking"), help="folder of results (default ./marking)")
+    add(
+        "--underlay", "--setup", dest="underlay", type=Path, metavar="SETUP.bash",
+        help="sourced first: the submission's workspace, or with --all one that hand-ins are built on",
+    )  # fmt: skip
+    add_worker_options(parser, 1, "with --all: hand-ins at a time")
+    add(
+        "--time-limit", type=between(float, 1.0, 86400.0), metavar="S",
+        help="with --all: wall seconds for one hand-in (default an hour and its drives: 5940 with three)",
+    )  # fmt: skip
+    add("--rubric", type=Path, metavar="FILE", help="YAML: tolerances, weights, items that a person judges")
+    add("--only", action="append", default=[], metavar="NAME", help="with --all: mark this one again")
+    add("--husky", help=argparse.SUPPRESS)  # its name before `--robot`
+    options = parser.parse_args(arguments)
+    if options.husky:
+        parser.error(f"--husky {options.husky}: it is --robot now: {', '.join((AUTO, *ROBOT_VERSIONS))}")
+    if options.cluster and not options.all:
+        parser.error(f"--cluster {options.cluster}: only with --all")
+    if options.time_limit and not options.all:
+        parser.error(f"--time-limit {options.time_limit:g}: only with --all")
+    for kind in ("launch", "node"):
+        if getattr(options, kind) and len(getattr(options, kind)) < 2:
+            parser.error(f"--{kind} wants a package and a {'file' if kind == 'launch' else 'type'}")
+    if options.all and not options.all.is_dir():
+        parser.error(f"--all {options.all}: no such folder")
+    if options.underlay and not options.underlay.is_file():
+        parser.error(f"--underlay {options.underlay}: no such file")
+    return options
+
+
+def run(options: argparse.Namespace) -> int:
+    """Mark as the command line says; the exit code."""
+    if options.review:
+        # its pictures are drawn by matplotlib, which takes longer to load than all else
+        from husky_grading.review import write_review
+
+        print(f"open it in a browser: {write_review(options.review.resolve()).as_uri()}")
+        return 0
+    exercise = EXERCISES[options.exercise]
+    rules = load_rules(options.rubric, exercise.items) if options.rubric else Rules()
+    out = options.out.resolve()
+    seed = options.seed
+    if seed is None:
+        seed = class_seed(out) if options.all else 0
+    config = MarkingConfig(
+        options.exercise, options.robot, seed, options.trials,
+        options.deadline or exercise.deadline, options.pace or exercise.pace, rules,
+    )  # fmt: skip
+    setups = (str(options.underlay.resolve()),) if options.underlay else ()
+    if options.all:
+        batch = Batch(options.all.resolve(), out, options.jobs, tuple(options.only), setups, options.cluster)
+        batch = replace(batch, time_limit=options.time_limit or 0.0)
+        results = mark_all(config, batch)
+        return 2 if any(result.problem for result in results) else int(not all(r.full for r in results))
+    kind = "launch" if options.launch else "node"
+    package, name, *arguments = getattr(options, kind)
+    launchable = Launchable(kind, package, name, tuple(arguments))
+    job = Job(f"{package} {name}", str(out), config, launchable, setups=setups)
+    result = run_program(job, shows_errors=True)
+    add_step_summary([result])
+    print(to_result(result))
+    print(f"\npicture, JSON, JUnit XML and logs: {out}")
+    return 2 if result.problem else int(not result.full)
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> None:
+    """Run the command."""
+    options = parse(arguments)
+    if not options.cluster:
+        stop_on_signals()  # waits end, and clean up behind them
+    with exit_codes("grade"):
+        raise SystemExit(run(options))

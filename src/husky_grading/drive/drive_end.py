@@ -1,0 +1,71 @@
+"""End of a recorded drive, by what the robot did and where it stands."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import Optional, Tuple
+
+import numpy as np
+
+from husky_grading.notes import Kind, Note
+from husky_grading.recording import hull_gaps
+from husky_highlevel_controller.course import REACHED, STANDS, TOUCH
+from husky_highlevel_controller.datatypes import TrueState
+from husky_highlevel_controller.geometry import pose_to_2d, wrap_angle
+
+AT_PILLAR = 3.0  # [s], simulated: so long at the pillar, it is over
+ABANDONED = 3.0  # [s], simulated: so long still with no node left to drive it, it is over
+STILL = 15.0  # [s], simulated: so long still after a drive, it is over
+NEVER = 12.0  # [s], simulated: so long still from the start, it is over; some sleep for 10 s at first
+# A robot that is PAST metres farther away than at its nearest point, and that has driven straight away from
+# the pillar for LEAVING simulated seconds, does not come back: its heading changes by less than STRAIGHT
+# radians meanwhile, so that it would need 80 s to turn round.
+PAST, LEAVING, STRAIGHT = 10.0, 5.0, 0.2
+NODES_ENDED = Note(Kind.NODES_ENDED, f"its nodes had ended, and it stood still for {ABANDONED:g} s")
+NO_COMMAND = Note(Kind.NODES_ENDED, "its nodes had ended without a command")
+
+
+class DriveEnd:
+    """Follows one drive of exercise 3."""
+
+    def __init__(self, pillar: Tuple[float, float], robot: str) -> None:
+        self._pillar, self._robot = pillar, robot  # [m], in the world; one of ROBOTS
+        self._now = self._drove_at = self._moved_at = 0.0
+        self._first_moved = self._reached_at = self._touched_at = inf
+        self._gap, self._nearest = 0.0, inf  # [m], from the robot's outline to the pillar
+        self._heading, self._left_at = 0.0, 0.0  # [rad] in the world, and [s] since when it leaves with it
+
+    def update(self, state: TrueState) -> None:
+        """Follow the next state."""
+        self._now = now = state.stamp
+        if abs(state.speed) > STANDS:
+            self._drove_at = now
+        if abs(state.speed) > STANDS or abs(state.yaw_rate) > STANDS:
+            self._moved_at, self._first_moved = now, min(self._first_moved, now)
+        pose = pose_to_2d(state.pose_in_world)
+        gap = float(hull_gaps(np.array([pose]), self._pillar, self._robot)[0])
+        if gap <= self._gap or abs(wrap_angle(pose.yaw - self._heading)) > STRAIGHT:
+            self._heading, self._left_at = pose.yaw, now
+        self._gap, self._nearest = gap, min(self._nearest, gap)
+        self._reached_at = min(self._reached_at, now) if gap <= REACHED else inf
+        if gap <= TOUCH:
+            self._touched_at = min(self._touched_at, now)
+
+    def reason(self, abandoned: bool = False) -> Optional[Note]:
+        """Reason why the drive is over; None: it is not. Abandoned: no node of the submission runs."""
+        still = self._now - self._moved_at
+        if self._now >= self._touched_at + AT_PILLAR:
+            return Note(Kind.TOUCHES, "it reached the pillar and touched it")
+        at_pillar = min(self._now - self._drove_at, self._now - self._reached_at) >= AT_PILLAR
+        if at_pillar and self._first_moved < inf:
+            return Note(Kind.AT_PILLAR, "it stands at the pillar")
+        if abandoned and still >= ABANDONED:
+            return NODES_ENDED
+        if self._first_moved == inf and self._now >= NEVER:
+            return Note(Kind.NEVER_MOVED, f"it did not move for {NEVER:g} s")
+        if self._gap > self._nearest + PAST and self._now >= self._left_at + LEAVING:
+            far, near = f"{self._gap:.0f} m", f"{self._nearest:.0f} m"
+            return Note(Kind.LEAVES, f"it was {far} from the pillar, {near} at its nearest, and drove on")
+        if self._first_moved < inf and still >= STILL:
+            return Note(Kind.STOOD_STILL, f"it stood still for {STILL:g} s")
+        return None

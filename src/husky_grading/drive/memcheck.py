@@ -1,0 +1,205 @@
+"""Search for variables that a C++ node reads before it writes them, by valgrind's memcheck.
+
+What such a node does is chance: it may drive on the student's machine and stand on this one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import shutil
+from pathlib import Path
+from typing import Collection, Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+from husky_grading.drive.progress import settles, state_of_tree
+from husky_grading.drive.ros_graph import (
+    registered,
+    robot_listened_to,
+    topics_subscribed,
+)
+from husky_grading.drive.run import simulate, start
+from husky_grading.drive.trials import Trial
+from husky_grading.isolation.files import (
+    UnreadableFileError,
+    is_regular,
+    read_text,
+    texts_in,
+    walk,
+)
+from husky_grading.isolation.process import Process, wait
+from husky_grading.isolation.ros_network import Network
+from husky_grading.records import MarkingConfig
+from husky_grading.submission import SIMULATOR_NODES, Submission
+
+VALGRIND = "valgrind"
+LOG = "memcheck."  # and the process's number; `nodes/submission.py` names it likewise
+CPU, WALL = 2.0, 8.0  # [s] that the node computes beneath valgrind once it listens, and at most waits
+ELF = b"\x7fELF"
+SOURCES = {".cpp", ".cc", ".cxx", ".hpp", ".h", ".hh"}
+MAX_NESTED = 20  # parentheses in each other
+IN_PARENTHESES = "\0"  # in their place and that of all within
+DEPTH = 4  # frames of the standard library between the read and the line of the hand-in
+
+_FRAME = re.compile(r"(?:at|by) 0x[0-9A-F]+: (.*) \(([^()]+):(\d+)\)$")
+_PRINTS = re.compile(r"printf|ostream|operator<<|num_put|rosconsole|ros::console|_itoa")
+_TYPE = r"(?:bool|char|int|long|short|float|double|unsigned(?: \w+)?|(?:std::)?size_t|u?int\d+_t)"
+_DECLARED = re.compile(
+    rf"^[ \t]*(?:mutable |volatile )?{_TYPE}[ \t]+(\w+(?:[ \t]*,[ \t]*\w+)*)[ \t]*;", re.MULTILINE
+)
+# scalars, and types whose constructor writes nothing
+_VARIABLE = re.compile(
+    rf"(?:(?:^|[\s:])(?:{_TYPE}\b|\w+_t\b|(?:std::array|tf2?|Eigen)\b\S*)|^\s*(?:const\s+)?[\w:<>]+\s*\*)"
+    r"(?P<names>.*)$",
+    re.DOTALL,
+)
+_MEMORY = re.compile(r"\b(?:struct|union|enum|new|malloc|alloca)\b")
+_IGNORED = re.compile(r"//[^\n]*|/\*.*?(?:\*/|\Z)|\#[^\n]*", re.DOTALL)
+
+
+class Place(NamedTuple):
+    """A line of a source file."""
+
+    file: str  # its name without folders
+    line: int
+
+
+def is_worth_checking(submission: Submission) -> bool:
+    """Whether a program of C++ in it may have such a variable: valgrind takes some seconds."""
+    root = submission.root
+    return (
+        root is not None
+        and shutil.which(VALGRIND) is not None
+        and any(_is_program(root / "devel" / "lib" / node) for node in submission.nodes)
+        and any(map(may_be_unwritten, _texts(root / "src").values()))
+    )
+
+
+def uninitialised(
+    submission: Submission, trial: Trial, config: MarkingConfig, folder: Path, is_guess: bool
+) -> Tuple[str, Optional[MarkingConfig]]:
+    """Start a submission in valgrind: a sentence on a variable that is read before it is written, if one is.
+
+    Where the robot is a guess, and the submission listens to another one's scans, these are sent; with the
+    settings of the robot whose scans it subscribes to, or None: that is not known.
+
+    Raises:
+        MarkingError: our own part of it does not work.
+    """
+    sources, listened = (submission.root or folder) / "src", None
+    with Network(folder) as network:
+        simulator = simulate(network, trial, config, 1.0)
+        process, _ = start(network, submission, "memcheck")
+
+        def subscribes() -> bool:
+            return config.scan_topic in topics_subscribed(network.uri, SIMULATOR_NODES)
+
+        nodes = len(submission.nodes)
+        joined = settles(process, nodes, subscribes, lambda: registered(network.uri, SIMULATOR_NODES))
+        if is_guess:
+            listened = robot_listened_to(network.uri, SIMULATOR_NODES, config)
+        if listened is not None and listened != config:
+            simulator.kill()
+            simulate(network, trial, listened, 1.0)
+            joined = process.running
+        if joined:
+            _let_it_compute(process)
+        # before it is ended: a `getParam` that the end interrupts leaves its variable as it was
+        logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
+        log = "\n".join(map(_text, logs))
+    return sentence(reads_in(log, sources), sources), listened
+
+
+def _let_it_compute(process: Process) -> None:
+    _, start = state_of_tree(process.popen.pid)
+    wait(lambda: not process.running or state_of_tree(process.popen.pid)[1] - start > CPU, WALL)
+
+
+def _is_program(path: Path) -> bool:
+    with contextlib.suppress(OSError):
+        if is_regular(path):  # the build may have put a FIFO there
+            with path.open("rb") as file:
+                return file.read(len(ELF)) == ELF
+    return False
+
+
+def _text(path: Path) -> str:
+    try:
+        return read_text(path)
+    except UnreadableFileError:
+        return ""
+
+
+def may_be_unwritten(text: str) -> bool:
+    """Whether C++ declares a variable without a value, or may: then valgrind's seconds are spent on it."""
+    text = _IGNORED.sub("", text)
+    for _ in range(MAX_NESTED):
+        text = re.sub(r"\([^()]*\)", IN_PARENTHESES, text)
+    declarations = filter(None, map(_VARIABLE.search, re.split(r"[;{}]", text)))
+    names = [name for declaration in declarations for name in declaration["names"].split(",")]
+    return bool(_MEMORY.search(text)) or any("=" not in name and IN_PARENTHESES not in name for name in names)
+
+
+def _texts(sources: Path) -> Dict[str, str]:
+    return {path.name: text for path, text in texts_in(sources, SOURCES)}
+
+
+def reads_in(log: str, sources: Path) -> List[Tuple[Optional[Place], Optional[Place]]]:
+    """(line that reads, line that made the memory) of each read in a hand-in's sources, by memcheck's log.
+
+    What is only printed does not count. Where a value is sent, no line reads it.
+    """
+    own_files = {path.name for path in walk(sources) if path.suffix in SOURCES}
+    places: List[Tuple[Optional[Place], Optional[Place]]] = []
+    for block in re.split(r"^==\d+== *$", log, flags=re.MULTILINE):
+        text = re.sub(r"^==\d+== *", "", block, flags=re.MULTILINE).strip()
+        reads, _, creation = text.partition("Uninitialised value was created")
+        origin = _first_own(creation, own_files)
+        if reads.startswith(("Conditional jump", "Use of uninitialised value")):
+            line = _first_own(reads, own_files)
+            if line is not None:
+                places.append((line, origin))
+        elif reads.startswith("Syscall param") and "ros::" in reads and origin is not None:
+            places.append((None, origin))
+    return places
+
+
+def _first_own(stack: str, own_files: Collection[str]) -> Optional[Place]:
+    for line in stack.splitlines()[: DEPTH + 1]:
+        frame = _FRAME.match(line.strip())
+        if frame and frame[2] in own_files:
+            return Place(frame[2], int(frame[3]))
+        if _PRINTS.search(line):
+            return None
+    return None
+
+
+def sentence(reads: Sequence[Tuple[Optional[Place], Optional[Place]]], sources: Path) -> str:
+    """A sentence on the first read, with the variable's name where the line has it; empty: there is none."""
+    if not reads:
+        return ""
+    texts = _texts(sources)
+    places = _declared(texts)
+    for line, _ in reads:
+        if line is not None:
+            code = texts.get(line.file, "").splitlines()[line.line - 1 : line.line]
+            names = [name for name in re.findall(r"\w+", " ".join(code)) if name in places]
+            if names:
+                place = places[names[0]]
+                name = f"`{names[0]}` ({place.file}:{place.line})"
+                return f"{name} is read at {line.file}:{line.line} before it is written"
+    line, origin = reads[0]
+    if line is not None:
+        return f"a variable is read at {line.file}:{line.line} before it is written"
+    object_place = f", in an object made at {origin.file}:{origin.line}" if origin else ""
+    return f"it sends a value that was never written{object_place}"
+
+
+def _declared(texts: Dict[str, str]) -> Dict[str, Place]:
+    """Variables that are declared without a value."""
+    places: Dict[str, Place] = {}
+    for file, text in texts.items():
+        for declaration in _DECLARED.finditer(text):
+            line = text.count("\n", 0, declaration.start(1)) + 1
+            for name in re.split(r"[ \t]*,[ \t]*", declaration[1]):
+                places.setdefault(name, Place(file, line))
+    return places

@@ -1,0 +1,83 @@
+"""Second stage of marking: a submission drives; each drive leaves a recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Sequence
+
+from tqdm import tqdm
+
+from husky_grading.drive.call_plan import BAG
+from husky_grading.drive.memcheck import is_worth_checking, uninitialised
+from husky_grading.drive.ros_graph import listens_to
+from husky_grading.drive.run import OtherRobotError, drive, not_begun
+from husky_grading.drive.trials import Trial
+from husky_grading.isolation.files import remove_tree, write_whole
+from husky_grading.notes import Kind, Note
+from husky_grading.recording import RECORDING, to_json
+from husky_grading.records import AUTO, SMB, MarkingConfig
+from husky_grading.submission import Submission
+
+DRIVE = "drive"  # folder of each drive while it lasts: a submission sees its path, and not which start it has
+
+
+def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConfig, out: Path) -> None:
+    """Let a submission drive, and write drive_N/recording.json; further ones only where the first one moved.
+
+    It is started once for each drive, once more where its memory is checked, which tells its robot as well,
+    and once more where the robot that its files name is not the one whose scans it subscribes to and the
+    check, in which it may die, has not told that.
+
+    Raises:
+        MarkingError: our own part of it does not work.
+    """
+    for earlier in [*out.glob("drive_*"), out / DRIVE, out / "memcheck"]:
+        remove_tree(earlier)
+    is_named = config.robot == AUTO
+    if is_named:
+        config = replace(config, robot=submission.robot)
+    is_bag = trials[0].driver == BAG
+    is_guess = is_named and submission.robot != SMB and not is_bag  # the SMB's names are certain
+    why = submission.names_robot
+    if submission.problem:
+        notes = (*[Note(Kind.ROBOT, why)] * is_named, *submission.problem)
+        folder = out / f"drive_{trials[0].number}"
+        folder.mkdir(parents=True)
+        write_whole(folder / RECORDING, to_json(replace(not_begun(trials[0], config), notes=notes)))
+        return
+    chance = ""
+    if not is_bag and is_worth_checking(submission):  # else no code is handed in
+        chance, listened = uninitialised(submission, trials[0], config, out / "memcheck", is_guess)
+        if listened is not None:
+            config, why, is_guess = listened, listens_to(listened), False
+    for trial in trials:
+        folder = out / DRIVE
+        with _bar(trial, len(trials), config) as bar:
+            act = partial(
+                drive, submission, trial, folder=folder, chance=chance, on_time=partial(_advance, bar)
+            )
+            try:
+                moved = act(config, note=why * is_named, is_guess=is_guess)
+            except OtherRobotError as other:
+                config = other.config
+                moved = act(config, note=listens_to(config))
+            finally:
+                if folder.exists():
+                    folder.rename(out / f"drive_{trial.number}")
+        if not moved and trial is trials[0]:
+            break
+        is_guess = is_named = False
+
+
+def _bar(trial: Trial, trials: int, config: MarkingConfig) -> Any:
+    """Progress of a drive on a terminal, in simulated seconds up to its deadline; it may end earlier."""
+    title = f"drive {trial.number} of {trials}"
+    shape = "{desc}: {percentage:3.0f} %|{bar}| {n:.0f} of at most {total:.0f} s [{elapsed}<{remaining}]"
+    return tqdm(total=config.deadline, desc=title, bar_format=shape, disable=None, leave=False)
+
+
+def _advance(bar: Any, now: float) -> None:
+    """Show a simulated time [s]."""
+    bar.update(round(min(now, bar.total) - bar.n, 1))

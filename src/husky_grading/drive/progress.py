@@ -1,0 +1,100 @@
+"""Progress of a process tree: whether one of its threads runs, and its CPU time, from /proc (proc(5))."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Callable, List, Tuple
+
+from husky_grading.drive.ros_graph import Registered
+from husky_grading.isolation.process import Process, wait
+
+POLL_PERIOD = 0.1  # [s] of wall time
+LOOK_PERIOD = 0.5  # [s] of wall time between two looks at the ROS graph
+IDLE, IDLE_BEFORE = 2.0, 12.0  # [s] of wall time without a running thread: once it listens, and before
+# A program that is never idle for long, such as one that publishes in a loop, has settled where it has
+# computed or slept for SETTLED seconds since its last registration, and has computed for SETTLED_CPU of them.
+# Time in which it waits for a CPU does not count. It takes NODE_MISSING times as long if a node has not
+# registered.
+SETTLED, SETTLED_CPU, NODE_MISSING = 5.0, 0.5, 4.0
+CPU_LIMIT, WALL_LIMIT = 50.0, 300.0  # [s] of CPU and of wall time for a program that is never idle
+_TICKS = os.sysconf("SC_CLK_TCK")
+_RUNNING = {"R", "D"}  # running or runnable, waiting for a disk
+
+
+def settles(process: Process, nodes: int, done: Callable[[], bool], graph: Callable[[], Registered]) -> bool:
+    """Wait until a condition holds; False if the program ends, waits for something else, or has settled.
+
+    A program that is starved of CPU time is runnable, and so not idle, and does not settle: a busy machine
+    ends no wait. What a program has not registered once it has settled does not come.
+
+    Args:
+        process: the program.
+        nodes: number of the nodes that it starts.
+        done: the condition.
+        graph: gives what its nodes have registered; some sleep for 10 s before they do anything.
+    """
+    idle_since = looked_at = time.monotonic()
+    polled_at, asleep = idle_since, 0.0
+    seen, cpu_at_change = Registered(), 0.0
+
+    def decided() -> bool:
+        nonlocal idle_since, looked_at, polled_at, asleep, seen, cpu_at_change
+        runs, cpu_seconds = state_of_tree(process.popen.pid)
+        now = time.monotonic()
+        if runs:
+            idle_since = now
+        else:
+            asleep += now - polled_at
+        polled_at = now
+        if now - looked_at > LOOK_PERIOD:
+            looked_at, before, seen = now, seen, graph()
+            if seen != before:
+                asleep, cpu_at_change = 0.0, cpu_seconds
+        idle = now - idle_since
+        idles = idle > IDLE_BEFORE or (idle > IDLE and bool(seen.subscribed))
+        patience = 1.0 if len(seen.nodes) >= nodes else NODE_MISSING
+        computed = cpu_seconds - cpu_at_change
+        settled = (
+            bool(seen.advertised or seen.subscribed)
+            and computed > SETTLED_CPU * patience
+            and computed + asleep > SETTLED * patience
+        )
+        return done() or not process.running or idles or settled or cpu_seconds > CPU_LIMIT
+
+    wait(decided, WALL_LIMIT, POLL_PERIOD)
+    return done()
+
+
+def state_of_tree(root: int) -> Tuple[bool, float]:
+    """Whether a thread below a process runs, and the CPU time [s] of all that is below it."""
+    runs, ticks = False, 0
+    waiting = _children(root)
+    while waiting:
+        pid = waiting.pop()
+        for task in _tasks(pid):
+            fields = _read(task / "stat").rpartition(")")[2].split()
+            if fields:
+                runs |= fields[0] in _RUNNING
+                ticks += int(fields[11]) + int(fields[12])
+        waiting += _children(pid)
+    return runs, ticks / _TICKS
+
+
+def _children(pid: int) -> List[int]:
+    return [int(child) for task in _tasks(pid) for child in _read(task / "children").split()]
+
+
+def _tasks(pid: int) -> List[Path]:
+    try:
+        return list(Path(f"/proc/{pid}/task").iterdir())
+    except OSError:  # it has ended
+        return []
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(errors="replace")
+    except OSError:
+        return ""

@@ -1,0 +1,130 @@
+"""ROS graph: questions to a ROS master over XML-RPC; topics that lead nowhere or that a submission forges."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import (
+    Any,
+    Collection,
+    Dict,
+    FrozenSet,
+    List,
+    Mapping,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Set,
+    Tuple,
+)
+
+from husky_grading.records import ROBOT_TITLES, ROBOT_VERSIONS, SMB, MarkingConfig
+from husky_highlevel_controller.xml_rpc import ask
+
+ANSWER_DEADLINE = 20.0  # [s] of wall time; a submission may end the master and listen in its place
+CALLER = "/marking"
+TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
+TRUTH, WORLD = "/ground_truth/odom", "/husky_simulator/world/"  # topic; of interactive markers of all bodies
+EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
+Nodes = Mapping[str, Sequence[str]]  # topic: nodes
+
+
+def has_service(uri: str, name: str) -> bool:
+    """Whether a node offers a service."""
+    return bool(_ask(uri, "lookupService", name))
+
+
+class Registered(NamedTuple):
+    """Registrations of a submission with a ROS master, without the topics that every node has."""
+
+    nodes: FrozenSet[str] = frozenset()
+    advertised: FrozenSet[str] = frozenset()  # topics
+    subscribed: FrozenSet[str] = frozenset()
+
+
+def registered(uri: str, our_nodes: Collection[str]) -> Registered:
+    """Registrations of the nodes that are not ours."""
+    state = [
+        {topic: set(nodes) - set(our_nodes) for topic, nodes in part}
+        for part in _ask(uri, "getSystemState") or ()
+    ]
+    topics = [
+        frozenset(topic for topic, nodes in part.items() if nodes and topic not in EVERY_NODE_HAS)
+        for part in state[:2]
+    ]
+    nodes = frozenset(node for part in state for nodes in part.values() for node in nodes)
+    return Registered(nodes, *topics)
+
+
+def set_parameters(uri: str, values: Mapping[str, Any]) -> None:
+    """Set parameters."""
+    for name, value in values.items():
+        _ask(uri, "setParam", name, value)
+
+
+def topics_subscribed(uri: str, our_nodes: Collection[str] = ()) -> Tuple[str, ...]:
+    """Topics that a node which is not ours subscribes to."""
+    state = _ask(uri, "getSystemState")
+    return tuple(topic for topic, nodes in state[1] if set(nodes) - set(our_nodes)) if state else ()
+
+
+def robot_listened_to(uri: str, our_nodes: Collection[str], config: MarkingConfig) -> Optional[MarkingConfig]:
+    """Settings with the robot whose scans a submission subscribes to; None: that does not tell.
+
+    It does not where it subscribes to none, or to several topics of scans that are no robot's.
+    """
+    topics = topics_subscribed(uri, our_nodes)
+    if config.scan_topic in topics:
+        return config
+    for version, (topic, _) in ROBOT_VERSIONS.items():
+        if version != SMB and topic in topics:
+            return replace(config, robot=version)
+    types = dict(_ask(uri, "getTopicTypes") or ())
+    scans = [topic for topic in topics if types.get(topic) == SCAN]
+    return replace(config, robot="husky", scans=scans[0]) if len(scans) == 1 else None
+
+
+def listens_to(config: MarkingConfig) -> str:
+    """A sentence that says why the robot is that of a configuration, by what the submission subscribes to."""
+    if config.scans:
+        return f"scans are sent on {config.scans}, the only topic of scans that it subscribes to"
+    return f"the simulated robot is the {ROBOT_TITLES[config.robot]}: it subscribes to {config.scan_topic}"
+
+
+def _ask(uri: str, method: str, *arguments: Any) -> Any:
+    return ask(uri, method, CALLER, *arguments, deadline=ANSWER_DEADLINE)
+
+
+def listens(subscribers: Nodes, our_nodes: Set[str]) -> bool:
+    """Whether the submission subscribes to a topic that not every node has."""
+    return any(set(nodes) - our_nodes for topic, nodes in subscribers.items() if topic not in EVERY_NODE_HAS)
+
+
+def silent_topics(publishers: Nodes, subscribers: Nodes, our_nodes: Set[str]) -> List[str]:
+    """Topics to which only the submission subscribes and which nothing publishes."""
+    return sorted(
+        topic
+        for topic, nodes in subscribers.items()
+        if set(nodes) - our_nodes and not publishers.get(topic) and topic not in EVERY_NODE_HAS
+    )
+
+
+def unread_topics(
+    publishers: Nodes, subscribers: Nodes, types: Dict[str, str], our_nodes: Set[str]
+) -> List[str]:
+    """Velocity commands of the submission that have no subscriber."""
+    return sorted(
+        topic
+        for topic, nodes in publishers.items()
+        if set(nodes) - our_nodes and types.get(topic) == TWIST and not subscribers.get(topic)
+    )
+
+
+def forged_topics(publishers: Nodes, topics: Sequence[str], our_nodes: Set[str]) -> List[Tuple[str, str]]:
+    """(topic, node) of the submission where only the simulator publishes."""
+    return [(topic, node) for topic in topics for node in sorted(set(publishers.get(topic, ())) - our_nodes)]
+
+
+def topics_of_truth(subscribers: Nodes, our_nodes: Set[str]) -> List[Tuple[str, str]]:
+    """(topic, node) of the submission that subscribes to true poses, which marking's simulator keeps back."""
+    truth = [topic for topic in subscribers if topic == TRUTH or topic.startswith(WORLD)]
+    return forged_topics(subscribers, truth, our_nodes)

@@ -1,0 +1,222 @@
+"""Unpacks zip and tar archives of hand-ins: nothing outside the folder, no links, no devices, bounded size.
+
+A program of its own reads the archive, within limits of memory and time: modules of Python's library read
+headers whole, whatever size these claim to have.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import resource
+import stat
+import subprocess
+import sys
+import tarfile
+import zipfile
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path, PurePosixPath
+from typing import IO, Any, Dict, Iterator, List, Optional, Sequence, Tuple
+
+from husky_grading.isolation.files import walk
+from husky_highlevel_controller.datatypes import HuskyError
+
+PROGRAM = "husky_grading.hand_in.archives"
+
+SUFFIXES = (".zip", ".tar.gz", ".tgz", ".tar.bz2", ".tar.xz", ".tar")
+UNREAD = (".7z", ".rar", ".tar.zst")  # hand-ins that cannot be opened
+MAX_FILES, MAX_BYTES = 20_000, 500_000_000  # of all archives of one hand-in, unpacked; of a folder, copied
+MAX_FILE = 100_000_000  # [bytes] of one file; a larger one, such as a rosbag, is left out
+MAX_NAMED = 5  # files that a note names
+UTF_8 = 0x800  # flag of a member of a zip: its name is UTF-8, not code page 437
+CHUNK = 1 << 16  # [bytes]
+MEMORY, DEADLINE = 1_000_000_000, 120  # [bytes], [s] of CPU and wall time, of unpacking one archive
+_Member = Tuple[str, bool, bool, Optional[IO[bytes]]]  # name, executable, to be left out, content
+
+
+class ArchiveError(HuskyError):
+    """An archive that is broken, encrypted, too large, or that leads out of its folder."""
+
+
+@dataclass
+class Allowance:
+    """Files and bytes that may still be unpacked."""
+
+    files: int = MAX_FILES
+    size: int = MAX_BYTES  # [bytes]
+
+
+def suffix_of(name: str) -> str:
+    """The ending that makes a file an archive; empty: it is none."""
+    return next((suffix for suffix in (*SUFFIXES, *UNREAD) if name.lower().endswith(suffix)), "")
+
+
+def large_files_note(names: Sequence[str]) -> List[str]:
+    """A sentence on files that are left out because of their size, if there are any."""
+    shown = ", ".join(names[:MAX_NAMED]) + ", ..." * (len(names) > MAX_NAMED)
+    size = f"{MAX_FILE / 1e6:g} MB, or {MAX_BYTES / 1e6:g} MB together"
+    return [f"left out, because larger than {size}: {shown}"] if names else []
+
+
+def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
+    """Unpack a regular file into an existing, empty folder, and use up the allowance; what was left out.
+
+    Raises:
+        ArchiveError: see there; the folder may then hold a part of it.
+    """
+    if suffix_of(archive.name) in UNREAD:
+        raise ArchiveError(f"{archive.name} is not opened: only {', '.join(SUFFIXES)} are")
+    command = [sys.executable, "-m", PROGRAM, *map(str, (archive, folder, allowance.files, allowance.size))]
+    try:
+        process = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE, check=False)
+        links, large, allowance.files, allowance.size, error = json.loads(process.stdout)
+    except subprocess.TimeoutExpired:
+        error = f"{archive.name} cannot be unpacked: no end after {DEADLINE} s"
+    except (ValueError, TypeError):  # it died
+        error = f"{archive.name} cannot be unpacked within {MEMORY / 1e9:g} GB of memory"
+    if error:
+        raise ArchiveError(error)
+    return [f"{archive.name} holds links, which are left out"] * bool(links) + large_files_note(large)
+
+
+def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, List[str]]:
+    """Unpack in this program; the number of links and special files, and names of large files, left out.
+
+    Raises:
+        ArchiveError: see there.
+    """
+    left_out, names = 0, set()
+    large: List[str] = []
+    members = _zip_members if suffix_of(archive.name) == ".zip" else _tar_members
+    try:
+        for name, executable, special, content in members(archive):
+            left_out += special
+            if content is not None and name not in names:
+                names.add(name)
+                with content:
+                    target = folder / _inside(name, archive)
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    if not _copy(content, target, allowance, archive):
+                        large.append(name)
+                    elif executable:
+                        target.chmod(0o755)
+    except (ArchiveError, MemoryError):
+        raise
+    except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: a password is needed
+        raise ArchiveError(f"{archive.name} cannot be unpacked: {error}") from error
+    except Exception as error:  # of zipfile, tarfile, zlib, lzma, bz2, struct
+        raise ArchiveError(f"{archive.name} is broken: {error or type(error).__name__}") from error
+    return left_out, large
+
+
+def main(archive: str, folder: str, files: str, size: str) -> None:
+    """Unpack, and print [links, large files, files and bytes still allowed, error or empty] as JSON."""
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CPU, (DEADLINE, DEADLINE))
+    allowance = Allowance(int(files), int(size))
+    try:
+        left_out, large = _unpack(Path(archive), Path(folder), allowance)
+        problem = ""
+    except ArchiveError as error:
+        left_out, large, problem = 0, [], str(error)
+    print(json.dumps([left_out, large, allowance.files, allowance.size, problem]))
+
+
+def _inside(name: str, archive: Path) -> PurePosixPath:
+    """A member's name as a path below the folder."""
+    path = PurePosixPath(name.replace("\\", "/"))
+    if (
+        path.is_absolute()
+        or ".." in path.parts
+        or "\0" in name
+        or not path.parts
+        or path.parts[0][1:2] == ":"
+    ):
+        raise ArchiveError(f"{archive.name} leads out of its folder: {name[:200]!r}")
+    return path
+
+
+def _copy(content: IO[bytes], target: Path, allowance: Allowance, archive: Path) -> bool:
+    """Copy a member, unless it is larger than MAX_FILE; whether it was."""
+    allowance.files -= 1
+    size = 0
+    with target.open("xb") as file:
+        for chunk in iter(partial(content.read, CHUNK), b""):
+            size += len(chunk)
+            if size > MAX_FILE:
+                target.unlink()
+                return False
+            if size > allowance.size:
+                break
+            file.write(chunk)
+    allowance.size -= size
+    if allowance.files < 0 or allowance.size < 0:
+        raise ArchiveError(
+            f"{archive.name} is too large: more than {MAX_FILES} files or {MAX_BYTES} bytes, unpacked"
+        )
+    return True
+
+
+def _zip_members(archive: Path) -> Iterator[_Member]:
+    with zipfile.ZipFile(archive) as opened:
+        for info in opened.infolist():
+            mode = info.external_attr >> 16
+            special = stat.S_IFMT(mode) not in (0, stat.S_IFREG, stat.S_IFDIR)
+            name = _zip_name(info)
+            content = None if special or name.endswith("/") else opened.open(info)
+            yield name, bool(mode & 0o100), special, content
+
+
+def _zip_name(info: zipfile.ZipInfo) -> str:
+    """Name of a member: Info-ZIP and macOS write UTF-8 without its flag, Windows by backslashes."""
+    name = info.filename
+    if not info.flag_bits & UTF_8:
+        with contextlib.suppress(UnicodeError):
+            name = name.encode("cp437").decode("utf-8")
+    return name.replace("\\", "/")
+
+
+def _tar_members(archive: Path) -> Iterator[_Member]:
+    with tarfile.open(archive) as opened:
+        for info in opened:
+            content = opened.extractfile(info) if info.isfile() else None
+            yield info.name, bool(info.mode & 0o100), not (info.isfile() or info.isdir()), content
+
+
+class PackedPath:
+    """A file or folder that is read when it is sent, so that a class need not fit into memory.
+
+    Links and large files, which marking leaves out, are not sent.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path: Optional[Path] = path
+        self._content = b""
+
+    def __getstate__(self) -> Dict[str, Any]:
+        """The content."""
+        if self.path is None:
+            return {"path": None, "_content": self._content}
+        content, room = io.BytesIO(), MAX_BYTES
+        with tarfile.open(fileobj=content, mode="w:gz", compresslevel=1) as archive:
+            archive.add(self.path, self.path.name, recursive=False)
+            for file in walk(self.path) if self.path.is_dir() else ():
+                size = file.stat().st_size
+                if size <= min(MAX_FILE, room):
+                    room -= size
+                    archive.add(file, Path(self.path.name, file.relative_to(self.path)), recursive=False)
+        return {"path": None, "_content": content.getvalue()}
+
+    def unpack(self, folder: Path) -> Path:
+        """Lay it into an empty folder, with permissions as they were; its path."""
+        with tarfile.open(fileobj=io.BytesIO(self._content)) as archive:
+            names = archive.getnames()
+            keep = {"filter": "fully_trusted"} if hasattr(tarfile, "fully_trusted_filter") else {}
+            archive.extractall(folder, **keep)  # type: ignore[arg-type]
+        return folder / names[0]
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

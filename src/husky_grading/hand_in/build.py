@@ -1,0 +1,350 @@
+"""Builds a hand-in: its packages in a catkin workspace of its own, in the sandbox."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Dict, FrozenSet, List, Match, Optional, Sequence, Set, Tuple
+from xml.sax.saxutils import escape
+
+from catkin_pkg.package import parse_package
+
+from husky_grading.hand_in.archives import MAX_BYTES, MAX_FILE, large_files_note
+from husky_grading.hand_in.dependencies import debian_packages, missing_note
+from husky_grading.hand_in.packages import BUILT, NotMarkableError, Package
+from husky_grading.isolation.files import (
+    UnreadableFileError,
+    file_suffix,
+    is_below,
+    is_regular,
+    read_regular,
+    remove_tree,
+    walk,
+    write_whole,
+)
+from husky_grading.isolation.forked import import_early
+from husky_grading.isolation.own_files import Own
+from husky_grading.isolation.process import Process, ends
+from husky_grading.isolation.ros_network import MarkingError
+from husky_grading.isolation.sandbox import Workspace, clean_environment
+from husky_grading.notes import Kind, Note
+
+BUILD_DEADLINE = 600.0  # [s] of wall time, for each attempt
+MAX_TEXT = 1_000_000  # [bytes] of a launch file
+MAX_MISSING = 10  # packages that CMake misses one after the other
+MAX_STAND_INS = 50  # for packages that it misses in all: a build can print any number of names
+LESS_COLLECTION = "--param ggc-min-heapsize=500000"  # [kB] before GCC collects garbage, a tenth of its time
+# header before each C++ source; a repair changes it, so CMake need not run again
+PRELUDE = "marking_prelude.h"
+# publish(true) and its like compile, as in a Release build of Noetic and older
+PLAIN_TYPES = "\n".join(
+    ["#if defined(ROS_PACKAGE_NAME) && __has_include(<std_msgs/builtin_bool.h>)"]
+    + [f"#include <std_msgs/builtin_{kind}.h>" for kind in ("bool", "float", "double")]
+    + [f"#include <std_msgs/builtin_{sign}int{bits}.h>" for sign in ("", "u") for bits in (8, 16, 32, 64)]
+    + ["#endif\n"]
+)
+OLD_BOOST = "#define BOOST_BIND_GLOBAL_PLACEHOLDERS\n#include <boost/bind.hpp>\n"
+_PLACEHOLDER = re.compile(r"\b_[1-9]\b")
+OLD_BOOST_NOTE = (
+    "_1 of boost::bind is made to compile; newer versions of Boost call it boost::placeholders::_1"
+)
+# a function of a program: Publisher::publish of a built-in type
+PLAIN_PUBLISH = re.compile(rb"_ZNK3ros9Publisher7publishI[abcdfhijlmstxy]EEvRKT_")
+PLAIN_PUBLISH_NOTE = (
+    "publish(true) and its like are made to compile; newer versions of ROS want a message, such as "
+    "std_msgs::Bool"
+)
+_OTHER_PYTHON = re.compile(rb"#!.*\bpython(?:(?:2(?:\.\d+)?)?\s*|3\s+)")
+_HOME = re.compile(r"/(?:home|Users)/[^\s\"'<>$]+")
+_NOT_FOUND = re.compile(r'Could not find a package configuration file provided by\s+"([\w-]{1,100})"')
+_ERROR = re.compile(r"^(?P<where>[^\s:][^:\n]*:\d+(?::\d+)?): (?:fatal )?error: (?P<what>.*)$", re.MULTILINE)
+_RETURN = re.compile(
+    r"^(?P<where>[^\s:][^:\n]*:\d+)(?::\d+)?: warning: "
+    r"(?P<what>no return statement in function returning non-void|control reaches end of non-void function)",
+    re.MULTILINE,
+)
+_NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")  # it may be generated too late
+_EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
+_TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
+_STAND_IN = """# {name} is not installed; whatever uses nothing of it builds without it
+set({name}_FOUND TRUE)
+set({name}_FOUND_CATKIN_PROJECT TRUE)
+set({name}_INCLUDE_DIRS "")
+set({name}_LIBRARIES "")
+function(roslint_cpp)
+endfunction()
+function(roslint_python)
+endfunction()
+function(roslint_add_test)
+endfunction()
+"""
+
+
+@dataclass(frozen=True)
+class Build:
+    """Result of building a hand-in."""
+
+    workspace: Workspace
+    notes: Tuple[Note, ...] = ()  # of kind BUILD: why something was not built
+
+
+@dataclass(frozen=True)
+class Folders:
+    """A catkin workspace on disk."""
+
+    root: Path
+    packages: Dict[str, Path] = field(default_factory=dict)  # sources, by the packages' names
+
+    @property
+    def setup(self) -> Path:
+        """Written by the build."""
+        return self.root / "devel" / "setup.bash"
+
+    @property
+    def stand_ins(self) -> Path:
+        """Empty CMake packages, for those that are not installed."""
+        return self.root.with_name("stand_ins") / "prefix"  # where the build cannot write
+
+    @property
+    def log(self) -> Path:
+        """Output of the build."""
+        return self.root.with_name("build.log")  # where the build cannot write
+
+
+def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, List[str]]:
+    """Copy packages into a new workspace, without links, special files and what was built; and notes."""
+    remove_tree(root)
+    (root / "src").mkdir(parents=True)
+    notes: List[str] = []
+    large: List[str] = []
+    room = MAX_BYTES
+    copies: Dict[str, Path] = {}
+    for package in packages:
+        target = copies[package.name] = root / "src" / package.name
+        scripts: List[str] = []
+        older: List[str] = []
+        target.mkdir()
+        # not its blocks on the disk: a sparse file would be written as the zeros that it stands for
+        sizes = {path: path.stat().st_size for path in walk(package.path, BUILT)}
+        for path, size in sorted(sizes.items(), key=lambda entry: entry[1]):
+            if size > min(MAX_FILE, room):
+                large.append(path.name)
+                continue
+            room -= size
+            copy = target / path.relative_to(package.path)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, copy)
+            executable, is_script = bool(path.stat().st_mode & 0o100), _is_script(copy)
+            if is_script and _repair_interpreter(copy):
+                older.append(path.name)
+            if is_script and not executable:
+                scripts.append(path.name)
+            copy.chmod(0o755 if executable or is_script else 0o644)
+        if scripts:
+            notes.append(f"made executable, which a copy through an archive may undo: {', '.join(scripts)}")
+        if older:
+            notes.append(f"run by Python 3, in place of what their first lines name: {', '.join(older)}")
+        notes += _repair_manifest(target, package)
+    notes += large_files_note(large)
+    paths = [path for folder in copies.values() for path in _repair_paths(folder, copies)]
+    if paths:
+        notes.append(f"paths of another computer, read in the hand-in: {', '.join(dict.fromkeys(paths))}")
+    (root / "src" / ".catkin_workspace").touch()
+    return Folders(root, copies), notes
+
+
+def _is_script(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(2) == b"#!"
+
+
+def _repair_interpreter(script: Path) -> bool:
+    """Let Python 3 run a script whose first line names python or python2, or ends as on Windows."""
+    line, _, code = script.read_bytes().partition(b"\n")
+    if _OTHER_PYTHON.fullmatch(line):
+        script.write_bytes(b"#!/usr/bin/env python3\n" + code)
+        return True
+    return False
+
+
+def _repair_paths(folder: Path, packages: Dict[str, Path]) -> List[str]:
+    """Put $(find PACKAGE) into a package's launch files for /home/... of files in the packages; the paths."""
+    paths: List[str] = []
+
+    def local_path(match: Match[str]) -> str:
+        for name, package in packages.items():
+            _, beside, place = match.group().rpartition(f"/{name}/")
+            if beside and ".." not in place and is_regular(package / place):
+                paths.append(match.group())
+                return f"$(find {name})/{place}"
+        return match.group()
+
+    for path in walk(folder):
+        if file_suffix(path) == ".launch" and path.stat().st_size <= MAX_TEXT:
+            text = path.read_bytes().decode("utf-8", "surrogateescape")
+            path.write_bytes(_HOME.sub(local_path, text).encode("utf-8", "surrogateescape"))
+    return paths
+
+
+def _repair_manifest(folder: Path, package: Package) -> List[str]:
+    """Replace a package.xml that catkin refuses, such as one without an e-mail address."""
+    manifest = folder / "package.xml"
+    try:  # its XML has been read before, by a parser that refuses entities
+        parse_package(str(manifest), warnings=[])
+        return []
+    except Exception as error:  # catkin's parser was written for authors, not against them
+        refusal = str(error)
+    depends = "".join(f"<depend>{escape(name)}</depend>" for name in sorted(package.needs) if name)
+    manifest.write_text(
+        f'<package format="2"><name>{package.name}</name><version>0.0.0</version>'
+        '<description>Marked with this manifest.</description><maintainer email="a@b.org">a</maintainer>'
+        f"<license>unknown</license><buildtool_depend>catkin</buildtool_depend>{depends}</package>\n"
+    )
+    reason = " ".join((refusal.strip().splitlines() or ["unknown"])[-1].split())[:200]
+    return [f"catkin refuses the package.xml of {package.name} ({reason}); marked with a corrected copy"]
+
+
+def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Build:
+    """Build the packages of a hand-in that are needed; the others serve without a build.
+
+    Raises:
+        NotMarkableError: its build leads out of the workspace.
+        MarkingError: nothing can be built here.
+    """
+    import_early()  # while the compiler waits for the disk
+    notes: List[Note] = []
+    missing: Set[str] = set()
+    output, code = "", None
+    for _ in range(MAX_MISSING):
+        output, code = _catkin_make(folders, needed, underlay, "")
+        unknown = set(_NOT_FOUND.findall(output)) - missing - set(folders.packages)
+        new = sorted(unknown)[: MAX_STAND_INS - len(missing)]
+        if not code or not new:
+            break
+        missing |= set(new)
+        for name in new:
+            place = folders.stand_ins / "share" / name / "cmake"
+            place.mkdir(parents=True, exist_ok=True)
+            write_whole(place / f"{name}Config.cmake", _STAND_IN.format(name=name))
+    if missing:
+        notes.append(Note(Kind.MISSING_PACKAGE, missing_note(missing)))
+    if len(missing) == MAX_STAND_INS:
+        text = f"{MAX_STAND_INS} packages or more are missing; none is stood in for beyond these"
+        notes.append(Note(Kind.MISSING_PACKAGE, text))
+    repair = OLD_BOOST if code and needs_old_boost(output) else ""
+    if code and (repair or _NO_HEADER.search(output)):
+        output, code = _catkin_make(folders, needed, underlay, repair)
+    if code and not repair and needs_old_boost(output):
+        repair = OLD_BOOST  # for an error that headers which were generated too late had hidden
+        output, code = _catkin_make(folders, needed, underlay, repair)
+    notes += [Note(Kind.HAND_IN, OLD_BOOST_NOTE)] * bool(repair)
+    is_plain = _publishes_plain_values(folders.root / "devel" / "lib")
+    notes += [Note(Kind.HAND_IN, PLAIN_PUBLISH_NOTE)] * is_plain
+    if code and not _ERROR.search(output):
+        _check_builds(folders.root.with_name("check"), underlay)
+    if code is None:
+        notes.append(Note(Kind.BUILD, f"it does not build within {BUILD_DEADLINE:g} s"))
+    elif code:
+        notes.append(Note(Kind.BUILD, f"it does not build: {build_error(output, folders.root)}"))
+    if without := _RETURN.search(output.replace(f"{folders.root}/src/", "")):
+        text = f"{without['where']}: {without['what']}; a node ends there by a signal, or goes on somewhere"
+        notes.append(Note(Kind.MISSING_RETURN, text))
+    places = [folders.root / "src", *[folders.setup] * folders.setup.exists()]
+    # the sandbox would show a link's target, and marking would write into it
+    if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
+        raise NotMarkableError("its build puts links in place of src or devel/setup.bash")
+    setups = (*underlay.setups, *places[1:])
+    workspace = Workspace(setups, (*underlay.packages, places[0]), underlay.hidden, Own.NOTHING)
+    return Build(workspace, tuple(notes))
+
+
+def _check_builds(folder: Path, underlay: Workspace) -> None:
+    """Build an empty workspace, after CMake has failed: where that fails too, no hand-in is to blame.
+
+    Raises:
+        MarkingError: nothing can be built here.
+    """
+    empty = Folders(folder / "ws")
+    (empty.root / "src").mkdir(parents=True, exist_ok=True)
+    output, code = _catkin_make(empty, frozenset(), underlay, "")
+    remove_tree(folder)
+    if code != 0:
+        raise MarkingError(
+            f"catkin_make does not even build an empty workspace: {build_error(output, folder)}"
+        )
+
+
+def needs_old_boost(output: str) -> bool:
+    """Whether an error of a build's output is about _1 and its like."""
+    errors = [line for line in output.splitlines() if "error:" in line or "was not declared" in line]
+    return any(map(_PLACEHOLDER.search, errors))
+
+
+def _publishes_plain_values(libraries: Path) -> bool:
+    """Whether a built program publishes a bool or a number in place of a message."""
+    with contextlib.suppress(UnreadableFileError):  # too many files
+        for path in walk(libraries):
+            with contextlib.suppress(UnreadableFileError):
+                if PLAIN_PUBLISH.search(read_regular(path)):
+                    return True
+    return False
+
+
+def _catkin_make(
+    folders: Folders, needed: FrozenSet[str], underlay: Workspace, repair: str
+) -> Tuple[str, Optional[int]]:
+    """Output and exit code of one build; None: it did not end in time."""
+    folders.stand_ins.mkdir(parents=True, exist_ok=True)
+    write_whole(folders.stand_ins / PRELUDE, repair + PLAIN_TYPES)
+    env = {**clean_environment(), "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}
+    env["CMAKE_PREFIX_PATH"] = os.pathsep.join(
+        filter(None, [env.get("CMAKE_PREFIX_PATH", ""), str(folders.stand_ins)])
+    )
+    command = [
+        "catkin_make", "-C", str(folders.root), f"-DPYTHON_EXECUTABLE={sys.executable}",
+        "-DCATKIN_ENABLE_TESTING=0", f"-DCATKIN_WHITELIST_PACKAGES={';'.join(sorted(needed))}",
+        f"-DCMAKE_CXX_FLAGS=-g1 {LESS_COLLECTION} -include {PRELUDE}",
+        "-DCMAKE_C_COMPILER_WORKS=1", "-DCMAKE_CXX_COMPILER_WORKS=1",
+        "--make-args", "-k", f"-j{os.cpu_count()}",  # without -l: make would wait until others' load falls
+    ]  # fmt: skip
+    process = Process(command, folders.log, env, folders.root, underlay)
+    in_time = ends(process, BUILD_DEADLINE, 0.2)
+    output = process.output + (f"\n{process.problem}" if process.problem else "")
+    return output, process.popen.returncode if in_time else None
+
+
+def is_built(node: str, folders: Folders) -> bool:
+    """Whether a node, package/type, can be started: a built program, a script, none of its own."""
+    package, _, name = node.partition("/")
+    if package not in folders.packages:
+        return True  # it is none of the hand-in's
+    candidates = [folders.root / "devel" / "lib" / package / name]
+    candidates += [path for path in walk(folders.packages[package]) if path.name == name]
+    return any(is_regular(path) and os.access(path, os.X_OK) for path in candidates)
+
+
+def build_error(output: str, root: Path) -> str:
+    """The compiler's first error, or the line of a build's output that says most."""
+    output = output.replace(f"{root}/src/", "").replace(f"{root}/", "")
+    match = _ERROR.search(output)
+    if match:
+        header = re.match(r"([\w-]+)/[\w./-]+: No such file", match["what"])
+        debian = debian_packages([header.group(1)]).values() if header else ()
+        hint = "".join(f" (apt install {package})" for package in debian)
+        return f"{match['where']}: {match['what']}"[:300] + hint
+    lines = [line.strip() for line in output.splitlines() if line.strip()]
+    for number, line in enumerate(lines):
+        if number and _EXECUTED.search(line):  # a program that catkin ran; its last line is the cause
+            entries = [entry for entry in map(_TRACEBACK.search, lines[:number]) if entry]
+            place = f"{entries[-1]['file']}:{entries[-1]['line']}: " if entries else ""
+            return f"{place}{lines[number - 1]}"[:300]
+    for pattern in (r"^CMake Error", r"undefined reference", r"\bError\b|error"):
+        for number, line in enumerate(lines):
+            if re.search(pattern, line):
+                return " ".join(lines[number : number + 2])[:300]
+    return " ".join(lines[-2:])[:300]

@@ -1,0 +1,135 @@
+"""Folder of a class: one first-level entry is one student's hand-in; names for people, and names for paths.
+
+In: a folder whose entries are called as students, browsers and Moodle call them. Out: `HandIn`s.
+
+CMake, make, catkin's setup files, roslaunch's `launch-prefix` and `args` and ROS_PACKAGE_PATH take no quotes,
+blanks or colons in a path. So a student's name is for people only, and `HandIn.folder` stands in paths.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import unicodedata
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Dict, List, Sequence
+
+from husky_grading.hand_in.archives import suffix_of
+
+MAX_FOLDER = 200  # [bytes] of the name of a folder of results
+DIGITS = 8  # of the hash in it
+SAFE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")  # name that a path can have everywhere
+
+
+@dataclass(frozen=True)
+class HandIn:
+    """Hand-in of one student."""
+
+    name: str  # the student's, printable, as pages show it and marking.yaml names it
+    path: Path  # folder or archive
+    folder: str  # name of the folder of its results, which a path can have everywhere
+    problem: str = ""  # reason why it cannot be marked, in a sentence; empty if it can
+
+
+def is_package(folder: Path) -> bool:
+    """Whether a folder of a class is itself a package, and so a single hand-in."""
+    return (folder / "package.xml").is_file()
+
+
+def find_hand_ins(folder: Path) -> List[HandIn]:
+    """Return the hand-ins in a folder, by their paths: each folder and archive in it is one.
+
+    A folder that is itself a package is one hand-in. Where two entries are one student's, such as `bob` and
+    `bob.zip`, the hand-in has a problem: nobody but the teacher knows which one counts.
+    """
+    if is_package(folder):
+        return _named({folder.name: [folder]})
+    entries: Dict[str, List[Path]] = {}  # by the student's name, as the file system has it
+    for path in sorted(folder.iterdir()):
+        suffix = suffix_of(path.name)
+        is_archive = bool(suffix) and path.is_file()
+        if path.name.startswith(".") or path.is_symlink() or not (is_archive or path.is_dir()):
+            continue
+        entries.setdefault(path.name[: -len(suffix)] if is_archive else path.name, []).append(path)
+    return _named(entries)
+
+
+def _named(entries: Dict[str, List[Path]]) -> List[HandIn]:
+    names, folders = _shown_names(list(entries)), _folder_names(list(entries))
+    hand_ins = []
+    for entry, paths in entries.items():
+        problem = ""
+        if len(paths) > 1:
+            which = " and ".join(path.name for path in paths)
+            problem = f"{which} are both the hand-in of {names[entry]}: leave one of them in the folder"
+        hand_ins.append(HandIn(names[entry], paths[0], folders[entry], problem))
+    return hand_ins
+
+
+def _shown_names(entries: Sequence[str]) -> Dict[str, str]:
+    """Return a printable name for each entry, all different.
+
+    An umlaut is one letter, whether it came as one, as two (macOS), or as a byte of Latin-1. Where two
+    entries would look alike, the one that is written otherwise has escapes in place of its umlauts.
+    """
+    names: Dict[str, str] = {}
+    as_shown = {entry: _printable(_decoded(entry)) for entry in entries}
+    for entry in sorted(entries, key=lambda each: (as_shown[each] != each, each)):
+        name = as_shown[entry]
+        if name in names.values():
+            exact = os.fsencode(entry).decode("utf-8", "backslashreplace")
+            name = exact.encode("ascii", "backslashreplace").decode()
+        if name in names.values():
+            name = f"{name}~{_digest(entry)}"
+        names[entry] = name
+    return names
+
+
+def _decoded(entry: str) -> str:
+    name = os.fsencode(entry)
+    try:
+        text = name.decode()
+    except UnicodeDecodeError:
+        text = name.decode("latin-1")
+    return unicodedata.normalize("NFC", text)
+
+
+def _printable(text: str) -> str:
+    """Return a text in which line feeds, changes of direction and the like are escapes."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _folder_names(entries: Sequence[str]) -> Dict[str, str]:
+    """Return the name of a folder for each entry, all different: the entry's own wherever a path can have it.
+
+    In other names each letter that a path cannot have is an underscore. A hash follows where two names meet
+    and where a name is too long, so that a folder's name depends on no other student as far as possible.
+    """
+    folders = {entry: entry for entry in entries if _is_safe(entry)}
+    plain = {entry: _underscored(entry) for entry in entries if entry not in folders}
+    counts = Counter([*folders, *plain.values()])
+    for entry, folder in plain.items():
+        if counts[folder] > 1 or len(folder) > MAX_FOLDER:
+            folder = f"{folder[: MAX_FOLDER - DIGITS - 1]}-{_digest(entry)}"
+        while folder in folders.values():  # of a student who is called like that
+            folder = f"{folder[: MAX_FOLDER - DIGITS - 1]}-{_digest(folder)}"
+        folders[entry] = folder
+    return folders
+
+
+def _is_safe(name: str) -> bool:
+    return bool(SAFE.fullmatch(name)) and len(name) <= MAX_FOLDER
+
+
+def _underscored(entry: str) -> str:
+    """Return a name with underscores: `Müller` becomes `Muller`, `Ann Lee (1)` becomes `Ann_Lee_1_`."""
+    letters = unicodedata.normalize("NFKD", _decoded(entry)).encode("ascii", "ignore").decode()
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "_", letters)
+    return name if SAFE.fullmatch(name) else f"_{name}"
+
+
+def _digest(name: str) -> str:
+    return hashlib.sha256(os.fsencode(name)).hexdigest()[:DIGITS]

@@ -1,0 +1,198 @@
+"""Launch file of a hand-in, found by its content: it starts a node of the hand-in, in the pillar's world."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path, PurePosixPath
+from typing import Any, Collection, FrozenSet, Iterator, List, Mapping, Sequence, Tuple
+
+from husky_grading.hand_in.build import Folders
+from husky_grading.hand_in.packages import (
+    Contents,
+    NotMarkableError,
+    Package,
+    fits_exercise,
+    nodes_in,
+    with_dependencies,
+)
+from husky_grading.hand_in.plan import plans
+from husky_grading.isolation.files import (
+    UnreadableFileError,
+    copy,
+    file_suffix,
+    is_below,
+    texts_in,
+    walk,
+)
+from husky_grading.isolation.sandbox import Workspace
+from husky_grading.records import BAG_EXERCISE, Launchable, Override
+from husky_grading.submission import Plan
+
+MAX_LAUNCH = 1_000_000  # [bytes]
+BESIDE = ".beside"  # folder of a workspace's sources: no package can have this name
+MAX_READ = 300  # launch files of one hand-in
+OTHER_USE = re.compile(  # trials, leftovers, and the course's exercise on localization
+    r"test|example|demo|tutorial|template|turtle|old|backup|copy|ekf|locali[sz]|slam|mapping|bag",
+    re.IGNORECASE,
+)
+FILTER = "robot_localization"  # package whose node exercise 4 is about; a bag is played to it
+CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
+SCAN = re.compile(r"LaserScan|PointCloud2")
+MOTION = re.compile(r"LaserScan|PointCloud2|Twist")  # what names none of them does no exercise of a robot
+SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h"}
+
+
+@dataclass(frozen=True)
+class LaunchFile:
+    """A launch file of a hand-in, and what it starts."""
+
+    path: Path  # of its copy in the workspace
+    place: PurePosixPath  # in the hand-in
+    package: str  # that it lies in; else of the first node it starts that is the hand-in's
+    plan: Plan
+    nodes: Tuple[str, ...] = ()  # package/type, of the hand-in's packages
+    scans: bool = False  # a package of its nodes names the lidar's messages
+    able: FrozenSet[str] = frozenset()  # the hand-in's packages that name scans or velocities
+
+    @property
+    def able_nodes(self) -> Tuple[str, ...]:
+        """Its nodes of able packages."""
+        return tuple(node for node in self.nodes if node.partition("/")[0] in self.able)
+
+
+def read_launch_files(
+    contents: Contents,
+    packages: Sequence[Package],
+    ws: Folders,
+    copies: Folders,
+    workspace: Workspace,
+    override: Override,
+    kept: Sequence[str] = (),
+) -> List[LaunchFile]:
+    """Launch files of a hand-in, read as roslaunch would.
+
+    Args:
+        contents: of the hand-in.
+        packages: of these, those of the exercise, and known ones of which there are copies.
+        ws: its packages' copies.
+        copies: likewise, of known packages, which are not the student's.
+        workspace: in which they would be started.
+        override: with the only one that counts, where it names one, and their arguments.
+        kept: packages whose nodes count, in place of the hand-in's own, as do players of a bag.
+
+    Raises:
+        NotMarkableError: none, or more than one, fits the name.
+    """
+    folders = ws.packages
+    found = _launch_files(contents, packages, {**copies.packages, **folders}, ws.root)
+    files = list(islice(found, MAX_READ))
+    if override.launch is not None:
+        parts = PurePosixPath(override.launch).parts
+        files = [(path, place) for path, place in files if place.parts[-len(parts) :] == parts]
+        if len(files) != 1:
+            fit = f"{override.launch!r}: {len(files)} fit it"
+            raise NotMarkableError(f"marking.yaml names the launch file {fit}")
+    texts = {
+        name: [text for _, text in texts_in(folder, SOURCES, MAX_LAUNCH) if MOTION.search(text)]
+        for name, folder in folders.items()
+    }
+    scanning = {name for name, found in texts.items() if any(map(SCAN.search, found))}
+    own = {package.name: package for package in packages if package.name in folders}
+    able = frozenset(name for name in own if any(texts[each] for each in with_dependencies({name}, own)))
+    inside = [next((n for n in folders if folders[n] in path.parents), "") for path, _ in files]
+    launchables = [
+        Launchable("launch", name or next(iter(folders)), str(path), override.arguments)
+        for name, (path, _) in zip(inside, files)
+    ]
+    launch_files = []
+    counted = {*kept, "rosbag"} if kept else set(folders)
+    planned = plans(launchables, workspace, ws.root.with_name("plan"), kept)
+    for (path, place), name, plan in zip(files, inside, planned):
+        nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
+        nodes = tuple(node for node in nodes if node.partition("/")[0] in counted)
+        owners = [name, *(node.partition("/")[0] for node in nodes), *folders]
+        package = next(owner for owner in owners if owner in folders)
+        scans = bool({node.partition("/")[0] for node in nodes} & scanning)
+        launch_files.append(LaunchFile(path, place, package, plan, nodes, scans, able))
+    return launch_files
+
+
+def choose_launch_files(files: Sequence[LaunchFile], exercise: int) -> List[LaunchFile]:
+    """Launch files that start a node of the hand-in, the one that fits best first.
+
+    Raises:
+        NotMarkableError: there is none.
+    """
+    fitting = [file for file in files if file.nodes]
+    able = files[0].able if files and exercise != BAG_EXERCISE else frozenset()
+    if able:  # a tutorial's node never stands in for the controller
+        fitting = [file for file in fitting if file.able_nodes]
+    if not fitting:
+        names = ", ".join(sorted(str(file.place) for file in files)[:20]) or "none"
+        what = "ekf_localization_node" if exercise == BAG_EXERCISE else "a node of the hand-in"
+        if able:
+            what = f"a node of {', '.join(sorted(able))}"
+        off = [f"{n} is commented out in {each.place}; " for each in files for n in nodes_in(each.path, True)]
+        raise NotMarkableError(f"no launch file starts {what}; {''.join(off[:3])}launch files: {names}")
+    return sorted(fitting, key=lambda file: _rank(file, exercise))
+
+
+def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> str:
+    """A sentence that says why a launch file was chosen."""
+    merits = [f"starts {', '.join(launch.nodes)}"]
+    if fits_exercise(launch.place, exercise) == 2:
+        merits.append(f"is named for exercise {exercise}")
+    merits += ["uses the world singlePillar"] * launch.plan.pillar + ["starts RViz"] * bool(launch.plan.rviz)
+    choice = f" (chosen of {len(candidates)})" if len(candidates) > 1 else ""
+    return f"launch file {launch.place}: {', '.join(merits)}{choice}"
+
+
+def equal_launch_files(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> List[str]:
+    """Places of other launch files that fit as well as the chosen one, and start something else."""
+    return [
+        str(other.place)
+        for other in candidates
+        if other.plan.digest != launch.plan.digest and _merits(other, exercise) == _merits(launch, exercise)
+    ]
+
+
+def _launch_files(
+    contents: Contents, packages: Collection[Package], folders: Mapping[str, Path], root: Path
+) -> Iterator[Tuple[Path, PurePosixPath]]:
+    """Launch files in the copies of packages; and copies of those beside the packages, in folders above."""
+    for package in packages:
+        for path in walk(folders[package.name]):
+            if file_suffix(path) == ".launch":
+                yield path, package.place / path.relative_to(folders[package.name]).as_posix()
+        for top, place in contents.places.items():
+            for folder in package.path.parents:
+                if folder != top and top not in folder.parents:
+                    break
+                for path in sorted([*folder.glob("*.launch*"), *folder.glob("launch/*.launch*")]):
+                    launch_place = place / path.relative_to(top).as_posix()
+                    target = root / "src" / BESIDE / launch_place
+                    inside = any(each.path in path.parents for each in contents.packages)
+                    is_new = not inside and not target.exists() and is_below(path, top)
+                    if is_new and file_suffix(path) == ".launch":
+                        with contextlib.suppress(UnreadableFileError):  # a link, a FIFO
+                            target.parent.mkdir(parents=True, exist_ok=True)
+                            copy(path, target)
+                            yield target, launch_place
+
+
+def _rank(file: LaunchFile, exercise: int) -> Tuple[Any, ...]:
+    """Smaller is better; of equals the one whose place is shorter, then the first by name."""
+    return *_merits(file, exercise), len(file.place.parts), str(file.place)
+
+
+def _merits(file: LaunchFile, exercise: int) -> Tuple[bool, ...]:
+    """Smaller is better. The pillar is exercise 3's world, so that it says less of another exercise."""
+    fits, name = fits_exercise(file.place, exercise), str(file.place)
+    content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
+    order = (content, -fits) if exercise == 3 else (-fits, content)
+    starts_filter = any(node.startswith(f"{FILTER}/") for node in file.nodes)
+    other_use = not starts_filter if exercise == BAG_EXERCISE else bool(OTHER_USE.search(file.place.name))
+    return fits == 0, other_use, *order, not CONTROLLER.search(file.place.name), not file.plan.rviz

@@ -1,0 +1,201 @@
+"""Names in the files of a submission's package: its RViz configuration, its robot, its plots."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Dict, List, Match, Optional, Pattern, Sequence, Tuple
+
+from husky_grading.displays import ROBOT, SCAN, TF, RvizConfig, read_config
+from husky_grading.isolation.files import (
+    UnreadableFileError,
+    is_below,
+    is_regular,
+    read_text,
+    read_xml,
+    read_yaml,
+    texts_in,
+    walk,
+)
+from husky_grading.records import ROBOT_TITLES, SMB
+from husky_grading.submission import Plan, RvizNode
+from husky_highlevel_controller.paths import share_folder
+
+_COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
+_ATTRIBUTE = re.compile(r"""\b(pkg|name|args)\s*=\s*["']([^"'<>]*)""")
+_NODE = re.compile(r"<node\b[^>]{0,500}?\spkg\s*=\s*[\"']([\w-]+)")
+
+
+def find_setup(planned: Plan, root: Optional[Path] = None, launch_file: str = "") -> RvizConfig:
+    """The configuration of the first rviz node; else the package's .rviz file with most of the displays.
+
+    A file that only another launch file than `launch_file` names is that one's; where `launch_file` starts no
+    RViz, those of launch files without recordings and nodes of the package belong to it, and where it starts
+    one without a configuration, the package's only file does, unless it shows recordings.
+
+    An empty one where none was handed in: a node without one shows what is in the student's ~/.rviz.
+    A hand-in's configuration lies below `root`, whatever its launch file names.
+    """
+    planned = _without_the_simulators(planned)
+    remaps: Sequence[Tuple[str, str]] = ()
+    missing = ""
+    for node in planned.rviz[:1]:
+        remaps = node.remap
+        path = _display_config(node.args)
+        if path is not None and is_regular(path) and (root is None or is_below(path, root)):
+            return _config(f"its rviz node, {path.name}", path, remaps)
+        missing = str(path or "")
+    folder = planned.package_path
+    files = [path for path in walk(folder) if path.suffix == ".rviz"][:20] if folder else []
+    if folder and launch_file:
+        elsewhere = _named_by_others(folder, Path(launch_file).name, not planned.rviz)
+        owner = elsewhere.get(files[0].name) if planned.rviz and len(files) == 1 else None
+        if owner and "rosbag" not in _NODE.findall(read_text(owner)):
+            source = f"{files[0].name}, the package's only one, of {owner.name}"
+            return _config(source, files[0], remaps)
+        files = [path for path in files if path.name not in elsewhere]
+    configs = [_config(path.name, path, remaps) for path in files]
+    return max(configs, key=_wanted_displays, default=RvizConfig(started=bool(planned.rviz), missing=missing))
+
+
+def _without_the_simulators(planned: Plan) -> Plan:
+    """A plan without the rviz node of this package's simulator.launch, unless this package is marked."""
+    share = share_folder()
+    # by a file: in ./dev's workspace the package is a folder of links
+    if planned.package_path and is_below(planned.package_path / "package.xml", share):
+        return planned
+    paths = [(node, _display_config(node.args)) for node in planned.rviz]
+    return replace(planned, rviz=tuple(node for node, path in paths if not (path and is_below(path, share))))
+
+
+def _wanted_displays(config: RvizConfig) -> int:
+    return len({TF, ROBOT, SCAN} & {display.kind for display in config.displays})
+
+
+def files_of_others(planned: Plan, launch_file: str) -> List[str]:
+    """Sentences on .rviz files of a package that belong to other launch files than this one."""
+    folder = planned.package_path
+    named = _named_by_others(folder, launch_file, not planned.rviz) if folder else {}
+    there = {path.name for path in walk(folder)} if folder else set()
+    return [
+        f"{name} belongs to {path.name}, and is not looked at"
+        for name, path in named.items()
+        if name in there
+    ]
+
+
+def rviz_nodes_in(launch_file: Path, package: Path) -> Tuple[RvizNode, ...]:
+    """Return the rviz nodes that the text of a launch file names, where roslaunch cannot load it.
+
+    The folder of a package has its name.
+    """
+    try:
+        text = _COMMENT.sub("", read_text(launch_file, MAX_FILE))
+    except UnreadableFileError:
+        return ()
+    nodes = [dict(_ATTRIBUTE.findall(node)) for node in re.findall(r"<node\b([^<>]{0,2000})", text)]
+    find = re.compile(rf"\$\(find +{re.escape(package.name)} *\)")
+    return tuple(
+        RvizNode(node.get("name", "rviz"), find.sub(lambda _: str(package), node.get("args", "")), ())
+        for node in nodes
+        if node.get("pkg") == "rviz"
+    )
+
+
+def _named_by_others(folder: Path, launch_file: str, but_viewers: bool) -> Dict[str, Path]:
+    """Launch file by name of the .rviz file in it, of those other than one of this name, and than viewers."""
+    names: Dict[str, Path] = {}
+    for path, text in texts_in(folder, {".launch"}, MAX_FILE):
+        is_other = path.name != launch_file
+        if is_other and (not but_viewers or {"rosbag", folder.name} & set(_NODE.findall(text))):
+            names.update(dict.fromkeys(re.findall(r"([\w.-]{1,200}\.rviz)\b", text), path))
+    return names
+
+
+def _display_config(arguments: str) -> Optional[Path]:
+    try:
+        options = shlex.split(arguments)
+    except ValueError:  # a quote that is not closed
+        options = arguments.replace('"', " ").replace("'", " ").split()
+    for flag, value in zip(options, options[1:]):
+        if flag in ("-d", "--display-config"):
+            return Path(value)
+    return next((Path(option) for option in options if option.endswith(".rviz")), None)
+
+
+def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizConfig:
+    try:
+        return read_config(source, read_yaml(path), remaps)
+    except (UnreadableFileError, ValueError, OverflowError):  # numbers of hundreds of digits
+        return read_config(source, {})
+
+
+DEFAULT = "husky"
+MAX_TEXT = 200_000  # [bytes] of a file that is read
+# in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
+# (as a key in RViz's file it is one of the frames that were seen once, as in this package's own view)
+SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b(?!:[ \t]*\n)|/?\brslidar_points\b|/imu0\b")
+# of its sheet 4; a Husky's hand-in may name /rslidar_points and smb_top_view, too
+FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
+# topic of scans in a package whose nodes are not started
+SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
+TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
+
+
+def named_robot(planned: Plan) -> Tuple[str, str]:
+    """Robot that a submission names, a key of ROBOT_VERSIONS; and a sentence that says why.
+
+    It is certain for the SMB; else the topic that the submission subscribes to decides.
+    """
+    reason, version = "its launch file starts the SMB's nodes", SMB
+    if not any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
+        mention = _named(planned, SMB_NAMES)
+        if not mention:
+            mention = _named(planned, SCANS)
+            version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
+        reason = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
+    return version, f"the simulated robot is the {ROBOT_TITLES[version]}: {reason}"
+
+
+def named_bag(planned: Plan) -> Tuple[str, str]:
+    """Robot of whose bag a filter is, by the parameters that it loads; and a sentence that says why."""
+    mention = _named(planned, FILTERS_OF_THE_SMB)
+    if mention:
+        return SMB, f"the bag is the SMB's: {mention[0].name} names {mention[1].group()}"
+    return DEFAULT, "the bag is the Husky's: it names no package of the SMB"
+
+
+def _named(planned: Plan, pattern: Pattern[str]) -> Optional[Tuple[Path, Match[str]]]:
+    """The first file of a submission's package that a pattern matches, and the match."""
+    folder = planned.package_path
+    with suppress(UnreadableFileError):  # too many files
+        for path, text in texts_in(folder, TEXTS, MAX_TEXT) if folder else ():
+            match = pattern.search(text)
+            if match:
+                return path, match
+    return None
+
+
+MAX_FILE = 1_000_000  # [bytes]
+MAX_CURVES, MAX_NAME = 100, 200  # of a package; letters of a topic or field
+
+
+def curves_in(package: Path) -> Tuple[Tuple[str, str], ...]:
+    """Quantities of each curve on x and on y, as /topic/field."""
+    curves = []
+    for path in walk(package):
+        if path.suffix == ".xml":
+            with suppress(UnreadableFileError):
+                root = read_xml(path, MAX_FILE)
+                for axes in root.iter("axes") if root.tag == "rqt_multiplot" else ():
+                    sides = [axes.find(side) for side in ("x_axis", "y_axis")]
+                    names = [
+                        (side.findtext("topic"), side.findtext("field")) for side in sides if side is not None
+                    ]
+                    if len(names) == 2 and all(map(all, names)):
+                        x, y = (f"/{topic.strip('/')}/{field}"[:MAX_NAME] for topic, field in names)
+                        curves.append((x, y))
+    return tuple(curves[:MAX_CURVES])

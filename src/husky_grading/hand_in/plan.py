@@ -1,0 +1,96 @@
+"""Plan of a launchable: nodes that it would start, by roslaunch's own reading of its launch file."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Dict, List, Optional, Sequence
+
+from husky_grading.isolation.files import create
+from husky_grading.isolation.own_files import Own
+from husky_grading.isolation.process import Process, ends
+from husky_grading.isolation.sandbox import Workspace, clean_environment
+from husky_grading.notes import Kind, Note
+from husky_grading.records import Launchable
+from husky_grading.submission import (
+    COMPAT,
+    Event,
+    Plan,
+    notes_on,
+    read_events,
+    starter,
+)
+
+LOAD_DEADLINE = 120.0  # [s] of wall time for launch files to be read
+
+
+def with_filter(workspace: Workspace) -> Workspace:
+    """A workspace with the stand-in of the filter, where robot_localization is not installed."""
+    roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
+    roots += [root for s in workspace.setups for root in (s.parent / "share", s.parents[1] / "src")]
+    roots += workspace.packages
+    stand_ins = [path for path in COMPAT.iterdir() if not any((root / path.name).is_dir() for root in roots)]
+    # the stand-in is a node of this package
+    return replace(workspace, packages=(*workspace.packages, *stand_ins), own=Own.FILTER)
+
+
+def plan(launchable: Launchable, workspace: Workspace, folder: Path, kept: Sequence[str] = ()) -> Plan:
+    """The plan of one launchable; see `plans`."""
+    (planned,) = plans([launchable], workspace, folder, kept)
+    return planned
+
+
+def plans(
+    launchables: Sequence[Launchable], workspace: Workspace, folder: Path, kept: Sequence[str] = ()
+) -> List[Plan]:
+    """Read launch files, or look nodes up, without starting anything; `kept`: see `starter`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    events_file = folder / "plan.jsonl"
+    create(events_file).close()
+    problem = _describe(launchables, workspace, events_file, kept)
+    events: Dict[int, List[Event]] = {number: [] for number in range(len(launchables))}
+    number = -1
+    for event in read_events(events_file):
+        number += event.event == "launchable"
+        events.get(number, []).append(event)
+    return [_plan(each, workspace, problem) for each in events.values()]
+
+
+def _describe(
+    launchables: Sequence[Launchable], workspace: Workspace, events: Path, kept: Sequence[str]
+) -> str:
+    """Let a program write down the events of launchables; its last output, where it says what is wrong."""
+    folder = events.parent
+    nowhere = "http://127.0.0.1:1"  # no master is needed to read a launch file
+    env = {**clean_environment(), "ROS_MASTER_URI": nowhere, "PYTHONUNBUFFERED": "1"}
+    env.update(ROS_LOG_DIR=str(folder / "log"), ROS_HOME=str(folder / "ros_home"), HOME=str(folder))
+    env["DISPLAY"] = ":0"  # a launch file may start RViz only where there is a screen; nothing is started now
+    process = Process(
+        starter(events, "describe", launchables, kept, workspace.own),
+        folder / "plan.log",
+        env,
+        folder,
+        workspace,
+    )
+    in_time = ends(process, LOAD_DEADLINE)
+    return process.output.strip()[-300:] if in_time else f"no end after {LOAD_DEADLINE:g} s"
+
+
+def _plan(events: Sequence[Event], workspace: Workspace, problem: str) -> Plan:
+    notes = notes_on(events, "")
+    planned = next((event.plan for event in events if event.plan), None)
+    if planned is None:
+        notes = notes or [Note(Kind.LAUNCH_FILE, f"the launch file cannot be read: {problem}")]
+    elif not planned.nodes:
+        notes.append(Note(Kind.LAUNCH_FILE, "it starts no node of its own"))
+    package, is_read = package_path(events, workspace), planned is not None
+    return replace(planned or Plan(), is_read=is_read, package_path=package, notes=tuple(notes))
+
+
+def package_path(events: Sequence[Event], workspace: Workspace) -> Optional[Path]:
+    """Folder of the package, by the events; one outside of the workspace is the submission's invention."""
+    roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
+    roots += [*workspace.packages, *(setup.parents[1] for setup in workspace.setups)]
+    paths = [Path(os.path.normpath(event.path)) for event in events if event.event == "package"]
+    return next((path for path in paths if {path, *path.parents} & {*roots}), None)

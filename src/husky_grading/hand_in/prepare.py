@@ -1,0 +1,248 @@
+"""First stage of marking: a hand-in, or a launchable of a sourced workspace, becomes a `Submission`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import List, Tuple
+
+from husky_grading.hand_in.build import Folders, build, copy_packages, is_built
+from husky_grading.hand_in.launch_choice import (
+    FILTER,
+    LaunchFile,
+    choose_launch_files,
+    equal_launch_files,
+    read_launch_files,
+    reasons,
+)
+from husky_grading.hand_in.package_files import (
+    curves_in,
+    files_of_others,
+    find_setup,
+    named_bag,
+    named_robot,
+    rviz_nodes_in,
+)
+from husky_grading.hand_in.packages import (
+    BUILT,
+    Contents,
+    NotMarkableError,
+    Package,
+    choose_packages,
+    copies_of_known,
+    fits_exercise,
+    open_hand_in,
+    with_dependencies,
+)
+from husky_grading.hand_in.plan import plan, with_filter
+from husky_grading.isolation import private_network
+from husky_grading.isolation.files import copy, remove_tree, walk, write_whole
+from husky_grading.isolation.own_files import NAME, Own
+from husky_grading.isolation.process import Process, ends
+from husky_grading.isolation.ros_network import START_DEADLINE, MarkingError
+from husky_grading.isolation.sandbox import Workspace, clean_environment, kind_of_sandbox
+from husky_grading.notes import Kind, Note
+from husky_grading.records import BAG_EXERCISE, Job, Launchable
+from husky_grading.submission import WORKSPACE, Plan, Submission, starter
+from husky_highlevel_controller.config import to_json
+
+FILES = (WORKSPACE, "plan", "build.log")  # that this stage writes; what tells that all are there goes first
+FOLDERS = ("ws", "copies", "stand_ins", "unpacked")  # likewise, of a hand-in
+MAX_TRIED = 3  # copies of a package, and launch files, the next one where no node of one is built
+Choice = Tuple[List[Package], List[str]]  # packages, and notes
+
+
+def prepare(job: Job) -> Submission:
+    """Prepare the job's submission: unpacked, chosen, read and built; it is written to workspace.json, too.
+
+    Raises:
+        NotMarkableError: there is nothing in it that could be started.
+        MarkingError: no program can be started here.
+    """
+    out = Path(job.out)
+    names = FILES if job.launchable else (*FILES, *FOLDERS)  # `ws` may be anybody's
+    for earlier in [*(out / name for name in names), *out.glob("drive_*")]:
+        remove_tree(earlier)
+    workspace = Workspace(
+        setups=tuple(map(Path, job.setups)), packages=tuple(map(Path, job.packages)),
+        hidden=tuple(map(Path, job.hidden)),
+    )  # fmt: skip
+    _check_starts(replace(workspace, own=Own.NOTHING), out / "plan")
+    kept = _kept(job)
+    if job.launchable is None:
+        submission, planned = prepare_hand_in(job, workspace)
+    else:
+        is_ours = job.launchable.package == NAME and not job.setups
+        workspace = (
+            with_filter(workspace) if kept else replace(workspace, own=Own.ALL if is_ours else Own.NOTHING)
+        )
+        submission = Submission(job.launchable, workspace)
+        planned = plan(job.launchable, workspace, out / "plan", kept)
+    launch_file = submission.launchable.name if submission.launchable.kind == "launch" else ""
+    if launch_file and not planned.is_read and planned.package_path:
+        planned = replace(planned, rviz=rviz_nodes_in(Path(launch_file), planned.package_path))
+    rviz = find_setup(planned, submission.root, launch_file)
+    others = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
+    robot, names_robot = (named_bag if kept else named_robot)(planned)
+    submission = replace(
+        submission,
+        nodes=planned.nodes,
+        problem=submission.problem or (() if planned.nodes else planned.notes),
+        notes=(*submission.notes, *(Note(Kind.HAND_IN, each) for each in others), *planned.notes),
+        rviz=rviz,
+        robot=robot,
+        names_robot=names_robot,
+        sandbox=kind_of_sandbox(),
+        network=private_network.reach(),
+        kept=kept,
+        players=planned.players,
+        curves=curves_in(planned.package_path) if kept and planned.package_path else (),
+        made_of=job.made_of,
+    )
+    write_whole(out / WORKSPACE, to_json(submission))
+    return submission
+
+
+def _check_starts(workspace: Workspace, folder: Path) -> None:
+    """Start the program that reads launch files, without any: where that fails, no hand-in is to blame.
+
+    Raises:
+        MarkingError: no program can be started here.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    command = starter(folder / "check.jsonl", "describe", [])
+    env = {**clean_environment(), "ROS_LOG_DIR": str(folder), "HOME": str(folder)}
+    process = Process(command, folder / "check.log", env, folder, workspace)
+    if not ends(process, START_DEADLINE) or process.popen.returncode:
+        said = process.output.strip()[-300:]
+        setups = f" or {', '.join(map(str, workspace.setups))} cannot be sourced" if workspace.setups else ""
+        raise MarkingError(
+            f"no program can be started in the sandbox{setups}: {said or 'it printed nothing'}"
+        )
+
+
+def _kept(job: Job) -> Tuple[str, ...]:
+    """Packages of the robot whose nodes are the submission's own: of the filter, to which a bag is played."""
+    return (FILTER,) * (job.config.exercise == BAG_EXERCISE)
+
+
+def prepare_hand_in(job: Job, underlay: Workspace) -> Tuple[Submission, Plan]:
+    """Unpack, choose and build the job's hand-in on a workspace; its folder gets `unpacked/`, `ws/` and logs.
+
+    Raises:
+        NotMarkableError: there is nothing in it that could be started.
+    """
+    out, path = Path(job.out), Path(job.hand_in)
+    (out / "unpacked").mkdir(parents=True)
+    contents = open_hand_in(path, out / "unpacked")
+    job = replace(job, override=replace(job.override, exercise=job.override.exercise or job.config.exercise))
+    underlay = replace(underlay, hidden=(*underlay.hidden, path.parent, out.parent), own=Own.NOTHING)
+    choices: List[Choice] = []
+    for attempt in range(MAX_TRIED):
+        choice = choose_packages(contents.packages, job.override.exercise or 0, attempt)
+        choices += [choice] * (choice not in choices)
+    problems: List[NotMarkableError] = []
+    unbuilt: List[Choice] = []
+    for choice in choices:
+        try:
+            submission, planned = _prepare_choice(contents, choice, job, underlay)
+        except NotMarkableError as error:
+            problems.append(error)
+        else:
+            if not submission.problem or len(choices) == 1:
+                return submission, planned
+            unbuilt.append(choice)
+    if not unbuilt:
+        raise problems[0]
+    return _prepare_choice(contents, unbuilt[0], job, underlay)
+
+
+def _prepare_choice(
+    contents: Contents, choice: Choice, job: Job, underlay: Workspace
+) -> Tuple[Submission, Plan]:
+    """Choose a launch file of chosen packages, and build them."""
+    packages, aside = choice
+    out, override, kept, exercise = Path(job.out), job.override, _kept(job), job.override.exercise or 0
+    if not packages:
+        raise NotMarkableError("; ".join(["no catkin package in it", *contents.notes, *aside]))
+    notes = [*contents.notes, *aside]
+    by_name = {package.name: package for package in packages}
+    folders, repairs = copy_packages(packages, out / "ws")
+    known = copies_of_known(contents.packages)
+    copies, _ = copy_packages(known, out / "copies")
+    unbuilt = replace(
+        underlay, packages=(*underlay.packages, folders.root / "src", *copies.packages.values())
+    )
+    unbuilt = with_filter(unbuilt) if kept else unbuilt
+    candidates: List[LaunchFile] = []
+    if not override.node:
+        files = read_launch_files(contents, [*packages, *known], folders, copies, unbuilt, override, kept)
+        try:
+            candidates = files if override.launch else choose_launch_files(files, exercise)
+        except NotMarkableError as error:
+            raise NotMarkableError("; ".join([str(error), *notes])) from error
+    launch = candidates[0] if candidates else None
+    if launch and override.launch:
+        notes.append(f"launch file {launch.place}, by marking.yaml")
+    notes += repairs
+    needed = set(launch.plan.uses if launch else ()) & set(by_name) or set(by_name)
+    built = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
+    for other in candidates[1:MAX_TRIED]:
+        if launch is None or _is_any_built(launch, folders):
+            break
+        needed |= set(other.plan.uses) & set(by_name)
+        rebuilt = build(folders, frozenset(with_dependencies(needed, by_name)), underlay)
+        if _is_any_built(other, folders):
+            notes.append(f"launch file {launch.place} is passed over: {', '.join(launch.nodes)} is not built")
+            launch, built = other, rebuilt
+    workspace = replace(built.workspace, packages=(*built.workspace.packages, *copies.packages.values()))
+    workspace = with_filter(workspace) if kept else workspace
+    equals: List[str] = []
+    if launch and not override.launch:
+        notes.append(reasons(launch, candidates, exercise))
+        equals = equal_launch_files(launch, candidates, exercise)
+    if launch and equals:
+        lines = ", ".join(f"`launch: {place}`" for place in equals)
+        notes.append(f"other launch files fit as well; to mark one of them, write into marking.yaml: {lines}")
+        equals.insert(0, str(launch.place))
+    if launch and add_rviz_files(contents, exercise, folders.packages[launch.package]):
+        notes.append("RViz's configuration lies beside the packages")
+    if launch is None:
+        package, node = (override.node or "").split()
+        launchable = Launchable("node", package, node, override.arguments)
+    else:
+        title = " ".join([str(launch.place), *override.arguments])
+        launchable = Launchable("launch", launch.package, str(launch.path), override.arguments, title)
+    planned = launch.plan if launch else Plan()
+    if not planned.is_read:  # it may need what was built
+        planned = plan(launchable, workspace, out / "plan", kept)
+    planned = replace(planned, package_path=folders.packages.get(launchable.package))
+    node_is_built = is_built(f"{launchable.package}/{launchable.name}", folders)
+    is_any_built = _is_any_built(launch, folders) if launch else node_is_built
+    problem = () if is_any_built else tuple(note for note in built.notes if note.kind is Kind.BUILD)
+    all_notes = (*(Note(Kind.HAND_IN, each) for each in notes), *built.notes)
+    submission = Submission(
+        launchable, workspace, folders.root, problem=problem, notes=all_notes, own=tuple(by_name),
+        equals=tuple(equals),
+    )  # fmt: skip
+    return submission, planned
+
+
+def _is_any_built(launch: LaunchFile, folders: Folders) -> bool:
+    """Whether a node that may drive the robot is built; where the hand-in has none, any node."""
+    return any(is_built(node, folders) for node in launch.able_nodes or launch.nodes)
+
+
+def add_rviz_files(contents: Contents, exercise: int, package: Path) -> bool:
+    """Copy .rviz files beside the packages, such as ~/.rviz/default.rviz, into one that has none."""
+    if any(path.suffix == ".rviz" for path in walk(package)):
+        return False
+    added = False
+    for folder, place in contents.places.items():
+        for path in walk(folder, BUILT):
+            inside = any(other.path in path.parents for other in contents.packages)
+            fits = fits_exercise(place / path.relative_to(folder).as_posix(), exercise)
+            if path.suffix == ".rviz" and fits and not inside:
+                copy(path, package / path.name)  # the build may have laid a link there
+                added = True
+    return added

@@ -1,0 +1,107 @@
+"""Marking's own ROS programs, forked from a process that has imported what they share.
+
+In: module and arguments. Out: running processes, as those of `process`, within milliseconds.
+"""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Dict, Optional, Sequence
+
+from husky_grading.isolation.process import Process
+
+_NODES, _SIMULATOR = "husky_grading.nodes.", "husky_highlevel_controller.ros.simulator."
+MASTER, RECORDER, SIMULATOR_SETUP = (_NODES + name for name in ("master", "recorder", "simulator_setup"))
+SIMULATOR, BAG_PLAYER = _SIMULATOR + "node", _SIMULATOR + "bag_player"
+MODULES = (MASTER, RECORDER, SIMULATOR, SIMULATOR_SETUP, BAG_PLAYER)  # each has a main()
+_SCRIPT_LOCK = threading.Lock()  # several threads may start programs
+_CONTEXT = multiprocessing.get_context("forkserver")
+
+
+def import_early() -> None:
+    """Begin to import what the programs share, beside whatever this program does next."""
+    # Python 3.14 hands sys.path on, where catkin's devel space has our sources before their messages
+    sys.path.sort(key=str(Path(__file__).parents[2]).__eq__)
+    _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])  # which needs more
+    forkserver.ensure_running()
+
+
+class ForkedProcess(Process):
+    """Program that is one of the MODULES; it starts no other, and dies with this one."""
+
+    def _popen(self, command: Sequence[str], env: Dict[str, str], folder: Path) -> Any:
+        return _Child(command, env, folder)
+
+
+class _Child:
+    """Forked program with the methods of subprocess.Popen that `Process` calls."""
+
+    def __init__(self, command: Sequence[str], env: Dict[str, str], folder: Path) -> None:
+        import_early()
+        end, begin = os.pipe()
+        self.stdout = open(end, "rb", buffering=0)  # noqa: SIM115 - the pump closes it
+        with Connection(begin) as output:
+            self._process = _CONTEXT.Process(target=_run, args=(command, env, folder, output), daemon=True)
+            with _SCRIPT_LOCK:
+                script = sys.modules["__main__"]
+                sys.modules["__main__"] = ModuleType("__main__")  # or the child would run our script
+                try:
+                    self._process.start()
+                finally:
+                    sys.modules["__main__"] = script
+        self.pid = self._process.pid or 0
+
+    def poll(self) -> Optional[int]:
+        """Its exit code; None: it runs."""
+        return self._process.exitcode
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal, if it still runs."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        """Kill it."""
+        self._process.kill()
+
+    def wait(self, timeout: float) -> None:
+        """Wait for its end.
+
+        Raises:
+            subprocess.TimeoutExpired: it did not end in time [s].
+        """
+        self._process.join(timeout)
+        if self.poll() is None:
+            raise subprocess.TimeoutExpired(self._process.name, timeout)
+
+
+def _run(command: Sequence[str], env: Dict[str, str], folder: Path, output: Connection) -> None:
+    """Become the program."""
+    os.setsid()
+    threading.Thread(target=_end_with_marking, daemon=True).start()
+    os.environ.clear()
+    os.environ.update(env)
+    os.chdir(folder)
+    for stream in (1, 2):
+        os.dup2(output.fileno(), stream)
+    output.close()
+    sys.argv = list(command)
+    importlib.import_module(command[0]).main()
+
+
+def _end_with_marking() -> None:
+    """Kill this program when marking, which is not its parent, has ended."""
+    marking = multiprocessing.parent_process()
+    assert marking is not None
+    marking.join()
+    os.kill(os.getpid(), signal.SIGKILL)

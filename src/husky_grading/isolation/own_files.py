@@ -1,0 +1,85 @@
+"""Files of this package that an untrusted program sees, whether it is cloned, built or installed.
+
+In: what the program may use. Out: folders that the sandbox hides, and what it shows in them.
+
+A hand-in reads this package's launch files, worlds and messages, and nothing else: neither the controllers,
+which would do its exercise, nor what lies in the clone, such as a fellow's results.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import FrozenSet, List, Set
+
+from husky_highlevel_controller import paths
+from husky_highlevel_controller.paths import share_folder
+
+
+class Own(Enum):
+    """Use that an untrusted program makes of this package, beside its launch files, worlds and messages."""
+
+    NOTHING = "nothing"  # a hand-in
+    FILTER = "filter"  # a hand-in of exercise 4: the stand-in of robot_localization is a node of this package
+    ALL = "all"  # a launch file or node of this package, which a teacher names
+
+
+MODULES = Path(paths.__file__).resolve().parent  # of the source tree, also in catkin's devel space
+NAME = MODULES.name
+BESIDE = ("husky_evaluation", "husky_grading", "husky_web")  # packages that lie beside MODULES
+# entries of the package's folder, in the source tree or installed, that launch files and builds read
+DATA = ("package.xml", "cmake", "compat", "config", "launch", "msg", "rviz", "srv", "urdf", "worlds")
+CODE = ("cfg", "examples", "scripts", "src", "tools", "web")
+STARTER = Path(__file__).resolve().parents[1] / "nodes" / "submission.py"  # program that starts a submission
+IN_WORKSPACE = (
+    share_folder() / "tools" / "in_workspace.bash"
+).resolve()  # likewise, with its workspace sourced
+FILTER_PROGRAM = "planar_ekf"
+
+
+@dataclass(frozen=True)
+class OwnFiles:
+    """Files of this package in a sandbox."""
+
+    hidden: FrozenSet[Path]  # folders that are empty but for what is shown in them
+    shown: FrozenSet[Path]  # files and folders
+
+
+def own_files(own: Own) -> OwnFiles:
+    """Return what a program sees of this package."""
+    share = share_folder()
+    entries = [*DATA, *CODE] if own is Own.ALL else [*DATA]
+    shown: Set[Path] = {STARTER, IN_WORKSPACE}
+    # the roots of the source tree and of what is installed; in an installed folder entries may be links
+    hidden: Set[Path] = {share.resolve(), *(entry.resolve().parent for entry in share.iterdir())}
+    shown |= {(share / name).resolve() for name in entries}
+    code = {MODULES, *(MODULES.parent / name for name in BESIDE), *programs()}
+    if own is Own.ALL:
+        shown |= code
+    else:
+        hidden |= code
+        shown |= {MODULES / name for name in ("__init__.py", "msg", "srv")}  # messages, where it is installed
+    if own is Own.FILTER:
+        shown |= {*MODULES.glob("*.py"), MODULES / "cfg", MODULES / "estimation"}
+        shown |= {*(MODULES / "ros").glob("*.py"), MODULES / "ros" / "estimation"}
+        shown |= {folder / FILTER_PROGRAM for folder in programs()}
+        shown.add((share / "scripts" / FILTER_PROGRAM).resolve())
+    existing = {path for path in shown if os.path.exists(path)}
+    return OwnFiles(frozenset(path for path in hidden if path.is_dir()), frozenset(existing))
+
+
+def holders() -> List[Path]:
+    """Return folders in which Python may find this package, and no other one of its name."""
+    folders = [Path(entry) for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep) if entry]
+    own = ("paths.py", "msg/_HuskyStatus.py")
+    found = [path for path in folders if any((path / NAME / file).is_file() for file in own)]
+    return [MODULES.parent, *found]
+
+
+def programs() -> List[Path]:
+    """Return folders of this package's programs in the workspaces that hold it."""
+    prefixes = [Path(entry) for entry in os.environ.get("CMAKE_PREFIX_PATH", "").split(os.pathsep) if entry]
+    ours = [prefix for prefix in prefixes if any(prefix in holder.parents for holder in holders())]
+    return [(prefix / "lib" / NAME).resolve() for prefix in ours if (prefix / "lib" / NAME).is_dir()]

@@ -1,0 +1,69 @@
+"""Namespaces of one marking: a network with a loopback only, and mounts of its own.
+
+So no submission reaches another, or a machine, and the folder of results is seen at a neutral place.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import socket
+import struct
+import sys
+from functools import lru_cache
+from typing import Dict, List, Sequence, Tuple
+
+from husky_grading.isolation import place
+from husky_grading.isolation.sandbox import system_program, works
+
+VARIABLE = "HUSKY_GRADE_NETWORK"  # set in the environment of the program that runs inside
+MOUNTS = "--mount"  # option of unshare
+_SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x8 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_LOOPBACK, IFF_RUNNING
+
+
+def enter() -> None:
+    """Start this program again in a network of its own; returns inside, or where the machine allows none."""
+    if VARIABLE in os.environ:
+        if os.environ[VARIABLE]:
+            _bring_loopback_up()
+        return
+    command, variables = inside([sys.executable, *sys.argv])
+    os.environ.update(variables)
+    if variables[VARIABLE]:
+        os.execv(command[0], command)
+
+
+def inside(command: Sequence[str]) -> Tuple[List[str], Dict[str, str]]:
+    """Command of a program in namespaces of its own, where the machine allows them, and its variables."""
+    prefix = _namespace_command()
+    own_place = place.make() if MOUNTS in prefix else ""
+    return [*prefix, *command], {VARIABLE: "private" if prefix else "", place.VARIABLE: own_place}
+
+
+def is_entered() -> bool:
+    """Whether this program runs in a network of its own."""
+    return bool(os.environ.get(VARIABLE))
+
+
+def reach() -> str:
+    """Reach of this program's network, as text."""
+    return "loopback only" if is_entered() else "not kept apart"
+
+
+def can_be_made() -> bool:
+    """Whether this machine lets us make one."""
+    return bool(_namespace_command())
+
+
+@lru_cache(maxsize=None)
+def _namespace_command() -> Tuple[str, ...]:
+    as_root = ["--user", "--map-root-user"]
+    for flags in ([*as_root, MOUNTS], [MOUNTS], as_root, []):
+        if works("unshare", *flags, "--net", "--", "true"):
+            return (system_program("unshare"), *flags, "--net", "--")
+    return ()
+
+
+def _bring_loopback_up() -> None:
+    with socket.socket() as any_socket:
+        fcntl.ioctl(any_socket, _SET_FLAGS, struct.pack("16sH14x", b"lo", _UP_AND_RUNNING))

@@ -1,0 +1,203 @@
+"""Processes whose output is cut, whose size is watched, and which leave no process behind.
+
+In: commands. Out: running processes with a log.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any, BinaryIO, Callable, Dict, List, Optional, Sequence
+
+import psutil
+
+from husky_grading.isolation.files import create
+from husky_grading.isolation.limits import SizeWatch
+from husky_grading.isolation.private_network import is_entered
+from husky_grading.isolation.sandbox import Workspace, sandboxed
+from husky_highlevel_controller.datatypes import HuskyError
+
+LOG_HEAD, LOG_TAIL = 2_000_000, 500_000  # [bytes] of a log that are kept
+CHUNK = 1 << 16  # [bytes]
+END_DEADLINE = 10.0  # [s] of wall time for what was killed to be gone
+STOP_DEADLINE = 30.0  # [s] of wall time from Ctrl-C to the end of marking, whatever it waits for
+_REAPER = str(Path(__file__).with_name("reaper.py"))
+
+
+class Process:
+    """A process in a session of its own, without input, whose output goes to a log of limited size.
+
+    It ends, with every process it started, when it is killed or when this program dies.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        log: Path,
+        env: Dict[str, str],
+        folder: Path,
+        workspace: Optional[Workspace] = None,
+        shows_errors: bool = False,
+    ) -> None:
+        """Start it.
+
+        Args:
+            command: program and arguments.
+            log: file for its output.
+            env: environment.
+            folder: working directory; the only one that an untrusted program may write.
+            workspace: of an untrusted program, which then runs in the sandbox; None for one of ours.
+            shows_errors: its standard error is this program's, for a progress bar, in place of the log.
+        """
+        self.log = log
+        self._file: Optional[BinaryIO] = None
+        with contextlib.suppress(OSError):  # a full disk costs the log, not the drive
+            self._file = create(log)  # before the program can lay a link there
+        self._watch: Optional[SizeWatch] = None
+        if workspace is not None:
+            command = sandboxed(workspace, command, folder, env)
+        self._stderr = None if shows_errors else subprocess.STDOUT
+        self.popen = self._popen(command, env, folder)
+        if workspace is not None:
+            self._watch = SizeWatch(self.popen.pid, folder, self.popen.terminate, is_entered())
+        self._head, self._tail = bytearray(), bytearray()
+        self._pump = threading.Thread(target=self._read, daemon=True)
+        self._pump.start()
+
+    def _popen(self, command: Sequence[str], env: Dict[str, str], folder: Path) -> Any:
+        return subprocess.Popen(
+            [sys.executable, "-I", _REAPER, str(os.getpid()), *command],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=self._stderr,
+            env=env,
+            cwd=folder,
+            start_new_session=True,
+        )
+
+    def _read(self) -> None:
+        assert self.popen.stdout is not None
+        size = 0
+        with self.popen.stdout as pipe, contextlib.suppress(OSError, ValueError):
+            for chunk in iter(lambda: os.read(pipe.fileno(), CHUNK), b""):
+                size += len(chunk)
+                room = max(LOG_HEAD - len(self._head), 0)
+                self._head += chunk[:room]
+                self._write(chunk[:room])
+                self._tail = (self._tail + chunk[room:])[-LOG_TAIL:]
+        if self._tail:
+            left_out = size - len(self._head) - len(self._tail)
+            self._write(b"\n[... %d bytes left out ...]\n" % left_out + bytes(self._tail))
+        if self._file is not None:
+            self._file.close()
+
+    def _write(self, content: bytes) -> None:
+        with contextlib.suppress(OSError):
+            if self._file is not None:
+                self._file.write(content)
+
+    @property
+    def output(self) -> str:
+        """Output so far: the beginning, and the end."""
+        return (bytes(self._head) + b"\n" * bool(self._tail) + bytes(self._tail)).decode(errors="replace")
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended."""
+        return self.popen.poll() is None
+
+    @property
+    def problem(self) -> str:
+        """Limit for which it was ended; empty: it was not."""
+        return self._watch.problem if self._watch else ""
+
+    def interrupt(self) -> None:
+        """Ask it to end."""
+        with contextlib.suppress(ProcessLookupError):
+            self.popen.send_signal(signal.SIGINT)
+
+    def kill(self) -> None:
+        """End it and every process that it ever started."""
+        if self._watch:
+            self._watch.end()
+        self.popen.terminate()  # the reaper kills what is below it
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.popen.wait(END_DEADLINE)
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.popen.pid, signal.SIGKILL)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.popen.wait(END_DEADLINE)
+        self._pump.join(END_DEADLINE)
+
+
+STOP_REQUESTED = threading.Event()  # Ctrl-C or SIGTERM: marking is to end
+
+
+class StoppedError(HuskyError):
+    """The marking was interrupted."""
+
+
+def request_stop() -> None:
+    """End all waits; if that is not enough, end this program, and with it everything it started."""
+    if not STOP_REQUESTED.is_set():
+        STOP_REQUESTED.set()
+        last_resort = threading.Timer(STOP_DEADLINE, os._exit, [2])
+        last_resort.daemon = True
+        last_resort.start()
+
+
+def stop_on_signals() -> None:
+    """End all waits at Ctrl-C and SIGTERM, so that programs are ended."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: request_stop())
+
+
+def wait(condition: Callable[[], bool], seconds: float, period: float = 0.05) -> bool:
+    """Wait until a condition holds; False if it does not after so many seconds of wall time.
+
+    Raises:
+        StoppedError: the marking is to end.
+    """
+    end = time.monotonic() + seconds
+    while not condition():
+        if STOP_REQUESTED.is_set():
+            raise StoppedError("the marking was stopped")
+        if time.monotonic() > end:
+            return False
+        time.sleep(period)
+    return True
+
+
+def ends(process: Process, seconds: float, period: float = 0.05) -> bool:
+    """Wait for a process to end, and kill what is left of it; whether it ended in time.
+
+    Raises:
+        StoppedError: the marking is to end.
+    """
+    try:
+        return wait(lambda: not process.running, seconds, period)
+    finally:
+        end_all([process])
+
+
+def with_variable(name: str, value: str) -> List[int]:
+    """Every process that was started with this variable in its environment."""
+    pids = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, OSError):
+            if process.environ().get(name, "").rstrip("/") == value and process.pid != os.getpid():
+                pids.append(process.pid)
+    return pids
+
+
+def end_all(processes: Sequence[Process]) -> List[int]:
+    """Kill the processes and all that they started; those that are left in spite of it."""
+    for process in processes:
+        process.kill()
+    return [process.popen.pid for process in processes if process.running]

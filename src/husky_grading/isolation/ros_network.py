@@ -1,0 +1,113 @@
+"""A ROS network of its own: a master on a free port, programs that use it, and the end of them all.
+
+In: programs to start. Out: processes that talk to one master.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Dict, List, Optional, Sequence, Tuple
+
+from husky_grading.isolation.forked import MASTER, MODULES, ForkedProcess
+from husky_grading.isolation.process import Process, end_all, wait
+from husky_grading.isolation.sandbox import Workspace, clean_environment
+from husky_highlevel_controller.datatypes import HuskyError
+
+START_DEADLINE = 600.0  # [s] of wall time for a program of ours to be up, on the busiest machine
+
+
+class MarkingError(HuskyError):
+    """Marking itself does not work here; no submission is to blame."""
+
+
+class Network:
+    """A ROS master of its own, in a folder of its own; closing it ends every program in it."""
+
+    master: Tuple[str, ...] = (MASTER, "--core")  # the program, without its port
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self.processes: List[Process] = []
+        try:
+            self._start_master()
+        except BaseException:
+            self.close()
+            raise
+
+    def _start_master(self) -> None:
+        for _ in range(10):  # another program may take the port before we do
+            with socket.socket() as free:
+                free.bind(("127.0.0.1", 0))
+                self.port = free.getsockname()[1]
+            self.uri = f"http://127.0.0.1:{self.port}"
+            master = self.start("master", [*self.master, "-p", str(self.port)])
+            if wait(partial(_decided, master, self.port), START_DEADLINE) and master.running:
+                return
+        raise MarkingError(f"{self.master[0]} does not start: " + self.processes[-1].output.strip()[-300:])
+
+    def variables(self) -> Dict[str, str]:
+        """Environment variables of a program that talks to this master."""
+        return {
+            "ROS_MASTER_URI": self.uri,
+            "ROS_IP": "127.0.0.1",
+            "ROS_LOG_DIR": str(self.folder / "log"),
+            "ROS_HOME": str(self.folder / "ros_home"),
+            "PYTHONUNBUFFERED": "1",
+            "ROSCONSOLE_STDOUT_LINE_BUFFERED": "1",
+        }
+
+    def folder_of(self, name: str) -> Path:
+        """The folder that an untrusted program of this name works in, the only one it may write."""
+        folder = self.folder / name
+        for path in (folder, folder / "home"):
+            path.mkdir(exist_ok=True)
+        return folder
+
+    def start(
+        self, name: str, command: Sequence[str], workspace: Optional[Workspace] = None, **more: str
+    ) -> Process:
+        """Start a program.
+
+        Args:
+            name: of its log, and of its folder if it is untrusted.
+            command: program and arguments; or one of the MODULES, and arguments.
+            workspace: of an untrusted program, which runs in the sandbox; None for one of ours.
+            **more: further variables of its environment.
+        """
+        env = dict(os.environ) if workspace is None else clean_environment()
+        for unwanted in ("DISPLAY", "ROS_HOSTNAME", "ROS_NAMESPACE", "WAYLAND_DISPLAY"):
+            env.pop(unwanted, None)
+        folder = self.folder if workspace is None else self.folder_of(name)
+        env.update(self.variables(), **more)
+        if workspace is not None:
+            env.update(
+                HOME=str(folder / "home"), ROS_HOME=str(folder / "ros_home"), ROS_LOG_DIR=str(folder / "log")
+            )
+            workspace = replace(workspace, hidden=(*workspace.hidden, self.folder))
+        kind = ForkedProcess if command[0] in MODULES else Process
+        process = kind(command, self.folder / f"{name}.log", env, folder, workspace)
+        self.processes.append(process)
+        return process
+
+    def close(self) -> None:
+        """End everything."""
+        survivors = end_all(self.processes)
+        if survivors:
+            raise MarkingError(f"processes {survivors} cannot be ended")
+
+    def __enter__(self) -> Network:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _decided(master: Process, port: int) -> bool:
+    """Whether it has ended, or listens."""
+    with socket.socket() as probe:
+        return not master.running or probe.connect_ex(("127.0.0.1", port)) == 0

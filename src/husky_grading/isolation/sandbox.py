@@ -1,0 +1,191 @@
+"""Sandbox for untrusted programs: bubblewrap where the machine allows it, else a process namespace.
+
+In: folders that a program may see and write. Out: a command that runs inside.
+
+With bubblewrap it sees the system's programs and settings, but for those that not every user may read, and
+what the workspace needs, read-only; only its own folder and folders of temporary files can be written. It
+sees no process but its own. docs/sandbox.md says what holds without it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import sysconfig
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain
+from pathlib import Path
+from typing import Dict, List, Sequence, Tuple
+
+from husky_grading.isolation.limits import TEMPORARY, TEMPORARY_FILES, THREADS
+from husky_grading.isolation.own_files import IN_WORKSPACE, Own, holders, own_files
+
+BUBBLEWRAP, NAMESPACE, NONE = "bubblewrap", "process namespace", "none"
+FILE_SIZE, PROCESS_MEMORY = 500_000_000, 4_000_000_000  # [bytes] of a file, of a process's own memory
+DESCRIPTORS = 1024  # of a process: sockets hold memory of the kernel
+PROBE_DEADLINE = 10.0  # [s] of wall time
+SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "ROS_PACKAGE_PATH")
+SYSTEM = ("bin", "etc", "lib", "lib32", "lib64", "libx32", "nix", "opt", "sbin", "sys", "usr")  # of /
+NEVER_WHOLE = ("/", "/home", "/media", "/mnt", "/root", "/run", "/srv", "/tmp", "/var", "/var/tmp")
+# of marking's environment; tokens and the like stay out
+KEPT_VARIABLES = (
+    *SEARCH_PATHS, "PKG_CONFIG_PATH", "LANG", "LC_ALL", "TZ", "ROSLISP_PACKAGE_DIRECTORIES",
+    "ROS_DISTRO", "ROS_ETC_DIR", "ROS_PYTHON_VERSION", "ROS_ROOT", "ROS_VERSION", "PYTHONNOUSERSITE",
+    "PYTHONDONTWRITEBYTECODE", "OPENBLAS_NUM_THREADS", "CMAKE_POLICY_VERSION_MINIMUM",
+)  # fmt: skip
+
+# without --cap-drop, bubblewrap called by uid 0 (marking's private network makes it that) leaves all
+# capabilities, and with them the mounts can be undone
+_BUBBLEWRAP = [
+    "--die-with-parent", "--new-session", "--unshare-user", "--unshare-pid", "--unshare-ipc",
+    "--cap-drop", "ALL",
+]  # fmt: skip
+_NO_NESTED_NAMESPACES = ["--disable-userns"]  # bubblewrap 0.8 and newer
+_NAMESPACE = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child=SIGKILL", "--mount-proc", "--"]
+
+
+def clean_environment() -> Dict[str, str]:
+    """Variables of an untrusted program: search paths, ROS, language, and no other of marking's own.
+
+    A user's name is for launch files: roslaunch refuses $(env USER) where there is none.
+    """
+    return {"USER": "student", **{name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}}
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Environment of an untrusted program: setup files that it sources itself, and what it may see."""
+
+    setups: Tuple[Path, ...] = ()  # setup.bash files, sourced in the sandbox, in this order
+    packages: Tuple[Path, ...] = ()  # folders of packages that need no build
+    hidden: Tuple[Path, ...] = ()  # folders whose content it must not see: other hand-ins and their results
+    own: Own = Own.ALL  # use of this package; a hand-in has one of the same name, and makes none
+
+
+def sandboxed(workspace: Workspace, command: Sequence[str], folder: Path, env: Dict[str, str]) -> List[str]:
+    """The command that runs a command in the sandbox, with its workspace sourced inside.
+
+    It may write the existing `folder` alone; `env` is the environment of the whole.
+    """
+    kind = kind_of_sandbox()
+    limits = [system_program("prlimit"), f"--fsize={FILE_SIZE}", f"--data={PROCESS_MEMORY}", "--core=0"]
+    limits += [f"--nofile={DESCRIPTORS}"]
+    if kind != NONE:
+        limits.append(f"--nproc={THREADS}")
+    hidden = holders() if workspace.own is Own.NOTHING else []
+    lists = [os.pathsep.join(map(str, paths)) for paths in (workspace.packages, hidden)]
+    setups = [str(path.resolve()) for path in workspace.setups]
+    source = [system_program("bash"), str(IN_WORKSPACE), *lists, *setups]
+    inner = [*limits, *source, "--", system_program("stdbuf"), "-oL", *command]
+    if kind == BUBBLEWRAP:
+        return [system_program("bwrap"), *_bubblewrap(), *_mounts(workspace, folder, env), "--", *inner]
+    return [system_program("unshare"), *_NAMESPACE, *inner] if kind == NAMESPACE else inner
+
+
+@lru_cache(maxsize=1)
+def kind_of_sandbox() -> str:
+    """Kind of sandbox that this machine allows: BUBBLEWRAP, NAMESPACE or NONE."""
+    if works("bwrap", *_BUBBLEWRAP, *_system(), "true"):
+        return BUBBLEWRAP
+    return NAMESPACE if works("unshare", *_NAMESPACE, "true") else NONE
+
+
+@lru_cache(maxsize=1)
+def _bubblewrap() -> List[str]:
+    """Options of bubblewrap for every sandbox, as far as this machine's version has them."""
+    options = [*_BUBBLEWRAP, *_NO_NESTED_NAMESPACES]
+    return options if works("bwrap", *options, *_system(), "true") else _BUBBLEWRAP
+
+
+def works(program: str, *arguments: str) -> bool:
+    """Whether a program of the system succeeds."""
+    try:
+        command = [system_program(program), *arguments]
+        subprocess.run(command, capture_output=True, timeout=PROBE_DEADLINE, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return False
+    return True
+
+
+@lru_cache(maxsize=None)
+def system_program(name: str) -> str:
+    """Absolute path of a program of the system, by the search path that marking was started with."""
+    return shutil.which(name) or f"/usr/bin/{name}"
+
+
+def _system() -> List[str]:
+    """Bubblewrap's arguments for the system, read-only, without what only this user may read."""
+    arguments = ["--proc", "/proc", "--dev", "/dev"]
+    for path in (Path("/", name) for name in SYSTEM):
+        if path.is_symlink():
+            arguments += ["--symlink", os.readlink(path), str(path)]
+        elif path.is_dir():
+            arguments += ["--ro-bind", str(path), str(path)]
+    for path in _secrets("/etc"):
+        empty = ["--tmpfs", str(path), "--remount-ro"] if path.is_dir() else ["--ro-bind", os.devnull]
+        arguments += [*empty, str(path)]
+    for folder in TEMPORARY:
+        arguments += ["--size", str(TEMPORARY_FILES), "--tmpfs", folder]
+    return [*arguments, "--remount-ro", "/dev"]
+
+
+def _secrets(folder: str) -> List[Path]:
+    """Files and folders below one that not every user may read."""
+    secrets, waiting = [], [folder]
+    while waiting:
+        # it is gone, or not even this user may read it
+        with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                mode = entry.stat(follow_symlinks=False).st_mode
+                readable = stat.S_IROTH | (stat.S_IXOTH if stat.S_ISDIR(mode) else 0)
+                if not stat.S_ISLNK(mode) and mode & readable != readable:
+                    secrets.append(Path(entry.path))
+                elif stat.S_ISDIR(mode):
+                    waiting.append(entry.path)
+    return secrets
+
+
+def _mounts(workspace: Workspace, folder: Path, env: Dict[str, str]) -> List[str]:
+    """Bubblewrap's arguments: outer folders come first, so that inner ones are mounted into them."""
+    homes = {Path(os.path.expanduser("~")), Path(env.get("HOME", "/root"))}
+    roots = {path.resolve() for path in homes} - {Path("/"), *map(Path, TEMPORARY)}
+    place = folder.resolve()
+    own = own_files(workspace.own)
+    hidden = {
+        path
+        for path in roots | {path.resolve() for path in workspace.hidden} | own.hidden
+        if path.is_dir() and place not in (path, *path.parents)
+    }
+    steps = [(len(path.parts), 0, ["--tmpfs", str(path)]) for path in hidden]
+    needed = _needed(workspace, env)
+    bound = {path.resolve() for path in needed} - hidden - {*map(Path, NEVER_WHOLE)} | own.shown
+    bound = {path for path in bound if not any(path in root.parents for root in roots)}
+    steps += [(len(path.parts), 1, ["--ro-bind", str(path), str(path)]) for path in bound]
+    whole = {*bound, *(Path("/", name) for name in SYSTEM)}
+    for link in {each for path in needed for each in (path, *path.parents) if each.is_symlink()}:
+        around = next((each for each in (link, *link.parents) if each in whole | hidden), None)
+        if around not in whole:  # it is not there already, and leads to something that is
+            steps.append((len(link.parts), 1, ["--symlink", os.readlink(link), str(link)]))
+    steps.append((len(place.parts), 2, ["--bind", str(place), str(place)]))
+    mounts = chain.from_iterable(options for _, _, options in sorted(steps, key=lambda step: step[:2]))
+    read_only = [option for path in (Path("/"), *hidden) for option in ("--remount-ro", str(path))]
+    return [*_system(), *mounts, *read_only]
+
+
+def _needed(workspace: Workspace, env: Dict[str, str]) -> List[Path]:
+    """Folders that a program of the workspace reads: what its environment names."""
+    folders = {Path(sys.prefix), Path(sys.base_prefix), Path(sysconfig.get_paths()["purelib"])}
+    for name in SEARCH_PATHS:
+        folders |= {Path(word) for word in env.get(name, "").split(os.pathsep) if word.startswith("/")}
+    for prefix in env.get("CMAKE_PREFIX_PATH", "").split(os.pathsep):
+        if prefix.startswith("/"):  # libraries and messages lie beside devel/ in the source space
+            sources = Path(prefix).parent / "src"
+            folders.add(sources if os.path.isdir(sources) else Path(prefix).parent)
+    folders |= {setup.resolve().parents[1] for setup in workspace.setups} | set(workspace.packages)
+    # not Path.exists, which raises for a folder that this user must not enter
+    return sorted(path for path in folders if os.path.exists(path))

@@ -1,0 +1,87 @@
+"""Third stage of marking: a result by the recordings of the drives and by what was prepared."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Sequence
+
+from husky_grading.displays import STANDING, FrameTree, view_of
+from husky_grading.exercises import EXERCISES
+from husky_grading.isolation.places import hide_places
+from husky_grading.notes import Kind, Note, texts
+from husky_grading.recording import Recording, recordings_in
+from husky_grading.records import DEFAULT_RULES, Job, MarkingConfig, MarkingResult
+from husky_grading.rubrics.items import left_to_chance, left_to_choice, told_once
+from husky_grading.settings import with_override
+from husky_grading.submission import WORKSPACE, Submission
+from husky_highlevel_controller.config import load
+
+_FOLDERS = re.compile(r"(?<![\w.$)])/([\w.+@~-]+)/(?:[^\s/:'\"<>]+/)*")  # before the name of a file, absolute
+
+
+def judge_again(job: Job) -> MarkingResult:
+    """The result by the files in the job's folder; HuskyError: there are none, or as `judge`."""
+    out = Path(job.out)
+    return judge(load(Submission, out / WORKSPACE), recordings_in(out), job)
+
+
+def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:
+    """The result, with points by hand and less a late penalty; PointsError: these do not fit the rubric."""
+    first = recordings[0]
+    tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
+    view = view_of(submission.rviz, tree)
+    items = told_once(
+        EXERCISES[job.config.exercise].judge(recordings, view, first.scan_topic, job.config.rules)
+    )
+    if submission.equals:
+        items = left_to_choice(items, submission.equals)
+    if first.uninitialised:
+        items = left_to_chance(items, first.uninitialised)
+    notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
+    asked = job.config.trials if EXERCISES[job.config.exercise].random_starts else 1
+    if len(recordings) < asked:
+        text = f"{len(recordings)} of {asked} drives were made; others follow if the robot moves in the first"
+        notes.append(Note(Kind.FEWER_DRIVES, text))
+    settings = {
+        **settings_of(job.config),
+        "sandbox": submission.sandbox,
+        "network": submission.network,
+        "simulated": first.simulated,
+    }
+    result = MarkingResult(
+        job.name, submission.launchable.summary, settings, tuple(items), tuple(texts(notes))
+    )
+    return with_override(_from_known_folders(result, job), job.override)
+
+
+def unmarked(job: Job, problem: str) -> MarkingResult:
+    """The result of a submission that could not be marked."""
+    result = _from_known_folders(MarkingResult(job.name, "", settings_of(job.config), (), (), problem), job)
+    # of a file of this machine only the name; a topic or a node has no folder
+    told = _FOLDERS.sub(lambda match: "" if os.path.isdir(f"/{match[1]}") else match.group(), result.problem)
+    return replace(result, problem=told)
+
+
+def _from_known_folders(result: MarkingResult, job: Job) -> MarkingResult:
+    """The result without paths of this machine: a student knows those in the hand-in only."""
+    folders = [Path(folder) for folder in (job.out, job.hand_in, *job.hidden, *job.packages) if folder]
+    items = [
+        replace(item, evidence=hide_places(item.evidence, folders), hint=hide_places(item.hint, folders))
+        for item in result.items
+    ]
+    return replace(
+        result,
+        what=hide_places(result.what, folders),
+        items=tuple(items),
+        notes=tuple(hide_places(note, folders) for note in result.notes),
+        problem=hide_places(result.problem, folders),
+    )
+
+
+def settings_of(config: MarkingConfig) -> Any:
+    """The settings that a result shows."""
+    settings = {key: value for key, value in vars(config).items() if key != "rules"}
+    return {**settings, "rubric": None if config.rules == DEFAULT_RULES else str(config.rules)}

@@ -1,0 +1,142 @@
+"""Marking of one submission: `python -m husky_grading.mark JOB.json`.
+
+Four stages, each of which leaves a file for the next: what was prepared (workspace.json), seen
+(drive_N/recording.json), judged (result.json) and reported. A workspace that is kept is not built again, and
+a result is judged from files alone, so that a changed rubric, points by hand or a penalty need no drive.
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import traceback
+from dataclasses import replace
+from pathlib import Path
+from typing import List, Optional
+
+from husky_grading.drive.observe import observe
+from husky_grading.drive.trials import Trial, draw_trials
+from husky_grading.exercises import EXERCISES
+from husky_grading.hand_in.packages import NotMarkableError
+from husky_grading.hand_in.prepare import prepare
+from husky_grading.isolation import place, private_network
+from husky_grading.isolation.files import remove_tree, write_whole
+from husky_grading.isolation.process import StoppedError, stop_on_signals
+from husky_grading.isolation.sandbox import kind_of_sandbox
+from husky_grading.judge import judge, unmarked
+from husky_grading.notes import MISSES_PACKAGES
+from husky_grading.recording import recordings_in
+from husky_grading.records import Job, MarkingConfig, MarkingResult, printable
+from husky_grading.reports.files import (
+    FINGERPRINT,
+    PICTURES,
+    RESULT,
+    write_pictures,
+    write_result,
+)
+from husky_grading.submission import WORKSPACE, Submission
+from husky_highlevel_controller.config import load
+from husky_highlevel_controller.datatypes import HuskyError
+
+# of this program and of each that it forks: bytes; descriptors, since every connection costs a thread
+LIMITS = {resource.RLIMIT_DATA: 2_000_000_000, resource.RLIMIT_NOFILE: 1024}
+
+
+def mark(job: Job) -> MarkingResult:
+    """Mark a submission; its result, whatever it holds, and its files are in the job's folder.
+
+    A result that this machine is to blame for, such as a full disk, has no fingerprint: it is not kept.
+
+    Raises:
+        StoppedError: marking is to end.
+    """
+    out = Path(job.out)
+    problem, fingerprint = "", ""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name in (FINGERPRINT, RESULT, *PICTURES):
+            remove_tree(out / name)
+        submission = kept_submission(job) or prepare(job)
+        config = replace(job.config, robot=job.override.robot or job.config.robot)
+        observe(submission, trials_of(config), config, out)
+        recordings = recordings_in(out)
+        notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
+        misses = bool(MISSES_PACKAGES & {note.kind for note in notes})
+        fingerprint = job.fingerprint + job.installed * misses  # also where marking.yaml has a typo
+        cause = None
+        try:
+            result = judge(submission, recordings, job)
+            cause = result.cause
+        finally:  # also where the teacher's points do not fit
+            write_pictures(recordings, job.name, out, cause)
+    except StoppedError:
+        raise
+    except NotMarkableError as error:
+        problem, fingerprint = _text_of(error), job.fingerprint
+    except HuskyError as error:
+        problem = _text_of(error)
+    except OSError as error:
+        problem = (error.strerror or _text_of(error)) + (f": {error.filename}" if error.filename else "")
+    except Exception as error:
+        problem = f"marking has failed: {type(error).__name__}: {' '.join(str(error).split())[:300]}"
+        traceback.print_exc()
+    if problem:
+        print(printable(problem), file=sys.stderr)  # with the paths of this machine, for the teacher
+        result = unmarked(job, problem)
+    write_result(result, out, job.packages)
+    if fingerprint:
+        write_whole(out / FINGERPRINT, fingerprint)  # the last one: with it, it is done
+    return result
+
+
+def _text_of(error: Exception) -> str:
+    """Text of an error, or its name: a problem without a text would be none."""
+    return str(error) or type(error).__name__
+
+
+def kept_submission(job: Job) -> Optional[Submission]:
+    """Submission that an earlier marking prepared here from the same files and settings, if any."""
+    try:
+        submission = load(Submission, Path(job.out, WORKSPACE))
+    except HuskyError:
+        return None
+    root = Path(job.out, "ws")  # another one is a copy's, or another machine's
+    is_here = submission.root == root and (root / "src").is_dir()
+    isolation = kind_of_sandbox(), private_network.reach()
+    is_shut = (submission.sandbox, submission.network) == isolation and {*map(Path, job.hidden)} <= {
+        *submission.workspace.hidden
+    }
+    is_same = bool(job.made_of) and submission.made_of == job.made_of
+    misses = MISSES_PACKAGES & {note.kind for note in submission.notes}  # which may be installed by now
+    return submission if is_here and is_shut and is_same and not misses else None
+
+
+def trials_of(config: MarkingConfig) -> List[Trial]:
+    """The drives of an exercise."""
+    exercise = EXERCISES[config.exercise]
+    ends = exercise.random_starts
+    trials = draw_trials(config.trials if ends else 1, config.seed)
+    return [replace(trial, driver=exercise.driver, ends_at_pillar=ends) for trial in trials]
+
+
+def main(arguments: Optional[List[str]] = None) -> None:
+    """Mark the job of the command line, in a network of its own, within limits of memory and descriptors."""
+    private_network.enter()
+    for limit, value in LIMITS.items():
+        _, hard = resource.getrlimit(limit)
+        resource.setrlimit(limit, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
+    stop_on_signals()
+    try:
+        job = load(Job, Path((arguments or sys.argv[1:])[0]))
+        try:
+            job = replace(job, out=str(place.enter(Path(job.out))))
+        except HuskyError as error:
+            write_result(unmarked(job, str(error)), Path(job.out))
+        else:
+            mark(job)
+    except StoppedError:
+        raise SystemExit(2) from None  # as grade's
+
+
+if __name__ == "__main__":
+    main()

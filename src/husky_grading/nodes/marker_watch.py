@@ -1,0 +1,280 @@
+"""Records the markers of a drive, and places them in the world by TF and the robot's true poses."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from dataclasses import replace
+from functools import lru_cache
+from math import inf, isfinite, nan
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+import rospkg
+import rospy
+import tf2_ros
+from visualization_msgs.msg import Marker, MarkerArray
+
+from husky_grading.drive.marker_shape import LINES, LISTS, MAX_POINTS, draw
+from husky_grading.isolation.files import is_below, is_regular
+from husky_grading.notes import Kind, Note
+from husky_grading.recording import ADD, DELETE, DELETE_ALL, MarkerSample
+from husky_highlevel_controller.datatypes import Pose, Quaternion, Vector3
+from husky_highlevel_controller.geometry import compose
+from husky_highlevel_controller.ros import conversions
+
+BASE = "base_link"
+KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
+ACTIONS = {Marker.ADD: ADD, Marker.DELETE: DELETE, Marker.DELETEALL: DELETE_ALL}
+PERIOD = 0.019  # [s], simulated, between two moments of a namespace that are recorded
+CROWD = 10  # markers at a moment; where more came, the next moment is recorded so much later
+MAX_SAMPLES = 50_000  # of a drive
+MAX_ALL_POINTS = 500_000  # of all markers of a drive
+MAX_MESSAGE = 2_000_000  # [bytes]
+MAX_TOPICS = 50
+MAX_FRAMES = 5000
+MAX_NAME = 200  # letters of a topic, namespace or frame
+RETRY_STEP, RETRY_END = 0.05, 1.0  # [s], simulated: a frame that appears later counts from then on
+
+_FRAME = re.compile(r"^(\S[^\n]*?): *\n  parent: '([^\n']*)'$", re.MULTILINE)
+
+
+class MarkerWatch:
+    """Callbacks only append; `samples` places everything at the end, when all transforms are known."""
+
+    def __init__(self, now: Callable[[], float], packages: Sequence[str] = ()) -> None:
+        self._now = now
+        self._packages = packages  # folders of packages that the ROS environment does not name
+        self._samples: List[Tuple[MarkerSample, Marker]] = []  # not placed yet
+        self._points_left = MAX_ALL_POINTS
+        self._closed = False
+        # [s] of the last moment of a namespace that was recorded, and how many markers came then
+        self._moments: Dict[Tuple[str, str], Tuple[float, int]] = {}
+        self._topics: Dict[str, rospy.Subscriber] = {}
+        self._unreadable: Dict[str, int] = {}  # messages that are not of their topic's type
+        self._buffer = tf2_ros.Buffer(rospy.Duration(3600.0), debug=False)
+        self._listener = tf2_ros.TransformListener(self._buffer)
+
+    @property
+    def topics(self) -> Tuple[str, ...]:
+        """Topics of markers that were published."""
+        return tuple(sorted(self._topics))
+
+    @property
+    def notes(self) -> Tuple[Note, ...]:
+        """Notes on topics whose messages cannot be read."""
+        return tuple(
+            Note(Kind.UNREADABLE, f"{count} messages on {topic} are not of its type, and count as nothing")
+            for topic, count in sorted(self._unreadable.items())
+        )
+
+    @property
+    def frames(self) -> Dict[str, str]:
+        """Parent of each frame of TF."""
+        pairs = _FRAME.findall(self._buffer.all_frames_as_yaml())
+        return {frame[:MAX_NAME]: parent[:MAX_NAME] for frame, parent in pairs[:MAX_FRAMES]}
+
+    @property
+    def subscribers(self) -> Tuple[rospy.Subscriber, ...]:
+        """Subscribers of the topics."""
+        return tuple(self._topics.values())
+
+    def close(self) -> None:
+        """Keep no further markers: there is no pose of the robot to place them by."""
+        self._closed = True
+
+    def place(self, frame: str) -> Optional[Vector3]:
+        """Place of a frame in base_link by the newest transforms [m]; None: none connect them."""
+        with suppress(tf2_ros.TransformException):
+            transform = self._buffer.lookup_transform_core(BASE, frame, rospy.Time())
+            return conversions.pose_from_transform(transform).position
+        return None
+
+    def follow(self, topic: str, kind: str) -> None:
+        """Subscribe to a topic, if its type is one of markers."""
+        is_new = topic not in self._topics and len(self._topics) < MAX_TOPICS
+        if kind in KINDS and is_new and len(topic) <= MAX_NAME:  # a picture of a longer one takes minutes
+            # raw messages: a large one is refused before it is taken apart
+            self._topics[topic] = rospy.Subscriber(
+                topic, rospy.AnyMsg, self._on_message, (topic, KINDS[kind]), queue_size=100, tcp_nodelay=True
+            )
+
+    def _on_message(self, raw: Any, source: Tuple[str, Any]) -> None:
+        topic, kind = source
+        if len(raw._buff) > MAX_MESSAGE:
+            large = Marker(ns=f"larger than {MAX_MESSAGE} bytes", action=Marker.ADD)  # not seen
+            self.add([large], topic)
+            return
+        try:
+            message = kind().deserialize(raw._buff)
+        except Exception:  # of whatever kind: bytes of a submission, each of which would fill the log
+            self._unreadable[topic] = self._unreadable.get(topic, 0) + 1
+            return
+        self.add(message.markers if kind is MarkerArray else [message], topic)
+
+    def add(self, markers: Sequence[Marker], topic: str) -> None:
+        """Keep the markers that came on a topic now."""
+        now = self._now()
+        for marker in markers:
+            if marker.action in ACTIONS and self._is_due(now, (topic, marker.ns[:MAX_NAME])):
+                problem = _invisible(marker)
+                if (
+                    not problem
+                    and marker.type == Marker.MESH_RESOURCE
+                    and not self._has(marker.mesh_resource)
+                ):
+                    problem = "its mesh does not exist"
+                marker.points = marker.points[: min(MAX_POINTS, self._points_left)]
+                self._points_left -= len(marker.points)
+                marker.colors, marker.text, marker.mesh_resource = [], "", ""
+                marker.ns, marker.header.frame_id = marker.ns[:MAX_NAME], marker.header.frame_id[:MAX_NAME]
+                lifetime = marker.lifetime.to_sec()
+                sample = MarkerSample(
+                    topic, marker.ns, marker.id, now, marker.header.stamp.to_sec(),
+                    marker.header.frame_id.lstrip("/"), (nan, nan, nan),
+                    until=now + lifetime if lifetime > 0.0 else inf, action=ACTIONS[marker.action],
+                    problem=problem, finite=_is_finite(marker),
+                )  # fmt: skip
+                self._samples.append((sample, marker))
+
+    def _is_due(self, now: float, key: Tuple[str, str]) -> bool:
+        if self._closed or len(self._samples) >= MAX_SAMPLES:
+            return False
+        at, count = self._moments.get(key, (-inf, 0))
+        if now > at:
+            if now - at < PERIOD * max(1.0, count / CROWD):
+                return False
+            at, count = now, 0
+        self._moments[key] = at, count + 1
+        return True
+
+    def _has(self, mesh: str) -> bool:
+        """Whether RViz finds a mesh, file://PATH or package://NAME/PATH; for http there is no network.
+
+        Only packages are looked into: a submission learns nothing of other files of this machine.
+        """
+        scheme, _, place = mesh.partition("://")
+        if scheme == "file":
+            return any(_is_file_of(Path(folder), place) for folder in self._packages)
+        package, _, path = place.partition("/")
+        folders = [Path(folder, package) for folder in self._packages]
+        with suppress(rospkg.ResourceNotFound):
+            folders.append(Path(_installed().get_path(package)))
+        return scheme == "package" and any(_is_file_of(folder, path) for folder in folders)
+
+    def samples(
+        self, times: np.ndarray, poses: Sequence[Pose], pillar: Tuple[float, float]
+    ) -> Tuple[MarkerSample, ...]:
+        """All recorded markers in the world, by times (N,) [s] and N poses of base_link in the world.
+
+        `pillar` is x, y of its axis in the world [m].
+        """
+        samples = list(self._samples) if len(times) else []
+        return tuple(
+            sample if sample.problem or sample.action != ADD
+            else self._placed(sample, marker, times, poses, pillar)
+            for sample, marker in samples
+        )  # fmt: skip
+
+    def _placed(
+        self,
+        sample: MarkerSample,
+        marker: Marker,
+        times: np.ndarray,
+        poses: Sequence[Pose],
+        pillar: Tuple[float, float],
+    ) -> MarkerSample:
+        try:
+            moment, frame_in_base = self._frame_in_base(sample)
+        except (tf2_ros.TransformException, ValueError) as error:  # ValueError: a frame's name with a NUL
+            return replace(sample, problem=str(error).split(". ")[0].strip())
+        row = min(int(np.searchsorted(times, moment - 1e-6)), len(times) - 1)
+        pose = compose(compose(poses[row], frame_in_base), _pose(marker))
+        scale = (marker.scale.x, marker.scale.y, marker.scale.z)
+        points = [(point.x, point.y, point.z) for point in marker.points]
+        shape = draw(marker.type, pose, scale, points, pillar)
+        return replace(sample, **shape._asdict())
+
+    def _frame_in_base(self, sample: MarkerSample) -> Tuple[float, Pose]:
+        """The marker's frame seen from base_link, and at which moment [s]; so drift of odom does no harm.
+
+        With stamp 0 that is the moment it was sent, and, where its frame is not known yet, soon afterwards.
+
+        Raises:
+            TransformException: no transform connects the two.
+        """
+        if sample.frame == BASE:
+            return sample.stamp or sample.at, Pose()
+        if sample.stamp:
+            return sample.stamp, self._lookup(sample.frame, sample.stamp)
+        moments = [sample.at, *(sample.at + np.arange(RETRY_STEP, RETRY_END, RETRY_STEP)).tolist()]
+        refusal: Optional[Exception] = None
+        for moment in moments:
+            try:
+                return moment, self._lookup(sample.frame, moment)
+            except tf2_ros.TransformException as error:
+                refusal = refusal or error
+        latest = self._buffer.get_latest_common_time(BASE, sample.frame).to_sec()
+        if latest < sample.at:  # the end of the drive, or a frame that is no longer sent
+            return latest, self._lookup(sample.frame, latest)
+        raise tf2_ros.TransformException(str(refusal))
+
+    def _lookup(self, frame: str, moment: float) -> Pose:
+        transform = self._buffer.lookup_transform_core(BASE, frame, rospy.Time.from_sec(moment))
+        return conversions.pose_from_transform(transform)
+
+
+def _is_file_of(folder: Path, place: str) -> bool:
+    """Whether a place, absolute or in a folder, is a file below it, also by way of links."""
+    with suppress(OSError, ValueError):  # a loop of links, a NUL
+        return is_below(folder / place, folder) and is_regular(folder / place)
+    return False
+
+
+def _pose(marker: Marker) -> Pose:
+    p, q = marker.pose.position, marker.pose.orientation
+    length = float(np.linalg.norm((q.x, q.y, q.z, q.w)))
+    quat: Quaternion = (0.0, 0.0, 0.0, 1.0)  # RViz, too, takes zeros for no rotation
+    if length > 0.0:
+        quat = (q.x / length, q.y / length, q.z / length, q.w / length)
+    return Pose((p.x, p.y, p.z), quat)
+
+
+def _invisible(marker: Marker) -> str:
+    """Reason why RViz would draw nothing of a marker."""
+    scale = marker.scale
+    if marker.action != Marker.ADD:
+        return ""
+    if not marker.header.frame_id:
+        return "it has no frame_id"
+    if not _is_finite(marker):
+        return "its position is not a number"
+    if max(scale.x, scale.y, scale.z) <= 0.0:
+        return "its scale is 0"
+    colors = marker.colors if marker.type in LISTS and marker.colors else [marker.color]
+    if not any(color.a > 0.0 for color in colors):
+        return "its alpha is 0"
+    return _empty(marker)
+
+
+def _is_finite(marker: Marker) -> bool:
+    p, q, scale = marker.pose.position, marker.pose.orientation, marker.scale
+    points = [number for point in marker.points for number in (point.x, point.y, point.z)]
+    return all(map(isfinite, (p.x, p.y, p.z, q.x, q.y, q.z, q.w, scale.x, scale.y, scale.z, *points)))
+
+
+def _empty(marker: Marker) -> str:
+    """Reason why a marker of its type has nothing to draw."""
+    if not 0 <= marker.type <= Marker.TRIANGLE_LIST:
+        return f"its type {marker.type} is none of visualization_msgs/Marker"
+    if marker.type in LISTS and len(marker.points) < (2 if marker.type in LINES else 1):
+        return "it has no points"
+    if marker.type == Marker.TEXT_VIEW_FACING and not marker.text.strip():
+        return "its text is empty"
+    return ""
+
+
+@lru_cache(maxsize=1)
+def _installed() -> Any:
+    return rospkg.RosPack()

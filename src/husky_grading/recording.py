@@ -1,0 +1,263 @@
+"""Recording of one drive: true poses, commands, markers and the ROS graph, as JSON and back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, replace
+from math import inf, nan
+from pathlib import Path
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from husky_grading.notes import Kind, Note
+from husky_highlevel_controller.config import load, to_plain
+from husky_highlevel_controller.course import PILLARS, STANDS, PillarSize
+from husky_highlevel_controller.datatypes import Pose2D, Scan
+from husky_highlevel_controller.robot import load_robot
+
+ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker message
+
+
+def table(help_text: str, *columns: int) -> Any:
+    """Field of an array with so many columns, or of one dimension; without rows by default."""
+    metadata = {"shape": (-1, *columns), "help": help_text}
+    return field(default_factory=lambda: np.zeros((0, *columns)), metadata=metadata)
+
+
+@dataclass(frozen=True)
+class MarkerSample:
+    """Marker message, placed in the world; or the removal of markers."""
+
+    topic: str
+    namespace: str
+    id: int
+    at: float  # [s], simulated, when it came
+    stamp: float  # [s]; 0: the transforms of the moment it was sent
+    frame: str
+    position: Tuple[float, float, float]  # [m] in the world, see marker_shape; nan without
+    reach: float = inf  # [m], horizontally from the pillar's axis to the nearest point of what is drawn
+    low: float = nan  # [m], height in the world of the lowest drawn point
+    high: float = nan  # [m], of the highest
+    until: float = inf  # [s], simulated: the end of its lifetime
+    action: str = ADD
+    problem: str = ""  # why RViz would draw nothing
+    finite: bool = True  # its numbers are neither inf nor NaN
+
+
+FILTERED = "/odometry/filtered"  # topic of exercise 4, on which a filter tells the robot's pose
+
+
+@dataclass(frozen=True, eq=False)
+class Playback:
+    """Path and top view of a filter while a bag was played to it, and what its hand-in plays and plots."""
+
+    path: np.ndarray = table("[s, m, m], x and y of its odometry by stamps", 3)
+    topic: str = ""  # of that odometry
+    top_view: np.ndarray = table("[s, m, m, m], the frame's place in base_link", 4)
+    players: Tuple[str, ...] = ()  # arguments of its launch file's rosbag players
+    curves: Tuple[Tuple[str, str], ...] = ()  # of its rqt_multiplot files: /topic/field of x and of y
+
+
+@dataclass(frozen=True)
+class Call:
+    """Call of a start/stop service."""
+
+    at: float  # [s], simulated
+    data: bool  # what was sent
+    success: bool
+    answer: str  # its text, or what went wrong
+    answered_at: float  # [s], simulated; on a busy machine more than a second later
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Task of the recorder for one drive."""
+
+    recording: Recording  # as far as it is known before the drive
+    output: str  # file for the whole of it
+    truth_socket: str  # where the simulator connects
+    status: str  # file with a `Status`, from when the recorder is ready
+    closing: str  # file with a `Closing`, once the drive is over
+    driver: str  # see `exercises.Exercise`
+    ends_at_pillar: bool
+    ours: Tuple[str, ...]  # nodes that are not the submission's
+    packages: Tuple[str, ...] = ()  # folders of the submission's packages, for meshes
+
+
+@dataclass(frozen=True)
+class Status:
+    """State of the recorder in a drive, which it writes for marking into a file of their own.
+
+    What it prints could not be trusted: ROS's libraries log what a submission sends, of any length.
+    """
+
+    now: float = 0.0  # [s], simulated
+    joined: bool = False  # the submission takes part, or does not in time
+    subscribed: bool = False  # the submission listens to the scans
+    over: bool = False
+    sha256: str = ""  # of the recording, once it is written
+
+
+@dataclass(frozen=True)
+class Closing:
+    """Observations of a drive from outside, which marking adds to the recording."""
+
+    notes: Tuple[Note, ...] = ()
+    ended: Optional[Note] = None  # why it was cut off
+    output: str = ""  # what the submission printed, shortened
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Recording of one drive of one submission; arrays are read-only."""
+
+    start: Pose2D  # of base_link in the world
+    pillar: Tuple[float, float]  # [m], its centre in the world, before anybody pushes it
+    deadline: float  # [s], simulated
+    times: np.ndarray = table("(N,) [s], simulated, of the true poses")
+    poses: np.ndarray = table("[m, m, rad], true x, y, yaw of base_link in the world", 3)
+    speeds: np.ndarray = table("[m/s, rad/s], true, in base_link", 2)
+    commands: np.ndarray = table("[s], when commands came; one for each true pose")
+    command_count: int = 0  # all of them
+    zero_count: int = 0  # of these, how many were zero in every component
+    fastest: Optional[float] = (
+        None  # [m/s], the largest linear.x of all commands, either way; None if unknown
+    )
+    sharpest: Optional[float] = None  # [rad/s], likewise of angular.z
+    nearest: np.ndarray = table("[s, m], smallest valid range of each scan; inf for none", 2)
+    hits: np.ndarray = table("[s, m, m], points in the world of some of the scans", 3)
+    markers: Tuple[MarkerSample, ...] = ()
+    marker_topics: Tuple[str, ...] = ()  # that the submission publishes, whether or not anything came
+    services: Tuple[str, ...] = ()  # std_srvs/SetBool that the submission offers
+    other_services: Tuple[str, ...] = ()  # of other types that it offers, as "/name (package/Type)"
+    calls: Tuple[Call, ...] = ()
+    topic_parameters: Tuple[str, ...] = ()  # private parameters whose value is the scans' topic
+    queue_parameters: Tuple[str, ...] = ()  # private whole numbers that are called ...queue...
+    subscribed: bool = False  # the submission listens to the scans
+    advertised: bool = True  # the submission has a publisher on a topic of velocity commands
+    silent_topics: Tuple[str, ...] = ()  # that the submission subscribes to and nothing publishes
+    unread_topics: Tuple[str, ...] = ()  # geometry_msgs/Twist that it publishes and nothing subscribes to
+    violations: Tuple[str, ...] = ()  # that end the claim to points, in sentences
+    notes: Tuple[Note, ...] = ()  # what went wrong
+    ended: Optional[Note] = None  # why the drive ended
+    output: str = ""  # what the submission printed, shortened
+    robot: str = "husky"  # one of ROBOTS
+    simulated: str = "husky"  # a key of ROBOT_VERSIONS
+    scan_topic: str = "/front/scan"
+    uninitialised: str = ""  # a variable of the submission that is read before it is written, in a sentence
+    frames: Mapping[str, str] = field(default_factory=dict)  # parent of each frame of TF
+    descriptions: Tuple[str, ...] = ()  # parameters with a robot whose links are frames of TF
+    playback: Optional[Playback] = None  # where a bag was played
+
+    @property
+    def hull_gaps(self) -> np.ndarray:
+        """From the robot's outline to the pillar's surface, were the pillar never moved, (N,) [m]."""
+        return hull_gaps(self.poses, self.pillar, self.robot)
+
+    @property
+    def pillar_size(self) -> PillarSize:
+        """The pillar of the robot's sheets."""
+        return PILLARS[self.robot]
+
+    @property
+    def moving(self) -> np.ndarray:
+        """Rows in which the robot drives or turns, (N,) bool."""
+        return (np.abs(self.speeds[:, 0]) > STANDS) | (np.abs(self.speeds[:, 1]) > STANDS)
+
+    @property
+    def driving(self) -> np.ndarray:
+        """Rows in which the robot drives, (N,) bool; one that trembles on the spot does not."""
+        return np.abs(self.speeds[:, 0]) > STANDS
+
+
+RECORDING = "recording.json"  # file in the folder of a drive
+FLOOD = 300.0  # commands a simulated second; 50 answer the scans
+CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")  # why a drive ended that the recorder did not end
+
+
+def drive_folders(out: Path) -> Dict[int, Path]:
+    """Folders of the drives in a folder of results, drive_N, by their numbers, in order."""
+    folders = {path.name[len("drive_") :]: path for path in out.glob("drive_*")}
+    return {int(number): folders[number] for number in sorted(filter(str.isdecimal, folders), key=int)}
+
+
+def recordings_in(out: Path) -> List[Recording]:
+    """The recordings of the drives in a folder of results, in order; ConfigError: one is broken."""
+    paths = [folder / RECORDING for folder in drive_folders(out).values()]
+    return [load(Recording, path) for path in paths if path.exists()]
+
+
+def closed(recording: Recording, closing: Closing) -> Recording:
+    """A recording with what marking saw, and notes on a flood of commands and on a drive that was cut off."""
+    notes, ended = list(closing.notes), closing.ended or recording.ended
+    ends = (Kind.NODE_ENDED, Kind.NODE_FAILED, Kind.NODE_CRASHED)
+    has_ended = any(note.kind in ends for note in notes)
+    notes += [note for note in recording.notes if not (has_ended and note.kind is Kind.UNANSWERED_SCANS)]
+    seconds = max(float(recording.times[-1]), 1.0) if len(recording.times) else 1.0
+    if recording.command_count / seconds > FLOOD:
+        text = f"it floods cmd_vel: {recording.command_count} commands in {seconds:.0f} s"
+        notes.append(Note(Kind.FLOOD, text))
+    if closing.ended or recording.ended == CUT_OFF:
+        why = closing.ended.text if closing.ended else "the recorder was ended"
+        notes.append(Note(Kind.CUT_OFF, f"the drive was cut off at {seconds:.2f} s: {why}", seconds))
+    return replace(recording, notes=tuple(notes), ended=ended, output=closing.output)
+
+
+def hull_gaps(poses: np.ndarray, pillar: Tuple[float, float], robot: str) -> np.ndarray:
+    """From the robot's outline, seen from above, to the pillar's surface, (N,) [m]; negative: inside."""
+    return load_robot(robot).footprint.gaps(poses, np.asarray(pillar), PILLARS[robot].radius)
+
+
+def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot: str) -> np.ndarray:
+    """Points at which the beams of the robot's scans ended, (M, 3) [s, m, m] in the world.
+
+    `times` (N,) [s] and `poses` (N, 3) [m, m, rad] are the true ones of base_link in the world.
+    """
+    mount, hits = load_robot(robot).lidar_mount, [np.zeros((0, 3))]
+    for scan in scans if len(times) else ():
+        x, y, yaw = poses[min(int(np.searchsorted(times, scan.stamp)), len(times) - 1)]
+        ranges = scan.ranges[scan.valid]
+        angles = scan.bearings[scan.valid] * (-1.0 if mount.upside_down else 1.0) + yaw
+        across, along = y + mount.x * np.sin(yaw), x + mount.x * np.cos(yaw)
+        points = along + ranges * np.cos(angles), across + ranges * np.sin(angles)
+        hits.append(np.column_stack([np.full(len(ranges), scan.stamp), *points]))
+    return np.round(np.concatenate(hits), 3)
+
+
+def to_json(recording: Recording) -> str:
+    """A recording as text."""
+    return json.dumps(to_plain(recording))
+
+
+TWIST_SIZE = 48  # [bytes] of a serialised geometry_msgs/Twist: six doubles
+NOTHING = 1e-6  # [m/s] and [rad/s], as good as zero
+
+
+def is_zero(twist: bytes) -> bool:
+    """Whether a serialised geometry_msgs/Twist commands nothing; -0.0 has a bit set and is zero."""
+    if len(twist) != TWIST_SIZE:
+        return not any(twist)
+    return bool((np.abs(np.frombuffer(twist, "<f8")) <= NOTHING).all())
+
+
+def ahead_and_turn(twist: bytes) -> Tuple[float, float]:
+    """Return the sizes of linear.x [m/s] and angular.z [rad/s] of a serialised Twist; inf if unknown."""
+    if len(twist) != TWIST_SIZE:
+        return inf, inf
+    numbers = np.abs(np.frombuffer(twist, "<f8"))
+    ahead, turn = np.where(np.isfinite(numbers), numbers, inf)[[0, 5]].tolist()
+    return ahead, turn
+
+
+MAX_ROBOT_SPEED = 4.0  # [m/s], four times the Husky's: contacts may push it
+JUMP_SLACK = 0.1  # [m], for one period's solver corrections
+
+
+def pose_jumps(times: np.ndarray, poses: np.ndarray) -> List[str]:
+    """The first jump of a drive, in a sentence, by times (N,) [s] and poses (N, 3) [m, m, rad]."""
+    if len(times) < 2:
+        return []
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    jumps = np.flatnonzero(steps > JUMP_SLACK + MAX_ROBOT_SPEED * np.diff(times))
+    return [f"the robot jumps {steps[row]:.2f} m at {times[row + 1]:.2f} s" for row in jumps[:1]]

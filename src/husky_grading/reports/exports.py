@@ -1,0 +1,86 @@
+"""Results in the forms of teaching platforms: Gradescope, Classroom 50, GitHub's step summary.
+
+Forms: Gradescope's autograder specification (results.json); foundation50/classroom50, "The result.json
+contract" of its wiki; GitHub Actions, "Adding a job summary".
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any, Dict, List, Mapping
+
+from husky_grading.isolation.files import write_whole
+from husky_grading.records import MarkingResult
+from husky_grading.reports.tables import to_markdown
+
+CLASSROOM50_SCHEMA = "classroom50/result/v1"
+# field: variable that Classroom 50's runner sets
+CLASSROOM50_FIELDS = {
+    "classroom": "CLASSROOM",
+    "assignment": "ASSIGNMENT",
+    "submission": "SUBMISSION_TAG",
+    "commit": "COMMIT_URL",
+    "release": "RELEASE_URL",
+    "review": "REVIEW_URL",
+}
+
+
+def write_exports(result: MarkingResult, out: Path) -> None:
+    """Write each platform's file under the name that it wants, in a folder of its own.
+
+    Classroom 50 wants a score, so it gets no file of a submission that could not be marked.
+    """
+    moment = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
+    classroom50 = to_classroom50(result, os.environ, moment)
+    for path, text in (
+        (out / "gradescope" / "results.json", to_gradescope(result)),
+        (out / "classroom50" / "result.json", "" if result.problem else classroom50),
+        (out / "github" / "summary.md", to_markdown([result])),
+    ):
+        path.parent.mkdir(exist_ok=True)
+        if text:
+            write_whole(path, text)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def to_gradescope(result: MarkingResult) -> str:
+    """results.json of Gradescope: a test for each item; without a score where a person gives it."""
+    tests: List[Dict[str, Any]] = []
+    for item in result.items:
+        test: Dict[str, Any] = {"name": item.name, "output": item.evidence, "output_format": "text"}
+        if item.points is not None:
+            test.update(score=item.points, max_score=item.max_points)
+            test["status"] = "passed" if item.full else "failed"
+        tests.append(test)
+    lines = [*[f"could not be marked: {result.problem}"] * bool(result.problem), *result.notes]
+    content: Dict[str, Any] = {"output": "\n".join(lines), "output_format": "text", "tests": tests}
+    if not result.problem:
+        content["score"] = result.points
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def to_classroom50(result: MarkingResult, variables: Mapping[str, str], moment: str) -> str:
+    """result.json of Classroom 50, whose scores are whole numbers.
+
+    Its runner's environment `variables` name the submission; `moment` is like 2026-06-01T14:32:01Z.
+    """
+    tests: List[Dict[str, Any]] = [
+        {
+            "test-name": item.name,
+            "passed": item.full,
+            "score": round(item.points),
+            "max-score": round(item.max_points),
+            "evidence": item.evidence,
+        }
+        for item in result.items
+        if item.points is not None
+    ]
+    fields = {field: variables.get(name, "") for field, name in CLASSROOM50_FIELDS.items()}
+    fields["review"] = fields["review"] or fields["commit"]
+    sums = {name: sum(test[name] for test in tests) for name in ("score", "max-score")}
+    content = {"schema": CLASSROOM50_SCHEMA, **fields, "datetime": moment, **sums, "tests": tests}
+    return json.dumps(content, indent=2) + "\n"

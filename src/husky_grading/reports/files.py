@@ -1,0 +1,186 @@
+"""Files of results: for one student, and for a class."""
+
+from __future__ import annotations
+
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from husky_grading.isolation.files import (
+    UnreadableFileError,
+    read_regular,
+    read_text,
+    write_whole,
+)
+from husky_grading.isolation.places import hide_places
+from husky_grading.recording import ADD, Recording, drive_folders
+from husky_grading.records import Item, MarkingResult, printable
+from husky_grading.reports.exports import write_exports
+from husky_grading.reports.page import class_page, feedback_page
+from husky_grading.reports.tables import (
+    to_csv,
+    to_junit,
+    to_markdown,
+    to_moodle,
+    to_result,
+)
+from husky_highlevel_controller.config import load, to_json
+from husky_highlevel_controller.replay import Replay, to_html
+from husky_highlevel_controller.robot import load_robot
+
+PICTURES = ("drive.png", "moment.png")
+FINGERPRINT = "fingerprint"  # of what decided how it drove; its file is written last
+LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
+HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
+RESULT = "result.json"  # of a student
+JOB = "job.json"  # of the marking program, in the folder of a student's result
+MAX_LOG = 5000  # letters of a log in the feedback
+COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of rospy's warnings and errors
+REPLAY = "replay.html"  # in the folder of a drive
+SUMS = ("points", "max_points", "full")  # keys of result.json for other programs
+STEP_SUMMARY = "GITHUB_STEP_SUMMARY"  # variable with the file that GitHub Actions shows
+
+
+def write_result(result: MarkingResult, out: Path, packages: Sequence[str] = ()) -> None:
+    """Every file of one student's result; result.json is the last: with it, the marking is done.
+
+    Args:
+        result: of the student.
+        out: folder for the files.
+        packages: folders of packages that were started where they lie; logs show no path of them or of `out`
+
+    Raises:
+        OSError: such as a full disk.
+    """
+    write_whole(out / "table.txt", f"{to_result(result)}\n")
+    write_whole(out / "junit.xml", to_junit([result]))
+    pages = {number: path.read_text(encoding="utf-8") for number, path in replays(out).items()}
+    feedback = out / "feedback.html"
+    if result.held:
+        feedback.unlink(missing_ok=True)
+    else:
+        write_whole(feedback, feedback_page(result, _pictures(out), pages, _logs(out, packages)))
+    write_exports(result, out)
+    sums = {name: getattr(result, name) for name in SUMS}
+    write_whole(out / RESULT, to_json(result, **sums))
+
+
+def load_result(path: Path) -> MarkingResult:
+    """A result from its result.json; HuskyError: there is none, or it is of another kind."""
+    return load(MarkingResult, path, *SUMS)
+
+
+def write_class(results: Sequence[MarkingResult], folders: Mapping[str, str], out: Path) -> None:
+    """Write the table, the page and the test report of a class.
+
+    Args:
+        results: of its students.
+        folders: the name of the folder of a student's result, by the student's name.
+        out: folder for the files; the students' folders are in its hand_ins/.
+
+    Raises:
+        OSError: such as a full disk.
+    """
+    places = {result.name: Path(HAND_INS, folders[result.name]) for result in results}
+    # one each: the page of thirty is long enough
+    pictures = {name: _pictures(out / place)[:1] for name, place in places.items()}
+    files = {name: _files(place, out) for name, place in places.items()}
+    out.mkdir(parents=True, exist_ok=True)
+    write_whole(out / "results.csv", to_csv(results))
+    write_whole(out / "moodle.csv", to_moodle(results))
+    write_whole(out / "junit.xml", to_junit(results))
+    write_whole(out / "index.html", class_page(results, pictures, files))
+    write_whole(out / "summary.md", to_markdown(results))
+    add_step_summary(results)
+
+
+def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause: Optional[Item]) -> None:
+    """Write the pictures of a student's drives, and a page for each that plays it; none without drives.
+
+    One picture shows the moment of `cause`, the first item that lost points; without one, a drive's middle.
+    """
+    is_bag = recordings[0].playback is not None
+    if not is_bag and not len(recordings[0].times):
+        return
+    # matplotlib takes longer to load than all else here, and a class page and what is not driven need none
+    from husky_grading.reports import plots
+
+    draw = plots.draw_playback if is_bag else plots.draw_drives
+    (out / PICTURES[0]).write_bytes(draw(recordings, name))
+    if not is_bag:
+        shown, at = recordings[0], float(recordings[0].times[-1]) / 2.0
+        if cause is not None and cause.at is not None and cause.drive <= len(recordings):
+            shown, at = recordings[cause.drive - 1], cause.at
+        (out / PICTURES[1]).write_bytes(plots.draw_moment(shown, at))
+    for number, recording in enumerate(recordings, 1):
+        if len(recording.times):
+            _write_replay(recording, f"{name}, drive {number}", out / f"drive_{number}")
+
+
+def _write_replay(recording: Recording, title: str, folder: Path) -> None:
+    """Write a page that plays a drive with its markers as they came."""
+    marks = [(marker.at, *marker.position[:2]) for marker in recording.markers if marker.action == ADD]
+    pillars = [recording.pillar]
+    if recording.playback:
+        marks, pillars = list(map(tuple, recording.playback.path)), []
+    page = to_html(
+        Replay(
+            title=title,
+            summary=recording.ended.text if recording.ended else "no end was recorded",
+            times=recording.times,
+            poses=recording.poses,
+            pillars=np.array(pillars).reshape(-1, 2),
+            pillar_radius=recording.pillar_size.radius,
+            robot=load_robot(recording.robot),
+            marks=np.array(marks, float).reshape(-1, 3),
+        )
+    )
+    write_whole(folder / REPLAY, page)
+
+
+def add_step_summary(results: Sequence[MarkingResult]) -> None:
+    """In a job of GitHub Actions: the table on its page."""
+    if os.environ.get(STEP_SUMMARY):
+        with open(os.environ[STEP_SUMMARY], "a", encoding="utf-8") as file:
+            file.write(to_markdown(results))
+
+
+def _pictures(out: Path) -> List[bytes]:
+    pictures = []
+    for name in PICTURES:
+        with suppress(UnreadableFileError):
+            pictures.append(read_regular(out / name))
+    return pictures
+
+
+def replays(out: Path) -> Dict[int, Path]:
+    """Replays of a student by the number of the drive, in order."""
+    paths = {number: folder / REPLAY for number, folder in drive_folders(out).items()}
+    return {number: path for number, path in paths.items() if path.is_file()}
+
+
+def _logs(out: Path, packages: Sequence[str]) -> Dict[str, str]:
+    """The ends of what its build and its nodes printed, by title."""
+    logs = {"Output of the build": out / "build.log"}
+    for number, folder in drive_folders(out).items():
+        logs[f"Output of your nodes in drive {number}"] = folder / "submission.log"
+    texts, folders = {}, [out, *map(Path, packages)]
+    for title, path in logs.items():
+        with suppress(UnreadableFileError):
+            text = COLOURS.sub("", read_text(path)[-MAX_LOG:].strip())
+            if text:
+                texts[title] = "\n".join(map(printable, hide_places(text, folders).splitlines()))
+    return texts
+
+
+def _files(place: Path, out: Path) -> List[Tuple[str, str]]:
+    """Titles and addresses, relative to the class's page, of what there is in a student's folder."""
+    logs = [*LOGS, ("feedback", "feedback.html"), ("plan", "plan/plan.log")]
+    for number, folder in drive_folders(out / place).items():
+        logs.append((f"replay of drive {number}", f"{folder.name}/{REPLAY}"))
+        logs.append((f"log of drive {number}", f"{folder.name}/submission.log"))
+    return [(title, f"{place}/{path}") for title, path in logs if (out / place / path).is_file()]

@@ -1,0 +1,138 @@
+"""HTML: one page of a class for the teacher, one self-contained feedback for each student."""
+
+from __future__ import annotations
+
+import statistics
+from dataclasses import dataclass
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from urllib.parse import quote
+
+from husky_grading.records import AUTO, Item, MarkingResult, ResultState
+from husky_highlevel_controller.templates import render
+
+LEAD = 1.0  # [s], simulated: a replay begins so long before the moment of an evidence
+BARS = 10  # of the histogram
+BAR_HEIGHT = 60  # [pixels], the highest
+COLOURS = {ResultState.MARKED: "ok", ResultState.FOR_A_PERSON: "person", ResultState.NOT_MARKED: "unmarked"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A result as a template sees it."""
+
+    result: MarkingResult
+    cells: Tuple[Optional[Item], ...]  # one for each column
+    pictures: Tuple[bytes, ...]  # PNG
+    files: Tuple[Tuple[str, str], ...] = ()  # title and address
+    replays: Tuple[Tuple[int, str, float], ...] = ()  # number of the drive, HTML, and the moment it shows [s]
+
+    def replay_of(self, item: Item) -> str:
+        """Address of the replay of an item's drive at its moment; empty: there is none."""
+        if item.at is None:
+            return ""
+        if item.drive in [number for number, _, _ in self.replays]:
+            return f"#drive_{item.drive}"
+        address = dict(self.files).get(f"replay of drive {item.drive}", "")
+        return address and f"{address}#{moment_of(item):.2f}"
+
+    @property
+    def open(self) -> float:
+        """Points that a person has to give."""
+        return sum(item.max_points for item in self.result.items if item.points is None)
+
+    @property
+    def colour(self) -> str:
+        """Class of the state's cell."""
+        return COLOURS[self.result.state]
+
+
+def class_page(
+    results: Sequence[MarkingResult],
+    pictures: Mapping[str, Sequence[bytes]],
+    files: Mapping[str, Sequence[Tuple[str, str]]],
+) -> str:
+    """The teacher's page, sorted by name; pictures are PNGs, files (title, path from the page), by name."""
+    ordered = sorted(results, key=lambda result: result.name.casefold())
+    columns = list(dict.fromkeys(item.name for result in ordered for item in result.items))
+    rows = [
+        Row(
+            result,
+            tuple({item.name: item for item in result.items}.get(name) for name in columns),
+            tuple(pictures.get(result.name, ())),
+            tuple((title, quote(path)) for title, path in files.get(result.name, ())),
+        )
+        for result in ordered
+    ]
+    shares = [result.points / result.max_points for result in ordered if result.max_points]
+    return render(
+        "class.html",
+        rows=rows,
+        columns=columns,
+        settings=ordered[0].settings if ordered else {},
+        counts=[(state.value, n) for state in COLOURS if (n := sum(r.state == state for r in ordered))],
+        decided=sum(result.max_points for result in ordered),
+        possible=sum(item.max_points for result in ordered for item in result.items),
+        course_robot=_course_robot(ordered),
+        lack_rviz_files=sum(result.lacks_rviz_file_only for result in ordered),
+        median=round(100.0 * statistics.median(shares), 1) if shares else None,
+        bars=histogram(shares),
+        grade=_grade,
+        moment_of=moment_of,
+    )
+
+
+def feedback_page(
+    result: MarkingResult,
+    pictures: Sequence[bytes],
+    replays: Optional[Mapping[int, str]] = None,
+    logs: Optional[Mapping[str, str]] = None,
+) -> str:
+    """Page for one student, which needs no other file and names no other student.
+
+    Pictures are PNGs, replays HTML by the number of the drive, logs texts by title.
+    """
+    cause = result.cause
+    shown = tuple(
+        (number, replay, moment_of(cause) if cause and cause.drive == number else 0.0)
+        for number, replay in (replays or {}).items()
+    )
+    row = Row(result, (), tuple(pictures), replays=shown)
+    return render("feedback.html", row=row, logs=logs or {}, grade=_grade, moment_of=moment_of)
+
+
+def histogram(shares: Sequence[float]) -> List[Dict[str, Any]]:
+    """Bars over shares (0 to 1) of the points that were decided: count, height [px], label [%].
+
+    A share at the border of two bars counts in the higher; 100 % has a bar of its own.
+    """
+    counts = [0] * (BARS + 1)
+    for share in shares:
+        counts[min(int(BARS * share + 1e-9), BARS)] += 1
+    highest = max([*counts, 1])
+    step = 100 // BARS
+    return [
+        {
+            "count": count,
+            "height": round(BAR_HEIGHT * count / highest),
+            "label": f"{step * n}-{step * (n + 1) - 1}" if n < BARS else "100",
+        }
+        for n, count in enumerate(counts)
+    ]
+
+
+def moment_of(item: Item) -> float:
+    """Moment at which a replay shows an item's evidence [s]: a little before it."""
+    return max((item.at or 0.0) - LEAD, 0.0)
+
+
+def _course_robot(results: Sequence[MarkingResult]) -> str:
+    """Return the robot of the command line, otherwise of most hand-ins: another one is coloured."""
+    robot = str(results[0].settings.get("robot", AUTO)) if results else AUTO
+    simulated = list(filter(None, (str(result.settings.get("simulated", "")) for result in results)))
+    return statistics.mode(simulated) if robot == AUTO and simulated else robot
+
+
+def _grade(points: float, max_points: float) -> str:
+    if not max_points:
+        return "none" if points < 0.0 else ""
+    return "full" if points >= max_points - 1e-9 else "some" if points > 0.0 else "none"

@@ -1,0 +1,136 @@
+"""Pictures of drives from above: the way, the pillar, the markers in time; and one moment of a drive."""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, isfinite, pi, sin
+from typing import Any, List, Sequence
+
+import numpy as np
+from matplotlib.collections import LineCollection
+
+from husky_grading.recording import ADD, MarkerSample, Playback, Recording
+from husky_highlevel_controller.plots import (
+    DRIVEN,
+    MARKER,
+    draw_paths,
+    draw_robot,
+    from_above,
+    new_figure,
+    plain,
+    png,
+)
+from husky_highlevel_controller.robot import load_robot
+
+COLORS = "viridis"  # of time
+REACH = 40.0  # [m], a marker farther from the start is not drawn: it would shrink the rest to nothing
+MAX_MARKERS, MAX_RAYS = 500, 120
+SCAN = "#c2185b"
+
+
+def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
+    """Picture of all drives, side by side."""
+    width, height = 5.2 * len(recordings) + 1.0, 5.0
+    figure = new_figure(width, height, layout=None)
+    edges = {"left": 0.85 / width, "right": 1 - 0.95 / width, "bottom": 0.5 / height, "top": 0.87}
+    axes = figure.subplots(1, len(recordings), squeeze=False, gridspec_kw={**edges, "wspace": 0.24})[0]
+    end = max([float(recording.times[-1]) for recording in recordings if len(recording.times)], default=1.0)
+    for number, (recording, axis) in enumerate(zip(recordings, axes), 1):
+        dots = _draw(recording, axis, end)
+        axis.set_title(
+            plain(f"drive {number}: {recording.ended.text if recording.ended else 'no drive'}"), fontsize=10
+        )
+    bar = figure.add_axes((1 - 0.8 / width, 0.15, 0.18 / width, 0.65))
+    figure.colorbar(dots, cax=bar, label="simulated time [s]")
+    figure.suptitle(plain(title), fontsize=11)
+    return png(figure)
+
+
+def draw_playback(recordings: Sequence[Recording], title: str) -> bytes:
+    """Picture of the filter's path of a bag, beside the true one."""
+    recording = recordings[0]
+    playback = recording.playback or Playback()
+    paths = {"true path": recording.poses[:, :2], playback.topic: playback.path[:, 1:]}
+    return draw_paths({name: path for name, path in paths.items() if len(path)}, title)
+
+
+def _draw(recording: Recording, axis: Any, end: float) -> Any:
+    """Draw a drive; the dots whose colour is time, up to an end [s]."""
+    from_above(axis, recording.pillar, recording.pillar_size.radius)
+    x, y, _ = recording.poses.T
+    colors: Any = {"cmap": COLORS, "vmin": 0.0, "vmax": end}
+    dots = axis.scatter(x, y, c=recording.times, s=5, zorder=2, **colors)
+    if len(recording.poses):
+        for row in (0, -1):
+            draw_robot(axis, tuple(recording.poses[row]), load_robot(recording.robot).footprint)
+        _label(axis, "start", (x[0], y[0]), recording.pillar, 18)
+    start = recording.start.x, recording.start.y
+    _name_pillar(axis, recording, start)
+    markers = _near(recording, recording.markers)[:: max(1, len(recording.markers) // MAX_MARKERS)]
+    if markers:
+        places = np.array([marker.position[:2] for marker in markers])
+        times = [marker.at for marker in markers]
+        axis.scatter(
+            places[:, 0], places[:, 1], c=times, marker="x", s=34, linewidths=1.2, zorder=6, **colors
+        )
+        name = "marker" if len(markers) == 1 else "markers"
+        arrow = {"arrowstyle": "-", "color": MARKER}
+        _label(axis, name, places[len(places) // 2], start, 30, color=MARKER, arrowprops=arrow)
+    return dots
+
+
+def _label(
+    axis: Any, text: str, at: Sequence[float], robot: Sequence[float], gap: float, **more: Any
+) -> None:
+    """Write a text beside the line from the robot to a place [m], points away from it; < 0: to its right."""
+    angle = atan2(at[1] - robot[1], at[0] - robot[0]) + pi / 2.0
+    offset = gap * cos(angle), gap * sin(angle)
+    side = "left" if offset[0] > 5.0 else "right" if offset[0] < -5.0 else "center"
+    axis.annotate(
+        text, at, offset, textcoords="offset points", ha=side, va="center", fontsize=9, zorder=8, **more
+    )
+
+
+def _name_pillar(axis: Any, recording: Recording, seen_from: Sequence[float]) -> None:
+    """Write the pillar's name on its right edge, seen from a place [m]: markers are named to the left."""
+    (x, y), radius = recording.pillar, recording.pillar_size.radius
+    angle = atan2(y - seen_from[1], x - seen_from[0]) - pi / 2.0
+    _label(axis, "pillar", (x + radius * cos(angle), y + radius * sin(angle)), seen_from, -10)
+
+
+def _near(recording: Recording, markers: Sequence[MarkerSample]) -> List[MarkerSample]:
+    """The markers that were drawn somewhere near the start."""
+    start = recording.start
+    return [
+        marker
+        for marker in markers
+        if marker.action == ADD
+        and all(map(isfinite, marker.position))
+        and hypot(marker.position[0] - start.x, marker.position[1] - start.y) < REACH
+    ]
+
+
+def draw_moment(recording: Recording, at: float) -> bytes:
+    """Picture of one moment [s] as RViz would show it from above: robot, scan, pillar and latest marker."""
+    figure = new_figure(8.0, 6.0)
+    axis = figure.subplots()
+    from_above(axis, recording.pillar, recording.pillar_size.radius)
+    row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
+    x, y, yaw = map(float, recording.poses[row])
+    before = recording.hits[recording.hits[:, 0] <= at + 1e-6]
+    points = before[before[:, 0] == before[:, 0].max()][:, 1:] if len(before) else before[:, 1:]
+    robot = load_robot(recording.robot)
+    axis.plot(*recording.poses[: row + 1, :2].T, color=DRIVEN, linewidth=1.5, label="driven", zorder=2)
+    laser = x + robot.lidar_mount.x * cos(yaw), y + robot.lidar_mount.x * sin(yaw)
+    rays = [(laser, tuple(point)) for point in points[:: max(1, len(points) // MAX_RAYS)]]
+    axis.add_collection(LineCollection(rays, colors=SCAN, linewidths=0.4, alpha=0.4, zorder=1))
+    axis.scatter(points[:, 0], points[:, 1], s=14, color=SCAN, zorder=5, label="laser scan")
+    draw_robot(axis, (x, y, yaw), robot.footprint)
+    markers = _near(recording, [marker for marker in recording.markers if marker.at <= at])[-1:]
+    for marker in markers:
+        axis.plot(*marker.position[:2], "X", color=MARKER, markersize=12, markeredgecolor="white", zorder=7,
+                  label=f"marker on {plain(marker.topic)}")  # fmt: skip
+    _name_pillar(axis, recording, (x, y))
+    axis.legend(fontsize=9)
+    absent = "" if markers else "; no marker so far"
+    axis.set_title(f"{recording.times[row]:.2f} s{absent}", fontsize=11)
+    return png(figure)

@@ -1,0 +1,101 @@
+"""Results of marking as every command's result, as Markdown, JUnit XML and CSV."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from typing import Sequence
+
+from husky_grading.records import Item, MarkingResult, ResultState
+from husky_highlevel_controller.result import Result, Table
+
+
+def points(item: Item) -> str:
+    """Points of an item, as text."""
+    return f"{'-' if item.points is None else f'{item.points:g}'}/{item.max_points:g}"
+
+
+def to_result(marking: MarkingResult) -> Result:
+    """A marking as every command's result: items with their sum, notes, why it could not be marked."""
+    rows = [(item.name, points(item), _evidence(item)) for item in marking.items]
+    by_hand = sum(item.max_points for item in marking.items if item.points is None)
+    left = f"and {by_hand:g} that a person has to give" if by_hand else ""
+    total = ("total", f"{marking.points:g}/{marking.max_points:g}", left)
+    tables = [Table("", ("item", "points", "evidence"), [*rows, total])] if rows else []
+    tables += [Table("Notes", ("",), [[note] for note in marking.notes])] if marking.notes else []
+    verdict = f"could not be marked: {marking.problem}" if marking.problem else ""
+    lead = marking.what if marking.what != marking.name else ""
+    return Result(marking.name, lead, tables, verdict, not marking.full)
+
+
+def _evidence(item: Item) -> str:
+    """Evidence, its moment, and what to look at on a line of its own."""
+    moment = f" [{item.at:.2f} s]" if item.at is not None else ""
+    return item.evidence + moment + (f"\nlook at: {item.hint}" if item.hint else "")
+
+
+def to_markdown(results: Sequence[MarkingResult]) -> str:
+    """Markdown for $GITHUB_STEP_SUMMARY: a table of all, then each one's items."""
+    rows = [
+        (each.name, "" if each.problem else f"{each.points:g} / {each.max_points:g}", each.state.value)
+        for each in results
+    ]
+    overview = Table("", ("student", "points", "state"), rows).to_markdown()
+    return "\n\n".join([overview, *(to_result(each).to_markdown() for each in results)]) + "\n"
+
+
+def to_junit(results: Sequence[MarkingResult]) -> str:
+    """JUnit XML: a suite for each submission, a case for each item; full marks or a failure."""
+    root = ET.Element("testsuites")
+    for result in results:
+        items = result.items
+        suite = ET.SubElement(
+            root, "testsuite", name=result.name, tests=str(len(items) + bool(result.problem)),
+            errors=str(int(bool(result.problem))),
+            failures=str(sum(not item.full for item in items)),
+            skipped=str(sum(item.points is None for item in items)),
+        )  # fmt: skip
+        if result.problem:
+            case = ET.SubElement(suite, "testcase", name="marking", classname=result.name)
+            ET.SubElement(case, "error", message=f"could not be marked: {result.problem}")
+        for item in items:
+            case = ET.SubElement(suite, "testcase", name=item.name, classname=result.name)
+            evidence = f"{points(item)}: {item.evidence}"
+            if item.points is None:
+                ET.SubElement(case, "skipped", message=evidence)
+            elif not item.full:
+                ET.SubElement(case, "failure", message=evidence)
+            else:
+                ET.SubElement(case, "system-out").text = evidence
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def to_csv(results: Sequence[MarkingResult]) -> str:
+    """A line for each submission, a column for each item."""
+    names = list(dict.fromkeys(item.name for result in results for item in result.items))
+    rows = []
+    for result in results:
+        points_by_name = {item.name: item.points for item in result.items}
+        marks = ["" if points_by_name.get(name) is None else f"{points_by_name[name]:g}" for name in names]
+        total = ["", ""] if result.problem else [f"{result.points:g}", f"{result.max_points:g}"]
+        state = result.state.value + f": {result.problem}" * bool(result.problem)
+        rows.append([result.name, *marks, *total, state, " | ".join(result.notes)])
+    return Table("", ["submission", *names, "total", "of", "state", "notes"], rows).to_csv()
+
+
+# name of a folder that Moodle packs: student and number
+MOODLE = re.compile(r"^(.+)_(\d+)_assignsubmission_")
+
+
+def to_moodle(results: Sequence[MarkingResult]) -> str:
+    """Moodle's grading worksheet: a line for each result that is decided as a whole and not held back."""
+    rows = []
+    for result in results:
+        if result.state is ResultState.MARKED and not result.held:
+            name = MOODLE.match(result.name)
+            identifier = f"Participant {name[2]}" if name else ""
+            comments = "; ".join(f"{item.name} {points(item)}: {item.evidence}" for item in result.items)
+            marks = [f"{result.points:g}", f"{result.max_points:g}"]
+            rows.append([identifier, name[1] if name else result.name, *marks, comments])
+    header = ["Identifier", "Full name", "Grade", "Maximum Grade", "Feedback comments"]
+    return Table("", header, rows).to_csv()

@@ -1,0 +1,163 @@
+"""Review of the items that marking leaves to a person: a page on which keys give points.
+
+Each item has picture, replay and an excerpt of the code; the page saves the points as marking.yaml.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import List, Tuple
+
+from husky_grading.hand_in.class_folder import find_hand_ins
+from husky_grading.isolation.files import (
+    UnreadableFileError,
+    texts_in,
+    write_whole,
+)
+from husky_grading.notes import Subject
+from husky_grading.recording import RECORDING, Recording
+from husky_grading.records import Item, Job, MarkingResult
+from husky_grading.reports.files import (
+    HAND_INS,
+    JOB,
+    PICTURES,
+    REPLAY,
+    RESULT,
+    load_result,
+    replays,
+)
+from husky_grading.reports.page import moment_of
+from husky_grading.reports.plots import draw_moment
+from husky_grading.settings import FILE, read_overrides, read_settings
+from husky_highlevel_controller.config import ConfigError, load
+from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.templates import render
+
+PAGE = "review.html"
+KEYS = 9  # 1 gives nothing, 9 all points
+MAX_CODE = 200_000  # [bytes] of a source file that is looked into
+MAX_SOURCES = 500  # source files of a hand-in that are looked into
+MAX_LINE = 500  # letters of a line that are looked at
+BEFORE, AFTER = 6, 18  # lines of an excerpt around the line that fits
+SOURCES = {"", ".py", ".cpp", ".cc", ".cxx", ".hpp", ".h", ".launch"}
+# the code that an item is about
+CODE = {
+    Subject.DISPLAYS: r"pkg=.rviz|</launch>",
+    Subject.MARKER_DISPLAY: r"pkg=.rviz|</launch>",
+    Subject.MARKER: r"Marker(?!Array)[^A;(=]{0,80}[;(=]",
+    Subject.SERVICE: r"SetBool",
+    Subject.DRIVE: r"linear\.x",
+    Subject.CODE: r"NodeHandle|init_node",
+}
+
+
+@dataclass(frozen=True)
+class OpenItem:
+    """Item of one student without points."""
+
+    student: str
+    item: Item
+    out: Path  # folder of the student's result
+
+    @property
+    def choices(self) -> List[Tuple[int, float]]:
+        """(key, points) of each key."""
+        steps = [(key, (key - 1) / (KEYS - 1)) for key in range(1, KEYS + 1)]
+        return [(key, round(2.0 * self.item.max_points * share) / 2.0) for key, share in steps]
+
+    @property
+    def alike(self) -> str:
+        """Reason for which it is open, equal for hand-ins that are alike in it; empty: none is."""
+        return f"{self.item.name}: {self.item.reason.value}" if self.item.reason else ""
+
+    @property
+    def moment(self) -> bytes:
+        """PNG of robot, scan and marker at the item's moment, else in mid-drive; empty: it did not drive."""
+        with suppress(HuskyError):
+            recording: Recording = load(Recording, self.out / f"drive_{self.item.drive}" / RECORDING)
+            if len(recording.times):
+                return draw_moment(
+                    recording, recording.times[-1] / 2.0 if self.item.at is None else self.item.at
+                )
+        return b""
+
+    @property
+    def files(self) -> List[Tuple[str, str]]:
+        """Titles and places, from the page, of the picture and of the replays, which begin at the moment."""
+        place, start = f"{HAND_INS}/{self.out.name}", moment_of(self.item)
+        shown = [("the drives from above", f"{place}/{PICTURES[0]}")] * (self.out / PICTURES[0]).is_file()
+        return shown + [
+            (f"replay of drive {n}", f"{place}/drive_{n}/{REPLAY}#{start:.2f}") for n in replays(self.out)
+        ]
+
+    @property
+    def code(self) -> Tuple[str, str]:
+        """Place and lines of the code that the item is about; empty: there is none."""
+        pattern = CODE[self.item.subject]
+        sources = self.out / "ws" / "src"
+        with suppress(UnreadableFileError):  # its build has made too many
+            for path, text in islice(texts_in(sources, SOURCES, MAX_CODE), MAX_SOURCES):
+                lines = [line[:MAX_LINE] for line in text.splitlines()]
+                for number, line in enumerate(lines):
+                    if re.search(pattern, line):
+                        first = max(number - BEFORE, 0)
+                        place = f"{path.relative_to(sources)}:{number + 1}"
+                        return place, "\n".join(lines[first : number + AFTER])
+        return "", ""
+
+
+def open_items(out: Path) -> Tuple[List[OpenItem], Path, List[str]]:
+    """Items of a class without points, the folder of its hand-ins, and its students.
+
+    Raises:
+        HuskyError: there are no results of one class, or its folder is itself a hand-in.
+    """
+    marked: List[Tuple[MarkingResult, Job, Path]] = []
+    for path in sorted((out / HAND_INS).glob(f"*/{RESULT}")):
+        try:
+            result, job = load_result(path), load(Job, path.with_name(JOB))
+        except ConfigError as error:
+            print(f"left out: {error}", file=sys.stderr)
+            continue
+        if Path(job.hand_in).exists():  # otherwise the student is gone
+            marked.append((result, job, path.parent))
+    folders = {Path(job.hand_in).parent for _, job, _ in marked}
+    if len(folders) != 1:
+        raise HuskyError(f"{out}: no results of one class, as `grade --all FOLDER --out {out}` writes them")
+    folder = folders.pop()
+    for _, job, _ in marked:
+        if job.hand_in in job.hidden:  # which has the folder of the class
+            raise HuskyError(
+                f"{job.hand_in} is itself a package, so no {FILE} counts in it: put the package into a "
+                "folder of your own, and run `grade --all` with that folder"
+            )
+    hand_ins = find_hand_ins(folder)
+    current = {each.folder for each in hand_ins}  # a student whose name met another one's has a new folder
+    items = [
+        OpenItem(result.name, item, place)
+        for result, _, place in marked
+        if place.name in current
+        for item in result.items
+        if item.points is None
+    ]
+    students = [result.name for result, _, place in marked if place.name in current]
+    return items, folder, list(dict.fromkeys([*students, *(each.name for each in hand_ins)]))
+
+
+def write_review(out: Path) -> Path:
+    """Write the page of a class beside its results; its path.
+
+    Raises:
+        HuskyError: there are no results, or marking.yaml is wrong.
+    """
+    items, folder, students = open_items(out)
+    read_overrides(folder, students)  # or its error, before anything is written
+    path = folder / FILE
+    content = read_settings(path) if path.exists() else {}
+    write_whole(out / PAGE, render("review.html", items=items, content=content, path=str(path), file=FILE))
+    return out / PAGE

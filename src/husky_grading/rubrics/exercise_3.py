@@ -1,0 +1,343 @@
+"""Judges recorded drives by the rubric of exercise 3; docs/rubrics.md says the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from husky_grading.displays import MARKERS, ROBOT, SCAN, TF, RvizView
+from husky_grading.notes import Kind, Subject
+from husky_grading.recording import Recording
+from husky_grading.records import DEFAULT_RULES, Item, Rules
+from husky_grading.rubrics.causes import (
+    MEMBER,
+    behind,
+    cause_of_silence,
+    cause_of_stop,
+    causes,
+    first_cause,
+    hint_on,
+    is_nothing,
+    with_cause,
+)
+from husky_grading.rubrics.items import forfeited, over_trials, weighted
+from husky_grading.rubrics.marker_faults import CHECK
+from husky_grading.rubrics.marker_faults import HINTS as MARKER_HINTS
+from husky_grading.rubrics.markers import judge_namespaces
+from husky_highlevel_controller.course import STANDS, TOUCH
+
+HALF_WAY = 0.5  # of the way to the pillar: who has come that far drives towards it
+PAST, MIN_PAST = 0.1, 1.0  # of the way, and [m]: who passes farther away does not drive towards it
+FIRST_STEPS = 0.1  # of the way: who has come that far has begun to
+ASIDE, MOSTLY = 0.1, 0.6  # sine of the bearing, from which on turning is asked for; share of the right sign
+TURNS_ON, ONE_WAY = 0.05, 0.9  # [rad/s], of a robot that turns; share of these turns to the same side
+STOPPED = 1.0  # [s], so long it must stand in the end to have stopped
+PERIOD, LATELY = 0.1, 1.0  # [s], between two scans at most, and over which it is judged to come nearer
+NEARLY = 0.1  # [m], farther than the nearest point of the drive is still the nearest
+ITEMS = (
+    "drives towards the pillar",
+    "reaches the pillar",
+    "RViz shows TF, robot model, laser scan",
+    "marker at the pillar",
+    "marker in RViz",
+)
+NO_VIEW = "no RViz configuration was handed in"
+NO_DRIVE = "there was no drive"
+# hints
+STOPS = "compare the velocities that you send at this moment with the distance that you compute"
+SLOW = "drive faster while the pillar is far away"
+TURNS = "check the sign of angular.z: positive turns left, and the angle is in the lidar's own frame"
+SWERVES = "print the angle that you compute beside angular.z: these turns do not follow the pillar's angle"
+NO_TURN = "set angular.z from the pillar's angle: a gain that is read into an int is cut to 0"
+NO_SPEED = "set linear.x, too"
+BACKWARDS = "check the sign of linear.x: positive drives ahead"
+NO_MARKER = (
+    "publish the marker in each callback of the scans: see what keeps yours from it (a condition, or an "
+    "exception of TF that is caught)"
+)
+SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pillar"
+SAVE = (
+    "save RViz's configuration into your package (File, Save Config As) and name it in the launch file, by -d"
+)
+DISPLAYS = "add the displays that are missing, with the fixed frame odom, and save the configuration"
+SAVED = "and save the configuration (File, Save Config)"
+NAMES = {TF: "frames", ROBOT: "robot model", SCAN: "laser scan"}
+
+
+def judge_approach(recording: Recording) -> Item:
+    """The Husky drives towards the pillar: 20."""
+    item = Item(ITEMS[0], 0.0, 20.0, "", subject=Subject.DRIVE)
+    gaps, times = recording.hull_gaps, recording.times
+    if not recording.moving.any():
+        return with_cause(item, "the robot never moves", first_cause(recording))
+    way = max(gaps[0], 1e-6)
+    nearest = int(np.argmin(gaps))
+    nearer, distance = way - gaps[nearest], f"of the {way:.2f} m to the pillar"
+    if nearer >= HALF_WAY * way:
+        half = float(times[np.argmax(gaps <= (1.0 - HALF_WAY) * way)])
+        evidence = f"half {distance} are behind it after {half:.2f} s"
+        if gaps[nearest] > max(PAST * way, MIN_PAST) and gaps[-1] > gaps[nearest] + MIN_PAST:
+            why, hint = _steering(recording)
+            evidence += f", but it drives past the pillar, {gaps[nearest]:.2f} m away{why}"
+            return replace(item, points=10.0, evidence=evidence, at=float(times[nearest]), hint=hint)
+        return replace(item, points=20.0, evidence=evidence, at=half)
+    at, end, points = float(times[nearest]), float(times[-1]), 0.0
+    turns = float(np.abs(np.diff(np.unwrap(recording.poses[:, 2]))).sum()) / (2.0 * np.pi)
+    if nearer >= FIRST_STEPS * way:
+        evidence, points = f"covers {nearer:.2f} m {distance}, less than half, by {at:.2f} s", 10.0
+    elif gaps[-1] > way + 0.5:
+        evidence = f"drives away: {gaps[-1] - way:.2f} m farther from the pillar after {end:.2f} s"
+        at = end
+    elif turns > 1.0:
+        evidence = f"turns round {turns:.1f} times in {end:.2f} s and comes no nearer"
+    else:
+        evidence = f"comes only {max(nearer, 0.0):.2f} m nearer, {distance}"
+    cause = cause_of_stop(recording)
+    why, hint = (behind(cause), hint_on(cause)) if cause else _steering(recording)
+    if not cause and _stands_since(recording) is not None and recording.driving.any():
+        why, hint = "", STOPS
+    return replace(item, points=points, evidence=evidence + why, at=at, hint=hint)
+
+
+def _steering(recording: Recording) -> Tuple[str, str]:
+    """Return the way in which a robot misses the pillar, as the end of a sentence, and the hint."""
+    if is_nothing(recording.fastest):
+        return "; linear.x is 0 in all commands", NO_SPEED
+    speeds, turns = recording.speeds[recording.moving].T
+    if float(np.median(speeds)) < -STANDS:
+        return "; it drives backwards", BACKWARDS
+    dx, dy = (np.array(recording.pillar) - recording.poses[:, :2]).T
+    sines = np.sin(np.arctan2(dy, dx) - recording.poses[:, 2])[recording.moving]
+    aside = np.abs(sines) > ASIDE
+    if is_nothing(recording.sharpest):
+        return "; it never turns: angular.z is 0 in all commands", NO_TURN
+    right = np.sign(sines[aside]) == np.sign(turns[aside])
+    share = float(np.mean(right)) if len(right) else 0.0
+    if share > MOSTLY:
+        speed = float(np.median(np.abs(speeds[aside])))
+        return "", (
+            f"it turns towards the pillar, but too slowly for {speed:.1f} m/s: a larger gain, or slower "
+            "while the angle is large"
+        )
+    turning = turns[np.abs(turns) > TURNS_ON]
+    if (
+        len(turning)
+        and max(np.mean(turning > 0.0), np.mean(turning < 0.0)) >= ONE_WAY
+        and share > 1.0 - MOSTLY
+    ):
+        return f"; it turns {'left' if turning[0] > 0.0 else 'right'} all the time", SWERVES
+    return "", TURNS if share <= 1.0 - MOSTLY else SWERVES
+
+
+def judge_arrival(
+    recording: Recording, rules: Rules = DEFAULT_RULES, approach: Optional[Item] = None
+) -> Item:
+    """The Husky reaches the pillar, by standing at it or by touching it at any speed: 30.
+
+    What kept it from driving towards the pillar, by the drive's `approach`, is its cause as well.
+    """
+    item = Item(ITEMS[1], 0.0, 30.0, "", subject=Subject.DRIVE)
+    gaps, times = recording.hull_gaps, recording.times
+    if not len(times):
+        return with_cause(item, NO_DRIVE, first_cause(recording))
+    nearest = int(np.argmin(gaps))
+    if gaps[nearest] > rules.reached:
+        at = float(times[nearest])
+        if _runs_out_of_time(recording):
+            evidence = f"for a person: {gaps[-1]:.2f} m to go, and on its way, at the deadline of {at:.0f} s"
+            return replace(item, points=None, evidence=evidence, at=at, hint=SLOW)
+        evidence = f"nearest {gaps[nearest]:.2f} m from the pillar, wanted {rules.reached:g} m, at {at:.2f} s"
+        if not recording.driving[nearest + 1 :].any() and recording.driving.any():
+            evidence = f"stops short: {evidence}"
+        if not recording.moving.any():
+            return replace(item, evidence=evidence, at=at, hint=hint_on(first_cause(recording)))
+        if approach is not None and not approach.full:
+            return replace(item, evidence=evidence, at=at, hint=approach.hint)
+        cause = cause_of_stop(recording)
+        why, hint = (behind(cause), hint_on(cause)) if cause else ("", STOPS)
+        if not cause and gaps[-1] > gaps[nearest] + NEARLY:
+            why, hint = _steering(recording)
+        return replace(item, evidence=evidence + why, at=at, hint=hint)
+    reached = float(times[np.argmax(gaps <= rules.reached)])
+    at = first_touch(recording)
+    if at < np.inf:
+        # the speed just before: the touch itself slows the robot down
+        before = recording.speeds[(times >= at - 0.2) & (times <= at), 0]
+        speed = float(np.abs(before).max())
+        if rules.rams(speed):
+            evidence = f"rams the pillar at {speed:.2f} m/s, at most {rules.gentle:g} m/s are gentle"
+            points = max(30.0 - rules.ramming_costs, 0.0)
+            return replace(item, points=points, evidence=evidence, at=at, hint=SLOWS)
+        return replace(item, points=30.0, evidence=f"reaches it, at {speed:.2f} m/s", at=at)
+    stood = _stands_since(recording)
+    if stood is not None and gaps[-1] <= rules.reached:
+        evidence = f"stands {gaps[-1]:.2f} m from it since {stood:.2f} s"
+        return replace(item, points=30.0, evidence=evidence, at=stood)
+    evidence = f", but stands {gaps[-1]:.2f} m away in the end"
+    if stood is None:
+        evidence = f" at {float(times[nearest]):.2f} s, but does not stop there"
+    evidence = f"comes within {gaps[nearest]:.2f} m{evidence}"
+    return replace(item, points=20.0, evidence=evidence, at=reached, hint=SLOWS)
+
+
+def judge_place(recording: Recording, rules: Rules = DEFAULT_RULES) -> Item:
+    """The marker is at the pillar: 20, by how near it is and how much of the time."""
+    item = Item(ITEMS[3], 0.0, 20.0, "", hint=CHECK, subject=Subject.MARKER)
+    if not len(recording.times) and causes(recording):
+        return with_cause(item, NO_DRIVE, first_cause(recording))
+    cause = cause_of_silence(recording)
+    if not recording.marker_topics:
+        evidence = f"no topic of type visualization_msgs/Marker or MarkerArray{behind(cause)}"
+        hint = hint_on(cause) if cause else f"make a publisher of visualization_msgs/Marker, and {MEMBER}"
+        return replace(item, evidence=evidence, hint=hint)
+    # after a push it is not known where the pillar is
+    placements = judge_namespaces(recording, first_touch(recording), rules)
+    if not placements:
+        evidence = f"nothing came on {', '.join(recording.marker_topics)}{behind(cause)}"
+        return replace(item, evidence=evidence, hint=hint_on(cause) if cause else NO_MARKER)
+    best = max(placements, key=lambda placement: placement.score)
+    hint = MARKER_HINTS.get(best.fault, CHECK) if best.fault else CHECK
+    return replace(item, points=round(20.0 * best.score, 1), evidence=best.evidence, at=best.at, hint=hint)
+
+
+def first_touch(recording: Recording) -> float:
+    """Time at which the robot first touches the pillar [s]; inf if it does not."""
+    touches = np.flatnonzero(recording.hull_gaps <= TOUCH)
+    return float(recording.times[touches[0]]) if len(touches) else np.inf
+
+
+def _runs_out_of_time(recording: Recording) -> bool:
+    """Whether the deadline ends a drive that comes nearer, so fast that as much time again would do."""
+    gaps, times = recording.hull_gaps, recording.times
+    if times[-1] < recording.deadline - PERIOD or gaps[-1] > gaps.min() + NEARLY:
+        return False
+    before = int(np.searchsorted(times, times[-1] - LATELY))
+    return bool((gaps[before] - gaps[-1]) / (times[-1] - times[before]) * recording.deadline > gaps[-1])
+
+
+def _stands_since(recording: Recording) -> Optional[float]:
+    """Since when it stands for good [s]; None if it does not."""
+    moving = np.flatnonzero(recording.driving)
+    row = moving[-1] + 1 if len(moving) else 0
+    if row >= len(recording.times) or recording.times[-1] - recording.times[row] < STOPPED:
+        return None
+    return float(recording.times[row])
+
+
+def without_config(item: Item, view: RvizView, rules: Rules) -> Item:
+    """The item of a submission without a configuration of RViz, by the rubric."""
+    seen = NO_VIEW
+    if view.missing:
+        seen += f": its launch file names {view.missing}, which is not in the hand-in"
+    item = replace(item, evidence=seen, hint=SAVE)
+    if rules.no_rviz_config == "zero":
+        return replace(item, points=0.0)
+    if rules.no_rviz_config == "person":
+        return replace(item, points=None, evidence=f"for a person: {seen}", reason=Kind.NO_RVIZ_FILE)
+    evidence = f"{seen}; its launch file {'starts' if view.started else 'does not start'} RViz"
+    return replace(item, points=item.max_points * view.started, evidence=evidence)
+
+
+def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
+    """RViz shows TF, robot model and laser scan: 6, 7 and 7."""
+    item = Item(ITEMS[2], 0.0, 20.0, "", subject=Subject.DISPLAYS)
+    if not view.source:
+        return without_config(item, view, rules)
+    if view.problem:
+        return replace(item, evidence=f"{view.source}: {view.problem}", hint=hint_on_view(view))
+    parts = {
+        TF: (6.0, view.tf),
+        ROBOT: (7.0, view.robot),
+        SCAN: (7.0, view.scan and scan_topic in view.topics),
+    }
+    visible = ", ".join(NAMES[kind] for kind, (_, is_visible) in parts.items() if is_visible)
+    faults = [
+        find_display_fault(view, kind, scan_topic)
+        for kind, (_, is_visible) in parts.items()
+        if not is_visible
+    ]
+    findings = [f"{visible} to be seen"] * bool(visible) + [evidence for evidence, _ in faults]
+    return replace(
+        item,
+        points=sum(points for points, is_visible in parts.values() if is_visible),
+        evidence=f"{view.source}: {'; '.join(findings)}",
+        hint=f"{'; '.join(dict.fromkeys(hint for _, hint in faults))}, {SAVED}",
+    )
+
+
+def hint_on_view(view: RvizView) -> str:
+    """Hint for a configuration that shows nothing."""
+    return f"set the fixed frame to odom, {SAVED}" if view.fixed_frame else "save RViz's configuration anew"
+
+
+def find_display_fault(view: RvizView, kind: str, scan_topic: str) -> Tuple[str, str]:
+    """Return the reason for which a display is not to be seen, and the hint."""
+    name, what = kind.partition("/")[2], NAMES[kind]
+    sources = [display.source for display in view.displays if display.kind == kind]
+    wanted = {SCAN: f"the topic of the display {name} to {scan_topic}"}
+    wanted[ROBOT] = f"the Robot Description of the display {name} to robot_description"
+    if (sources or (kind == SCAN and view.scan)) and kind in wanted:
+        return (
+            f"{what} not to be seen: its display shows {', '.join(sources) or 'another topic'}",
+            f"set {wanted[kind]}",
+        )
+    if kind in [display.kind for display in view.off]:
+        evidence = f"{what} not to be seen: its display is there, but switched off or transparent"
+        return evidence, f"tick the display {name}, with an alpha and a size above 0"
+    return f"{what} not to be seen: there is no display {name}", f"add the display {name}"
+
+
+def judge_shown(
+    view: RvizView, recordings: Sequence[Recording], places: Sequence[Item], rules: Rules = DEFAULT_RULES
+) -> Item:
+    """RViz shows the marker: 10, if it is at the pillar at least at times; `places` by judge_place."""
+    item = Item(ITEMS[4], 0.0, 10.0, "", subject=Subject.MARKER_DISPLAY)
+    drives = [recording for recording, place in zip(recordings, places) if place.points]
+    markers = [marker for drive in drives for marker in drive.markers if not marker.problem]
+    topics = {marker.topic for marker in markers}
+    if not topics:
+        hint = places[0].hint if places else CHECK
+        return replace(item, evidence="no marker at the pillar that could be shown", hint=hint)
+    if not view.source:
+        return without_config(item, view, rules)
+    drawn = {each.topic for each in markers if (each.topic, each.namespace) not in view.hidden}
+    shown_topics = sorted(drawn & set(view.topics))
+    if not shown_topics and topics & set(view.topics):
+        evidence = (
+            f"the namespace of the marker is switched off in its display of {', '.join(sorted(topics))}"
+        )
+        return replace(item, evidence=evidence, hint=f"switch it on, {SAVED}")
+    if not shown_topics:
+        evidence = f"RViz does not subscribe to {', '.join(sorted(topics))}"
+        evidence += f": {view.problem}" * bool(view.problem)
+        is_off = topics & {display.source for display in view.off if display.kind in MARKERS}
+        evidence += f": its display of {', '.join(sorted(is_off))} is switched off" * bool(is_off)
+        others = [display.source for display in view.displays if display.kind in MARKERS]
+        hint = f"add a display Marker of this topic, {SAVED}"
+        if view.problem:
+            hint = hint_on_view(view)
+        elif is_off:
+            hint = f"tick the display Marker, {SAVED}"
+        elif others:
+            hint = f"set the topic of the display Marker to {sorted(topics)[0]}, {SAVED}"
+        return replace(item, evidence=evidence, hint=hint)
+    return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown_topics)}")
+
+
+def judge_exercise_3(
+    recordings: Sequence[Recording], view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES
+) -> List[Item]:
+    """Items of exercise 3: 20, 30, 20, and 20 and 10 for the marker."""
+    approaches = [judge_approach(recording) for recording in recordings]
+    arrivals = [judge_arrival(each, rules, approach) for each, approach in zip(recordings, approaches)]
+    places = [judge_place(recording, rules) for recording in recordings]
+    items = [
+        over_trials(approaches, rules.other_worlds),
+        over_trials(arrivals, rules.other_worlds),
+        judge_rviz(view, scan_topic, rules),
+        over_trials(places, rules.other_worlds),
+        judge_shown(view, recordings, places, rules),
+    ]
+    return weighted(forfeited(items, recordings), rules)

@@ -1,0 +1,232 @@
+"""Faults of wrong markers: which way they are off, seen from the robot, and what in the code does that."""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, sin
+from typing import List, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+
+from husky_grading.notes import Kind
+from husky_grading.recording import MarkerSample, Recording
+from husky_grading.records import Rules
+from husky_highlevel_controller.course import PILLAR_RADIUS
+from husky_highlevel_controller.robot import load_robot
+
+FEW = 3  # markers or moments that decide nothing about points yet
+MOSTLY = 0.8  # of the wrong markers off the axis must have a fault
+IMAGE_SLOPE = 0.1  # [m/m], error by distance at which a marker is still at an image of the pillar
+EXACT = 0.05  # [m], of a coordinate that is 0, or a whole number of metres
+THERE = 0.15  # [m], from a place at which a marker is
+ALONG = 0.35  # [m], of a distance that is right
+OUT_OF_THE_WORLD = 1e6  # [m], of a coordinate: a number of no meaning
+HEIGHT_MARGIN = 0.3  # [m], above and below the pillar, for all points
+HEIGHT_FADE = 0.7  # [m] beyond the margin, for none
+FAULTS = {
+    Kind.Y_IS_ZERO: "y is always 0",
+    Kind.WHOLE_METRES: "its coordinates are whole metres",
+    Kind.SWAPPED: "x and y are swapped",
+    Kind.OTHER_BEAM: "its distance is right, its angle is not",
+    Kind.AT_ORIGIN: "it is at the origin of its frame",
+    Kind.NO_RETURN: "it is on the lidar where no beam has a return",
+}
+CHECK = "check header.frame_id and header.stamp, and the pillar's position in that frame"
+HINTS = {
+    Kind.MIRRORED: "x = r cos(angle) and y = r sin(angle) hold in the scan's header.frame_id: publish the "
+    "marker in it, or transform the point by TF, and change no sign",
+    Kind.Y_IS_ZERO: "give the marker a y, too: y = r sin(angle)",
+    Kind.WHOLE_METRES: "compute the position in double: a whole number cuts the metres",
+    Kind.SWAPPED: "x = r cos(angle) and y = r sin(angle): x is ahead, y to the left",
+    Kind.OTHER_BEAM: "angle = angle_min + index * angle_increment, with the index of the nearest valid range",
+    Kind.IN_BASE_LINK: f"{CHECK}: the lidar is not in base_link's origin",
+    Kind.NOT_A_NUMBER: "leave out ranges that are inf or NaN before you compute the position",
+    Kind.AT_ORIGIN: "set pose.position from the nearest valid range and its angle before you publish it",
+    Kind.NO_RETURN: "where no beam has a return the marker sits on the lidar: publish none then",
+    Kind.WRONG_HEIGHT: "check pose.position.z and scale.z: z is 0 at the height of header.frame_id",
+    Kind.INVISIBLE: "RViz draws no such marker: mend what is named here",
+    Kind.DELETED: "give it a longer lifetime, or do not delete it before the next one comes",
+    Kind.OLD_ONES: "send each marker with the same ns and id: with another one the old markers stay in RViz",
+}
+
+
+class Seen(NamedTuple):
+    """Wrong marker, seen from base_link."""
+
+    x: float  # [m], ahead
+    y: float  # [m], to the left
+    distance: float  # [m], of the pillar
+    bearing: float  # [rad], of the pillar
+    slack: float  # [m]
+
+    def is_near(self, x: float, y: float) -> bool:
+        """Whether it is at a place [m]."""
+        return hypot(self.x - x, self.y - y) <= self.slack
+
+
+def find_fault(
+    recording: Recording, wrong: Sequence[MarkerSample], are_all: bool, rules: Rules
+) -> Optional[Kind]:
+    """The kind of fault that most wrong markers have; None if none is known.
+
+    Args:
+        recording: of the drive.
+        wrong: markers, at least one.
+        are_all: no other marker came.
+        rules: of the rubric.
+    """
+    if _mostly([not marker.finite for marker in wrong]):
+        return Kind.NOT_A_NUMBER
+    drawn = [marker for marker in wrong if not marker.problem]
+    if not drawn:
+        return Kind.INVISIBLE
+    mount = load_robot(recording.robot).lidar_mount
+    if _mostly([_is_at_origin(recording, marker, mount.x) for marker in drawn]):
+        is_blind = _mostly([_smallest_range(recording, marker) == np.inf for marker in drawn])
+        return Kind.NO_RETURN if is_blind and not are_all else Kind.AT_ORIGIN
+    seen = off_axis(recording, wrong, rules)
+    if seen:
+        ahead = 0.0 if wrong[0].frame == "base_link" else mount.x
+        turned = wrong[0].frame != "odom"
+        tests = {
+            Kind.Y_IS_ZERO: lambda each: turned and abs(each.y) <= EXACT and each.x > 0.0,
+            Kind.WHOLE_METRES: lambda each: turned and max(map(_fraction, (each.x - ahead, each.y))) <= EXACT,
+            Kind.MIRRORED: lambda each: each.is_near(
+                each.distance * cos(each.bearing), -each.distance * sin(each.bearing)
+            ),
+            # in the frame of a lidar that hangs upside down, both signs change
+            Kind.SWAPPED: lambda each: any(
+                each.is_near(
+                    sign * each.distance * sin(each.bearing), sign * each.distance * cos(each.bearing)
+                )
+                for sign in (1.0, -1.0)
+            ),
+            Kind.OTHER_BEAM: lambda each: abs(hypot(each.x, each.y) - each.distance) <= ALONG,
+        }
+        for kind, test in tests.items():
+            if _mostly([test(each) for each in seen]):
+                return kind
+    if _mostly([_is_short_of_the_mount(recording, marker, mount.x, rules) for marker in drawn]):
+        return Kind.IN_BASE_LINK
+    height, slack = recording.pillar_size.height, rules.marker_full + slack_of(recording, 0.0, rules)
+    is_too_high = [
+        distance_to_pillar(recording, each) <= slack and height_score(each, height) < 1.0 for each in drawn
+    ]
+    return Kind.WRONG_HEIGHT if _mostly(is_too_high) else None
+
+
+def off_axis(recording: Recording, wrong: Sequence[MarkerSample], rules: Rules) -> List[Seen]:
+    """Wrong markers that are drawn while the pillar is off the robot's axis: only these show which way."""
+    return [
+        _seen(recording, marker, rules)
+        for marker in wrong
+        if not marker.problem and is_off_axis(recording, marker.at, rules)
+    ]
+
+
+def _mostly(tests: Sequence[bool]) -> bool:
+    return float(np.mean(tests)) >= MOSTLY
+
+
+def _is_at_origin(recording: Recording, marker: MarkerSample, mount: float) -> bool:
+    """Whether a marker is on the lidar, `mount` [m] ahead of base_link, or at the origin of its frame."""
+    x, y = _from_robot(recording, marker.position, marker.stamp or marker.at)
+    start = recording.start
+    dx, dy = marker.position[0] - start.x, marker.position[1] - start.y
+    on_robot = (0.0, mount) if marker.frame == "base_link" else (mount,)
+    return min(hypot(x - ahead, y) for ahead in on_robot) <= THERE or (
+        marker.frame == "odom" and hypot(dx, dy) <= THERE
+    )
+
+
+def _smallest_range(recording: Recording, marker: MarkerSample) -> float:
+    """The smallest valid range [m] of the scan before a marker came; inf if no beam had a return."""
+    before = recording.nearest[recording.nearest[:, 0] <= marker.at + 1e-6]
+    return float(before[-1, 1]) if len(before) else 0.0
+
+
+def _is_short_of_the_mount(recording: Recording, marker: MarkerSample, mount: float, rules: Rules) -> bool:
+    """Whether a marker in base_link were right if it was as far ahead as the lidar is."""
+    if marker.frame != "base_link" or abs(mount) <= EXACT:
+        return False
+    at = marker.stamp or marker.at
+    distance, bearing = pillar_from_robot(recording, at)
+    x, y = _from_robot(recording, marker.position, at)
+    off = hypot(x + mount - distance * cos(bearing), y - distance * sin(bearing))
+    return off <= rules.marker_full + slack_of(recording, distance, rules)
+
+
+def _seen(recording: Recording, marker: MarkerSample, rules: Rules) -> Seen:
+    at = marker.stamp or marker.at
+    distance, bearing = pillar_from_robot(recording, at)
+    slack = rules.marker_half + slack_of(recording, distance, rules) + IMAGE_SLOPE * distance
+    return Seen(*_from_robot(recording, marker.position, at), distance, bearing, slack)
+
+
+def _from_robot(recording: Recording, position: Sequence[float], at: float) -> Tuple[float, float]:
+    """A place in the world (x, y) in base_link at a moment [s]."""
+    row = min(int(np.searchsorted(recording.times, at)), len(recording.times) - 1)
+    x, y, yaw = map(float, recording.poses[row])
+    dx, dy = position[0] - x, position[1] - y
+    return dx * cos(yaw) + dy * sin(yaw), dy * cos(yaw) - dx * sin(yaw)
+
+
+def _fraction(coordinate: float) -> float:
+    return abs(coordinate - round(coordinate))
+
+
+def is_off_axis(recording: Recording, at: float, rules: Rules) -> bool:
+    """Whether the pillar is so far off the robot's x axis that a marker with the wrong sign of y scores 0."""
+    distance, bearing = pillar_from_robot(recording, at)
+    nothing = 2.0 * rules.marker_half - rules.marker_full  # [m] from the axis of a thin, near pillar
+    return 2.0 * distance * abs(sin(bearing)) > nothing + slack_of(recording, distance, rules)
+
+
+def slack_of(recording: Recording, distance: float, rules: Rules) -> float:
+    """Tolerance [m] that a robot's distance [m] and a thick pillar add: its near side is as right."""
+    return rules.marker_per_metre * distance + recording.pillar_size.radius - PILLAR_RADIUS
+
+
+def height_score(marker: MarkerSample, height: float) -> float:
+    """1 for a marker at the pillar's height, less above it and below the ground."""
+    gap = max(marker.low - height, -marker.high, 0.0)
+    return 1.0 - min(max(gap - HEIGHT_MARGIN, 0.0) / HEIGHT_FADE, 1.0)
+
+
+def distance_to_pillar(recording: Recording, marker: MarkerSample) -> float:
+    """Distance of a marker from the pillar's axis [m]."""
+    x, y = recording.pillar
+    return hypot(marker.position[0] - x, marker.position[1] - y)
+
+
+def pillar_from_robot(recording: Recording, at: float) -> Tuple[float, float]:
+    """Distance [m] and bearing [rad] of the pillar in base_link at a moment [s]."""
+    ahead, left = _from_robot(recording, recording.pillar, at)
+    return hypot(ahead, left), atan2(left, ahead)
+
+
+def fault_text(recording: Recording, marker: MarkerSample) -> str:
+    """Fault of a marker: which way it is off, seen from the robot."""
+    if marker.problem:
+        return f"not to be seen: {marker.problem}"
+    x, y = recording.pillar
+    px, py, pz = marker.position
+    if max(abs(px), abs(py), abs(pz)) > OUT_OF_THE_WORLD:
+        return f"at ({px:.1e}, {py:.1e}, {pz:.1e}): has each coordinate been given a value?"
+    text = f"at ({px:.2f}, {py:.2f}, {pz:.2f}), the pillar at ({x:.2f}, {y:.2f})"
+    height = recording.pillar_size.height
+    if height_score(marker, height) < 1.0:
+        text += f": z is wrong, it is drawn from {marker.low:.2f} to {marker.high:.2f} m"
+        return f"{text}, the pillar from 0 to {height:g} m"
+    at = marker.stamp or marker.at
+    distance, bearing = pillar_from_robot(recording, at)
+    ahead, left = _from_robot(recording, marker.position, at)
+    along = ahead * cos(bearing) + left * sin(bearing) - distance
+    across = left * cos(bearing) - ahead * sin(bearing)
+    parts = []
+    if 2.0 * abs(along) >= abs(across):
+        # a marker on the pillar's side is as right as one on its axis
+        gap = max(abs(along) - recording.pillar_size.radius, 0.0)
+        parts.append(f"{gap:.2f} m {'behind' if along > 0.0 else 'in front of'} the pillar")
+    if 2.0 * abs(across) >= abs(along):
+        parts.append(f"{abs(across):.2f} m too far {'left' if across > 0.0 else 'right'}")
+    return f"{text}: {' and '.join(parts)}, seen from the robot"

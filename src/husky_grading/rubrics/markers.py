@@ -1,0 +1,182 @@
+"""Judges markers: whether what RViz draws for a topic and namespace is at the pillar, at each moment."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from math import ceil
+from typing import Dict, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from husky_grading.notes import Kind
+from husky_grading.recording import (
+    ADD,
+    DELETE_ALL,
+    MarkerSample,
+    Recording,
+)
+from husky_grading.records import Rules
+from husky_grading.rubrics.marker_faults import (
+    FAULTS,
+    FEW,
+    distance_to_pillar,
+    fault_text,
+    find_fault,
+    height_score,
+    is_off_axis,
+    off_axis,
+    pillar_from_robot,
+    slack_of,
+)
+from husky_highlevel_controller.course import PILLAR_RADIUS
+from husky_highlevel_controller.robot import load_robot
+
+LARGEST = 1.0  # [m], the middle of a shape that touches the pillar is no farther away
+TOUCHING = 0.5  # score of such a shape
+MOST = 0.5  # of what is drawn in a namespace must be right at a moment
+MAX_SERIES = 6  # topics and namespaces that are judged apart; where more came, all that is drawn is judged
+ALWAYS, NEVER = 0.8, 0.2  # of the time, for all points and for none; linear in between
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Score of one namespace's markers over a drive, and a sentence about it."""
+
+    score: float  # 0 to 1
+    evidence: str
+    at: float  # [s], when it was first right, or first wrong
+    fault: Optional[Kind] = None  # of the markers that were wrong
+
+
+def judge_namespaces(recording: Recording, until: float, rules: Rules) -> List[Placement]:
+    """Placement of each topic and namespace that sent markers before a moment [s].
+
+    One of many guesses is right by chance: beyond MAX_SERIES there is one score, of all that is drawn.
+    """
+    markers = [marker for marker in recording.markers if marker.at < until]
+    series: Dict[Tuple[str, str], List[MarkerSample]] = defaultdict(list)
+    for marker in markers:
+        if marker.action == ADD:
+            series[marker.topic, marker.namespace] = []
+    if len(series) > MAX_SERIES:
+        return [_judge(recording, markers, rules)]
+    for marker in markers:
+        for (topic, namespace), members in series.items():
+            # `delete all` empties the whole display of a topic
+            if marker.topic == topic and (marker.namespace == namespace or marker.action == DELETE_ALL):
+                members.append(marker)
+    return [_judge(recording, members, rules) for members in series.values()]
+
+
+def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) -> Placement:
+    added = [marker for marker in markers if marker.action == ADD]
+    first = added[0]
+    name = f"{first.topic} in {first.frame}{', stamp 0' if first.stamp == 0.0 else ''}"
+    invisible = [marker for marker in added if marker.problem]
+    if len(invisible) == len(added):
+        evidence = f"{name}: not to be seen: {invisible[0].problem}"
+        kind = Kind.INVISIBLE if invisible[0].finite else Kind.NOT_A_NUMBER
+        return Placement(0.0, evidence, invisible[0].at, kind)
+    scores = {id(marker): score_of(recording, marker, rules) for marker in added}
+    moments = _moments(markers, scores)
+    if not moments:
+        return Placement(0.0, f"{name}: deleted as soon as it comes", first.at, Kind.DELETED)
+    groups = _by_axis(recording, moments, rules)
+    score = _score(groups)
+    full = sum(moment >= 1.0 for _, moment in moments) / len(moments)
+    distances = [distance_to_pillar(recording, marker) for marker in added if not marker.problem]
+    evidence = f"{name}: right {100.0 * full:.0f} % of the time"
+    evidence += f", {np.median(distances):.2f} m from the pillar's axis (median)"
+    wrong = next((marker for marker in added if scores[id(marker)] < 1.0), None)
+    if wrong is None:
+        return Placement(score, evidence, added[0].at)
+    if len(groups) > 1:
+        parts = [f"{100.0 * _share(group):.0f} % {axis}" for axis, group in groups.items()]
+        evidence += f"; near enough for points: {', '.join(parts)}"
+    all_wrong = [marker for marker in added if scores[id(marker)] < 1.0]
+    fault = find_fault(recording, all_wrong, len(all_wrong) == len(added), rules)
+    if fault is Kind.MIRRORED:
+        score = min(score, 0.5) if len(off_axis(recording, all_wrong, rules)) >= FEW else score
+        hangs = ", for this laser hangs upside down" * load_robot(recording.robot).lidar_mount.upside_down
+        evidence = f"mirrored: y has the wrong sign{hangs}; {evidence}"
+    elif fault in FAULTS:
+        evidence = f"{FAULTS[fault]}; {evidence}"
+    evidence += f"; at {wrong.at:.2f} s {fault_text(recording, wrong)}"
+    crowd = len({(marker.topic, marker.namespace, marker.id) for marker in added})
+    series = len({(marker.topic, marker.namespace) for marker in added})
+    if crowd > 1:
+        if len(all_wrong) <= (1.0 - MOST) * len(added):
+            fault = fault or Kind.OLD_ONES
+        holder = f"namespace '{first.namespace}'" if series == 1 else f"{series} topics and namespaces"
+        evidence += f"; {crowd} markers in {holder}, half of those drawn must be right"
+    return Placement(score, evidence, wrong.at, fault)
+
+
+def _moments(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> List[Tuple[float, float]]:
+    """(when [s], score that most of what is drawn has), for each moment at which something came."""
+    begins, ends, ordered = _drawn(markers, scores)
+    moments = []
+    for at in np.unique(begins):
+        drawn = ordered[(begins <= at) & (at < ends)]
+        if len(drawn):
+            moments.append((float(at), float(drawn[-ceil(MOST * len(drawn))])))
+    return moments
+
+
+def _drawn(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> np.ndarray:
+    """Begin and end [s] of what RViz draws, (3, N), ordered by the score in the third row.
+
+    A marker is drawn until it is too old, deleted, or replaced by one of its topic, namespace and id.
+    """
+    rows: List[List[float]] = []
+    topics: Dict[str, Dict[Tuple[str, int], List[float]]] = defaultdict(dict)
+    for marker in markers:
+        latest, key = topics[marker.topic], (marker.namespace, marker.id)
+        for over in list(latest) if marker.action == DELETE_ALL else [key] * (key in latest):
+            row = latest.pop(over)
+            row[1] = min(row[1], marker.at)
+        if marker.action == ADD:
+            latest[key] = [marker.at, marker.until, scores[id(marker)]]
+            rows.append(latest[key])
+    return np.array(sorted(rows, key=lambda row: row[2])).T
+
+
+def _by_axis(
+    recording: Recording, moments: Sequence[Tuple[float, float]], rules: Rules
+) -> Dict[str, List[float]]:
+    """Scores of the moments with the pillar off the robot's axis, and on it; a few make no group."""
+    aside: List[float] = []
+    ahead: List[float] = []
+    for at, score in moments:
+        (aside if is_off_axis(recording, at, rules) else ahead).append(score)
+    groups = {"with the pillar to the side": aside, "with it ahead": ahead}
+    large = {where: group for where, group in groups.items() if len(group) >= FEW}
+    return large or {"": [score for _, score in moments]}
+
+
+def _share(scores: Sequence[float]) -> float:
+    """Share of the scores that are not 0."""
+    return float(np.mean(np.array(scores) > 0.0))
+
+
+def _score(groups: Mapping[str, Sequence[float]]) -> float:
+    """Mean score of the markers, times the share of the time; on and off the axis count alike."""
+    scores = np.concatenate([list(group) for group in groups.values()])
+    if not scores.any():
+        return 0.0
+    share = float(np.mean([_share(group) for group in groups.values()]))
+    return float(scores[scores > 0.0].mean()) * min(max((share - NEVER) / (ALWAYS - NEVER), 0.0), 1.0)
+
+
+def score_of(recording: Recording, marker: MarkerSample, rules: Rules) -> float:
+    """Score of one marker, 0 to 1: 1 at the pillar, 0.5 at `marker_half`, linear in between and beyond."""
+    if marker.problem:
+        return 0.0
+    size = recording.pillar_size
+    slack = slack_of(recording, pillar_from_robot(recording, marker.at)[0], rules)
+    distance, fade = distance_to_pillar(recording, marker), max(rules.marker_half - rules.marker_full, 1e-6)
+    score = 1.0 - 0.5 * (distance - slack - rules.marker_full) / fade
+    if marker.reach <= size.radius and distance <= LARGEST + size.radius - PILLAR_RADIUS:
+        score = max(score, TOUCHING)
+    return min(max(score, 0.0), 1.0) * height_score(marker, size.height)

@@ -1,0 +1,87 @@
+"""Settings of a teacher: a rubric file for all, and marking.yaml for single students."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Dict, Mapping, Sequence
+
+import yaml
+
+from husky_grading.isolation.files import UnreadableFileError, read_text
+from husky_grading.records import Item, MarkingResult, Override, Rules
+from husky_highlevel_controller.config import ConfigError, from_plain
+
+FILE = "marking.yaml"  # in the folder of hand-ins
+
+
+class PointsError(ConfigError):
+    """Points by hand that do not fit the rubric."""
+
+
+@dataclass(frozen=True)
+class _MarkingFile:
+    students: Mapping[str, Override] = field(default_factory=dict)
+
+
+def load_rules(path: Path, items: Sequence[str]) -> Rules:
+    """The rules of a rubric file: tolerances by name, `weights` (item: points), `by_person` (items).
+
+    Raises:
+        ConfigError: it cannot be read, or a key or value is not allowed.
+    """
+    rules = from_plain(Rules, read_settings(path), f"{path}: ")
+    for name in [*rules.weights, *rules.by_person]:
+        _known(name, items, f"{path}: '{name}' is not an item")
+    return rules
+
+
+def read_overrides(folder: Path, students: Sequence[str]) -> Dict[str, Override]:
+    """The overrides in a folder's marking.yaml, by student; none without the file.
+
+    Raises:
+        ConfigError: it cannot be read, names an unknown student or key, or a value is not allowed.
+    """
+    path = folder / FILE
+    overrides = from_plain(_MarkingFile, read_settings(path) if path.exists() else {}, f"{path}: ").students
+    for name in overrides:
+        _known(name, students, f"{path}: students: {name!r} is not known")
+    return dict(overrides)
+
+
+def read_settings(path: Path) -> Any:
+    """Content of a teacher's YAML file; {} where it is empty; ConfigError: it cannot be read."""
+    try:
+        return yaml.safe_load(read_text(path.resolve())) or {}
+    except (LookupError, TypeError, AttributeError) as error:  # such as `!!bool x`
+        raise ConfigError(f"{path}: a value is not of the type that its tag names: {error}") from error
+    except (UnreadableFileError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise ConfigError(f"{path}: {' '.join(str(error).split())}") from error
+
+
+def _known(name: str, names: Sequence[str], refusal: str) -> None:
+    if name not in names:
+        raise ConfigError(f"{refusal}; there are: {', '.join(names)}")
+
+
+def with_override(result: MarkingResult, override: Override) -> MarkingResult:
+    """The result with the points given by hand, and less the late penalty.
+
+    Raises:
+        PointsError: points are given for an item that the rubric does not have, or more than it has.
+    """
+    items = {item.name: item for item in result.items}
+    for name, entry in override.points.items():
+        source = f"{FILE}: students/{result.name}/points/{name}"
+        if name not in items:
+            raise PointsError(f"{source} is not an item; there are: {', '.join(items)}")
+        if entry.points > items[name].max_points:
+            limit = items[name].max_points
+            raise PointsError(f"{source} = {entry.points:g} is more than the item's {limit:g}")
+        items[name] = replace(items[name], points=entry.points, evidence=f"by hand: {entry.word}")
+    penalty = []
+    if override.late:
+        before = sum(item.points or 0.0 for item in items.values())
+        evidence = f"{override.late.percent:g} % of {before:g} points: {override.late.word}"
+        penalty = [Item("late", 0.0 - round(before * override.late.percent / 100.0, 1), 0.0, evidence)]
+    return replace(result, items=(*items.values(), *penalty), held=override.hold)

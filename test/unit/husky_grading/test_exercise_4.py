@@ -1,0 +1,164 @@
+"""Exercise 4: what a filter's path, its displays and its launch file are worth, by both sheets."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from husky_grading import recording as recordings
+from husky_grading.displays import RvizDisplay, RvizView
+from husky_grading.notes import Kind, Note
+from husky_grading.recording import Playback, Recording
+from husky_grading.records import Rules, total
+from husky_grading.rubrics.exercise_4 import ITEMS, judge_exercise_4
+from husky_highlevel_controller.config import from_plain
+from husky_highlevel_controller.datatypes import Pose2D
+
+TIMES = np.arange(0.1, 90.0, 0.1)  # [s]
+TRUTH = np.column_stack([0.3 * TIMES, 2.0 * np.sin(0.1 * TIMES), 0.0 * TIMES])  # 29 m
+PATH = np.column_stack([TIMES, TRUTH[:, :2]])
+TOP_VIEW = np.column_stack([TIMES, 0.0 * TIMES, 0.0 * TIMES, 2.0 + 0.0 * TIMES])
+POSITION, ODOM = "/odometry/filtered/pose/pose/position/", "/odom/pose/pose/position/"
+PLAYBACK = Playback(
+    PATH, "/odometry/filtered", TOP_VIEW, ("--clock --rate=0.5 x.bag",), ((POSITION + "x", POSITION + "y"),)
+)
+CLOUD = RvizDisplay("rviz/PointCloud2", "/rslidar_points", colouring="AxisColor Z", size=0.05)
+VIEW = RvizView("its rviz node", displays=(CLOUD,))
+
+
+def recording(playback=PLAYBACK, robot="smb", **more):
+    nothing = np.zeros(0)
+    drive = Recording(Pose2D(), (0, 0), 90.0, TIMES, TRUTH, np.zeros((len(TIMES), 2)), nothing, **more)
+    return replace(drive, robot=robot, playback=playback, subscribed=True)
+
+
+def points(drive, view=VIEW, rules=None):
+    return {item.name: item.points for item in judge_exercise_4([drive], view, "", rules or Rules())}
+
+
+def test_both_sheets_are_100_points_and_the_smbs_has_a_bonus_of_10():
+    smb, husky = (judge_exercise_4([recording(robot=robot)], VIEW, "") for robot in ("smb", "husky"))
+    assert total(smb) == (90.0, 90.0)
+    assert {type(item.points) for item in smb} == {float, type(None)}  # JSON knows no number of NumPy
+    assert sum(item.max_points for item in smb) == 110.0
+    assert [item.name for item in smb] == list(ITEMS)
+    by_person = [item.name for item in smb if item.points is None]
+    assert by_person == ["explains the filter", "explains its topics"]
+    assert {item.name: item.points for item in husky} == {
+        PLOT: 30.0,
+        WAY: 40.0,
+        "RViz shows the point cloud": 30.0,
+    }
+
+
+def at(x, y, z):
+    """A top view that stays at a place of the robot."""
+    return np.column_stack([TIMES, np.tile((x, y, z), (len(TIMES), 1))])
+
+
+WAY, TOP, PLOT = "recorded path", "top view moves with the robot", "plots the simulated path"
+NOT_MOVING = np.column_stack([TIMES, -TRUTH[:, :2], TOP_VIEW[:, 3]])
+
+
+@pytest.mark.parametrize(
+    ("item", "change", "worth"),
+    [
+        # the path must come from start to end and be the robot's
+        (WAY, {"path": PATH + np.array([0.0, 0.0, 0.9])}, 30.0),
+        (WAY, {"path": PATH + np.array([0.0, 0.0, 1.1])}, 15.0),  # it differs
+        (WAY, {"path": PATH[TIMES > 4.0]}, 30.0),  # it begins while the robot stands
+        (WAY, {"path": PATH[TIMES > 6.0]}, 15.0),
+        (WAY, {"path": PATH[TIMES < 80.0]}, 15.0),  # it ends on the way
+        (WAY, {"path": PATH[(TIMES < 3.0) | (TIMES > 88.0)]}, 15.0),  # where it stands
+        (WAY, {"path": np.where(np.equal(PATH, PATH[500, 1]), np.nan, PATH)}, 30.0),
+        (WAY, {"path": np.where((PATH[:, :1] > 40.0) & (PATH[:, :1] < 46.0), np.nan, PATH)}, 15.0),  # a gap
+        (WAY, {"path": PATH * (1.0, np.nan, np.nan)}, 0.0),
+        (WAY, {"path": PATH[:5]}, 0.0),
+        (WAY, {"path": np.zeros((0, 3))}, 0.0),
+        # 2 metres above the robot, and moving with it
+        (TOP, {"top_view": at(0.0, 0.0, 2.05)}, 10.0),
+        (TOP, {"top_view": at(0.0, 0.0, 2.6)}, 0.0),
+        (TOP, {"top_view": at(0.2, 0.0, 2.0)}, 0.0),
+        (TOP, {"top_view": at(0.0, 0.0, -2.0)}, 0.0),
+        (TOP, {"top_view": NOT_MOVING}, 0.0),
+        (TOP, {"top_view": TOP_VIEW[:0]}, 0.0),
+        # x and y of the filter's odometry
+        (PLOT, {"curves": (("/clock/a", "/clock/b"), (POSITION + "x", POSITION + "y"))}, 20.0),
+        (PLOT, {"curves": ((ODOM + "x", ODOM + "y"),)}, 10.0),
+        (PLOT, {"curves": ((POSITION + "y", POSITION + "x"),)}, 0.0),
+        (PLOT, {"curves": ((POSITION + "x", ODOM + "y"),)}, 0.0),
+        (PLOT, {"curves": ()}, None),
+    ],
+)
+def test_an_item_is_worth_what_is_right_of_it_and_no_other_changes(item, change, worth):
+    judged = points(recording(replace(PLAYBACK, **change)))
+    assert judged == {**points(recording()), item: worth}
+
+
+def test_a_long_way_may_be_off_by_2_percent_and_one_that_never_began_has_no_points():
+    long = replace(recording(replace(PLAYBACK, path=PATH * (1, 4, 4) + (0, 0, 1.5))), poses=TRUTH * 4)
+    assert points(long)["recorded path"] == 30.0
+    judged = points(recordings.Recording(Pose2D(), (0, 0), 90.0, robot="smb"), RvizView())
+    assert [judged[name] for name in (WAY, TOP)] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"silent_topics": ("/set_pose", "/wrong/odom")}, "it listens to /wrong/odom, where nothing is sent"),
+        ({"notes": (Note(Kind.NODE_FAILED, "node ekf ends"),), "silent_topics": ("/a",)}, "node ekf ends"),
+        ({}, "nothing listens to the bag's wheel odometry"),
+    ],
+)
+def test_it_is_told_why_no_estimate_came(more, words):
+    items = judge_exercise_4([recording(Playback(), **more)], VIEW, "")
+    assert [item.evidence for item in items if item.name == "recorded path"] == [
+        f"0 estimates on /odometry/filtered: {words}"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "worth"),
+    [
+        ((), (0.0, 0.0)),
+        (("--clock a.bag",), (5.0, 0.0)),
+        (("-r 0.5 a.bag",), (5.0, 5.0)),
+        (("--clock -r.5 a.bag",), (5.0, 5.0)),
+        (("--rate 0.50 a.bag",), (5.0, 5.0)),
+        (("--rate=2 run-r0.5.bag",), (5.0, 0.0)),
+        (("/bags/0.5/a.bag", "-r 5"), (5.0, 0.0)),
+    ],
+)
+def test_the_bonus_is_for_a_bag_that_the_launch_file_plays_at_half_speed(arguments, worth):
+    judged = points(recording(replace(PLAYBACK, players=arguments)))
+    assert (judged["bonus: plays the bag"], judged["bonus: at half speed"]) == worth
+
+
+@pytest.mark.parametrize(
+    ("view", "worth"),
+    [
+        ({"displays": (replace(CLOUD, source="/points"),)}, (0.0, 10.0)),
+        ({"displays": (replace(CLOUD, size=0.01), CLOUD)}, (10.0, 10.0)),
+        ({"displays": (replace(CLOUD, size=0.01),)}, (10.0, 5.0)),
+        ({"displays": (replace(CLOUD, colouring="AxisColor X"),)}, (10.0, 5.0)),
+        ({"displays": (replace(CLOUD, colouring="Intensity Z", size=3),)}, (10.0, 0.0)),
+        ({"displays": ()}, (0.0, 0.0)),
+        ({"problem": "no transform"}, (0.0, 10.0)),
+        ({"source": ""}, (None, None)),
+    ],
+)
+def test_the_cloud_and_its_style_are_seen_in_rviz(view, worth):
+    judged = points(recording(), replace(VIEW, **view))
+    assert (judged["RViz shows the point cloud"], judged["style of the point cloud"]) == worth
+
+
+def test_a_recording_with_its_track_comes_back_from_its_text():
+    back = from_plain(recordings.Recording, json.loads(recordings.to_json(recording())), "")
+    assert back.playback.path == pytest.approx(PATH, abs=1e-4)
+    assert back.playback.top_view.shape == TOP_VIEW.shape
+    assert (back.playback.players, back.playback.curves) == (PLAYBACK.players, PLAYBACK.curves)
+    assert points(back) == points(recording())
+    rules = Rules(weights={"recorded path": 60.0}, by_person=("bonus: plays the bag",))
+    weighed = {"recorded path": 60.0, "bonus: plays the bag": None}
+    assert points(back, rules=rules) == {**points(back), **weighed}, "a teacher's weights"

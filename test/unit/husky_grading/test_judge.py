@@ -1,0 +1,50 @@
+"""Judging of a hand-in by its files: what is told beside the items, and to whom it could not be marked."""
+
+import pytest
+
+from husky_grading.judge import judge, unmarked
+from husky_grading.mark import mark
+from husky_grading.recording import Recording
+from husky_grading.records import Job, Launchable, MarkingConfig
+from husky_grading.submission import Submission
+from husky_highlevel_controller.datatypes import Pose2D
+
+RECORDING = Recording(Pose2D(), (20.0, 5.0), 60.0)
+SUBMISSION = Submission(Launchable("launch", "a", "a.launch"))
+
+
+def notes(drives, **config):
+    job = Job("ann", "out", MarkingConfig(robot="husky", **config))
+    return " ".join(judge(SUBMISSION, [RECORDING] * drives, job).notes)
+
+
+def test_fewer_drives_than_asked_for_are_told():
+    assert "1 of 3 drives were made" in notes(1, trials=3)
+    assert "drives were made" not in notes(3, trials=3)
+    assert "drives were made" not in notes(1, trials=3, exercise=5), "it asks for one"
+
+
+JOB = Job("O'Brien", "/var/tmp/marking_0/hand_in", MarkingConfig(), hand_in="/home/me/my class/O'Brien")
+
+
+@pytest.mark.parametrize(
+    ("problem", "shown"),
+    [
+        ("File name too long: /var/tmp/marking_0/hand_in/ws/src/a", "File name too long: ws/src/a"),
+        ("/home/me/my class/O'Brien: more than 9 files", "O'Brien: more than 9 files"),
+        ("No such file or directory: '/usr/lib/x/a.py'", "No such file or directory: 'a.py'"),
+        ("/husky_simulator/step and src/a/b.cpp, 1/2", "/husky_simulator/step and src/a/b.cpp, 1/2"),
+    ],
+)
+def test_a_student_reads_no_path_of_the_marking_machine(problem, shown):
+    assert unmarked(JOB, problem).problem == shown
+
+
+def test_a_package_whose_name_no_file_can_have_is_named_without_a_path(tmp_path):
+    folder = tmp_path / "class" / "ann" / "p"
+    folder.mkdir(parents=True)
+    (folder / "package.xml").write_text(f"<package><name>{'n' * 300}</name></package>")
+    result = mark(Job("ann", str(tmp_path / "out"), MarkingConfig(), hand_in=str(folder.parent)))
+    assert "and 220 more letters, which is not a valid name of a package" in result.problem
+    for page in ("feedback.html", "table.txt", "junit.xml"):
+        assert str(tmp_path) not in (tmp_path / "out" / page).read_text()

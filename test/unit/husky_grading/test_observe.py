@@ -1,0 +1,54 @@
+"""Observing stage: which drives are made, and with which robot."""
+
+import pytest
+
+from husky_grading.drive import observe as observe_module
+from husky_grading.drive.observe import observe
+from husky_grading.drive.run import OtherRobotError
+from husky_grading.drive.trials import draw_trials
+from husky_grading.records import Launchable, MarkingConfig
+from husky_grading.submission import Submission
+
+SUBMISSION = Submission(Launchable("launch", "a", "a.launch"), robot="husky", names_robot="by its topic")
+AUTO, OLDER = MarkingConfig(robot="auto"), MarkingConfig(robot="husky_melodic")
+
+
+@pytest.fixture
+def drives(monkeypatch):
+    """Drives that were made, as (number, robot); a submission that listens to the older Husky's scans."""
+    made, moves = [], {}
+
+    def drive(submission, trial, config, *, is_guess=False, **_):
+        if is_guess and config.robot != OLDER.robot:
+            raise OtherRobotError(OLDER)
+        made.append((trial.number, config.robot))
+        return moves.get(trial.number, True)
+
+    monkeypatch.setattr(observe_module, "drive", drive)
+    monkeypatch.setattr(observe_module, "is_worth_checking", lambda _: True)
+    return made, moves
+
+
+def check_tells(listened, monkeypatch):
+    monkeypatch.setattr(observe_module, "uninitialised", lambda *_: ("", listened))
+
+
+@pytest.mark.parametrize("listened", [None, OLDER], ids=["it died in the check", "it listened there"])
+def test_the_robot_is_a_guess_until_the_check_or_a_drive_has_seen_what_it_listens_to(
+    listened, drives, tmp_path, monkeypatch
+):
+    check_tells(listened, monkeypatch)
+    observe(SUBMISSION, draw_trials(2, 0), AUTO, tmp_path)
+    assert drives[0] == [(1, "husky_melodic"), (2, "husky_melodic")]
+
+
+def test_only_a_robot_that_never_moves_in_its_first_drive_has_no_further_one(drives, tmp_path, monkeypatch):
+    made, moves = drives
+    check_tells(None, monkeypatch)
+    moves[2] = False
+    observe(SUBMISSION, draw_trials(3, 0), AUTO, tmp_path)
+    assert [number for number, _ in made] == [1, 2, 3]
+    made.clear()
+    moves[1] = False
+    observe(SUBMISSION, draw_trials(3, 0), AUTO, tmp_path)
+    assert [number for number, _ in made] == [1]

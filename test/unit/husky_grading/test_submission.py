@@ -1,0 +1,39 @@
+"""What a submission writes while it runs: its events and its output cost marking a bounded time."""
+
+import re
+from types import SimpleNamespace
+
+from husky_grading import submission
+from husky_grading.notes import Kind
+from husky_grading.submission import MAX_EVENTS, Event, notes_on, read_events
+
+DIED = '{"event": "died", "node": "n%d", "exit_code": 1}\n'
+
+
+def test_the_output_is_searched_once_however_many_nodes_died(monkeypatch):
+    searched = []
+
+    def findall(output):
+        searched.append(len(output))
+        return [("a.py", "7")]
+
+    monkeypatch.setattr(submission, "_LINE", SimpleNamespace(findall=findall))
+    events = [Event("died", node=f"n{number}", exit_code=1) for number in range(50)]
+    notes = notes_on(events, "KeyError: 'x'\n")
+    assert len(notes) == 50
+    assert notes[0].text == "node n0 ends during the drive (exit code 1): KeyError: 'x' (a.py:7)"
+    assert len(searched) == 1
+
+
+def test_events_that_a_submission_forges_are_bounded_and_that_there_were_more_is_told(tmp_path):
+    file = tmp_path / "events.jsonl"
+    file.write_text("".join(DIED % number for number in range(MAX_EVENTS + 30)))
+    events = read_events(file)
+    assert len(events) == MAX_EVENTS
+    told = [note.text for note in notes_on(events, "") if note.kind is Kind.LIMIT]
+    assert told == [f"it wrote more than {MAX_EVENTS} events; the first {MAX_EVENTS - 1} of them count"]
+    file.write_text("".join(DIED % number for number in range(MAX_EVENTS)))
+    notes = notes_on(read_events(file), "")
+    assert len(notes) == MAX_EVENTS
+    assert {note.kind for note in notes} == {Kind.NODE_FAILED}
+    assert re.fullmatch(r"node n0 ends .*", notes[0].text)
