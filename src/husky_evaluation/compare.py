@@ -28,9 +28,9 @@ from husky_evaluation.tasks.command import between, exit_codes
 from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.plots import draw_paths
+from husky_highlevel_controller.drawing.plots import draw_paths
+from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Result, Table
-from husky_highlevel_controller.templates import write_page
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,8 @@ from husky_evaluation.setup import COURSE_GAINS, Setup, add_profile_options, set
 from husky_evaluation.tasks.command import add_worker_options, exit_codes, positive, seed_value
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Cell, Result, Table
-from husky_highlevel_controller.templates import write_page
 
 TOUCHING = ControlConfig(stop_distance=0.0)
 

@@ -19,7 +19,7 @@ from husky_highlevel_controller.controller.behaviour import decide
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.controller.pillar_detection import PillarConfig, find_pillars
 from husky_highlevel_controller.course import PILLAR_RADIUS
-from husky_highlevel_controller.replay import Replay, to_html
+from husky_highlevel_controller.drawing.replay import Replay, to_html
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 

@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
 from husky_evaluation.setup import Axis
-from husky_highlevel_controller.plots import DRIVEN, MARKER, new_figure, plain, png
+from husky_highlevel_controller.drawing.plots import DRIVEN, MARKER, new_figure, plain, png
 
 MAX_LABELLED = 15  # values of an axis, up to which each cell is labelled
 SYMBOLS = "*os^"

@@ -33,8 +33,8 @@ from husky_evaluation.tasks.command import exit_codes
 from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.config import ConfigError
+from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Result, Table, every_row
-from husky_highlevel_controller.templates import write_page
 
 
 @dataclass(frozen=True)

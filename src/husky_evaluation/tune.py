@@ -36,8 +36,8 @@ from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.config import ConfigError, from_plain, number
 from husky_highlevel_controller.datatypes import HuskyError
+from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Result, Table, every_row
-from husky_highlevel_controller.templates import write_page
 
 BATCH = 8  # setups that are proposed at once; fixed, for the proposals depend on it
 DIGITS = 4  # of a proposed value: what is driven is what the file says

@@ -36,7 +36,7 @@ from husky_grading.reports.plots import draw_moment
 from husky_grading.settings import FILE, read_overrides, read_settings
 from husky_highlevel_controller.config import ConfigError, load
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.templates import render
+from husky_highlevel_controller.drawing.templates import render
 
 PAGE = "review.html"
 KEYS = 9  # 1 gives nothing, 9 all points

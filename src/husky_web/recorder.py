@@ -10,8 +10,8 @@ import viser
 
 from husky_highlevel_controller.course import PILLARS
 from husky_highlevel_controller.datatypes import HuskyError, Pose, Vector3
+from husky_highlevel_controller.drawing.replay import Replay, to_html
 from husky_highlevel_controller.geometry import pose_to_2d
-from husky_highlevel_controller.replay import Replay, to_html
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_web.actions import Actions
 from husky_web.plots import choice_html

@@ -15,7 +15,7 @@ import trimesh
 from trimesh import creation
 
 from husky_highlevel_controller.datatypes import HuskyError, Rgba, Vector3
-from husky_highlevel_controller.robot_mesh import CELL, coarser
+from husky_highlevel_controller.drawing.robot_mesh import CELL, coarser
 
 SIDES = 24  # of a cylinder, a cone, and of a sphere's equator
 MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # of the box that stands for a mesh that cannot be read

@@ -19,7 +19,7 @@ from network import wait_until as wait_until_within
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from husky_highlevel_controller.replay import Replay, to_html
+from husky_highlevel_controller.drawing.replay import Replay, to_html
 
 CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium")
 if CHROMIUM is None:

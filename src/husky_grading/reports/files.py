@@ -29,7 +29,7 @@ from husky_grading.reports.tables import (
     to_result,
 )
 from husky_highlevel_controller.config import load, to_json
-from husky_highlevel_controller.replay import Replay, to_html
+from husky_highlevel_controller.drawing.replay import Replay, to_html
 from husky_highlevel_controller.robot import load_robot
 
 PICTURES = ("drive.png", "moment.png")

@@ -8,7 +8,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 from urllib.parse import quote
 
 from husky_grading.records import AUTO, Item, MarkingResult, ResultState
-from husky_highlevel_controller.templates import render
+from husky_highlevel_controller.drawing.templates import render
 
 LEAD = 1.0  # [s], simulated: a replay begins so long before the moment of an evidence
 BARS = 10  # of the histogram

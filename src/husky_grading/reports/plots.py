@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 
 from husky_grading.recording import ADD, MarkerSample, Playback, Recording
-from husky_highlevel_controller.plots import (
+from husky_highlevel_controller.drawing.plots import (
     DRIVEN,
     MARKER,
     draw_paths,

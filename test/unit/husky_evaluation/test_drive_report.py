@@ -8,8 +8,8 @@ import pytest
 
 from husky_evaluation.statistics import bootstrap
 from husky_highlevel_controller.config import load
+from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Cell, Result, Table, every_row
-from husky_highlevel_controller.templates import write_page
 
 
 def report(value=inf):

@@ -11,7 +11,7 @@ from husky_grading.notes import Kind
 from husky_grading.records import Item, MarkingResult
 from husky_grading.reports.files import replays
 from husky_grading.reports.page import class_page, feedback_page, histogram
-from husky_highlevel_controller.replay import Replay, to_html
+from husky_highlevel_controller.drawing.replay import Replay, to_html
 
 CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium")
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -17,7 +17,7 @@ import rospy
 from nav_msgs.msg import Odometry
 
 from husky_highlevel_controller.datatypes import HuskyError
-from husky_highlevel_controller.plots import draw_paths
+from husky_highlevel_controller.drawing.plots import draw_paths
 
 KIND = "nav_msgs/Odometry"
 Points = List[Tuple[float, float]]

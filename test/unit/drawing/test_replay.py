@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from defusedxml import ElementTree
 
-from husky_highlevel_controller.replay import MAX_POSES, Replay, to_html
+from husky_highlevel_controller.drawing.replay import MAX_POSES, Replay, to_html
+from husky_highlevel_controller.drawing.robot_mesh import BODY, robot_mesh
 from husky_highlevel_controller.robot import ROBOTS, load_robot
-from husky_highlevel_controller.robot_mesh import BODY, robot_mesh
 from husky_highlevel_controller.simulator.models.description import robot_description
 
 STANDS = np.array([[20.0, 5.0]])

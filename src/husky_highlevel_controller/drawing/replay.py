@@ -15,9 +15,9 @@ import numpy as np
 from markupsafe import Markup
 
 from husky_highlevel_controller.course import PILLAR_RADIUS
+from husky_highlevel_controller.drawing.robot_mesh import Part, robot_mesh
+from husky_highlevel_controller.drawing.templates import render
 from husky_highlevel_controller.robot import Robot, load_robot
-from husky_highlevel_controller.robot_mesh import Part, robot_mesh
-from husky_highlevel_controller.templates import render
 
 PERIOD = 0.1  # [s] between two poses that are kept; the page draws what lies between
 MAX_POSES = 3000  # a longer drive is kept more coarsely
