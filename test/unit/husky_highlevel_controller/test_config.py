@@ -33,7 +33,7 @@ from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 from husky_highlevel_controller.simulator.sensors.lms1xx import Lms1xxConfig
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
-CONFIG_FOLDER = Path(__file__).parents[2] / "config"
+CONFIG_FOLDER = Path(__file__).parents[3] / "config"
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ def test_the_meshes_are_looked_for_without_loading_pybullets_data_package():
         "import sys; from husky_highlevel_controller.simulator.models import description as x;"
         "x.mesh_uri(); sys.exit('pybullet' in sys.modules or 'pybullet_data' in sys.modules)"
     )
-    source = Path(__file__).resolve().parents[3] / "src"
+    source = Path(__file__).resolve().parents[4] / "src"
     assert subprocess.run([sys.executable, "-c", program], env={"PYTHONPATH": str(source)}).returncode == 0
 
 
