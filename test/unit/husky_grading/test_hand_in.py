@@ -1094,7 +1094,9 @@ def test_marking_and_reviewing_import_nothing_of_the_folder_they_are_called_in_o
 def test_a_marking_that_is_stopped_may_clean_up(job, tmp_path, monkeypatch):
     put(
         tmp_path / "module" / "slow_marking.py",
-        "import pathlib, sys, time\nup = pathlib.Path(sys.argv[1]).with_name('up')\n"
+        # a suite that runs in the background of a script inherits an ignored SIGINT
+        "import pathlib, signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "up = pathlib.Path(sys.argv[1]).with_name('up')\n"
         "try:\n    up.touch()\n    time.sleep(1000.0)\nfinally:\n    up.unlink()\n",
     )
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path / 'module'}:{os.environ['PYTHONPATH']}")
