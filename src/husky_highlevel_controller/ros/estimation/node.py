@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from math import hypot, inf, isqrt
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -47,7 +47,7 @@ class LocalizationNode:
         options = self._config.options
         self._base = options.base_link_frame_output or options.base_link_frame
         self._lock = threading.Lock()
-        self._reported: Dict[str, float] = {}  # [s], of the last complaint about an input
+        self._reported: Dict[Tuple[str, str], float] = {}  # [s] time of the last complaint, by input and kind
         self._begin()
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)
@@ -81,7 +81,7 @@ class LocalizationNode:
             self._heard[name] = time.monotonic()
             self._first_heard = self._first_heard or self._heard[name]
             if stamp > now + MAX_AHEAD:
-                self._complain(name, f"its stamp is {stamp:.3f} s at {now:.3f} s: it is left out")
+                self._complain(name, "clock", f"its stamp is {stamp:.3f} s at {now:.3f} s: it is left out")
                 return
             held = self._held[name]
             held.append(msg)
@@ -100,7 +100,7 @@ class LocalizationNode:
         try:
             estimates = self._filter.add(name, reading_from_msg(msg), mounting, silent)
         except ReadingError as error:
-            self._complain(name, f"{error}: it is left out")
+            self._complain(name, "reading", f"{error}: it is left out")
             return
         for estimate in estimates:
             msg = estimate_to_msg(estimate, self._config.options.odom_frame, self._base)
@@ -121,7 +121,7 @@ class LocalizationNode:
             is_same = child.lstrip("/") in ("", parent)
             stamped = None if is_same else lookup_transform(self._transforms, parent, child)
             if stamped is None and not is_same:
-                self._complain(name, f"TF has no transform from '{child}' to '{parent}'")
+                self._complain(name, "transform", f"TF has no transform from '{child}' to '{parent}'")
                 return None
             poses.append(conversions.pose_from_transform(stamped) if stamped else Pose())
         return Mounting(*poses)
@@ -139,9 +139,10 @@ class LocalizationNode:
                 stamp = (msg.header.stamp or rospy.Time.now()).to_sec()
                 self._filter.set_pose(stamp, np.array(pose), covariance)
 
-    def _complain(self, name: str, sentence: str) -> None:
-        if abs(self._now - self._reported.get(name, -inf)) >= REPORT_PERIOD:
-            self._reported[name] = self._now
+    def _complain(self, name: str, kind: str, sentence: str) -> None:
+        """Warn of an input, at most once in REPORT_PERIOD for each kind of complaint."""
+        if abs(self._now - self._reported.get((name, kind), -inf)) >= REPORT_PERIOD:
+            self._reported[name, kind] = self._now
             rospy.logwarn(f"{rospy.resolve_name(self._config.inputs[name].topic)}: {sentence}")
 
     def _report_silence(self, _event: Any) -> None:
