@@ -133,6 +133,7 @@ def test_a_master_that_hangs_over_a_parameter_does_not_hold_the_view(page, monke
     release = threading.Event()
     answers = {
         "lookupNode": lambda *_: (1, "", OURS),
+        "lookupService": lambda *_: (1, "", OURS),
         "getPublishedTopics": lambda *_: (1, "", []),
         "searchParam": lambda *_: (1, "", "/robot_description"),
         "getParam": lambda *_: (release.wait(DEADLINE), (1, "", "late"))[1],

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Callable, Optional
+from typing import Any, Callable, Optional, Tuple
 
 import rosgraph
 import rospy
@@ -45,12 +45,21 @@ class Registration:
         node of the same name at another address is not this one.
         """
         name = rospy.get_name()
-        code, uri = reply(self._master_uri, "lookupNode", name, name, deadline=DEADLINE) or (0, "")
+        code, uri = self._ask("lookupNode", name)
+        if code == 1 and uri == rospy.get_node_uri():
+            # rospy's log subscribes to a parameter, which alone makes a node's name known to a new master
+            code, _ = self._ask("lookupService", f"{name}/get_loggers")
+            is_known = code == 1
+        else:
+            is_known = False
         if code == 0 or rospy.core.is_shutdown_requested():
             return None
-        is_known = bool(code == 1 and uri == rospy.get_node_uri())
         self.is_lost = self.is_lost or not is_known
         return is_known
+
+    def _ask(self, method: str, what: str) -> Tuple[int, Any]:
+        """Return the code and the value of the master's answer; the code is 0 if there is none."""
+        return reply(self._master_uri, method, rospy.get_name(), what, deadline=DEADLINE) or (0, "")
 
 
 class RegistrationWatch:

@@ -21,7 +21,8 @@ OURS, NAME = "http://robot:4000/", "/walker"
 def master(monkeypatch, answer):
     """A master that answers each question for a node by `answer`, (code, text, value)."""
     with SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False) as server:
-        server.register_function(answer, "lookupNode")
+        for method in ("lookupNode", "lookupService"):
+            server.register_function(answer, method)
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         monkeypatch.setenv("ROS_MASTER_URI", f"http://127.0.0.1:{server.server_address[1]}")
@@ -51,6 +52,13 @@ def test_only_a_master_that_does_not_know_the_node_means_a_loss(monkeypatch, ans
         assert node.is_lost is (known is False)
 
 
+def test_a_node_of_which_a_new_master_knows_the_name_alone_is_lost(monkeypatch):
+    # rospy's log asks for a parameter, which registers the name of the node at once
+    answers = [(1, "node api", OURS), (-1, "no provider", "")]
+    with master(monkeypatch, lambda *_: answers.pop(0)):
+        assert Registration().look() is False
+
+
 def test_a_master_that_is_slow_or_gone_means_no_loss(monkeypatch):
     monkeypatch.setattr(registration, "DEADLINE", 0.2)
     release = threading.Event()
@@ -63,7 +71,7 @@ def test_a_master_that_is_slow_or_gone_means_no_loss(monkeypatch):
 
 
 def test_a_loss_stays_one_whatever_the_master_says_later(monkeypatch):
-    answers = [(-1, "unknown node", ""), (1, "node api", OURS)]
+    answers = [(-1, "unknown node", ""), (1, "node api", OURS), (1, "rosrpc URI", "rosrpc://robot:4001")]
     with master(monkeypatch, lambda *_: answers.pop(0)):
         node = Registration()
         assert [node.look(), node.look()] == [False, True]
