@@ -389,16 +389,11 @@ def test_a_box_is_put_where_the_ground_is_clicked_dragged_and_deleted(page, robo
     assert name.startswith("box")
     assert dist(position, robot.position) < 8.0  # near what is seen
     take(page, "Move", "Drag an object")
-
-    def is_dragged():
-        page.mouse.move(300, 395)  # again, as a person does: the box may not be drawn there yet
-        page.mouse.down()
-        page.mouse.move(240, 415, steps=4)  # away from the robot
-        page.mouse.up()
-        page.evaluate(NEXT_PICTURE)
-        return dist(robot.objects[name], position) > 0.2
-
-    wait_until(is_dragged, "the box has moved")
+    page.mouse.move(300, 395)
+    page.mouse.down()
+    page.mouse.move(240, 415, steps=4)  # away from the robot
+    page.mouse.up()
+    wait_until(lambda: dist(robot.objects[name], position) > 0.2, "the box has moved")
     take(page, "Delete", "Click an object")
 
     def is_clicked_away():
