@@ -1,4 +1,4 @@
-"""The examples without ROS run, and README shows the first of them as it stands."""
+"""The examples without ROS run, and docs/evaluation.md shows the first of them as it stands."""
 
 import re
 import runpy
@@ -64,9 +64,9 @@ def test_own_experiment_tells_difference_and_hash(capsys, monkeypatch):
     assert re.search(r"results \w{64} by .*numpy", told)
 
 
-def test_readme_shows_the_rollout_example():
+def test_the_docs_show_the_rollout_example():
     code = (EXAMPLES / "rollout").read_text().split('"""\n', 1)[1]
-    assert f"```python\n{code}```" in (SHARE / "README.md").read_text()
+    assert f"```python\n{code}```" in (SHARE / "docs" / "evaluation.md").read_text()
 
 
 @pytest.mark.parametrize("example", sorted(path.name for path in EXAMPLES.iterdir() if path.is_file()))
