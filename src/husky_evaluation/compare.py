@@ -112,7 +112,7 @@ def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: W
     return Comparison((a.name, b.name), sides[0], sides[1])
 
 
-def write(comparison: Comparison, result: Result, out: Path) -> Path:
+def write_comparison(comparison: Comparison, result: Result, out: Path) -> Path:
     """Write table, page and a picture of each scene in which one fails and the other does not; the page."""
     comparison.every_scene.write(out / "compare")
     for old in out.glob("only_*_fails_*.png"):
@@ -129,7 +129,7 @@ def write(comparison: Comparison, result: Result, out: Path) -> Path:
     return write_page(result, out, pictures)
 
 
-def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
+def compare_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(
         prog="compare",
@@ -157,7 +157,7 @@ def main(
     The grader passes the maker of launch file contestants, and the function that has their programs ended
     before this one at a signal; without them launch files are refused.
     """
-    options = parse(arguments)
+    options = compare_options(arguments)
     with exit_codes("compare"):
         base = setup_of(options.profile, options.ground, options.robot)
         a, b = (contestant(text, base, launch_kind) for text in (options.a, options.b))
@@ -176,7 +176,7 @@ def main(
             comparison = compare(a, b, random_starts(options.scenes, options.seed), workers)
             result = comparison.result(options.margin, workers.summary)
         print(result)
-        page = write(comparison, result, options.out)
+        page = write_comparison(comparison, result, options.out)
         print(f"\n{result.source}\npage and pictures: {page}", file=sys.stderr)
         if result.failed:
             raise SystemExit(1)

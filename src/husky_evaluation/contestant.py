@@ -101,7 +101,7 @@ class FunctionContestant:
         """
         setup = self.setup
         try:
-            trace = metrics.drive(setup, scenario, self.controller)
+            trace = metrics.drive_scenario(setup, scenario, self.controller)
         except HuskyError:
             raise
         except Exception as error:

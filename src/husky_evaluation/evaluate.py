@@ -193,7 +193,7 @@ def drives(
     return [result for result, _ in pages]
 
 
-def result_of(figures: Mapping[str, Sequence[Row]], lead: str, source: str) -> Result:
+def result_of_evaluation(figures: Mapping[str, Sequence[Row]], lead: str, source: str) -> Result:
     """All figures, and which of them miss their bounds."""
     tables = [Table(title, HEADER, rows) for title, rows in figures.items()]
     rows = [row for table in tables for row in table.rows]
@@ -209,7 +209,7 @@ def replay_links(folder: Path) -> Table:
     return Table(f"All {len(names)} replays", ("drive",), links, folded=True)
 
 
-def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
+def evaluate_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(prog="evaluate", description="Measure the controller, without ROS.")
     parser.add_argument("--seed", type=seed_value, default=0, help="of everything random (default 0)")
@@ -228,7 +228,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Print the table; exit with 1 if a figure is not where it is wanted."""
-    options = parse(arguments)
+    options = evaluate_options(arguments)
     with exit_codes("evaluate"):
         setup_of(options.profile, options.ground, options.robot)  # or the two do not go together
         if options.replays is not None:
@@ -239,7 +239,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
                 figures = evaluate_robot(seed, starts, workers, options.ground, replays)
             else:
                 figures = evaluate(seed, options.scenes, starts, workers, replays, options.robot)
-            result = result_of(figures, f"seed {seed}, profile {options.profile}", workers.summary)
+            result = result_of_evaluation(figures, f"seed {seed}, profile {options.profile}", workers.summary)
         print(result.source, file=sys.stderr)
         print(result)
         if replays is not None:

@@ -79,32 +79,32 @@ class DriveResult:
         return self.arrived_at < inf and not self.touched and abs(self.final_error) <= 0.02
 
 
-def run(setup: Setup, scenario: Scenario, controller: Controller = decide) -> DriveResult:
+def run_scenario(setup: Setup, scenario: Scenario, controller: Controller = decide) -> DriveResult:
     """Drive a scenario and judge it; `controller` answers a scan, called like `behaviour.decide`."""
-    return judge(drive(setup, scenario, controller), scenario, setup)
+    return judge_trace(drive_scenario(setup, scenario, controller), scenario, setup)
 
 
 Drive = Callable[[Tuple[Setup, Scenario]], DriveResult]  # a task for `Workers.map`
 
 
 def run_scene(item: Tuple[Setup, Scenario]) -> DriveResult:
-    """`run`, as a task for `Workers.map`."""
-    return run(*item)
+    """`run_scenario`, as a task for `Workers.map`."""
+    return run_scenario(*item)
 
 
 def run_with_page(item: Tuple[Setup, Scenario]) -> Tuple[DriveResult, str]:
     """`run_scene`, with the text of a page that plays the drive, whose name tells scenario and gains."""
     setup, scenario = item
-    trace = drive(setup, scenario)
-    result, control = judge(trace, scenario, setup), setup.control
+    trace = drive_scenario(setup, scenario)
+    result, control = judge_trace(trace, scenario, setup), setup.control
     gains = f"gains {control.p_gain_vel:g} {control.p_gain_ang:g}, stop {control.stop_distance:g} m"
     title, robot = f"{result.name}, {gains}", setup.simulator.robot
     page = to_html(Replay(title, result.summary, trace.times, trace.poses, trace.pillars, robot=robot))
     return replace(result, replay=f"{re.sub(r'[^a-z0-9.]+', '_', title.lower())}.html"), page
 
 
-def drive(setup: Setup, scenario: Scenario, controller: Controller = decide) -> Trace:
-    """The rollout that `run` judges."""
+def drive_scenario(setup: Setup, scenario: Scenario, controller: Controller = decide) -> Trace:
+    """The rollout that `run_scenario` judges."""
     return rollout(
         scenario,
         setup.control,
@@ -116,7 +116,7 @@ def drive(setup: Setup, scenario: Scenario, controller: Controller = decide) -> 
     )
 
 
-def judge(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
+def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
     """Figures of a rollout."""
     control, robot = setup.control, setup.simulator.robot
     lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]

@@ -51,7 +51,7 @@ def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, titl
     return png(figure)
 
 
-def draw_trials(costs: Sequence[float]) -> bytes:
+def draw_costs(costs: Sequence[float]) -> bytes:
     """Costs of setups in the order in which they were tried, and the smallest so far."""
     figure = new_figure(5.6, 4.2)
     plot = figure.subplots()

@@ -48,7 +48,7 @@ class Setup:
         Raises:
             ConfigError: a name is none, or a value is not allowed; the text begins with `source`.
         """
-        current = parameters(self)
+        current = parameter_values(self)
         for name in values:
             if name not in current:
                 raise ConfigError(f"{source}{name} is not a parameter; there are: {', '.join(sorted(current))}")
@@ -105,7 +105,7 @@ def add_drive_options(parser: argparse.ArgumentParser, scenes: int) -> None:
     add_worker_options(parser)
 
 
-def parameters(setup: Setup) -> Dict[str, Any]:
+def parameter_values(setup: Setup) -> Dict[str, Any]:
     """Every parameter and its value, by name."""
     return {name: value for record in vars(setup).values() for name, value, _ in _parameters(record)}
 
@@ -133,13 +133,13 @@ def unit_of(name: str) -> str:
 
 def help_line(name: str) -> str:
     """Range, default and help of a number."""
-    metadata, default = METADATA[name], parameters(Setup())[name]
+    metadata, default = METADATA[name], parameter_values(Setup())[name]
     return f"{metadata['min']:g}..{metadata['max']:g}, default {default:g}: {metadata['help']}"
 
 
 def numeric_parameters() -> List[str]:
     """Names of all parameters that are numbers."""
-    return [name for name, value in parameters(Setup()).items() if type(value) in (int, float)]
+    return [name for name, value in parameter_values(Setup()).items() if type(value) in (int, float)]
 
 
 def parse_axis(text: str) -> Axis:
@@ -151,7 +151,7 @@ def parse_axis(text: str) -> Axis:
         ConfigError: it is none of these, or a value is not allowed.
     """
     name, equals, grid = text.partition("=")
-    defaults = parameters(Setup())
+    defaults = parameter_values(Setup())
     if name not in defaults:
         raise ConfigError(f"{name} is not a parameter; there are: {', '.join(sorted(defaults))}")
     kind = type(defaults[name])
@@ -198,7 +198,7 @@ def load_setup(path: Path, base: Setup) -> Setup:
     return base.with_values(driving, f"{path}: ")
 
 
-def to_yaml(values: Mapping[str, float], title: str) -> str:
+def tuned_to_yaml(values: Mapping[str, float], title: str) -> str:
     """A YAML file of the controller's parameters, each with its help."""
     lines = [f"{name}: {value!r}  # {METADATA[name]['help']}" for name, value in values.items()]
     return "\n".join([f"# {title}", *lines]) + "\n"

@@ -25,7 +25,7 @@ from husky_evaluation.setup import (
     add_drive_options,
     help_line,
     numeric_parameters,
-    parameters,
+    parameter_values,
     parse_axis,
     setup_of,
 )
@@ -110,14 +110,16 @@ def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
         setups["robot.launch's gains"] = Setup(ROBOT_GAINS)
     inside: Dict[str, List[float]] = {}
     for name, setup in setups.items():
-        values = [float(parameters(setup)[axis.name]) for axis in axes]
+        values = [float(parameter_values(setup)[axis.name]) for axis in axes]
         is_inside = all(min(axis.values) <= value <= max(axis.values) for axis, value in zip(axes, values))
         if is_inside and values not in inside.values():
             inside[name] = values
     return inside
 
 
-def write(swept: Sweep, title: str, source: str, marked: Mapping[str, Sequence[float]], out: Path) -> None:
+def write_sweep(
+    swept: Sweep, title: str, source: str, marked: Mapping[str, Sequence[float]], out: Path
+) -> None:
     """Write table, picture and page into a folder, and say where they are."""
     files, pictures, panels = swept.every_drive.write(out / "sweep"), {}, swept.panels()
     if len(swept.axes) <= 2:
@@ -133,7 +135,7 @@ def write(swept: Sweep, title: str, source: str, marked: Mapping[str, Sequence[f
     print("\n".join([title, source, *(f"file: {file}" for file in files)]))
 
 
-def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
+def sweep_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(
         prog="sweep", description="Drive the same random scenes for every value of one or more parameters.",
@@ -150,7 +152,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
-    options = parse(arguments)
+    options = sweep_options(arguments)
     with exit_codes("sweep"):
         axes = [parse_axis(text) for text in options.axes]
         names = [axis.name for axis in axes]
@@ -160,4 +162,4 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
             result = sweep(axes, scenes, setup_of(options.profile, options.ground, options.robot), workers)
             title = f"{len(result.drives)} drives: {', '.join(names)}, profile {options.profile}"
-            write(result, title, workers.summary, marks(axes, options.profile), options.out)
+            write_sweep(result, title, workers.summary, marks(axes, options.profile), options.out)

@@ -19,15 +19,15 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 import numpy as np
 
 from husky_evaluation.metrics import Drive, DriveResult, run_scene
-from husky_evaluation.plots import draw_trials
+from husky_evaluation.plots import draw_costs
 from husky_evaluation.scenarios import Scenario, random_starts
 from husky_evaluation.setup import (
     METADATA,
     Setup,
     add_drive_options,
-    parameters,
+    parameter_values,
     setup_of,
-    to_yaml,
+    tuned_to_yaml,
     unit_of,
 )
 from husky_evaluation.statistics import paired_row
@@ -92,7 +92,7 @@ def parse_range(text: str, base: Setup) -> Range:
         ConfigError: it is none, or the parameter is none of the controller's.
     """
     name, equals, limits = text.partition("=")
-    values = parameters(base)
+    values = parameter_values(base)
     own = [item.name for record in (base.control, base.detector) for item in fields(record)]
     numbers = sorted(key for key in own if type(values[key]) in (int, float))
     if name not in numbers:
@@ -135,7 +135,7 @@ def tune(
     """Try setups, `base` first, and keep the one of the smallest cost; HuskyError without Optuna."""
     optuna = _optuna()
     study = optuna.create_study(sampler=optuna.samplers.TPESampler(seed=seed))
-    defaults = parameters(base)
+    defaults = parameter_values(base)
     study.enqueue_trial({name: min(max(defaults[name], low), high) for name, low, high in ranges})
     rows: List[Dict[str, Any]] = []
     while len(rows) < trials:
@@ -195,28 +195,28 @@ def check(
     return Table(f"Both on {len(scenes)} fresh starts", ("", *HEADER), rows)
 
 
-def result_of(
+def result_of_tuning(
     tuned: Tuned, base: Setup, objective: Objective, fresh: Table, tried: str, source: str
 ) -> Result:
     """Result of the setups that were `tried`, and of the figures of both setups on `fresh` starts."""
-    defaults, best = parameters(base), min(row["objective"] for row in tuned.trials)
+    defaults, best = parameter_values(base), min(row["objective"] for row in tuned.trials)
     values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
     tables = [Table("Parameters", ("", *HEADER[:2]), values), fresh, every_row("Every setup", tuned.trials)]
     lead = f"{best:.3f} s is the smallest objective {tried}: {objective.formula}"
     return Result("Parameters found by tune", lead, tables, source=source)
 
 
-def write(result: Result, tuned: Tuned, tried: str, out: Path) -> None:
+def write_tuned(result: Result, tuned: Tuned, tried: str, out: Path) -> None:
     """Write parameters, trials and page into a folder, and print the result."""
     file = out / "tuned.yaml"
-    file.write_text(to_yaml(tuned.values, f"Found by tune {tried}."))
+    file.write_text(tuned_to_yaml(tuned.values, f"Found by tune {tried}."))
     every_row("Every setup", tuned.trials).write(out / "trials")
-    page = write_page(result, out, {"setups": draw_trials([row["objective"] for row in tuned.trials])})
+    page = write_page(result, out, {"setups": draw_costs([row["objective"] for row in tuned.trials])})
     command = f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}"
     print(f"{result}\n\n{command}\npage: {page}")
 
 
-def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
+def tune_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(
         prog="tune", description="Find parameters of the controller, and check them on fresh random starts."
@@ -236,7 +236,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
-    options = parse(arguments)
+    options = tune_options(arguments)
     with exit_codes("tune"):
         base = setup_of(options.profile, options.ground, options.robot)
         objective = parse_weights(options.weights)
@@ -249,6 +249,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             figures = check(base, base.with_values(tuned.values), fresh, objective, workers)
             tried = f"of {options.trials} setups on {options.scenes} starts"
             tried += f", seed {seed}, profile {options.profile}"
-            result = result_of(tuned, base, objective, figures, tried, workers.summary)
-        write(result, tuned, tried, options.out)
+            result = result_of_tuning(tuned, base, objective, figures, tried, workers.summary)
+        write_tuned(result, tuned, tried, options.out)
         print(result.source, file=sys.stderr)

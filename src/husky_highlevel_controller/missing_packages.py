@@ -56,7 +56,7 @@ PAGE = (
 GROUPS = {"robot": ROBOT, "launch": LAUNCH, "run": LAUNCH + RUN, "page": ROBOT + PAGE}
 
 
-def sentence(group: str = "launch") -> Optional[str]:
+def missing_sentence(group: str = "launch") -> Optional[str]:
     """Sentence on what a group of GROUPS lacks, with the one command that installs it; None if nothing."""
     lacking: List[str] = []
     requirements: List[str] = []
@@ -84,7 +84,7 @@ def sentence(group: str = "launch") -> Optional[str]:
 
 def end_if_missing(group: str = "launch") -> None:
     """Exit with 1 and a sentence if something is missing."""
-    text = sentence(group)
+    text = missing_sentence(group)
     if text is not None:
         print(f"error: {text}", file=sys.stderr)
         raise SystemExit(1)

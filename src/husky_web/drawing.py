@@ -11,7 +11,7 @@ import viser
 
 from husky_highlevel_controller.datatypes import Pose, Rgba, Vector3
 from husky_highlevel_controller.geometry import matrix_from_quat
-from husky_web.shapes import Label, Lines, MeshFile, Piece, Points, Solid, load
+from husky_web.shapes import Label, Lines, MeshFile, Piece, Points, Solid, solids_of
 from husky_web.viser_private import wxyz
 
 LETTER_SCALE = 1.0  # of a text marker: 12 px whatever its size in the scene, sharp at any distance
@@ -40,13 +40,13 @@ def warn_left_out(source: str, reason: str) -> None:
         rospy.logwarn(f"{source} is not shown: {reason}")
 
 
-def draw(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose: Pose) -> List[Any]:
+def add_pieces(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose: Pose) -> List[Any]:
     """Add nodes below `parent` for pieces that have this pose in it, one for each that is visible."""
     nodes: List[Any] = []
     for piece in pieces:
         name = f"{parent}/{len(nodes)}"
         if isinstance(piece, MeshFile):
-            nodes += draw(scene, f"{name}m", load(piece), pose)
+            nodes += add_pieces(scene, f"{name}m", solids_of(piece), pose)
         elif _is_visible(piece):
             add, _ = _KINDS[type(piece)]
             where = {"position": pose.position, "wxyz": wxyz(pose.quat_xyzw)}
@@ -55,7 +55,7 @@ def draw(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose: Pose
 
 
 def redraw(nodes: Sequence[Any], pieces: Sequence[Piece]) -> bool:
-    """Change what `draw` has added into other pieces; False where that is not possible.
+    """Change what `add_pieces` has added into other pieces; False where that is not possible.
 
     It costs a tenth of drawing anew, here and in the browser.
     """

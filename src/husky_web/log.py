@@ -97,7 +97,7 @@ def _cut(text: str) -> str:
     return text if len(text) <= MAX_LETTERS else f"{text[:MAX_LETTERS]} ..."
 
 
-def to_html(lines: Iterable[Line]) -> str:
+def log_to_html(lines: Iterable[Line]) -> str:
     """Lines as HTML; whatever a node has logged is text, never markup."""
     names = {number: name for name, number in LEVELS.items()}
     rows = [

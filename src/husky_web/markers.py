@@ -82,7 +82,7 @@ def appearance(marker: Marker) -> Tuple[Any, ...]:
     )
 
 
-def frame_of(msg: Any) -> str:
+def frame_of_message(msg: Any) -> str:
     """Frame of a message, without a slash that TF does not know."""
     return str(msg.header.frame_id).lstrip("/")
 

@@ -20,9 +20,9 @@ from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
 from husky_web.backdrop import SHADOW_HEIGHT, contact_shadow
-from husky_web.drawing import bounds, clickable, draw, left_out
+from husky_web.drawing import add_pieces, bounds, clickable, left_out
 from husky_web.frames import Frames
-from husky_web.markers import frame_of, pose_of, primitives
+from husky_web.markers import frame_of_message, pose_of, primitives
 from husky_web.shapes import Piece, Solid
 from husky_web.topics import Received
 from husky_web.viser_private import place
@@ -152,14 +152,14 @@ class Objects:
         parts = [part for control in marker.controls for part in control.markers]
         for number, part in enumerate(parts):
             pieces = [piece for piece in primitives(part) if not _is_ground(piece)]
-            nodes += clickable(draw(self._scene, f"{path}/{number}", pieces, pose_of(part) or Pose()))
+            nodes += clickable(add_pieces(self._scene, f"{path}/{number}", pieces, pose_of(part) or Pose()))
         if nodes:
             low, high = bounds(nodes)
             below = (*((low + high) / 2.0)[:2], low[2] + SHADOW_HEIGHT)
             contact_shadow(self._scene, f"{path}/shadow", high - low, below)
         self.shown[key] = Object(
             node,
-            frame_of(marker),
+            frame_of_message(marker),
             conversions.pose_from_msg(marker.pose),
             nodes,
             tuple((entry.id, entry.title) for entry in marker.menu_entries),

@@ -12,7 +12,7 @@ from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_web.backdrop import show_backdrop
 from husky_web.camera import CAMERAS, Camera
 from husky_web.drawing import left_out
-from husky_web.log import LEVELS, Filter, LogBuffer, to_html
+from husky_web.log import LEVELS, Filter, LogBuffer, log_to_html
 from husky_web.plots import choice_html
 
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
@@ -49,7 +49,7 @@ class Page:
         """Show the lines of the log that its filter passes, if there are new ones."""
         if self._log_count != self._log.count:
             self._log_count = self._log.count
-            self._lines.content = to_html(self._log.select(self._filter))
+            self._lines.content = log_to_html(self._log.select(self._filter))
 
     def _make_view(self, tab: Any, is_dark: bool) -> None:
         with tab:
@@ -88,7 +88,7 @@ class Page:
             level = gui.add_dropdown("Level", tuple(LEVELS), initial_value="info")
             node = gui.add_text("Node", "", hint="part of the node's name")
             text = gui.add_text("Text", "", hint="part of the line")
-            self._lines = gui.add_html(to_html([]))
+            self._lines = gui.add_html(log_to_html([]))
         level.on_update(lambda event: self._set_filter(level=LEVELS[event.target.value]))
         node.on_update(lambda event: self._set_filter(node=event.target.value))
         text.on_update(lambda event: self._set_filter(text=event.target.value))

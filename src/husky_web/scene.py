@@ -21,10 +21,10 @@ from husky_highlevel_controller.ros.transforms import is_pose
 from husky_web import shapes
 from husky_web.backdrop import SHADOW_HEIGHT, Backdrop, contact_shadow
 from husky_web.drawing import (
+    add_pieces,
     bounds,
     clickable,
     dashes,
-    draw,
     left_out,
     redraw,
     warn_left_out,
@@ -34,7 +34,7 @@ from husky_web.markers import (
     Key,
     Markers,
     appearance,
-    frame_of,
+    frame_of_message,
     markers_of,
     points_of,
     pose_of,
@@ -103,7 +103,7 @@ class Scene:
         self._looks_due = 0.0  # [s]
         footprint = shapes.Solid(shapes.cube(), GHOST_COLOR, GHOST_SIZE)
         self._ghost = self._scene.add_frame("/ghost", show_axes=False, visible=False)
-        draw(self._scene, "/ghost", [footprint], Pose())
+        add_pieces(self._scene, "/ghost", [footprint], Pose())
 
     def _add_lines(self, name: str, color: Tuple[int, int, int], **looks: Any) -> Any:
         return self._scene.add_line_segments(name, np.zeros((0, 2, 3), np.float32), color, **looks)
@@ -126,7 +126,7 @@ class Scene:
             for number, visual in enumerate(visuals):
                 with left_out(f"a visual of {frame} in robot_description"):
                     self.robot_shapes += clickable(
-                        draw(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
+                        add_pieces(self._scene, f"{name}/{number}", [visual.shape], visual.pose_in_frame)
                     )
             if frame == BASE and self.robot_shapes:
                 low, high = bounds(self.robot_shapes)
@@ -150,7 +150,7 @@ class Scene:
                 if not is_pose(msg.transform):
                     continue
                 stamp, pose = msg.header.stamp.to_sec(), conversions.pose_from_transform(msg)
-                self.frames.update(frame_of(msg), msg.child_frame_id.lstrip("/"), stamp, pose)
+                self.frames.update(frame_of_message(msg), msg.child_frame_id.lstrip("/"), stamp, pose)
         with left_out(topics.names["scan"]):
             self._update_scan(topics.take("scan"))
         newest = self.frames.stamp(BASE)
@@ -212,7 +212,7 @@ class Scene:
         self._cloud.visible = self.layers["depth"]
         if msg is None or not self.layers["depth"]:
             return
-        pose = self.frames.pose(frame_of(msg), self.fixed_frame, msg.header.stamp.to_sec())
+        pose = self.frames.pose(frame_of_message(msg), self.fixed_frame, msg.header.stamp.to_sec())
         if pose is not None:
             self._cloud.points = transform_points(pose, points_from_msg(msg)).astype(np.float32)
 
@@ -231,7 +231,7 @@ class Scene:
 
     def _begin_trail(self, path: Marker) -> None:
         """Begin the trail with the controller's path: the way driven before a page was open."""
-        frame, points = self.frames.pose(frame_of(path), self.fixed_frame), points_of(path)
+        frame, points = self.frames.pose(frame_of_message(path), self.fixed_frame), points_of(path)
         if len(self._trail) < 2 <= len(points) and frame is not None and np.isfinite(points).all():
             height = self.ground + LINE_HEIGHT
             self._draw_trail([(x, y, height) for x, y, _ in transform_points(frame, points).tolist()])
@@ -246,7 +246,7 @@ class Scene:
         base, target, shown = self.base, None, self.markers.shown if self.layers["markers"] else {}
         for (topic, namespace, _), marker in shown.items():
             if namespace == TARGET and topic.startswith(self._controller):
-                frame = self.frames.pose(frame_of(marker), self.fixed_frame)
+                frame = self.frames.pose(frame_of_message(marker), self.fixed_frame)
                 target = None if frame is None else compose(frame, pose_of(marker) or Pose())
         height = self.ground + LINE_HEIGHT
         ends = [] if base is None or target is None else [target.position, base.position]
@@ -285,7 +285,7 @@ class Scene:
             return  # it stays where it was in the fixed frame when it came
         drawing.placed = marker
         stamp = None if marker.frame_locked else marker.header.stamp.to_sec() or None
-        frame = self.frames.pose(frame_of(marker), self.fixed_frame, stamp)
+        frame = self.frames.pose(frame_of_message(marker), self.fixed_frame, stamp)
         pose = pose_of(marker)
         self._show(drawing.node, None if frame is None or pose is None else compose(frame, pose))
 
@@ -301,7 +301,7 @@ class Scene:
         if not redraw(drawing.parts, pieces):
             for part in drawing.parts:
                 part.remove()
-            drawing.parts = draw(self._scene, drawing.node.name, pieces, Pose())
+            drawing.parts = add_pieces(self._scene, drawing.node.name, pieces, Pose())
 
     def _update_axes(self) -> None:
         names = self.frames.names[:MAX_AXES] if self.layers["frames"] else []

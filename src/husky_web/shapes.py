@@ -138,7 +138,7 @@ def _mesh(solid: trimesh.Trimesh) -> Mesh:
     return mesh
 
 
-def load(file: MeshFile) -> List[Solid]:
+def solids_of(file: MeshFile) -> List[Solid]:
     """The triangles of a mesh file; a box and a warning where it cannot be read."""
     try:
         parts = _read(file.uri, CELL / (max(map(abs, file.scale)) or 1.0))

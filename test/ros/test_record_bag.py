@@ -93,7 +93,7 @@ def test_a_seed_that_is_none_is_refused_and_a_drive_that_fails_leaves_no_bag(tmp
         yield from ()
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(record_bag, "drive", drive)
+    monkeypatch.setattr(record_bag, "messages_of_drive", drive)
     monkeypatch.setattr("sys.argv", [*arguments, "1"])
     with pytest.raises(SystemExit) as end:
         record_bag.main()

@@ -11,7 +11,7 @@ from husky_highlevel_controller.datatypes import Box, Pose
 from husky_highlevel_controller.simulator.sensors.depth_camera import (
     CameraConfig,
     image_of,
-    points_of,
+    points_in_image,
 )
 from husky_highlevel_controller.simulator.sensors.renderer import Renderer
 
@@ -83,7 +83,7 @@ SMALL = CameraConfig(width=64, height=48, field_of_view=60.0, near=0.1, far=8.0)
 
 
 def test_the_outermost_pixels_look_half_the_field_of_view_aside():
-    points = points_of(np.ones((48, 64), dtype=np.float32), SMALL)
+    points = points_in_image(np.ones((48, 64), dtype=np.float32), SMALL)
     edge = 32.0 / 31.5  # from the middle of a pixel to its edge
     assert points[24, 63, 0] * edge == pytest.approx(tan(radians(30.0)), rel=1e-6)
     assert points[24, 0, 0] == pytest.approx(-points[24, 63, 0])
@@ -95,4 +95,4 @@ def test_the_outermost_pixels_look_half_the_field_of_view_aside():
 def test_where_nothing_is_there_is_no_number():
     image = image_of(np.ones((48, 64)), SMALL)
     assert np.isnan(image).all()
-    assert np.isnan(points_of(image, SMALL)).all()
+    assert np.isnan(points_in_image(image, SMALL)).all()

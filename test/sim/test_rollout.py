@@ -35,7 +35,7 @@ DRIVES = [
 
 @pytest.mark.parametrize(("setup", "scenario"), DRIVES)
 def test_it_arrives_without_a_touch_or_a_swing(setup, scenario):
-    result = metrics.run(setup, scenario)
+    result = metrics.run_scenario(setup, scenario)
     assert result.good, result
     assert result.crossings <= 2
     assert scenario is not COURSE or result.ratio <= 1.15, "nearly as fast as it could"
@@ -46,13 +46,13 @@ def test_it_arrives_without_a_touch_or_a_swing(setup, scenario):
 )
 def test_stop_distance_zero_hits_the_pillar_gently_and_stops(gains):
     setup = Setup(replace(TOUCHING, **gains))
-    trace = metrics.drive(setup, NEAR)
+    trace = metrics.drive_scenario(setup, NEAR)
     ((touched_at, name),) = trace.touches
     assert name == "unit_cylinder"
     assert trace.arrived_at == pytest.approx(touched_at, abs=0.3)
     at_touch = trace.times.searchsorted(touched_at)
     assert dist(trace.poses[at_touch, :2], trace.poses[at_touch - 1, :2]) / 0.02 < 0.11
-    result = metrics.judge(trace, NEAR, setup)
+    result = metrics.judge_trace(trace, NEAR, setup)
     assert result.gap < 0.005
     assert result.pushed < 0.02, "touched, not run over"
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from stage import body, drive
 
-from husky_evaluation.metrics import run
+from husky_evaluation.metrics import run_scenario
 from husky_evaluation.rollout import model_of
 from husky_evaluation.scenarios import course_scenario, random_starts
 from husky_evaluation.setup import setup_of
@@ -63,7 +63,7 @@ SCENARIOS = [
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_the_controller_drives_it_to_the_pillar(scenario):
-    result = run(setup_of(robot="smb"), scenario)
+    result = run_scenario(setup_of(robot="smb"), scenario)
     assert result.good, result.summary
 
 

@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from husky_evaluation import sweep
-from husky_evaluation.metrics import DriveResult, run
+from husky_evaluation.metrics import DriveResult, run_scenario
 from husky_evaluation.plots import draw_sweep
 from husky_evaluation.scenarios import random_starts
 from husky_evaluation.setup import Setup, parse_axis
@@ -40,7 +40,7 @@ def swept(axes, scenes, resume=None):
 
 def test_table_and_page_have_a_row_for_each_drive_and_point_in_the_order_of_the_grid(tmp_path):
     result, source = swept(["p_gain_vel=1,4", "stop_distance=0.4,1"], 2)
-    sweep.write(result, "title", source, {}, tmp_path)
+    sweep.write_sweep(result, "title", source, {}, tmp_path)
     rows = list(csv.DictReader((tmp_path / "sweep.csv").read_text().splitlines()))
     assert [(row["p_gain_vel"], row["stop_distance"], row["scene"]) for row in rows][:3] == [
         ("1.0", "0.4", "start 0"), ("1.0", "0.4", "start 1"), ("1.0", "1.0", "start 0")
@@ -57,7 +57,7 @@ def test_the_command_drives_what_a_drive_alone_gives_and_the_second_time_takes_i
     sweep.main(words)
     first = (tmp_path / "results.sqlite").stat().st_mtime_ns
     (row,) = csv.DictReader((tmp_path / "sweep.csv").read_text().splitlines())
-    alone = run(Setup().with_values({"p_gain_vel": 4.0}), random_starts(1, 0)[0])
+    alone = run_scenario(Setup().with_values({"p_gain_vel": 4.0}), random_starts(1, 0)[0])
     assert row == {"p_gain_vel": "4.0", **{k: str(v) for k, v in sweep.row(alone).items()}}
     assert (row["success"], float(row["nearest"]) > 0.2) == ("True", True)
     sweep.main(words)

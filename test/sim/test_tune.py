@@ -107,7 +107,9 @@ def test_what_it_writes_is_what_the_launch_file_loads(tmp_path, capsys, monkeypa
     with Workers(1) as workers:
         tuned = tune.tune(ranges, Setup(), scenes, Objective(), 8, 0, workers, valley)
         fresh = tune.check(Setup(), Setup().with_values(tuned.values), scenes, Objective(), workers, valley)
-        tune.write(tune.result_of(tuned, Setup(), Objective(), fresh, "of 8", "by"), tuned, "of 8", tmp_path)
+        tune.write_tuned(
+            tune.result_of_tuning(tuned, Setup(), Objective(), fresh, "of 8", "by"), tuned, "of 8", tmp_path
+        )
     told = capsys.readouterr().out
     assert "on 2 fresh starts" in told
     file = tmp_path / "tuned.yaml"

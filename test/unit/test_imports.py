@@ -205,13 +205,20 @@ def test_no_type_is_built_by_what_python_3_8_cannot_subscript():
     assert not offenders(lines)
 
 
-def test_no_two_public_classes_have_one_name():
-    classes = {}
+# waiting for the change of husky_grading that gives them names of their own
+TWICE = {"enter", "load", "read_config", "read_manifest", "run", "to_json"}
+
+
+def test_no_two_public_classes_or_functions_have_one_name():
+    places = {}
     for name in SOURCES:
         for node in syntax(SOURCES[name]).body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                classes.setdefault(node.name, []).append(name)
-    assert not {name: places for name, places in classes.items() if len(places) > 1}
+            if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(name)
+    del places["main"]  # each program has one
+    twice = {name: modules for name, modules in places.items() if len(modules) > 1}
+    assert not {name: modules for name, modules in twice.items() if name not in TWICE}
+    assert set(twice) >= TWICE, "a name in TWICE is one module's now; take it off"
 
 
 # first words of a docstring without the noun that a reader would search for

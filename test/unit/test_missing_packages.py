@@ -17,7 +17,7 @@ WITHOUT_CHECK = {"missing_packages", "restart_once", "husky_highlevel_controller
 
 
 def test_nothing_is_missing_here():
-    assert [missing_packages.sentence(group) for group in missing_packages.GROUPS] == [None] * 4
+    assert [missing_packages.missing_sentence(group) for group in missing_packages.GROUPS] == [None] * 4
 
 
 def test_what_is_missing_and_what_is_too_old_are_named_with_one_command(monkeypatch):
@@ -26,12 +26,14 @@ def test_what_is_missing_and_what_is_too_old_are_named_with_one_command(monkeypa
     monkeypatch.setattr(missing_packages.importlib.util, "find_spec", absent)
     monkeypatch.setattr(missing_packages.metadata, "version", lambda name: "1.17.4")
     monkeypatch.setattr(sys, "executable", "/opt/my python/python3")
-    assert missing_packages.sentence() == (
+    assert missing_packages.missing_sentence() == (
         "husky_highlevel_controller needs numpy 1.20 or later (there is 1.17.4), pybullet and xacro, which "
         "/opt/my python/python3 does not have. Install with: '/opt/my python/python3' -m pip install "
         f"'numpy>=1.20' {missing_packages.BULLET} xacro==2.1.1"
     )
-    assert missing_packages.sentence("robot").endswith("pip install 'numpy>=1.20'"), "a robot needs no engine"
+    assert missing_packages.missing_sentence("robot").endswith("pip install 'numpy>=1.20'"), (
+        "a robot needs no engine"
+    )
 
 
 @pytest.mark.parametrize("managed", [True, False])
@@ -41,7 +43,7 @@ def test_the_system_s_python_gets_packages_for_one_user(managed, monkeypatch, tm
     if managed:
         (tmp_path / "EXTERNALLY-MANAGED").touch()
     monkeypatch.setattr(missing_packages.metadata, "version", lambda name: "1.17.4")
-    words = missing_packages.sentence("robot").partition("-m pip install ")[2].split()
+    words = missing_packages.missing_sentence("robot").partition("-m pip install ")[2].split()
     assert words == ["--user", *(["--break-system-packages"] if managed else []), "'numpy>=1.20'"]
 
 
@@ -50,9 +52,9 @@ def test_where_no_wheel_of_pybullet_fits_the_compiler_is_installed_first(monkeyp
     commands = {}
     for machine in ("x86_64", "aarch64"):
         monkeypatch.setattr(missing_packages.platform, "machine", lambda machine=machine: machine)
-        commands[machine] = missing_packages.sentence().partition("Install with: ")[2]
+        commands[machine] = missing_packages.missing_sentence().partition("Install with: ")[2]
     assert commands["aarch64"] == "sudo apt install g++ python3-dev && " + commands["x86_64"]
-    assert "g++" not in missing_packages.sentence("robot"), "a robot needs no engine"
+    assert "g++" not in missing_packages.missing_sentence("robot"), "a robot needs no engine"
 
 
 def test_the_versions_are_those_of_the_requirements():

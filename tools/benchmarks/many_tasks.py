@@ -18,7 +18,7 @@ import psutil
 
 from husky_evaluation.metrics import DriveResult
 from husky_evaluation.setup import parse_axis
-from husky_evaluation.sweep import Sweep, write
+from husky_evaluation.sweep import Sweep, write_sweep
 from husky_evaluation.tasks.workers import Workers
 
 TASKS, SHORT_TASKS, GROUP = 16, 10000, 20  # short ones are sent in groups, as evaluate sends its scans
@@ -101,7 +101,7 @@ def print_report() -> None:
         for number in range(25 * 20) for scene in scenes
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
-        took = seconds(lambda: write(Sweep(axes, scenes, drives), "title", "words", {}, Path(folder)))
+        took = seconds(lambda: write_sweep(Sweep(axes, scenes, drives), "title", "words", {}, Path(folder)))
         size = (Path(folder) / "index.html").stat().st_size
     print(f"report of {len(drives)} drives: written in {took:.2f} s, page of {size / 1e3:.0f} kB")
 

@@ -24,7 +24,7 @@ LAUNCH_FILES = {  # that load the parameters of nodes
 }  # fmt: skip
 
 
-def named_robot() -> Tuple[Dict[str, Any], Robot]:
+def parameters_and_robot() -> Tuple[Dict[str, Any], Robot]:
     """The node's private parameters but `~robot_name`, and the robot of that name, by default the Husky.
 
     Raises:

@@ -55,7 +55,7 @@ def _connect_to_local_display(number: int) -> None:
     raise ConnectionRefusedError(0, "no X server")
 
 
-def run(command: Sequence[str]) -> int:
+def run_again_after_crash(command: Sequence[str]) -> int:
     """Run a command, a second time if a crash ended it; SIGINT and SIGTERM are passed on.
 
     Returns:
@@ -109,5 +109,5 @@ def main() -> None:
     problem = display_problem(os.environ.get("DISPLAY", ""))
     if problem:
         raise SystemExit(f"{Path(sys.argv[1]).name} is not started: {problem}")
-    code = run(with_own_config(sys.argv[1:]))
+    code = run_again_after_crash(with_own_config(sys.argv[1:]))
     raise SystemExit(code if code >= 0 else 128 - code)

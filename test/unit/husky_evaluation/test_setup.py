@@ -6,10 +6,10 @@ import yaml
 from husky_evaluation.setup import (
     Setup,
     load_setup,
-    parameters,
+    parameter_values,
     parse_axis,
     setup_of,
-    to_yaml,
+    tuned_to_yaml,
     unit_of,
 )
 from husky_highlevel_controller.config import ConfigError
@@ -57,7 +57,7 @@ def test_parameters_of_all_records_are_set_by_name_and_have_their_units():
     setup = setup_of("robot", "soft").with_values({"p_gain_vel": 1, "min_beams": 3, "lidar/noise": 0.0})
     assert (setup.control.p_gain_vel, setup.detector.min_beams, setup.simulator.lidar.noise) == (1.0, 3, 0.0)
     assert setup.simulator.real == setup_of("robot", "soft").simulator.real, "what is no parameter stays"
-    assert Setup().with_values(parameters(Setup())) == Setup()
+    assert Setup().with_values(parameter_values(Setup())) == Setup()
     assert (unit_of("p_gain_vel"), unit_of("lidar/noise"), unit_of("min_beams")) == ("[1/s]", "[m]", "")
 
 
@@ -82,7 +82,7 @@ def test_a_wrong_file_is_named(tmp_path, text, words):
 
 
 def test_a_file_that_is_written_is_read_again(tmp_path):
-    (tmp_path / "a.yaml").write_text(to_yaml({"p_gain_vel": 1.25, "max_linear": 0.1}, "found"))
+    (tmp_path / "a.yaml").write_text(tuned_to_yaml({"p_gain_vel": 1.25, "max_linear": 0.1}, "found"))
     assert yaml.safe_load((tmp_path / "a.yaml").read_text()) == {"p_gain_vel": 1.25, "max_linear": 0.1}
     control = load_setup(tmp_path / "a.yaml", Setup()).control
     assert control == ControlConfig(p_gain_vel=1.25, max_linear=0.1)

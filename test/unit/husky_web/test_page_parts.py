@@ -25,7 +25,7 @@ from husky_web.log import (
     Line,
     LogBuffer,
     lines_of_rosout,
-    to_html,
+    log_to_html,
 )
 from husky_web.mouse import Drag, Mouse, point_on_level
 from husky_web.page_server import _parse, refusal
@@ -222,10 +222,10 @@ def test_what_rosout_has_written_before_comes_before_each_line_once():
 
 
 def test_lines_of_the_log_are_cut_are_never_markup_and_show_the_time_of_day_where_it_is_wall_time():
-    assert len(to_html(log_of(*[line("x" * 200_000)] * 20).select(Filter()))) < 40_000
+    assert len(log_to_html(log_of(*[line("x" * 200_000)] * 20).select(Filter()))) < 40_000
     hostile = line("<script>alert(1)</script>", node="/<b>")
     times = (line("a", stamp=12.5), line("a", stamp=1700000000.0))
-    html = to_html(log_of(hostile, *times).select(Filter()))
+    html = log_to_html(log_of(hostile, *times).select(Filter()))
     assert "<script>" not in html
     assert "/<b>" not in html
     assert ">12.50<" in html

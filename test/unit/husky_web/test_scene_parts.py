@@ -109,7 +109,7 @@ def test_the_ground_shows_metres_near_the_robot_and_no_pattern_far_away():
 
 def test_a_mesh_with_more_triangles_than_are_seen_is_drawn_with_fewer(tmp_path):
     trimesh.creation.icosphere(subdivisions=5, radius=0.2).export(tmp_path / "fine.stl")
-    (solid,) = shapes.load(MeshFile((tmp_path / "fine.stl").as_uri(), (1.0, 1.0, 1.0), None))
+    (solid,) = shapes.solids_of(MeshFile((tmp_path / "fine.stl").as_uri(), (1.0, 1.0, 1.0), None))
     assert len(solid.mesh.faces) < 0.5 * 20 * 4**5
     assert solid.extents == pytest.approx([0.4, 0.4, 0.4], abs=0.02)
 

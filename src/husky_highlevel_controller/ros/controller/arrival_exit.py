@@ -24,7 +24,7 @@ from husky_highlevel_controller.course import REACHED
 from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.node import named_robot, run_node
+from husky_highlevel_controller.ros.node import parameters_and_robot, run_node
 
 CONTROLLER = "husky_highlevel_controller"  # its node's name, in this node's namespace
 POLL_PERIOD = 0.02  # [s] of wall time: half a simulated second of a fast simulation
@@ -42,7 +42,7 @@ class ArrivalExit:
     """Waits for the arrival that the controller announces, or that odometry and scans show."""
 
     def __init__(self) -> None:
-        values, self._robot = named_robot()
+        values, self._robot = parameters_and_robot()
         (self._config,) = read_config(values, rospy.get_name() + "/", ExitConfig)
         mount = self._robot.lidar_mount
         turn = quat_from_rpy(pi if mount.upside_down else 0.0, 0.0, 0.0)

@@ -43,7 +43,7 @@ class Health:
     reason: str = ""  # of the controller for its last command
 
 
-def judge(health: Health) -> Tuple[int, str]:
+def level_and_message(health: Health) -> Tuple[int, str]:
     """Level of the status, and a message with the remedy."""
     if health.paused:
         return DiagnosticStatus.OK, "simulated time stands still"
@@ -114,7 +114,7 @@ class Diagnostics:
 
     def _publish(self) -> None:
         health = self._examine(self._still_polls >= STILL_POLLS or self._now == 0.0)
-        level, message = judge(health)
+        level, message = level_and_message(health)
         status = DiagnosticStatus(
             level=level, name=rospy.get_name().strip("/"), message=message, hardware_id="husky"
         )

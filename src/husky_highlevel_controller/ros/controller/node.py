@@ -37,7 +37,7 @@ from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, H
 from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Display, next_step
 from husky_highlevel_controller.ros.controller.reconfigure import ReconfigureServer
 from husky_highlevel_controller.ros.controller.scan_placement import Listener, ScanPlacement
-from husky_highlevel_controller.ros.node import contained, named_robot, publish, run_node
+from husky_highlevel_controller.ros.node import contained, parameters_and_robot, publish, run_node
 from husky_highlevel_controller.ros.registration import LOST, RegistrationWatch
 
 LOG = logging.getLogger("rosout")  # rospy's own; its level is checked before a DEBUG line is formatted
@@ -71,7 +71,7 @@ class ControllerNode:
     def __init__(self, tunable: Any) -> None:
         """Read the parameters; `tunable` is the module that catkin makes from cfg/Controller.cfg."""
         namespace = rospy.get_name() + "/"
-        values, robot = named_robot()
+        values, robot = parameters_and_robot()
         topic, switch, control, detector_config = read_config(
             values, namespace, ScanTopicConfig, StartStopConfig, ControlConfig, PillarConfig
         )

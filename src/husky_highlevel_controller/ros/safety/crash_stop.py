@@ -12,7 +12,7 @@ from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.controller.crash_detection import CrashConfig, CrashDetector
 from husky_highlevel_controller.datatypes import IDENTITY, Quaternion, Twist2D
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.node import named_robot, run_node
+from husky_highlevel_controller.ros.node import parameters_and_robot, run_node
 from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig
 from husky_highlevel_controller.ros.transforms import lookup_pose
 
@@ -26,7 +26,7 @@ class CrashStopNode:
     """Judges every IMU sample."""
 
     def __init__(self) -> None:
-        values, robot = named_robot()
+        values, robot = parameters_and_robot()
         service, config = read_config(values, rospy.get_name() + "/", ServiceConfig, CrashConfig)
         self._detector = CrashDetector(config)
         self._detecting = threading.Lock()  # odometry and IMU have a thread each

@@ -12,7 +12,7 @@ from husky_highlevel_controller.config import read_config
 from husky_highlevel_controller.controller.safety import ProximityConfig, too_close
 from husky_highlevel_controller.controller.sensor_faults import frame_sentence
 from husky_highlevel_controller.ros import conversions
-from husky_highlevel_controller.ros.node import named_robot, run_node
+from husky_highlevel_controller.ros.node import parameters_and_robot, run_node
 from husky_highlevel_controller.ros.safety.guard import REPORT_PERIOD, Guard, ServiceConfig
 from husky_highlevel_controller.ros.transforms import lookup_pose
 
@@ -25,7 +25,7 @@ class ProximityStopNode:
     """Checks every scan for obstacles in the robot's path."""
 
     def __init__(self) -> None:
-        values, self._robot = named_robot()
+        values, self._robot = parameters_and_robot()
         service, self._config = read_config(values, rospy.get_name() + "/", ServiceConfig, ProximityConfig)
         self._transforms = tf2_ros.Buffer()
         self._listener = tf2_ros.TransformListener(self._transforms)

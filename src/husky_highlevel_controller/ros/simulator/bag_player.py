@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Clock
 
 from husky_highlevel_controller.ros.conversions import time_to_msg
 from husky_highlevel_controller.ros.node import publish, run_node
-from husky_highlevel_controller.ros.simulator.record_bag import TRUTH_TOPIC, drive
+from husky_highlevel_controller.ros.simulator.record_bag import TRUTH_TOPIC, messages_of_drive
 from husky_highlevel_controller.ros.simulator.truth_log import TruthLog
 
 ADVANCE = 400  # messages that are simulated before it begins: each topic is among them
@@ -29,7 +29,7 @@ class BagPlayer:
     def __init__(self) -> None:
         name, seed, pace, seconds = sys.argv[1:5]
         self._pace, self._truth = float(pace), TruthLog()
-        self._messages = drive(name, "hard", int(seed), float(seconds))
+        self._messages = messages_of_drive(name, "hard", int(seed), float(seconds))
         self._clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE, latch=True)
         self._publishers: Dict[str, Any] = {}
 

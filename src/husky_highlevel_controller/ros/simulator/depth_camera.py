@@ -17,7 +17,7 @@ from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.simulator.sensors.depth_camera import (
     CameraConfig,
     image_of,
-    points_of,
+    points_in_image,
 )
 from husky_highlevel_controller.simulator.sensors.renderer import Renderer
 from husky_highlevel_controller.simulator.simulation import Simulation
@@ -75,7 +75,7 @@ class DepthCamera:
         if self._image.get_num_connections():
             publish(self._image, depth_to_msg(depth, header))
         if self._points.get_num_connections():
-            publish(self._points, points_to_msg(points_of(depth, self._config), self._stamp, FRAME))
+            publish(self._points, points_to_msg(points_in_image(depth, self._config), self._stamp, FRAME))
 
 
 def camera_info_to_msg(config: CameraConfig, header: Header) -> CameraInfo:

@@ -18,7 +18,7 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import (
     Graph,
     WrongTopic,
     read_graph,
-    sentence,
+    wrong_topic_sentence,
     wrong_topics,
 )
 from husky_highlevel_controller.xml_rpc import ask
@@ -113,4 +113,4 @@ class GraphWatch:
         for finding, first_time in self._first_times.items():
             if now - first_time >= JOINING_TIME and finding not in self._warnings:
                 self._warnings.add(finding)
-                self._warn(sentence(finding))
+                self._warn(wrong_topic_sentence(finding))

@@ -25,7 +25,7 @@ from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCa
 from husky_highlevel_controller.ros.simulator.graph import GraphWatch, Partners, launched, launched_beside
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
 from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERIOD, LeadLimit, Lockstep
-from husky_highlevel_controller.ros.simulator.one_simulator import refusal, running_simulator
+from husky_highlevel_controller.ros.simulator.one_simulator import running_simulator, why_not_two
 from husky_highlevel_controller.ros.simulator.parameters import read_parameters, read_robot_description
 from husky_highlevel_controller.ros.simulator.publishers import Publishers
 from husky_highlevel_controller.ros.simulator.rviz_windows import is_rviz, loading
@@ -288,7 +288,7 @@ def main() -> None:
     master_uri = rosgraph.get_master_uri()
     simulator_name = running_simulator(master_uri)
     if simulator_name is not None:
-        sys.exit(f"husky_simulator: {refusal(simulator_name, master_uri)}")
+        sys.exit(f"husky_simulator: {why_not_two(simulator_name, master_uri)}")
     # commands come in on threads of their own; as fast as it goes, Python's 5 ms are 0.15 s of simulated time
     sys.setswitchinterval(0.0005)
     run_node("husky_simulator", SimulatorNode, listen_to_clock=False)

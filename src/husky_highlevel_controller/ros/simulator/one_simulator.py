@@ -35,7 +35,7 @@ def running_simulator(master_uri: str) -> Optional[str]:
     return next((name for name in names if name.rsplit("/", 1)[-1] == NODE), None)
 
 
-def refusal(name: str, master_uri: str) -> str:
+def why_not_two(name: str, master_uri: str) -> str:
     """Reason why a second simulator does not start, and what to do, in a sentence."""
     return (
         f"{name} simulates already on {master_uri}; end it first, "
@@ -56,6 +56,6 @@ def main() -> None:
     reader = Path(f"/proc/{os.getppid()}/cmdline").read_text().split("\0")
     name = None if graded or has_own_master(reader) else running_simulator(master_uri)
     if name is not None:
-        print(refusal(name, master_uri), file=sys.stderr)
+        print(why_not_two(name, master_uri), file=sys.stderr)
         raise SystemExit(1)
     print("none")

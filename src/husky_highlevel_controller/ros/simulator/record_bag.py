@@ -52,7 +52,9 @@ def command_at(stamp: float, yaw: float) -> Twist2D:
     return Twist2D(SPEED, rate + STEERING_GAIN * wrap_angle(rate * (stamp - middle) - yaw))
 
 
-def drive(name: str, ground: str, seed: int, duration: float) -> Iterator[Tuple[Snapshot, str, Any]]:
+def messages_of_drive(
+    name: str, ground: str, seed: int, duration: float
+) -> Iterator[Tuple[Snapshot, str, Any]]:
     """Snapshots, topics and messages of the first seconds of a drive of one of ROBOTS, as they are due.
 
     The Husky drives by its profile `robot`, on one of GROUNDS.
@@ -103,7 +105,7 @@ def record(name: str, ground: str, seed: int, folder: Path) -> None:
         if path.exists():
             raise HuskyError(f"there is a {path} already: move it away, or give another folder")
     try:
-        _write(paths, drive(name, ground, seed, DURATION))
+        _write(paths, messages_of_drive(name, ground, seed, DURATION))
     except BaseException as error:  # Ctrl-C, too
         for path in paths:
             path.unlink(missing_ok=True)

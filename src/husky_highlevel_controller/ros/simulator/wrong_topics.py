@@ -57,7 +57,7 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
     ]
 
 
-def sentence(finding: WrongTopic) -> str:
+def wrong_topic_sentence(finding: WrongTopic) -> str:
     """A finding for the log."""
     if finding.publishes:
         does = f"publishes {finding.kind} on {finding.topic}, which no node reads"
@@ -106,7 +106,7 @@ def main() -> None:
     """Print a sentence for each wrong topic on $ROS_MASTER_URI."""
     graph = read_graph(os.environ.get("ROS_MASTER_URI", "http://localhost:11311"))
     for finding in wrong_topics(graph) if graph else ():
-        print(sentence(finding))
+        print(wrong_topic_sentence(finding))
 
 
 if __name__ == "__main__":

@@ -38,7 +38,7 @@ _SCRIPT_COLOURS: Dict[str, Rgba] = {
 }
 
 
-def shape_of(geometry: Node) -> Optional[Shape]:
+def shape_of_geometry(geometry: Node) -> Optional[Shape]:
     """The shape, or None for one that is not supported (which is noted)."""
     node = next(geometry.children(), None)
     if node is None:

@@ -19,7 +19,7 @@ from husky_highlevel_controller.simulator.models.sdf_parser import (
     minor_version,
     open_sdf,
 )
-from husky_highlevel_controller.simulator.models.sdf_xml import read_bytes, read_xml
+from husky_highlevel_controller.simulator.models.sdf_xml import parse_xml, read_bytes
 
 # The ground of every Gazebo world: a static plane, 100 m of it drawn (osrf/gazebo_models, ground_plane).
 _GROUND_PLANE = """<sdf version="1.7"><model name="ground_plane"><static>true</static><link name="link">
@@ -105,7 +105,7 @@ def _find_model(include: Node, uri: str) -> Path:
 
 def _newest_file(config: Path, plain: Path) -> Path:
     """File of a model.config in the newest version that is read whole, else in the oldest."""
-    offers = list(read_xml(read_bytes(config), str(config)).iter("sdf"))
+    offers = list(parse_xml(read_bytes(config), str(config)).iter("sdf"))
     if not offers:
         return plain
     where, readable = str(config), [sdf for sdf in offers if sdf.get("version", VERSIONS[0]) in VERSIONS]

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 
 from husky_highlevel_controller.datatypes import IDENTITY, Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
-from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, read_xml
+from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml
 
 VERSIONS = tuple(f"1.{minor}" for minor in range(3, 13))
 NEWEST = 7  # minor version of the newest that is read whole
@@ -163,7 +163,7 @@ def minor_version(where: str, version: str) -> int:
 
 def open_sdf(data: Union[str, bytes], source: str, load: Load) -> Node:
     """Parse a file into its <sdf> element. Raises WorldError on anything else, or another version."""
-    root = Node(read_xml(data, source), load, source)
+    root = Node(parse_xml(data, source), load, source)
     if root.tag != "sdf":
         raise root.error(f"needs <sdf> as its outermost element, not <{root.tag}>")
     minor = minor_version(root.where, root.element.get("version", ""))

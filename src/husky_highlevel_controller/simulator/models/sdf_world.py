@@ -20,7 +20,7 @@ from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.models.sdf_frames import FrameScope, frame_of
-from husky_highlevel_controller.simulator.models.sdf_geometry import rgba_of, shape_of
+from husky_highlevel_controller.simulator.models.sdf_geometry import rgba_of, shape_of_geometry
 from husky_highlevel_controller.simulator.models.sdf_include import Model, models_in
 from husky_highlevel_controller.simulator.models.sdf_parser import Load, Node, open_sdf
 from husky_highlevel_controller.simulator.models.sdf_state import SavedState, scaled
@@ -263,7 +263,7 @@ def _geometries(link: Node, tag: str, model: _Place) -> Iterator[Geometry]:
     for node in link.children(tag):
         node.note_unknown()
         pose = _pose_in_link(node, link, model)
-        shape = shape_of(node.required("geometry"))
+        shape = shape_of_geometry(node.required("geometry"))
         rgba = rgba_of(node)
         if shape is not None:
             yield Geometry(scaled(shape, model.state.scale), pose, rgba)

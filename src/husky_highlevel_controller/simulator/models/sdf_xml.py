@@ -54,7 +54,7 @@ def read_bytes(path: Path) -> bytes:
         raise WorldError(f"{path}: cannot be read ({reason}); needs the path of an SDF file") from error
 
 
-def read_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
+def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
     """Parse XML into its root element, with line numbers. Raises WorldError on invalid or unsafe XML."""
     builder = _LineBuilder(element_factory=_Element)
     try:

@@ -66,7 +66,7 @@ def image_of(buffer: np.ndarray, config: CameraConfig) -> np.ndarray:
     return np.where(depth < 0.999 * far, depth, np.nan).astype(np.float32)
 
 
-def points_of(depth: np.ndarray, config: CameraConfig) -> np.ndarray:
+def points_in_image(depth: np.ndarray, config: CameraConfig) -> np.ndarray:
     """Points of the pixels' surfaces in the camera's optical frame, (height, width, 3) float32 [m]."""
     u, v = config.center
     height, width = depth.shape

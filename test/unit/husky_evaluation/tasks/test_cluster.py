@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from husky_evaluation.metrics import run
+from husky_evaluation.metrics import run_scenario
 from husky_evaluation.scenarios import random_starts
 from husky_evaluation.setup import Setup
 from husky_evaluation.tasks.workers import Workers
@@ -69,7 +69,7 @@ def hash_of(task, items, **options):
 
 
 def test_the_hash_is_that_of_this_machine_also_when_a_worker_is_killed(cluster, tmp_path):
-    drives, task = random_starts(2, 1), partial(run, Setup())
+    drives, task = random_starts(2, 1), partial(run_scenario, Setup())
     expected, expected_drives = hash_of(noise, range(60), jobs=1), hash_of(task, drives, jobs=2)
     for number in range(2):
         cluster.work(f"worker {number}")

@@ -69,7 +69,7 @@ class Controller:
             "logwarn": self.warnings.append,
         }.items():
             monkeypatch.setattr(rospy, name, value)
-        monkeypatch.setattr(node, "named_robot", lambda: ({**values, **parameters}, load_robot()))
+        monkeypatch.setattr(node, "parameters_and_robot", lambda: ({**values, **parameters}, load_robot()))
         monkeypatch.setattr(node, "ReconfigureServer", lambda _, *records: SimpleNamespace(records=records))
         monkeypatch.setattr(node, "ScanPlacement", self.place)
         for name in ("tf2_ros", "Listener", "Diagnostics"):

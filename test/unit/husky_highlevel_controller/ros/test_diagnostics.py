@@ -9,7 +9,7 @@ pytest.importorskip("rospy")
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from husky_highlevel_controller.controller.behaviour import State
-from husky_highlevel_controller.ros.controller.diagnostics import Health, judge
+from husky_highlevel_controller.ros.controller.diagnostics import Health, level_and_message
 from husky_highlevel_controller.ros.controller.display import next_step
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -53,11 +53,13 @@ WELL = Health(
     ],
 )
 def test_each_cause_has_its_sentence(changes, level, message):
-    got_level, got = judge(replace(WELL, **changes))
+    got_level, got = level_and_message(replace(WELL, **changes))
     assert got.startswith(message)
     assert got_level == level
     assert "no scans" not in got or message == "no scans"
-    assert judge(replace(WELL, paused=True, **changes))[0] == OK, "nothing is an error in a paused world"
+    assert level_and_message(replace(WELL, paused=True, **changes))[0] == OK, (
+        "nothing is an error in a paused world"
+    )
 
 
 @pytest.mark.parametrize(

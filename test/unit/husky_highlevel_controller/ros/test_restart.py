@@ -61,7 +61,7 @@ def test_an_interrupt_while_the_program_starts_reaches_it(monkeypatch):
     monkeypatch.setattr(restart.subprocess, "Popen", interrupted)
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        assert restart.run(["sleep", "60"]) == -signal.SIGINT
+        assert restart.run_again_after_crash(["sleep", "60"]) == -signal.SIGINT
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

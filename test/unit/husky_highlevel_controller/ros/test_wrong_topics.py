@@ -5,7 +5,12 @@ import threading
 
 import pytest
 
-from husky_highlevel_controller.ros.simulator.wrong_topics import Graph, read_graph, sentence, wrong_topics
+from husky_highlevel_controller.ros.simulator.wrong_topics import (
+    Graph,
+    read_graph,
+    wrong_topic_sentence,
+    wrong_topics,
+)
 
 TWIST, SCAN, ODOMETRY = "geometry_msgs/Twist", "sensor_msgs/LaserScan", "nav_msgs/Odometry"
 
@@ -43,7 +48,7 @@ def test_a_slip_is_told_with_the_topic_that_was_meant(topic, kind, publishes, me
     assert finding == ("/walker", topic, kind, publishes, meant)
     does = f"publishes {kind} on" if publishes else "subscribes to"
     other = "reads" if publishes else "publishes"
-    told = sentence(finding)
+    told = wrong_topic_sentence(finding)
     assert told.startswith(f"/walker {does} {topic}, which no node {other}: did you mean {meant}?")
     assert ("robot:=husky_melodic" in told) == (topic == "/scan"), "that robot's lidar is on it"
 
