@@ -1,4 +1,7 @@
-"""SHA-256 of the true poses of one drive without ROS: the same on every Python, or NumPy and PyBullet differ.
+"""SHA-256 of the true poses of one drive without ROS, to the bit and to a nanometre.
+
+The bits differ between families of processors, because NumPy's matrix product (OpenBLAS) has a kernel for each. Poses
+that are rounded do not: a second number that has changed is a change of our code, of NumPy or of PyBullet.
 
 Usage: PYTHONPATH=src python tools/rollout_hash.py
 """
@@ -12,9 +15,16 @@ import pybullet  # noqa: TID251 - for its version
 from husky_evaluation.rollout import rollout
 from husky_evaluation.scenarios import course_scenario
 
+
+def digest(poses: np.ndarray) -> str:
+    """SHA-256 of poses, an array of any shape, in 16 hexadecimal digits."""
+    return hashlib.sha256(np.ascontiguousarray(poses).tobytes()).hexdigest()[:16]
+
+
 trace = rollout(course_scenario(seed=0))
-digest = hashlib.sha256(np.ascontiguousarray(trace.poses).tobytes()).hexdigest()
 versions = (
     f"Python {platform.python_version()}, NumPy {np.__version__}, PyBullet API {pybullet.getAPIVersion()}"
 )
-print(f"{digest[:16]} {len(trace.poses)} poses, {versions}")
+# + 0.0: a small negative number that is rounded is -0.0, whose bits are not those of 0.0
+rounded = np.round(trace.poses, 9) + 0.0
+print(f"{digest(trace.poses)} to the bit, {digest(rounded)} to a nanometre: {len(trace.poses)} poses, {versions}")
