@@ -56,6 +56,7 @@ NOTE_DRIVING = (
     " window.saidDriving = true; observer.disconnect();"
     "}).observe(document.body, {subtree: true, childList: true, characterData: true})"
 )
+SKY = 20  # row of the view in which nothing is drawn
 DRAW_TIMEOUT = 240.0  # [s] of wall time for anything that a browser without a graphics card draws
 
 
@@ -379,7 +380,22 @@ def take(page, tool, hint):
     page.evaluate(NEXT_PICTURE)  # the scene is drawn after the text
 
 
+def hover(page, x, y):
+    """Move the mouse to what can be dragged at (x, y): the cursor is a hand as soon as it is drawn there."""
+    cursor = "([x, y]) => document.elementFromPoint(x, y).style.cursor"
+
+    def cursor_at(y):
+        page.mouse.move(x, y)
+        page.evaluate(NEXT_PICTURE)
+        return page.evaluate(cursor, [x, y])
+
+    wait_until(lambda: cursor_at(SKY) != "pointer", "the tool before is put away")
+    wait_until(lambda: (cursor_at(SKY), cursor_at(y))[1] == "pointer", "there is something to drag")
+
+
 def test_a_box_is_put_where_the_ground_is_clicked_dragged_and_deleted(page, robot):
+    press(page, "Stop")  # the camera follows the robot, and what is clicked must stay where it is seen
+    wait_until(lambda: robot.commanded == 0.0 and abs(robot.speed) < 0.01, "the robot stands")
     before = robot.objects
     show(page, "World")
     take(page, "Put", "Click the ground")
@@ -389,7 +405,7 @@ def test_a_box_is_put_where_the_ground_is_clicked_dragged_and_deleted(page, robo
     assert name.startswith("box")
     assert dist(position, robot.position) < 8.0  # near what is seen
     take(page, "Move", "Drag an object")
-    page.mouse.move(300, 395)
+    hover(page, 300, 395)
     page.mouse.down()
     page.mouse.move(240, 415, steps=4)  # away from the robot
     page.mouse.up()
