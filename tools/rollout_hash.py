@@ -1,7 +1,7 @@
 """SHA-256 of the true poses of one drive without ROS, to the bit and to a nanometre.
 
-The bits differ between families of processors, because NumPy's matrix product (OpenBLAS) has a kernel for each. Poses
-that are rounded do not: a second number that has changed is a change of our code, of NumPy or of PyBullet.
+The bits differ between families of processors, because NumPy's matrix product (OpenBLAS) has a kernel for
+each. Rounded poses do not differ, so a second number that changes is a change of our code, NumPy or PyBullet.
 
 Usage: PYTHONPATH=src python tools/rollout_hash.py
 """
@@ -27,4 +27,5 @@ versions = (
 )
 # + 0.0: a small negative number that is rounded is -0.0, whose bits are not those of 0.0
 rounded = np.round(trace.poses, 9) + 0.0
-print(f"{digest(trace.poses)} to the bit, {digest(rounded)} to a nanometre: {len(trace.poses)} poses, {versions}")
+hashes = f"{digest(trace.poses)} to the bit, {digest(rounded)} to a nanometre"
+print(f"{hashes}: {len(trace.poses)} poses, {versions}")
