@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from functools import partial
 from html import escape
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from math import inf
+from time import monotonic
+from typing import Any, Callable, ContextManager, Dict, List, Optional, Sequence, Tuple
 
 import rospy
 import viser
@@ -20,7 +23,7 @@ from husky_web.actions import (
     parameter,
 )
 from husky_web.plots import choice_html, fixed
-from husky_web.state_bar import LEVELS, STOPPED
+from husky_web.state_bar import LEVELS, STARTED, STOPPED
 from husky_web.teleop import SLOWEST, Teleop, set_speed
 
 PAD = """<div class="husky-block husky-drive">
@@ -40,6 +43,7 @@ SERVICES: Dict[str, Any] = {  # of the simulator: name, deadline, type and reque
     "Reset": ("reset", CALL_TIMEOUT, Trigger),
     "Put back": ("reset_world", CALL_TIMEOUT, Trigger),
 }
+ON_ITS_WAY = 1.0  # [s] that a message needs at most
 MAX_LIGHTS, MAX_LETTERS = 50, 200  # diagnostics that are shown, and of a name or a message
 
 
@@ -47,13 +51,22 @@ class DriveTab:
     """Buttons and readings of the first tab."""
 
     def __init__(
-        self, server: viser.ViserServer, actions: Actions, teleop: Teleop, controller: str, simulator: str
+        self,
+        server: viser.ViserServer,
+        actions: Actions,
+        teleop: Teleop,
+        moves: Callable[[str], ContextManager[None]],
+        controller: str,
+        simulator: str,
     ) -> None:
-        self._actions, self._teleop = actions, teleop
+        """Build the tab; `moves` is entered while something is put elsewhere."""
+        self._actions, self._teleop, self._moves = actions, teleop, moves
         self._stops = Actions()  # a stop waits for no other button's call
         self._controller, self._simulator = controller, simulator
         self._lights: Dict[str, Tuple[int, str]] = {}
         self._state = ""  # of the controller, by its diagnostics
+        self._told: Optional[bool] = None  # by a page, to start or to stop, if that is newer than its state
+        self._told_at = -inf  # [s] of wall time
         gui = server.gui
         self._readings = gui.add_html(readings_html((None, None, None), []))
         self._chosen_start = gui.add_html(choice_html(None))
@@ -75,31 +88,37 @@ class DriveTab:
             )
             again.on_click(self._on_simulation)
 
-    def update(self, readings: Readings, diagnostics: List[Any], is_paused: Optional[bool]) -> None:
-        """Show new readings and states.
-
-        Args:
-            readings: numbers of READINGS.
-            diagnostics: messages of /diagnostics.
-            is_paused: whether the simulated world is; None: there is none.
-        """
+    def take(self, diagnostics: List[Any], now: float) -> None:
+        """Take in messages of /diagnostics that came at `now` [s] of wall time."""
         for array in diagnostics:
             for item in array.status:
                 name = item.name[:MAX_LETTERS]
                 if name in self._lights or len(self._lights) < MAX_LIGHTS:
                     self._lights[name] = (item.level, item.message[:MAX_LETTERS])
                 if name.startswith(self._controller.strip("/")):
-                    self._state = next((pair.value for pair in item.values if pair.key == "state"), "")
+                    state = next((pair.value for pair in item.values if pair.key == "state"), "")
+                    self._state = state[:MAX_LETTERS]
+                    # what was on its way while the service answered is older than the answer
+                    if (self._state != STOPPED) is self._told or now - self._told_at > ON_ITS_WAY:
+                        self._told = None
+
+    def update(self, readings: Readings, is_paused: Optional[bool]) -> None:
+        """Show new readings and states.
+
+        Args:
+            readings: numbers of READINGS.
+            is_paused: whether the simulated world is; None: there is none.
+        """
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
         self._readings.content = readings_html(readings, lights)
-        started = self._state != STOPPED if self._state else None
-        self._chosen_start.content = choice_html(None if started is None else int(not started))
+        activity, _, _ = self.activity()
+        self._chosen_start.content = choice_html(int(activity == STOPPED) if activity else None)
         self._chosen_time.content = choice_html(None if is_paused is None else 0 if is_paused else 2)
 
     def forget(self) -> None:
         """Drop the lights of nodes that may be gone."""
         self._lights.clear()
-        self._state = ""
+        self._state, self._told = "", None
 
     def _on_start_stop(self, event: Any) -> None:
         starts = event.target.value == "Start"
@@ -113,28 +132,43 @@ class DriveTab:
         """Bring back the world and the robot as they were at the start, and start the controller."""
 
         def work() -> str:
-            sentence = call(f"{self._simulator}/reset", Trigger)
-            self._start_stop(True)
+            with self._moves("robot and world"):
+                sentence = call(f"{self._simulator}/reset", Trigger)
+                self._start_stop(True)
             return sentence
 
         self._actions.do(work, client, "Drive again")
 
-    def activity(self) -> Tuple[int, str]:
-        """Level and sentence of the controller's diagnostics; empty where there are none."""
+    def activity(self) -> Tuple[str, int, str]:
+        """State of the controller, empty if unknown; level and sentence of its complaint, empty without one."""
         name = self._controller.strip("/")
-        return next((light for key, light in self._lights.items() if key.startswith(name)), (0, ""))
+        level, sentence = next(
+            (light for key, light in self._lights.items() if key.startswith(name)), (0, "")
+        )
+        if self._told is False:
+            return STOPPED, 0, ""
+        if self._told and self._state == STOPPED:
+            return STARTED, 0, ""
+        return self._state, level, sentence if level > 0 else ""
 
     def _start_stop(self, starts: bool) -> str:
         if starts and self._teleop.is_locked:
             raise HuskyError("the emergency stop is on: release it first")
         name = str(parameter(f"{self._controller}/start_stop_service_name", "~start_stop"))
         service = f"{self._controller}/{name[1:]}" if name.startswith("~") else rospy.resolve_name(name)
-        return call(service, SetBool, starts)
+        sentence = call(service, SetBool, starts)
+        self._told_at, self._told = monotonic(), starts
+        return sentence
 
     def _on_simulation(self, event: Any) -> None:
         name, timeout, *request = SERVICES[event.target.value]
         service = f"{self._simulator}/{name}"
-        self._actions.do(lambda: call(service, *request, timeout=timeout), event.client, "Simulation")
+
+        def work() -> str:
+            with self._moves("robot and world") if name.startswith("reset") else nullcontext():
+                return call(service, *request, timeout=timeout)
+
+        self._actions.do(work, event.client, "Simulation")
 
 
 def readings_html(readings: Readings, lights: List[Tuple[str, int, str]]) -> str:

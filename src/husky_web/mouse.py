@@ -9,6 +9,7 @@ from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_web.objects import Key, Object, Objects
 from husky_web.pages import DELETE, LOOK, MOVE, PUT, Page
 from husky_web.scene import BASE, Scene
+from husky_web.state_bar import Moving
 
 if TYPE_CHECKING:  # it imports messages, which tests without a workspace do not have
     from husky_web.world_tab import WorldTab
@@ -19,8 +20,11 @@ FARTHEST = 200.0  # [m]; a click just below the horizon means no place
 class Mouse:
     """Binds clicks and drags to the nodes that some page's tool acts on; all others turn the view."""
 
-    def __init__(self, scene: Scene, objects: Objects, world: WorldTab, pages: Dict[int, Page]) -> None:
+    def __init__(
+        self, scene: Scene, objects: Objects, world: WorldTab, moving: Moving, pages: Dict[int, Page]
+    ) -> None:
         self._scene, self._objects, self._world, self._pages = scene, objects, world, pages
+        self._moving = moving
         self._drags: Dict[Any, Drag] = {}
         objects.on_new = self._bind_object
 
@@ -43,7 +47,8 @@ class Mouse:
             self._end(key)
 
     def _end(self, key: Any) -> None:
-        self._drags.pop(key, None)
+        if self._drags.pop(key, None) is not None and not self._drags:
+            self._moving.end()
         if key == BASE:
             self._scene.show_ghost(None)
         else:
@@ -86,7 +91,7 @@ class Mouse:
             pose = Pose(tuple(shown.node.position), (x, y, z, w))
             show = partial(self._objects.dragged.__setitem__, key)
             drop = partial(self._objects.drop, key)
-            self._drags[key] = Drag(event.client.client_id, pose, show, drop)
+            self._begin(key, key[1], Drag(event.client.client_id, pose, show, drop))
         self._pass_on(key, event)
 
     async def _on_drag_robot(self, event: Any) -> None:
@@ -95,8 +100,12 @@ class Mouse:
             return
         if event.phase == "start":
             drop = partial(self._world.move_robot, event.client)
-            self._drags[BASE] = Drag(event.client.client_id, base, self._scene.show_ghost, drop)
+            self._begin(BASE, "the robot", Drag(event.client.client_id, base, self._scene.show_ghost, drop))
         self._pass_on(BASE, event)
+
+    def _begin(self, key: Any, name: str, drag: Drag) -> None:
+        self._drags[key] = drag
+        self._moving.begin(name)
 
     def _pass_on(self, key: Any, event: Any) -> None:
         drag = self._drags.get(key)

@@ -29,6 +29,7 @@ from husky_web.actions import MASTER_DEADLINE, Actions, parameter
 from husky_web.camera import FIELD_OF_VIEW
 from husky_web.drawing import left_out
 from husky_web.drive_tab import DriveTab
+from husky_web.drivers import Drivers, short_name
 from husky_web.log import LogBuffer, lines_of_rosout
 from husky_web.mouse import Mouse
 from husky_web.numbers import Numbers
@@ -38,7 +39,7 @@ from husky_web.pages import Pages, theme
 from husky_web.plots import Plots
 from husky_web.recorder import Recorder
 from husky_web.scene import Scene
-from husky_web.state_bar import RobotStatus, StateBar, StopReason
+from husky_web.state_bar import Figures, Moving, RobotStatus, StateBar, StopReason
 from husky_web.teleop import Teleop
 from husky_web.topics import Topics
 from husky_web.tuning import Tuning
@@ -108,18 +109,23 @@ class WebNode:
         self._scene = Scene(server, config.fixed_frame, config.controller)
         self._objects = Objects(server, self._scene.frames, config.fixed_frame)
         self._state_bar = StateBar(server.gui)  # above the tabs, and so on each of them
+        self._moving, self._drivers = Moving(), Drivers()
         group = server.gui.add_tab_group()
         names = ("Drive", "World", "Tune", "Curves", "Log", "View")
         self._tabs = {name: group.add_tab(name) for name in names}
         with self._tabs["Drive"]:
-            self._drive = DriveTab(server, self._actions, self._teleop, config.controller, config.simulator)
+            self._drive = DriveTab(
+                server, self._actions, self._teleop, self._moving, config.controller, config.simulator
+            )
         self._teleop.on_lock = self._drive.stop
         self._state_bar.on_again = self._drive.again
         with self._tabs["World"]:
-            self._world = world = WorldTab(server, self._actions, config.simulator, config.fixed_frame)
+            self._world = world = WorldTab(
+                server, self._actions, self._moving, config.simulator, config.fixed_frame
+            )
         self._state_bar.on_elsewhere = lambda client: world.move_away(client, self._numbers.pillar)
         self._pages = Pages(server, self._tabs, self._log)
-        self._mouse = Mouse(self._scene, self._objects, world, self._pages.open)
+        self._mouse = Mouse(self._scene, self._objects, world, self._moving, self._pages.open)
         server.scene.on_click()(self._mouse.on_ground)
         self._pages.on_tool, self._pages.on_leave = self._mouse.bind, self._mouse.release
         with self._tabs["Tune"]:
@@ -159,9 +165,11 @@ class WebNode:
             with self._server.atomic():
                 with left_out("a part of the view"):
                     self._update()
+                with left_out("the state"):
+                    self._update_state(now)
                 if now >= readings_due:
                     with left_out("a reading"):
-                        self._update_readings(now)
+                        self._update_readings()
                     readings_due = now + READINGS_PERIOD
                 if now >= curves_due:
                     with left_out("a curve or the log"):
@@ -181,6 +189,7 @@ class WebNode:
             self._objects.clear()
             self._scene.forget()
             self._drive.forget()
+            self._drivers.forget()
         if self._server.gate.last_has_gone():
             give_memory_back()
 
@@ -229,30 +238,41 @@ class WebNode:
             page.update(base, self._numbers.pillar)
         self._recorder.tick(self._numbers.time, base, self._numbers.pillar)
 
-    def _update_readings(self, now: float) -> None:
+    def _update_state(self, now: float) -> None:
         numbers = self._numbers
+        if self._is_paused:
+            numbers.excuse(now)
         numbers.take(self._topics, self._scene, now)
-        level, activity = self._drive.activity()
+        self._drive.take([msg for _, msg in self._topics.take_all("diagnostics")], now)
+        self._drivers.take(self._topics.take_all("inputs"), numbers.time, now)
+        command = self._drivers.command(numbers.time, now)
+        activity, level, fault = self._drive.activity()
         # the emergency stop says itself why the robot stands
         self._reason.update(activity, None if self._teleop.is_locked else numbers.time, self._log.warning)
+        is_other = command is not None and command.sender != self._config.controller
         self._state_bar.update(
             RobotStatus(
-                self._teleop.is_locked,
-                self._teleop.has_listener,
-                self._is_master_gone,
-                bool(self._is_paused),
-                numbers.is_silent(now),
-                level,
-                activity,
-                numbers.distance,
-                numbers.speed,
-                numbers.time,
-                self._reason.text,
-            )
+                is_locked=self._teleop.is_locked,
+                has_listener=self._teleop.has_listener,
+                is_master_gone=self._is_master_gone,
+                is_paused=bool(self._is_paused),
+                is_silent=numbers.is_silent(now),
+                moving=self._moving.text(numbers.time, now),
+                is_by_hand=self._teleop.is_held or (command is not None and command.is_by_hand),
+                driver=short_name(command.sender) if command is not None and is_other else "",
+                level=level,
+                activity=activity,
+                fault=fault,
+                reason=self._reason.text,
+            ),
+            Figures(numbers.distance, numbers.speed, numbers.time),
+            now,
         )
-        diagnostics = [msg for _, msg in self._topics.take_all("diagnostics")]
+
+    def _update_readings(self) -> None:
+        numbers = self._numbers
         readings = (numbers.bearing, numbers.clock.rate, numbers.scans.rate)
-        self._drive.update(readings, diagnostics, self._is_paused)
+        self._drive.update(readings, self._is_paused)
         self._world.show_loaded(self._world_name)
 
     def _on_parameter(self, change: str) -> None:

@@ -64,6 +64,10 @@ class Numbers:
         if topics.scan_count:
             self.scans.add(scene.scan_stamp, topics.scan_count)
 
+    def excuse(self, now: float) -> None:
+        """Expect no news until `now` [s]: the world is paused."""
+        self._heard_at = now
+
     def is_silent(self, now: float) -> bool:
         """Whether no odometry has come for NO_NEWS_TIME."""
         return now - self._heard_at > NO_NEWS_TIME

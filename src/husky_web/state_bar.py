@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from html import escape
 from math import inf
-from typing import Any, Callable, NamedTuple, Optional
+from time import monotonic
+from typing import Any, Callable, Iterator, NamedTuple, Optional
 
 import viser
 
@@ -13,6 +15,7 @@ from husky_web.plots import fixed
 
 LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 ARRIVED, STOPPED = "arrived", "stopped"  # the controller's states
+STARTED = "waiting"  # its state before its first scan
 MASTER_GONE = (
     "the ROS master has ended, and the emergency stop of this page may reach no robot: "
     "press the red button of the robot, end the launch of this page and start it again"
@@ -22,29 +25,79 @@ UNHEARD = "emergency stop, but nobody listens to e_stop: this page cannot stop t
 UNCERTAIN = "emergency stop, but no news from the robot: whether it obeys is not known"
 PHRASES = {
     STOPPED: "standing still until Start is pressed",
+    STARTED: "waiting for a scan to drive by",
     "driving": "driving to the pillar",
     "searching": "searching for the pillar",
     ARRIVED: "at the pillar",
 }
+BY_HAND, MOVING, NO_DRIVER = "driven by hand", "being moved", "no node drives the robot"
 MAX_REASON = 200  # letters
+FIGURES_PERIOD = 0.2  # [s] of wall time between two changes of the numbers
 REASON_TIME = 3.0  # [s] between the controller's stop and a warning that says why
+SEEN_AFTER = 0.1  # [s] of simulated time in which a controller answers to what was moved: some scans
+SEEN_AT_LAST = 1.0  # [s] of wall time, of a robot that tells no time
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 
 
 class RobotStatus(NamedTuple):
-    """Numbers and texts of the state bar."""
+    """Facts that the state bar tells in words."""
 
     is_locked: bool = False  # by the emergency stop
     has_listener: bool = True  # a node besides this one subscribes to the emergency stop
     is_master_gone: bool = False  # or started anew
     is_paused: bool = False  # the simulated world
     is_silent: bool = False  # no odometry has come for a while
+    moving: str = ""  # what a page moves
+    is_by_hand: bool = False  # a person drives
+    driver: str = ""  # another node than the controller that drives
     level: int = 0  # of the controller's diagnostics
-    activity: str = ""  # of the controller, in its own words
+    activity: str = ""  # of the controller: its state
+    fault: str = ""  # what its diagnostics complain of
+    reason: str = ""  # the warning that came as the controller stopped
+
+
+class Figures(NamedTuple):
+    """Numbers of the state bar."""
+
     distance: Optional[float] = None  # [m] to go
     speed: Optional[float] = None  # [m/s], measured
     time: Optional[float] = None  # [s]
-    reason: str = ""  # the warning that came as the controller stopped
+
+
+class Moving:
+    """Name of the thing that a page moves in the world, until the robot can have seen the result."""
+
+    def __init__(self) -> None:
+        self._text = ""
+        self._ended_at: Optional[float] = None  # [s] of wall time
+        self._seen_from: Optional[float] = None  # [s] of simulated time, the first one after the end
+
+    @contextmanager
+    def __call__(self, text: str) -> Iterator[None]:
+        """Move this in a block."""
+        self.begin(text)
+        try:
+            yield
+        finally:
+            self.end()
+
+    def begin(self, text: str) -> None:
+        """A page moves this from now on."""
+        self._text, self._ended_at, self._seen_from = text, None, None
+
+    def end(self) -> None:
+        """The page has put it down."""
+        self._ended_at = monotonic()
+
+    def text(self, time: Optional[float], now: float) -> str:
+        """Name of the moved thing at `time` [s] of simulated time, None if unknown; `now` [s]: wall time."""
+        if self._ended_at is not None:
+            if time is not None and (self._seen_from is None or time < self._seen_from):
+                self._seen_from = time
+            passed = 0.0 if time is None or self._seen_from is None else time - self._seen_from
+            if passed >= SEEN_AFTER or now - self._ended_at >= SEEN_AT_LAST:
+                self._text, self._ended_at = "", None
+        return self._text
 
 
 class StopReason:
@@ -69,7 +122,8 @@ class StateBar:
         self.on_again: Callable[[Any], None] = lambda client: None  # called with the page that asks for it
         self.on_elsewhere: Callable[[Any], None] = lambda client: None
         self._e_stop = gui.add_html(e_stop_html(False))
-        self._state = gui.add_html(state_html(RobotStatus()))
+        self._state = gui.add_html(state_html(RobotStatus(), Figures()))
+        self._figures, self._figures_due = Figures(), 0.0  # [s]
         self._next = gui.add_button_group(
             "What next?",
             (AGAIN, ELSEWHERE),
@@ -78,10 +132,12 @@ class StateBar:
         )
         self._next.on_click(self._on_next)
 
-    def update(self, status: RobotStatus) -> None:
-        """Show a new state."""
+    def update(self, status: RobotStatus, figures: Figures, now: float) -> None:
+        """Show a new state at once, new figures each FIGURES_PERIOD; `now` [s] of wall time."""
+        if now >= self._figures_due:
+            self._figures, self._figures_due = figures, now + FIGURES_PERIOD
         self._e_stop.content = e_stop_html(status.is_locked, status.has_listener)
-        self._state.content = state_html(status)
+        self._state.content = state_html(status, self._figures)
         self._next.visible = status.activity == ARRIVED and not status.is_locked
 
     def _on_next(self, event: Any) -> None:
@@ -99,9 +155,9 @@ def e_stop_html(is_locked: bool, has_listener: bool = True) -> str:
     )
 
 
-def state_html(status: RobotStatus) -> str:
+def state_html(status: RobotStatus, figures: Figures) -> str:
     """State bar as one line of HTML; texts of nodes are escaped."""
-    activity = PHRASES.get(status.activity, status.activity) or "waiting for the controller"
+    doing = PHRASES.get(status.activity, status.activity)
     level, sentence = next(
         (level, sentence)
         for applies, level, sentence in (  # what keeps the robot from driving first
@@ -111,20 +167,25 @@ def state_html(status: RobotStatus) -> str:
             (status.is_locked, "error", LOCKED),
             (status.is_paused, "warn", "PAUSED"),
             (status.is_silent, "error", "no news from the robot"),
-            (True, LEVELS[min(max(status.level, 0), 3)] if status.activity else "", activity),
+            (bool(status.moving), "busy", f"{MOVING}: {status.moving}"),
+            (status.is_by_hand, "busy", BY_HAND),
+            (bool(status.driver), "ok", f"{status.driver} drives the robot"),
+            (bool(status.fault), LEVELS[min(max(status.level, 0), 3)], status.fault),
+            (bool(doing), "" if status.activity == STOPPED else "ok", doing),
+            (True, "", NO_DRIVER),
         )
         if applies
     )
     numbers = [
         f"{fixed(value, digits)}&nbsp;{unit}"
         for value, digits, unit in (
-            (None if status.activity == ARRIVED else status.distance, 2, "m to go"),
-            (status.speed, 2, "m/s"),
-            (status.time, 1, "s"),
+            (None if status.activity == ARRIVED else figures.distance, 2, "m to go"),
+            (figures.speed, 2, "m/s"),
+            (figures.time, 1, "s"),
         )
         if value is not None
     ]
-    time = "" if status.time is None else f' data-time="{status.time:.3f}"'
+    time = "" if figures.time is None else f' data-time="{figures.time:.3f}"'
     reason = f"<div>{escape(status.reason[:MAX_REASON])}</div>" if status.reason else ""
     return (
         f'<div class="husky-block husky-state {level}"{time}>'

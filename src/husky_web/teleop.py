@@ -111,6 +111,11 @@ class Teleop:
         self._wake.set()
 
     @property
+    def is_held(self) -> bool:
+        """Whether a page drives."""
+        return self._hold.is_active
+
+    @property
     def has_listener(self) -> bool:
         """Whether another node subscribes to the emergency stop."""
         return self._e_stop.get_num_connections() > 1  # this node does

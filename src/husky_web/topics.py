@@ -11,17 +11,21 @@ from typing import Any, Deque, Dict, List, Optional, Tuple
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist
 from nav_msgs.msg import Path
 from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdate, Marker, MarkerArray
 
+from husky_highlevel_controller.robot import load_robot
+
 PAUSE, NUMBERS_PAUSE = 0.05, 0.1  # [s] between two readings of what is drawn, and of numbers
 BURST_SHARE = 0.2  # of a pause: a message so soon after it had come in meanwhile
 QUEUE = 2000  # messages of one topic kept between two looks; a page that stays behind loses the oldest
 DRAWN = {kind._type: kind for kind in (Marker, MarkerArray, Path)}
 INTERACTIVE = "visualization_msgs/InteractiveMarkerUpdate"
+INPUTS = load_robot().topics.velocity  # the strongest first, the controller's last; the same for every robot
 Received = Tuple[str, Any]  # topic and message
 
 
@@ -34,7 +38,7 @@ class Topics:
         self.scan_count = 0  # that ever came
         self._pause_ended = threading.local()  # [s]; a topic has a thread for each publisher
         self._queues: Dict[str, Deque[Received]] = {use: deque(maxlen=1) for use in names}
-        for kind in ("tf", "markers", "objects", "diagnostics"):
+        for kind in ("tf", "markers", "objects", "diagnostics", "inputs"):
             self._queues[kind] = deque(maxlen=QUEUE)
         self._subscribers: Dict[str, rospy.Subscriber] = {}  # by use, else by topic
 
@@ -49,6 +53,8 @@ class Topics:
         for topic in ("/tf", "/tf_static"):
             self._subscribers[topic] = self._subscriber(topic, TFMessage, "tf")
         self._subscribers["/diagnostics"] = self._subscriber("/diagnostics", DiagnosticArray, "diagnostics")
+        for name in INPUTS:  # relative, and so they are in what `take_all("inputs")` returns
+            self._subscribers[name] = self._subscriber(name, Twist, "inputs", NUMBERS_PAUSE)
 
     def follow(self, published: List[Tuple[str, str]]) -> None:
         """Subscribe to every topic of markers, paths and objects that can be dragged."""

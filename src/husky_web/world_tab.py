@@ -19,6 +19,7 @@ from husky_highlevel_controller.geometry import pose_from_2d, pose_to_2d
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.ros import conversions
 from husky_web.actions import LONG_TIMEOUT, Actions, answer_of, call
+from husky_web.state_bar import Moving
 
 ROBOT = "husky"  # what the simulator's services call the robot
 GROUND = "ground_plane"
@@ -29,9 +30,11 @@ SIZES = {"box": (0.4, 0.4, 0.8), "cylinder": (0.4, 0.4, 1.0), "sphere": (0.5, 0.
 class WorldTab:
     """Puts, moves, deletes and loads through the simulator's services."""
 
-    def __init__(self, server: viser.ViserServer, actions: Actions, simulator: str, frame: str) -> None:
+    def __init__(
+        self, server: viser.ViserServer, actions: Actions, moving: Moving, simulator: str, frame: str
+    ) -> None:
         """Build the tab; positions are given in `frame`, of which the simulator knows world and odom."""
-        self._actions, self._simulator, self._frame = actions, simulator, frame
+        self._actions, self._moving, self._simulator, self._frame = actions, moving, simulator, frame
         gui = server.gui
         with gui.add_folder("Put"):
             self._shape = gui.add_dropdown("Shape", tuple(SIZES), initial_value="box")
@@ -114,7 +117,10 @@ class WorldTab:
         )
 
     def _move(self, name: str, pose: Pose) -> str:
-        return call(f"{self._simulator}/move", MoveObject, name, conversions.pose_to_msg(pose), self._frame)
+        with self._moving("the robot" if name == ROBOT else name):
+            return call(
+                f"{self._simulator}/move", MoveObject, name, conversions.pose_to_msg(pose), self._frame
+            )
 
     def _poses(self) -> Dict[str, Pose]:
         """Poses of all objects in the page's frame."""
@@ -124,7 +130,8 @@ class WorldTab:
         return dict(zip(answer.model_names, map(conversions.pose_from_msg, answer.poses)))
 
     def _load(self) -> str:
-        return call(f"{self._simulator}/load_world", LoadWorld, self._worlds.value, timeout=LONG_TIMEOUT)
+        with self._moving("robot and world"):
+            return call(f"{self._simulator}/load_world", LoadWorld, self._worlds.value, timeout=LONG_TIMEOUT)
 
     def _on_shape(self, event: Any) -> None:
         self._size.value = SIZES[event.target.value]

@@ -69,7 +69,7 @@ MAY_IMPORT = {
     **{f"ros/{room}": {f"ros/{room}", room} for room in ("simulator", "controller")},
     "ros/estimation": {"ros/estimation", "estimation", "drawing"},  # plot_path draws
     "ros/safety": {"ros/safety", "controller"},
-    "husky_web": {"husky_web", "ros", "drawing"},
+    "husky_web": {"husky_web", "ros", "drawing", "simulator/twist_mux"},
 }
 ROS = {"rospy", "tf2_ros", "roslib", "roslaunch", "rosgraph", "genpy", "rospkg", "dynamic_reconfigure"}
 CLOCKS = {"time", "datetime", "threading", "random"}

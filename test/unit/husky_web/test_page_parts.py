@@ -6,6 +6,8 @@ import queue
 import re
 import threading
 from dataclasses import fields
+from math import inf
+from time import monotonic
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -39,7 +41,7 @@ from husky_web.parameters import (
 )
 from husky_web.plots import CHARTS, Curve, chart_html, fixed, nice_ticks
 from husky_web.recorder import recording_page
-from husky_web.state_bar import RobotStatus, StopReason, state_html
+from husky_web.state_bar import Figures, Moving, RobotStatus, StopReason, state_html
 from husky_web.teleop import EXPIRY, HoldToDrive, clamp_axis, set_speed
 from husky_web.viser_private import LoopEvent
 
@@ -386,22 +388,28 @@ def test_a_topic_of_two_uses_stays_open_for_the_one_that_is_shown(monkeypatch):
         (RobotStatus(is_locked=True, is_silent=True), "error", state_bar.UNCERTAIN),
         (RobotStatus(is_locked=True, is_silent=True, is_paused=True), "error", state_bar.LOCKED),
         (RobotStatus(is_paused=True, activity="driving"), "warn", "PAUSED"),
-        (RobotStatus(activity="<driving>", distance=1.0), "ok", "&lt;driving&gt;"),
-        (RobotStatus(activity="arrived", distance=0.01, speed=0.0), "ok", "at the pillar"),
+        (RobotStatus(activity="<driving>"), "ok", "&lt;driving&gt;"),
+        (RobotStatus(activity="arrived"), "ok", "at the pillar"),
         (RobotStatus(is_silent=True), "error", "no news from the robot"),
         (RobotStatus(is_master_gone=True, is_locked=True), "error", state_bar.MASTER_GONE),
+        (RobotStatus(moving="unit_cylinder", activity="arrived"), "busy", "being moved: unit_cylinder"),
+        (RobotStatus(is_by_hand=True, activity="driving", fault="no pillar"), "busy", "driven by hand"),
+        (RobotStatus(driver="/drive", activity="stopped"), "ok", "/drive drives the robot"),
+        (RobotStatus(activity="driving", level=1, fault="scans come late"), "warn", "scans come late"),
+        (RobotStatus(activity="stopped"), "", "standing still until Start is pressed"),
+        (RobotStatus(), "", "no node drives the robot"),
     ],
 )
 def test_the_state_bar_says_first_what_keeps_the_robot_from_driving(status, level, words):
-    html = state_html(status)
+    html = state_html(status, Figures(1.0, 0.0, 0.0))
     assert f'husky-state {level}"' in html
     assert f"<b>{words}</b>" in html
-    assert ("to go" in html) == (status.distance == 1.0), "at the pillar nothing is"
+    assert ("to go" in html) == (status.activity != "arrived"), "at the pillar nothing is"
 
 
 def test_the_state_bar_says_what_has_stopped_the_controller_as_text():
     assert log_of(line("hit: stopped", "warn"), line("started")).warning.text == "hit: stopped"
-    assert "<div>&lt;hit&gt;</div>" in state_html(RobotStatus(activity="stopped", reason="<hit>"))
+    assert "<div>&lt;hit&gt;</div>" in state_html(RobotStatus(activity="stopped", reason="<hit>"), Figures())
 
 
 def test_a_later_warning_takes_no_reason_away():
@@ -421,12 +429,27 @@ def test_a_drag_ends_when_its_page_is_closed(monkeypatch):
     shape, node = Mock(), Mock(position=(0.0, 0.0, 0.0), wxyz=(1.0, 0.0, 0.0, 0.0))
     box = Mock(node=node, shapes=[shape], is_movable=True)
     objects = Mock(shown={("t", "box"): box}, dragged={})
-    mouse = Mouse(Mock(robot_shapes=[]), objects, None, {7: SimpleNamespace(tool=MOVE)})
+    moving = Moving()
+    mouse = Mouse(Mock(robot_shapes=[]), objects, None, moving, {7: SimpleNamespace(tool=MOVE)})
     mouse.bind()
     (on_drag,) = shape.on_drag.return_value.call_args.args
     asyncio.run(on_drag(Mock(phase="start", client=Mock(client_id=7))))
     assert objects.dragged
     mouse.release(8)
     assert objects.dragged, "another page"
+    assert moving.text(0.0, inf) == "box"
     mouse.release(7)
     assert not objects.dragged
+    assert moving.text(0.0, inf) == ""
+
+
+def test_what_a_page_has_moved_is_told_until_the_controller_can_have_answered():
+    moving = Moving()
+    with moving("box"):
+        assert moving.text(5.0, inf) == "box"
+    now = monotonic()
+    assert [moving.text(time, now) for time in (5.02, 5.1, 5.13)] == ["box", "box", ""]
+    with moving("box"):
+        pass
+    assert moving.text(5.0, now) == "box"
+    assert [moving.text(time, now) for time in (0.0, 0.08, 0.1)] == ["box", "box", ""], "time begins again"

@@ -1,7 +1,8 @@
-"""Publishes the controller's status on /diagnostics about once a simulated second."""
+"""Publishes the controller's status on /diagnostics about once a simulated second, and when it changes."""
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from typing import Callable, List, Optional, Tuple
 
@@ -98,15 +99,29 @@ class Diagnostics:
         )
         self._published_at = 0.0
         self._now, self._still_polls = 0.0, 0
+        self._has_changed = threading.Event()
+
+    def hasten(self) -> None:
+        """Have the status published by the next `update`: it has changed. Any thread."""
+        self._has_changed.set()
+
+    def wait(self, period: float) -> None:
+        """Wait until a period [s] of wall time is over, or the status has changed."""
+        self._has_changed.wait(period)
 
     def update(self) -> None:
-        """Publish if a period is over or a node has subscribed; to be called several times a period."""
-        now = rospy.get_time()
-        self._still_polls = self._still_polls + 1 if now == self._now else 0
+        """Publish if a period is over, the status has changed, or a node has subscribed. Call it often."""
+        now, was_still = rospy.get_time(), self._still_polls >= STILL_POLLS
+        has_changed = self._has_changed.is_set()
+        self._has_changed.clear()
+        if now != self._now:
+            self._still_polls = 0
+        elif not has_changed:  # which calls this early
+            self._still_polls += 1
         self._now = now
         is_early = 0.0 <= now - self._published_at < PERIOD  # less: the simulator was started again
-        pauses = self._still_polls == STILL_POLLS
-        if not self._new_subscribers.take() and is_early and not pauses:
+        pauses, resumes = self._still_polls == STILL_POLLS, was_still and self._still_polls == 0
+        if not (self._new_subscribers.take() or has_changed or pauses or resumes) and is_early:
             return
         self._published_at = now
         if self._publisher.get_num_connections():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from collections import deque
 from dataclasses import dataclass
 from math import inf, isfinite, isnan
@@ -126,7 +125,7 @@ class ControllerNode:
                     self._diagnostics.update()
             with contained("showing the last scan"):
                 self._display.update()
-            time.sleep(POLL_PERIOD)
+            self._diagnostics.wait(POLL_PERIOD)
 
     def _stop(self) -> None:
         self._command(STOP)
@@ -150,6 +149,7 @@ class ControllerNode:
             self._enabled = request.data
             if not request.data:
                 self._stop()
+        self._diagnostics.hasten()
         now = "driving to the pillar" if request.data else "standing still until it is started"
         message = f"{'already ' if already else ''}{now}"
         rospy.loginfo("%s: %s", "started" if request.data else "stopped", message)
@@ -183,6 +183,8 @@ class ControllerNode:
                 self._stop()
                 raise
             self._command(output.twist)
+        if output.state is not before.state:
+            self._diagnostics.hasten()
         self._stamps.append(observation.scan.stamp)
         self._log(observation, before, output, control)
         self._announce(output.at_pillar)
@@ -241,6 +243,13 @@ class ControllerNode:
         elif state is State.WAITING and observation.laser_in_base is not None:
             rospy.logwarn(output.reason)
 
+    def _state(self) -> State:
+        """State by the last scan, unless the service has changed it since: a paused world has no scan."""
+        state = self._controller_state.state
+        if not self._enabled:
+            return State.STOPPED
+        return State.WAITING if state is State.STOPPED else state
+
     def _announce(self, arrived: bool) -> None:
         """Publish ~arrived when it changes."""
         if arrived is not self._arrived:
@@ -269,7 +278,7 @@ class ControllerNode:
             tf_silence=None if self._tf_time is None else now - self._tf_time,
             tf_age=now - tf_stamp,
             ahead=self._placement.ahead,
-            state=self._controller_state.state,
+            state=self._state(),
             pillar=self._seen,
             reason=self._reason,
         )

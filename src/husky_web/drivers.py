@@ -1,0 +1,67 @@
+"""Drivers: the node whose command the robot obeys, by the inputs of twist_mux.
+
+In: geometry_msgs/Twist of each input, with its sender. Out: the sender's name, and whether it is a person.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Dict, List, NamedTuple, Optional, Tuple
+
+from husky_highlevel_controller.simulator.twist_mux import TIMEOUT
+from husky_web.topics import INPUTS, Received
+
+MIN_WALL_TIME = 0.25  # [s] of wall time that a command counts: a person's node repeats it by that clock
+MAX_SENDERS = 100  # that are kept
+_ANONYMOUS = re.compile(r"_\d+_\d{10,}$")  # end of such a name: process and time
+
+
+class Command(NamedTuple):
+    """Last command of a sender, if it was not zero."""
+
+    name: str  # one of INPUTS
+    sender: str
+    time: Optional[float]  # [s] of simulated time; None if unknown
+    now: float  # [s] of wall time
+
+    @property
+    def is_by_hand(self) -> bool:
+        """Whether it came on an input that goes before the controller's."""
+        return self.name != INPUTS[-1]
+
+    def counts(self, time: Optional[float], now: float) -> bool:
+        """Whether the robot obeys it still, at `time` and `now` as above."""
+        if time is not None and self.time is not None and 0.0 <= time - self.time <= TIMEOUT:
+            return True
+        return now - self.now < (TIMEOUT if time is None else MIN_WALL_TIME)
+
+
+class Drivers:
+    """The last command of each sender."""
+
+    def __init__(self) -> None:
+        self._last: Dict[Tuple[str, str], Command] = {}  # by input and sender
+
+    def take(self, received: List[Received], time: Optional[float], now: float) -> None:
+        """Take in commands by input, which came at `time` and `now` as of `Command`."""
+        for name, msg in received:
+            sender = msg._connection_header["callerid"]
+            self._last.pop((name, sender), None)
+            if msg.linear.x != 0.0 or msg.angular.z != 0.0:
+                self._last[name, sender] = Command(name, sender, time, now)
+        while len(self._last) > MAX_SENDERS:
+            self._last.pop(next(iter(self._last)))
+
+    def command(self, time: Optional[float], now: float) -> Optional[Command]:
+        """The command of the strongest input that counts at `time` and `now`, the newest of several."""
+        living = [command for command in self._last.values() if command.counts(time, now)]
+        return min(reversed(living), key=lambda command: INPUTS.index(command.name), default=None)
+
+    def forget(self) -> None:
+        """Drop what was kept."""
+        self._last.clear()
+
+
+def short_name(node: str) -> str:
+    """Name of a node without the numbers of an anonymous one."""
+    return _ANONYMOUS.sub("", node)
