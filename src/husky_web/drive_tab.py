@@ -140,7 +140,7 @@ class DriveTab:
         self._actions.do(work, client, "Drive again")
 
     def activity(self) -> Tuple[str, int, str]:
-        """State of the controller, empty if unknown; level and sentence of its complaint, empty without one."""
+        """State of the controller, empty if unknown; level and sentence of its complaint, if any."""
         name = self._controller.strip("/")
         level, sentence = next(
             (light for key, light in self._lights.items() if key.startswith(name)), (0, "")

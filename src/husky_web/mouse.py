@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from math import dist, hypot
 from typing import TYPE_CHECKING, Any, Callable, Dict, Optional, Sequence
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
@@ -15,6 +16,8 @@ if TYPE_CHECKING:  # it imports messages, which tests without a workspace do not
     from husky_web.world_tab import WorldTab
 
 FARTHEST = 200.0  # [m]; a click just below the horizon means no place
+# slope below the horizon from which on a grasp moves on its level: by a flatter ray it would fly away
+STEEP = 0.05
 
 
 class Mouse:
@@ -116,7 +119,7 @@ class Mouse:
 
 
 class Drag:
-    """Object that the mouse drags over the ground, at the height where it was grasped."""
+    """Object that the mouse drags over the ground; where it was grasped it stays under the mouse."""
 
     def __init__(
         self, page: int, pose: Pose, show: Callable[[Pose], None], drop: Callable[[Pose], None]
@@ -125,14 +128,19 @@ class Drag:
         self.page = page
         self._start, self._pose, self._show, self._drop = pose, pose, show, drop
         self._grasp: Any = None
+        self._is_level = True
 
     def on_event(self, event: Any) -> None:
-        """Follow the mouse: its ray is cut with the level of the grasp."""
+        """Follow the mouse: its ray is cut with a plane through the grasp."""
+        eye = [float(value) for value in event.client.camera.position]
         if event.phase == "start" or self._grasp is None:
             self._grasp = tuple(float(value) for value in event.start_position)
-        eye = event.client.camera.position
-        ray = [float(a) - float(b) for a, b in zip(event.end_position, eye)]
-        point = point_on_level(eye, ray, self._grasp[2])
+            self._is_level = eye[2] - self._grasp[2] > STEEP * dist(eye[:2], self._grasp[:2])
+        ray = [float(a) - b for a, b in zip(event.end_position, eye)]
+        if self._is_level:
+            point = point_on_level(eye, ray, self._grasp[2])
+        else:
+            point = point_before(eye, ray, self._grasp)
         if point is not None:
             x, y, z = self._start.position
             moved = (x + point[0] - self._grasp[0], y + point[1] - self._grasp[1], z)
@@ -144,9 +152,25 @@ class Drag:
 
 def point_on_level(origin: Sequence[float], direction: Sequence[float], z: float) -> Optional[Vector3]:
     """Intersection of a ray with the plane at height `z` [m]; None behind the camera or too far."""
-    if abs(direction[2]) < 1e-9:
+    return _meeting(origin, direction, (0.0, 0.0, z), (0.0, 0.0, 1.0))
+
+
+def point_before(
+    origin: Sequence[float], direction: Sequence[float], point: Sequence[float]
+) -> Optional[Vector3]:
+    """Intersection of a ray with the upright plane through a point [m] that faces the ray's origin."""
+    return _meeting(origin, direction, point, (point[0] - origin[0], point[1] - origin[1], 0.0))
+
+
+def _meeting(
+    origin: Sequence[float], direction: Sequence[float], point: Sequence[float], normal: Sequence[float]
+) -> Optional[Vector3]:
+    """Intersection of a ray with the plane through a point; None behind the origin, or too far."""
+    along = sum(a * b for a, b in zip(direction, normal))
+    if abs(along) < 1e-9:
         return None
-    distance = (z - origin[2]) / direction[2]
-    if not 0.0 < distance < FARTHEST:
+    share = sum((p - o) * n for p, o, n in zip(point, origin, normal)) / along
+    if not 0.0 < share * hypot(*direction) < FARTHEST:
         return None
-    return (origin[0] + distance * direction[0], origin[1] + distance * direction[1], z)
+    x, y, z = (o + share * d for o, d in zip(origin, direction))
+    return (x, y, z)

@@ -57,6 +57,13 @@ NOTE_DRIVING = (
     "}).observe(document.body, {subtree: true, childList: true, characterData: true})"
 )
 SKY = 20  # row of the view in which nothing is drawn
+# keeps each sentence of the state bar, for a test that may come too late to see it
+NOTE_STATES = """() => {
+  const state = () => document.querySelector('.husky-state b')?.textContent;
+  window.states = [state()];
+  new MutationObserver(() => { if (state() && state() !== states.at(-1)) states.push(state()); })
+    .observe(document.body, {subtree: true, childList: true, characterData: true});
+}"""
 DRAW_TIMEOUT = 240.0  # [s] of wall time for anything that a browser without a graphics card draws
 
 
@@ -373,6 +380,54 @@ def test_a_paused_world_says_so_on_every_tab(page):
     page.wait_for_selector(".husky-state:not(:has-text('PAUSED'))")
 
 
+def test_the_state_follows_each_change_at_once_and_says_nothing_false_in_between(page, network):
+    driving, standing, by_hand = (
+        "driving to the pillar", "standing still until Start is pressed", "driven by hand",
+    )  # fmt: skip
+    network.call("/husky_simulator/reset")
+    network.call("/husky_highlevel_controller/start_stop", "true")
+    page.wait_for_selector(f".husky-state:has-text('{driving}')")
+    page.evaluate(NOTE_STATES)
+    expected = [driving]
+
+    def comes(state):
+        expected.append(state)
+        page.wait_for_function("state => states.at(-1) === state", arg=state)
+
+    press(page, "Pause")
+    comes("PAUSED")
+    press(page, "Resume")
+    comes(driving)
+    page.keyboard.down("a")
+    comes(by_hand)
+    page.keyboard.up("a")
+    comes(driving)
+    press(page, "Stop")
+    comes(standing)
+    page.keyboard.down("w")
+    comes(by_hand)
+    page.keyboard.up("w")
+    comes(standing)
+    press(page, "Start")
+    comes(driving)
+    network.call("/husky_highlevel_controller/start_stop", "false")
+    comes(standing)
+    other = network.start(
+        "rostopic", "pub", "-r", "20", "/cmd_vel", "geometry_msgs/Twist", "{linear: {x: 0.3}}"
+    )
+    comes("/rostopic drives the robot")
+    other.popen.terminate()
+    comes(standing)
+    network.call("/husky_highlevel_controller/start_stop", "true")
+    comes(driving)
+    page.keyboard.press("Space")
+    comes("emergency stop: no command is obeyed")
+    page.click(".husky-e-stop.locked")
+    comes(standing)
+    # between its start and its first scan a controller waits for one
+    assert [state for state in page.evaluate("states") if not state.startswith("waiting")] == expected
+
+
 def take(page, tool, hint):
     """Choose a tool of the mouse, and wait until the page says what to do with it."""
     press(page, tool)
@@ -408,6 +463,7 @@ def test_a_box_is_put_where_the_ground_is_clicked_dragged_and_deleted(page, robo
     hover(page, 300, 395)
     page.mouse.down()
     page.mouse.move(240, 415, steps=4)  # away from the robot
+    page.wait_for_selector(f".husky-state:has-text('being moved: {name}')")
     page.mouse.up()
     wait_until(lambda: dist(robot.objects[name], position) > 0.2, "the box has moved")
     take(page, "Delete", "Click an object")

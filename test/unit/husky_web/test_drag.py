@@ -1,0 +1,46 @@
+"""Dragging over the ground: what was grasped stays under the mouse."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from husky_highlevel_controller.datatypes import Pose
+from husky_web.mouse import Drag
+
+EYE = np.array((-6.0, 0.0, 1.2))  # as behind the robot, before a pillar of 3 m
+PILLAR = Pose((0.0, 0.0, 1.5))
+
+
+def dragged(grasp, *rays):
+    """Where an object is that was grasped at a point, and the mouse followed these rays from the camera."""
+    shown, dropped = [], []
+    drag = Drag(7, PILLAR, lambda pose: shown.append(pose.position), dropped.append)
+    client = SimpleNamespace(camera=SimpleNamespace(position=EYE))
+    for phase, ray in zip(("start", "update", "end"), (np.subtract(grasp, EYE), *rays)):
+        drag.on_event(
+            SimpleNamespace(phase=phase, client=client, start_position=grasp, end_position=EYE + 0.3 * ray)
+        )
+    assert dropped[-1].position == shown[-1]
+    return np.array(shown[-1])
+
+
+@pytest.mark.parametrize("height", [0.1, 0.7, 1.19, 1.21, 2.5])
+@pytest.mark.parametrize("sideways", [-0.5, 1.5])
+def test_an_object_stays_under_the_mouse_at_whatever_height_it_is_taken(height, sideways):
+    grasp = np.array((-0.2, 0.1, height))
+    ray = np.array((5.0, 0.1 + sideways, height - EYE[2]))
+    moved = dragged(grasp, ray, ray) - PILLAR.position
+    assert moved[2] == 0.0
+    held = grasp + moved - EYE
+    assert held[1] / held[0] == pytest.approx(ray[1] / ray[0]), "to the side"
+    if height < 1.0:
+        assert held / held[0] == pytest.approx(ray / ray[0]), "and in height"
+    assert np.hypot(*moved[:2]) < 3.0
+
+
+@pytest.mark.parametrize("height", [1.19, 1.5, 2.5])
+def test_what_is_taken_near_the_horizon_or_above_does_not_fly_away(height):
+    grasp = np.array((-0.2, 0.0, height))
+    down = np.array((5.8, 0.0, -1.0))
+    assert np.hypot(*(dragged(grasp, down, down) - PILLAR.position)[:2]) < 0.5
