@@ -30,8 +30,6 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 def import_early() -> None:
     """Begin to import what the programs share, beside whatever this program does next."""
-    # Python 3.14 hands sys.path on, where catkin's devel space has our sources before their messages
-    sys.path.sort(key=str(Path(__file__).parents[2]).__eq__)
     _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])  # which needs more
     forkserver.ensure_running()
 
