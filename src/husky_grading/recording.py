@@ -57,6 +57,8 @@ class Playback:
     top_view: np.ndarray = table("[s, m, m, m], the frame's place in base_link", 4)
     players: Tuple[str, ...] = ()  # arguments of its launch file's rosbag players
     curves: Tuple[Tuple[str, str], ...] = ()  # of its rqt_multiplot files: /topic/field of x and of y
+    # [m] in base_link of every frame at the end, where the top view never came: it may have another name
+    places: Mapping[str, Tuple[float, float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

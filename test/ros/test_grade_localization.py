@@ -14,6 +14,7 @@ DESERVED = {
     "no_filter": ((20, 0, 0, 10, 10, 5, 5), "nothing listens to the bag's wheel odometry"),
     "wrong_topics": ((20, 0, 0, 10, 10, 5, 5), "it listens to /wheels, where nothing is sent"),
     "no_top_view": ((20, 30, 10, 10, 0, 5, 5), "no transform from base_link to smb_top_view"),
+    "other_top_view": ((20, 30, 10, 10, 0, 5, 5), "top_view is there, but it must be called smb_top_view"),
     "still_top_view": ((20, 30, 10, 10, 0, 5, 5), "(-"),
     "no_launch_file": ((), "no launch file starts ekf_localization_node; launch files: none"),
 }

@@ -32,6 +32,7 @@ VARIANTS = {  # filter and top view
     "wrong_topics": (OWN, ABOVE),
     "no_top_view": (COURSES, ""),
     "still_top_view": (COURSES, TOP_VIEW.format(parent="odom")),
+    "other_top_view": (COURSES, ABOVE.replace("smb_top_view", "top_view")),
     "no_launch_file": None,
 }
 YAML = """

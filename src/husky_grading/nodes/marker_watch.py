@@ -91,6 +91,11 @@ class MarkerWatch:
             return conversions.pose_from_transform(transform).position
         return None
 
+    def places(self) -> Dict[str, Vector3]:
+        """Place in base_link of each frame [m] that transforms connect with it."""
+        places = {frame: self.place(frame) for frame in self.frames}
+        return {frame: place for frame, place in places.items() if place is not None}
+
     def follow(self, topic: str, kind: str) -> None:
         """Subscribe to a topic, if its type is one of markers."""
         is_new = topic not in self._topics and len(self._topics) < MAX_TOPICS

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Callable, Dict, List, Optional, Tuple
+from typing import Dict, List, Tuple
 
 import numpy as np
 import rospy
 from nav_msgs.msg import Odometry
 
+from husky_grading.nodes.marker_watch import MarkerWatch
 from husky_grading.recording import FILTERED, Playback
 
 TOP_VIEW = "smb_top_view"  # frame
@@ -21,9 +22,9 @@ SILENCE = 10.0  # [s] of wall time without an estimate after the bag's end: no m
 class PlaybackWatch:
     """Callbacks append; `is_over` tells when all has come."""
 
-    def __init__(self, place_of: Callable[[str], Optional[Tuple[float, ...]]], known: Playback) -> None:
-        """`place_of` gives a frame's place in base_link now [m]; `known` is what its hand-in says."""
-        self._place_of, self._known = place_of, known
+    def __init__(self, transforms: MarkerWatch, known: Playback) -> None:
+        """`transforms` tell the places of frames; `known` is what its hand-in says."""
+        self._transforms, self._known = transforms, known
         self._paths: Dict[str, List[Tuple[float, float, float]]] = {}
         self._top_view: List[Tuple[float, ...]] = []
         self._came_at = time.monotonic()
@@ -44,7 +45,7 @@ class PlaybackWatch:
 
     def look(self, now: float) -> None:
         """Keep where the top view is at a simulated time [s], once for each: the clock may stand."""
-        place = self._place_of(TOP_VIEW)
+        place = self._transforms.place(TOP_VIEW)
         if place is not None and now > (self._top_view[-1][0] if self._top_view else 0.0):
             self._top_view.append((now, *place))
 
@@ -60,4 +61,6 @@ class PlaybackWatch:
         longest = max(self._paths, key=lambda topic: len(self._paths[topic]), default="")
         topic = FILTERED if self._paths.get(FILTERED) else longest
         path = np.array(self._paths.get(topic, ())).reshape(-1, 3)
-        return replace(self._known, path=path, topic=topic, top_view=np.array(self._top_view).reshape(-1, 4))
+        top_view = np.array(self._top_view).reshape(-1, 4)
+        places = {} if self._top_view else self._transforms.places()
+        return replace(self._known, path=path, topic=topic, top_view=top_view, places=places)

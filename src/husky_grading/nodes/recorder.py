@@ -81,7 +81,7 @@ class DriveRecorder:
         self._scans: List[Scan] = []
         self._watch = MarkerWatch(lambda: self._now, self._task.packages)
         played = self._known.playback
-        self._playback = PlaybackWatch(self._watch.place, played) if played else None
+        self._playback = PlaybackWatch(self._watch, played) if played else None
         self._subscribed = self._listens = self._advertises = False
         self._joined_at = inf  # [s] of wall time
         self._publishers: Dict[str, List[str]] = {}  # names of nodes by topic

@@ -30,6 +30,7 @@ COLOURING, SIZE, SAME_SIZE = "AxisColor Z", 0.05, 0.005  # of the cloud's points
 PLOT = "plot x and y of /odometry/filtered: pose/pose/position/x and .../y, and save the configuration"
 INPUTS = "compare the filter's inputs with `rosbag info`: are localization.yaml and use_sim_time loaded?"
 TOP_VIEW = "publish it by static_transform_publisher: args=0 0 2 0 0 0 base_link smb_top_view"
+RENAME = "the frame {} is there, but it must be called smb_top_view"
 CLOUD = f"a display PointCloud2 of /rslidar_points; {DISPLAYS}"
 STYLE = "in the display PointCloud2: Color Transformer AxisColor, Axis Z, Size (m) 0.05"
 PLAYS = "a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
@@ -103,11 +104,20 @@ def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -
     """The top view is 2 m above base_link at three moments of the drive."""
     rows = playback.top_view
     if len(rows) < 3:
-        return 0.0, "no transform from base_link to smb_top_view", TOP_VIEW
+        other = next((frame for frame, place in sorted(playback.places.items()) if _is_above(place)), "")
+        evidence = "no transform from base_link to smb_top_view"
+        if other:
+            return 0.0, f"{evidence}, but {other} is 2 m above it", RENAME.format(other)
+        return 0.0, evidence, TOP_VIEW
     moments = rows[np.linspace(0, len(rows) - 1, 5).astype(int)[1:4]]
-    is_there = (np.linalg.norm(moments[:, 1:] - ABOVE, axis=1) <= NEAR).all()
+    is_there = all(_is_above(place) for place in moments[:, 1:])
     places = "; ".join(f"({x:.2f}, {y:.2f}, {z:.2f}) m at {at:.1f} s" for at, x, y, z in moments)
     return float(is_there), f"in base_link: {places}", TOP_VIEW
+
+
+def _is_above(place: Sequence[float]) -> bool:
+    """Whether a place in base_link [m] is that of the top view."""
+    return float(np.linalg.norm(np.subtract(place, ABOVE))) <= NEAR
 
 
 def judge_player(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:

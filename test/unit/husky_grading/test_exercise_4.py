@@ -96,6 +96,24 @@ def test_an_item_is_worth_what_is_right_of_it_and_no_other_changes(item, change,
     assert judged == {**points(recording()), item: worth}
 
 
+@pytest.mark.parametrize(
+    ("places", "words"),
+    [
+        (
+            {"lidar": (0.0, 0.0, 0.5), "view": (0.02, 0.0, 2.0)},
+            ("view is 2 m above", "frame view is there, but"),
+        ),
+        ({"lidar": (0.0, 0.0, 0.5)}, ("from base_link to smb_top_view", "publish it by static_transform")),
+    ],
+)
+def test_a_top_view_of_another_name_has_no_points_and_is_told_its_name(places, words):
+    judged = judge_exercise_4([recording(replace(PLAYBACK, top_view=TOP_VIEW[:0], places=places))], VIEW, "")
+    (item,) = [item for item in judged if item.name == TOP]
+    assert item.points == 0.0
+    assert words[0] in item.evidence
+    assert words[1] in item.hint
+
+
 def test_a_long_way_may_be_off_by_2_percent_and_one_that_never_began_has_no_points():
     long = replace(recording(replace(PLAYBACK, path=PATH * (1, 4, 4) + (0, 0, 1.5))), poses=TRUTH * 4)
     assert points(long)["recorded path"] == 30.0

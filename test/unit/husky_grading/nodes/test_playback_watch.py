@@ -15,7 +15,12 @@ from husky_grading.recording import Playback
 @pytest.fixture
 def watch(monkeypatch):
     monkeypatch.setattr(playback_watch.rospy, "Subscriber", lambda *_, **__: None)
-    return PlaybackWatch(lambda frame: (0.0, 0.0, 2.0) if frame == "smb_top_view" else None, Playback())
+    return watch_of({"smb_top_view": (0.0, 0.0, 2.0)})
+
+
+def watch_of(places):
+    """A watch of a filter whose frames are at these places of base_link."""
+    return PlaybackWatch(SimpleNamespace(place=places.get, places=lambda: places), Playback())
 
 
 def come(watch, *stamps, topic="/odometry/filtered"):
@@ -30,6 +35,14 @@ def test_while_the_clock_stands_a_place_is_kept_once(watch):
     for now in (0.0, 0.0, 0.0, 1.0, 1.0, 2.0):
         watch.look(now)
     assert watch.playback.top_view.tolist() == [[1.0, 0.0, 0.0, 2.0], [2.0, 0.0, 0.0, 2.0]]
+
+
+def test_where_the_top_view_never_comes_the_places_of_other_frames_are_kept(watch):
+    other = watch_of({"top_view": (0.0, 0.0, 2.0)})
+    for each in (watch, other):
+        each.look(1.0)
+    assert watch.playback.places == {}
+    assert other.playback.places == {"top_view": (0.0, 0.0, 2.0)}
 
 
 def test_the_longest_path_is_kept_unless_the_sheets_topic_has_one_and_only_odometry_is_followed(watch):
