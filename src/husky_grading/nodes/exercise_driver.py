@@ -36,6 +36,7 @@ UNANSWERED = (
     xmlrpc.client.Error,
 )  # fmt: skip
 ANSWER_DEADLINE = 10.0  # [s] of wall time
+OBEYED = 0.5  # [s], simulated, after a call: by then a submission that it stops sends no more
 SET_BOOL = "std_srvs/SetBool"
 MAX_SERVICES = 100  # of a submission that are looked at, each in a thread
 MAX_DESCRIPTION = 2_000_000  # letters of a URDF
@@ -117,6 +118,14 @@ class ExerciseDriver:
         call = min(services), self._made, self._answers
         threading.Thread(target=_ask, args=call, daemon=True).start()
         return None
+
+    def has_silenced(self, last_command: float) -> bool:
+        """Whether a call came just before a submission's last command [s, simulated], or after it.
+
+        Such a submission sends nothing because it was asked to: it waits for the next call.
+        """
+        made = self._made
+        return any(call.at >= last_command - OBEYED for call in (*self.calls, *([made] if made else [])))
 
     def parameters(self) -> Tuple[Tuple[str, ...], Tuple[str, ...]]:
         """Private parameters with the scans' topic, and those that are a queue's size."""

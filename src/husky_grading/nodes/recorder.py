@@ -144,6 +144,10 @@ class DriveRecorder:
     def _speed(self) -> float:
         return self._truth[-1].speed if self._truth else 0.0
 
+    @property
+    def _last_command(self) -> float:
+        return self._commands[-1] if self._commands else -inf
+
     def _on_truth(self, state: TrueState) -> None:
         if self._is_over or self._now >= self._known.deadline:
             self._watch.close()
@@ -155,7 +159,7 @@ class DriveRecorder:
     def _on_event(self, kind: str, text: str) -> None:
         if kind == "changed":
             self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
-        elif kind == "unanswered":
+        elif kind == "unanswered" or (kind == "asleep" and not self._driver.has_silenced(self._last_command)):
             self._unanswered = text
 
     def _violate(self, text: str) -> None:

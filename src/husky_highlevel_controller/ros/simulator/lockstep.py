@@ -71,12 +71,16 @@ class Lockstep:
     """
 
     def __init__(
-        self, is_on: bool, listeners: Listeners, on_unanswered: Callable[[str], None] = lambda _: None
+        self, is_on: bool, listeners: Listeners, tell: Callable[[str, str], None] = lambda *_: None
     ) -> None:
-        """Wait for answers of `listeners`; `on_unanswered` is called with a sentence when one stays out."""
+        """Wait for answers of `listeners`.
+
+        `tell` is called when one stays out, with a kind and a sentence: "asleep" until it comes again,
+        "unanswered" once, when no other is waited for.
+        """
         self._mode = Mode.WATCHED if is_on else Mode.FREE
         self._wakes_to = self._mode  # of SLEEPING: the mode before
-        self._listeners, self._on_unanswered = listeners, on_unanswered
+        self._listeners, self._tell = listeners, tell
         self._answered = threading.Event()
         # topics with a command since the last scan; None: no scan yet
         self._answered_on: Optional[Set[str]] = None
@@ -133,6 +137,9 @@ class Lockstep:
         if self._mode is not Mode.SLEEPING:
             self._wait_for_command(meanwhile, resend, nudge)
         self._settle(meanwhile)
+        # not before its first command: it may wait until it is called
+        if self._mode is Mode.SLEEPING and self._begun and not self._answered.is_set():
+            self._tell("asleep", "it does not answer every scan with a command: scans go on while it sleeps")
         self._due = False
         self._in_a_row = self._in_a_row + 1 if self._answered.is_set() else 0
         if self._in_a_row >= AWAKE:
@@ -183,7 +190,6 @@ class Lockstep:
         self._wait(answered, ANSWER_TIMEOUT, "no command answers the scan")
         if self._mode is Mode.SLEEPING:
             rospy.loginfo_once("lockstep: a controller sleeps; the clock goes on scan by scan meanwhile")
-            self._on_unanswered("it does not answer every scan with a command: scans go on while it sleeps")
         elif could_nudge and nudged and self._mode is not Mode.FREE:
             self._mode = Mode.ALWAYS_WATCHED
 
@@ -211,7 +217,8 @@ class Lockstep:
                     f"lockstep: after {timeout:g} s of wall time {missing}; running free from now on"
                 )
                 self._mode = Mode.FREE
-                self._on_unanswered("it does not answer every scan with a command: scans went on without it")
+                text = "it does not answer every scan with a command: scans went on without it"
+                self._tell("unanswered", text)
             time.sleep(period)
 
 

@@ -67,7 +67,7 @@ class SimulatorNode:
         self._lockstep = Lockstep(
             start.lockstep,
             Listeners(self._publishers.scan, self._publishers.clock),
-            partial(self._publishers.truth_log.write_line, "unanswered"),
+            self._publishers.truth_log.write_line,
         )
         self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
         self._commands = Commands(config.robot.topics, self._lockstep, self._lead_limit)

@@ -23,7 +23,7 @@ POLL_PERIOD = 0.02  # [s] of wall time, while the reader does not let time begin
 
 
 class TruthLog:
-    """Log, JSON by line: "ready", "truth" (`TrueState.to_numbers`), "changed", "unanswered"."""
+    """Log, JSON by line: "ready", "truth" (`TrueState.to_numbers`), "changed", "asleep", "unanswered"."""
 
     def __init__(self) -> None:
         path = os.environ.get(VARIABLE)

@@ -41,6 +41,18 @@ def test_a_service_that_is_found_while_one_is_chosen_ends_nothing(driver, monkey
     assert not driver.calls[0].success
 
 
+def test_a_submission_that_a_call_has_stopped_may_be_silent_and_no_other(driver, monkeypatch):
+    monkeypatch.setattr(rospy, "ServiceProxy", lambda *_: lambda data: None)
+    assert not driver.has_silenced(7.9), "no call yet"
+    monkeypatch.setattr(rosservice, "get_service_type", lambda name: SET_BOOL)
+    driver._probe("/go")
+    driver.work(8.0, 0.5)
+    assert driver.has_silenced(8.1), "also while the call is on its way"
+    until(lambda: driver.work(8.1, 0.5) is None and driver.calls)
+    assert driver.has_silenced(8.1)
+    assert not driver.has_silenced(9.0), "it has sent a command since"
+
+
 @pytest.mark.parametrize("error", [ValueError("odd"), RuntimeError("odd"), rosservice.ROSServiceException()])
 def test_a_service_whose_type_cannot_be_read_is_asked_again(driver, error, monkeypatch):
     asked = []
@@ -64,6 +76,7 @@ def test_a_call_that_fails_in_whatever_way_is_answered_by_what_went_wrong(driver
 
     monkeypatch.setattr(rosservice, "get_service_type", lambda name: SET_BOOL)
     monkeypatch.setattr(rospy, "ServiceProxy", lambda *_: fail)
+    monkeypatch.setattr(rosservice, "get_service_type", lambda name: SET_BOOL)
     driver._probe("/go")
     driver.work(8.0, 0.5)
     until(lambda: driver.work(8.1, 0.5) is None and driver.calls)

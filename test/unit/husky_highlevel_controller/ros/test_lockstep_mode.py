@@ -20,7 +20,8 @@ class Run:
 
     def __init__(self, asleep=True, is_on=True, begun=True):
         self.now, self.is_asleep, self.repeated_ticks = 0.0, asleep, 0
-        self.lockstep = Lockstep(is_on, self)
+        self.told = []  # kinds
+        self.lockstep = Lockstep(is_on, self, lambda kind, _: self.told.append(kind))
         if begun:
             self.command()
 
@@ -169,12 +170,25 @@ def test_a_controller_that_sleeps_is_waited_for_twice_and_again_after_ten_answer
     assert warnings == []
 
 
+def test_a_controller_that_waits_until_it_is_called_does_not_sleep_through_scans(start):
+    run = start(begun=False)
+    for _ in range(3):
+        run.scan(answers=False, resend=nothing, nudge=nothing)
+    for _ in range(10):
+        run.scan()
+    assert run.told == []
+    for _ in range(2):
+        run.scan(answers=False, nudge=nothing)
+    assert run.told == ["asleep", "asleep"], "after its first command"
+
+
 def test_a_sleeping_controller_that_stays_busy_ends_lockstep(start, warnings):
     run = start()
     run.scan(answers=False, nudge=nothing)
     run.is_asleep = False
     assert run.tick() == pytest.approx(5.0, abs=0.2)
     assert "a controller that sleeps between scans is still busy" in warnings[0]
+    assert run.told[-1] == "unanswered"
 
 
 def test_one_that_sleeps_between_two_ticks_of_the_clock_is_woken_and_watched_to_the_end(start, warnings):
