@@ -14,8 +14,12 @@ from pathlib import Path
 from typing import Dict, Iterable, List, Set
 from xml.etree.ElementTree import ParseError
 
-import rospkg
-from defusedxml import ElementTree
+from husky_highlevel_controller.missing_packages import end_if_missing
+
+end_if_missing()  # a catkin workspace may have the system's Python, which lacks defusedxml
+
+import rospkg  # noqa: E402
+from defusedxml import ElementTree  # noqa: E402
 
 COMPAT = Path(__file__).resolve().parents[1] / "compat"
 # that workspaces have copies of, with launch files that need Gazebo or other missing packages
