@@ -1,4 +1,4 @@
-"""Teleoperation: the page knows the emergency stop, whoever pressed it, and its thread outlives an error."""
+"""Teleoperation: who drives, how fast, and what its thread outlives; it knows the emergency stop."""
 
 import threading
 from types import SimpleNamespace
@@ -11,10 +11,12 @@ pytest.importorskip("viser")
 import rospy
 from std_msgs.msg import Bool
 
+from husky_highlevel_controller.datatypes import STOP, Twist2D
 from husky_web import teleop
-from husky_web.teleop import Teleop
+from husky_web.teleop import EXPIRY, HoldToDrive, Teleop, clamp_axis, set_speed
 
 DEADLINE = 20.0  # [s]
+AHEAD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.8)
 
 
 @pytest.fixture
@@ -53,3 +55,41 @@ def test_an_error_of_one_command_does_not_end_driving_by_hand(network):
     Teleop("/husky_simulator").on_message(1, {"linear": 1.0, "angular": 0.0})
     for _ in range(3):
         assert network.sent.acquire(timeout=DEADLINE)
+
+
+def test_the_page_that_took_hold_first_drives_until_it_lets_go_is_silent_or_gone():
+    hold = HoldToDrive()
+    assert hold.command(0.0) is None
+    hold.hold(1, AHEAD, 0.0)
+    hold.hold(2, TURN, 0.1)
+    hold.release(2)
+    assert hold.command(EXPIRY - 0.01) == AHEAD
+    hold.hold(1, STOP, EXPIRY - 0.01)
+    assert [hold.command(0.25), hold.command(0.3)] == [STOP, None], "it stops once"
+    hold.hold(1, AHEAD, 1.0)
+    assert hold.command(1.0 + EXPIRY + 0.01) == STOP, "silent"
+    hold.hold(1, AHEAD, 2.0)
+    hold.hold(2, TURN, 3.0)  # page 1 is silent by now
+    assert hold.command(3.0) == TURN
+    hold.release(2)
+    assert hold.command(3.01) == STOP
+    assert not hold.is_active
+
+
+@pytest.mark.parametrize(
+    ("value", "axis"),
+    [
+        *[(value, None) for value in ("1", None, True, float("nan"), float("inf"), [1])],
+        *[(3, 1.0), (-0.5, -0.5), (10**400, 1.0)],
+    ],
+)
+def test_an_axis_is_a_number_limited_to_full_speed(value, axis):
+    assert clamp_axis(value) == axis
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -5.0, 0.0, 50.0, 1e308])
+def test_a_speed_that_no_slider_has_is_not_taken(value):
+    teleop = SimpleNamespace(max_linear=0.5)
+    for sent, taken in ((value, 0.5), (0.7, 0.7)):
+        set_speed(teleop, "max_linear", 1.0, SimpleNamespace(target=SimpleNamespace(value=sent)))
+        assert teleop.max_linear == taken

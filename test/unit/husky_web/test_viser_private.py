@@ -1,5 +1,6 @@
 """viser has the private names that the page uses: an update that drops one says here which."""
 
+import asyncio
 import inspect
 import re
 from pathlib import Path
@@ -71,3 +72,17 @@ def test_no_other_module_uses_private_names_of_viser():
     private = r"\b(_messages|_infra|_impl|_websock_connection|_queue_scene_message|_websock_server)\b"
     users = {path.name for path in FOLDER.glob("*.py") if re.search(private, path.read_text())}
     assert users == {"viser_private.py"}
+
+
+def test_a_message_of_another_thread_wakes_the_pages_by_their_own_loop():
+    # viser sets the event in both; the first is a race that ends the caller (seen in a drive)
+    async def scenario():
+        event, loop = LoopEvent(), asyncio.get_running_loop()
+        waiter = loop.create_task(event.wait())
+        await loop.run_in_executor(None, event.set)
+        before = event.is_set()
+        loop.call_soon_threadsafe(event.set)
+        await asyncio.wait_for(waiter, 10.0)
+        return before, event.is_set()
+
+    assert asyncio.run(scenario()) == (False, True)

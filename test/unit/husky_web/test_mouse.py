@@ -1,12 +1,45 @@
-"""Dragging over the ground: what was grasped stays under the mouse."""
+"""The mouse in the scene: clicks on the ground, and drags, by which an object stays under the mouse."""
 
+import asyncio
+from math import inf
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from husky_highlevel_controller.datatypes import Pose
-from husky_web.mouse import Drag
+from husky_highlevel_controller.datatypes import IDENTITY, Pose
+from husky_web.mouse import Drag, Mouse, point_on_level
+from husky_web.pages import MOVE
+from husky_web.state_bar import Moving
+
+
+@pytest.mark.parametrize(
+    ("down", "level", "point"),
+    [(-1, 0.5, (1.5, 0.0, 0.5)), (1, 0.0, None), (0, 0.0, None), (-1e-4, 0.0, None)],
+)
+def test_a_click_meets_the_ground_below_the_horizon_only(down, level, point):
+    assert point_on_level((0, 0, 2), (1, 0, down), level) == (point and pytest.approx(point))
+
+
+def test_a_drag_ends_when_its_page_is_closed(monkeypatch):
+    monkeypatch.setattr(Drag, "on_event", lambda drag, _: drag._show(IDENTITY))
+    shape, node = Mock(), Mock(position=(0.0, 0.0, 0.0), wxyz=(1.0, 0.0, 0.0, 0.0))
+    box = Mock(node=node, shapes=[shape], is_movable=True)
+    objects = Mock(shown={("t", "box"): box}, dragged={})
+    moving = Moving()
+    mouse = Mouse(Mock(robot_shapes=[]), objects, None, moving, {7: SimpleNamespace(tool=MOVE)})
+    mouse.bind()
+    (on_drag,) = shape.on_drag.return_value.call_args.args
+    asyncio.run(on_drag(Mock(phase="start", client=Mock(client_id=7))))
+    assert objects.dragged
+    mouse.release(8)
+    assert objects.dragged, "another page"
+    assert moving.text(0.0, inf) == "box"
+    mouse.release(7)
+    assert not objects.dragged
+    assert moving.text(0.0, inf) == ""
+
 
 EYE = np.array((-6.0, 0.0, 1.2))  # as behind the robot, before a pillar of 3 m
 PILLAR = Pose((0.0, 0.0, 1.5))

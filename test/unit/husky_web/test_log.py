@@ -1,0 +1,75 @@
+"""The log of all nodes in the page: filtered, capped, and never markup."""
+
+from types import SimpleNamespace
+
+from husky_web.log import (
+    CAPACITY,
+    EARLIER,
+    LEVELS,
+    SHOWN,
+    Filter,
+    Line,
+    LogBuffer,
+    lines_of_rosout,
+    log_to_html,
+)
+
+
+def line(text, level="info", node="/robot", stamp=1.0):
+    header = SimpleNamespace(stamp=SimpleNamespace(to_sec=lambda: stamp))
+    return SimpleNamespace(level=LEVELS[level], header=header, name=node, msg=text)
+
+
+def log_of(*lines):
+    log = LogBuffer()
+    for each in lines:
+        log.add(each)
+    return log
+
+
+def test_the_log_is_filtered_newest_first_and_capped():
+    numbered = (line(f"line {number}") for number in range(CAPACITY + 10))
+    log = log_of(*numbered, line("Pillar lost", "warn", "/controller"))
+    assert [item.text for item in log.select(Filter())[:2]] == ["Pillar lost", f"line {CAPACITY + 9}"]
+    assert len(log.select(Filter())) == SHOWN
+    assert [item.text for item in log.select(Filter(level=LEVELS["warn"]))] == ["Pillar lost"]
+    assert [item.text for item in log.select(Filter(node="contr", text="pillar"))] == ["Pillar lost"]
+    assert log.select(Filter(text="line 3 ")) == []
+    assert log.warning.text == "Pillar lost"
+
+
+ROSOUT = """the end of a line that is cut off
+0.000000000  Node Startup
+0.020000000 INFO /controller [node.py:12(Node.run)] [topics: /clock, /rosout] driving [2 pillars]
+1795748647.638548000 WARN /smb/driver two
+lines, and [brackets]
+7.500000000 ERROR /cpp [/src/a.cpp:5(main)] [topics: /rosout] boom
+"""
+
+
+def test_what_rosout_has_written_before_comes_before_each_line_once():
+    earlier = lines_of_rosout(ROSOUT)
+    assert earlier == [
+        Line(LEVELS["info"], 0.02, "/controller", "driving [2 pillars]"),
+        Line(LEVELS["warn"], 1795748647.638548, "/smb/driver", "two\nlines, and [brackets]"),
+        Line(LEVELS["error"], 7.5, "/cpp", "boom"),
+    ]
+    log = log_of(line("driving [2 pillars]", node="/controller", stamp=0.02), line("newest"))
+    log.add_earlier(earlier)
+    texts = [item.text for item in log.select(Filter())]
+    assert texts == ["newest", "driving [2 pillars]", "boom", "two\nlines, and [brackets]"]
+    assert log.count == 4, "so that pages draw it anew"
+    log = log_of(*(line(f"line {number}") for number in range(CAPACITY - 5)))
+    log.add_earlier(lines_of_rosout("".join(f"1.0 INFO /n {number}\n" for number in range(2 * EARLIER))))
+    assert log.select(Filter())[0].text == f"line {CAPACITY - 6}", "what is new stays"
+
+
+def test_lines_of_the_log_are_cut_are_never_markup_and_show_the_time_of_day_where_it_is_wall_time():
+    assert len(log_to_html(log_of(*[line("x" * 200_000)] * 20).select(Filter()))) < 40_000
+    hostile = line("<script>alert(1)</script>", node="/<b>")
+    times = (line("a", stamp=12.5), line("a", stamp=1700000000.0))
+    html = log_to_html(log_of(hostile, *times).select(Filter()))
+    assert "<script>" not in html
+    assert "/<b>" not in html
+    assert ">12.50<" in html
+    assert ">22:13:20<" in html
