@@ -24,7 +24,7 @@ from husky_evaluation.plots import draw_pairs
 from husky_evaluation.scenarios import Scenario, random_starts
 from husky_evaluation.setup import add_drive_options, setup_of
 from husky_evaluation.statistics import bootstrap, paired_row
-from husky_evaluation.tasks.command import between, exit_codes
+from husky_evaluation.tasks.command import between, exit_codes, name_as_typed
 from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.datatypes import HuskyError
@@ -96,9 +96,10 @@ class Comparison:
         if failures := [(f"{a.scene}: only {x} fails", a.summary, b.summary) for x, a, b in self.failures]:
             tables.append(Table("Scenes in which only one fails", ("", "A", "B"), failures))
         verdict = f"B is worse than A: {why}" if why else "B is not worse than A"
-        lead = f"{len(self.a)} scenes; A: {self.names[0]}; B: {self.names[1]}"
+        lead = f"{len(self.a)} random starts"
         tables.append(self.every_scene)
-        return Result("A and B on the same scenes", lead, tables, verdict, bool(why), source)
+        title = f"A = {self.names[0]} and B = {self.names[1]} from the same starts"
+        return Result(title, lead, tables, verdict, bool(why), source)
 
 
 def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: Workers) -> Comparison:
@@ -132,18 +133,18 @@ def write_comparison(comparison: Comparison, result: Result, out: Path) -> Path:
 def compare_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(
-        prog="compare",
-        description="Drive the same random scenes with A and with B. "
-        "Exit code 0: B is not worse than A, 1: it is, 2: it could not be found out.",
+        prog=name_as_typed("compare"),
+        description="Drive from the same random starts with A and with B. "
+        "The exit code is 0 if B is not worse than A, 1 if B is worse, and 2 if the comparison failed.",
     )
     kinds = "FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or 'PACKAGE/FILE.launch [name:=value ...]'"
     parser.add_argument("a", metavar="A", help=kinds)
-    parser.add_argument("b", metavar="B", help="the same")
+    parser.add_argument("b", metavar="B", help="other controller, in one of the same forms")
     parser.add_argument(
-        "--margin", type=between(float, 0.0, 10.0), default=0.05, metavar="SHARE",
-        help="of A's mean time, by which B may be slower and not be worse (default 0.05)",
+        "--margin", type=between(float, 0.0, 10.0), default=0.05, metavar="FRACTION",
+        help="allowed slowdown of B, as a fraction of A's mean time (default: 0.05)",
     )  # fmt: skip
-    add_drive_options(parser, scenes=50)
+    add_drive_options(parser, "compare", starts=50)
     return parser.parse_args(arguments)
 
 
@@ -158,7 +159,7 @@ def main(
     before this one at a signal; without them launch files are refused.
     """
     options = compare_options(arguments)
-    with exit_codes("compare"):
+    with exit_codes(name_as_typed("compare")):
         base = setup_of(options.profile, options.ground, options.robot)
         a, b = (contestant(text, base, launch_kind) for text in (options.a, options.b))
         launches = a.starts_programs or b.starts_programs
@@ -173,7 +174,7 @@ def main(
         options.out.mkdir(parents=True, exist_ok=True)
         # what a launch file starts is not known, so its drives are not kept
         with Workers(options.jobs, options.cluster, None if launches else options.out / RESULTS) as workers:
-            comparison = compare(a, b, random_starts(options.scenes, options.seed), workers)
+            comparison = compare(a, b, random_starts(options.starts, options.seed), workers)
             result = comparison.result(options.margin, workers.summary)
         print(result)
         page = write_comparison(comparison, result, options.out)

@@ -18,6 +18,8 @@ from urllib.parse import quote
 import numpy as np
 
 from husky_evaluation.metrics import (
+    BOUND,
+    GOOD,
     DriveResult,
     center_error,
     false_pillars,
@@ -25,8 +27,21 @@ from husky_evaluation.metrics import (
     run_with_page,
 )
 from husky_evaluation.scenarios import Scenario, course_scenario, random_starts
-from husky_evaluation.setup import COURSE_GAINS, Setup, add_profile_options, setup_of
-from husky_evaluation.tasks.command import add_worker_options, exit_codes, positive, seed_value
+from husky_evaluation.setup import (
+    COURSE_GAINS,
+    Setup,
+    add_profile_options,
+    add_seed_option,
+    add_starts_option,
+    setup_of,
+)
+from husky_evaluation.tasks.command import (
+    add_old_name,
+    add_worker_options,
+    exit_codes,
+    name_as_typed,
+    positive,
+)
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.controller.control import ControlConfig
 from husky_highlevel_controller.drawing.templates import write_page
@@ -36,22 +51,28 @@ TOUCHING = ControlConfig(stop_distance=0.0)
 
 
 HEADER = ("figure", "value", "wanted", "verdict")
-GOOD = "arrived, within 2 cm, without a touch"
 Row = Tuple[Any, ...]  # of a table
 
 
 def figure(
     name: str, value: float, unit: str = "", minimum: float = -inf, maximum: float = inf, replay: str = ""
 ) -> Row:
-    """Row of a figure, which misses its bounds where it is nan.
+    """Return the row of a figure, which misses its limits if it is nan.
 
-    The value leads to the replay of the drive that it is of, or of one that misses it.
+    The value links to the replay of its run, or of a run that misses the limits.
     """
-    bounds = [f">= {minimum:g}"] * (minimum > -inf) + [f"<= {maximum:g}"] * (maximum < inf)
-    verdict = Cell("ok", "ok") if minimum <= value <= maximum else Cell("MISSED", "missed")
+    wanted = ""
+    if minimum > -inf and maximum < inf:
+        wanted = f"{minimum:g} to {maximum:g}"
+    elif minimum > -inf:
+        wanted = f"at least {minimum:g}"
+    elif maximum < inf:
+        wanted = f"at most {maximum:g}"
+    verdict = Cell("")
+    if wanted:
+        verdict = Cell("ok", "ok") if minimum <= value <= maximum else Cell("MISSED", "missed")
     name = f"{name} [{unit}]" if unit else name
-    value_cell = Cell(float(value), link=quote(replay))
-    return name, value_cell, " ".join(bounds), verdict if bounds else Cell("")
+    return name, Cell(float(value), link=quote(replay)), wanted, verdict
 
 
 def extraction_figures(title: str, errors: Sequence[float], minimum: float, maximum: float) -> List[Row]:
@@ -75,10 +96,10 @@ def start_figures(runs: Sequence[DriveResult]) -> List[Row]:
         figure(GOOD, 100.0 * (len(runs) - len(bad)) / len(runs), "%", 100.0, replay=replay_of_bad),
         figure("touched something", len(touching), "runs", maximum=0.0, replay=replay_of_touching),
         figure("largest final distance error", 100.0 * abs(far.final_error), "cm", -inf, 2.0, far.replay),
-        figure("time to arrival over the bound, median", float(np.median(ratios))),
-        figure("time to arrival over the bound, largest", max(ratios), replay=late),
-        figure("time to arrival beyond the bound, median", float(np.median(delays)), "s"),
-        figure("time to arrival beyond the bound, largest", max(delays), "s", replay=slow),
+        figure("time to arrival divided by its bound, median", float(np.median(ratios))),
+        figure("time to arrival divided by its bound, largest", max(ratios), replay=late),
+        figure("time to arrival minus its bound, median", float(np.median(delays)), "s"),
+        figure("time to arrival minus its bound, largest", max(delays), "s", replay=slow),
         figure("zero crossings of the bearing, largest", turning.crossings, "", -inf, 2.0, turning.replay),
     ]
 
@@ -88,7 +109,7 @@ def course_figures(run: DriveResult, ratio: float = inf) -> List[Row]:
     return [
         figure(GOOD, 100.0 * run.good, "%", 100.0, replay=run.replay),
         figure("time to arrival", run.arrived_at, "s"),
-        figure("time to arrival over the bound", run.ratio, maximum=ratio),
+        figure("time to arrival divided by its bound", run.ratio, maximum=ratio),
         figure("final distance error", 100.0 * run.final_error, "cm", -2.0, 2.0),
         figure("zero crossings of the bearing", run.crossings, maximum=2.0),
     ]
@@ -98,7 +119,7 @@ def late_figures(run: DriveResult) -> List[Row]:
     """Figures of the run from the course's start that may end anywhere."""
     is_good = run.arrived_at < inf and not run.touched
     return [
-        figure("arrived, without a touch", 100.0 * is_good, "%", 100.0, replay=run.replay),
+        figure("arrived, no touch", 100.0 * is_good, "%", 100.0, replay=run.replay),
         figure("time to arrival", run.arrived_at, "s"),
         figure("final distance error", 100.0 * run.final_error, "cm"),
     ]
@@ -137,7 +158,7 @@ def evaluate_robot(
 
 def evaluate(
     seed: int,
-    scenes: int,
+    scans: int,
     starts: int,
     workers: Workers,
     replays: Optional[Path] = None,
@@ -145,12 +166,12 @@ def evaluate(
 ) -> Dict[str, List[Row]]:
     """All figures on Gazebo's profile, by title.
 
-    They are of `scenes` single scans of each kind and of `starts` random starts. Pages that play the drives
-    go into `replays`.
+    They come from `scans` single scans of each kind and from `starts` random starts. Pages that play the
+    runs go into `replays`.
     """
     setup = setup_of(robot=robot)
     control, simulator, lidar = setup.control, setup.simulator, setup.simulator.lidar
-    numbers, chunk = range(scenes), min(50, scenes // 4 + 1)  # a scan takes a millisecond
+    numbers, chunk = range(scans), min(50, scans // 4 + 1)  # a scan takes a millisecond
     errors = partial(center_error, seed=seed, lidar=lidar)
     alone = workers.map(partial(errors, clutter=False), numbers, "pillars alone", chunk)
     among = workers.map(partial(errors, clutter=True), numbers, "pillars in company", chunk)
@@ -161,7 +182,7 @@ def evaluate(
     standard, gains, touch = drives(setups, [course_scenario(seed)], workers, "course runs", replays)
     runs = drives([setup], random_starts(starts, seed), workers, "random starts", replays)
     figures = {
-        f"Pillar extraction, {scenes} random scans of each kind, noise {1000.0 * lidar.noise:g} mm": [
+        f"Pillar extraction, {scans} random scans of each kind, noise {1000.0 * lidar.noise:g} mm": [
             *extraction_figures("pillar alone, 3 beams or more", alone, 99.5, 2.0),
             *extraction_figures("pillar in company, 3 beams or more", among, 99.5, 2.0),
             figure("scans without a pillar that show one of 8 beams or more", false_share, "%", maximum=0.1),
@@ -194,11 +215,11 @@ def drives(
 
 
 def result_of_evaluation(figures: Mapping[str, Sequence[Row]], lead: str, source: str) -> Result:
-    """All figures, and which of them miss their bounds."""
+    """Return all figures, and the names of those that miss their limits."""
     tables = [Table(title, HEADER, rows) for title, rows in figures.items()]
     rows = [row for table in tables for row in table.rows]
     missed = "; ".join(name for name, _, _, verdict in rows if verdict.style == "missed")
-    verdict = f"missed: {missed}" if missed else "every figure is within its bounds"
+    verdict = f"missed: {missed}" if missed else "every figure is within its limits"
     return Result("Evaluation of the controller", lead, tables, verdict, bool(missed), source)
 
 
@@ -211,25 +232,31 @@ def replay_links(folder: Path) -> Table:
 
 def evaluate_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="evaluate", description="Measure the controller, without ROS.")
-    parser.add_argument("--seed", type=seed_value, default=0, help="of everything random (default 0)")
-    parser.add_argument(
-        "--scenes", type=positive, default=2000, help="single scans of each kind (default 2000)"
+    parser = argparse.ArgumentParser(
+        prog=name_as_typed("evaluate"), description="Measure the controller, without ROS."
     )
-    parser.add_argument("--starts", type=positive, default=200, help="random starts (default 200)")
+    add_seed_option(parser)
+    scans = parser.add_argument(
+        "--scans", type=positive, default=2000, help="number of single scans of each kind (default: 2000)"
+    )
+    add_old_name(parser, "--scenes", scans)
+    add_starts_option(parser, 200)
     add_worker_options(parser)
     parser.add_argument(
-        "--resume", type=Path, metavar="FILE", help="keep results there, and go on from there"
+        "--resume",
+        type=Path,
+        metavar="FILE",
+        help="file that keeps the results, so that a second call resumes",
     )
     add_profile_options(parser)
-    parser.add_argument("--replays", type=Path, help="folder for a page that plays each drive, and an index")
+    parser.add_argument("--replays", type=Path, help="folder for a page that plays each run, and an index")
     return parser.parse_args(arguments)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
-    """Print the table; exit with 1 if a figure is not where it is wanted."""
+    """Print the table; exit with 1 if a figure misses its limits."""
     options = evaluate_options(arguments)
-    with exit_codes("evaluate"):
+    with exit_codes(name_as_typed("evaluate")):
         setup_of(options.profile, options.ground, options.robot)  # or the two do not go together
         if options.replays is not None:
             options.replays.mkdir(parents=True, exist_ok=True)
@@ -238,8 +265,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
             if options.profile == "robot":
                 figures = evaluate_robot(seed, starts, workers, options.ground, replays)
             else:
-                figures = evaluate(seed, options.scenes, starts, workers, replays, options.robot)
-            result = result_of_evaluation(figures, f"seed {seed}, profile {options.profile}", workers.summary)
+                figures = evaluate(seed, options.scans, starts, workers, replays, options.robot)
+            result = result_of_evaluation(
+                figures, f"seed {seed}, profile {options.profile}. {BOUND}", workers.summary
+            )
         print(result.source, file=sys.stderr)
         print(result)
         if replays is not None:

@@ -23,6 +23,8 @@ from husky_highlevel_controller.drawing.replay import Replay, to_html
 from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 
+GOOD = "arrived, within 2 cm, no touch"  # text of `DriveResult.good`
+BOUND = "The bound is the shortest time to the stop point that the robot's speed and acceleration allow."
 SAME_PILLAR = 0.2  # [m], a pillar found this near to the true one is that one
 MANY_BEAMS = 8  # from here on one scan distinguishes an object from a pillar
 ALIGNED = 0.005  # [rad], within this the robot faces the pillar; a swing beyond it is a crossing

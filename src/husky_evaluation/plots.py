@@ -5,18 +5,22 @@ In: arrays. Out: PNG.
 
 from __future__ import annotations
 
-from typing import Any, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
+from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
+from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
 
 from husky_evaluation.setup import Axis
 from husky_highlevel_controller.drawing.plots import DRIVEN, MARKER, new_figure, plain, png
 
 MAX_LABELLED = 15  # values of an axis, up to which each cell is labelled
 SYMBOLS = "*os^"
+GOOD_COLOR = "#fee838"  # bright end of the colour map cividis
+HATCH = "////"
+MARK_SHIFT = 0.34  # [cells] a mark at the middle of a cell moves up by it, so that the number stays readable
 
 
 class Panel(NamedTuple):
@@ -28,6 +32,7 @@ class Panel(NamedTuple):
     digits: int = 1  # behind the point, of a cell's label
     is_good_high: bool = False
     is_logarithmic: bool = False
+    hatched: Optional[np.ndarray] = None  # points at which not every run arrives, of the values' shape
 
 
 Marks = Mapping[str, Sequence[float]]  # what stands out, by its name: a value for each axis
@@ -44,9 +49,13 @@ def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, titl
             _heat_map(plot, axes, panel, marks)
         plot.set_title(panel.title, fontsize=11)
         plot.set_xlabel(axes[0].label)
-    handles, labels = figure.axes[0].get_legend_handles_labels()
+    handles, _ = figure.axes[0].get_legend_handles_labels()
+    if len(axes) == 2:
+        handles.append(Patch(facecolor=GOOD_COLOR, label="bright: better"))
+        if any(panel.hatched is not None and panel.hatched.any() for panel in panels):
+            handles.append(Patch(facecolor="w", edgecolor="0.4", hatch=HATCH, label="not every run succeeds"))
     if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9)
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
     figure.suptitle(plain(title), fontsize=11)
     return png(figure)
 
@@ -60,6 +69,7 @@ def draw_costs(costs: Sequence[float]) -> bytes:
     plot.step(numbers, np.minimum.accumulate(costs), color=MARKER, where="post", label="smallest so far")
     plot.set_ylim(top=float(np.quantile(costs, 0.9)) * 1.1)  # the worst ones would flatten all others
     plot.set_xlabel("setup")
+    plot.xaxis.set_major_locator(MaxNLocator(integer=True))
     plot.set_ylabel("objective [s]")
     plot.grid(alpha=0.3)
     plot.legend(fontsize=9)
@@ -107,12 +117,19 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
 
 
 def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> None:
-    """Cells of equal size, one a value, each labelled; a mark between two values lies between their cells."""
+    """Draw cells of equal size, one for each value. A mark between two values lies between their cells."""
     norm = (LogNorm if panel.is_logarithmic else Normalize)(*_limits(panel))
     values = np.ma.masked_invalid(panel.values.T)
     colors = "cividis" if panel.is_good_high else "cividis_r"
     image = plot.imshow(values, cmap=colors, norm=norm, origin="lower", aspect="auto")
-    plot.set_facecolor("0.85")  # where there is no value
+    plot.set_facecolor("0.85")  # cells without a value
+    if panel.hatched is not None:
+        for column, row in np.argwhere(panel.hatched & np.isfinite(panel.values)):
+            plot.add_patch(
+                Rectangle(
+                    (column - 0.5, row - 0.5), 1.0, 1.0, fill=False, hatch=HATCH, edgecolor="0.4", linewidth=0
+                )
+            )
     for separate, count in zip((plot.axvline, plot.axhline), values.shape[::-1]):
         for edge in range(1, count):
             separate(edge - 0.5, color="w", linewidth=0.8)
@@ -123,7 +140,7 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
             plot.text(
                 column, row, f"{value:.{panel.digits}f}" if np.isfinite(value) else "-", fontsize=size,
                 ha="center", va="center", color="w" if sum(color[:3]) < 1.5 else "k", zorder=5,
-                path_effects=[withStroke(linewidth=3, foreground=color)],  # a mark may lie below it
+                path_effects=[withStroke(linewidth=3, foreground=color)],  # hatching may lie below it
             )  # fmt: skip
     else:
         plot.figure.colorbar(image, ax=plot)
@@ -131,12 +148,14 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
         step = len(axis.values) // (MAX_LABELLED + 1) + 1
         set_ticks(range(0, len(axis.values), step), [f"{value:.3g}" for value in axis.values[::step]])
     for symbol, (name, values_of_mark) in zip(SYMBOLS, marks.items()):
-        place = [
-            np.interp(value, axis.values, range(len(axis.values)))
+        x, y = (
+            float(np.interp(value, axis.values, range(len(axis.values))))
             for value, axis in zip(values_of_mark, axes)
-        ]
+        )
+        if abs(y - round(y)) < MARK_SHIFT / 2.0:
+            y = round(y) + MARK_SHIFT
         plot.plot(
-            *place, symbol, markersize=26 if symbol == "*" else 22, label=name, color="none",
-            markeredgecolor=MARKER, markeredgewidth=2.0, linestyle="none", clip_on=False, zorder=3,
+            x, y, symbol, markersize=12 if symbol == "*" else 8, label=name, color=MARKER,
+            markeredgecolor="w", markeredgewidth=1.0, linestyle="none", clip_on=False, zorder=6,
         )  # fmt: skip
     plot.set_ylabel(axes[1].label)

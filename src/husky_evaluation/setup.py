@@ -24,7 +24,7 @@ from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import ROBOTS
 from husky_highlevel_controller.simulator.profile import GROUNDS, PROFILES, RobotProfile
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, simulator_config
-from husky_evaluation.tasks.command import add_worker_options, positive, seed_value
+from husky_evaluation.tasks.command import add_old_name, add_worker_options, positive, seed_value
 
 COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
 ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # config/robot.yaml's, at the default limits
@@ -88,20 +88,31 @@ def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky"
 
 def add_profile_options(parser: argparse.ArgumentParser) -> None:
     """Add --robot, --profile and --ground, which `setup_of` takes."""
-    parser.add_argument("--robot", choices=ROBOTS, default="husky", help="which robot (default husky)")
-    parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="whose sensors and drive")
-    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="with --profile robot")
+    parser.add_argument("--robot", choices=ROBOTS, default="husky", help="robot (default: husky)")
+    parser.add_argument("--profile", choices=PROFILES, default="gazebo", help="profile of sensors and drivetrain")
+    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="ground with --profile robot")
 
 
-def add_drive_options(parser: argparse.ArgumentParser, scenes: int) -> None:
-    """Add options of a command that drives `scenes` random starts, and keeps its results in a folder."""
-    parser.add_argument(
-        "--scenes", type=positive, default=scenes, help=f"random starts (default {scenes})"
+def add_seed_option(parser: argparse.ArgumentParser) -> None:
+    """Add --seed."""
+    parser.add_argument("--seed", type=seed_value, default=0, help="random seed (default: 0)")
+
+
+def add_starts_option(parser: argparse.ArgumentParser, starts: int) -> argparse.Action:
+    """Add --starts, and return it."""
+    return parser.add_argument(
+        "--starts", type=positive, default=starts, help=f"number of random starts (default: {starts})"
     )
-    parser.add_argument("--seed", type=seed_value, default=0, help="of everything random (default 0)")
+
+
+def add_drive_options(parser: argparse.ArgumentParser, command: str, starts: int) -> None:
+    """Add the options of a command that drives from random starts and keeps its results in a folder."""
+    add_old_name(parser, "--scenes", add_starts_option(parser, starts))
+    add_seed_option(parser)
     add_profile_options(parser)
-    out = parser.prog
-    parser.add_argument("--out", type=Path, default=Path(out), help=f"folder of results (default ./{out})")
+    parser.add_argument(
+        "--out", type=Path, default=Path(command), help=f"folder of results (default: ./{command})"
+    )
     add_worker_options(parser)
 
 

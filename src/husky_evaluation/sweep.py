@@ -14,7 +14,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from husky_evaluation.metrics import Drive, DriveResult, run_scene
+from husky_evaluation.metrics import GOOD, Drive, DriveResult, run_scene
 from husky_evaluation.plots import Panel, draw_sweep
 from husky_evaluation.scenarios import Scenario, random_starts
 from husky_evaluation.setup import (
@@ -29,7 +29,7 @@ from husky_evaluation.setup import (
     parse_axis,
     setup_of,
 )
-from husky_evaluation.tasks.command import exit_codes
+from husky_evaluation.tasks.command import exit_codes, name_as_typed
 from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.config import ConfigError
@@ -64,19 +64,44 @@ class Sweep:
         shape = [*(len(axis.values) for axis in self.axes), len(self.scenes)]
         return np.asarray(share(values.reshape(shape), axis=-1))
 
+    @property
+    def success(self) -> np.ndarray:
+        """Success at each point of the grid [%]."""
+        return np.asarray(100.0 * self.grid("good", np.mean))
+
+    @property
+    def times(self) -> np.ndarray:
+        """Median time to arrival at each point of the grid [s]; nan if most runs do not arrive."""
+        times = self.grid("arrived_at", np.median)
+        return np.where(times < inf, times, np.nan)
+
     def panels(self) -> List[Panel]:
         """Panels of the picture."""
-        times, success = self.grid("arrived_at", np.median), 100.0 * self.grid("good", np.mean)
         overshoot = 100.0 * self.grid("overshoot", np.mean)
         nearest = 100.0 * self.grid("nearest", np.min)
+        hatched = self.success < 100.0
         return [
-            Panel(
-                "time to arrival, median [s]", np.where(times < inf, times, np.nan), 2.0, is_logarithmic=True
-            ),
-            Panel("success: arrived, within 2 cm, no touch [%]", success, 100.0, 0, is_good_high=True),
+            Panel("time to arrival, median [s]", self.times, 2.0, is_logarithmic=True, hatched=hatched),
+            Panel(f"success: {GOOD} [%]", self.success, 100.0, 0, is_good_high=True),
             Panel("overshoot of the stop distance, mean [cm]", overshoot, 5.0),
-            Panel("nearest approach of the hull to the pillar [cm]", nearest, 5.0, is_good_high=True),
+            Panel("smallest gap between hull and pillar [cm]", nearest, 5.0, is_good_high=True),
         ]
+
+    def best_points(self, count: int = 3) -> Table:
+        """Points with the highest success, and among these with the shortest time; at most `count`."""
+        success, times = self.success.ravel(), self.times.ravel()
+        order = np.lexsort((np.where(np.isnan(times), inf, times), -success))[:count]
+        header = [*(axis.name for axis in self.axes), "success [%]", "time to arrival, median [s]"]
+        rows = [(*self.points[n], float(success[n]), float(times[n])) for n in order]
+        return Table("Best points", header, rows)
+
+    @property
+    def finding(self) -> str:
+        """Sentence about the share of points at which every run succeeds."""
+        good, count = int((self.success == 100.0).sum()), len(self.points)
+        if good == count:
+            return f"Every run succeeds at each of the {count} points ({GOOD})."
+        return f"Every run succeeds at {good} of {count} points ({GOOD})."
 
 
 def row(drive: DriveResult) -> Dict[str, Any]:
@@ -99,12 +124,12 @@ def sweep(
     names = [axis.name for axis in axes]
     points = itertools.product(*(axis.values for axis in axes))
     setups = [setup.with_values(dict(zip(names, point))) for point in points]
-    drives = workers.map(drive, itertools.product(setups, scenes), "drives")
+    drives = workers.map(drive, itertools.product(setups, scenes), "runs")
     return Sweep(tuple(axes), tuple(scene.name for scene in scenes), tuple(drives))
 
 
 def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
-    """Marks of a picture of these axes: the defaults, and the course's gains where they are on it."""
+    """Return the marks of a picture of these axes: the defaults, and the course's gains if they are on it."""
     setups = {"defaults": Setup(), "the course's gains": Setup(COURSE_GAINS)}
     if profile == "robot":
         setups["robot.launch's gains"] = Setup(ROBOT_GAINS)
@@ -120,7 +145,7 @@ def marks(axes: Sequence[Axis], profile: str) -> Dict[str, List[float]]:
 def write_sweep(
     swept: Sweep, title: str, source: str, marked: Mapping[str, Sequence[float]], out: Path
 ) -> None:
-    """Write table, picture and page into a folder, and say where they are."""
+    """Write table, picture and page into a folder; print the best points and the names of the files."""
     files, pictures, panels = swept.every_drive.write(out / "sweep"), {}, swept.panels()
     if len(swept.axes) <= 2:
         pictures = {panel.title: draw_sweep(swept.axes, [panel], marked) for panel in panels}
@@ -130,36 +155,38 @@ def write_sweep(
     columns = [panel.values.ravel().tolist() for panel in panels]
     rows = [(*point, *values) for point, values in zip(swept.points, zip(*columns))]
     lead = f"{len(swept.scenes)} random starts at each of {len(swept.points)} points"
-    result = Result(title, lead, [Table("Every point", header, rows, folded=True)], source=source)
+    tables = [swept.best_points(), Table("Every point", header, rows, folded=True)]
+    result = Result(title, lead, tables, swept.finding, source=source)
     files.append(write_page(result, out, pictures))
-    print("\n".join([title, source, *(f"file: {file}" for file in files)]))
+    print("\n".join([f"{result}\n", *(f"file: {file}" for file in files), source]))
 
 
 def sweep_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(
-        prog="sweep", description="Drive the same random scenes for every value of one or more parameters.",
+        prog=name_as_typed("sweep"),
+        description="Drive from the same random starts for every value of one or more parameters.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog="parameters:\n" + "\n".join(f"  {name} {help_line(name)}" for name in numeric_parameters()),
     )  # fmt: skip
     parser.add_argument(
         "axes", nargs="+", metavar="NAME=FIRST:LAST:COUNT[:log]",
-        help="values of a parameter, at equal distances or ratios; or NAME=VALUE,VALUE,...",
+        help="parameter and its values, at equal distances or ratios; or NAME=VALUE,VALUE,...",
     )  # fmt: skip
-    add_drive_options(parser, scenes=20)
+    add_drive_options(parser, "sweep", starts=20)
     return parser.parse_args(arguments)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     options = sweep_options(arguments)
-    with exit_codes("sweep"):
+    with exit_codes(name_as_typed("sweep")):
         axes = [parse_axis(text) for text in options.axes]
         names = [axis.name for axis in axes]
         if len(set(names)) < len(names):
             raise ConfigError(f"{max(names, key=names.count)} is given twice")
-        scenes = random_starts(options.scenes, options.seed)
+        scenes = random_starts(options.starts, options.seed)
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
             result = sweep(axes, scenes, setup_of(options.profile, options.ground, options.robot), workers)
-            title = f"{len(result.drives)} drives: {', '.join(names)}, profile {options.profile}"
+            title = f"{len(result.drives)} runs: {', '.join(names)}, profile {options.profile}"
             write_sweep(result, title, workers.summary, marks(axes, options.profile), options.out)

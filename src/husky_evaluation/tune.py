@@ -18,7 +18,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from husky_evaluation.metrics import Drive, DriveResult, run_scene
+from husky_evaluation.metrics import BOUND, GOOD, Drive, DriveResult, run_scene
 from husky_evaluation.plots import draw_costs
 from husky_evaluation.scenarios import Scenario, random_starts
 from husky_evaluation.setup import (
@@ -31,7 +31,7 @@ from husky_evaluation.setup import (
     unit_of,
 )
 from husky_evaluation.statistics import paired_row
-from husky_evaluation.tasks.command import exit_codes, positive
+from husky_evaluation.tasks.command import ONE_COMMAND, add_old_name, exit_codes, name_as_typed, positive
 from husky_evaluation.tasks.store import RESULTS
 from husky_evaluation.tasks.workers import Workers
 from husky_highlevel_controller.config import ConfigError, from_plain, number
@@ -49,11 +49,11 @@ class Objective:
     """Cost of one drive [s]: time beyond what the limits of the robot need, and penalties."""
 
     failure: float = number(
-        0.0, 1e6, "in place of the time of a drive that does not arrive [s]", default=60.0
+        0.0, 1e6, "cost of a run that does not arrive, in place of its time [s]", default=60.0
     )
-    touch: float = number(0.0, 1e6, "for a touch [s]", default=30.0)
-    overshoot: float = number(0.0, 1e6, "for each metre beyond the stop distance [s/m]", default=100.0)
-    crossing: float = number(0.0, 1e6, "for each swing across the pillar's direction [s]", default=1.0)
+    touch: float = number(0.0, 1e6, "cost of a touch [s]", default=30.0)
+    overshoot: float = number(0.0, 1e6, "cost of each metre beyond the stop distance [s/m]", default=100.0)
+    crossing: float = number(0.0, 1e6, "cost of each swing across the pillar's direction [s]", default=1.0)
 
     def cost(self, drive: DriveResult) -> float:
         """Cost of one drive [s]."""
@@ -96,7 +96,7 @@ def parse_range(text: str, base: Setup) -> Range:
     own = [item.name for record in (base.control, base.detector) for item in fields(record)]
     numbers = sorted(key for key in own if type(values[key]) in (int, float))
     if name not in numbers:
-        raise ConfigError(f"{name} is not a number of the controller's; there are: {', '.join(numbers)}")
+        raise ConfigError(f"{name} is not a numeric controller parameter; choose from: {', '.join(numbers)}")
     allowed = f"{METADATA[name]['min']}:{METADATA[name]['max']}"
     try:
         low, high = map(float, (limits if equals else allowed).split(":"))
@@ -188,7 +188,7 @@ def check(
     times = np.array([[result.arrived_at for result in side] for side in sides])
     costs = [[objective.cost(result) for result in side] for side in sides]
     rows = [
-        ("arrived, within 2 cm, no touch [%]", *shares, ""),
+        (f"{GOOD} [%]", *shares, ""),
         paired_row("time to arrival, mean [s]", times[:, np.isfinite(times).all(axis=0)], "s"),
         paired_row("objective [s]", costs, "s"),
     ]
@@ -202,8 +202,11 @@ def result_of_tuning(
     defaults, best = parameter_values(base), min(row["objective"] for row in tuned.trials)
     values = [(f"{name} {unit_of(name)}", defaults[name], value) for name, value in tuned.values.items()]
     tables = [Table("Parameters", ("", *HEADER[:2]), values), fresh, every_row("Every setup", tuned.trials)]
-    lead = f"{best:.3f} s is the smallest objective {tried}: {objective.formula}"
-    return Result("Parameters found by tune", lead, tables, source=source)
+    lead = f"{best:.3f} s is the smallest objective {tried}: {objective.formula}. {BOUND}"
+    verdict = ""
+    if all(value == defaults[name] for name, value in tuned.values.items()):
+        verdict = f"nothing better than the defaults was found in {len(tuned.trials)} setups"
+    return Result("Parameters found by tune", lead, tables, verdict, source=source)
 
 
 def write_tuned(result: Result, tuned: Tuned, tried: str, out: Path) -> None:
@@ -212,42 +215,53 @@ def write_tuned(result: Result, tuned: Tuned, tried: str, out: Path) -> None:
     file.write_text(tuned_to_yaml(tuned.values, f"Found by tune {tried}."))
     every_row("Every setup", tuned.trials).write(out / "trials")
     page = write_page(result, out, {"setups": draw_costs([row["objective"] for row in tuned.trials])})
-    command = f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}"
-    print(f"{result}\n\n{command}\npage: {page}")
+    print(f"{result}\n\nparameters: {file}\npage: {page}")
+    if not name_as_typed("tune").startswith(ONE_COMMAND):  # after pip install there is no roslaunch
+        print(f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}")
 
 
 def tune_options(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(
-        prog="tune", description="Find parameters of the controller, and check them on fresh random starts."
+        prog=name_as_typed("tune"),
+        description="Find parameters of the controller, and check them on fresh random starts.",
     )
     parser.add_argument(
-        "ranges", nargs="+", metavar="NAME=LOW:HIGH", help="where to look for a parameter; NAME: everywhere"
+        "ranges",
+        nargs="+",
+        metavar="NAME=LOW:HIGH",
+        help="parameter and the range to search; NAME alone searches its whole range",
     )
-    parser.add_argument("--trials", type=positive, default=64, help="setups to try (default 64)")
-    parser.add_argument("--fresh", type=positive, default=200, help="other starts to check on (default 200)")
+    setups = parser.add_argument(
+        "--setups", type=positive, default=64, help="number of setups to try (default: 64)"
+    )
+    add_old_name(parser, "--trials", setups)
+    parser.add_argument(
+        "--fresh", type=positive, default=200, help="number of other starts for the check (default: 200)"
+    )
     parser.add_argument(
         "--weights", nargs="+", default=[], metavar="NAME=NUMBER",
-        help=f"of the objective: {Objective().formula} (failure, touch, overshoot, crossing)",
+        help="weights (failure, touch, overshoot, crossing) of the objective, which is the "
+        f"{Objective().formula}",
     )  # fmt: skip
-    add_drive_options(parser, scenes=10)
+    add_drive_options(parser, "tune", starts=10)
     return parser.parse_args(arguments)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Run the command."""
     options = tune_options(arguments)
-    with exit_codes("tune"):
+    with exit_codes(name_as_typed("tune")):
         base = setup_of(options.profile, options.ground, options.robot)
         objective = parse_weights(options.weights)
         ranges = [parse_range(text, base) for text in options.ranges]
         _optuna()
         seed = options.seed
-        starts, fresh = random_starts(options.scenes, seed), random_starts(options.fresh, seed + 1)
+        starts, fresh = random_starts(options.starts, seed), random_starts(options.fresh, seed + 1)
         with Workers(options.jobs, options.cluster, options.out / RESULTS) as workers:
-            tuned = tune(ranges, base, starts, objective, options.trials, seed, workers)
+            tuned = tune(ranges, base, starts, objective, options.setups, seed, workers)
             figures = check(base, base.with_values(tuned.values), fresh, objective, workers)
-            tried = f"of {options.trials} setups on {options.scenes} starts"
+            tried = f"of {options.setups} setups on {options.starts} starts"
             tried += f", seed {seed}, profile {options.profile}"
             result = result_of_tuning(tuned, base, objective, figures, tried, workers.summary)
         write_tuned(result, tuned, tried, options.out)

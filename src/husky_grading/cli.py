@@ -7,7 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Optional, Sequence
 
-from husky_evaluation.tasks.command import add_worker_options, between, exit_codes, seed_value
+from husky_evaluation.tasks.command import (
+    add_old_name,
+    add_worker_options,
+    between,
+    exit_codes,
+    seed_value,
+)
 from husky_grading.batch import Batch, class_seed, mark_all, run_program
 from husky_grading.exercises import EXERCISES
 from husky_grading.isolation.process import stop_on_signals
@@ -25,76 +31,93 @@ from husky_grading.settings import load_rules
 
 
 def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
-    """The command line."""
+    """Read the command line."""
     parser = argparse.ArgumentParser(
         prog="grade",
-        description="Mark a controller by the course's rubric, headless. "
-        "Exit code 0: full marks, 1: less, 2: it could not be marked.",
+        description="Grade a controller by the course's rubric, headless. "
+        "The exit code is 0 for full marks, 1 if points are lost, and 2 if it could not be graded.",
     )
     choice, add = parser.add_mutually_exclusive_group(required=True), parser.add_argument
     choice.add_argument(
-        "--launch", nargs="+", metavar=("PACKAGE", "FILE"), help="a launch file, and its arguments"
+        "--launch", nargs="+", metavar=("PACKAGE", "FILE"), help="launch file to grade, and its arguments"
     )
-    choice.add_argument("--node", nargs="+", metavar=("PACKAGE", "TYPE"), help="a node, and its arguments")
+    choice.add_argument(
+        "--node", nargs="+", metavar=("PACKAGE", "TYPE"), help="node to grade, and its arguments"
+    )
     choice.add_argument(
         "--all", type=Path, metavar="DIR",
-        help="every hand-in in a folder: each folder or archive in it is one",
+        help="folder of a class; each folder or archive in it is one submission",
     )  # fmt: skip
     choice.add_argument(
         "--review", type=Path, metavar="OUT",
         help="write a page on which a person gives the points that `grade --all ... --out OUT` left open",
     )  # fmt: skip
-    add("--exercise", type=int, choices=sorted(EXERCISES), default=3, help="(default 3)")
+    add("--exercise", type=int, choices=sorted(EXERCISES), default=3, help="exercise to grade (default: 3)")
     add(
         "--robot", choices=(AUTO, *ROBOT_VERSIONS), default=AUTO,
-        help="husky: scans on /front/scan in front_laser, husky_melodic: on /scan in base_laser, smb: on "
-        "/scan in rslidar (default auto: what the submission subscribes to and names)",
+        help="robot to simulate: husky (scans on /front/scan in front_laser), husky_melodic (on /scan in "
+        "base_laser) or smb (on /scan in rslidar); auto takes the robot whose topics and frames the "
+        "submission uses (default: auto)",
     )  # fmt: skip
     add(
         "--seed", type=seed_value,
         help="random seed for start poses, pillars and noise (with --all defaults to one that is drawn "
         "for the class and kept in --out; otherwise 0)",
     )  # fmt: skip
-    add("--trials", type=between(int, 1, 1000), default=3, help="drives in exercise 3 (default 3)")
+    runs = add(
+        "--runs", dest="trials", type=between(int, 1, 1000), default=3, metavar="RUNS",
+        help="number of runs in exercise 3 (default: 3)",
+    )  # fmt: skip
+    add_old_name(parser, "--trials", runs)
     seconds = between(float, 0.1, 3600.0)
-    add("--deadline", type=seconds, help="of a drive, simulated seconds (default 120; 60 in 2, 5; 90 in 4)")
     add(
-        "--pace",
-        type=seconds,
-        help="simulated seconds a second, at most (default 5; 1 in exercise 2, 2 in 5)",
-    )
-    add("--out", type=Path, default=Path("marking"), help="folder of results (default ./marking)")
+        "--deadline", type=seconds,
+        help="time limit of a run in simulated seconds (default: 120; 60 in exercises 2 and 5; 90 in 4)",
+    )  # fmt: skip
+    pace = add(
+        "--real-time-factor", dest="pace", type=seconds, metavar="FACTOR",
+        help="maximum real-time factor (default: 5; 1 in exercise 2, 2 in exercise 5)",
+    )  # fmt: skip
+    add_old_name(parser, "--pace", pace)
+    add("--out", type=Path, default=Path("marking"), help="folder of results (default: ./marking)")
     add(
         "--underlay", "--setup", dest="underlay", type=Path, metavar="SETUP.bash",
-        help="sourced first: the submission's workspace, or with --all one that hand-ins are built on",
+        help="setup file to source first: the submission's workspace, or with --all a workspace that all "
+        "submissions are built on",
     )  # fmt: skip
-    add_worker_options(parser, 1, "with --all: hand-ins at a time")
+    add_worker_options(parser, 1, "with --all, number of submissions that are graded at the same time")
     add(
         "--time-limit", type=between(float, 1.0, 86400.0), metavar="S",
-        help="with --all: wall seconds for one hand-in (default an hour and its drives: 5940 with three)",
+        help="with --all, time limit of one submission in wall-clock seconds (default: an hour and the time "
+        "of its runs, which is 5940 with three runs)",
     )  # fmt: skip
-    add("--rubric", type=Path, metavar="FILE", help="YAML: tolerances, weights, items that a person judges")
-    add("--only", action="append", default=[], metavar="NAME", help="with --all: mark this one again")
+    add(
+        "--rubric",
+        type=Path,
+        metavar="FILE",
+        help="YAML file with tolerances, weights and items that a person grades",
+    )
+    add("--only", action="append", default=[], metavar="NAME", help="with --all, grade this submission again")
     add("--husky", help=argparse.SUPPRESS)  # its name before `--robot`
     options = parser.parse_args(arguments)
     if options.husky:
-        parser.error(f"--husky {options.husky}: it is --robot now: {', '.join((AUTO, *ROBOT_VERSIONS))}")
+        parser.error(f"--husky is now called --robot; choose from {', '.join((AUTO, *ROBOT_VERSIONS))}")
     if options.cluster and not options.all:
-        parser.error(f"--cluster {options.cluster}: only with --all")
+        parser.error(f"--cluster {options.cluster} needs --all")
     if options.time_limit and not options.all:
-        parser.error(f"--time-limit {options.time_limit:g}: only with --all")
+        parser.error(f"--time-limit {options.time_limit:g} needs --all")
     for kind in ("launch", "node"):
         if getattr(options, kind) and len(getattr(options, kind)) < 2:
-            parser.error(f"--{kind} wants a package and a {'file' if kind == 'launch' else 'type'}")
+            parser.error(f"--{kind} needs a package and a {'file' if kind == 'launch' else 'type'}")
     if options.all and not options.all.is_dir():
-        parser.error(f"--all {options.all}: no such folder")
+        parser.error(f"--all {options.all} is not a folder; check the path")
     if options.underlay and not options.underlay.is_file():
-        parser.error(f"--underlay {options.underlay}: no such file")
+        parser.error(f"--underlay {options.underlay} is not a file; check the path")
     return options
 
 
 def run(options: argparse.Namespace) -> int:
-    """Mark as the command line says; the exit code."""
+    """Grade as requested and return the exit code."""
     if options.review:
         # its pictures are drawn by matplotlib, which takes longer to load than all else
         from husky_grading.review import write_review

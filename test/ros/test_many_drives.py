@@ -20,7 +20,7 @@ def run(*words, folder):
 def test_a_launch_file_is_compared_with_parameters(tmp_path):
     (tmp_path / "a.yaml").write_text("p_gain_vel: 2.0\n")
     done = run(
-        "compare", "a.yaml", "husky_highlevel_controller/controller.launch", "--scenes", "1", folder=tmp_path
+        "compare", "a.yaml", "husky_highlevel_controller/controller.launch", "--starts", "1", folder=tmp_path
     )
     assert done.returncode == 0, done.stdout + done.stderr
     (row,) = csv.DictReader((tmp_path / "compare" / "compare.csv").read_text().splitlines())
@@ -31,7 +31,7 @@ def test_a_launch_file_is_compared_with_parameters(tmp_path):
 def test_a_launch_file_that_starts_nothing_is_named(tmp_path):
     (tmp_path / "a.yaml").write_text("p_gain_vel: 2.0\n")
     done = run(
-        "compare", "husky_highlevel_controller/nothing.launch", "a.yaml", "--scenes", "1", folder=tmp_path
+        "compare", "husky_highlevel_controller/nothing.launch", "a.yaml", "--starts", "1", folder=tmp_path
     )
     assert done.returncode == 2
     assert done.stderr.startswith(

@@ -91,7 +91,7 @@ def test_the_command_draws_where_one_fails_and_ends_with_1(tmp_path, capsys, mon
         scene.name: dist((20.0, 5.0), (scene.start.x, scene.start.y)) for scene in random_starts(2, 8)
     }
     (far,) = (name for name, distance in distances.items() if distance > 7.5)
-    arguments = [f"{tmp_path}/quick.yaml", f"{tmp_path}/timid.py:decide", "--scenes", "2", "--seed", "8"]
+    arguments = [f"{tmp_path}/quick.yaml", f"{tmp_path}/timid.py:decide", "--starts", "2", "--seed", "8"]
     with pytest.raises(SystemExit, match="1"):
         compare.main([*arguments, "--jobs", "1", "--out", str(tmp_path / "out")])
     assert f"{far}: only B fails  at the pillar after" in capsys.readouterr().out

@@ -109,7 +109,7 @@ def test_the_figures_do_not_depend_on_the_number_of_processes_and_a_missed_one_e
     tables = []
     for jobs in ("1", "2"):
         with pytest.raises(SystemExit, match="1"):  # over so short a way the ramps weigh too much
-            evaluate.main(["--seed", "2", "--scenes", "10", "--starts", "1", "--jobs", jobs])
+            evaluate.main(["--seed", "2", "--scans", "10", "--starts", "1", "--jobs", jobs])
         captured = capfd.readouterr()
         tables.append(captured.out)
         assert "starts" not in captured.err, "progress is for a terminal"

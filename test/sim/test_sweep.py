@@ -52,8 +52,20 @@ def test_table_and_page_have_a_row_for_each_drive_and_point_in_the_order_of_the_
     assert "results " in page
 
 
+def test_the_best_points_are_told_and_points_that_fail_are_hatched(tmp_path, capsys):
+    result, source = swept(["p_gain_vel=0,1,4,2", "stop_distance=0.4,1"], 2)
+    sweep.write_sweep(result, "title", source, {}, tmp_path)
+    told = capsys.readouterr().out
+    best = told.split("Best points\n")[1].splitlines()[1:4]
+    assert [tuple(map(float, line.split())) for line in best] == [
+        (4.0, 0.4, 100.0, 5.0), (4.0, 1.0, 100.0, 5.0), (2.0, 0.4, 100.0, 10.0)
+    ]  # fmt: skip
+    assert "Every run succeeds at 6 of 8 points" in told
+    assert result.panels()[0].hatched.tolist() == [[True, True], *[[False, False]] * 3]
+
+
 def test_the_command_drives_what_a_drive_alone_gives_and_the_second_time_takes_it_from_the_file(tmp_path):
-    words = ["p_gain_vel=4", "--scenes", "1", "--jobs", "1", "--out", str(tmp_path)]
+    words = ["p_gain_vel=4", "--starts", "1", "--jobs", "1", "--out", str(tmp_path)]
     sweep.main(words)
     first = (tmp_path / "results.sqlite").stat().st_mtime_ns
     (row,) = csv.DictReader((tmp_path / "sweep.csv").read_text().splitlines())
@@ -80,7 +92,7 @@ def test_bad_input_is_a_sentence_and_exit_code_2(axes, sentence, capsys, tmp_pat
         (
             signal.SIGINT,
             130,
-            "sweep: stopped; with the same results file the same command goes on from here\n",
+            "sweep: stopped; run the same command with the same results file to resume\n",
         ),
         (signal.SIGKILL, -signal.SIGKILL, ""),
     ],

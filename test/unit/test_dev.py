@@ -120,7 +120,7 @@ def function_of_dev(name):
         ("groups_of_launch ../my/launch/my.launch", "", "page"),
         ("groups_of_launch my_husky my.launch", "", "page"),
         ("groups_of_command rostopic list", "", ""),
-        ("groups_of_command rosrun husky_highlevel_controller evaluate --scenes 3", "", "page"),
+        ("groups_of_command rosrun husky_highlevel_controller evaluate --starts 3", "", "page"),
         ("groups_of_command rosrun husky_highlevel_controller grade --all there", ":0", "rviz grade page"),
         ("groups_of_command python examples/rollout", "", "page"),
         ("groups_of_command pytest -q", "", "test page"),

@@ -1,4 +1,4 @@
-"""Options and exit codes common to the commands that do many tasks.
+"""Names, options and exit codes that are common to the commands of many tasks.
 
 In: an argument parser. Out: options, exit codes.
 """
@@ -9,21 +9,43 @@ import argparse
 import sys
 import traceback
 from contextlib import contextmanager
-from typing import Callable, Iterator
+from pathlib import Path
+from typing import Any, Callable, Iterator
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-STOPPED = 130  # exit code of what Ctrl-C ended
+STOPPED = 130  # exit code of a command that Ctrl-C ended
+ONE_COMMAND = "husky"  # command that `pip install .` brings, with the others as its sub-commands
+
+
+def name_as_typed(command: str) -> str:
+    """Return the name by which the user started a command: 'husky sweep' after pip, 'sweep' with rosrun."""
+    return f"{ONE_COMMAND} {command}" if Path(sys.argv[0]).stem == ONE_COMMAND else command
+
+
+def add_old_name(parser: argparse.ArgumentParser, old: str, option: argparse.Action) -> None:
+    """Accept the name that an option had before version 1.0, and log its new name."""
+    new = option.option_strings[0]
+
+    class OldName(argparse.Action):
+        def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
+            print(f"{parser.prog}: {old} is now called {new}; the old name still works", file=sys.stderr)
+            setattr(namespace, self.dest, values)
+
+    parser.add_argument(
+        old, dest=option.dest, type=option.type, action=OldName, help=argparse.SUPPRESS,
+        default=argparse.SUPPRESS,
+    )  # fmt: skip
 
 
 def add_worker_options(
     parser: argparse.ArgumentParser, jobs: int = 2, jobs_help: str = "processes of this machine"
 ) -> None:
     """Add --jobs and --cluster."""
-    parser.add_argument("--jobs", type=positive, default=jobs, help=f"{jobs_help} (default {jobs})")
+    parser.add_argument("--jobs", type=positive, default=jobs, help=f"{jobs_help} (default: {jobs})")
     parser.add_argument(
         "--cluster", default="", metavar="tcp://HOST:8786",
-        help="scheduler of a Dask cluster that does the work instead: docs/cluster.md",
+        help="address of the scheduler of a Dask cluster that does the work instead, see docs/cluster.md",
     )  # fmt: skip
 
 
@@ -46,14 +68,14 @@ def between(kind: Callable[[str], float], low: float, high: float) -> Callable[[
     return number
 
 
-seed_value = between(int, 0, 2**31 - 1001)  # of everything random; drives add their number
+seed_value = between(int, 0, 2**31 - 1001)  # random seeds; each run adds its number
 
 
 @contextmanager
 def exit_codes(name: str) -> Iterator[None]:
-    """Exit codes of a command: 2 on bad input (a sentence) or a bug (a traceback), STOPPED on Ctrl-C.
+    """Exit with 2 on bad input (a sentence) or a bug (a traceback), and with STOPPED on Ctrl-C.
 
-    Python's own exit code of an exception is 1, which means "a figure missed" or "less than full marks".
+    Python's own exit code of an exception is 1, which means "a figure missed" or "less than full marks" here.
     """
     try:
         yield
@@ -65,7 +87,5 @@ def exit_codes(name: str) -> Iterator[None]:
         print(f"{name}: this is a bug: {type(error).__name__}: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     except KeyboardInterrupt:
-        print(
-            f"{name}: stopped; with the same results file the same command goes on from here", file=sys.stderr
-        )
+        print(f"{name}: stopped; run the same command with the same results file to resume", file=sys.stderr)
         raise SystemExit(STOPPED) from None

@@ -10,10 +10,9 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, Callable, Iterable, Iterator, List, Optional, Set, Tuple
 
-from tqdm import tqdm
-
 from husky_evaluation.tasks.fingerprint import code_version, fingerprint, machine
 from husky_evaluation.tasks.local import run_here
+from husky_evaluation.tasks.progress import Progress
 from husky_evaluation.tasks.store import Store
 from husky_highlevel_controller.datatypes import HuskyError
 
@@ -56,12 +55,12 @@ class Workers:
     def map(
         self, task: Task, items: Iterable[Any], title: str = "", chunk: int = 1, starts_programs: bool = False
     ) -> List[Any]:
-        """The task's result for each item, in order; on a terminal with progress and the time left.
+        """The task's result for each item, in order; progress and the time left go to standard error.
 
         Args:
             task: a function of one item without side effects; it and the items can be pickled.
             items: what it is called with.
-            title: of the progress bar.
+            title: name of the tasks in the progress.
             chunk: items that are sent to a worker at once: more where one takes milliseconds.
             starts_programs: the task starts ROS: here it runs in a thread, there where the resource ROS is.
 
@@ -91,12 +90,12 @@ class Workers:
         common = fingerprint((code_version(), task)) if self._store else ""
         keys = [fingerprint((common, item)) for item in items] if self._store else []
         waiting: List[int] = []
-        with tqdm(total=len(items), desc=title, disable=None) as bar:
+        with Progress(len(items), title) as progress:
             for number in range(len(items)):
                 entry = self._store.load(keys[number]) if self._store else None
                 if entry:
                     self._machines.add(entry[0])
-                    bar.update()
+                    progress.update()
                     yield number, entry[1]
                 else:
                     waiting.append(number)
@@ -117,7 +116,7 @@ class Workers:
                     self._machines.add(computer)
                     if self._store:
                         self._store.save({keys[n]: (computer, result) for n, result in zip(group, results)})
-                    bar.update(len(group))
+                    progress.update(len(group))
                     yield from zip(group, results)
 
     @property

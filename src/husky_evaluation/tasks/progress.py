@@ -1,0 +1,42 @@
+"""Progress of many tasks on standard error: a bar on a terminal, otherwise a line every ten seconds.
+
+In: how many tasks have ended. Out: text for people.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any, Callable
+
+from tqdm import tqdm
+
+LINE_PERIOD = (
+    10.0  # [s] between two lines if standard error is not a terminal, such as in the log of a CI server
+)
+
+
+class Progress:
+    """Progress of `total` tasks; a context manager."""
+
+    def __init__(self, total: int, title: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self._total, self._title, self._clock = total, title, clock
+        self._done, self._begin = 0, clock()
+        self._last_line = self._begin
+        self._bar = tqdm(total=total, desc=title, disable=None)  # None disables it without a terminal
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self._bar.close()
+
+    def update(self, count: int = 1) -> None:
+        """Count tasks that have ended, and show how many there are and how long the others will take."""
+        self._done += count
+        self._bar.update(count)
+        now = self._clock()
+        if self._bar.disable and now - self._last_line >= LINE_PERIOD and self._done < self._total:
+            left = (now - self._begin) * (self._total - self._done) / self._done
+            print(f"{self._title}: {self._done} of {self._total} done, {left:.0f} s left", file=sys.stderr)
+            self._last_line = now
