@@ -1,4 +1,4 @@
-"""One command for `pip install .`, because a bare name such as `compare` may hide a program of the system.
+"""Command `husky` of `pip install .`, because a bare name such as `compare` may hide a program of the system.
 
 In: the name of a command and its arguments. Out: what that command does.
 """
