@@ -4,6 +4,8 @@ import test_rviz
 from network import wait_until
 from test_rviz import Screen
 
+from husky_highlevel_controller.paths import share_folder
+
 FIELD = """<launch>
   <include file="$(find gazebo_ros)/launch/empty_world.launch">
     <arg name="world_name" value="worlds/robocup14_spl_field.world"/>
@@ -31,6 +33,16 @@ def test_a_window_shows_field_goals_and_robot_beside_the_file_s_own_rviz(launch,
     for color in COLORS:
         wait_until(lambda color=color: screen.shows(color) > 30, f"{color} is to be seen")
     assert 'frame_id: "world"' in ros.run("rostopic", "echo", "-n", "1", "/husky_simulator/world_tf")
+
+
+def test_the_window_shows_a_robot_that_has_a_namespace(launch, ros):
+    file = share_folder() / "compat" / "husky_gazebo" / "launch" / "husky_empty_world.launch"
+    screen = Screen(ros)
+    launched = launch(file, "robot_namespace:=/a", DISPLAY=screen.display, GALLIUM_DRIVER="softpipe")
+    launched.says("simulating")
+    shown = {"/a/husky_simulator/world_tf", "/a/husky_simulator/world/update"}
+    wait_until(lambda: shown <= set(ros.subscriptions("/a/gazebo_gui")), "the window shows its world")
+    wait_until(lambda: screen.shows("the Husky's yellow") > 30, "the robot is to be seen")
 
 
 def test_without_gui_there_is_no_window(launch, ros, tmp_path):
