@@ -20,7 +20,6 @@ MAX_LABELLED = 15  # values of an axis, up to which each cell is labelled
 SYMBOLS = "*os^"
 GOOD_COLOR = "#fee838"  # bright end of the colour map cividis
 HATCH = "////"
-MARK_SHIFT = 0.34  # [cells] a mark at the middle of a cell moves up by it, so that the number stays readable
 
 
 class Panel(NamedTuple):
@@ -117,7 +116,7 @@ def _curve(plot: Any, axis: Axis, panel: Panel, marks: Marks) -> None:
 
 
 def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> None:
-    """Draw cells of equal size, one for each value. A mark between two values lies between their cells."""
+    """Draw cells of equal size, one for each value. A mark lies on the nearest border."""
     norm = (LogNorm if panel.is_logarithmic else Normalize)(*_limits(panel))
     values = np.ma.masked_invalid(panel.values.T)
     colors = "cividis" if panel.is_good_high else "cividis_r"
@@ -152,10 +151,11 @@ def _heat_map(plot: Any, axes: Sequence[Axis], panel: Panel, marks: Marks) -> No
             float(np.interp(value, axis.values, range(len(axis.values))))
             for value, axis in zip(values_of_mark, axes)
         )
-        if abs(y - round(y)) < MARK_SHIFT / 2.0:
-            y = round(y) + MARK_SHIFT
+        border = (
+            np.floor(y) + 0.5
+        )  # nearest border above or below, because a mark would hide the number of a cell
         plot.plot(
-            x, y, symbol, markersize=12 if symbol == "*" else 8, label=name, color=MARKER,
+            x, border, symbol, markersize=12 if symbol == "*" else 8, label=name, color=MARKER,
             markeredgecolor="w", markeredgewidth=1.0, linestyle="none", clip_on=False, zorder=6,
         )  # fmt: skip
     plot.set_ylabel(axes[1].label)

@@ -33,7 +33,7 @@ def add_old_name(parser: argparse.ArgumentParser, old: str, option: argparse.Act
             setattr(namespace, self.dest, values)
 
     parser.add_argument(
-        old, dest=option.dest, type=option.type, action=OldName, help=argparse.SUPPRESS,
+        old, dest=option.dest, type=option.type or str, action=OldName, help=argparse.SUPPRESS,
         default=argparse.SUPPRESS,
     )  # fmt: skip
 
