@@ -62,7 +62,7 @@ def mark_one(folder, out, name):
     elif not (folder / name / "src").exists() and name not in BUILT:  # it needs no build
         (launch,) = (folder / name / "launch").iterdir()
         what = Launchable("launch", name, launch.name)
-        job = replace(job, hand_in="", launchable=what, packages=(str(folder),))
+        job = replace(job, hand_in="", launchable=what, packages=(str(folder / name),))
     return mark_module.mark(job)
 
 
