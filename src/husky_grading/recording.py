@@ -134,6 +134,8 @@ class Recording:
     services: Tuple[str, ...] = ()  # std_srvs/SetBool that the submission offers
     other_services: Tuple[str, ...] = ()  # of other types that it offers, as "/name (package/Type)"
     calls: Tuple[Call, ...] = ()
+    # lookups of that service by each node of the submission: each call makes one
+    callers: Mapping[str, int] = field(default_factory=dict)
     topic_parameters: Tuple[str, ...] = ()  # private parameters whose value is the scans' topic
     queue_parameters: Tuple[str, ...] = ()  # private whole numbers that are called ...queue...
     subscribed: bool = False  # the submission listens to the scans

@@ -22,6 +22,7 @@ from husky_highlevel_controller.xml_rpc import ask
 
 ANSWER_DEADLINE = 20.0  # [s] of wall time; a submission may end the master and listen in its place
 CALLER = "/marking"
+MAX_CALLERS = 5  # of a service that are named
 TWIST, SCAN = "geometry_msgs/Twist", "sensor_msgs/LaserScan"
 TRUTH, WORLD = "/ground_truth/odom", "/husky_simulator/world/"  # topic; of interactive markers of all bodies
 EVERY_NODE_HAS = {"/rosout", "/rosout_agg", "/clock", "/tf", "/tf_static"}
@@ -31,6 +32,16 @@ Nodes = Mapping[str, Sequence[str]]  # topic: nodes
 def has_service(uri: str, name: str) -> bool:
     """Whether a node offers a service."""
     return bool(_ask(uri, "lookupService", name))
+
+
+def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int]:
+    """Lookups of a service by each node that is not ours, as each call makes one; the most first."""
+    answer = _ask(uri, "countLookups", service)  # a submission may end the master and answer in its place
+    counts = answer if isinstance(answer, dict) else {}
+    theirs = {
+        node: count for node, count in counts.items() if isinstance(count, int) and node not in our_nodes
+    }
+    return dict(sorted(theirs.items(), key=lambda each: -each[1])[:MAX_CALLERS])
 
 
 class Registered(NamedTuple):

@@ -9,7 +9,7 @@ import xmlrpc.client
 from contextlib import suppress
 from dataclasses import replace
 from http.client import HTTPException
-from typing import Any, Collection, List, Optional, Sequence, Set, Tuple
+from typing import Any, Collection, Dict, List, Optional, Sequence, Set, Tuple
 from xml.parsers.expat import ExpatError
 
 import rosgraph
@@ -26,6 +26,7 @@ from husky_grading.drive.call_plan import (
     exercise_2_over,
     exercise_2_speed,
 )
+from husky_grading.drive.ros_graph import callers
 from husky_grading.notes import Kind, Note
 from husky_grading.recording import Call
 
@@ -38,6 +39,7 @@ UNANSWERED = (
 ANSWER_DEADLINE = 10.0  # [s] of wall time
 OBEYED = 0.5  # [s], simulated, after a call: by then a submission that it stops sends no more
 SET_BOOL = "std_srvs/SetBool"
+TYPE_CALLER = "/rosservice"  # name by which rosservice asks the master
 MAX_SERVICES = 100  # of a submission that are looked at, each in a thread
 MAX_DESCRIPTION = 2_000_000  # letters of a URDF
 _LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
@@ -118,6 +120,11 @@ class ExerciseDriver:
         call = min(services), self._made, self._answers
         threading.Thread(target=_ask, args=call, daemon=True).start()
         return None
+
+    def callers(self) -> Dict[str, int]:
+        """Lookups by each node of the submission of the service that is called here."""
+        uri, services = rosgraph.get_master_uri(), self.services
+        return callers(uri, min(services), {*self._our_nodes, TYPE_CALLER}) if services else {}
 
     def has_silenced(self, last_command: float) -> bool:
         """Whether a call came just before a submission's last command [s, simulated], or after it.

@@ -304,6 +304,7 @@ class DriveRecorder:
             services=tuple(sorted(self._driver.services)),
             other_services=tuple(sorted(self._driver.other_services)),
             calls=tuple(self._driver.calls),
+            callers=self._driver.callers(),
             topic_parameters=topic_parameters,
             queue_parameters=queue_parameters,
             subscribed=self._subscribed,

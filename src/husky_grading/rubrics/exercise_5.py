@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import List, Sequence
+from typing import List, Mapping, Sequence
 
 import numpy as np
 
@@ -28,6 +28,7 @@ ITEMS = (
 )
 BEFORE = 0.5  # [s], simulated, before a call: what the robot did then counts as just before
 SETTLED, CALM = 1.5, 4.0  # [s], simulated, after a call's answer: from when to when it is looked at
+MANY = 5  # lookups of a node: fewer come also from one that only waits for the service
 SLOW, FAST = 0.05, 0.1  # [m/s]: stands, drives
 # hints
 SERVICE = f"advertise a service of type std_srvs/SetBool in the constructor, and {MEMBER}"
@@ -36,6 +37,7 @@ NEITHER = (
     "see that no other node of yours calls the service, or sends velocities as well"
 )
 STOP = "keep the request in a member, and let each callback of the scans send a zero twist while it says stop"
+OTHER_CALLER = f"see what that node sends, because its calls come between those of marking; otherwise {STOP}"
 START = "let the other request clear that member, so that the scans' callback drives again"
 
 
@@ -74,7 +76,7 @@ def judge_calls(recording: Recording) -> List[Item]:
         return [replace(item, points=None, evidence=why) for item in (stop, start)]
     driven = [effect for effect in effects if effect.before >= FAST]
     if driven and not any(effect.stopped for effect in driven):
-        return _neither_stops(stop, start, name, driven)
+        return _neither_stops(stop, start, name, driven, recording.callers)
     stops = _stopping_value(effects)
     stop = _judge_stops(stop, name, [effect for effect in effects if effect.call.data is stops])
     if not any(effect.before >= FAST for effect in effects):
@@ -88,15 +90,20 @@ def judge_calls(recording: Recording) -> List[Item]:
     return [stop, _judge_starts(start, name, starts)]
 
 
-def _neither_stops(stop: Item, start: Item, name: str, driven: Sequence[Effect]) -> List[Item]:
+def _neither_stops(
+    stop: Item, start: Item, name: str, driven: Sequence[Effect], callers: Mapping[str, int]
+) -> List[Item]:
     """Items of a robot that drives on after every call, whichever value was sent."""
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in driven[:2]]
     told = f" ({driven[0].call.answer})" * (not driven[0].call.success and bool(driven[0].call.answer))
     evidence = f"{name}: neither value stops it: {', '.join(speeds)}{told}"
-    stop = replace(stop, evidence=evidence, at=driven[0].call.at, hint=NEITHER)
+    others = [f"{node} has looked it up {count} times" for node, count in callers.items() if count >= MANY]
+    evidence += f"; {', '.join(others)}, as each call does" * bool(others)
+    hint = OTHER_CALLER if others else NEITHER
+    stop = replace(stop, evidence=evidence, at=driven[0].call.at, hint=hint)
     return [
         stop,
-        replace(start, evidence=f"{name}: no call had stopped it, so none could start it", hint=NEITHER),
+        replace(start, evidence=f"{name}: no call had stopped it, so none could start it", hint=hint),
     ]
 
 

@@ -108,6 +108,26 @@ def test_the_service_stops_and_starts_again_and_again(pairs, still, stop, start,
     assert evidence in items[0].evidence
 
 
+@pytest.mark.parametrize(
+    ("callers", "evidence", "hint"),
+    [
+        (
+            {"/other": 212, "/waits": 2},
+            "/other has looked it up 212 times, as each call",
+            "what that node sends",
+        ),
+        ({"/waits": 2}, "0.50 m/s after true", "see that no other node of yours calls the service"),
+    ],
+)
+def test_another_node_that_calls_a_service_which_stops_nothing_is_named(callers, evidence, hint):
+    never_stops = called((False, 0.5), (True, 0.5), (False, 0.5), (True, 0.5))
+    for item in judge_calls(replace(never_stops, callers=callers)):
+        assert hint in item.hint
+    stop = judge_calls(replace(never_stops, callers=callers))[0]
+    assert evidence in stop.evidence
+    assert "/waits" not in stop.evidence
+
+
 def test_a_call_that_takes_long_is_judged_from_its_answer():
     late = called((False, 0.0))
     speeds = late.speeds.copy()
