@@ -2,16 +2,6 @@
 // What is held is sent again and again; where the page, the network or the key goes, nothing is sent, and the robot stops.
 (() => {
   "use strict";
-  // Without a graphics card smooth edges more than double the time of a picture; ?antialias keeps them.
-  const getContext = HTMLCanvasElement.prototype.getContext;
-  const probe = getContext.call(document.createElement("canvas"), "webgl2");
-  const renderer = probe?.getParameter(probe.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL ?? probe.RENDERER);
-  probe?.getExtension("WEBGL_lose_context")?.loseContext();
-  if (/SwiftShader|llvmpipe|softpipe|Microsoft Basic Render/.test(renderer) && !location.search.includes("antialias")) {
-    HTMLCanvasElement.prototype.getContext = function (kind, options) {
-      return getContext.call(this, kind, kind.startsWith("webgl") ? { ...options, antialias: false } : options);
-    };
-  }
   const PERIOD = 50; // [ms] between two commands while something is held
   const KEYS = { KeyW: [1, 0], KeyS: [-1, 0], KeyA: [0, 1], KeyD: [0, -1] };
   const LOST = "Connection lost: the simulator has ended, or the network has. Start ./dev launch again; this page waits for it.";
@@ -41,39 +31,24 @@
     spoken.className = "husky-spoken";
     spoken.setAttribute("role", "status"); // read out when its text changes; the state bar itself changes all the time
     document.body.append(spoken);
+    const scenePad = document.createElement("div"); // of a phone, over the scene
+    scenePad.className = "husky-pad husky-scene-pad";
+    scenePad.setAttribute("aria-hidden", "true");
+    scenePad.innerHTML = '<div class="husky-knob"></div>';
+    document.body.append(scenePad);
     setInterval(describe, 500);
   }, 100);
   const spoken = document.createElement("div");
-  const describe = () => { // what viser leaves without a name, to screen readers
+  const describe = () => {
+    viserClient.follow();
+    viserClient.describe();
     const state = document.querySelector(".husky-state b")?.textContent ?? "";
     if (spoken.textContent !== state) spoken.textContent = state;
-    document.querySelectorAll("canvas:not([aria-label])").forEach((canvas) => {
-      canvas.setAttribute("role", "img");
-      canvas.setAttribute("aria-label", "3D view of the robot");
-    });
-    document.querySelectorAll(".mantine-Text-root > label").forEach((label) => {
-      const row = label.parentElement.parentElement.parentElement;
-      row.querySelectorAll("[role=slider]:is([aria-label=''], :not([aria-label])), input:not([aria-label], [type=hidden])").forEach((field) => {
-        field.setAttribute("aria-label", label.textContent);
-      });
-      if (row.querySelector("button") !== null && !row.hasAttribute("role")) {
-        row.setAttribute("role", "group");
-        row.setAttribute("aria-label", label.textContent);
-      }
-    });
-    document.querySelectorAll(".mantine-ActionIcon-root:not([aria-label])").forEach((button) => {
-      if (button.textContent === "") button.setAttribute("aria-label", "Connection and settings");
-    });
-    document.querySelectorAll(".mantine-Notification-root").forEach((notice) => { // it covers the scene; View says it
-      if (!notice.textContent.startsWith("Software WebGL")) return;
-      root.classList.add("husky-draws-by-software");
-      notice.querySelector("button")?.click();
-    });
   };
 
   try { // the server asks for it by viser's storage: the choice made here, or else the browser's own
     const prefers = matchMedia("(prefers-color-scheme: dark)").matches ? "1" : "0";
-    localStorage.setItem("viser-user:is-dark", localStorage.getItem("viser-user:dark") ?? prefers);
+    localStorage.setItem(viserClient.storage("is-dark"), localStorage.getItem(viserClient.storage("dark")) ?? prefers);
   } catch { /* a browser that stores nothing sees the day */ }
 
   const connect = () => {
@@ -154,6 +129,28 @@
   window.addEventListener("blur", release);
   window.addEventListener("pagehide", release);
   document.addEventListener("visibilitychange", () => { if (document.hidden) release(); });
+
+  // A cursor in a chart: the values at the mouse, read off the curves.
+  const cursor = document.createElement("div");
+  cursor.className = "husky-cursor";
+  document.addEventListener("pointermove", (event) => {
+    const svg = event.target instanceof Element ? event.target.closest(".husky-chart svg") : null;
+    const [left, right, top, bottom, low, high, seconds] = svg?.dataset.plot.split(",").map(Number) ?? [];
+    const box = svg?.getBoundingClientRect();
+    const scale = box?.width / svg?.viewBox.baseVal.width;
+    const x = (event.clientX - box?.left) / scale;
+    if (!(x >= left && x <= right)) return cursor.remove();
+    const values = [...svg.querySelectorAll("path.curve")].map((curve) => {
+      const points = curve.getAttribute("d").split(/[ML]/).slice(1).map((point) => point.split(",").map(Number));
+      const nearest = points.reduce((best, point) => (Math.abs(point[0] - x) < Math.abs(best[0] - x) ? point : best), [Infinity, NaN]);
+      const value = high - ((nearest[1] - top) / (bottom - top)) * (high - low);
+      return Math.abs(nearest[0] - x) > 6 ? "\u2013" : value.toFixed(2);
+    });
+    cursor.textContent = `${(((x - right) / (right - left)) * seconds).toFixed(1)} s: ${values.join(" / ")}`;
+    cursor.style.cssText = `left: ${event.clientX}px; top: ${box.top + top * scale}px; height: ${(bottom - top) * scale}px`;
+    cursor.classList.toggle("left", x > (left + right) / 2);
+    document.body.append(cursor);
+  });
 
   const clamp = (value) => Math.max(-1, Math.min(1, value));
   const follow = (element, event) => {

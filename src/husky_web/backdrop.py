@@ -1,4 +1,4 @@
-"""Backdrop of the 3D view: ground, sky and light by day and by night, marks of distance, contact shadows.
+"""Backdrop of the 3D view: ground, sky and light by day and by night, contact shadows.
 
 Ground and sky are triangles with colours at their corners: without a graphics card a shader that calculates a
 grid takes as long as both, and so does a texture; shadows of lights would take a second a frame.
@@ -12,7 +12,6 @@ from typing import Any, Dict, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 import trimesh
 import viser
-from PIL import Image, ImageDraw, ImageFont
 
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_web.viser_private import place, show_in_page
@@ -23,8 +22,6 @@ RADIUS = 400.0  # [m] from the robot to the horizon
 CHECKER, SECTION, LINE = 25, 5, 0.03
 CONTRAST = 0.09  # of the checker's squares of 1 m beside the robot, to both sides of the ground's colour
 STEP = 2 * SECTION  # [m] by which the checker follows the robot: its pattern repeats itself
-# [m] from the fixed frame's origin; [m]; RGB
-MARKS, MARK_SIZE, MARK_COLOR = (5, 10, 15, 20), (0.8, 0.4), (120, 127, 135)
 SHADOW_HEIGHT = 0.004  # [m] above the ground
 # of shadows: [m] beyond the outline; side of the picture; at the darkest
 SHADOW_BLUR, SHADOW_PIXELS, SHADOW_OPACITY = 0.22, 96, 0.55
@@ -66,27 +63,12 @@ class Backdrop:
             scene.add_glb(f"/{name}/scenery", scenery(look), receive_shadow=False)
             for name, look in LOOKS.items()
         ]
-        self._marks = scene.add_frame("/distances", show_axes=False)
-        for metres in MARKS:
-            image = Image.new("RGBA", (128, 64), (*MARK_COLOR, 0))
-            font: Any = ImageFont.load_default(56)
-            ImageDraw.Draw(image).text((64, 32), f"{metres} m", MARK_COLOR, font, anchor="mm")
-            scene.add_image(
-                f"/distances/{metres}",
-                np.asarray(image),
-                *MARK_SIZE,
-                format="png",
-                wxyz=(0.5, -0.5, 0.5, -0.5),  # upright, to be read from the origin
-                position=(metres, 0.0, MARK_SIZE[1] / 2.0),
-                cast_shadow=False,
-            )
 
     def update(self, ground: float, robot: Optional[Vector3]) -> None:
         """Put the ground at a height [m], around the robot [m]."""
         x, y = (0.0, 0.0) if robot is None else (STEP * round(value / STEP) for value in robot[:2])
         for node in self._scenery:
             place(node, Pose((x, y, ground)))
-        place(self._marks, Pose((0.0, 0.0, ground)))
 
 
 def show_backdrop(client: viser.ClientHandle, is_dark: bool) -> None:

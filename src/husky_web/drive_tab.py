@@ -22,7 +22,7 @@ from husky_web.actions import (
     call,
     parameter,
 )
-from husky_web.plots import choice_html, fixed
+from husky_web.plots import fixed
 from husky_web.state_bar import LEVELS, STARTED, STOPPED
 from husky_web.teleop import SLOWEST, Teleop, set_speed
 
@@ -36,12 +36,13 @@ SPEEDS = (("speed [m/s]", "max_linear", 1.0), ("turning [rad/s]", "max_angular",
 # name, unit and digits of each number below the lights; those of the drive are in the state bar
 READINGS = (("bearing of the pillar", "rad", 3), ("real-time factor", "", 2), ("scans", "Hz", 1))
 Readings = Sequence[Optional[float]]
+START, STOP, PAUSE, STEP, RESUME = "Start", "Stop", "Pause", "Step", "Resume"
+BACK = "Back to the start"
 SERVICES: Dict[str, Any] = {  # of the simulator: name, deadline, type and request of each button's
-    "Pause": ("pause", CALL_TIMEOUT, Trigger),
-    "Step": ("step", LONG_TIMEOUT, StepWorld, 20),
-    "Resume": ("resume", CALL_TIMEOUT, Trigger),
-    "Reset": ("reset", CALL_TIMEOUT, Trigger),
-    "Put back": ("reset_world", CALL_TIMEOUT, Trigger),
+    PAUSE: ("pause", CALL_TIMEOUT, Trigger),
+    STEP: ("step", LONG_TIMEOUT, StepWorld, 20),
+    RESUME: ("resume", CALL_TIMEOUT, Trigger),
+    BACK: ("reset", CALL_TIMEOUT, Trigger),
 }
 ON_ITS_WAY = 1.0  # [s] that a message needs at most
 MAX_LIGHTS, MAX_LETTERS = 50, 200  # diagnostics that are shown, and of a name or a message
@@ -69,24 +70,20 @@ class DriveTab:
         self._told_at = -inf  # [s] of wall time
         gui = server.gui
         self._readings = gui.add_html(readings_html((None, None, None), []))
-        self._chosen_start = gui.add_html(choice_html(None))
-        start = gui.add_button_group("Controller", ("Start", "Stop"))
-        start.on_click(self._on_start_stop)
+        self._start: Any = gui.add_button_group("Controller", (START, STOP))
+        self._start.on_click(self._on_start_stop)
         with gui.add_folder("Drive by hand"):
             gui.add_html(PAD)
             for label, limit, high in SPEEDS:
                 slider = gui.add_slider(label, SLOWEST, high, 0.05, getattr(teleop, limit))
                 slider.on_update(partial(set_speed, teleop, limit, high))
         with gui.add_folder("Simulation"):
-            self._chosen_time = gui.add_html(choice_html(None))
-            time = gui.add_button_group(
-                "Time", ("Pause", "Step", "Resume"), hint="Step: 0.1 s of a paused world"
+            self._time: Any = gui.add_button_group(
+                "Time", (PAUSE, STEP), hint=f"{STEP}: 0.1 s of a paused world"
             )
-            time.on_click(self._on_simulation)
-            again = gui.add_button_group(
-                "World", ("Reset", "Put back"), hint="Reset: the world of the launch. Put back: every pose"
-            )
-            again.on_click(self._on_simulation)
+            self._time.on_click(self._on_simulation)
+            back = gui.add_button_group("World", (BACK,), hint="robot, objects and world as at the launch")
+            back.on_click(self._on_simulation)
 
     def take(self, diagnostics: List[Any], now: float) -> None:
         """Take in messages of /diagnostics that came at `now` [s] of wall time."""
@@ -112,8 +109,8 @@ class DriveTab:
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
         self._readings.content = readings_html(readings, lights)
         activity, _, _ = self.activity()
-        self._chosen_start.content = choice_html(int(activity == STOPPED) if activity else None)
-        self._chosen_time.content = choice_html(None if is_paused is None else 0 if is_paused else 2)
+        self._start.options = (START if activity == STOPPED else STOP,) if activity else (START, STOP)
+        self._time.options = (RESUME if is_paused else PAUSE, STEP)
 
     def forget(self) -> None:
         """Drop the lights of nodes that may be gone."""
@@ -121,7 +118,7 @@ class DriveTab:
         self._state, self._told = "", None
 
     def _on_start_stop(self, event: Any) -> None:
-        starts = event.target.value == "Start"
+        starts = event.target.value == START
         self._actions.do(lambda: self._start_stop(starts), event.client, "Controller")
 
     def stop(self) -> None:

@@ -6,11 +6,11 @@ In: rosgraph_msgs/Log, and rosout's file for what was logged before. Out: HTML.
 from __future__ import annotations
 
 import re
-from collections import deque
+from collections import Counter, deque
 from datetime import datetime, timezone
 from html import escape
 from itertools import accumulate
-from typing import Any, Deque, Iterable, List, NamedTuple, Optional
+from typing import Any, Deque, Dict, Iterable, List, NamedTuple, Optional
 
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "error": 8, "fatal": 16}  # rosgraph_msgs/Log
 CAPACITY = 2000  # lines kept
@@ -19,6 +19,7 @@ EARLIER = 1000  # lines kept of those that were logged before this buffer was th
 _ROSOUT = re.compile(
     r"(\d+\.\d+) (DEBUG|INFO|WARN|ERROR|FATAL) (\S+) (?:\[[^\]]*\] )?(?:\[topics: [^\]]*\] )?(.*)"
 )
+_NUMBER = re.compile(r"[-+]?\d[\d.]*")
 DAY_ONE = 1e9  # [s]; a stamp from here on (2001) is no simulated time
 SHOWN, SHOWN_LETTERS = 150, 30_000  # lines of one page, and letters of all: a browser with more stays behind
 MAX_LETTERS = 5000  # of a line
@@ -31,6 +32,13 @@ class Line(NamedTuple):
     stamp: float  # [s]
     node: str
     text: str
+
+
+class Counted(NamedTuple):
+    """Row of the log that is shown."""
+
+    line: Line  # the newest of those that are alike
+    times: int
 
 
 class Filter(NamedTuple):
@@ -73,11 +81,22 @@ class LogBuffer:
         self._lines.extendleft(reversed(earlier[: CAPACITY - len(self._lines)]))
         self.count += len(earlier)
 
-    def select(self, condition: Filter) -> List[Line]:
-        """The newest lines that pass, newest first, as many as a page can show."""
-        passing = [line for line in reversed(list(self._lines)) if condition.passes(line)][:SHOWN]
-        letters = accumulate(len(line.text) for line in passing)
-        return [line for line, total in zip(passing, letters) if total <= SHOWN_LETTERS]
+    def select(self, condition: Filter) -> List[Counted]:
+        """The newest lines that pass, newest first, as many as a page can show.
+
+        Lines of a node that differ in their numbers only are one row with the newest of them, unless a text
+        is searched.
+        """
+        counts: Counter[Any] = Counter()
+        passing: Dict[Any, Line] = {}
+        for number, line in enumerate(reversed(list(self._lines))):
+            if condition.passes(line):
+                key = number if condition.text else (line.level, line.node, _NUMBER.sub("#", line.text))
+                passing.setdefault(key, line)
+                counts[key] += 1
+        rows = [Counted(line, counts[key]) for key, line in passing.items()][:SHOWN]
+        letters = accumulate(len(row.line.text) for row in rows)
+        return [row for row, total in zip(rows, letters) if total <= SHOWN_LETTERS]
 
 
 def lines_of_rosout(text: str) -> List[Line]:
@@ -97,16 +116,16 @@ def _cut(text: str) -> str:
     return text if len(text) <= MAX_LETTERS else f"{text[:MAX_LETTERS]} ..."
 
 
-def log_to_html(lines: Iterable[Line]) -> str:
-    """Lines as HTML; whatever a node has logged is text, never markup."""
+def log_to_html(rows: Iterable[Counted]) -> str:
+    """Rows as HTML; whatever a node has logged is text, never markup."""
     names = {number: name for name, number in LEVELS.items()}
-    rows = [
+    divisions = [
         f'<div class="{names.get(line.level, "info")}"><span class="time">{_moment(line.stamp)}</span> '
         f'<b>{names.get(line.level, "?")}</b> <span class="node">{escape(line.node)}</span> '
-        f"{escape(line.text)}</div>"
-        for line in lines
+        f"{escape(line.text)}{f' <i>&times;{times}</i>' if times > 1 else ''}</div>"
+        for line, times in rows
     ]
-    return f'<div class="husky-block husky-log">{"".join(rows) or "no lines pass the filter"}</div>'
+    return f'<div class="husky-block husky-log">{"".join(divisions) or "no lines pass the filter"}</div>'
 
 
 def _moment(stamp: float) -> str:

@@ -7,7 +7,6 @@ import ctypes
 import gc
 import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Dict, Optional
 
@@ -21,7 +20,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool
 
 from husky_highlevel_controller.config import number, read_config, setting
-from husky_highlevel_controller.robot import load_robot
+from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.registration import Registration
 from husky_highlevel_controller.xml_rpc import ask
@@ -30,6 +29,7 @@ from husky_web.camera import FIELD_OF_VIEW
 from husky_web.drawing import left_out
 from husky_web.drive_tab import DriveTab
 from husky_web.drivers import Drivers, short_name
+from husky_web.legend import add_layers
 from husky_web.log import LogBuffer, lines_of_rosout
 from husky_web.mouse import Mouse
 from husky_web.numbers import Numbers
@@ -51,7 +51,7 @@ NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
 ROSOUT_BYTES = 1_000_000  # of rosout's file that are read: a line with its node's topics has about 700
 IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
 
-SOFTWARE = (  # shown by page.js in place of viser's warning, which covers the scene
+SOFTWARE = (  # shown by viser_client.js in place of viser's warning, which covers the scene
     '<div class="husky-block husky-software">This browser draws without a graphics card: '
     "fewer pictures a second.</div>"
 )
@@ -136,10 +136,7 @@ class WebNode:
         self._tuning.on_change = self._on_parameter
         with self._tabs["View"]:
             with server.gui.add_folder("Layers"):
-                for layer, is_shown in self._scene.layers.items():
-                    box = server.gui.add_checkbox(layer, is_shown, hint="for every page")
-                    box.on_update(partial(self._on_layer, layer))
-            self._depth_box = box  # the last
+                self._depth_box = add_layers(server.gui, self._scene.layers.__setitem__)
             server.gui.add_html(SOFTWARE)
             self._recorder = Recorder(server, self._actions)
 
@@ -218,6 +215,7 @@ class WebNode:
         self._depth_box.visible = self._topics.names["cloud"] in offered
         self._tuning.follow(published)
         self._world_name = str(parameter(f"{self._config.simulator}/world_name", ""))
+        self._server.gui.set_panel_label(title(self._scene.robot_name, self._world_name))
         description = str(parameter(self._ask("searchParam", "robot_description") or "robot_description", ""))
         if description and description != self._description:
             self._description = description
@@ -282,9 +280,6 @@ class WebNode:
     def _on_paused(self, msg: Bool) -> None:
         self._is_paused = msg.data
 
-    def _on_layer(self, layer: str, event: Any) -> None:
-        self._scene.layers[layer] = event.target.value
-
 
 def read_rosout() -> str:
     """The end of the file in which rosout keeps the log of this ROS network; empty on another machine."""
@@ -295,6 +290,12 @@ def read_rosout() -> str:
             return log.read().decode(errors="replace")
     except OSError:
         return ""
+
+
+def title(robot: str, world: str) -> str:
+    """Title of the page: the robot and the file of its world, as far as they are known."""
+    name = load_robot(robot).title if robot in ROBOTS else robot.replace("_", " ") or "Husky"
+    return f"{name} in {Path(world).stem}" if world else name
 
 
 def give_memory_back() -> None:

@@ -133,11 +133,12 @@ def _shows(token: str, headers: Mapping[str, str], path: str) -> bool:
 
 
 def page() -> bytes:
-    """Viser's page with the package's script and style."""
+    """Viser's page with the package's scripts and styles."""
     html, folder = page_html().replace("<title>Viser</title>", "<title>Husky</title>"), share_folder() / "web"
-    script, style = (folder / "page.js").read_text(), (folder / "page.css").read_text()
     at = html.index("<head>") + len("<head>")
-    additions = f"<script>{script}</script><style>{style}</style>"
+    scripts = (f"<script>{(folder / name).read_text()}</script>" for name in ("viser_client.js", "page.js"))
+    styles = (f"<style>{(folder / name).read_text()}</style>" for name in ("viser.css", "page.css"))
+    additions = "".join((*scripts, *styles))
     return f"{html[:at]}{additions}{html[at:]}".encode()
 
 

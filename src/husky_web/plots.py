@@ -31,13 +31,15 @@ class Chart(NamedTuple):
     title: str
     unit: str
     series: Tuple[str, ...]  # commanded is dashed
+    least: Tuple[float, float]  # range that is always shown: a hair's breadth is no mountain
+    zero: str = ""  # name of the line at 0, if it has one
 
 
 CHARTS = (
-    Chart("distance", "distance to go", "m", ("measured",)),
-    Chart("bearing", "bearing of the pillar", "rad", ("measured",)),
-    Chart("speed", "forward speed", "m/s", ("commanded", "measured")),
-    Chart("turning", "turning rate", "rad/s", ("commanded", "measured")),
+    Chart("distance", "distance to go", "m", ("measured",), (0.0, 5.0), "stop_distance"),
+    Chart("bearing", "bearing of the pillar", "rad", ("measured",), (-0.5, 0.5)),
+    Chart("speed", "forward speed", "m/s", ("commanded", "measured"), (0.0, 1.0)),
+    Chart("turning", "turning rate", "rad/s", ("commanded", "measured"), (-0.5, 0.5)),
 )
 
 
@@ -93,10 +95,10 @@ class Plots:
 
 
 def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark] = ()) -> str:
-    """HTML of a chart of series over time; NaN and values from LARGEST on are gaps; 0 is within the range."""
+    """HTML of a chart of series over time; NaN and values from LARGEST on are gaps."""
     times, series = arrays[0], [np.where(np.abs(each) < LARGEST, each, np.nan) for each in arrays[1:]]
     end = float(times[-1]) if len(times) else 0.0
-    ticks = nice_ticks(*_limits(series))
+    ticks = nice_ticks(*_limits(series, chart.least))
     low, high = ticks[0], ticks[-1]
     right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
 
@@ -111,6 +113,11 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
         f'<text x="{LEFT - 4.0:.0f}" y="{y_of(tick) + 3.5:.1f}" text-anchor="end">{tick:g}</text>'
         for tick in ticks
     ]
+    if chart.zero:
+        parts.append(
+            f'<text class="stop" x="{right - 3.0:.0f}" y="{y_of(0.0) - 3.0:.1f}" text-anchor="end">'
+            f"{chart.zero}</text>"
+        )
     for age, name, anchor in TIME_TICKS:
         x = x_of(end - age)
         parts.append(
@@ -137,7 +144,8 @@ def chart_html(chart: Chart, arrays: Sequence[np.ndarray], marks: Sequence[Mark]
     spoken = ", ".join(f"{name} {value}" for name, value in zip(chart.series, newest))
     return (
         f'<div class="husky-block husky-chart"><div><b>{chart.title}</b> [{chart.unit}]{key}</div>'
-        f'<svg viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" role="img" aria-label="{chart.title}: {spoken}">'
+        f'<svg viewBox="0 0 {WIDTH:.0f} {HEIGHT:.0f}" role="img" aria-label="{chart.title}: {spoken}"'
+        f' data-plot="{LEFT},{right},{TOP},{bottom},{low},{high},{WINDOW}">'
         f"{''.join(parts)}</svg></div>"
     )
 
@@ -151,12 +159,11 @@ def nice_ticks(low: float, high: float) -> List[float]:
     return [round(step * number, 9) for number in range(first, last + 1)]
 
 
-def _limits(series: Sequence[np.ndarray]) -> Tuple[float, float]:
-    """Lowest and highest value of all series, 0 among them; at least 0.1 apart."""
-    values = np.concatenate([np.zeros(1), *series])
+def _limits(series: Sequence[np.ndarray], least: Tuple[float, float]) -> Tuple[float, float]:
+    """Lowest and highest value of all series and of the least range."""
+    values = np.concatenate([least, *series])
     values = values[np.isfinite(values)]
-    low, high = float(values.min()), float(values.max())
-    return low, max(high, low + 0.1)
+    return float(values.min()), float(values.max())
 
 
 def _path(times: np.ndarray, values: np.ndarray, x_of: Any, y_of: Any) -> str:
@@ -182,5 +189,5 @@ def fixed(value: Optional[float], digits: int) -> str:
 
 
 def choice_html(number: Optional[int]) -> str:
-    """Mark by which page.css fills one button of the group that follows; None: none of them."""
+    """Mark by which viser.css raises one button of the group that follows; None: none of them."""
     return f'<i class="husky-choice-{"none" if number is None else number}" hidden></i>'

@@ -14,16 +14,15 @@ from husky_highlevel_controller.drawing.replay import Replay, to_html
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.robot import ROBOTS, load_robot
 from husky_web.actions import Actions
-from husky_web.plots import choice_html
 
 MAX_TIME = 3600.0  # [s], then a recording ends by itself: it is kept in memory
-RECORD, STOP = "Record", "Stop"
+RECORD, END, SAVE = "Record", "End", "Save as a page"
 # time [s]; x, y, yaw of base_link; x, y of the pillar, NaN where it is not known [m, rad]
 Row = Tuple[float, ...]
 
 
 class Recorder:
-    """Buttons to record and to download, and the recording."""
+    """Buttons to record and to save, and the recording."""
 
     def __init__(self, server: viser.ViserServer, actions: Actions) -> None:
         self._actions, self._is_on, self.robot_name = actions, False, ""
@@ -31,11 +30,10 @@ class Recorder:
         gui = server.gui
         with gui.add_folder("Recording"):
             self._state = gui.add_html("")
-            self._chosen = gui.add_html("")
-            gui.add_button_group("Drive", (RECORD, STOP)).on_click(self._on_record)
-            gui.add_button_group("Save as", ("HTML page",), hint="plays the drive, from disk").on_click(
-                lambda event: actions.do(lambda: self._save(event.client), event.client, "Recording")
+            self._buttons: Any = gui.add_button_group(
+                "Drive", (RECORD,), hint=f"{SAVE}: it plays the drive, from disk"
             )
+            self._buttons.on_click(self._on_click)
         self._show()
 
     def tick(self, time: Optional[float], base: Optional[Pose], pillar: Optional[Vector3]) -> None:
@@ -53,20 +51,24 @@ class Recorder:
         self._is_on = False
         self._show()
 
-    def _on_record(self, event: Any) -> None:
-        if event.target.value == RECORD and not self._is_on:
-            self._rows = []
+    def _on_click(self, event: Any) -> None:
+        if event.target.value == SAVE:
+            self._actions.do(lambda: self._save(event.client), event.client, "Recording")
+            return
         self._is_on = event.target.value == RECORD
+        if self._is_on:
+            self._rows = []
         self._show()
 
     def _save(self, client: Any) -> None:
-        client.send_file_download("drive.html", recording_page(list(self._rows), self.robot_name).encode())
+        page = recording_page(list(self._rows), self.robot_name).encode()
+        client.send_file_download("drive.html", page, save_immediately=True)
 
     def _show(self) -> None:
         length = self._rows[-1][0] - self._rows[0][0] if self._rows else 0.0
         text = f"recording, {length:.0f} s" if self._is_on else f"{length:.0f} s recorded"
         self._state.content = f'<div class="husky-block">{text}</div>'
-        self._chosen.content = choice_html(0 if self._is_on else 1)
+        self._buttons.options = (END if self._is_on else RECORD, *((SAVE,) if self._rows else ()))
 
 
 def recording_page(rows: List[Row], robot_name: str) -> str:
@@ -76,7 +78,7 @@ def recording_page(rows: List[Row], robot_name: str) -> str:
         HuskyError: there are no rows.
     """
     if not rows:
-        raise HuskyError(f"nothing is recorded yet: press {RECORD}, then {STOP}")
+        raise HuskyError(f"nothing is recorded yet: press {RECORD}, then {END}")
     table = np.array(rows)
     times, poses, pillars = table[:, 0], table[:, 1:4], table[:, 4:]
     is_known = np.isfinite(pillars).all(axis=1)

@@ -30,6 +30,14 @@ from husky_web.drawing import (
     warn_left_out,
 )
 from husky_web.frames import Frames
+from husky_web.legend import (
+    CLOUD_COLOR,
+    LAYERS,
+    PLAN_COLOR,
+    RAY_COLOR,
+    SCAN_COLOR,
+    TRAIL_COLOR,
+)
 from husky_web.markers import (
     Key,
     Markers,
@@ -44,13 +52,17 @@ from husky_web.robot import rigid_groups
 from husky_web.topics import Topics
 from husky_web.viser_private import place
 
-SCAN_COLOR, RAY_COLOR, CLOUD_COLOR = (235, 30, 250), (205, 130, 215), (60, 170, 160)
-TRAIL_COLOR, PLAN_COLOR = (20, 120, 255), (255, 120, 0)
 POINT_SIZE = 0.05  # [m], of the scan's points
 RAYS = 60  # at most; a few show which beams have returned
 TRAIL_STEP, TRAIL_POINTS = 0.25, 1000  # [m] between two points of the trail, and how many
-LINE_WIDTH = 0.03  # [m]
+LINE_WIDTH, TRAIL_WIDTH = 0.03, 0.015  # [m]
+TRAIL_NEW, TRAIL_OLD = (
+    3.0,
+    15.0,
+)  # [m] behind the robot that have the trail's colour, and that have the faded one
+FADED_COLOR = (125, 148, 176)  # seen on the ground of the day and of the night, but not looked at
 LINE_HEIGHT = 0.025  # [m] of trail and plan above the ground
+GAMMA = 2.2  # of a screen's colours
 TRAIL_JUMP = 1.0  # [m] from here on the robot was put elsewhere, and the trail begins anew
 GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m], of the robot that is dragged
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
@@ -80,8 +92,7 @@ class Scene:
         self._scene, self.fixed_frame = server.scene, fixed_frame
         self._controller = f"{controller}/"
         self.frames, self.markers = Frames(), Markers()
-        self.layers = dict.fromkeys(("scan", "trail", "markers"), True)
-        self.layers.update(frames=False, depth=False)
+        self.layers = {layer.name: layer.is_shown for layer in LAYERS}
         self.scan_stamp = 0.0  # [s]
         self.moment: Optional[float] = None  # [s] that is drawn: the newest scan's; None: each frame's newest
         self._robot: Dict[str, Any] = {}
@@ -98,7 +109,7 @@ class Scene:
         self._scan = add_points("/scan", empty, SCAN_COLOR, point_size=POINT_SIZE, **exact)
         self._cloud = add_points("/depth", empty, CLOUD_COLOR, point_size=0.03, **exact)
         self._rays = self._add_lines("/rays", RAY_COLOR, thickness=1.0, thickness_units="screen")
-        self._trail_line = self._add_lines("/trail", TRAIL_COLOR, thickness=LINE_WIDTH)
+        self._trail_line = self._add_lines("/trail", TRAIL_COLOR, thickness=TRAIL_WIDTH)
         self._plan_line = self._add_lines("/plan", PLAN_COLOR, thickness=LINE_WIDTH)
         self._looks_due = 0.0  # [s]
         footprint = shapes.Solid(shapes.cube(), GHOST_COLOR, GHOST_SIZE)
@@ -194,13 +205,13 @@ class Scene:
         node.visible = is_visible
 
     def _update_scan(self, msg: Optional[Any]) -> None:
-        self._scan.visible = self._rays.visible = self.layers["scan"]
+        self._scan.visible, self._rays.visible = self.layers["scan"], self.layers["rays"]
         if msg is None:
             return
         scan = conversions.scan_from_msg(msg)
         self.scan_stamp = scan.stamp
         pose = self.frames.pose(scan.frame, self.fixed_frame, scan.stamp)
-        if pose is not None and self.layers["scan"]:
+        if pose is not None and (self.layers["scan"] or self.layers["rays"]):
             points = transform_points(pose, points_from_scan(scan)).astype(np.float32)
             points = points[:: -(-len(points) // MAX_POINTS) or 1]
             hits = points[:: -(-len(points) // RAYS) or 1]
@@ -240,10 +251,12 @@ class Scene:
         self._trail = trail
         line = np.array(trail, np.float32)
         self._trail_line.points = np.stack([line[:-1], line[1:]], axis=1)
+        colors = trail_colors(line)
+        self._trail_line.colors = np.stack([colors[:-1], colors[1:]], axis=1)
 
     def _update_plan(self) -> None:
         """Draw dashes from where the controller wants the robot to stop to where it is."""
-        base, target, shown = self.base, None, self.markers.shown if self.layers["markers"] else {}
+        base, target, shown = self.base, None, self.markers.shown if self.layers["plan"] else {}
         for (topic, namespace, _), marker in shown.items():
             if namespace == TARGET and topic.startswith(self._controller):
                 frame = self.frames.pose(frame_of_message(marker), self.fixed_frame)
@@ -314,3 +327,16 @@ class Scene:
                 self._scene.add_label(f"{path}/name", name, **_NAME_LABEL)
                 self._axes[name] = axes
             self._show(self._axes[name], self.frames.pose(name, self.fixed_frame))
+
+
+def trail_colors(trail: np.ndarray) -> np.ndarray:
+    """Colours (N, 3) of the points of a trail (N, 3) [m], the oldest first: what is far behind has faded.
+
+    They are linear: the browser shows the colours of a line's points brighter than the one of a whole line.
+    """
+    steps = np.linalg.norm(np.diff(trail, axis=0), axis=1)
+    behind = np.concatenate([np.cumsum(steps[::-1])[::-1], [0.0]])
+    faded = np.clip((behind - TRAIL_NEW) / (TRAIL_OLD - TRAIL_NEW), 0.0, 1.0)[:, None]
+    colors = (1.0 - faded) * TRAIL_COLOR + faded * FADED_COLOR
+    linear: np.ndarray = np.round(255.0 * (colors / 255.0) ** GAMMA).astype(np.uint8)
+    return linear

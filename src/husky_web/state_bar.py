@@ -1,4 +1,4 @@
-"""State bar of the page, above its tabs: the emergency stop, and what the robot does in one line."""
+"""State bar of the page, above its tabs: what the robot does in one line, figures, the emergency stop."""
 
 from __future__ import annotations
 
@@ -116,18 +116,17 @@ class StopReason:
 
 
 class StateBar:
-    """Emergency stop and state, shown on every tab; when the robot has arrived, what can be done next."""
+    """State, emergency stop and what can be done next, shown on every tab."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self.on_again: Callable[[Any], None] = lambda client: None  # called with the page that asks for it
         self.on_elsewhere: Callable[[Any], None] = lambda client: None
-        self._e_stop = gui.add_html(e_stop_html(False))
         self._state = gui.add_html(state_html(RobotStatus(), Figures()))
+        self._e_stop = gui.add_html(e_stop_html(False))
         self._figures, self._figures_due = Figures(), 0.0  # [s]
         self._next = gui.add_button_group(
             "What next?",
             (AGAIN, ELSEWHERE),
-            visible=False,
             hint=f"{AGAIN}: from the start. {ELSEWHERE}: to a place 4 to 8 m away; the robot follows it",
         )
         self._next.on_click(self._on_next)
@@ -138,7 +137,6 @@ class StateBar:
             self._figures, self._figures_due = figures, now + FIGURES_PERIOD
         self._e_stop.content = e_stop_html(status.is_locked, status.has_listener)
         self._state.content = state_html(status, self._figures)
-        self._next.visible = status.activity == ARRIVED and not status.is_locked
 
     def _on_next(self, event: Any) -> None:
         (self.on_again if event.target.value == AGAIN else self.on_elsewhere)(event.client)
@@ -156,7 +154,7 @@ def e_stop_html(is_locked: bool, has_listener: bool = True) -> str:
 
 
 def state_html(status: RobotStatus, figures: Figures) -> str:
-    """State bar as one line of HTML; texts of nodes are escaped."""
+    """State and figures as HTML; texts of nodes are escaped."""
     doing = PHRASES.get(status.activity, status.activity)
     level, sentence = next(
         (level, sentence)
@@ -176,19 +174,21 @@ def state_html(status: RobotStatus, figures: Figures) -> str:
         )
         if applies
     )
-    numbers = [
-        f"{fixed(value, digits)}&nbsp;{unit}"
-        for value, digits, unit in (
-            (None if status.activity == ARRIVED else figures.distance, 2, "m to go"),
-            (figures.speed, 2, "m/s"),
-            (figures.time, 1, "s"),
+    to_go = figures.distance
+    if to_go is not None:
+        to_go = 0.0 if status.activity == ARRIVED else max(0.0, to_go)
+    numbers = "".join(
+        f"<div><dd>{fixed(value, digits)} <small>{unit}</small></dd><dt>{name}</dt></div>"
+        for value, digits, unit, name in (
+            (to_go, 2, "m", "to go"),
+            (figures.speed, 2, "m/s", "speed"),
+            (figures.time, 1, "s", "time"),
         )
-        if value is not None
-    ]
+    )
     time = "" if figures.time is None else f' data-time="{figures.time:.3f}"'
-    reason = f"<div>{escape(status.reason[:MAX_REASON])}</div>" if status.reason else ""
+    reason = f'<div class="husky-reason">{escape(status.reason[:MAX_REASON])}</div>' if status.reason else ""
     return (
         f'<div class="husky-block husky-state {level}"{time}>'
         f'<div><span class="husky-light {level}"></span><b>{escape(sentence)}</b></div>'
-        f"<div>{' &middot; '.join(numbers) or '&nbsp;'}</div>{reason}</div>"
+        f'<dl class="husky-figures">{numbers}</dl>{reason}</div>'
     )

@@ -25,7 +25,7 @@ from husky_web.parameters import (
 DESCRIPTION = "dynamic_reconfigure/ConfigDescription"
 SUFFIX = "/parameter_descriptions"
 FOLDED = ("Detection",)
-SMALL = '<i class="husky-small" hidden></i>'  # page.css makes the button that follows a small one
+SMALL = '<i class="husky-small" hidden></i>'  # viser.css makes the button that follows a small one
 
 
 class Tuning:
@@ -36,7 +36,7 @@ class Tuning:
         self.on_change: Callable[[str], None] = lambda change: None  # called with "parameter old \u2192 new"
         self._servers: Dict[str, _Server] = {}
         buttons = self._gui.add_button_group(
-            "Parameters", ("Save", "Defaults"), hint="Save: download all as YAML. Defaults: reset all"
+            "Parameters", ("Save", "Default values"), hint="Save: download all as YAML"
         )
         buttons.on_click(self._on_button)
         self._gui.add_html(SMALL)
@@ -55,7 +55,9 @@ class Tuning:
     def _on_button(self, event: Any) -> None:
         if event.target.value == "Save":
             values = {name: server.values for name, server in self._servers.items()}
-            event.client.send_file_download("parameters.yaml", to_yaml(values).encode())
+            event.client.send_file_download(
+                "parameters.yaml", to_yaml(values).encode(), save_immediately=True
+            )
         else:
             for server in list(self._servers.values()):
                 server.request({item.name: item.default for item in server.parameters}, event.client)

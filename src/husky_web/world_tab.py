@@ -52,7 +52,7 @@ class WorldTab:
             files = sorted(path.name for path in (share_folder() / "worlds").glob("*.world"))
             self._worlds: Any = gui.add_dropdown("File", files)
             load = gui.add_button(
-                "Load", hint="the robot begins anew in this world; Reset leads back to its beginning"
+                "Load", hint="the robot begins in this world, and from now on that is the start"
             )
         load.on_click(lambda event: actions.do(self._load, event.client, "World"))
 

@@ -148,18 +148,21 @@ def filled(page, names):
     return next((name for name, color in zip(names, colors) if colors.count(color) == 1), None)
 
 
-def test_a_filled_button_says_which_camera_is_chosen_whether_the_controller_is_started_and_the_world_runs(
-    page, network
-):
+def test_a_raised_button_says_which_camera_is_chosen_and_a_toggle_says_what_it_does(page, network):
     show(page, "View")
     for name in ("Above", "Follow"):
         press(page, name)
         wait_until(lambda name=name: filled(page, ["Follow", "Pillar", "Above", "Free"]) == name, name)
     show(page, "Drive")
-    wait_until(lambda: filled(page, ["Pause", "Step", "Resume"]) == "Resume", "the world runs")
-    for request, name in (("false", "Stop"), ("true", "Start")):
+    button = partial(page.get_by_role, "button", exact=True)
+    for request, name, other in (("false", "Start", "Stop"), ("true", "Stop", "Start")):
         network.call("/husky_highlevel_controller/start_stop", request)
-        wait_until(lambda name=name: filled(page, ["Start", "Stop", "Step"]) == name, name)
+        button(name=name).wait_for()
+        assert button(name=other).locator("visible=true").count() == 0
+    for name, other in (("Pause", "Resume"), ("Resume", "Pause")):
+        press(page, name)
+        button(name=other).wait_for()
+        assert button(name=name).count() == 0
 
 
 def test_every_control_that_the_keyboard_reaches_has_a_name(page):
@@ -173,37 +176,62 @@ def test_every_control_that_the_keyboard_reaches_has_a_name(page):
         wait_until(lambda: page.evaluate(nameless) == [], f"everything of {tab} has a name")
 
 
-def yellow_rows(page):
-    """Rows of a picture of the view in which the Husky's yellow is seen."""
+def yellow(page):
+    """Rows and columns of a picture of the view in which the Husky's yellow is seen."""
     page.evaluate(NEXT_PICTURE)
-    pad = page.locator(".husky-pad")
-    pad.wait_for()  # or it comes after the mask, and is yellow, too
-    image = imageio.imread(page.screenshot(mask=[pad], mask_color="#000000")).astype(int)
+    pads = page.locator(".husky-pad")
+    pads.first.wait_for(state="attached")  # or it comes after the mask, and is yellow, too
+    image = imageio.imread(page.screenshot(mask=[pads], mask_color="#000000")).astype(int)
     red, green, blue = image[..., 0], image[..., 1], image[..., 2]
-    return np.flatnonzero(((red > 150) & (green > 120) & (blue < 0.6 * green)).any(axis=1))
+    is_yellow = (red > 150) & (green > 120) & (blue < 0.6 * green)
+    return np.flatnonzero(is_yellow.any(axis=1)), np.flatnonzero(is_yellow.any(axis=0))
+
+
+def box_of(page, selector):
+    return page.locator(selector).first.bounding_box()
 
 
 @pytest.mark.slow
-def test_a_phone_shows_the_robot_above_the_panel_and_a_wide_window_beside_it(browser, launched):
+def test_the_scene_fills_every_window_and_the_robot_is_in_the_middle_of_what_is_free(
+    browser, launched, robot
+):
     phone = opened(browser, launched, size={"width": 390, "height": 844})
     canvas = "[...document.querySelectorAll('canvas')].map(c => c.getBoundingClientRect())"
-    phone.wait_for_function(f"{canvas}.some(box => box.width === 390 && box.height < 400)")
-    wait_until(lambda: yellow_rows(phone).size > 0, "the robot is drawn")
-    assert yellow_rows(phone).max() < phone.locator(".husky-e-stop").bounding_box()["y"] * COARSENESS
-    assert phone.locator(".husky-e-stop").bounding_box()["y"] > 380.0
-    assert phone.get_by_role("button", name="Start", exact=True).bounding_box()["height"] >= 44.0
+
+    def is_filled(width, height):
+        return f"{canvas}.every(box => box.width === {width} && box.height === {height})"
+
+    phone.wait_for_function(is_filled(390, 844))
+    wait_until(lambda: yellow(phone)[0].size > 0, "the robot is drawn")
+    head = box_of(phone, ".husky-state")["y"]
+    assert 500.0 < head < box_of(phone, ".husky-e-stop")["y"] < 844.0 - 48.0
+    assert yellow(phone)[0].max() < head * COARSENESS
+    pad = box_of(phone, ".husky-scene-pad")
+    assert pad["y"] + pad["height"] < head
+    assert phone.get_by_role("button", name="Drive again", exact=True).bounding_box()["height"] >= 44.0
+    x, y = pad["x"] + pad["width"] / 2.0, pad["y"] + pad["height"] / 2.0
+    phone.mouse.move(x, y)
+    phone.mouse.down()
+    phone.mouse.move(x, y + 50.0)
+    wait_until(lambda: robot.commanded < -0.1, "the pad on the scene drives")
+    phone.mouse.up()
+    phone.click("text=Husky in singlePillar")  # the head of the panel
+    phone.wait_for_function("document.querySelector('.husky-state').getBoundingClientRect().top < 400")
+    phone.click("text=Husky in singlePillar")
     phone.set_viewport_size({"width": 1280, "height": 800})
-    phone.wait_for_function(
-        f"{canvas}.every(box => box.height === 800 && 800 < box.width && box.width < 900)"
+    phone.wait_for_function(is_filled(1280, 800))
+    free = box_of(phone, "[data-floating-window]")["x"]
+    assert free > 800.0
+    wait_until(
+        lambda: abs(yellow(phone)[1].mean() / COARSENESS - free / 2.0) < 0.1 * free,
+        "the robot is in the middle",
     )
-    assert phone.locator(".husky-e-stop").bounding_box()["x"] > 880.0
     show(phone, "Curves")
     charts = "document.querySelector('.husky-charts').getBoundingClientRect()"
-    phone.wait_for_function(f"{canvas}.every(box => Math.abs(box.bottom - {charts}.top) < 1)")
-    assert phone.evaluate(f"[{charts}.width, {charts}.bottom]") == [1280, 800]
+    phone.wait_for_function(f"{charts}.width === 1280 && {charts}.bottom === 800")
     assert phone.locator(".husky-chart").count() == 4
-    show(phone, "Drive")
-    phone.wait_for_function(f"{canvas}.every(box => box.height === 800)")
+    top = phone.evaluate(f"{charts}.top")
+    wait_until(lambda: yellow(phone)[0].max() < top * COARSENESS, "the robot is above the curves")
     phone.close()
 
 
@@ -249,8 +277,10 @@ def test_the_log_is_filtered_by_text(page, network):
 
 
 def test_at_arrival_the_page_offers_to_move_the_pillar_and_to_drive_again(page, robot):
-    arrived = ".husky-state:has-text('at the pillar'):not(:has-text('to go'))"
+    arrived = ".husky-state:has-text('at the pillar')"
+    before_arrival = box_of(page, ".husky-e-stop"), box_of(page, "[role=tab]")
     page.wait_for_selector(arrived)
+    assert (box_of(page, ".husky-e-stop"), box_of(page, "[role=tab]")) == before_arrival, "nothing jumps"
     before = robot.objects["unit_cylinder"]
     page.evaluate(NOTE_DRIVING)
     press(page, "Move the pillar")
@@ -454,22 +484,22 @@ def test_a_box_is_put_where_the_ground_is_clicked_dragged_and_deleted(page, robo
     before = robot.objects
     show(page, "World")
     take(page, "Put", "Click the ground")
-    page.mouse.click(300, 400)
+    page.mouse.click(100, 400)
     wait_until(lambda: robot.objects.keys() - before.keys(), "there is a new object")
     ((name, position),) = [item for item in robot.objects.items() if item[0] not in before]
     assert name.startswith("box")
     assert dist(position, robot.position) < 8.0  # near what is seen
     take(page, "Move", "Drag an object")
-    hover(page, 300, 395)
+    hover(page, 100, 395)
     page.mouse.down()
-    page.mouse.move(240, 415, steps=4)  # away from the robot
+    page.mouse.move(40, 415, steps=4)  # away from the robot
     page.wait_for_selector(f".husky-state:has-text('being moved: {name}')")
     page.mouse.up()
     wait_until(lambda: dist(robot.objects[name], position) > 0.2, "the box has moved")
     take(page, "Delete", "Click an object")
 
     def is_clicked_away():
-        page.mouse.click(240, 415)  # again, as a person does: the box may not be drawn there yet
+        page.mouse.click(40, 415)  # again, as a person does: the box may not be drawn there yet
         page.evaluate(NEXT_PICTURE)
         return name not in robot.objects
 
@@ -504,11 +534,10 @@ def test_a_recording_is_saved_as_a_page_that_plays_it_from_disk(page, browser, t
     show(page, "View")
     press(page, "Record")
     page.wait_for_selector("text=/recording, [1-9]/")
-    page.get_by_role("button", name="Stop", exact=True).locator("visible=true").click()
+    press(page, "End")
     page.wait_for_selector("text=s recorded")
-    press(page, "HTML page")
     with page.expect_download() as download:
-        page.click("text=drive.html")
+        press(page, "Save as a page")
     download.value.save_as(tmp_path / "drive.html")
     plays_from_disk(browser, tmp_path / "drive.html", "recorded in the page")
     show(page, "Drive")
@@ -563,7 +592,7 @@ def test_a_page_opened_before_the_simulator_and_after_a_restart_of_its_node(brow
     simulator = alone.roslaunch("simulator.launch", "web:=false")
     page.wait_for_selector(".husky-state[data-time]")
     assert page.evaluate(over_the_view) == "none"
-    wait_until(lambda: yellow_rows(page).size > 0, "the robot is drawn")
+    wait_until(lambda: yellow(page)[0].size > 0, "the robot is drawn")
     node.popen.terminate()
     page.wait_for_selector(".husky-banner:has-text('Connection lost')")
     before = page.evaluate(TIME_SHOWN)

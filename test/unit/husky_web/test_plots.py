@@ -33,12 +33,12 @@ def test_a_rate_is_the_growth_over_the_last_seconds():
 @pytest.mark.parametrize("value", [float("nan"), 1.7e308, -1.7e308, 1e12])
 def test_a_chart_draws_what_is_no_measurement_as_a_gap_and_survives_nothing(value):
     speed = CHARTS[2]
-    times, values = np.arange(5.0), np.array([0.0, 0.1, value, -value, 0.2])
+    times, values = np.arange(5.0), np.array([0.0, 0.1, value, -value, 2.0])
     html = chart_html(speed, (times, values, values))
     curve = re.search(r'class="curve commanded" d="([^"]+)"', html)
     assert re.sub("[0-9.,]", "", curve.group(1)) == "MLM"
     assert len(html) < 5000
-    assert 'text-anchor="end">0.2<' in html
+    assert 'text-anchor="end">2<' in html
     assert "<svg" in chart_html(speed, (np.zeros(0),) * 3)
 
 
@@ -62,3 +62,17 @@ def test_a_number_that_rounds_to_nothing_has_no_sign():
     assert [fixed(value, 2) for value in (-0.001, 0.0, -0.01, 1.005, -12.0)] == [
         "0.00", "0.00", "-0.01", "1.00", "-12.00",
     ]  # fmt: skip
+
+
+def test_a_chart_keeps_its_range_before_a_robot_that_stands_and_names_the_line_where_it_is_to_stop():
+    times = np.arange(10.0)
+    html = {chart.name: chart_html(chart, (times, *[0.0 * times] * len(chart.series))) for chart in CHARTS}
+    for name, low, high in (
+        ("distance", 0, 6),
+        ("bearing", -0.5, 0.5),
+        ("speed", 0, 1),
+        ("turning", -0.5, 0.5),
+    ):
+        assert f'text-anchor="end">{low:g}<' in html[name], name
+        assert f'text-anchor="end">{high:g}<' in html[name], name
+    assert [name for name in html if ">stop_distance<" in html[name]] == ["distance"]

@@ -3,6 +3,7 @@
 from math import inf, nan
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import viser
 from geometry_msgs.msg import Point, Quaternion, Transform, TransformStamped, Vector3
@@ -14,7 +15,8 @@ from visualization_msgs.msg import Marker, MarkerArray
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.ros.controller.display import PATH, marker
 from husky_web import drawing
-from husky_web.scene import Scene
+from husky_web.legend import TRAIL_COLOR
+from husky_web.scene import FADED_COLOR, TRAIL_NEW, TRAIL_OLD, Scene, trail_colors
 
 
 @pytest.fixture
@@ -61,3 +63,11 @@ def test_a_page_opened_after_the_drive_shows_the_way_that_the_controller_has_dri
     trail = server.scene.get_handle_by_name("/trail")
     assert trail.points[0, 0].tolist() == pytest.approx([0.0, 0.0, 0.025])
     assert trail.points[-1, 1].tolist() == pytest.approx([19.3, 0.0, 0.025])
+
+
+def test_a_trail_fades_with_its_length_behind_the_robot():
+    trail = np.array([(x, 0.0, 0.0) for x in (0.0, 1.0, 1.0 + TRAIL_OLD - TRAIL_NEW, 1.0 + TRAIL_OLD)])
+    shown = 255.0 * (trail_colors(trail) / 255.0) ** (1.0 / 2.2)
+    assert shown == pytest.approx(np.array([FADED_COLOR, FADED_COLOR, TRAIL_COLOR, TRAIL_COLOR]), abs=5)
+    steps = np.diff(trail_colors(np.linspace(0, 20, 201)[:, None] * (1, 0, 0)).astype(int), axis=0)
+    assert (np.abs(steps) < 5).all()

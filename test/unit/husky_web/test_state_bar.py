@@ -36,11 +36,11 @@ def test_the_state_bar_says_first_what_keeps_the_robot_from_driving(status, leve
     html = state_html(status, Figures(1.0, 0.0, 0.0))
     assert f'husky-state {level}"' in html
     assert f"<b>{words}</b>" in html
-    assert ("to go" in html) == (status.activity != "arrived"), "at the pillar nothing is"
+    assert (">1.00 <small>m<" in html) == (status.activity != "arrived"), "at the pillar nothing is to go"
 
 
 def test_the_state_bar_says_what_has_stopped_the_controller_as_text():
-    assert "<div>&lt;hit&gt;</div>" in state_html(RobotStatus(activity="stopped", reason="<hit>"), Figures())
+    assert ">&lt;hit&gt;</div>" in state_html(RobotStatus(activity="stopped", reason="<hit>"), Figures())
 
 
 def test_a_later_warning_takes_no_reason_away():

@@ -11,6 +11,7 @@ from viser import _messages
 from viser.infra import _infra
 
 from husky_highlevel_controller.datatypes import Pose
+from husky_highlevel_controller.paths import share_folder
 from husky_web import viser_private
 from husky_web.viser_private import (
     LoopEvent,
@@ -86,3 +87,46 @@ def test_a_message_of_another_thread_wakes_the_pages_by_their_own_loop():
         return before, event.is_set()
 
     assert asyncio.run(scenario()) == (False, True)
+
+
+CLIENT = Path(viser.__file__).parent / "client" / "src"
+# names of viser's client that viser_client.js and viser.css hang on, and the file that has each
+HOOKS = {
+    "App.tsx": [
+        "w.__viserMutable = mutable.current",
+        "mutable.current.scene = useThree",
+        "mutable.current.requestRender =",
+    ],
+    "dock/FloatingWindowView.tsx": ["data-floating-window="],
+    "ControlPanel/BottomPanel.tsx": [
+        "bottom: 0,",
+        'width: "20em"',
+        'height: "3.5em"',
+        "<Paper",
+        "ScrollArea.Autosize",
+    ],
+    "ControlPanel/ControlPanel.tsx": [
+        "<IconAdjustments",
+        "<ActionIcon",
+        "minHeight: 0,",
+        "opacity: expanded",
+    ],
+    "BrowserWarning.tsx": ['title: "Software WebGL rendering detected"'],
+    "components/ButtonGroup.tsx": ["<Flex", "<Button"],
+    "components/common.tsx": ["<label htmlFor", "<Tooltip", "flexShrink: 0,"],
+    "components/Html.tsx": ["dangerouslySetInnerHTML"],
+    "MessageHandler.tsx": ["viser-user:"],
+}
+
+
+@pytest.mark.parametrize("file", HOOKS)
+def test_the_client_has_the_names_that_script_and_style_hang_on(file):
+    text = (CLIENT / file).read_text()
+    assert [name for name in HOOKS[file] if name not in text] == []
+
+
+def test_no_other_script_or_style_uses_names_of_viser_s_client():
+    private = r"mantine|__viser|data-floating|data-dock|viser-user"
+    users = {path.name for path in (share_folder() / "web").iterdir() if path.is_file()}
+    users = {name for name in users if re.search(private, (share_folder() / "web" / name).read_text())}
+    assert users == {"viser_client.js", "viser.css"}

@@ -42,6 +42,7 @@ from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, steps_per
 
 MAX_STEPS = 100_000  # in one request
+SLOW_SHARE = 0.9  # of the pace that is asked for; a machine that reaches less is called too slow, once
 # [s] of wall time
 PAUSE_POLL_PERIOD = 0.05  # between two checks for the end of a pause
 LAUNCH_TIMEOUT = 10.0  # for the nodes launched with this one, as fast as it goes
@@ -219,9 +220,8 @@ class SimulatorNode:
     def _keep_pace(self) -> None:
         stamp, now = self._simulation.stamp, time.monotonic()
         reached = self._pacer.lag(stamp, now)
-        if reached is not None:
-            rospy.logwarn_throttle(
-                10.0,
+        if reached is not None and reached < SLOW_SHARE * self._start.real_time_factor:
+            rospy.logwarn_once(
                 f"this machine is too slow for real_time_factor {self._start.real_time_factor:g}: "
                 f"reached {reached:.2f}; nothing is dropped, simulated time just passes more slowly",
             )

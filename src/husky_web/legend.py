@@ -1,0 +1,74 @@
+"""Layers of the view and the legend: every drawn thing has a row with its colour."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, Callable, NamedTuple, Optional, Tuple
+
+import viser
+
+from husky_highlevel_controller.ros.controller.display import COLORS, ESTIMATE, IN_LASER, IN_ODOM, TARGET
+
+Rgb = Tuple[int, int, int]
+SCAN_COLOR, RAY_COLOR, CLOUD_COLOR = (235, 30, 250), (205, 130, 215), (60, 170, 160)
+TRAIL_COLOR, PLAN_COLOR = (20, 120, 255), (255, 120, 0)
+
+
+class Layer(NamedTuple):
+    """Part of the view that can be hidden."""
+
+    name: str
+    title: str
+    color: Optional[Rgb]  # None: it has several
+    is_shown: bool  # at the beginning
+
+
+LAYERS = (
+    Layer("scan", "scan", SCAN_COLOR, True),
+    Layer("rays", "beams that return", RAY_COLOR, True),
+    Layer("plan", "plan: way to go", PLAN_COLOR, True),
+    Layer("trail", "trail: way driven", TRAIL_COLOR, True),
+    Layer("markers", "markers", None, True),
+    Layer("frames", "TF frames", None, False),
+    Layer("depth", "depth points", CLOUD_COLOR, False),
+)
+MARKERS = {
+    IN_ODOM: "pillar in odom",
+    IN_LASER: "pillar in the lidar's frame",
+    ESTIMATE: "pillar, remembered",
+    TARGET: "where the lidar is to stop",
+}
+
+
+def add_layers(gui: viser.GuiApi, on_change: Callable[[str, bool], None]) -> viser.GuiInputHandle[bool]:
+    """Add a box for each layer, with the dot of its colour; returns that of the depth points."""
+    for layer in LAYERS:
+        if layer.color is not None:
+            gui.add_html(_dot_of_next(layer.name, layer.color))
+        box = gui.add_checkbox(layer.title, layer.is_shown, hint="for every page")
+        box.on_update(partial(_tell, on_change, layer.name))
+        if layer.name == "markers":
+            rows = "".join(
+                f"<div>{_dot(_rgb(COLORS[namespace]))}{title}</div>" for namespace, title in MARKERS.items()
+            )
+            gui.add_html(f'<div class="husky-block husky-legend">{rows}</div>')
+    return box
+
+
+def _tell(on_change: Callable[[str, bool], None], name: str, event: Any) -> None:
+    on_change(name, event.target.value)
+
+
+def _dot(color: Rgb) -> str:
+    return f'<i class="husky-dot" style="background: rgb{color}"></i>'
+
+
+def _dot_of_next(name: str, color: Rgb) -> str:
+    """Invisible element by which viser.css draws a dot before the label of the box that follows."""
+    rule = f"div:has(> .husky-layer-{name}) + * {{ --husky-dot: rgb{color}; }}"
+    return f'<i class="husky-layer husky-layer-{name}" hidden></i><style>{rule}</style>'
+
+
+def _rgb(color: object) -> Rgb:
+    r, g, b = (round(255.0 * getattr(color, part)) for part in "rgb")
+    return (r, g, b)

@@ -1,0 +1,136 @@
+// Hooks into viser's client: each name of its elements and globals that a script needs stands here, and in viser.css.
+// test_viser_private.py names them, and finds them in viser's source.
+const viserClient = (() => {
+  "use strict";
+  const PANEL = "[data-floating-window]"; // a wide window's panel, and tabs that were torn off
+  const SHEET = ".mantine-Paper-root[style*='bottom: 0']"; // the panel of a phone
+  const CHARTS = ".husky-charts"; // ours, across the window if that is wide, otherwise in the panel
+  const SLIM = 0.3; // of the window's height: a lower panel is folded, and the view's middle need not avoid it
+  const NARROW = 160; // [px]: of a view that is less wide or high the middle stays where it was
+  const TALLEST = 1.3; // of the free part's width: no more of its height has the whole angle of view
+  const EDGE = 6; // [px] of a panel at which its corners are round
+  const STEADY = 500; // [ms] from which on a panel is at rest, and what it covers is not drawn
+
+  // Without a graphics card smooth edges more than double the time of a picture; ?antialias keeps them.
+  const getContext = HTMLCanvasElement.prototype.getContext;
+  const probe = getContext.call(document.createElement("canvas"), "webgl2");
+  const renderer = probe?.getParameter(probe.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL ?? probe.RENDERER);
+  probe?.getExtension("WEBGL_lose_context")?.loseContext();
+  const drawsBySoftware = /SwiftShader|llvmpipe|softpipe|Microsoft Basic Render/.test(renderer);
+  if (drawsBySoftware) {
+    HTMLCanvasElement.prototype.getContext = function (kind, options) {
+      if (!kind.startsWith("webgl")) return getContext.call(this, kind, options);
+      const antialias = location.search.includes("antialias");
+      const context = getContext.call(this, kind, antialias ? options : { ...options, antialias: false });
+      if (context !== null && !Object.hasOwn(context, "clear")) spare(context);
+      return context;
+    };
+  }
+
+  // What the panel covers is not drawn: its pixels are as near as can be once the depth is cleared.
+  let spared = "", sparedSince = 0; // where that is, and since when
+  const spare = (context) => {
+    const clear = context.clear;
+    context.clear = function (bits) {
+      clear.call(this, bits);
+      if (!(bits & this.DEPTH_BUFFER_BIT) || this.canvas !== window.__viserMutable?.canvas) return;
+      if (this.getParameter(this.FRAMEBUFFER_BINDING) !== null) return;
+      const boxes = covers(), places = boxes.map(({ x, y, width, height }) => [x, y, width, height]).join();
+      if (places !== spared) [spared, sparedSince] = [places, performance.now()];
+      if (performance.now() - sparedSince < STEADY) return;
+      const far = this.getParameter(this.DEPTH_CLEAR_VALUE);
+      const wasOn = this.isEnabled(this.SCISSOR_TEST), box = this.getParameter(this.SCISSOR_BOX);
+      const scale = this.drawingBufferWidth / this.canvas.clientWidth;
+      this.enable(this.SCISSOR_TEST);
+      this.clearDepth(1 - far); // three turns depth round
+      for (const { left, width, bottom, height } of boxes) {
+        this.scissor((left + EDGE) * scale, (this.canvas.clientHeight - bottom + EDGE) * scale,
+          Math.max(0, width - 2 * EDGE) * scale, Math.max(0, height - 2 * EDGE) * scale);
+        clear.call(this, this.DEPTH_BUFFER_BIT);
+      }
+      this.clearDepth(far);
+      this.scissor(...box);
+      if (!wasOn) this.disable(this.SCISSOR_TEST);
+    };
+  };
+
+  const covers = () => [...document.querySelectorAll(`${PANEL}, ${SHEET}, ${CHARTS}`)]
+    .filter((element) => !element.matches(CHARTS) || getComputedStyle(element).position === "fixed")
+    .map((element) => element.getBoundingClientRect()).filter((box) => box.width > 0 && box.height > 0);
+
+  // The part of the window that nothing covers: [left, right, bottom], from the top.
+  const free = () => {
+    let [left, right, bottom] = [0, innerWidth, innerHeight];
+    for (const box of covers()) {
+      if (box.width > 0.9 * innerWidth) bottom = Math.min(bottom, box.top);
+      else if (box.height < SLIM * innerHeight) continue;
+      else if (box.left + box.right > innerWidth) right = Math.min(right, box.left);
+      else left = Math.max(left, box.right);
+    }
+    if (right - left < NARROW) [left, right] = [0, innerWidth];
+    return [left, right, bottom < NARROW ? innerHeight : bottom];
+  };
+
+  // The camera looks at the middle of the free part, by three's view offset, and the scene is drawn behind the panel, too.
+  let aimed = "";
+  const aim = (_, __, camera) => {
+    const { camera: seen, canvas } = window.__viserMutable ?? {};
+    if (camera !== seen || canvas === null) return;
+    const [left, right, bottom] = free();
+    const { clientWidth: width, clientHeight: height } = canvas;
+    const high = Math.min(bottom, TALLEST * (right - left)), wide = (high * width) / height;
+    const offset = [wide, high, wide / 2 - (left + right) / 2, high / 2 - bottom / 2, width, height];
+    if (aimed === offset.join() && camera.view !== null) return;
+    aimed = offset.join();
+    camera.setViewOffset(...offset);
+  };
+
+  const follow = () => { // whenever a picture is drawn; and one is, when the panel has changed
+    const scene = window.__viserMutable?.scene;
+    if (scene && scene.onBeforeRender !== aim) scene.onBeforeRender = aim;
+    document.querySelectorAll(`${PANEL}, ${SHEET}, ${CHARTS}`).forEach((element) => {
+      if (observed.has(element)) return; // or it would be told again
+      observed.add(element);
+      resized.observe(element);
+    });
+  };
+  const draw = () => window.__viserMutable?.requestRender();
+  const observed = new WeakSet();
+  const resized = new ResizeObserver(draw);
+  window.addEventListener("resize", draw);
+  document.addEventListener("pointermove", (event) => { if (event.buttons !== 0 && event.target.closest?.(PANEL)) draw(); }, true);
+
+  const describe = () => { // what viser leaves without a name, to screen readers
+    document.querySelectorAll("canvas:not([aria-label])").forEach((canvas) => {
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", "3D view of the robot");
+    });
+    document.querySelectorAll(".mantine-Text-root > label").forEach((label) => {
+      const row = label.parentElement.parentElement.parentElement;
+      row.querySelectorAll("[role=slider]:is([aria-label=''], :not([aria-label])), input:not([aria-label], [type=hidden])").forEach((field) => {
+        field.setAttribute("aria-label", label.textContent);
+      });
+      if (row.querySelector("button") !== null && !row.hasAttribute("role")) {
+        row.setAttribute("role", "group");
+        row.setAttribute("aria-label", label.textContent);
+      }
+    });
+    document.querySelectorAll(".mantine-Notification-root").forEach((notice) => { // it covers the scene; View says it
+      if (!notice.textContent.startsWith("Software WebGL")) return;
+      document.documentElement.classList.add("husky-draws-by-software");
+      notice.querySelector("button")?.click();
+    });
+  };
+
+  // A tap on the head of a phone's panel pulls it up or lets it down; viser would fold it, and hide the emergency stop.
+  document.addEventListener("click", (event) => {
+    const head = event.target.closest?.(`${SHEET} [style*='height: 3.5em']`);
+    if (!head) return;
+    event.stopImmediatePropagation();
+    document.documentElement.classList.toggle("husky-panel-up");
+  }, true);
+
+  const storage = (key) => `viser-user:${key}`; // key of the browser's storage that the server reads as `key`
+
+  return { follow, describe, storage };
+})();
