@@ -88,7 +88,27 @@ class Plane:
     size: Tuple[float, float]  # [m], of the rectangle that is drawn
 
 
-Shape = Union[Box, Cylinder, Sphere, Plane]
+@dataclass(frozen=True, eq=False)
+class TriangleMesh:
+    """Triangles. They are a surface, which rays meet from either side, and have no inside."""
+
+    vertices: np.ndarray  # (V, 3) [m], in the geometry's frame, read-only
+    faces: np.ndarray  # (F, 3), rows of `vertices`, read-only
+    source: str = ""  # name of its file
+
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """Lowest and highest corner of the box around it, (2, 3) [m]."""
+        return np.array((self.vertices.min(axis=0), self.vertices.max(axis=0)))
+
+    @property
+    def size(self) -> Vector3:
+        """Edges of the box around it [m]."""
+        x, y, z = (self.bounds[1] - self.bounds[0]).tolist()
+        return (x, y, z)
+
+
+Shape = Union[Box, Cylinder, Sphere, Plane, TriangleMesh]
 
 
 @dataclass(frozen=True)
@@ -109,6 +129,7 @@ class Body:
     collisions: Tuple[Geometry, ...]  # for physics and the lidar
     visuals: Tuple[Geometry, ...]  # for display
     mass: float = 0.0  # [kg]; 0 = static, never moves
+    model: str = ""  # bodies of one model pass through one another; empty: it does so with none
 
 
 @dataclass(frozen=True)

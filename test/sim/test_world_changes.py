@@ -69,6 +69,35 @@ def place(simulation):
     return x, y
 
 
+def block(name, x, model, mass=2.0):
+    return replace(body(name, Box((0.6, 0.6, 0.6)), x=x, z=0.3, mass=mass), model=model)
+
+
+def height(simulation, name):
+    return simulation.pose_of(name).position[2]
+
+
+@pytest.mark.parametrize("model", ["m", ""])
+def test_links_of_one_model_push_one_another_apart_only_if_they_collide(simulate, model):
+    simulation = simulate(
+        block("m::a", 4.0, model), block("m::b", 4.3, model), block("m::c", 4.3, model, 0.0)
+    )
+    drive(simulation, 3.0)
+    xs = [simulation.pose_of(f"m::{each}").position[0] for each in "ab"]
+    assert (xs == pytest.approx([4.0, 4.3], abs=1e-3)) == bool(model)
+
+
+def test_links_of_a_spawned_model_may_overlap_and_what_comes_after_them_collides_again(simulate):
+    simulation = simulate()
+    simulation.spawn([block("m::a", 4.0, "m"), block("m::b", 4.3, "m")])
+    simulation.move("m::b", Pose((4.1, 0.0, 0.3)))
+    simulation.delete("m::b")
+    simulation.spawn([replace(body("n", Box((0.2, 0.2, 0.2)), x=4.0, z=0.72, mass=1.0))])  # has b's id
+    drive(simulation, 2.0)
+    assert height(simulation, "n") == pytest.approx(0.7, abs=0.01)
+    refused("'k' would stand inside 'm::a'", simulation.spawn, [block("k", 4.2, "")])
+
+
 def test_a_spawned_thing_is_seen_bumped_into_and_gone_when_deleted(simulate):
     simulation = simulate()
     drive(simulation, 0.5)

@@ -5,9 +5,9 @@ In: bodies. Out: their poses; a scene to cast rays into.
 
 from __future__ import annotations
 
-from typing import Dict, List, Mapping, Sequence, Tuple
+from typing import Callable, Dict, List, Mapping, Sequence, Tuple
 
-from husky_highlevel_controller.datatypes import Body, Geometry, Plane, Pose
+from husky_highlevel_controller.datatypes import Body, Geometry, Plane, Pose, TriangleMesh
 from husky_highlevel_controller.geometry import compose
 from husky_highlevel_controller.simulator.bullet.world import BulletWorld, PlacementError
 from husky_highlevel_controller.simulator.sensors.raycast import RayScene, make_scene
@@ -109,8 +109,8 @@ class WorldObjects:
         """Scene that the lidar sees: all collision geometries, without the robot's."""
         if self._stale:
             self._build_scene()
-        for index, name, geometry in self._movable:
-            self._scene.move(index, compose(self._bullet.pose_of(name), geometry.pose_in_body))
+        for move, index, name, geometry in self._movable:
+            move(index, compose(self._bullet.pose_of(name), geometry.pose_in_body))
         return self._scene
 
     def _build_scene(self) -> None:
@@ -121,8 +121,14 @@ class WorldObjects:
                 for body, geometry in geometries
             ]
         )
-        solids = [(body, geometry) for body, geometry in geometries if not isinstance(geometry.shape, Plane)]
-        self._movable: List[Tuple[int, str, Geometry]] = [
-            (i, body.name, geometry) for i, (body, geometry) in enumerate(solids) if body.mass > 0.0
+        meshes = [
+            (body, geometry) for body, geometry in geometries if isinstance(geometry.shape, TriangleMesh)
+        ]
+        solids = [pair for pair in geometries if not isinstance(pair[1].shape, (Plane, TriangleMesh))]
+        self._movable: List[Tuple[Callable[[int, Pose], None], int, str, Geometry]] = [
+            (move, index, body.name, geometry)
+            for move, pairs in ((self._scene.move, solids), (self._scene.move_mesh, meshes))
+            for index, (body, geometry) in enumerate(pairs)
+            if body.mass > 0.0
         ]
         self._stale = False

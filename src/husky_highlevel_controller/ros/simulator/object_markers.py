@@ -22,15 +22,18 @@ from husky_highlevel_controller.datatypes import (
     Pose,
     Rgba,
     Sphere,
+    TriangleMesh,
     Vector3,
 )
 from husky_highlevel_controller.geometry import compose, quat_between, quat_inverse, rotate
+from husky_highlevel_controller.meshes import simplified
 from husky_highlevel_controller.ros import conversions
 
 DELETE = 1  # id of the menu's only entry
 QUIET = (0.2, 0.21, 0.22, 1.0)  # of every plane: grid, scan and robot are to stand out from it
 PAINT = 0.005  # [m]; a box that is lower is drawn as if painted on what it lies on
 SLIM = 0.95  # share of a cylinder's radius that is drawn, or it would hide the marker of a found pillar
+MOST_FACES = 20_000  # of a mesh that is drawn
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -71,6 +74,9 @@ def _geometry_to_msg(geometry: Geometry) -> Marker:
     if isinstance(shape, Box) and shape.size[2] < PAINT:
         top = Pose((0.0, 0.0, shape.size[2] / 2.0))
         return _sheet(compose(pose, top), shape.size[:2], geometry.rgba)
+    if isinstance(shape, TriangleMesh):
+        corners = simplified(shape, MOST_FACES)
+        return _triangles(pose, corners.vertices[corners.faces].reshape(-1, 3).tolist(), geometry.rgba)
     kind = {Box: Marker.CUBE, Cylinder: Marker.CYLINDER, Sphere: Marker.SPHERE}[type(shape)]
     color, scale = ColorRGBA(*geometry.rgba), Vector3Msg(*shape.size)
     if kind == Marker.CYLINDER:
@@ -81,12 +87,17 @@ def _geometry_to_msg(geometry: Geometry) -> Marker:
 def _sheet(pose: Pose, size: Sequence[float], rgba: Rgba) -> Marker:
     """Rectangle across the z axis; a colour for each corner keeps RViz from shading it black."""
     x, y = size[0] / 2.0, size[1] / 2.0
-    corners = [Point(*corner, 0.0) for corner in ((-x, -y), (x, -y), (x, y), (-x, -y), (x, y), (-x, y))]
+    corners = [(*corner, 0.0) for corner in ((-x, -y), (x, -y), (x, y), (-x, -y), (x, y), (-x, y))]
+    marker = _triangles(pose, corners, rgba)
+    marker.colors = [marker.color] * len(corners)
+    return marker
+
+
+def _triangles(pose: Pose, corners: Sequence[Vector3], rgba: Rgba) -> Marker:
     return Marker(
         type=Marker.TRIANGLE_LIST,
         pose=conversions.pose_to_msg(pose),
         scale=Vector3Msg(1.0, 1.0, 1.0),
         color=ColorRGBA(*rgba),
-        points=corners,
-        colors=[ColorRGBA(*rgba)] * len(corners),
+        points=[Point(*corner) for corner in corners],
     )

@@ -5,25 +5,37 @@ In: records of geometries. Out: Bullet's shape, a point.
 
 from __future__ import annotations
 
-from typing import Any, Sequence
+import os
+import tempfile
+from typing import Any, Dict, Sequence
 
 import numpy as np
 import pybullet
 
-from husky_highlevel_controller.datatypes import Box, Cylinder, Geometry, Sphere, Vector3
+from husky_highlevel_controller.datatypes import Box, Cylinder, Geometry, Sphere, TriangleMesh, Vector3
+from husky_highlevel_controller.geometry import transform_point
+from husky_highlevel_controller.meshes import volume_of
+
+_FLATTEST = 1e-9  # [m^3], volume of a mesh without any
 
 
 def center_of(geometries: Sequence[Geometry]) -> Vector3:
     """Centre of mass of solid geometries of one density, in their body's frame [m]."""
     volumes = np.array([_volume(geometry) for geometry in geometries])
-    x, y, z = (
-        volumes / volumes.sum() @ np.array([geometry.pose_in_body.position for geometry in geometries])
-    ).tolist()
+    x, y, z = (volumes / volumes.sum() @ np.array([_center(geometry) for geometry in geometries])).tolist()
     return (x, y, z)
+
+
+def _center(geometry: Geometry) -> Vector3:
+    if not isinstance(geometry.shape, TriangleMesh):
+        return geometry.pose_in_body.position
+    return transform_point(geometry.pose_in_body, volume_of(geometry.shape)[1])
 
 
 def _volume(geometry: Geometry) -> float:
     shape = geometry.shape
+    if isinstance(shape, TriangleMesh):
+        return max(volume_of(shape)[0], _FLATTEST)
     if isinstance(shape, Box):
         return float(np.prod(shape.size))
     if isinstance(shape, Cylinder):
@@ -33,16 +45,45 @@ def _volume(geometry: Geometry) -> float:
     raise TypeError(f"{shape} has no volume")
 
 
-def compound_shape(geometries: Sequence[Geometry], engine: Any) -> int:
-    """Compound collision shape of several geometries; cylinders are exact, not hulls of polygons."""
-    kinds = {Box: pybullet.GEOM_BOX, Cylinder: pybullet.GEOM_CYLINDER, Sphere: pybullet.GEOM_SPHERE}
+def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any) -> int:
+    """Compound collision shape of several geometries; cylinders are exact, not hulls of polygons.
+
+    A mesh collides by its triangles. If it can move it collides by its convex hull, since Bullet moves no
+    triangles.
+    """
+    kinds = {
+        Box: pybullet.GEOM_BOX,
+        Cylinder: pybullet.GEOM_CYLINDER,
+        Sphere: pybullet.GEOM_SPHERE,
+        TriangleMesh: pybullet.GEOM_MESH,
+    }
     shapes = [geometry.shape for geometry in geometries]
-    shape: int = engine.createCollisionShapeArray(
-        shapeTypes=[kinds[type(shape)] for shape in shapes],
-        radii=[getattr(shape, "radius", 0.0) for shape in shapes],
-        lengths=[getattr(shape, "length", 0.0) for shape in shapes],
-        halfExtents=[[edge / 2.0 for edge in shape.size] for shape in shapes],  # only boxes need them
-        collisionFramePositions=[geometry.pose_in_body.position for geometry in geometries],
-        collisionFrameOrientations=[geometry.pose_in_body.quat_xyzw for geometry in geometries],
-    )
+    arguments: Dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder:  # a name of its own, because Bullet caches files by name
+        if any(isinstance(shape, TriangleMesh) for shape in shapes):
+            names = [os.path.join(folder, f"{number}.obj") for number in range(len(shapes))]
+            flag = 0 if is_movable else pybullet.GEOM_FORCE_CONCAVE_TRIMESH
+            arguments["fileNames"] = [
+                _write_obj(shape, name) if isinstance(shape, TriangleMesh) else ""
+                for shape, name in zip(shapes, names)
+            ]
+            arguments["meshScales"] = [(1.0, 1.0, 1.0)] * len(shapes)
+            arguments["flags"] = [flag if isinstance(shape, TriangleMesh) else 0 for shape in shapes]
+        shape: int = engine.createCollisionShapeArray(
+            shapeTypes=[kinds[type(shape)] for shape in shapes],
+            radii=[getattr(shape, "radius", 0.0) for shape in shapes],
+            lengths=[getattr(shape, "length", 0.0) for shape in shapes],
+            halfExtents=[[edge / 2.0 for edge in shape.size] for shape in shapes],  # only boxes need them
+            collisionFramePositions=[geometry.pose_in_body.position for geometry in geometries],
+            collisionFrameOrientations=[geometry.pose_in_body.quat_xyzw for geometry in geometries],
+            **arguments,
+        )
     return shape
+
+
+def _write_obj(mesh: TriangleMesh, path: str) -> str:
+    """Write a mesh as the file that Bullet reads, since it takes only short arrays on some systems."""
+    with open(path, "w") as file:
+        file.writelines("v {:.9g} {:.9g} {:.9g}\n".format(*vertex) for vertex in mesh.vertices.tolist())
+        file.writelines("f {} {} {}\n".format(*face) for face in (mesh.faces + 1).tolist())
+    return path

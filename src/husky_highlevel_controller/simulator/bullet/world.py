@@ -19,7 +19,6 @@ from husky_highlevel_controller.datatypes import (
     HuskyError,
     Plane,
     Pose,
-    Shape,
     Vector3,
 )
 from husky_highlevel_controller.geometry import compose, inverse, rotate, transform_point
@@ -82,10 +81,13 @@ class BulletWorld:
         )
         self._names: Dict[int, str] = {}
         self._ids: Dict[str, List[int]] = {}
-        self._shapes: Dict[Tuple[Tuple[Shape, Pose], ...], int] = {}
+        self._shapes: Dict[Tuple[Any, ...], int] = {}
         self._shape_ids: Dict[int, int] = {}
         self._planes: List[int] = []
         self._inertial_in_body: Dict[int, Pose] = {}  # Bullet's poses are those of the inertial frame
+        self._models: Dict[
+            str, List[int]
+        ] = {}  # ids of the bodies of each model that pass through one another
 
     def add_body(self, body: Body) -> None:
         """Add a body; a movable one that is sunk into the ground is placed on top of it.
@@ -102,10 +104,19 @@ class BulletWorld:
             else:
                 solids.append(geometry)
         if solids:
-            shape, center = self._shape_of(solids), Pose(center_of(solids))
+            shape, center = self._shape_of(solids, body.mass > 0.0), Pose(center_of(solids))
             body_id = self._create_body(body.name, shape, body.mass, body.pose_in_world, center)
+            if body.model:
+                self._let_pass(body_id, self._models.setdefault(body.model, []))
             if body.mass > 0.0:
                 self._lift_out_of_the_ground(body_id)
+
+    def _let_pass(self, body_id: int, others: List[int], enable: int = 0) -> None:
+        """Let a body pass through others, which it joins; or collide with them again."""
+        for other in others:
+            self._engine.setCollisionFilterPair(body_id, other, BASE_INDEX, BASE_INDEX, enable)
+        if not enable:
+            others.append(body_id)
 
     def remove_body(self, name: str) -> None:
         """Remove a body from the world."""
@@ -115,6 +126,10 @@ class BulletWorld:
                 self._planes.remove(body_id)
 
     def _remove(self, body_id: int) -> None:
+        for bodies in self._models.values():
+            if body_id in bodies:  # Bullet gives its id, and what was said of it, to the next body
+                bodies.remove(body_id)
+                self._let_pass(body_id, bodies, enable=1)
         self._engine.removeBody(body_id)
         for record in (self._names, self._shape_ids, self._inertial_in_body):
             record.pop(body_id, None)
@@ -210,10 +225,14 @@ class BulletWorld:
             links = range(BASE_INDEX, self._engine.getNumJoints(body_id))
             boxes = [self._engine.getAABB(body_id, link) for link in links]
             near = {other for box in boxes for other, _ in self._engine.getOverlappingObjects(*box) or ()}
-            for other in sorted(near.difference(body_ids, ignored, self._planes)):
+            for other in sorted(near.difference(body_ids, ignored, self._planes, *self._siblings(name))):
                 points = self._engine.getClosestPoints(body_id, other, 0.0)
                 if any(point[8] < -_TOO_DEEP for point in points):
                     raise PlacementError(f"'{name}' would stand inside '{self._names[other]}'")
+
+    def _siblings(self, name: str) -> List[List[int]]:
+        """Ids of the bodies that a body passes through."""
+        return [bodies for bodies in self._models.values() if not set(self._ids[name]).isdisjoint(bodies)]
 
     def pose_of(self, name: str) -> Pose:
         """Pose of a body in the world."""
@@ -256,11 +275,11 @@ class BulletWorld:
         self._inertial_in_body[body_id] = inertial_in_body
         return body_id
 
-    def _shape_of(self, solids: Sequence[Geometry]) -> int:
+    def _shape_of(self, solids: Sequence[Geometry], is_movable: bool) -> int:
         """Collision shape; equal ones share it, because Bullet frees none before the next `clear`."""
-        key = tuple((geometry.shape, geometry.pose_in_body) for geometry in solids)
+        key = (is_movable, *((geometry.shape, geometry.pose_in_body) for geometry in solids))
         if key not in self._shapes:
-            self._shapes[key] = compound_shape(solids, self._engine)
+            self._shapes[key] = compound_shape(solids, is_movable, self._engine)
         return self._shapes[key]
 
     def _lift_out_of_the_ground(self, body_id: int) -> None:

@@ -5,10 +5,13 @@ In: `Node`s. Out: shapes and colours.
 
 from __future__ import annotations
 
+from functools import partial
 from math import inf, sqrt
-from typing import Callable, Dict, Optional
+from typing import Callable, Dict, Optional, Tuple
 
-from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Rgba, Shape, Sphere
+from husky_highlevel_controller.datatypes import Box, Cylinder, Plane, Rgba, Shape, Sphere, TriangleMesh
+from husky_highlevel_controller.meshes import scaled_mesh
+from husky_highlevel_controller.simulator.models.mesh_file import MeshError
 from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
 # Gazebo classic 11, gazebo.material: the diffuse colour (SkyBlue: the ambient one, it is what its name says),
@@ -38,15 +41,24 @@ _SCRIPT_COLOURS: Dict[str, Rgba] = {
 }
 
 
-def shape_of_geometry(geometry: Node) -> Optional[Shape]:
-    """The shape, or None for one that is not supported (which is noted)."""
-    node = next(geometry.children(), None)
+def shape_of_geometry(holder: Node) -> Optional[Shape]:
+    """Shape of a <collision> or <visual>; None, and a note, without one that is supported.
+
+    Raises:
+        WorldError: a size or a direction that cannot be read.
+    """
+    geometry = holder.child("geometry")
+    node = next(geometry.children(), None) if geometry else None
     if node is None:
-        raise geometry.error(f"needs a shape; {', '.join(_SHAPES)} are supported")
+        holder.note(f"a <{holder.tag}> without a shape is left out")
+        return None
+    if node.tag == "mesh":
+        return _mesh(node)
     if node.tag in _SHAPES:
         return _SHAPES[node.tag](node)
     if node.tag != "empty":
         node.note(f"<{node.tag}> is not supported and is left out")
+        node.load.lost += 1
     return None
 
 
@@ -69,11 +81,33 @@ def _plane(node: Node) -> Plane:
     """A plane; its normal is up and 1 m by 1 m of it is drawn, unless it says otherwise (SDF's defaults)."""
     normal, size = node.child("normal"), node.child("size")
     x, y, z = normal.numbers(3) if normal else (0.0, 0.0, 1.0)
-    width, depth = size.positive(2) if size else (1.0, 1.0)
+    usual: Tuple[float, ...] = (1.0, 1.0)
+    if size:
+        sentence = "the <size> of a plane is only drawn, and is 1 1 if it cannot be read"
+        usual = size.unless_broken(partial(size.positive, 2), usual, sentence)
+    width, depth = usual
     length = sqrt(x * x + y * y + z * z)
     if normal and not 0.0 < length < inf:
         raise normal.error(f"must have a direction, not '{normal.text}'")
     return Plane((x / length, y / length, z / length), (width, depth))
+
+
+def _mesh(node: Node) -> Optional[TriangleMesh]:
+    """Triangles of a mesh file; None, and a note, where they cannot be had."""
+    uri, submesh, scale = node.child("uri"), node.child("submesh"), node.child("scale")
+    x, y, z = scale.numbers(3) if scale else (1.0, 1.0, 1.0)
+    if not x * y * z:
+        raise (scale or node).error(f"must not be zero, not '{scale.text if scale else ''}'")
+    part = submesh.child("name") if submesh else None
+    if submesh and submesh.child("center"):
+        submesh.note("<center> of a <submesh> is not supported and is left out")
+    try:
+        mesh = node.load.meshes.read(uri.text if uri else "", node.source, part.text if part else "")
+    except MeshError as error:
+        node.note(f"a mesh {error}, and is left out", uri.text if uri else "")
+        node.load.lost += 1
+        return None
+    return scaled_mesh(mesh, (x, y, z))
 
 
 _SHAPES: Dict[str, Callable[[Node], Shape]] = {
@@ -97,12 +131,20 @@ def rgba_of(node: Node) -> Rgba:
         elif name:
             name.note("a material's colour is not known, grey is drawn instead", name.text)
         for colour in (*material.children("ambient"), *material.children("diffuse")):
-            r, g, b, a = map(_colour_share, (*colour.numbers(3, 4), 1.0)[:4])
-            rgba = (r, g, b, a)
+            rgba = colour.unless_broken(
+                partial(_colour, colour), rgba, "a colour that cannot be read is left out"
+            )
     if transparency:
-        (share,) = transparency.numbers(1)
+        opaque: Tuple[float, ...] = (0.0,)
+        sentence = "a <transparency> that is not a number is left out"
+        (share,) = transparency.unless_broken(partial(transparency.numbers, 1), opaque, sentence)
         rgba = (*rgba[:3], rgba[3] * (1.0 - min(max(share, 0.0), 1.0)))
     return rgba
+
+
+def _colour(node: Node) -> Rgba:
+    r, g, b, a = map(_colour_share, (*node.numbers(3, 4), 1.0)[:4])
+    return (r, g, b, a)
 
 
 def _colour_share(value: float) -> float:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Iterator, NamedTuple, Optional
 from urllib.parse import unquote
 
+from husky_highlevel_controller.datatypes import IDENTITY
 from husky_highlevel_controller.simulator.models.sdf_parser import (
     NEWEST,
     VERSIONS,
@@ -19,7 +20,7 @@ from husky_highlevel_controller.simulator.models.sdf_parser import (
     minor_version,
     open_sdf,
 )
-from husky_highlevel_controller.simulator.models.sdf_xml import parse_xml, read_bytes
+from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml, read_bytes
 
 # The ground of every Gazebo world: a static plane, 100 m of it drawn (osrf/gazebo_models, ground_plane).
 _GROUND_PLANE = """<sdf version="1.7"><model name="ground_plane"><static>true</static><link name="link">
@@ -66,8 +67,13 @@ def _included(include: Node) -> Optional[Node]:
     include.note_unknown()
     pose = include.child("pose")
     if pose:
-        pose.pose()  # broken numbers are an error even where nothing is placed
-    uri = include.required("uri").text
+        # an error only where something is placed
+        pose.unless_broken(pose.pose, IDENTITY, "a <pose> that cannot be read is left out")
+    node = include.child("uri")
+    if node is None:
+        include.note("an <include> without a <uri> is left out")
+        return None
+    uri = node.text
     fuel = _FUEL.fullmatch(unquote(uri))
     if fuel:
         uri = "model://" + fuel.group(1).lower().replace(" ", "_")
@@ -78,34 +84,47 @@ def _included(include: Node) -> Optional[Node]:
     if not uri.startswith("model://"):
         include.note("an <include> of anything but model:// is not supported and is left out", uri)
         return None
-    path, files = str(_find_model(include, uri)), include.load.files
+    found, files = _find_model(uri), include.load.files
+    if found is None:
+        include.load.models += 1
+        include.load.lost += 1
+        include.note(
+            "a model that is not on this machine is left out; add its folder to GAZEBO_MODEL_PATH",
+            uri,
+        )
+        return None
+    path = str(found)
     if path not in files:
         files[path] = open_sdf(read_bytes(Path(path)), path, include.load)
     root = files[path]
-    # a lamp, like model://sun, is nothing to drive against
-    return None if root.child("light") else root.required("model")
+    model = root.child("model")
+    if model is None and not root.child("light"):  # a lamp, like model://sun, is nothing to drive against
+        include.note("an <include> of a file without a <model> is left out", uri)
+    return model
 
 
-def _find_model(include: Node, uri: str) -> Path:
-    """The newest SDF file of a model that can be read here."""
+def _find_model(uri: str) -> Optional[Path]:
+    """The newest SDF file of a model that can be read here; None if there is none on this machine."""
     name = uri[len("model://") :].strip("/")
     model_path = os.environ.get("GAZEBO_MODEL_PATH", "")
     for folder in filter(None, model_path.split(os.pathsep)):
         files = (os.path.join(folder, name, file) for file in ("model.config", "model.sdf"))
         config, plain = (Path(os.path.realpath(file)) for file in files)
-        if name and os.path.isfile(config):
-            return _newest_file(config, plain)
-        if name and os.path.isfile(plain):
-            return plain
-    raise include.error(
-        f"no model.config or model.sdf for '{uri}' in the folders of GAZEBO_MODEL_PATH ('{model_path}');"
-        " add the folder that holds it"
-    )
+        newest = _newest_file(config, plain) if name and os.path.isfile(config) else plain
+        if name and os.path.isfile(newest):
+            return newest
+    return None
 
 
 def _newest_file(config: Path, plain: Path) -> Path:
-    """File of a model.config in the newest version that is read whole, else in the oldest."""
-    offers = list(parse_xml(read_bytes(config), str(config)).iter("sdf"))
+    """File of a model.config in the newest version that is read whole, else in the oldest.
+
+    Without one that can be read, it is the plain file.
+    """
+    try:
+        offers = list(parse_xml(read_bytes(config), str(config)).iter("sdf"))
+    except WorldError:
+        offers = []
     if not offers:
         return plain
     where, readable = str(config), [sdf for sdf in offers if sdf.get("version", VERSIONS[0]) in VERSIONS]

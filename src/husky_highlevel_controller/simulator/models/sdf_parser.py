@@ -6,12 +6,13 @@ In: bytes or text of an SDF file. Out: `Node`s to read numbers and names from.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import isfinite, radians
-from typing import Dict, Iterator, List, Optional, Set, Tuple, Union
+from math import hypot, inf, isfinite, radians
+from typing import Callable, Dict, Iterator, List, Optional, Set, Tuple, TypeVar, Union
 from xml.etree import ElementTree
 
 from husky_highlevel_controller.datatypes import IDENTITY, Pose
 from husky_highlevel_controller.geometry import quat_from_rpy
+from husky_highlevel_controller.simulator.models.mesh_file import MeshFiles
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml
 
 VERSIONS = tuple(f"1.{minor}" for minor in range(3, 13))
@@ -23,7 +24,7 @@ KNOWN = {
     "world": "model include frame state gravity physics light scene gui audio spherical_coordinates"
     " atmosphere magnetic_field",
     "include": "uri name pose static",
-    "model": "pose static link model include frame self_collide allow_auto_disable enable_wind",
+    "model": "pose static link model include frame joint self_collide allow_auto_disable enable_wind",
     "link": "pose inertial collision visual light gravity kinematic self_collide must_be_base_link"
     " velocity_decay enable_wind audio_source audio_sink",
     "inertial": "mass pose inertia",
@@ -33,16 +34,23 @@ KNOWN = {
 }
 
 
+Value = TypeVar("Value")
+
+
 @dataclass
 class Load:
     """State of one load: files read so far, and notes for warnings."""
 
-    notes: Dict[str, List[str]] = field(default_factory=dict)  # sentence -> places
+    # sentence -> the place of each element, by its id, for an element may be read more than once
+    notes: Dict[str, Dict[int, str]] = field(default_factory=dict)
     names: Set[str] = field(default_factory=set)  # of models and bodies
     files: Dict[str, Node] = field(default_factory=dict)  # <sdf> of each model file, by path
     # <model> of each <include> met; None: nothing to build
     included: Dict[ElementTree.Element, Optional[Node]] = field(default_factory=dict)
     open_files: List[str] = field(default_factory=list)  # models being included, outermost first
+    meshes: MeshFiles = field(default_factory=MeshFiles)
+    models: int = 0  # in the world, those that are left out too, without grounds
+    lost: int = 0  # shapes and models that the lidar would see, but that are left out
     includes: int = 0  # models included so far, each as often as it is
 
 
@@ -77,7 +85,21 @@ class Node:
 
     def note(self, sentence: str, value: str = "") -> None:
         """Note an unsupported element for the warning of this kind."""
-        self.load.notes.setdefault(sentence, []).append(f"{self.where} '{value}'" if value else self.where)
+        self._note_at(sentence, f"{self.where} '{value}'" if value else self.where)
+
+    def _note_at(self, sentence: str, place: str) -> None:
+        self.load.notes.setdefault(sentence, {})[id(self.element)] = place
+
+    def unless_broken(self, read: Callable[[], Value], usual: Value, sentence: str) -> Value:
+        """Value that `read` returns, but the usual value and a note if that raises WorldError.
+
+        This is for what the simulation can do without: a broken colour refuses no world.
+        """
+        try:
+            return read()
+        except WorldError as error:
+            self._note_at(sentence, str(error))
+            return usual
 
     def note_unknown(self) -> None:
         """Note every child that is neither read nor harmless to leave out."""
@@ -110,32 +132,59 @@ class Node:
         return child
 
     def named(self) -> str:
-        """The name attribute; without one it is a WorldError."""
+        """The name attribute; without one it is the element's tag and line, which is noted."""
         name = self.element.get("name", "").strip()
         if not name:
-            raise self.error(f"<{self.tag}> needs a name, as in <{self.tag} name='...'>")
+            name = f"{self.tag}_at_line_{getattr(self.element, 'line', 0)}"
+            self.note(f"a <{self.tag}> without a name gets one", name)
         return name
 
     def numbers(self, *counts: int) -> Tuple[float, ...]:
         """The finite numbers in it, as many as one of `counts`; anything else is a WorldError."""
-        try:
-            values = tuple(map(float, self.text.split()))
-        except ValueError:
-            values = ()
-        if len(values) not in counts or not all(isfinite(value) for value in values):
+        values = self._finite()
+        if len(values) not in counts:
             amount = " or ".join(str(count) for count in counts)
             plural = "" if counts == (1,) else "s"
             raise self.error(f"needs {amount} finite number{plural}, not '{self.text}'")
         return values
 
+    def _finite(self) -> Tuple[float, ...]:
+        """The numbers in it; none if one of them is not a finite number."""
+        try:
+            values = tuple(map(float, self.text.split()))
+        except ValueError:
+            return ()
+        return values if all(map(isfinite, values)) else ()
+
     def pose(self) -> Pose:
-        """The pose in it, in whichever frame it is given; without numbers, none."""
+        """The pose in it, in whichever frame it is given; without numbers, none.
+
+        As in Gazebo, missing numbers are 0 and further ones are left out, which is noted.
+
+        Raises:
+            WorldError: one of them is not a finite number.
+        """
         if not self.text:
             return IDENTITY
-        x, y, z, *angles = self.numbers(6)
+        if self.element.get("rotation_format") == "quat_xyzw":  # SDF 1.9
+            return self._quaternion_pose()
+        values = self._finite() or self.numbers(6)
+        if len(values) != 6:
+            self.note(
+                "a <pose> has 6 numbers: missing ones are read as 0, further ones are left out", self.text
+            )
+        x, y, z, *angles = (*values, *[0.0] * 6)[:6]
         if self.element.get("degrees") in ("1", "true"):  # SDF 1.9
             angles = list(map(radians, angles))
         return Pose((x, y, z), quat_from_rpy(*angles))
+
+    def _quaternion_pose(self) -> Pose:
+        x, y, z, *quat = self.numbers(7)
+        length = hypot(*quat)
+        if not 0.0 < length < inf:
+            raise self.error(f"needs a rotation in its last four numbers, not '{self.text}'")
+        qx, qy, qz, qw = (part / length for part in quat)
+        return Pose((x, y, z), (qx, qy, qz, qw))
 
     def positive(self, count: int = 1) -> Tuple[float, ...]:
         """`count` numbers greater than zero; anything else is a WorldError."""

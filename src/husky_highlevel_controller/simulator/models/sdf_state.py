@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import Dict, Iterator, Optional, Tuple
 
-from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, Shape, Sphere, Vector3
+from husky_highlevel_controller.datatypes import Box, Cylinder, Pose, Shape, Sphere, TriangleMesh, Vector3
+from husky_highlevel_controller.meshes import scaled_mesh
 from husky_highlevel_controller.simulator.models.sdf_parser import Node
 
 
@@ -56,4 +57,6 @@ def scaled(shape: Shape, scale: Vector3) -> Shape:
         return Box((shape.size[0] * x, shape.size[1] * y, shape.size[2] * z))
     if isinstance(shape, Cylinder):
         return Cylinder(shape.radius * max(x, y), shape.length * z)
+    if isinstance(shape, TriangleMesh):
+        return scaled_mesh(shape, scale)
     return Sphere(shape.radius * max(scale)) if isinstance(shape, Sphere) else shape

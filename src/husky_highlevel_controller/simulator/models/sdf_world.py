@@ -2,30 +2,43 @@
 
 In: SDF text, and for `model://` includes the folders of GAZEBO_MODEL_PATH. Out: a `World` of rigid bodies.
 
-Links are read one by one, joints are not: what hangs together in Gazebo falls apart here; a warning says so.
-Elements that are not supported are named in one warning per kind; invalid ones raise `WorldError`.
+Joints do not move: links of a movable model that they join are one body, and a warning says so. What the
+simulation does not use refuses nothing: it is left out and named, in one warning per kind, like elements that
+are not supported. What would change the scene and cannot be read, such as a size, raises `WorldError`.
 """
 
 from __future__ import annotations
 
 import logging
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from math import hypot
 from pathlib import Path
-from typing import Iterator, List, Union
+from typing import Callable, Iterator, List, Optional, Sequence, Tuple, Union
 
-from husky_highlevel_controller.datatypes import IDENTITY, Body, Geometry, Pose, Vector3, World
+from husky_highlevel_controller.datatypes import (
+    IDENTITY,
+    Body,
+    Geometry,
+    Plane,
+    Pose,
+    TriangleMesh,
+    Vector3,
+    World,
+)
 from husky_highlevel_controller.geometry import compose, inverse
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import ROBOTS
+from husky_highlevel_controller.simulator.models.mesh_file import MAX_FACES
 from husky_highlevel_controller.simulator.models.sdf_frames import FrameScope, frame_of
 from husky_highlevel_controller.simulator.models.sdf_geometry import rgba_of, shape_of_geometry
 from husky_highlevel_controller.simulator.models.sdf_include import Model, models_in
+from husky_highlevel_controller.simulator.models.sdf_joints import Assembly
 from husky_highlevel_controller.simulator.models.sdf_parser import Load, Node, open_sdf
 from husky_highlevel_controller.simulator.models.sdf_state import SavedState, scaled
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, read_bytes
-from husky_highlevel_controller.simulator.spawn_request import ObjectError, check_bounds
+from husky_highlevel_controller.simulator.spawn_request import FARTHEST, MASSES, SIZES
 
 MAX_GRAVITY = 1000.0  # [m/s^2]
 MAX_INCLUDES = 1000  # model files in one world
@@ -49,7 +62,8 @@ def parse_model(text: str, name: str, pose_in_world: Pose) -> List[Body]:
         root = open_sdf(text, f"model_xml of '{name}'", load)
         model = root.required("model")
         model.element.set("name", name)
-        bodies = list(_read_model(Model(model), _Place(FrameScope(root), pose_in_world=pose_in_world)))
+        place = _Place(FrameScope(root), pose_in_world=pose_in_world)
+        bodies = list(_whole_model(Model(model), place, _read_model))
     except RecursionError:
         raise WorldError(f"model_xml of '{name}': models or frames are nested too deeply") from None
     _tell_notes(load)
@@ -100,25 +114,26 @@ def parse_world(data: Union[str, bytes], source: str) -> World:
     except RecursionError:
         raise WorldError(f"{source}: models or frames are nested too deeply") from None
     _tell_notes(load)
-    _check_bounds(result, source)
+    _tell_what_is_left(result, load)
     return result
 
 
-def _check_bounds(world: World, source: str) -> None:
-    """Check the bounds within which physics can be computed. Raises WorldError."""
-    if hypot(*world.gravity) > MAX_GRAVITY:
-        raise WorldError(f"{source}: gravity {world.gravity} is stronger than {MAX_GRAVITY} m/s^2")
-    for body in world.bodies:
-        try:
-            check_bounds(body)
-        except ObjectError as error:
-            raise WorldError(f"{source}: '{body.name}': {error}") from None
+def _tell_what_is_left(world: World, load: Load) -> None:
+    """Warn where the lidar has nothing to see because something was left out."""
+    solids = [part for body in world.bodies for part in body.collisions if not isinstance(part.shape, Plane)]
+    if load.models and load.lost and not solids:
+        log.warning(
+            "world '%s': of %d models none is left for the lidar; it sees nothing", world.name, load.models
+        )
 
 
 def _tell_notes(load: Load) -> None:
+    if load.meshes.coarser:
+        files = "; ".join(load.meshes.coarser)
+        log.warning("meshes of more than %d triangles are made coarser: %s", MAX_FACES, files)
     for sentence, places in load.notes.items():
         more = f" and {len(places) - 3} more" if len(places) > 3 else ""
-        log.warning("%s: %s%s", sentence, "; ".join(places[:3]), more)
+        log.warning("%s: %s%s", sentence, "; ".join([*places.values()][:3]), more)
 
 
 @dataclass(frozen=True)
@@ -130,6 +145,8 @@ class _Place:
     full_name: str = ""  # with those of the models around it
     pose_in_world: Pose = IDENTITY
     static: bool = False
+    self_collides: bool = False
+    assembly: Optional[Assembly] = None  # of the outermost model; None in the world
 
     def scoped(self, name: str) -> str:
         return f"{self.full_name}::{name}" if self.full_name else name
@@ -142,13 +159,27 @@ def _bodies_in(holder: Node, place: _Place) -> Iterator[Body]:
             continue
         if place.scoped(model.name) in ROBOTS:
             model.node.note("the robot's own <model> is left out: the simulator has the robot", model.name)
-        elif model.include:
-            yield from _read_included(model, model.include, place)
+            continue
+        read = _read_included if model.include else _read_model
+        if place.assembly is None:
+            yield from _whole_model(model, place, read)
         else:
-            yield from _read_model(model, place)
+            read(model, place)
 
 
-def _read_included(model: Model, include: Node, place: _Place) -> Iterator[Body]:
+def _whole_model(model: Model, place: _Place, read: Callable[[Model, _Place], None]) -> Iterator[Body]:
+    """The bodies of a model that is in no other."""
+    assembly = Assembly(model.name)
+    read(model, replace(place, assembly=assembly))
+    bodies = list(assembly.bodies())
+    shapes = [part.shape for body in bodies for part in body.collisions]
+    model.node.load.models += not shapes or not all(isinstance(shape, Plane) for shape in shapes)
+    yield from bodies
+
+
+def _read_included(model: Model, place: _Place) -> None:
+    include = model.include
+    assert include is not None
     load, file = include.load, model.node.source
     if file in load.open_files:
         raise include.error(f"a model includes itself: {' > '.join((*load.open_files, file))}")
@@ -158,12 +189,14 @@ def _read_included(model: Model, include: Node, place: _Place) -> Iterator[Body]
             f"more than {MAX_INCLUDES} models are included; does each include several others?"
         )
     load.open_files.append(file)
-    yield from _read_model(model, place)
+    _read_model(model, place)
     load.open_files.pop()
 
 
-def _read_model(model: Model, parent: _Place) -> Iterator[Body]:
-    """The bodies of a model, which stands where the saved state says, else where its <pose> does."""
+def _read_model(model: Model, parent: _Place) -> None:
+    """Add the links of a model, which stands where the saved state says, else where its <pose> does."""
+    assembly = parent.assembly
+    assert assembly is not None
     node, names, name = model.node, model.node.load.names, model.name
     node.note_unknown()
     if model.include and not model.include.child("name"):
@@ -173,29 +206,51 @@ def _read_model(model: Model, parent: _Place) -> Iterator[Body]:
         (model.include or node).note("a second model of one name is left out, as in Gazebo", name)
         return
     names.add(full_name)
+    if not parent.full_name:
+        assembly.name = full_name
     pose, state = parent.frames.pose_of(model.child("pose")), parent.state.of("model", name)
-    static = model.child("static")
+    static, self_collide = model.child("static"), node.child("self_collide")
     me = _Place(
         FrameScope(node, model.name, parent.frames, pose),
         state,
         full_name,
         state.pose_in_world or compose(parent.pose_in_world, pose),
         parent.static or bool(static and static.flag()),
+        parent.self_collides or _is_set(self_collide),
+        assembly,
     )
     links = list(node.children("link"))
     if not (links or node.child("model") or node.child("include")):
         node.note("a <model> without a <link> is left out")
     for link in links:
-        yield _read_link(link, me, full_name if len(links) == 1 else _claim_link(link, me))
-    yield from _bodies_in(node, me)
+        name = full_name if len(links) == 1 else _claim_link(link, me)
+        body = _read_link(link, me, name)
+        if body:
+            assembly.links[me.scoped(link.named()) if len(links) == 1 else name] = body
+        if me.self_collides or _is_set(link.child("self_collide")):
+            assembly.self_colliding.add(me.scoped(link.named()))
+    for frame in node.children("frame"):
+        assembly.frames[me.scoped(frame.named())] = me.scoped(frame.element.get("attached_to", ""))
+    for joint in node.children("joint"):
+        assembly.add_joint(joint, full_name)
+    for _ in _bodies_in(node, me):
+        pass  # inner models yield nothing: they add to the assembly
+
+
+def _is_set(node: Optional[Node]) -> bool:
+    """Whether a flag that changes little is set; one that cannot be read is not."""
+    return bool(
+        node and node.unless_broken(node.flag, False, f"a <{node.tag}> that cannot be read is left out")
+    )
 
 
 def _claim_link(link: Node, model: _Place) -> str:
-    full_name = model.scoped(link.named())
-    if full_name in link.load.names:
-        raise link.error(f"a second body is called '{full_name}'; give each its own name")
-    link.load.names.add(full_name)
-    return full_name
+    name = link.named()
+    free = _free_name(name, model, link)
+    if free != name:
+        link.note("a second <link> of one name gets a number", name)
+    link.load.names.add(model.scoped(free))
+    return model.scoped(free)
 
 
 def _free_name(name: str, place: _Place, node: Node) -> str:
@@ -206,20 +261,32 @@ def _free_name(name: str, place: _Place, node: Node) -> str:
     return free
 
 
-def _read_link(link: Node, model: _Place, full_name: str) -> Body:
+def _read_link(link: Node, model: _Place, full_name: str) -> Optional[Body]:
+    """A link as a body; None, and a note, where it is farther away than the engine can compute."""
     link.note_unknown()
     for tag, usual in (("gravity", True), ("kinematic", False)):
         node = link.child(tag)
-        if node and node.flag() != usual and not model.static:
+        if (
+            node
+            and node.text.lower() not in (("true", "1") if usual else ("false", "0"))
+            and not model.static
+        ):
             node.note(f"<{tag}> of a link is not supported and is left out", node.text)
     pose_in_model, state = model.frames.pose_of(link.child("pose")), model.state.of("link", link.named())
-    return Body(
-        full_name,
-        state.pose_in_world or compose(model.pose_in_world, pose_in_model),
-        collisions=tuple(_geometries(link, "collision", model)),
-        visuals=tuple(_geometries(link, "visual", model)),
-        mass=_mass(link, model),
-    )
+    pose = state.pose_in_world or compose(model.pose_in_world, pose_in_model)
+    if not _is_near(pose):
+        link.note(f"what is farther than {FARTHEST:g} m from the origin is left out", full_name)
+        link.load.lost += 1
+        return None
+    collisions, mass = tuple(_geometries(link, "collision", model)), _mass(link, model)
+    if mass and any(isinstance(part.shape, Plane) for part in collisions):
+        link.note("a <plane> stays where it is, so what has one never moves", full_name)
+        mass = 0.0
+    return Body(full_name, pose, collisions, tuple(_geometries(link, "visual", model)), mass)
+
+
+def _is_near(pose: Pose) -> bool:
+    return all(abs(value) <= FARTHEST for value in pose.position)  # NaN is not
 
 
 def _pose_in_link(part: Node, link: Node, model: _Place) -> Pose:
@@ -236,17 +303,27 @@ def _mass(link: Node, model: _Place) -> float:
     if inertial:
         inertial.note_unknown()
         for moment in (node for inertia in inertial.children("inertia") for node in inertia.children()):
-            moment.numbers(1)
-        if _pose_in_link(inertial, link, model).position != IDENTITY.position and not model.static:
+            unused: Tuple[float, ...] = ()
+            sentence = "an inertia that is not a number is left out; none is used"
+            moment.unless_broken(partial(moment.numbers, 1), unused, sentence)
+        pose = inertial.unless_broken(
+            partial(_pose_in_link, inertial, link, model),
+            IDENTITY,
+            "a centre of mass that cannot be read is not used",
+        )
+        if pose.position != IDENTITY.position and not model.static:
             inertial.note("a centre of mass (<inertial><pose>) away from the link's origin is not supported")
         node = inertial.child("mass")
-        if node:
-            (mass,) = node.numbers(1)
-            if mass < 0.0 or (mass == 0.0 and not model.static):
-                raise node.error(
-                    f"must be greater than zero (<static> is for what never moves), not '{node.text}'"
-                )
-    return 0.0 if model.static else mass
+        if node and not (model.static and node.text in ("0", "0.0")):
+            mass = node.unless_broken(
+                lambda: node.positive()[0], mass, "a mass that is not greater than zero is read as 1 kg"
+            )
+    if not MASSES[0] <= mass <= MASSES[1] and not model.static:
+        link.note(
+            f"a mass outside of {MASSES[0]:g} to {MASSES[1]:g} kg is read as the nearest of these",
+            f"{mass:g}",
+        )
+    return 0.0 if model.static else min(max(mass, MASSES[0]), MASSES[1])
 
 
 def _gravity(world: Node) -> Vector3:
@@ -255,6 +332,8 @@ def _gravity(world: Node) -> Vector3:
         node = holder.child("gravity")
         if node:
             x, y, z = node.numbers(3)
+            if hypot(x, y, z) > MAX_GRAVITY:
+                raise node.error(f"must not be stronger than {MAX_GRAVITY:g} m/s^2, not '{node.text}'")
             return (x, y, z)
     return (0.0, 0.0, -9.8)
 
@@ -262,8 +341,34 @@ def _gravity(world: Node) -> Vector3:
 def _geometries(link: Node, tag: str, model: _Place) -> Iterator[Geometry]:
     for node in link.children(tag):
         node.note_unknown()
-        pose = _pose_in_link(node, link, model)
-        shape = shape_of_geometry(node.required("geometry"))
-        rgba = rgba_of(node)
-        if shape is not None:
-            yield Geometry(scaled(shape, model.state.scale), pose, rgba)
+        read = partial(_geometry, node, link, model)
+        geometry = (
+            read()
+            if tag == "collision"
+            else node.unless_broken(read, None, "a <visual> that cannot be read is left out")
+        )
+        if geometry is not None:
+            yield geometry
+
+
+def _geometry(node: Node, link: Node, model: _Place) -> Optional[Geometry]:
+    """Shape of a <collision> or <visual> at its pose; None, and a note, without one that can be simulated.
+
+    Raises:
+        WorldError: its pose or size cannot be read, or its size is out of bounds.
+    """
+    pose, shape, rgba = _pose_in_link(node, link, model), shape_of_geometry(node), rgba_of(node)
+    if shape is None:
+        return None
+    if isinstance(shape, TriangleMesh) and node.tag == "collision" and not model.static:
+        node.note("a mesh that can move collides by its convex hull; the lidar sees its triangles")
+    if not _is_near(pose):
+        node.note(f"what is farther than {FARTHEST:g} m from its link is left out")
+        return None
+    shape = scaled(shape, model.state.scale)
+    sizes: Sequence[float] = () if isinstance(shape, Plane) else shape.size
+    if isinstance(shape, TriangleMesh):
+        sizes = (max(sizes),)  # it may be flat
+    if not all(SIZES[0] <= size <= SIZES[1] for size in sizes):
+        raise node.error(f"size {sizes} is not within {SIZES[0]:g} to {SIZES[1]:g} m")
+    return Geometry(shape, pose, rgba)

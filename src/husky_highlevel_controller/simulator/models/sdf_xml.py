@@ -16,9 +16,11 @@ from defusedxml.ElementTree import DefusedXMLParser
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-# TinyXML takes any comment that ends, and an & that begins no entity. Each alternative scans its bytes once.
+# TinyXML takes any comment that ends, <? up to the next >, and an & that begins no entity. Each alternative
+# scans its bytes once.
 _LOOSE = re.compile(
-    rb"<!\[CDATA\[.*?(?:\]\]>|\Z)|<!--.*?(?:-->|\Z)|&(?!(?:amp|lt|gt|quot|apos|#\d+|#x[\da-fA-F]+);)",
+    rb"<!\[CDATA\[.*?(?:\]\]>|\Z)|<!--.*?(?:-->|\Z)|<\?(?!xml\s)[^>]*(?:>|\Z)"
+    rb"|&(?!(?:amp|lt|gt|quot|apos|#\d+|#x[\da-fA-F]+);)",
     re.DOTALL,
 )
 _DECLARATION = re.compile(rb"(\s+)(<\?xml\s[^>]*\?>)")
@@ -77,7 +79,7 @@ def parse_xml(data: Union[str, bytes], source: str) -> ElementTree.Element:
 def _strict(data: bytes) -> bytes:
     """XML without what TinyXML reads and the standard forbids; every line keeps its number.
 
-    That is whatever precedes the declaration or follows a NUL, `--` in comments, and a bare &.
+    That is whatever precedes the declaration or follows a NUL, `--` in comments, <?word>, and a bare &.
     """
     text = data[len(BOM_UTF8) :] if data.startswith(BOM_UTF8) else data
     data = _LOOSE.sub(_strict_part, text.partition(b"\0")[0])
@@ -86,7 +88,9 @@ def _strict(data: bytes) -> bytes:
 
 def _strict_part(part: Match[bytes]) -> bytes:
     text = part.group()
-    if text.startswith(b"<!--") and text.endswith(b"-->"):
+    if (text.startswith(b"<!--") and text.endswith(b"-->")) or (
+        text.startswith(b"<?") and text.endswith(b">")
+    ):
         return b"\n" * text.count(b"\n")
     return b"&amp;" if text == b"&" else text
 

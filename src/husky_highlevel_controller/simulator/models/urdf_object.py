@@ -12,6 +12,8 @@ from typing import List, Optional
 from husky_highlevel_controller import urdf
 from husky_highlevel_controller.datatypes import Body, Box, Cylinder, Geometry, Pose, Shape, Sphere
 from husky_highlevel_controller.geometry import compose
+from husky_highlevel_controller.meshes import scaled_mesh
+from husky_highlevel_controller.simulator.models.mesh_file import MeshError, MeshFiles
 from husky_highlevel_controller.urdf import DescriptionError
 
 log = logging.getLogger(__name__)
@@ -31,23 +33,38 @@ def parse_urdf_object(text: str, name: str, pose_in_world: Pose) -> Body:
         names = ", ".join(sorted(roots)) or "none"
         raise DescriptionError(f"one link must be no joint's child; here it is: {names}")
     geometries: List[Geometry] = []
+    files = MeshFiles()
     mass = 0.0
     for link_name, pose in urdf.poses_of_links(roots.pop(), joined).items():
         link, where = links[link_name], urdf.label_of(links[link_name])
         for collision in link.findall("collision"):
-            shape = _shape(collision, where)
+            shape = _shape(collision, where, files)
             if shape is not None:
                 geometries.append(Geometry(shape, compose(pose, urdf.origin_of(collision, where))))
-        element = link.find("inertial/mass")
-        mass += 0.0 if element is None else urdf.number_of(element, "value", where)
+        mass += _mass(link, where)
     if not geometries:
-        raise DescriptionError(f"nothing in '{name}' has a <collision> of a box, cylinder or sphere")
+        raise DescriptionError(f"nothing in '{name}' has a <collision> of a box, cylinder, sphere or mesh")
     static = any((item.text or "").strip() in ("true", "1") for item in robot.iterfind("gazebo/static"))
     shapes = tuple(geometries)
     return Body(name, pose_in_world, shapes, shapes, 0.0 if static else mass)
 
 
-def _shape(collision: ET.Element, where: str) -> Optional[Shape]:
+def _mass(link: ET.Element, where: str) -> float:
+    """Mass of a link [kg]; 0 without one, and 1, as in SDF, for one that cannot be used."""
+    element = link.find("inertial/mass")
+    if element is None:
+        return 0.0
+    try:
+        mass = urdf.number_of(element, "value", where)
+        if mass < 0.0:
+            raise DescriptionError(f"{where}: value is '{mass:g}'; it cannot be negative")
+        return mass
+    except DescriptionError as error:
+        log.warning("a mass that cannot be used is read as 1 kg: %s", error)
+        return 1.0
+
+
+def _shape(collision: ET.Element, where: str, files: MeshFiles) -> Optional[Shape]:
     shape_and_sizes = urdf.shape_of(collision, where)
     tag, sizes = (shape_and_sizes[0].tag, shape_and_sizes[1]) if shape_and_sizes else ("", ())
     if tag == "box":
@@ -55,5 +72,13 @@ def _shape(collision: ET.Element, where: str) -> Optional[Shape]:
         return Box((x, y, z))
     if tag in ("cylinder", "sphere"):
         return Cylinder(*sizes) if tag == "cylinder" else Sphere(*sizes)
-    log.warning("%s: only a <collision> of a box, cylinder or sphere is simulated", where)
+    if shape_and_sizes is not None:
+        x, y, z = sizes
+        uri = shape_and_sizes[0].get("filename", "")
+        try:
+            return scaled_mesh(files.read(uri, ""), (x, y, z))
+        except MeshError as error:
+            log.warning("%s: a mesh %s, and is left out: '%s'", where, error, uri)
+            return None
+    log.warning("%s: only a <collision> of a box, cylinder, sphere or mesh is simulated", where)
     return None

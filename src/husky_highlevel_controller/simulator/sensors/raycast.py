@@ -1,4 +1,4 @@
-"""Ray casting of a planar lidar against boxes, cylinders, spheres and planes, in closed form.
+"""Ray casting of a planar lidar against boxes, cylinders, spheres, planes and meshes, in closed form.
 
 In: shapes with poses, where the laser stands, its beams' bearings. Out: distances.
 
@@ -8,6 +8,7 @@ not with beams times shapes.
 
 A call of NumPy costs about the same for one number as for a hundred. So a few shapes are met one by one, each
 prepared in plain numbers and met by a slice of the beams; many are met all at once. Both share the formulas.
+Meshes are in `ray_mesh.py`.
 """
 
 from __future__ import annotations
@@ -18,8 +19,25 @@ from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from husky_highlevel_controller.datatypes import Beams, Box, Cylinder, Plane, Pose, Shape, Sphere, Vector3
+from husky_highlevel_controller.datatypes import (
+    Beams,
+    Box,
+    Cylinder,
+    Plane,
+    Pose,
+    Shape,
+    Sphere,
+    TriangleMesh,
+    Vector3,
+)
 from husky_highlevel_controller.geometry import Axes, along_axes, axes_from_quat, dot, minus, rotate
+from husky_highlevel_controller.simulator.sensors.ray_mesh import (
+    Indices,
+    RayMesh,
+    beams_of,
+    make_ray_mesh,
+    meet_mesh,
+)
 from husky_highlevel_controller.simulator.sensors.ray_shapes import (
     BOX,
     CYLINDER,
@@ -31,8 +49,6 @@ from husky_highlevel_controller.simulator.sensors.ray_shapes import (
 # long; one by one, a scan of 1000 objects takes ten times as long.
 FEW = 10
 KINDS = {Box: BOX, Cylinder: CYLINDER, Sphere: SPHERE}
-
-Indices = np.ndarray
 
 
 class RaySolid(NamedTuple):
@@ -61,6 +77,7 @@ class RayScene:
     bounds: np.ndarray  # (M,)
     positions: np.ndarray  # (M, 3)
     axes: np.ndarray  # (M, 3, 3), an axis in each row
+    meshes: List[RayMesh]
 
     @property
     def has_many(self) -> bool:
@@ -75,14 +92,23 @@ class RayScene:
         else:
             self.solids[index] = self.solids[index]._replace(position=position, axes=axes)
 
+    def move_mesh(self, index: int, pose_in_world: Pose) -> None:
+        """Set the pose of a mesh."""
+        axes = axes_from_quat(pose_in_world.quat_xyzw)
+        self.meshes[index] = self.meshes[index]._replace(position=pose_in_world.position, axes=axes)
+
 
 def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
-    """Build a scene of shapes and their poses in the world; solid shapes keep their order."""
+    """Build a scene of shapes and their poses in the world; solid shapes, and meshes, keep their order."""
     solids: List[RaySolid] = []
+    meshes: List[RayMesh] = []
     planes: List[Tuple[Vector3, Vector3]] = []
     for shape, pose in shapes:
         if isinstance(shape, Plane):
             planes.append((pose.position, rotate(pose.quat_xyzw, shape.normal)))
+            continue
+        if isinstance(shape, TriangleMesh):
+            meshes.append(make_ray_mesh(shape, pose))
             continue
         x, y, z = shape.size
         kind, size = KINDS[type(shape)], (x / 2.0, y / 2.0, z / 2.0)
@@ -96,6 +122,7 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
         bounds=np.array([solid.bound for solid in solids], dtype=float),
         positions=np.array([solid.position for solid in solids], dtype=float).reshape(-1, 3),
         axes=np.array([solid.axes for solid in solids], dtype=float).reshape(-1, 3, 3),
+        meshes=meshes,
     )
 
 
@@ -104,8 +131,8 @@ def make_scene(shapes: Sequence[Tuple[Shape, Pose]]) -> RayScene:
 def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_range: float) -> np.ndarray:
     """Distance to the first body each beam meets, (N,) [m]; +inf for nothing within `max_range` [m].
 
-    A laser inside a solid shape reads 0; a plane is seen from either side. Beams lie in the xy plane of the
-    laser, at bearings within [-pi, pi].
+    A laser inside a solid shape reads 0; a plane or a mesh is seen from either side. Beams lie in the xy
+    plane of the laser, at bearings within [-pi, pi].
     """
     origin, laser = pose_laser_in_world.position, axes_from_quat(pose_laser_in_world.quat_xyzw)
     distances = np.empty(len(beams.bearings))
@@ -126,6 +153,8 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
     else:
         for solid in scene.solids:
             farthest = max(farthest, _meet_one(solid, origin, laser, beams, max_range, distances))
+    for mesh in scene.meshes:
+        farthest = max(farthest, meet_mesh(mesh, origin, laser, beams, max_range, distances))
     if farthest > max_range:
         distances[distances > max_range] = inf
     return distances
@@ -198,7 +227,7 @@ def _meet_many(
         rows_of_kind = np.flatnonzero(kinds == kind)
         if len(rows_of_kind):
             solid, beams_each = near[rows_of_kind], count[rows_of_kind]
-            beam = _beams_of(first[rows_of_kind], beams_each)
+            beam = beams_of(first[rows_of_kind], beams_each)
             axes = (scene.axes[solid, needed] @ laser.T).transpose(1, 2, 0)
             prepared = prepare(centers[solid].T, axes, scene.sizes[solid].T)
             rows, numbers = (np.array(part).repeat(beams_each, axis=-1) for part in prepared)
@@ -227,9 +256,3 @@ def _candidates(
     count = bearings.searchsorted(high, side="right") - first
     met = np.flatnonzero(count)
     return near[met], first[met], count[met]
-
-
-def _beams_of(first: Indices, count: Indices) -> Indices:
-    """Every beam of every shape, (P,)."""
-    ends = count.cumsum()
-    return np.arange(ends[-1]) + (first - ends + count).repeat(count)

@@ -1,0 +1,74 @@
+"""Triangle meshes: made of loose triangles, made coarser, and measured.
+
+In: corners and faces as arrays. Out: `TriangleMesh` records, points, volumes.
+"""
+
+from __future__ import annotations
+
+from typing import Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import TriangleMesh, Vector3
+
+_CELLS = 2048.0  # of a mesh's longest edge, when it is made coarser for the first time
+_COARSER = 1.25  # factor of the cells' edge each further time
+_SOLID = 0.01  # share of the box around it from which on a mesh counts as closed
+
+
+def make_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "") -> TriangleMesh:
+    """Mesh whose faces share their corners; faces without an area are left out.
+
+    Args:
+        vertices: (V, 3) [m], which may repeat.
+        faces: (F, 3), rows of `vertices`.
+        source: the file that the mesh is from, for messages.
+    """
+    corners, rows = np.unique(np.asarray(vertices, float), axis=0, return_inverse=True)
+    return _without_flat(corners, rows.reshape(-1)[np.asarray(faces, int)], source)
+
+
+def simplified(mesh: TriangleMesh, most: int) -> TriangleMesh:
+    """The mesh, or one of at most so many faces, whose corners lie in the middle of cells of equal size."""
+    cell = max(mesh.size) / _CELLS
+    coarse = mesh
+    while len(coarse.faces) > most:
+        cells, rows = np.unique(np.round(mesh.vertices / cell), axis=0, return_inverse=True)
+        coarse = _without_flat(cells * cell, rows.reshape(-1)[mesh.faces], mesh.source)
+        cell *= _COARSER
+    return coarse
+
+
+def scaled_mesh(mesh: TriangleMesh, scale: Vector3) -> TriangleMesh:
+    """The mesh, larger by a factor along each of its axes."""
+    return mesh if scale == (1.0, 1.0, 1.0) else _frozen(mesh.vertices * scale, mesh.faces, mesh.source)
+
+
+def volume_of(mesh: TriangleMesh) -> Tuple[float, Vector3]:
+    """Volume [m^3] and centroid of a mesh in its frame; those of the box around it where it is not closed."""
+    low, high = mesh.bounds
+    a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2) - low
+    parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0  # of the tetrahedra between faces and a corner
+    volume, box = float(parts.sum()), float(np.prod(high - low))
+    if not _SOLID * box < abs(volume) <= box:
+        x, y, z = ((low + high) / 2.0).tolist()
+        return box, (x, y, z)
+    x, y, z = (low + parts @ (a + b + c) / 4.0 / volume).tolist()
+    return abs(volume), (x, y, z)
+
+
+def _without_flat(vertices: np.ndarray, faces: np.ndarray, source: str) -> TriangleMesh:
+    """Mesh of each face once, with three corners that differ."""
+    flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    faces = faces[~flat]
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    faces = faces[np.sort(first)]
+    used, rows = np.unique(faces, return_inverse=True)
+    return _frozen(vertices[used], rows.reshape(-1, 3), source)
+
+
+def _frozen(vertices: np.ndarray, faces: np.ndarray, source: str) -> TriangleMesh:
+    vertices, faces = np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces)
+    for array in (vertices, faces):
+        array.setflags(write=False)
+    return TriangleMesh(vertices, faces, source)

@@ -1,0 +1,156 @@
+"""Mesh files of worlds and objects: found, read by trimesh, and kept within bounds.
+
+In: the URI of a .dae, .stl or .obj file, and the file that names it. Out: a `TriangleMesh`, or a `MeshError`.
+
+As in Gazebo classic, a .dae file's unit counts and its up axis does not.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Dict, Iterator, List, Tuple
+from urllib.parse import unquote, urlsplit
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import HuskyError, TriangleMesh
+from husky_highlevel_controller.meshes import make_mesh, simplified
+from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml, read_bytes
+
+ENDINGS = (".dae", ".stl", ".obj")
+MAX_BYTES = 50_000_000  # of a file
+MAX_BYTES_IN_ALL = 200_000_000  # of the files of a world
+MAX_FACES = 100_000  # of a file; one that has more is made coarser
+
+
+class MeshError(HuskyError):
+    """A mesh that cannot be had; the text goes on from "a mesh", as in "is not on this machine"."""
+
+
+@dataclass
+class MeshFiles:
+    """Mesh files of one world, each read once."""
+
+    bytes_left: int = MAX_BYTES_IN_ALL
+    known: Dict[Tuple[Path, str], TriangleMesh] = field(default_factory=dict)
+    coarser: List[str] = field(default_factory=list)  # files whose meshes are coarser than they are
+
+    def read(self, uri: str, source: str, part: str = "") -> TriangleMesh:
+        """Mesh of a file, or the part of that name in it.
+
+        Args:
+            uri: model://, package://, file://, or a path.
+            source: path of the file that names it, beside which a relative path is looked up.
+            part: name of a <submesh>; empty: all of it.
+
+        Raises:
+            MeshError: it is not there, not a mesh, or too large.
+        """
+        path = find_mesh(uri, source)
+        if (path, part) not in self.known:
+            self.known[path, part] = self._load(path, part)
+        return self.known[path, part]
+
+    def _load(self, path: Path, part: str) -> TriangleMesh:
+        if path.suffix.lower() not in ENDINGS:
+            raise MeshError(f"is not one of the files that are read ({', '.join(ENDINGS)})")
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise MeshError(f"has {size / 1e6:.0f} MB, more than {MAX_BYTES / 1e6:.0f} MB")
+        if size > self.bytes_left:
+            raise MeshError(f"is one of several that have more than {MAX_BYTES_IN_ALL / 1e6:.0f} MB")
+        self.bytes_left -= size
+        mesh = load_mesh(path, part)
+        if len(mesh.faces) > MAX_FACES:
+            self.coarser.append(f"{path.name} ({len(mesh.faces)})")
+            mesh = simplified(mesh, MAX_FACES)
+        return mesh
+
+
+def load_mesh(path: Path, part: str = "") -> TriangleMesh:
+    """Triangles of a mesh file [m]; MeshError if it holds none that can be read."""
+    try:
+        import trimesh
+    except ImportError:
+        raise MeshError("needs the Python package trimesh, which is not installed") from None
+    ending, unit = path.suffix.lower(), 1.0
+    try:
+        data = read_bytes(path)
+        if ending == ".dae":
+            unit = _unit_of(data, path)  # checks the XML, too
+        options: Dict[str, Any] = {"force": "scene", "process": False, "skip_materials": True}
+        scene: Any = trimesh.load(io.BytesIO(data), file_type=ending[1:], **options)
+        vertices, faces = _parts_of(scene, part)
+    except WorldError as error:
+        raise MeshError(f"cannot be read: {error}") from None
+    except Exception as error:  # a mesh file may be broken in as many ways as its reader has errors
+        raise MeshError(f"cannot be read: {type(error).__name__}: {error}") from None
+    if not len(faces):
+        raise MeshError(f"holds no part '{part}'" if part else "holds no triangles")
+    if not np.isfinite(vertices).all():
+        raise MeshError("has corners that are not finite")
+    mesh = make_mesh(vertices * unit, faces, path.name)
+    if not len(mesh.faces):
+        raise MeshError("holds no triangles with an area")
+    return mesh
+
+
+def _unit_of(data: bytes, path: Path) -> float:
+    """Length of a COLLADA file's unit [m]. Raises WorldError on invalid or unsafe XML."""
+    unit = parse_xml(data, str(path)).find("{*}asset/{*}unit")
+    length = float("nan" if unit is None else unit.get("meter", "nan"))
+    return length if 0.0 < length < float("inf") else 1.0
+
+
+def _parts_of(scene: Any, part: str) -> Tuple[np.ndarray, np.ndarray]:
+    """Corners and faces of the meshes of a scene, in its frame."""
+    corners: List[np.ndarray] = [np.empty((0, 3))]
+    faces: List[np.ndarray] = [np.empty((0, 3), int)]
+    count = 0
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        # Blender names a geometry after its node
+        if not hasattr(mesh, "faces") or (part and name.partition("-mesh")[0] != part):
+            continue
+        corners.append(mesh.vertices @ transform[:3, :3].T + transform[:3, 3])
+        faces.append(np.asarray(mesh.faces) + count)
+        count += len(mesh.vertices)
+    return np.concatenate(corners), np.concatenate(faces)
+
+
+def find_mesh(uri: str, source: str) -> Path:
+    """The file of a URI; MeshError if it is not on this machine.
+
+    `model://NAME/...` and `package://NAME/...` are looked up in GAZEBO_MODEL_PATH, ROS_PACKAGE_PATH, and the
+    folders above the file that names it; a relative path beside that file, and in GAZEBO_RESOURCE_PATH.
+    """
+    try:
+        for path in _places(uri, source):
+            if path.is_file():
+                return Path(os.path.realpath(path))
+    except (OSError, ValueError):  # a name that no file can have
+        pass
+    raise MeshError("is not on this machine")
+
+
+def _places(uri: str, source: str) -> Iterator[Path]:
+    parts = urlsplit(uri)
+    above = list(Path(os.path.abspath(source)).parents)
+    if parts.scheme in ("model", "package"):
+        inside = unquote(parts.path).lstrip("/")
+        folders = [*_folders("GAZEBO_MODEL_PATH"), *_folders("ROS_PACKAGE_PATH")]
+        yield from (folder / parts.netloc / inside for folder in folders)
+        yield from (folder / inside for folder in (*above, *folders) if folder.name == parts.netloc)
+        yield from (folder / parts.netloc / inside for folder in above)
+        yield from (folder / "models" / parts.netloc / inside for folder in above[:3])
+    elif parts.scheme in ("", "file"):
+        name = unquote(uri.partition("://")[2] if parts.scheme else uri)
+        yield from (folder / name for folder in (above[0], *_folders("GAZEBO_RESOURCE_PATH")))
+
+
+def _folders(variable: str) -> List[Path]:
+    return [Path(folder) for folder in os.environ.get(variable, "").split(os.pathsep) if folder]

@@ -1,0 +1,116 @@
+"""Ray intersection of a planar lidar with triangle meshes.
+
+In: a mesh at a pose, the laser's, its beams. Out: distances along the beams.
+
+The scan plane cuts a mesh in line segments, one for each triangle whose corners lie on both sides of it. So a
+scan takes one height for each corner, and meets only the segments: the time grows with the corners, not with
+beams times triangles, and no tree is needed.
+"""
+
+from __future__ import annotations
+
+from math import hypot, inf, pi
+from typing import NamedTuple, Sequence, Tuple
+
+import numpy as np
+
+from husky_highlevel_controller.datatypes import Beams, Pose, TriangleMesh, Vector3
+from husky_highlevel_controller.geometry import Axes, along_axes, axes_from_quat, minus
+
+Indices = np.ndarray
+
+_SLACK = 1e-9  # [rad], by which a segment is wider, or a beam could slip through between two
+
+
+class RayMesh(NamedTuple):
+    """Mesh of a scene."""
+
+    vertices: np.ndarray  # (V, 3) [m], in its own frame
+    faces: np.ndarray  # (3, F), rows of `vertices`
+    centre: Vector3  # [m], of the ball around it, in its own frame
+    bound: float  # [m], radius of that ball
+    position: Vector3  # [m], of its frame in the world
+    axes: Sequence[Vector3]  # its own x, y and z, in the world
+
+
+def make_ray_mesh(mesh: TriangleMesh, pose_in_world: Pose) -> RayMesh:
+    """A mesh at a pose, as rays meet it."""
+    low, high = mesh.bounds
+    x, y, z = ((low + high) / 2.0).tolist()
+    faces = np.ascontiguousarray(mesh.faces.T)
+    axes = axes_from_quat(pose_in_world.quat_xyzw)
+    return RayMesh(mesh.vertices, faces, (x, y, z), hypot(*mesh.size) / 2.0, pose_in_world.position, axes)
+
+
+def meet_mesh(
+    mesh: RayMesh, origin: Vector3, laser: Axes, beams: Beams, max_range: float, distances: np.ndarray
+) -> float:
+    """Shorten the distances (N,) of the beams that meet a mesh; none is farther than the result [m]."""
+    # 1. the ball around it does not reach the scan plane, or is beyond the scan
+    (ax, ay, az), (cx, cy, cz) = mesh.axes, mesh.centre
+    middle = (
+        mesh.position[0] + cx * ax[0] + cy * ay[0] + cz * az[0],
+        mesh.position[1] + cx * ax[1] + cy * ay[1] + cz * az[1],
+        mesh.position[2] + cx * ax[2] + cy * ay[2] + cz * az[2],
+    )
+    x, y, z = along_axes(laser, minus(middle, origin))
+    if abs(z) > mesh.bound or hypot(x, y) - mesh.bound > max_range:
+        return 0.0
+    # 2. the laser's axes and place in the mesh's frame; heights of the corners above the scan plane
+    turned = np.array([along_axes(mesh.axes, axis) for axis in laser])
+    offset = along_axes(laser, minus(mesh.position, origin))
+    heights = mesh.vertices @ turned[2] + offset[2]
+    # 3. triangles with corners on both sides
+    a, b, c = (heights > 0.0)[mesh.faces]
+    cut = np.flatnonzero((a != b) | (b != c))
+    if len(cut):
+        ends = _segments(mesh, cut, heights, turned[:2], np.array(offset[:2]))
+        _meet_segments(*ends, beams, distances)
+    return inf
+
+
+def _segments(
+    mesh: RayMesh, cut: Indices, heights: np.ndarray, axes: np.ndarray, offset: np.ndarray
+) -> Tuple[np.ndarray, np.ndarray]:
+    """Ends of the segments in which the scan plane cuts triangles, in it, (2, K) each [m]."""
+    corners = mesh.faces[:, cut]
+    above = heights[corners] > 0.0
+    # the corner that is alone on its side comes first
+    lone = np.where(above[1] == above[2], 0, np.where(above[0] == above[2], 1, 2))
+    corners = corners[(lone + np.arange(3)[:, None]) % 3, np.arange(len(cut))]
+    p, q, r = heights[corners]
+    x, y = (mesh.vertices[corners] @ axis + shift for axis, shift in zip(axes, offset))
+    return tuple(  # type: ignore[return-value]  # two ends
+        np.array([each[0] + share * (each[other] - each[0]) for each in (x, y)])
+        for other, share in ((1, p / (p - q)), (2, p / (p - r)))
+    )
+
+
+def _meet_segments(start: np.ndarray, end: np.ndarray, beams: Beams, distances: np.ndarray) -> None:
+    """Shorten the distances (N,) of the beams that meet line segments of ends (2, K) [m]."""
+    one, other = np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0])
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    # a segment behind the laser reaches over the seam at +-pi
+    over = high - low > pi
+    segment = np.concatenate([np.arange(len(low)), np.flatnonzero(over)])
+    low, high = (
+        np.concatenate([np.where(over, high, low), np.full(over.sum(), -inf)]),
+        np.concatenate([np.where(over, inf, high), low[over]]),
+    )
+    first = beams.bearings.searchsorted(low - _SLACK)
+    count = beams.bearings.searchsorted(high + _SLACK, side="right") - first
+    met = np.flatnonzero(count)
+    if not len(met):
+        return
+    beam, segment = beams_of(first[met], count[met]), segment[met].repeat(count[met])
+    (x, y), (along_x, along_y) = start[:, segment], (end - start)[:, segment]
+    direction_x, direction_y = beams.directions[:, beam]
+    entries = (x * along_y - y * along_x) / (direction_x * along_y - direction_y * along_x)
+    entries[entries < 0.0] = inf
+    np.fmin.at(distances, beam, entries)
+
+
+def beams_of(first: Indices, count: Indices) -> Indices:
+    """Every beam of every shape, (P,), of the first and the number of beams that each shape may meet."""
+    ends = count.cumsum()
+    return np.arange(ends[-1]) + (first - ends + count).repeat(count)
