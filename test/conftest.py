@@ -67,13 +67,14 @@ def launch_files_read_here(monkeypatch):
     from husky_grading.nodes import submission
     from husky_highlevel_controller.paths import share_folder
 
-    def describe(launchables, workspace, events, kept):
+    def describe(launchables, workspace, events, parts):
         places = [*map(str, workspace.packages), str(share_folder()), "/usr/share"]
         monkeypatch.setenv("ROS_PACKAGE_PATH", os.pathsep.join(places))
         monkeypatch.setattr(substitution_args, "_rospack", None)
         reporter = submission.Reporter(str(events))
         for launchable in launchables:
-            submission.describe(list(launchable.command), reporter, [[], [], list(kept), []])
+            ours = {"nodes": [], "files": [], "places": [], **vars(parts)}
+            submission.describe(list(launchable.command), reporter, ours)
         reporter.close()
         return ""
 

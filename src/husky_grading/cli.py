@@ -15,7 +15,7 @@ from husky_evaluation.tasks.command import (
     seed_value,
 )
 from husky_grading.batch import Batch, class_seed, mark_all, run_program
-from husky_grading.exercises import EXERCISES
+from husky_grading.exercises.catalogue import EXERCISES
 from husky_grading.isolation.process import stop_on_signals
 from husky_grading.records import (
     AUTO,
@@ -64,19 +64,21 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
         help="random seed for start poses, pillars and noise (with --all defaults to one that is drawn "
         "for the class and kept in --out; otherwise 0)",
     )  # fmt: skip
+    several = " and ".join(str(number) for number, each in EXERCISES.items() if each.random_starts)
     runs = add(
         "--runs", dest="trials", type=between(int, 1, 1000), default=3, metavar="RUNS",
-        help="number of runs in exercise 3 (default: 3)",
+        help=f"number of runs in exercise {several} (default: 3)",
     )  # fmt: skip
     add_old_name(parser, "--trials", runs)
     seconds = between(float, 0.1, 3600.0)
+    deadlines = ", ".join(f"{each.deadline:g} in exercise {number}" for number, each in EXERCISES.items())
     add(
-        "--deadline", type=seconds,
-        help="time limit of a run in simulated seconds (default: 120; 60 in exercises 2 and 5; 90 in 4)",
+        "--deadline", type=seconds, help=f"time limit of a run in simulated seconds (default: {deadlines})"
     )  # fmt: skip
+    paces = ", ".join(f"{each.pace:g} in exercise {number}" for number, each in EXERCISES.items())
     pace = add(
         "--real-time-factor", dest="pace", type=seconds, metavar="FACTOR",
-        help="maximum real-time factor (default: 5; 1 in exercise 2, 2 in exercise 5)",
+        help=f"maximum real-time factor (default: {paces})",
     )  # fmt: skip
     add_old_name(parser, "--pace", pace)
     add("--out", type=Path, default=Path("marking"), help="folder of results (default: ./marking)")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Sequence
 
 from husky_grading.displays import STANDING, FrameTree, view_of
-from husky_grading.exercises import EXERCISES
+from husky_grading.exercises.catalogue import EXERCISES
 from husky_grading.isolation.places import hide_places
 from husky_grading.notes import Kind, Note, texts
 from husky_grading.recording import Recording, recordings_in
@@ -30,18 +30,16 @@ def judge_again(job: Job) -> MarkingResult:
 
 def judge(submission: Submission, recordings: Sequence[Recording], job: Job) -> MarkingResult:
     """The result, with points by hand and less a late penalty; PointsError: these do not fit the rubric."""
-    first = recordings[0]
+    first, exercise = recordings[0], EXERCISES[job.config.exercise]
     tree = FrameTree(first.frames, first.descriptions) if first.frames else STANDING
     view = view_of(submission.rviz, tree)
-    items = told_once(
-        EXERCISES[job.config.exercise].judge(recordings, view, first.scan_topic, job.config.rules)
-    )
+    items = told_once(exercise.judge(recordings, view, first.scan_topic, job.config.rules))
     if submission.equals:
         items = left_to_choice(items, submission.equals)
     if first.uninitialised:
         items = left_to_chance(items, first.uninitialised)
     notes = [*submission.notes, *(note for recording in recordings for note in recording.notes)]
-    asked = job.config.trials if EXERCISES[job.config.exercise].random_starts else 1
+    asked = exercise.drives(job.config.trials)
     if len(recordings) < asked:
         text = f"{len(recordings)} of {asked} drives were made; others follow if the robot moves in the first"
         notes.append(Note(Kind.FEWER_DRIVES, text))

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import List, Optional
 
 from husky_grading.drive.observe import observe
-from husky_grading.drive.trials import Trial, draw_trials
-from husky_grading.exercises import EXERCISES
+from husky_grading.drive.trials import draw_trials
+from husky_grading.exercises.catalogue import EXERCISES
 from husky_grading.hand_in.packages import NotMarkableError
 from husky_grading.hand_in.prepare import prepare
 from husky_grading.isolation import place, private_network
@@ -26,7 +26,7 @@ from husky_grading.isolation.sandbox import kind_of_sandbox
 from husky_grading.judge import judge, unmarked
 from husky_grading.notes import MISSES_PACKAGES
 from husky_grading.recording import recordings_in
-from husky_grading.records import Job, MarkingConfig, MarkingResult, printable
+from husky_grading.records import Job, MarkingResult, printable
 from husky_grading.reports.files import (
     FINGERPRINT,
     PICTURES,
@@ -50,19 +50,20 @@ def mark(job: Job) -> MarkingResult:
     Raises:
         StoppedError: marking is to end.
     """
-    out = Path(job.out)
+    out, exercise = Path(job.out), EXERCISES[job.config.exercise]
     problem, fingerprint = "", ""
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in (FINGERPRINT, RESULT, *PICTURES):
             remove_tree(out / name)
-        submission = kept_submission(job) or prepare(job)
+        submission = kept_submission(job) or prepare(job, exercise.facts)
         config = replace(job.config, robot=job.override.robot or job.config.robot)
-        observe(submission, trials_of(config), config, out)
+        trials = draw_trials(exercise.drives(config.trials), config.seed)
+        observe(submission, trials, config, exercise.bring_up, out)
         recordings = recordings_in(out)
         notes = [*submission.notes, *(note for each in recordings for note in each.notes)]
         misses = bool(MISSES_PACKAGES & {note.kind for note in notes})
-        fingerprint = job.fingerprint + job.installed * misses  # also where marking.yaml has a typo
+        fingerprint = job.fingerprint + (job.installed if misses else "")  # also if marking.yaml has a typo
         cause = None
         try:
             result = judge(submission, recordings, job)
@@ -109,14 +110,6 @@ def kept_submission(job: Job) -> Optional[Submission]:
     is_same = bool(job.made_of) and submission.made_of == job.made_of
     misses = MISSES_PACKAGES & {note.kind for note in submission.notes}  # which may be installed by now
     return submission if is_here and is_shut and is_same and not misses else None
-
-
-def trials_of(config: MarkingConfig) -> List[Trial]:
-    """The drives of an exercise."""
-    exercise = EXERCISES[config.exercise]
-    ends = exercise.random_starts
-    trials = draw_trials(config.trials if ends else 1, config.seed)
-    return [replace(trial, driver=exercise.driver, ends_at_pillar=ends) for trial in trials]
 
 
 def main(arguments: Optional[List[str]] = None) -> None:

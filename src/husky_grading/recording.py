@@ -6,16 +6,17 @@ import json
 from dataclasses import dataclass, field, replace
 from math import inf, nan
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple, Type, TypeVar
 
 import numpy as np
 
 from husky_grading.notes import Kind, Note
-from husky_highlevel_controller.config import load, to_plain
+from husky_highlevel_controller.config import from_plain, load, to_plain
 from husky_highlevel_controller.course import PILLARS, STANDS, PillarSize
 from husky_highlevel_controller.datatypes import Pose2D, Scan
 from husky_highlevel_controller.robot import load_robot
 
+Record = TypeVar("Record")
 ADD, DELETE, DELETE_ALL = "add", "delete", "delete all"  # actions of a marker message
 
 
@@ -45,31 +46,12 @@ class MarkerSample:
     finite: bool = True  # its numbers are neither inf nor NaN
 
 
-FILTERED = "/odometry/filtered"  # topic of exercise 4, on which a filter tells the robot's pose
-
-
 @dataclass(frozen=True, eq=False)
-class Playback:
-    """Path and top view of a filter while a bag was played to it, and what its hand-in plays and plots."""
+class EstimatedPath:
+    """Path of the robot as a submission estimates it."""
 
-    path: np.ndarray = table("[s, m, m], x and y of its odometry by stamps", 3)
-    topic: str = ""  # of that odometry
-    top_view: np.ndarray = table("[s, m, m, m], the frame's place in base_link", 4)
-    players: Tuple[str, ...] = ()  # arguments of its launch file's rosbag players
-    curves: Tuple[Tuple[str, str], ...] = ()  # of its rqt_multiplot files: /topic/field of x and of y
-    # [m] in base_link of every frame at the end, where the top view never came: it may have another name
-    places: Mapping[str, Tuple[float, float, float]] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Call:
-    """Call of a start/stop service."""
-
-    at: float  # [s], simulated
-    data: bool  # what was sent
-    success: bool
-    answer: str  # its text, or what went wrong
-    answered_at: float  # [s], simulated; on a busy machine more than a second later
+    topic: str = ""  # of its odometry
+    points: np.ndarray = table("[s, m, m], x and y by stamps", 3)
 
 
 @dataclass(frozen=True)
@@ -81,8 +63,7 @@ class Assignment:
     truth_socket: str  # where the simulator connects
     status: str  # file with a `Status`, from when the recorder is ready
     closing: str  # file with a `Closing`, once the drive is over
-    driver: str  # see `exercises.Exercise`
-    ends_at_pillar: bool
+    exercise: int  # whose watch follows the drive
     ours: Tuple[str, ...]  # nodes that are not the submission's
     packages: Tuple[str, ...] = ()  # folders of the submission's packages, for meshes
 
@@ -131,13 +112,6 @@ class Recording:
     hits: np.ndarray = table("[s, m, m], points in the world of some of the scans", 3)
     markers: Tuple[MarkerSample, ...] = ()
     marker_topics: Tuple[str, ...] = ()  # that the submission publishes, whether or not anything came
-    services: Tuple[str, ...] = ()  # std_srvs/SetBool that the submission offers
-    other_services: Tuple[str, ...] = ()  # of other types that it offers, as "/name (package/Type)"
-    calls: Tuple[Call, ...] = ()
-    # lookups of that service by each node of the submission: each call makes one
-    callers: Mapping[str, int] = field(default_factory=dict)
-    topic_parameters: Tuple[str, ...] = ()  # private parameters whose value is the scans' topic
-    queue_parameters: Tuple[str, ...] = ()  # private whole numbers that are called ...queue...
     subscribed: bool = False  # the submission listens to the scans
     advertised: bool = True  # the submission has a publisher on a topic of velocity commands
     silent_topics: Tuple[str, ...] = ()  # that the submission subscribes to and nothing publishes
@@ -152,7 +126,16 @@ class Recording:
     uninitialised: str = ""  # a variable of the submission that is read before it is written, in a sentence
     frames: Mapping[str, str] = field(default_factory=dict)  # parent of each frame of TF
     descriptions: Tuple[str, ...] = ()  # parameters with a robot whose links are frames of TF
-    playback: Optional[Playback] = None  # where a bag was played
+    estimate: Optional[EstimatedPath] = None  # None: that is not the submission's task
+    watched: Mapping[str, Any] = field(default_factory=dict)  # that the exercise keeps, see `watched_as`
+
+    def watched_as(self, kind: Type[Record]) -> Record:
+        """Return the record that the exercise itself keeps of the drive.
+
+        Raises:
+            ConfigError: it is of another exercise.
+        """
+        return from_plain(kind, self.watched, "watched: ")
 
     @property
     def hull_gaps(self) -> np.ndarray:

@@ -20,8 +20,7 @@ ROBOT_VERSIONS = {
     "smb": ("/scan", ("robot:=smb", "laser_topic:=scan")),
 }
 ROBOT_TITLES = {"husky": "Husky", "husky_melodic": "Husky of ROS Melodic", "smb": "SMB"}
-SMB = "smb"
-BAG_EXERCISE = 4  # a bag is played to a filter
+DEFAULT_ROBOT, SMB = "husky", "smb"
 AUTO = "auto"  # the robot whose scans the submission subscribes to, or that it names
 WALL_BASE, WALL_SLOWNESS = 300.0, 20.0  # [s] of wall time a drive may take, and how much slower than its pace
 RAMMING_MARGIN = 0.05  # [m/s], a measured speed is not exact: a robot commanded to `gentle` does not ram

@@ -13,7 +13,7 @@ import signal
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Collection, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Collection, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from husky_grading.displays import RvizConfig
 from husky_grading.isolation.files import UnreadableFileError, read_text
@@ -32,6 +32,26 @@ MAX_EVENTS = 10_000  # of one run; a submission can write any number of them
 
 
 @dataclass(frozen=True)
+class Parts:
+    """Packages of the robot that a submission starts itself, and that marking starts beside the simulator."""
+
+    by_submission: Tuple[str, ...] = ()  # their nodes are the submission's own, in place of those it wrote
+    by_marking: Tuple[str, ...] = ()  # their nodes are left out
+
+
+STUDENTS_OWN = Parts()  # the submission starts what its student wrote
+
+
+@dataclass(frozen=True)
+class NamedRobot:
+    """Robot that a submission's files name."""
+
+    version: str = ""  # a key of ROBOT_VERSIONS
+    why: str = ""  # a sentence
+    is_certain: bool = False  # otherwise what the submission subscribes to decides
+
+
+@dataclass(frozen=True)
 class Submission:
     """Launchable, the workspace in which it runs, and what its files tell."""
 
@@ -42,15 +62,13 @@ class Submission:
     problem: Tuple[Note, ...] = ()  # why nothing of it can be started
     notes: Tuple[Note, ...] = ()
     rviz: RvizConfig = field(default_factory=RvizConfig)
-    robot: str = ""  # whose scans it names, a key of ROBOT_VERSIONS
-    names_robot: str = ""  # by what, in a sentence
+    robot: NamedRobot = field(default_factory=NamedRobot)
     sandbox: str = ""  # kind of sandbox
     network: str = ""
     own: Tuple[str, ...] = ()  # packages that were handed in; empty if unknown
     equals: Tuple[str, ...] = ()  # its launch file, and others that fit as well and start something else
-    kept: Tuple[str, ...] = ()  # packages of the robot that it starts itself; then marking plays the bag
-    players: Tuple[str, ...] = ()  # arguments of its rosbag players, which are left out
-    curves: Tuple[Tuple[str, str], ...] = ()  # of its rqt_multiplot files: /topic/field of x and of y
+    parts: Parts = field(default_factory=Parts)
+    facts: Mapping[str, Any] = field(default_factory=dict)  # what its exercise needs of its files, by name
     made_of: str = ""  # fingerprint of the files and settings that it was prepared from
 
 
@@ -72,7 +90,7 @@ class Plan:
     rviz: Tuple[RvizNode, ...] = ()
     uses: Tuple[str, ...] = ()  # packages that it names
     pillar: bool = False  # it names the course's world
-    players: Tuple[str, ...] = ()  # arguments of its rosbag players, which are left out
+    left_out_arguments: Tuple[Tuple[str, str], ...] = ()  # package/type and arguments of each of these
     digest: str = ""  # of what is started with which arguments and parameters
     # beside what its launch file says
     is_read: bool = False  # it can be loaded
@@ -99,22 +117,21 @@ def starter(
     events: Path,
     action: str,
     launchables: Sequence[Launchable],
-    kept: Sequence[str] = (),
+    parts: Parts = STUDENTS_OWN,
     own: Own = Own.NOTHING,
 ) -> List[str]:
     """The command that reads launch files (`describe`), or with `run` or `memcheck` starts a single one.
 
-    Nodes of the `kept` packages are the submission's, though they are the robot's otherwise. Unless `own` is
-    ALL, nodes of this package are nobody's submission: they are left out.
+    Unless `own` is ALL, nodes of this package are nobody's submission: they are left out.
     """
     # by its path: a package of the submission may have this package's name
     code = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
     files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
     manifest = (share_folder() / "package.xml").resolve()
     own_places = [] if own is Own.ALL else [str(manifest), *map(str, programs())]
-    ours = json.dumps([SIMULATOR_NODES, files, kept, own_places])
+    ours = {"nodes": SIMULATOR_NODES, "files": files, "places": own_places, **vars(parts)}
     commands = [json.dumps(launchable.command) for launchable in launchables]
-    return [sys.executable, "-c", code, str(STARTER), str(events), action, ours, *commands]
+    return [sys.executable, "-c", code, str(STARTER), str(events), action, json.dumps(ours), *commands]
 
 
 def read_events(path: Path) -> List[Event]:

@@ -7,6 +7,7 @@ from damage import WORDS, damaged, mutated
 from packages import manifest, put
 
 from husky_grading.displays import STANDING, view_of
+from husky_grading.exercises.catalogue import EXERCISES
 from husky_grading.hand_in.build import copy_packages
 from husky_grading.hand_in.class_folder import find_hand_ins
 from husky_grading.hand_in.launch_choice import (
@@ -77,7 +78,7 @@ def test_hand_ins_are_packages_and_a_launch_file_or_not_markable(cases, tmp_path
             workspace = Workspace(packages=(folders.root / "src",))
             none = copy_packages([], place / "copies")[0]
             files = read_launch_files(contents, packages, folders, none, workspace, Override())
-            candidates = choose_launch_files(files, 3)
+            candidates = choose_launch_files(files, 3, EXERCISES[3].facts)
             why = reasons(candidates[0], candidates, 3)
             found += "starts husky/" in why
         except NotMarkableError:

@@ -8,16 +8,18 @@ from __future__ import annotations
 import contextlib
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Collection, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
+from husky_grading.drive.bring_up import simulate
 from husky_grading.drive.progress import settles, state_of_tree
 from husky_grading.drive.ros_graph import (
     registered,
     robot_listened_to,
     topics_subscribed,
 )
-from husky_grading.drive.run import simulate, start
+from husky_grading.drive.run import start
 from husky_grading.drive.trials import Trial
 from husky_grading.isolation.files import (
     UnreadableFileError,
@@ -68,6 +70,7 @@ def is_worth_checking(submission: Submission) -> bool:
     root = submission.root
     return (
         root is not None
+        and not submission.parts.by_submission  # its nodes are the robot's
         and shutil.which(VALGRIND) is not None
         and any(_is_program(root / "devel" / "lib" / node) for node in submission.nodes)
         and any(map(may_be_unwritten, _texts(root / "src").values()))
@@ -87,7 +90,7 @@ def uninitialised(
     """
     sources, listened = (submission.root or folder) / "src", None
     with Network(folder) as network:
-        simulator = simulate(network, trial, config, 1.0)
+        simulator = simulate(network, trial, replace(config, pace=1.0))
         process, _ = start(network, submission, "memcheck")
 
         def subscribes() -> bool:
@@ -99,7 +102,7 @@ def uninitialised(
             listened = robot_listened_to(network.uri, SIMULATOR_NODES, config)
         if listened is not None and listened != config:
             simulator.kill()
-            simulate(network, trial, listened, 1.0)
+            simulate(network, trial, replace(listened, pace=1.0))
             joined = process.running
         if joined:
             _let_it_compute(process)

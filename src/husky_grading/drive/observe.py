@@ -9,7 +9,7 @@ from typing import Any, Sequence
 
 from tqdm import tqdm
 
-from husky_grading.drive.call_plan import BAG
+from husky_grading.drive.bring_up import BringUp
 from husky_grading.drive.memcheck import is_worth_checking, uninitialised
 from husky_grading.drive.ros_graph import listens_to
 from husky_grading.drive.run import OtherRobotError, drive, not_begun
@@ -17,13 +17,15 @@ from husky_grading.drive.trials import Trial
 from husky_grading.isolation.files import remove_tree, write_whole
 from husky_grading.notes import Kind, Note
 from husky_grading.recording import RECORDING, to_json
-from husky_grading.records import AUTO, SMB, MarkingConfig
+from husky_grading.records import AUTO, MarkingConfig
 from husky_grading.submission import Submission
 
 DRIVE = "drive"  # folder of each drive while it lasts: a submission sees its path, and not which start it has
 
 
-def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConfig, out: Path) -> None:
+def observe(
+    submission: Submission, trials: Sequence[Trial], config: MarkingConfig, bring_up: BringUp, out: Path
+) -> None:
     """Let a submission drive, and write drive_N/recording.json; further ones only where the first one moved.
 
     It is started once for each drive, once more where its memory is checked, which tells its robot as well,
@@ -37,10 +39,9 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
         remove_tree(earlier)
     is_named = config.robot == AUTO
     if is_named:
-        config = replace(config, robot=submission.robot)
-    is_bag = trials[0].driver == BAG
-    is_guess = is_named and submission.robot != SMB and not is_bag  # the SMB's names are certain
-    why = submission.names_robot
+        config = replace(config, robot=submission.robot.version)
+    is_guess = is_named and not submission.robot.is_certain
+    why = submission.robot.why
     if submission.problem:
         notes = (*[Note(Kind.ROBOT, why)] * is_named, *submission.problem)
         folder = out / f"drive_{trials[0].number}"
@@ -48,7 +49,7 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
         write_whole(folder / RECORDING, to_json(replace(not_begun(trials[0], config), notes=notes)))
         return
     chance = ""
-    if not is_bag and is_worth_checking(submission):  # else no code is handed in
+    if is_worth_checking(submission):
         chance, listened = uninitialised(submission, trials[0], config, out / "memcheck", is_guess)
         if listened is not None:
             config, why, is_guess = listened, listens_to(listened), False
@@ -56,8 +57,9 @@ def observe(submission: Submission, trials: Sequence[Trial], config: MarkingConf
         folder = out / DRIVE
         with _bar(trial, len(trials), config) as bar:
             act = partial(
-                drive, submission, trial, folder=folder, chance=chance, on_time=partial(_advance, bar)
-            )
+                drive, submission, trial, bring_up=bring_up, folder=folder, chance=chance,
+                on_time=partial(_advance, bar),
+            )  # fmt: skip
             try:
                 moved = act(config, note=why * is_named, is_guess=is_guess)
             except OtherRobotError as other:

@@ -44,6 +44,12 @@ def callers(uri: str, service: str, our_nodes: Collection[str]) -> Dict[str, int
     return dict(sorted(theirs.items(), key=lambda each: -each[1])[:MAX_CALLERS])
 
 
+def is_published(uri: str, topic: str) -> bool:
+    """Whether a node advertises a topic."""
+    published, *_ = _ask(uri, "getSystemState") or ((),)
+    return any(name == topic for name, _ in published)
+
+
 class Registered(NamedTuple):
     """Registrations of a submission with a ROS master, without the topics that every node has."""
 

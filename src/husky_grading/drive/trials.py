@@ -24,8 +24,6 @@ class Trial:
     start: Pose2D  # of base_link in the world
     pillar: Tuple[float, float]  # [m], its centre in the world
     seed: int  # of all noise
-    driver: str = ""  # that takes part: see `exercises.Exercise`
-    ends_at_pillar: bool = True  # and where it stands still; else at the deadline, or by its driver
 
 
 def draw_trials(count: int, seed: int) -> List[Trial]:

@@ -10,6 +10,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Collection, FrozenSet, Iterator, List, Mapping, Sequence, Tuple
 
 from husky_grading.hand_in.build import Folders
+from husky_grading.hand_in.facts import Facts
 from husky_grading.hand_in.packages import (
     Contents,
     NotMarkableError,
@@ -28,8 +29,8 @@ from husky_grading.isolation.files import (
     walk,
 )
 from husky_grading.isolation.sandbox import Workspace
-from husky_grading.records import BAG_EXERCISE, Launchable, Override
-from husky_grading.submission import Plan
+from husky_grading.records import Launchable, Override
+from husky_grading.submission import STUDENTS_OWN, Parts, Plan
 
 MAX_LAUNCH = 1_000_000  # [bytes]
 BESIDE = ".beside"  # folder of a workspace's sources: no package can have this name
@@ -38,7 +39,6 @@ OTHER_USE = re.compile(  # trials, leftovers, and the course's exercise on local
     r"test|example|demo|tutorial|template|turtle|old|backup|copy|ekf|locali[sz]|slam|mapping|bag",
     re.IGNORECASE,
 )
-FILTER = "robot_localization"  # package whose node exercise 4 is about; a bag is played to it
 CONTROLLER = re.compile(r"high_?level|pillar|controller", re.IGNORECASE)
 SCAN = re.compile(r"LaserScan|PointCloud2")
 MOTION = re.compile(r"LaserScan|PointCloud2|Twist")  # what names none of them does no exercise of a robot
@@ -70,7 +70,7 @@ def read_launch_files(
     copies: Folders,
     workspace: Workspace,
     override: Override,
-    kept: Sequence[str] = (),
+    parts: Parts = STUDENTS_OWN,
 ) -> List[LaunchFile]:
     """Launch files of a hand-in, read as roslaunch would.
 
@@ -81,7 +81,7 @@ def read_launch_files(
         copies: likewise, of known packages, which are not the student's.
         workspace: in which they would be started.
         override: with the only one that counts, where it names one, and their arguments.
-        kept: packages whose nodes count, in place of the hand-in's own, as do players of a bag.
+        parts: of the robot, whose nodes count in place of the hand-in's own, if there are any.
 
     Raises:
         NotMarkableError: none, or more than one, fits the name.
@@ -90,8 +90,8 @@ def read_launch_files(
     found = _launch_files(contents, packages, {**copies.packages, **folders}, ws.root)
     files = list(islice(found, MAX_READ))
     if override.launch is not None:
-        parts = PurePosixPath(override.launch).parts
-        files = [(path, place) for path, place in files if place.parts[-len(parts) :] == parts]
+        end = PurePosixPath(override.launch).parts
+        files = [(path, place) for path, place in files if place.parts[-len(end) :] == end]
         if len(files) != 1:
             fit = f"{override.launch!r}: {len(files)} fit it"
             raise NotMarkableError(f"marking.yaml names the launch file {fit}")
@@ -108,8 +108,8 @@ def read_launch_files(
         for name, (path, _) in zip(inside, files)
     ]
     launch_files = []
-    counted = {*kept, "rosbag"} if kept else set(folders)
-    planned = plans(launchables, workspace, ws.root.with_name("plan"), kept)
+    counted = {*parts.by_submission, *parts.by_marking} or set(folders)
+    planned = plans(launchables, workspace, ws.root.with_name("plan"), parts)
     for (path, place), name, plan in zip(files, inside, planned):
         nodes = (*plan.nodes, *plan.left_out) if plan.is_read else nodes_in(path)
         nodes = tuple(node for node in nodes if node.partition("/")[0] in counted)
@@ -120,24 +120,27 @@ def read_launch_files(
     return launch_files
 
 
-def choose_launch_files(files: Sequence[LaunchFile], exercise: int) -> List[LaunchFile]:
-    """Launch files that start a node of the hand-in, the one that fits best first.
+def choose_launch_files(files: Sequence[LaunchFile], exercise: int, facts: Facts) -> List[LaunchFile]:
+    """Launch files that start what the exercise needs, the one that fits best first.
 
     Raises:
         NotMarkableError: there is none.
     """
     fitting = [file for file in files if file.nodes]
-    able = files[0].able if files and exercise != BAG_EXERCISE else frozenset()
+    able = files[0].able if files and not facts.parts.by_submission else frozenset()
     if able:  # a tutorial's node never stands in for the controller
         fitting = [file for file in fitting if file.able_nodes]
     if not fitting:
         names = ", ".join(sorted(str(file.place) for file in files)[:20]) or "none"
-        what = "ekf_localization_node" if exercise == BAG_EXERCISE else "a node of the hand-in"
-        if able:
-            what = f"a node of {', '.join(sorted(able))}"
+        what = f"a node of {', '.join(sorted(able))}" if able else facts.node
         off = [f"{n} is commented out in {each.place}; " for each in files for n in nodes_in(each.path, True)]
         raise NotMarkableError(f"no launch file starts {what}; {''.join(off[:3])}launch files: {names}")
-    return sorted(fitting, key=lambda file: _rank(file, exercise))
+
+    def rank(file: LaunchFile) -> Tuple[Any, ...]:
+        """Smaller is better; of equals the one whose place is shorter, then the first by name."""
+        return *_merits(file, exercise, facts), len(file.place.parts), str(file.place)
+
+    return sorted(fitting, key=rank)
 
 
 def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> str:
@@ -150,12 +153,15 @@ def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int)
     return f"launch file {launch.place}: {', '.join(merits)}{choice}"
 
 
-def equal_launch_files(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int) -> List[str]:
+def equal_launch_files(
+    launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int, facts: Facts
+) -> List[str]:
     """Places of other launch files that fit as well as the chosen one, and start something else."""
+    best = _merits(launch, exercise, facts)
     return [
         str(other.place)
         for other in candidates
-        if other.plan.digest != launch.plan.digest and _merits(other, exercise) == _merits(launch, exercise)
+        if other.plan.digest != launch.plan.digest and _merits(other, exercise, facts) == best
     ]
 
 
@@ -183,16 +189,12 @@ def _launch_files(
                             yield target, launch_place
 
 
-def _rank(file: LaunchFile, exercise: int) -> Tuple[Any, ...]:
-    """Smaller is better; of equals the one whose place is shorter, then the first by name."""
-    return *_merits(file, exercise), len(file.place.parts), str(file.place)
-
-
-def _merits(file: LaunchFile, exercise: int) -> Tuple[bool, ...]:
-    """Smaller is better. The pillar is exercise 3's world, so that it says less of another exercise."""
+def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[bool, ...]:
+    """Smaller is better."""
     fits, name = fits_exercise(file.place, exercise), str(file.place)
     content = (not file.plan.pillar, not file.scans, not CONTROLLER.search(name))
-    order = (content, -fits) if exercise == 3 else (-fits, content)
-    starts_filter = any(node.startswith(f"{FILTER}/") for node in file.nodes)
-    other_use = not starts_filter if exercise == BAG_EXERCISE else bool(OTHER_USE.search(file.place.name))
+    order = (content, -fits) if facts.by_content else (-fits, content)
+    other_use = bool(OTHER_USE.search(file.place.name))
+    if facts.parts.by_submission:
+        other_use = not any(node.partition("/")[0] in facts.parts.by_submission for node in file.nodes)
     return fits == 0, other_use, *order, not CONTROLLER.search(file.place.name), not file.plan.rviz

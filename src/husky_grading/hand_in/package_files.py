@@ -15,13 +15,12 @@ from husky_grading.isolation.files import (
     is_below,
     is_regular,
     read_text,
-    read_xml,
     read_yaml,
     texts_in,
     walk,
 )
-from husky_grading.records import ROBOT_TITLES, SMB
-from husky_grading.submission import Plan, RvizNode
+from husky_grading.records import DEFAULT_ROBOT, ROBOT_TITLES, SMB
+from husky_grading.submission import NamedRobot, Plan, RvizNode
 from husky_highlevel_controller.paths import share_folder
 
 _COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
@@ -133,42 +132,30 @@ def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizC
         return read_config(source, {})
 
 
-DEFAULT = "husky"
+MAX_FILE = 1_000_000  # [bytes] of a launch file
 MAX_TEXT = 200_000  # [bytes] of a file that is read
 # in a package: it includes the SMB's launch file, looks its frame up, or listens to its sensors
 # (as a key in RViz's file it is one of the frames that were seen once, as in this package's own view)
 SMB_NAMES = re.compile(r"\bsmb_gazebo\b|\brslidar\b(?!:[ \t]*\n)|/?\brslidar_points\b|/imu0\b")
-# of its sheet 4; a Husky's hand-in may name /rslidar_points and smb_top_view, too
-FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
 # topic of scans in a package whose nodes are not started
 SCANS = re.compile(r"(?P<husky>\bfront/scan\b)|(?<![\w/])/scan\b")
 TEXTS = {"", ".launch", ".xml", ".py", ".cpp", ".cc", ".hpp", ".h", ".yaml", ".yml", ".rviz"}
 
 
-def named_robot(planned: Plan) -> Tuple[str, str]:
-    """Robot that a submission names, a key of ROBOT_VERSIONS; and a sentence that says why.
-
-    It is certain for the SMB; else the topic that the submission subscribes to decides.
-    """
+def named_robot(planned: Plan) -> NamedRobot:
+    """Robot that a submission names by its nodes and topics; the SMB's names are certain."""
     reason, version = "its launch file starts the SMB's nodes", SMB
     if not any(node.startswith(("smb_gazebo/", "smb_control/")) for node in planned.left_out):
-        mention = _named(planned, SMB_NAMES)
+        mention = first_mention(planned, SMB_NAMES)
         if not mention:
-            mention = _named(planned, SCANS)
-            version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT
+            mention = first_mention(planned, SCANS)
+            version = "husky_melodic" if mention and not mention[1]["husky"] else DEFAULT_ROBOT
         reason = f"{mention[0].name} names {mention[1].group()}" if mention else "it names no topic of scans"
-    return version, f"the simulated robot is the {ROBOT_TITLES[version]}: {reason}"
+    sentence = f"the simulated robot is the {ROBOT_TITLES[version]}: {reason}"
+    return NamedRobot(version, sentence, is_certain=version == SMB)
 
 
-def named_bag(planned: Plan) -> Tuple[str, str]:
-    """Robot of whose bag a filter is, by the parameters that it loads; and a sentence that says why."""
-    mention = _named(planned, FILTERS_OF_THE_SMB)
-    if mention:
-        return SMB, f"the bag is the SMB's: {mention[0].name} names {mention[1].group()}"
-    return DEFAULT, "the bag is the Husky's: it names no package of the SMB"
-
-
-def _named(planned: Plan, pattern: Pattern[str]) -> Optional[Tuple[Path, Match[str]]]:
+def first_mention(planned: Plan, pattern: Pattern[str]) -> Optional[Tuple[Path, Match[str]]]:
     """The first file of a submission's package that a pattern matches, and the match."""
     folder = planned.package_path
     with suppress(UnreadableFileError):  # too many files
@@ -177,25 +164,3 @@ def _named(planned: Plan, pattern: Pattern[str]) -> Optional[Tuple[Path, Match[s
             if match:
                 return path, match
     return None
-
-
-MAX_FILE = 1_000_000  # [bytes]
-MAX_CURVES, MAX_NAME = 100, 200  # of a package; letters of a topic or field
-
-
-def curves_in(package: Path) -> Tuple[Tuple[str, str], ...]:
-    """Quantities of each curve on x and on y, as /topic/field."""
-    curves = []
-    for path in walk(package):
-        if path.suffix == ".xml":
-            with suppress(UnreadableFileError):
-                root = read_xml(path, MAX_FILE)
-                for axes in root.iter("axes") if root.tag == "rqt_multiplot" else ():
-                    sides = [axes.find(side) for side in ("x_axis", "y_axis")]
-                    names = [
-                        (side.findtext("topic"), side.findtext("field")) for side in sides if side is not None
-                    ]
-                    if len(names) == 2 and all(map(all, names)):
-                        x, y = (f"/{topic.strip('/')}/{field}"[:MAX_NAME] for topic, field in names)
-                        curves.append((x, y))
-    return tuple(curves[:MAX_CURVES])

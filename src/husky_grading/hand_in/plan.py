@@ -15,7 +15,9 @@ from husky_grading.notes import Kind, Note
 from husky_grading.records import Launchable
 from husky_grading.submission import (
     COMPAT,
+    STUDENTS_OWN,
     Event,
+    Parts,
     Plan,
     notes_on,
     read_events,
@@ -25,30 +27,29 @@ from husky_grading.submission import (
 LOAD_DEADLINE = 120.0  # [s] of wall time for launch files to be read
 
 
-def with_filter(workspace: Workspace) -> Workspace:
-    """A workspace with the stand-in of the filter, where robot_localization is not installed."""
+def with_stand_ins(workspace: Workspace, own: Own) -> Workspace:
+    """A workspace with the stand-ins of packages that are not installed; `own` is what these use."""
     roots = [Path(root) for root in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
     roots += [root for s in workspace.setups for root in (s.parent / "share", s.parents[1] / "src")]
     roots += workspace.packages
     stand_ins = [path for path in COMPAT.iterdir() if not any((root / path.name).is_dir() for root in roots)]
-    # the stand-in is a node of this package
-    return replace(workspace, packages=(*workspace.packages, *stand_ins), own=Own.FILTER)
+    return replace(workspace, packages=(*workspace.packages, *stand_ins), own=own)
 
 
-def plan(launchable: Launchable, workspace: Workspace, folder: Path, kept: Sequence[str] = ()) -> Plan:
+def plan(launchable: Launchable, workspace: Workspace, folder: Path, parts: Parts = STUDENTS_OWN) -> Plan:
     """The plan of one launchable; see `plans`."""
-    (planned,) = plans([launchable], workspace, folder, kept)
+    (planned,) = plans([launchable], workspace, folder, parts)
     return planned
 
 
 def plans(
-    launchables: Sequence[Launchable], workspace: Workspace, folder: Path, kept: Sequence[str] = ()
+    launchables: Sequence[Launchable], workspace: Workspace, folder: Path, parts: Parts = STUDENTS_OWN
 ) -> List[Plan]:
-    """Read launch files, or look nodes up, without starting anything; `kept`: see `starter`."""
+    """Read launch files, or look nodes up, without starting anything."""
     folder.mkdir(parents=True, exist_ok=True)
     events_file = folder / "plan.jsonl"
     create(events_file).close()
-    problem = _describe(launchables, workspace, events_file, kept)
+    problem = _describe(launchables, workspace, events_file, parts)
     events: Dict[int, List[Event]] = {number: [] for number in range(len(launchables))}
     number = -1
     for event in read_events(events_file):
@@ -57,9 +58,7 @@ def plans(
     return [_plan(each, workspace, problem) for each in events.values()]
 
 
-def _describe(
-    launchables: Sequence[Launchable], workspace: Workspace, events: Path, kept: Sequence[str]
-) -> str:
+def _describe(launchables: Sequence[Launchable], workspace: Workspace, events: Path, parts: Parts) -> str:
     """Let a program write down the events of launchables; its last output, where it says what is wrong."""
     folder = events.parent
     nowhere = "http://127.0.0.1:1"  # no master is needed to read a launch file
@@ -67,7 +66,7 @@ def _describe(
     env.update(ROS_LOG_DIR=str(folder / "log"), ROS_HOME=str(folder / "ros_home"), HOME=str(folder))
     env["DISPLAY"] = ":0"  # a launch file may start RViz only where there is a screen; nothing is started now
     process = Process(
-        starter(events, "describe", launchables, kept, workspace.own),
+        starter(events, "describe", launchables, parts, workspace.own),
         folder / "plan.log",
         env,
         folder,

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import List, Tuple
 
 from husky_grading.hand_in.build import Folders, build, copy_packages, is_built
+from husky_grading.hand_in.facts import Facts
 from husky_grading.hand_in.launch_choice import (
-    FILTER,
     LaunchFile,
     choose_launch_files,
     equal_launch_files,
@@ -16,11 +16,8 @@ from husky_grading.hand_in.launch_choice import (
     reasons,
 )
 from husky_grading.hand_in.package_files import (
-    curves_in,
     files_of_others,
     find_setup,
-    named_bag,
-    named_robot,
     rviz_nodes_in,
 )
 from husky_grading.hand_in.packages import (
@@ -34,7 +31,7 @@ from husky_grading.hand_in.packages import (
     open_hand_in,
     with_dependencies,
 )
-from husky_grading.hand_in.plan import plan, with_filter
+from husky_grading.hand_in.plan import plan, with_stand_ins
 from husky_grading.isolation import private_network
 from husky_grading.isolation.files import copy, remove_tree, walk, write_whole
 from husky_grading.isolation.own_files import NAME, Own
@@ -42,7 +39,7 @@ from husky_grading.isolation.process import Process, ends
 from husky_grading.isolation.ros_network import START_DEADLINE, MarkingError
 from husky_grading.isolation.sandbox import Workspace, clean_environment, kind_of_sandbox
 from husky_grading.notes import Kind, Note
-from husky_grading.records import BAG_EXERCISE, Job, Launchable
+from husky_grading.records import Job, Launchable
 from husky_grading.submission import WORKSPACE, Plan, Submission, starter
 from husky_highlevel_controller.config import to_json
 
@@ -52,8 +49,12 @@ MAX_TRIED = 3  # copies of a package, and launch files, the next one where no no
 Choice = Tuple[List[Package], List[str]]  # packages, and notes
 
 
-def prepare(job: Job) -> Submission:
+def prepare(job: Job, facts: Facts) -> Submission:
     """Prepare the job's submission: unpacked, chosen, read and built; it is written to workspace.json, too.
+
+    Args:
+        job: with a hand-in, or a launchable of a sourced workspace.
+        facts: that its exercise needs of it.
 
     Raises:
         NotMarkableError: there is nothing in it that could be started.
@@ -68,35 +69,30 @@ def prepare(job: Job) -> Submission:
         hidden=tuple(map(Path, job.hidden)),
     )  # fmt: skip
     _check_starts(replace(workspace, own=Own.NOTHING), out / "plan")
-    kept = _kept(job)
     if job.launchable is None:
-        submission, planned = prepare_hand_in(job, workspace)
+        submission, planned = prepare_hand_in(job, workspace, facts)
     else:
         is_ours = job.launchable.package == NAME and not job.setups
-        workspace = (
-            with_filter(workspace) if kept else replace(workspace, own=Own.ALL if is_ours else Own.NOTHING)
-        )
+        workspace = replace(workspace, own=Own.ALL if is_ours else Own.NOTHING)
+        workspace = _ready_for(workspace, facts)
         submission = Submission(job.launchable, workspace)
-        planned = plan(job.launchable, workspace, out / "plan", kept)
+        planned = plan(job.launchable, workspace, out / "plan", facts.parts)
     launch_file = submission.launchable.name if submission.launchable.kind == "launch" else ""
     if launch_file and not planned.is_read and planned.package_path:
         planned = replace(planned, rviz=rviz_nodes_in(Path(launch_file), planned.package_path))
     rviz = find_setup(planned, submission.root, launch_file)
     others = [] if rviz.source else files_of_others(planned, Path(launch_file).name)
-    robot, names_robot = (named_bag if kept else named_robot)(planned)
     submission = replace(
         submission,
         nodes=planned.nodes,
         problem=submission.problem or (() if planned.nodes else planned.notes),
         notes=(*submission.notes, *(Note(Kind.HAND_IN, each) for each in others), *planned.notes),
         rviz=rviz,
-        robot=robot,
-        names_robot=names_robot,
+        robot=facts.robot(planned),
         sandbox=kind_of_sandbox(),
         network=private_network.reach(),
-        kept=kept,
-        players=planned.players,
-        curves=curves_in(planned.package_path) if kept and planned.package_path else (),
+        parts=facts.parts,
+        facts=facts.read(planned),
         made_of=job.made_of,
     )
     write_whole(out / WORKSPACE, to_json(submission))
@@ -121,12 +117,12 @@ def _check_starts(workspace: Workspace, folder: Path) -> None:
         )
 
 
-def _kept(job: Job) -> Tuple[str, ...]:
-    """Packages of the robot whose nodes are the submission's own: of the filter, to which a bag is played."""
-    return (FILTER,) * (job.config.exercise == BAG_EXERCISE)
+def _ready_for(workspace: Workspace, facts: Facts) -> Workspace:
+    """Add stand-ins of the robot's packages that a submission has to start itself, if there are any."""
+    return with_stand_ins(workspace, facts.own) if facts.parts.by_submission else workspace
 
 
-def prepare_hand_in(job: Job, underlay: Workspace) -> Tuple[Submission, Plan]:
+def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submission, Plan]:
     """Unpack, choose and build the job's hand-in on a workspace; its folder gets `unpacked/`, `ws/` and logs.
 
     Raises:
@@ -145,7 +141,7 @@ def prepare_hand_in(job: Job, underlay: Workspace) -> Tuple[Submission, Plan]:
     unbuilt: List[Choice] = []
     for choice in choices:
         try:
-            submission, planned = _prepare_choice(contents, choice, job, underlay)
+            submission, planned = _prepare_choice(contents, choice, job, underlay, facts)
         except NotMarkableError as error:
             problems.append(error)
         else:
@@ -154,15 +150,15 @@ def prepare_hand_in(job: Job, underlay: Workspace) -> Tuple[Submission, Plan]:
             unbuilt.append(choice)
     if not unbuilt:
         raise problems[0]
-    return _prepare_choice(contents, unbuilt[0], job, underlay)
+    return _prepare_choice(contents, unbuilt[0], job, underlay, facts)
 
 
 def _prepare_choice(
-    contents: Contents, choice: Choice, job: Job, underlay: Workspace
+    contents: Contents, choice: Choice, job: Job, underlay: Workspace, facts: Facts
 ) -> Tuple[Submission, Plan]:
     """Choose a launch file of chosen packages, and build them."""
     packages, aside = choice
-    out, override, kept, exercise = Path(job.out), job.override, _kept(job), job.override.exercise or 0
+    out, override, exercise = Path(job.out), job.override, job.override.exercise or 0
     if not packages:
         raise NotMarkableError("; ".join(["no catkin package in it", *contents.notes, *aside]))
     notes = [*contents.notes, *aside]
@@ -173,12 +169,14 @@ def _prepare_choice(
     unbuilt = replace(
         underlay, packages=(*underlay.packages, folders.root / "src", *copies.packages.values())
     )
-    unbuilt = with_filter(unbuilt) if kept else unbuilt
+    unbuilt = _ready_for(unbuilt, facts)
     candidates: List[LaunchFile] = []
     if not override.node:
-        files = read_launch_files(contents, [*packages, *known], folders, copies, unbuilt, override, kept)
+        files = read_launch_files(
+            contents, [*packages, *known], folders, copies, unbuilt, override, facts.parts
+        )
         try:
-            candidates = files if override.launch else choose_launch_files(files, exercise)
+            candidates = files if override.launch else choose_launch_files(files, exercise, facts)
         except NotMarkableError as error:
             raise NotMarkableError("; ".join([str(error), *notes])) from error
     launch = candidates[0] if candidates else None
@@ -196,11 +194,11 @@ def _prepare_choice(
             notes.append(f"launch file {launch.place} is passed over: {', '.join(launch.nodes)} is not built")
             launch, built = other, rebuilt
     workspace = replace(built.workspace, packages=(*built.workspace.packages, *copies.packages.values()))
-    workspace = with_filter(workspace) if kept else workspace
+    workspace = _ready_for(workspace, facts)
     equals: List[str] = []
     if launch and not override.launch:
         notes.append(reasons(launch, candidates, exercise))
-        equals = equal_launch_files(launch, candidates, exercise)
+        equals = equal_launch_files(launch, candidates, exercise, facts)
     if launch and equals:
         lines = ", ".join(f"`launch: {place}`" for place in equals)
         notes.append(f"other launch files fit as well; to mark one of them, write into marking.yaml: {lines}")
@@ -215,7 +213,7 @@ def _prepare_choice(
         launchable = Launchable("launch", launch.package, str(launch.path), override.arguments, title)
     planned = launch.plan if launch else Plan()
     if not planned.is_read:  # it may need what was built
-        planned = plan(launchable, workspace, out / "plan", kept)
+        planned = plan(launchable, workspace, out / "plan", facts.parts)
     planned = replace(planned, package_path=folders.packages.get(launchable.package))
     node_is_built = is_built(f"{launchable.package}/{launchable.name}", folders)
     is_any_built = _is_any_built(launch, folders) if launch else node_is_built

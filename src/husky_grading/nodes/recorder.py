@@ -14,11 +14,10 @@ from typing import Any, Dict, List, Optional, Set, Tuple
 
 import numpy as np
 import rosgraph
+import roslib.message
 import rospy
 from sensor_msgs.msg import LaserScan
 
-from husky_grading.drive.call_plan import BAG, FORWARD
-from husky_grading.drive.drive_end import NO_COMMAND, DriveEnd
 from husky_grading.drive.ros_graph import (
     TRUTH,
     forged_topics,
@@ -28,9 +27,10 @@ from husky_grading.drive.ros_graph import (
     unread_topics,
 )
 from husky_grading.drive.truth_feed import TruthFeed
-from husky_grading.nodes.exercise_driver import UNANSWERED, ExerciseDriver
+from husky_grading.exercises.catalogue import EXERCISES
+from husky_grading.exercises.watch import DriveState
 from husky_grading.nodes.marker_watch import MarkerWatch
-from husky_grading.nodes.playback_watch import PlaybackWatch
+from husky_grading.nodes.ros_access import UNANSWERED, DriveAccess
 from husky_grading.notes import Kind, Note
 from husky_grading.recording import (
     CUT_OFF,
@@ -57,10 +57,9 @@ CLOSING_PERIOD = 0.02  # [s] of wall time between two looks for what marking has
 CONNECTING = 2.0  # [s] of wall time for the submission's publishers to connect before time begins
 # to the robot's mux, or past it
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
-SILENT = 2.0  # [s], simulated: a submission that listens, but advertises no command by then, sends none
 MEMORY = 2_000_000_000  # [bytes] of the recorder; its threads' stacks are some hundred million
 MAX_VIOLATIONS = 5  # that are named
-BAG_MARGIN = 0.1  # [s], simulated: the last pose may come so long before the end of a bag
+MAX_FOLLOWED, FOLLOWED_QUEUE = 10, 50_000  # topics that the exercise's watch follows; messages of each
 HITS_PERIOD = 1.0  # [s], simulated, between two scans whose points are kept for a picture
 
 
@@ -73,18 +72,17 @@ class DriveRecorder:
         self._known = self._task.recording
         self._lock = threading.Lock()
         self._truth: List[TrueState] = []
-        self._end = DriveEnd(self._known.pillar, self._known.robot)
         self._commands: List[float] = []
         self._command_count = self._zero_count = 0
         self._fastest = self._sharpest = 0.0
         self._nearest: List[Tuple[float, float]] = []
         self._scans: List[Scan] = []
-        self._watch = MarkerWatch(lambda: self._now, self._task.packages)
-        played = self._known.playback
-        self._playback = PlaybackWatch(self._watch, played) if played else None
+        self._markers = MarkerWatch(lambda: self._now, self._task.packages)
+        self._followed: Set[str] = set()  # topics whose messages the watch gets
         self._subscribed = self._listens = self._advertises = False
         self._joined_at = inf  # [s] of wall time
         self._publishers: Dict[str, List[str]] = {}  # names of nodes by topic
+        self._services: Tuple[str, ...] = ()  # of the submission
         self._is_over = self._written = False
         self._status, self._status_lock = Status(), threading.Lock()
         self._types: Dict[str, str] = {}  # of topics
@@ -102,7 +100,8 @@ class DriveRecorder:
             rospy.Subscriber(topic, rospy.AnyMsg, self._on_command, queue_size=1000, tcp_nodelay=True)
             for topic in VELOCITY_TOPICS
         ]
-        self._driver = ExerciseDriver(self._task.driver, self._known.scan_topic, self._our_nodes)
+        self._access = DriveAccess(self._our_nodes, self._markers)
+        self._watch = EXERCISES[self._task.exercise].watch(self._known, self._access)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
         self._tell()
 
@@ -127,10 +126,10 @@ class DriveRecorder:
             self._tell(now=self._now)
             if self._feed.failure is not None:
                 raise self._feed.failure
-            cause = self._driver.work(self._now, self._speed) or self._over()
+            cause = self._watch.over(self._state)
             time.sleep(LOOK_PERIOD)
         self._is_over = True
-        self._watch.close()
+        self._markers.close()
         self._tell(over=True)
         while not Path(self._task.closing).exists() and not rospy.is_shutdown():
             time.sleep(CLOSING_PERIOD)
@@ -141,8 +140,17 @@ class DriveRecorder:
         return self._truth[-1].stamp if self._truth else 0.0
 
     @property
-    def _speed(self) -> float:
-        return self._truth[-1].speed if self._truth else 0.0
+    def _state(self) -> DriveState:
+        return DriveState(
+            self._now,
+            self._truth[-1].speed if self._truth else 0.0,
+            subscribed=self._subscribed,
+            listens=self._listens,
+            advertises=self._advertises,
+            commands=self._command_count,
+            abandoned=self._abandoned.is_set(),
+            services=self._services,
+        )
 
     @property
     def _last_command(self) -> float:
@@ -150,16 +158,16 @@ class DriveRecorder:
 
     def _on_truth(self, state: TrueState) -> None:
         if self._is_over or self._now >= self._known.deadline:
-            self._watch.close()
+            self._markers.close()
             return
         with self._lock:
             self._truth.append(state)
-        self._end.update(state)
+        self._watch.on_truth(state)
 
     def _on_event(self, kind: str, text: str) -> None:
         if kind == "changed":
             self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
-        elif kind == "unanswered" or (kind == "asleep" and not self._driver.has_silenced(self._last_command)):
+        elif kind == "unanswered" or (kind == "asleep" and not self._watch.has_silenced(self._last_command)):
             self._unanswered = text
 
     def _violate(self, text: str) -> None:
@@ -184,7 +192,11 @@ class DriveRecorder:
         self._nearest.append((scan.stamp, float(np.min(scan.ranges, where=scan.valid, initial=inf))))
         if not self._scans or scan.stamp >= self._scans[-1].stamp + HITS_PERIOD:
             self._scans.append(scan)
-        self._driver.answer(scan.stamp)
+        self._watch.on_scan(scan.stamp)
+
+    def _on_message(self, msg: Any, topic: str) -> None:
+        if not self._is_over:
+            self._watch.on_message(topic, msg)
 
     def _look_at_graph(self) -> None:
         try:
@@ -197,37 +209,48 @@ class DriveRecorder:
         self._publishers = publishers
         for topic, nodes in publishers.items():
             if set(nodes) - self._our_nodes:
-                self._watch.follow(topic, self._types.get(topic, ""))
-                if self._playback:
-                    self._playback.follow(topic, self._types.get(topic, ""))
-        listeners: Set[str] = set(subscribers.get(self._known.scan_topic, ()))
+                self._markers.follow(topic, self._types.get(topic, ""))
+                self._follow(topic, self._types.get(topic, ""))
+        input_topic = self._watch.input_topic
+        listeners: Set[str] = set(subscribers.get(input_topic, ()))
         if not self._subscribed and listeners - self._our_nodes:
             self._subscribed = True
             self._tell(subscribed=True)
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
-        simulator_topics = (TRUTH, "/clock", self._known.scan_topic)
+        simulator_topics = (TRUTH, "/clock", input_topic)
         for topic, node in forged_topics(publishers, simulator_topics, self._our_nodes):
             self._violate(f"node {node} publishes on {topic}, as the simulator does")
         for topic, node in topics_of_truth(subscribers, self._our_nodes):
             self._violate(f"node {node} subscribes to {topic}, where the simulator tells where things are")
-        self._driver.look(services)
+        self._services = tuple(name for name, nodes in services if set(nodes) - self._our_nodes)
         self._listens = self._listens or listens(subscribers, self._our_nodes)
         topics = map(rospy.resolve_name, VELOCITY_TOPICS)
         sends = any(set(publishers.get(topic, ())) - self._our_nodes for topic in topics)
         self._advertises = self._advertises or sends
         self._join()
 
+    def _follow(self, topic: str, kind: str) -> None:
+        """Subscribe to a topic whose messages the exercise's watch wants."""
+        is_new = topic not in self._followed and len(self._followed) < MAX_FOLLOWED
+        message = roslib.message.get_message_class(kind) if kind in self._watch.follows and is_new else None
+        if message is not None:
+            self._followed.add(topic)
+            self._subscribers.append(
+                rospy.Subscriber(topic, message, self._on_message, topic, queue_size=FOLLOWED_QUEUE)
+            )
+
     def _join(self) -> None:
         """Take part only after the submission, for which lockstep waits, or in its place."""
-        is_ready = self._subscribed and (self._advertises or self._task.driver in (FORWARD, BAG))
+        is_ready = self._watch.takes_part(self._state)
         if self._joined_at == inf and (is_ready or self._go_on.is_set()):
             self._joined_at = time.monotonic()
             self._tell(joined=True)
-            if self._playback:
+            if not self._watch.reads_scans:
                 return
-            if not is_ready:
-                self._driver.answer_scans()
+            if not is_ready:  # lockstep would wait for commands
+                self._access.advertise_commands()
+                self._watch.on_scan(0.0)
             scans = self._known.scan_topic
             self._subscribers.append(
                 rospy.Subscriber(scans, LaserScan, self._on_scan, queue_size=1000, tcp_nodelay=True)
@@ -238,34 +261,12 @@ class DriveRecorder:
 
         `joined_at` [s] is of an earlier look: what is advertised a moment after the commands is seen by now.
         """
-        estimates = self._playback.subscribers if self._playback else ()
         connected = all(
             each.get_num_connections() >= len(self._publishers.get(each.resolved_name, ()))
-            for each in (*self._subscribers, *self._watch.subscribers, *estimates)
+            for each in (*self._subscribers, *self._markers.subscribers)
         )
         if joined_at < inf and (connected or time.monotonic() > joined_at + CONNECTING):
             self._feed.begin()
-
-    def _over(self) -> Optional[Note]:
-        if self._playback:
-            return self._bag_over(self._playback)
-        if self._now >= self._known.deadline:
-            return Note(Kind.DEADLINE, f"the deadline of {self._known.deadline:g} s")
-        if not self._task.ends_at_pillar:
-            return None
-        if self._listens and not self._advertises and self._now >= SILENT:
-            return Note(Kind.NO_PUBLISHER, f"it had no publisher of velocity commands for {SILENT:g} s")
-        if self._abandoned.is_set() and not self._command_count:
-            return NO_COMMAND
-        return self._end.reason(self._abandoned.is_set())
-
-    def _bag_over(self, playback: PlaybackWatch) -> Optional[Note]:
-        playback.look(self._now)
-        if self._abandoned.is_set():
-            return Note(Kind.NODES_ENDED, "its nodes had ended")
-        end = self._known.deadline - BAG_MARGIN
-        done = self._now >= end and playback.is_over(end)
-        return Note(Kind.PLAN_DONE, "the bag was played") if done else None
 
     def _tell(self, **changes: Any) -> None:
         """Tell marking what has changed."""
@@ -285,8 +286,7 @@ class DriveRecorder:
             [(row.stamp, *pose_to_2d(row.pose_in_world), row.speed, row.yaw_rate) for row in truth]
         ).reshape(-1, 6)
         times, poses = table[:, 0], table[:, 1:4]
-        topic_parameters, queue_parameters = self._driver.parameters()
-        frames = self._watch.frames
+        frames = self._markers.frames
         recording = replace(
             self._known,
             times=times,
@@ -299,14 +299,8 @@ class DriveRecorder:
             sharpest=self._sharpest,
             nearest=np.array(self._nearest).reshape(-1, 2),
             hits=scan_hits(self._scans, times, poses, self._known.robot),
-            markers=self._watch.samples(times, [row.pose_in_world for row in truth], self._known.pillar),
-            marker_topics=self._watch.topics,
-            services=tuple(sorted(self._driver.services)),
-            other_services=tuple(sorted(self._driver.other_services)),
-            calls=tuple(self._driver.calls),
-            callers=self._driver.callers(),
-            topic_parameters=topic_parameters,
-            queue_parameters=queue_parameters,
+            markers=self._markers.samples(times, [row.pose_in_world for row in truth], self._known.pillar),
+            marker_topics=self._markers.topics,
             subscribed=self._subscribed,
             advertised=self._advertises,
             silent_topics=tuple(self._silent),
@@ -315,8 +309,9 @@ class DriveRecorder:
             notes=self._notes(),
             ended=cause,
             frames=frames,
-            descriptions=self._driver.descriptions(frames),
-            playback=self._playback.playback if self._playback else None,
+            descriptions=self._access.descriptions(frames),
+            estimate=self._watch.estimate,
+            watched={**self._known.watched, **self._watch.kept()},
         )
         closing = Path(self._task.closing)
         text = to_json(closed(recording, load(Closing, closing) if closing.exists() else Closing()))
@@ -327,7 +322,7 @@ class DriveRecorder:
 
     def _notes(self) -> Tuple[Note, ...]:
         """Notes on what this recorder alone has seen."""
-        notes = self._watch.notes
+        notes = self._markers.notes
         if self._unanswered and self._command_count:
             notes = (Note(Kind.UNANSWERED_SCANS, self._unanswered), *notes)
         return notes

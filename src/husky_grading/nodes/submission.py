@@ -190,17 +190,17 @@ def refuse_aliases() -> None:
     yaml.SafeLoader.compose_node = compose_plain
 
 
-def load(
-    launchable: List[str], reporter: Reporter, ours: List[List[str]]
+def load_launchable(
+    launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]
 ) -> roslaunch.config.ROSLaunchConfig:
     """The configuration of `--launch PACKAGE FILE [ARGUMENTS]` or `--node PACKAGE TYPE [ARGUMENTS]`.
 
-    FILE is a name in the package, or an absolute path.
+    FILE is a name in the package, or an absolute path. `ours` has the nodes, launch files and places of the
+    grading package, and the packages of the robot whose nodes start by the submission or by marking.
     """
     config = roslaunch.config.ROSLaunchConfig()
-    our_nodes, simulator_files, kept, own_places = ours
-    leave_out = SIMULATION - set(kept) | {"rosbag"} if kept else SIMULATION  # marking plays the bag
-    loader = TolerantLoader(reporter, simulator_files)
+    leave_out = SIMULATION - set(ours["by_submission"]) | set(ours["by_marking"])
+    loader = TolerantLoader(reporter, ours["files"])
     kind, package, name, *arguments = launchable
     with contextlib.suppress(ResourceNotFound):
         reporter.tell("package", path=RosPack().get_path(package))
@@ -214,7 +214,7 @@ def load(
         )
         loader.load(file, config, argv=["roslaunch", *arguments], verbose=False)
     config.assign_machines()
-    nodes_to_start, left_out, rviz, players = [], [], [], []
+    nodes_to_start, left_out, rviz, left_out_arguments = [], [], [], []
     own_rviz = [node for node in config.nodes if node.package == "rviz" and node.name not in OWN_RVIZ]
     for node in config.nodes:
         if node.package == "rviz" and node.name in OWN_RVIZ and own_rviz:
@@ -224,11 +224,11 @@ def load(
         elif (
             node.package in leave_out
             or node.package.startswith("rqt")
-            or node.namespace + node.name in our_nodes
+            or node.namespace + node.name in ours["nodes"]
         ):
             left_out.append(f"{node.package}/{node.type}")
-            players += [node.args] * (left_out[-1] == "rosbag/play")
-        elif is_own(node, own_places):
+            left_out_arguments.append([left_out[-1], node.args or ""])
+        elif is_own(node, ours["places"]):
             left_out.append(f"{node.package}/{node.type}")
             reporter.tell("own", node=left_out[-1])
         else:
@@ -243,7 +243,10 @@ def load(
     config.clear_params = [name for name in config.clear_params if name != "/"]
     nodes = [f"{node.package}/{node.type}" for node in nodes_to_start]
     uses = sorted({*loader.uses, *(node.package for node in nodes_to_start)})
-    plan = {"nodes": nodes, "left_out": sorted(set(left_out)), "rviz": rviz, "uses": uses, "players": players}
+    plan = {
+        "nodes": nodes, "left_out": sorted(set(left_out)), "left_out_arguments": left_out_arguments,
+        "rviz": rviz, "uses": uses,
+    }  # fmt: skip
     started = [
         (node.package, node.type, node.namespace, node.args, node.remap_args) for node in nodes_to_start
     ]
@@ -323,13 +326,13 @@ class Parent(roslaunch.parent.ROSLaunchParent):
         self.config = self._ready
 
 
-def describe(launchable: List[str], reporter: Reporter, ours: List[List[str]]) -> Any:
+def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]) -> Any:
     """The configuration of a launchable, written down as events; None: it cannot be loaded."""
     reporter.tell("launchable")
     rospack.ElementTree = read_manifest  # by which rospkg reads every package on the search path
     signal.alarm(LOAD_DEADLINE)
     try:
-        return load(launchable, reporter, ours)
+        return load_launchable(launchable, reporter, ours)
     except MissingIncludeError as error:
         reporter.tell("no_include", path=str(error))
         return None

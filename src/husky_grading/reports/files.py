@@ -103,16 +103,17 @@ def write_pictures(recordings: Sequence[Recording], name: str, out: Path, cause:
 
     One picture shows the moment of `cause`, the first item that lost points; without one, a drive's middle.
     """
-    is_bag = recordings[0].playback is not None
-    if not is_bag and not len(recordings[0].times):
+    first, estimate = recordings[0], recordings[0].estimate
+    if estimate is None and not len(first.times):
         return
     # matplotlib takes longer to load than all else here, and a class page and what is not driven need none
     from husky_grading.reports import plots
 
-    draw = plots.draw_playback if is_bag else plots.draw_drives
-    (out / PICTURES[0]).write_bytes(draw(recordings, name))
-    if not is_bag:
-        shown, at = recordings[0], float(recordings[0].times[-1]) / 2.0
+    if estimate is not None:
+        (out / PICTURES[0]).write_bytes(plots.draw_estimate(first, estimate, name))
+    else:
+        (out / PICTURES[0]).write_bytes(plots.draw_drives(recordings, name))
+        shown, at = first, float(first.times[-1]) / 2.0
         if cause is not None and cause.at is not None and cause.drive <= len(recordings):
             shown, at = recordings[cause.drive - 1], cause.at
         (out / PICTURES[1]).write_bytes(plots.draw_moment(shown, at))
@@ -125,8 +126,8 @@ def _write_replay(recording: Recording, title: str, folder: Path) -> None:
     """Write a page that plays a drive with its markers as they came."""
     marks = [(marker.at, *marker.position[:2]) for marker in recording.markers if marker.action == ADD]
     pillars = [recording.pillar]
-    if recording.playback:
-        marks, pillars = list(map(tuple, recording.playback.path)), []
+    if recording.estimate is not None:
+        marks, pillars = list(map(tuple, recording.estimate.points)), []
     page = to_html(
         Replay(
             title=title,

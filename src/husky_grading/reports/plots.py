@@ -8,7 +8,7 @@ from typing import Any, List, Sequence
 import numpy as np
 from matplotlib.collections import LineCollection
 
-from husky_grading.recording import ADD, MarkerSample, Playback, Recording
+from husky_grading.recording import ADD, EstimatedPath, MarkerSample, Recording
 from husky_highlevel_controller.drawing.plots import (
     DRIVEN,
     MARKER,
@@ -45,11 +45,9 @@ def draw_drives(recordings: Sequence[Recording], title: str) -> bytes:
     return png(figure)
 
 
-def draw_playback(recordings: Sequence[Recording], title: str) -> bytes:
-    """Picture of the filter's path of a bag, beside the true one."""
-    recording = recordings[0]
-    playback = recording.playback or Playback()
-    paths = {"true path": recording.poses[:, :2], playback.topic: playback.path[:, 1:]}
+def draw_estimate(recording: Recording, estimate: EstimatedPath, title: str) -> bytes:
+    """Picture of the path that a submission estimates, beside the true one."""
+    paths = {"true path": recording.poses[:, :2], estimate.topic: estimate.points[:, 1:]}
     return draw_paths({name: path for name, path in paths.items() if len(path)}, title)
 
 

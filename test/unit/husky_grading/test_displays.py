@@ -12,7 +12,6 @@ from husky_grading.drive.ros_graph import robot_listened_to
 from husky_grading.hand_in.package_files import (
     files_of_others,
     find_setup,
-    named_bag,
     named_robot,
 )
 from husky_grading.records import MarkingConfig
@@ -182,17 +181,10 @@ def test_the_file_of_the_rviz_node_is_that_of_the_hand_in_as_its_topics_are_rema
 )
 def test_what_a_package_names_is_a_first_guess_at_its_robot(name, text, robot, why, tmp_path):
     (tmp_path / name).write_text(text)
-    guess, words = named_robot(Plan(nodes=("p/n",), package_path=tmp_path))
-    assert guess == robot
-    assert words.endswith(f": {name} names {why}")
-    assert named_robot(Plan(nodes=("p/n",), left_out=("smb_gazebo/spawn",)))[0] == "smb"
-
-
-@pytest.mark.parametrize(("folder", "robot"), [("smb_control", "smb"), ("husky_control", "husky")])
-def test_the_filter_s_parameters_tell_the_robot_of_exercise_4(folder, robot, tmp_path):
-    (tmp_path / "ekf.launch").write_text(f"$(find {folder})/config/localization.yaml smb_top_view")
-    (tmp_path / "view.rviz").write_text("Topic: /rslidar_points")  # in both robots' bags
-    assert named_bag(Plan(package_path=tmp_path))[0] == robot
+    named = named_robot(Plan(nodes=("p/n",), package_path=tmp_path))
+    assert (named.version, named.is_certain) == (robot, robot == "smb")
+    assert named.why.endswith(f": {name} names {why}")
+    assert named_robot(Plan(nodes=("p/n",), left_out=("smb_gazebo/spawn",))).version == "smb"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""When a drive is over, which call of exercise 5 is due, and how the truth comes."""
+"""When a drive is over, and how the truth comes."""
 
 import json
 import socket
@@ -13,10 +13,9 @@ import pytest
 import rospy
 from packages import put
 
-from husky_grading.drive import run as run_module
-from husky_grading.drive.call_plan import CallPlan, exercise_2_over, exercise_2_speed
+from husky_grading.drive import bring_up
+from husky_grading.drive.bring_up import SIMULATOR_LAUNCH, simulate
 from husky_grading.drive.drive_end import DriveEnd
-from husky_grading.drive.run import SIMULATOR_LAUNCH, simulate
 from husky_grading.drive.trials import draw_trials
 from husky_grading.drive.truth_feed import READ, TruthFeed
 from husky_grading.hand_in.package_files import find_setup
@@ -67,27 +66,6 @@ def test_when_a_drive_is_over(states, abandoned_at, ends_at, why):
     assert (stamp, said) == (pytest.approx(ends_at, abs=0.2), why)
 
 
-def test_calls_come_four_seconds_after_the_last_answer_from_a_second_after_it_drives():
-    plan, made = CallPlan(), []
-    for tick in range(300):
-        now = 0.1 * tick
-        if made and round(now - made[-1][0], 1) == 1.0:
-            plan.answered(now)
-        value = plan.due(now, 0.5 if now > 3.0 else 0.0)
-        if value is not None:
-            made.append((round(now, 1), value))
-            assert plan.reason(now + 10.0, offered=True) is None, "the call is not answered"
-    assert [value for _, value in made] == [False, True, False, True]
-    assert made[0][0] in (4.1, 4.2)
-    assert all(4.9 <= b[0] - a[0] <= 5.2 for a, b in zip(made, made[1:]))
-    assert plan.reason(30.0, offered=True).kind is Kind.PLAN_DONE
-    assert CallPlan().reason(26.0, offered=False).text == "no start/stop service for 25 s"
-    waits = CallPlan()
-    assert [waits.due(now, 0.0) for now in (7.9, 8.0)] == [None, False], "it may wait for a call to drive"
-    assert [exercise_2_speed(now) for now in (1.0, 5.0, 12.5)] == [0.0, 0.5, 0.0]
-    assert [exercise_2_over(now) for now in (12.0, 13.5)] == [False, True]
-
-
 def test_each_state_is_answered_once_it_is_read(tmp_path):
     rows, events = [], []
     TruthFeed(tmp_path / "truth", rows.append, lambda *event: events.append(event))
@@ -119,16 +97,16 @@ def test_start_and_seed_from_which_the_pillar_could_be_drawn_are_no_parameters_o
     tmp_path, monkeypatch
 ):
     trial, parameters, config = draw_trials(2, 7)[1], {}, MarkingConfig(robot="husky")
-    monkeypatch.setattr(run_module, "_SETUPS", {config.simulator_arguments: ({}, [])})
-    monkeypatch.setattr(run_module, "set_parameters", lambda _, values: parameters.update(values))
-    monkeypatch.setattr(run_module, "has_service", lambda *_: True)
+    monkeypatch.setattr(bring_up, "_SETUPS", {config.simulator_arguments: ({}, [])})
+    monkeypatch.setattr(bring_up, "set_parameters", lambda _, values: parameters.update(values))
+    monkeypatch.setattr(bring_up, "has_service", lambda *_: True)
     seen = []
 
     def start(*_, **__):
         seen.append(dict(parameters))
         return SimpleNamespace(running=True)
 
-    simulate(SimpleNamespace(folder=tmp_path, uri="", start=start), trial, config, 1.0)
+    simulate(SimpleNamespace(folder=tmp_path, uri="", start=start), trial, config)
     secrets = {trial.start.x, trial.start.y, trial.start.yaw, trial.seed}
     assert secrets <= set(seen[0].values()), "the simulator reads them"
     assert secrets.isdisjoint(parameters.values())

@@ -16,6 +16,13 @@ from husky_grading.displays import RvizView
 from husky_grading.drive import ros_graph
 from husky_grading.drive.drive_end import NODES_ENDED
 from husky_grading.drive.run import was_exchanged
+from husky_grading.exercises import exercise_3
+from husky_grading.exercises.exercise_3 import (
+    judge_approach,
+    judge_arrival,
+    judge_exercise_3,
+    judge_place,
+)
 from husky_grading.notes import Kind, Note
 from husky_grading.recording import (
     MarkerSample,
@@ -25,13 +32,6 @@ from husky_grading.recording import (
     to_json,
 )
 from husky_grading.records import DEFAULT_RULES, Rules, total
-from husky_grading.rubrics import exercise_3
-from husky_grading.rubrics.exercise_3 import (
-    judge_approach,
-    judge_arrival,
-    judge_exercise_3,
-    judge_place,
-)
 from husky_grading.rubrics.items import (
     left_to_chance,
     left_to_choice,
@@ -484,7 +484,7 @@ def test_the_course_s_world_counts_most_and_the_worst_drive_is_told():
 
 def test_no_rule_of_marking_searches_a_sentence():
     folder = Path(exercise_3.__file__).parents[1]
-    patterns = ("rubrics/*.py", "reports/*.py", "judge.py", "review.py")
+    patterns = ("exercises/*.py", "rubrics/*.py", "reports/*.py", "judge.py", "review.py")
     files = [path for pattern in patterns for path in folder.glob(pattern)]
     for path, node in ((file, node) for file in files for node in ast.walk(ast.parse(file.read_text()))):
         assert not (isinstance(node, ast.Attribute) and node.attr in ("startswith", "endswith")), path

@@ -23,6 +23,7 @@ from husky_grading import batch as batch_module
 from husky_grading import mark as mark_module
 from husky_grading.batch import Batch, job_of, mark_all, run_program, run_there
 from husky_grading.drive import observe as observe_module
+from husky_grading.exercises.catalogue import EXERCISES
 from husky_grading.hand_in import archives, launch_choice
 from husky_grading.hand_in import build as build_module
 from husky_grading.hand_in import packages as packages_module
@@ -30,7 +31,6 @@ from husky_grading.hand_in import prepare as prepare_module
 from husky_grading.hand_in.archives import Allowance, ArchiveError, PackedPath, unpack
 from husky_grading.hand_in.build import Folders, copy_packages
 from husky_grading.hand_in.class_folder import HandIn
-from husky_grading.hand_in.package_files import curves_in
 from husky_grading.hand_in.packages import NotMarkableError, open_hand_in
 from husky_grading.isolation import files as files_module
 from husky_grading.isolation import process as process_module
@@ -53,7 +53,7 @@ from husky_grading.records import (
 from husky_grading.reports.files import FINGERPRINT, write_result
 from husky_grading.review import open_items
 from husky_grading.settings import read_overrides, with_override
-from husky_grading.submission import WORKSPACE, Submission
+from husky_grading.submission import WORKSPACE, NamedRobot, Submission
 from husky_highlevel_controller.config import ConfigError, load, to_json
 from husky_highlevel_controller.datatypes import Pose2D
 
@@ -97,16 +97,16 @@ def chosen(ann, exercise=3):
 def launch_files(ann, exercise=3, **more):
     """Launch files that start something, the chosen one first, in copies of the packages."""
     contents, packages, _ = chosen(ann, exercise)
-    kept = ("robot_localization",) * (exercise == 4)
+    facts = EXERCISES[exercise].facts
     out, known = ann.parents[1] / "out", packages_module.copies_of_known(contents.packages)
     folders, _ = copy_packages(packages, out / "ws")
     copies, _ = copy_packages(known, out / "copies")
     workspace = Workspace(packages=(folders.root / "src", *copies.packages.values()))
     override = Override(**more)
     files = launch_choice.read_launch_files(
-        contents, [*packages, *known], folders, copies, workspace, override, kept
+        contents, [*packages, *known], folders, copies, workspace, override, facts.parts
     )
-    return launch_choice.choose_launch_files(files, exercise)
+    return launch_choice.choose_launch_files(files, exercise, facts)
 
 
 def prepared(ann):
@@ -114,7 +114,7 @@ def prepared(ann):
     out = ann.parents[1] / "out"
     shutil.rmtree(out, ignore_errors=True)
     job = Job("ann", str(out), MarkingConfig(), hand_in=str(ann))
-    submission, _ = prepare_module.prepare_hand_in(job, Workspace())
+    submission, _ = prepare_module.prepare_hand_in(job, Workspace(), EXERCISES[3].facts)
     return submission, [note.text for note in submission.notes]
 
 
@@ -435,21 +435,6 @@ def test_a_launch_file_of_any_depth_or_length_is_read(content, problem, ann, hus
     assert not problem or problem in only.plan.notes[0].text
 
 
-AXES = (
-    "<axes><x_axis><topic>{0}</topic><field>a/x</field></x_axis>"
-    "<y_axis><topic>{1}</topic><field>a/y</field></y_axis></axes>"
-)
-
-
-def test_curves_are_read_from_rqt_multiplot_s_files_and_no_others(tmp_path):
-    plot = AXES.format("odom", "/imu/data") + "<axes><axes/></axes>" + AXES.format("", "/b")
-    put(tmp_path / "config" / "plot.xml", f"<rqt_multiplot><a>{plot}</a></rqt_multiplot>")
-    put(tmp_path / "other.xml", f"<package>{plot}</package>")
-    put(tmp_path / "broken.xml", "<rqt_multiplot>")
-    put(tmp_path / "bomb.xml", '<!DOCTYPE a [<!ENTITY b "c">]><rqt_multiplot>&b;</rqt_multiplot>')
-    assert curves_in(tmp_path) == (("/odom/a/x", "/imu/data/a/y"),)
-
-
 def test_a_launch_file_may_lie_beside_its_package_and_a_teacher_may_name_it(ann):
     package(ann / "exercise3" / "husky", "husky")
     for name in ("ex3.launch", "launch/ex3.launch", "launch/other.launch.xml", "copy.launch.bak"):
@@ -670,7 +655,8 @@ def test_a_neighbour_whose_manifest_cannot_be_read_ends_no_reading(husky, ann, t
     (tmp_path / "others" / "gone" / "package.xml").symlink_to(tmp_path / "nowhere")
     monkeypatch.setattr(prepare_module, "build", lambda *given: replace(built(""), workspace=given[-1]))
     job = Job("ann", str(tmp_path / "out"), MarkingConfig(), hand_in=str(ann))
-    _, planned = prepare_module.prepare_hand_in(job, Workspace(packages=(tmp_path / "others",)))
+    others = Workspace(packages=(tmp_path / "others",))
+    _, planned = prepare_module.prepare_hand_in(job, others, EXERCISES[3].facts)
     assert planned.nodes == ("husky/controller",), planned.notes
 
 
@@ -755,8 +741,10 @@ def test_what_does_not_build_is_told_in_every_item_that_needs_it_and_is_not_driv
     error = "it does not build: controller.cpp:3:1: error: expected ';'"
     launchable = Launchable("launch", "husky", str(launch(tmp_path / "a.launch", NODE.format("husky"))))
     problem = (Note(Kind.BUILD, error),)
-    submission = Submission(launchable, Workspace(packages=(tmp_path,)), problem=problem, robot="husky")
-    monkeypatch.setattr(mark_module, "prepare", lambda _: submission)
+    submission = Submission(
+        launchable, Workspace(packages=(tmp_path,)), problem=problem, robot=NamedRobot("husky")
+    )
+    monkeypatch.setattr(mark_module, "prepare", lambda *_: submission)
     monkeypatch.setattr(observe_module, "drive", None)
     result = mark(Job("ann", str(tmp_path / "ann"), MarkingConfig(), hand_in=str(tmp_path)))
     assert not result.problem
@@ -774,7 +762,7 @@ def test_another_deadline_or_robot_drives_again_and_what_changed_or_was_missing_
     launch(husky / "a.launch", NODE.format("husky"))
     builds, driven, notes, failures = [], [], [], []
 
-    def observe(submission, trials, config, out):
+    def observe(submission, trials, config, bring_up, out):
         driven.append(config.deadline)
         recording = Recording(Pose2D(), (20.0, 5.0), config.deadline, notes=tuple(failures))
         put(out / "drive_1" / "recording.json", recording_to_json(recording))
@@ -859,7 +847,8 @@ def test_a_workspace_of_another_place_sandbox_class_or_hand_in_is_not_kept(chang
 def test_a_result_folder_with_a_workspace_of_its_own_keeps_it(tmp_path):
     source = put(tmp_path / "ws" / "src" / "node.py")
     path = str(launch(tmp_path / "a.launch", NODE.format("husky")))
-    prepare_module.prepare(Job("a", str(tmp_path), MarkingConfig(), Launchable("launch", "husky", path)))
+    job = Job("a", str(tmp_path), MarkingConfig(), Launchable("launch", "husky", path))
+    prepare_module.prepare(job, EXERCISES[3].facts)
     assert source.exists()
 
 
@@ -902,7 +891,7 @@ def test_a_typo_in_marking_yaml_is_told_and_costs_no_drive_also_where_it_comes_b
     points.unlink()
     (result,) = mark_all(MarkingConfig(), batch)
     assert not result.problem
-    monkeypatch.setattr(mark_module, "prepare", lambda _: load(Submission, out / WORKSPACE))
+    monkeypatch.setattr(mark_module, "prepare", lambda *_: load(Submission, out / WORKSPACE))
     monkeypatch.setattr(mark_module, "observe", lambda *_: None)
     override = Override(points={"mraker": GivenPoints(7.0, "seen")})
     job = job_of(HandIn("ann", batch.folder / "ann", "ann"), override, MarkingConfig(), batch)

@@ -23,8 +23,7 @@ from pathlib import Path
 from husky_grading import submission
 from husky_grading.drive import memcheck
 from husky_grading.hand_in import build
-from husky_grading.recording import Playback
-from husky_grading.rubrics.exercise_4 import judge_player
+from husky_grading.exercises.exercise_4 import Playback, judge_player
 
 def notes_on(text):
     submission.notes_on([], text)

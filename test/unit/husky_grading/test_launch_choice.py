@@ -3,6 +3,7 @@
 import pytest
 from packages import manifest, put
 
+from husky_grading.exercises.catalogue import EXERCISES
 from husky_grading.hand_in import prepare as prepare_module
 from husky_grading.hand_in.build import Build
 from husky_grading.hand_in.packages import NotMarkableError, exercise_numbers
@@ -41,7 +42,7 @@ def ann(tmp_path, monkeypatch):
 
 def prepared(ann):
     job = Job("ann", str(ann.parents[1] / "out"), MarkingConfig(), hand_in=str(ann))
-    submission = prepare(job)
+    submission = prepare(job, EXERCISES[3].facts)
     return submission, " | ".join(note.text for note in submission.notes)
 
 

@@ -14,7 +14,7 @@ from husky_highlevel_controller.datatypes import HuskyError
     ids=["TimeoutError", "HuskyError", "OSError"],
 )
 def test_an_error_without_a_text_is_told_by_its_name(error, problem, tmp_path, monkeypatch):
-    def fail(_):
+    def fail(*_):
         raise error
 
     monkeypatch.setattr(mark_module, "prepare", fail)

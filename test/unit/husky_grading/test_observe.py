@@ -3,13 +3,14 @@
 import pytest
 
 from husky_grading.drive import observe as observe_module
+from husky_grading.drive.bring_up import simulate
 from husky_grading.drive.observe import observe
 from husky_grading.drive.run import OtherRobotError
 from husky_grading.drive.trials import draw_trials
 from husky_grading.records import Launchable, MarkingConfig
-from husky_grading.submission import Submission
+from husky_grading.submission import NamedRobot, Submission
 
-SUBMISSION = Submission(Launchable("launch", "a", "a.launch"), robot="husky", names_robot="by its topic")
+SUBMISSION = Submission(Launchable("launch", "a", "a.launch"), robot=NamedRobot("husky", "by its topic"))
 AUTO, OLDER = MarkingConfig(robot="auto"), MarkingConfig(robot="husky_melodic")
 
 
@@ -38,7 +39,7 @@ def test_the_robot_is_a_guess_until_the_check_or_a_drive_has_seen_what_it_listen
     listened, drives, tmp_path, monkeypatch
 ):
     check_tells(listened, monkeypatch)
-    observe(SUBMISSION, draw_trials(2, 0), AUTO, tmp_path)
+    observe(SUBMISSION, draw_trials(2, 0), AUTO, simulate, tmp_path)
     assert drives[0] == [(1, "husky_melodic"), (2, "husky_melodic")]
 
 
@@ -46,9 +47,9 @@ def test_only_a_robot_that_never_moves_in_its_first_drive_has_no_further_one(dri
     made, moves = drives
     check_tells(None, monkeypatch)
     moves[2] = False
-    observe(SUBMISSION, draw_trials(3, 0), AUTO, tmp_path)
+    observe(SUBMISSION, draw_trials(3, 0), AUTO, simulate, tmp_path)
     assert [number for number, _ in made] == [1, 2, 3]
     made.clear()
     moves[1] = False
-    observe(SUBMISSION, draw_trials(3, 0), AUTO, tmp_path)
+    observe(SUBMISSION, draw_trials(3, 0), AUTO, simulate, tmp_path)
     assert [number for number, _ in made] == [1]

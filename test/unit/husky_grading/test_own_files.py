@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from packages import manifest, put
 
-from husky_grading.hand_in.plan import plan, with_filter
+from husky_grading.hand_in.plan import plan, with_stand_ins
 from husky_grading.isolation.own_files import NAME, Own
 from husky_grading.isolation.process import Process, end_all, wait
 from husky_grading.isolation.sandbox import (
@@ -137,4 +137,4 @@ def test_the_simulator_of_this_package_is_left_out_without_a_note(tmp_path):
 
 
 def test_the_stand_in_of_a_filter_uses_no_more_than_the_filter():
-    assert with_filter(Workspace(own=Own.NOTHING)).own is Own.FILTER
+    assert with_stand_ins(Workspace(own=Own.NOTHING), Own.FILTER).own is Own.FILTER

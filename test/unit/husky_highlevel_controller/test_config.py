@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 from husky_evaluation.setup import ROBOT_DETECTOR, ROBOT_GAINS, setup_of
-from husky_grading.rubrics.exercise_3 import ITEMS
+from husky_grading.exercises.exercise_3 import ITEMS
 from husky_grading.settings import load_rules
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.controller.control import ControlConfig

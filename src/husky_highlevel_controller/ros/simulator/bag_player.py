@@ -30,7 +30,6 @@ class BagPlayer:
         name, seed, pace, seconds = sys.argv[1:5]
         self._pace, self._truth = float(pace), TruthLog()
         self._messages = messages_of_drive(name, "hard", int(seed), float(seconds))
-        self._clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE, latch=True)
         self._publishers: Dict[str, Any] = {}
 
     def run(self) -> None:
@@ -41,8 +40,8 @@ class BagPlayer:
                 latch = topic == "/tf_static"
                 self._publishers[topic] = rospy.Publisher(topic, type(msg), queue_size=QUEUE, latch=latch)
         now = first[0][0].stamp
-        publish(self._clock, Clock(time_to_msg(now)))
-        print("ready", flush=True)
+        clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE, latch=True)  # the last one: it is ready
+        publish(clock, Clock(time_to_msg(now)))
         self._truth.wait_to_begin(lambda: None)
         begun = time.monotonic()
         for snapshot, topic, msg in chain(first, self._messages):
@@ -51,7 +50,7 @@ class BagPlayer:
                 early = begun + now / self._pace - time.monotonic()
                 time.sleep(max(0.0, early))
                 begun -= min(0.0, early)  # what is late stays late: no burst that a filter cannot follow
-                publish(self._clock, Clock(time_to_msg(now)))
+                publish(clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
                 return
             if topic == TRUTH_TOPIC:

@@ -1,25 +1,28 @@
-"""The rubric of exercise 2: prints the smallest range, has parameters, shows the scan in RViz."""
+"""Exercise 2: prints the smallest range, has parameters, shows the scan in RViz, while the robot drives."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import replace
-from typing import List, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from husky_grading.displays import SCAN, RvizView
-from husky_grading.notes import Subject
+from husky_grading.exercises.exercise import Exercise
+from husky_grading.exercises.watch import DriveState, RosAccess, Watch
+from husky_grading.notes import Kind, Note, Subject
 from husky_grading.recording import Recording
 from husky_grading.records import DEFAULT_RULES, Item, Rules
 from husky_grading.rubrics.causes import NO_SCANS, causes, with_cause
-from husky_grading.rubrics.exercise_3 import (
+from husky_grading.rubrics.items import forfeited, weighted
+from husky_grading.rubrics.rviz_view import (
     SAVED,
     find_display_fault,
     hint_on_view,
     without_config,
 )
-from husky_grading.rubrics.items import forfeited, weighted
+from husky_highlevel_controller.config import to_plain
 
 ITEMS = (
     "prints the smallest range",
@@ -30,6 +33,8 @@ ITEMS = (
 SAME = 0.02  # [m], a number printed this near to a range measured is that range
 LEAST_LINES = 5  # with such a number
 SPAN = 0.5  # of the change of the smallest range must be printed
+SPEED, BEGIN, SECONDS = 0.5, 2.0, 10.0  # [m/s], [s], [s] of the drive; the submission does not drive
+STANDS_BY = BEGIN + SECONDS + 1.0  # [s], simulated
 # hints
 PRINT = "print the smallest range in the scans' callback, by ROS_INFO or rospy.loginfo, with output=screen"
 MINIMUM = (
@@ -37,8 +42,49 @@ MINIMUM = (
 )
 PARAMETERS = "read both as private parameters of the node, from the launch file or its YAML file"
 
+_QUEUE = re.compile("queue", re.IGNORECASE)
 _NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
 _PREFIX = re.compile(r"^\W*(?:\x1b\[\d*m)?\[[A-Z ]+\] \[[^\]]*\](?: \[[^\]]*\])?:?")  # of a line of a ROS log
+
+
+@dataclass(frozen=True)
+class ReadParameters:
+    """Parameters of the submission that the exercise asks for, by their full names."""
+
+    topics: Tuple[str, ...] = ()  # whose value is the topic of the scans
+    queues: Tuple[str, ...] = ()  # whole numbers that are called ...queue...
+
+
+class StraightDrive(Watch):
+    """Drives the robot ahead while the submission prints."""
+
+    def __init__(self, known: Recording, ros: RosAccess) -> None:
+        super().__init__(known, ros)
+        ros.advertise_commands()
+
+    def takes_part(self, state: DriveState) -> bool:
+        """Whether it listens to the scans; it sends no command."""
+        return state.subscribed
+
+    def on_scan(self, stamp: float) -> None:
+        """Command the speed that is due."""
+        self._ros.command(SPEED if BEGIN <= stamp < BEGIN + SECONDS else 0.0)
+
+    def over(self, state: DriveState) -> Optional[Note]:
+        """Reason why the drive is over: the robot has driven, and stands."""
+        if state.now > STANDS_BY:
+            return Note(Kind.PLAN_DONE, "the drive of the marking")
+        return super().over(state)
+
+    def kept(self) -> Dict[str, Any]:
+        """Parameters, at the end of the drive."""
+        values, topic = sorted(self._ros.parameters().items()), self._known.scan_topic
+        topics = [
+            name for name, value in values if isinstance(value, str) and f"/{value.lstrip('/')}" == topic
+        ]
+        queues = [name for name, value in values if isinstance(value, int) and _QUEUE.search(name)]
+        plain: Dict[str, Any] = to_plain(ReadParameters(tuple(topics), tuple(queues)))
+        return plain
 
 
 def judge_output(recording: Recording) -> Item:
@@ -68,11 +114,11 @@ def _ranges_in(line: str, low: float, high: float) -> List[float]:
 
 def judge_parameters(recording: Recording) -> Item:
     """Topic name (8) and queue size (7) are parameters."""
-    item = Item(ITEMS[2], 0.0, 15.0, "")
-    points = 8.0 * bool(recording.topic_parameters) + 7.0 * bool(recording.queue_parameters)
-    topic = ", ".join(recording.topic_parameters) or "no parameter is the scans' topic"
-    queue = ", ".join(recording.queue_parameters) or "no whole number is called queue"
-    return replace(item, points=points, evidence=f"{topic}; {queue}", hint=PARAMETERS)
+    read = recording.watched_as(ReadParameters)
+    points = (8.0 if read.topics else 0.0) + (7.0 if read.queues else 0.0)
+    topic = ", ".join(read.topics) or "no parameter is the scans' topic"
+    queue = ", ".join(read.queues) or "no whole number is called queue"
+    return Item(ITEMS[2], points, 15.0, f"{topic}; {queue}", hint=PARAMETERS)
 
 
 def judge_view(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
@@ -101,3 +147,6 @@ def judge_exercise_2(
         judge_view(view, scan_topic, rules),
     ]
     return weighted(forfeited(items, recordings), rules)
+
+
+EXERCISE = Exercise(ITEMS, judge_exercise_2, pace=1.0, deadline=60.0, watch=StraightDrive)

@@ -1,4 +1,4 @@
-"""Judges recorded drives by the rubric of exercise 3; docs/rubrics.md says the same."""
+"""Exercise 3: drives to the pillar and marks it in RViz; docs/rubrics.md says how it is judged."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from typing import List, Optional, Sequence, Tuple
 import numpy as np
 
 from husky_grading.displays import MARKERS, ROBOT, SCAN, TF, RvizView
-from husky_grading.notes import Kind, Subject
+from husky_grading.drive.drive_end import NO_COMMAND, DriveEnd
+from husky_grading.exercises.exercise import Exercise
+from husky_grading.exercises.watch import DriveState, RosAccess, Watch
+from husky_grading.hand_in.facts import Facts
+from husky_grading.notes import Kind, Note, Subject
 from husky_grading.recording import Recording
 from husky_grading.records import DEFAULT_RULES, Item, Rules
 from husky_grading.rubrics.causes import (
@@ -26,7 +30,15 @@ from husky_grading.rubrics.items import forfeited, over_trials, weighted
 from husky_grading.rubrics.marker_faults import CHECK
 from husky_grading.rubrics.marker_faults import HINTS as MARKER_HINTS
 from husky_grading.rubrics.markers import judge_namespaces
+from husky_grading.rubrics.rviz_view import (
+    NAMES,
+    SAVED,
+    find_display_fault,
+    hint_on_view,
+    without_config,
+)
 from husky_highlevel_controller.course import STANDS, TOUCH
+from husky_highlevel_controller.datatypes import TrueState
 
 HALF_WAY = 0.5  # of the way to the pillar: who has come that far drives towards it
 PAST, MIN_PAST = 0.1, 1.0  # of the way, and [m]: who passes farther away does not drive towards it
@@ -35,6 +47,7 @@ ASIDE, MOSTLY = 0.1, 0.6  # sine of the bearing, from which on turning is asked 
 TURNS_ON, ONE_WAY = 0.05, 0.9  # [rad/s], of a robot that turns; share of these turns to the same side
 STOPPED = 1.0  # [s], so long it must stand in the end to have stopped
 PERIOD, LATELY = 0.1, 1.0  # [s], between two scans at most, and over which it is judged to come nearer
+SILENT = 2.0  # [s], simulated: a submission that listens, but advertises no command by then, sends none
 NEARLY = 0.1  # [m], farther than the nearest point of the drive is still the nearest
 ITEMS = (
     "drives towards the pillar",
@@ -43,7 +56,6 @@ ITEMS = (
     "marker at the pillar",
     "marker in RViz",
 )
-NO_VIEW = "no RViz configuration was handed in"
 NO_DRIVE = "there was no drive"
 # hints
 STOPS = "compare the velocities that you send at this moment with the distance that you compute"
@@ -58,12 +70,29 @@ NO_MARKER = (
     "exception of TF that is caught)"
 )
 SLOWS = "let linear.x become smaller with the distance, and 0 in front of the pillar"
-SAVE = (
-    "save RViz's configuration into your package (File, Save Config As) and name it in the launch file, by -d"
-)
-DISPLAYS = "add the displays that are missing, with the fixed frame odom, and save the configuration"
-SAVED = "and save the configuration (File, Save Config)"
-NAMES = {TF: "frames", ROBOT: "robot model", SCAN: "laser scan"}
+
+
+class PillarWatch(Watch):
+    """Ends the drive at the pillar, and where the robot does not get there any more."""
+
+    def __init__(self, known: Recording, ros: RosAccess) -> None:
+        super().__init__(known, ros)
+        self._end = DriveEnd(known.pillar, known.robot)
+
+    def on_truth(self, state: TrueState) -> None:
+        """Follow the next true state."""
+        self._end.update(state)
+
+    def over(self, state: DriveState) -> Optional[Note]:
+        """Reason why the drive is over."""
+        deadline = super().over(state)
+        if deadline:
+            return deadline
+        if state.listens and not state.advertises and state.now >= SILENT:
+            return Note(Kind.NO_PUBLISHER, f"it had no publisher of velocity commands for {SILENT:g} s")
+        if state.abandoned and not state.commands:
+            return NO_COMMAND
+        return self._end.reason(state.abandoned)
 
 
 def judge_approach(recording: Recording) -> Item:
@@ -226,20 +255,6 @@ def _stands_since(recording: Recording) -> Optional[float]:
     return float(recording.times[row])
 
 
-def without_config(item: Item, view: RvizView, rules: Rules) -> Item:
-    """The item of a submission without a configuration of RViz, by the rubric."""
-    seen = NO_VIEW
-    if view.missing:
-        seen += f": its launch file names {view.missing}, which is not in the hand-in"
-    item = replace(item, evidence=seen, hint=SAVE)
-    if rules.no_rviz_config == "zero":
-        return replace(item, points=0.0)
-    if rules.no_rviz_config == "person":
-        return replace(item, points=None, evidence=f"for a person: {seen}", reason=Kind.NO_RVIZ_FILE)
-    evidence = f"{seen}; its launch file {'starts' if view.started else 'does not start'} RViz"
-    return replace(item, points=item.max_points * view.started, evidence=evidence)
-
-
 def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) -> Item:
     """RViz shows TF, robot model and laser scan: 6, 7 and 7."""
     item = Item(ITEMS[2], 0.0, 20.0, "", subject=Subject.DISPLAYS)
@@ -258,35 +273,15 @@ def judge_rviz(view: RvizView, scan_topic: str, rules: Rules = DEFAULT_RULES) ->
         for kind, (_, is_visible) in parts.items()
         if not is_visible
     ]
-    findings = [f"{visible} to be seen"] * bool(visible) + [evidence for evidence, _ in faults]
+    findings = [evidence for evidence, _ in faults]
+    if visible:
+        findings.insert(0, f"{visible} to be seen")
     return replace(
         item,
         points=sum(points for points, is_visible in parts.values() if is_visible),
         evidence=f"{view.source}: {'; '.join(findings)}",
         hint=f"{'; '.join(dict.fromkeys(hint for _, hint in faults))}, {SAVED}",
     )
-
-
-def hint_on_view(view: RvizView) -> str:
-    """Hint for a configuration that shows nothing."""
-    return f"set the fixed frame to odom, {SAVED}" if view.fixed_frame else "save RViz's configuration anew"
-
-
-def find_display_fault(view: RvizView, kind: str, scan_topic: str) -> Tuple[str, str]:
-    """Return the reason for which a display is not to be seen, and the hint."""
-    name, what = kind.partition("/")[2], NAMES[kind]
-    sources = [display.source for display in view.displays if display.kind == kind]
-    wanted = {SCAN: f"the topic of the display {name} to {scan_topic}"}
-    wanted[ROBOT] = f"the Robot Description of the display {name} to robot_description"
-    if (sources or (kind == SCAN and view.scan)) and kind in wanted:
-        return (
-            f"{what} not to be seen: its display shows {', '.join(sources) or 'another topic'}",
-            f"set {wanted[kind]}",
-        )
-    if kind in [display.kind for display in view.off]:
-        evidence = f"{what} not to be seen: its display is there, but switched off or transparent"
-        return evidence, f"tick the display {name}, with an alpha and a size above 0"
-    return f"{what} not to be seen: there is no display {name}", f"add the display {name}"
 
 
 def judge_shown(
@@ -311,16 +306,17 @@ def judge_shown(
         return replace(item, evidence=evidence, hint=f"switch it on, {SAVED}")
     if not shown_topics:
         evidence = f"RViz does not subscribe to {', '.join(sorted(topics))}"
-        evidence += f": {view.problem}" * bool(view.problem)
         is_off = topics & {display.source for display in view.off if display.kind in MARKERS}
-        evidence += f": its display of {', '.join(sorted(is_off))} is switched off" * bool(is_off)
         others = [display.source for display in view.displays if display.kind in MARKERS]
         hint = f"add a display Marker of this topic, {SAVED}"
         if view.problem:
+            evidence += f": {view.problem}"
             hint = hint_on_view(view)
-        elif is_off:
+        if is_off:
+            evidence += f": its display of {', '.join(sorted(is_off))} is switched off"
+        if is_off and not view.problem:
             hint = f"tick the display Marker, {SAVED}"
-        elif others:
+        elif others and not view.problem:
             hint = f"set the topic of the display Marker to {sorted(topics)[0]}, {SAVED}"
         return replace(item, evidence=evidence, hint=hint)
     return replace(item, points=10.0, evidence=f"RViz subscribes to {', '.join(shown_topics)}")
@@ -341,3 +337,14 @@ def judge_exercise_3(
         judge_shown(view, recordings, places, rules),
     ]
     return weighted(forfeited(items, recordings), rules)
+
+
+EXERCISE = Exercise(
+    ITEMS,
+    judge_exercise_3,
+    pace=5.0,
+    deadline=120.0,
+    random_starts=True,
+    facts=Facts(by_content=True),  # its world, with the pillar, is in the launch file
+    watch=PillarWatch,
+)

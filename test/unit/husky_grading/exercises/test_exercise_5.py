@@ -1,70 +1,36 @@
-"""Exercises 2 and 5: what a machine can judge of them."""
+"""Exercise 5: what a machine can judge of it, and which call of the service is due when."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from husky_grading.displays import RvizView
+from husky_grading.exercises.exercise_5 import (
+    Call,
+    CallPlan,
+    ServiceCalls,
+    ServiceWatch,
+    judge_calls,
+    judge_exercise_5,
+)
+from husky_grading.exercises.watch import Answer, DriveState
 from husky_grading.notes import Kind, Note
-from husky_grading.recording import Call, Recording
-from husky_grading.records import Rules, total
-from husky_grading.rubrics.exercise_2 import judge_exercise_2, judge_output
-from husky_grading.rubrics.exercise_5 import judge_calls, judge_exercise_5
+from husky_grading.recording import Recording
+from husky_highlevel_controller.config import to_plain
 from husky_highlevel_controller.datatypes import Pose2D
 
 TIMES = np.arange(0.02, 20.0, 0.02)  # [s]
 SCAN = "/front/scan"
-NEAREST = np.column_stack([TIMES, np.interp(TIMES, [2.0, 12.0], [20.0, 15.0])])
-VIEW = RvizView("its rviz node", topics=(SCAN,), scan=True, fixed_frame="odom")
+VIEW = RvizView()
 
 
-def recording(speeds=0.0, **more):
-    twists = np.zeros((len(TIMES), 2))
+def recording(speeds=0.0, made=None, **more):
+    poses, twists = np.zeros((len(TIMES), 3)), np.zeros((len(TIMES), 2))
     twists[:, 0] = speeds
-    poses = np.zeros((len(TIMES), 3))
-    return Recording(Pose2D(), (20.0, 5.0), 60.0, TIMES, poses, twists, TIMES, nearest=NEAREST, **more)
-
-
-def told(first, last, lines=50, shape="[INFO] [1700000000.123456, 17.420000]: smallest range {:.3f} m"):
-    return "\n".join(shape.format(value) for value in np.linspace(first, last, lines))
-
-
-@pytest.mark.parametrize(
-    ("item", "changes", "points"),
-    [
-        # the smallest range must be printed and follow the drive
-        (0, {"output": told(20.0, 15.0)}, 40.0),
-        (0, {"output": told(20.0, 15.0), "subscribed": False}, 0.0),
-        (0, {"output": told(20.0, 15.0, shape="{:.2f}")}, 40.0),
-        (0, {"output": told(19.99, 19.98)}, 20.0),  # it does not follow the drive
-        (0, {"output": told(15.0, 20.0)}, 20.0),  # the wrong way round
-        (0, {"output": told(20.0, 15.0, lines=3)}, 0.0),
-        (0, {"output": told(1.0, 2.0)}, 0.0),  # the stamps of the log alone are not ranges
-        (0, {"output": ""}, 0.0),
-        # topic and queue size are parameters
-        (2, {"topic_parameters": ("/n/topic",), "queue_parameters": ("/n/queue",)}, 15.0),
-        (2, {"topic_parameters": ("/n/t",)}, 8.0),
-        (2, {}, 0.0),
-        # the scan is shown in odom
-        (3, {"view": VIEW}, 15.0),
-        (3, {"view": replace(VIEW, fixed_frame="map")}, 10.0),
-        (3, {"view": replace(VIEW, scan=False)}, 0.0),
-        (3, {"view": replace(VIEW, source="")}, None),
-    ],
-)
-def test_points_of_exercise_2(item, changes, points):
-    given = {"view": VIEW, "subscribed": True, **changes}
-    view = given.pop("view")
-    items = judge_exercise_2([recording(**given)], view, SCAN)
-    assert items[item].points == points
-
-
-def test_style_is_left_to_people():
-    topics = {"topic_parameters": ("/a",), "queue_parameters": ("/b",)}
-    items = judge_exercise_2([recording(subscribed=True, output=told(20.0, 15.0), **topics)], VIEW, SCAN)
-    assert total(items) == (70.0, 70.0)
-    assert [item.max_points for item in items if item.points is None] == [30.0]
+    watched = to_plain(made or ServiceCalls())
+    return Recording(Pose2D(), (20.0, 5.0), 60.0, TIMES, poses, twists, TIMES, watched=watched, **more)
 
 
 def called(*pairs, services=("/start_stop",), still=()):
@@ -76,7 +42,12 @@ def called(*pairs, services=("/start_stop",), still=()):
         speeds[at + 0.5 <= TIMES] = speed
     if still:
         speeds[(still[0] < TIMES) & (still[1] > TIMES)] = 0.0
-    return recording(speeds, calls=tuple(calls), services=services)
+    return recording(speeds, ServiceCalls(services, (), tuple(calls)))
+
+
+def with_calls(drive, *calls):
+    """A drive with other calls."""
+    return replace(drive, watched=to_plain(replace(drive.watched_as(ServiceCalls), calls=calls)))
 
 
 STOPS = [(False, 0.0), (True, 0.5), (False, 0.0), (True, 0.5)]
@@ -121,9 +92,11 @@ def test_the_service_stops_and_starts_again_and_again(pairs, still, stop, start,
 )
 def test_another_node_that_calls_a_service_which_stops_nothing_is_named(callers, evidence, hint):
     never_stops = called((False, 0.5), (True, 0.5), (False, 0.5), (True, 0.5))
-    for item in judge_calls(replace(never_stops, callers=callers)):
+    made = replace(never_stops.watched_as(ServiceCalls), callers=callers)
+    never_stops = replace(never_stops, watched=to_plain(made))
+    for item in judge_calls(never_stops):
         assert hint in item.hint
-    stop = judge_calls(replace(never_stops, callers=callers))[0]
+    stop = judge_calls(never_stops)[0]
     assert evidence in stop.evidence
     assert "/waits" not in stop.evidence
 
@@ -134,7 +107,7 @@ def test_a_call_that_takes_long_is_judged_from_its_answer():
     speeds[(late.times > 1.0) & (late.times < 2.7)] = 0.5  # a busy machine: the call arrives after 1.6 s
     late = replace(late, speeds=speeds)
     assert judge_calls(late)[0].points == 0.0
-    late = replace(late, calls=(replace(late.calls[0], answered_at=2.6),))
+    late = with_calls(late, Call(1.0, False, True, "", 2.6))
     assert judge_calls(late)[0].points == 50.0
 
 
@@ -142,10 +115,10 @@ def test_a_call_after_which_the_drive_ends_is_not_judged():
     """Without a moment after the call nobody knows what it did."""
     stops = called((False, 0.0), (True, 0.5), (False, 0.0))
     at = float(TIMES[-1]) - 0.5
-    started = replace(stops, calls=(*stops.calls, Call(at, True, True, "", at)))
+    started = with_calls(stops, *stops.watched_as(ServiceCalls).calls, Call(at, True, True, "", at))
     assert [item.points for item in judge_calls(started)] == [50.0, 50.0]
     assert "drives after 1 of 1 calls" in judge_calls(started)[1].evidence
-    only = recording(0.5, calls=(Call(at, False, True, "", at),), services=("/start_stop",))
+    only = recording(0.5, ServiceCalls(("/start_stop",), (), (Call(at, False, True, "", at),)))
     assert [item.points for item in judge_calls(only)] == [None, None]
     assert "the drive ended before its effect" in judge_calls(only)[0].evidence
 
@@ -163,12 +136,11 @@ SLOW = Note(Kind.UNANSWERED_SCANS, "it does not answer every scan with a command
 )
 def test_no_service_is_told(notes, evidence):
     assert [item.evidence for item in judge_calls(recording(notes=notes))] == [evidence] * 2
-    assert "does not subscribe to the scans" in judge_output(recording(notes=(SLOW,))).evidence
 
 
 @pytest.mark.parametrize("speed", [0.0, 1.0])
 def test_a_service_of_another_type_is_left_to_a_person(speed):
-    items = judge_exercise_5([recording(speed, other_services=("/go (std_srvs/Empty)",))], VIEW, SCAN)
+    items = judge_exercise_5([recording(speed, ServiceCalls((), ("/go (std_srvs/Empty)",)))], VIEW, SCAN)
     assert [item.points for item in items[:2]] == [None, None]
     assert items[0].evidence == "no std_srvs/SetBool service, but /go (std_srvs/Empty): for a person"
 
@@ -176,14 +148,10 @@ def test_a_service_of_another_type_is_left_to_a_person(speed):
 @pytest.mark.parametrize(
     "items",
     [
-        judge_exercise_2([recording()], RvizView(), SCAN, Rules(no_rviz_config="zero")),
-        judge_exercise_2([recording(subscribed=True, output=told(20.0, 19.9))], VIEW, SCAN),
-        judge_exercise_2([recording(subscribed=True)], replace(VIEW, fixed_frame="map"), SCAN),
-        judge_exercise_2([recording(violations=("it resets the simulator",))], VIEW, SCAN),
         judge_exercise_5([recording()], VIEW, SCAN),
         judge_exercise_5([recording(1.0)], VIEW, SCAN),
         judge_exercise_5(
-            [recording(1.0, services=("/stop",), calls=(Call(5.0, True, True, "", 5.1),))], VIEW, SCAN
+            [recording(1.0, ServiceCalls(("/stop",), (), (Call(5.0, True, True, "", 5.1),)))], VIEW, SCAN
         ),
     ],
 )
@@ -191,3 +159,61 @@ def test_every_item_that_lost_points_says_what_to_look_at(items):
     lost = [item for item in items if item.points is not None and not item.full]
     assert lost
     assert [item.name for item in lost if not item.hint] == []
+
+
+def test_calls_come_four_seconds_after_the_last_answer_from_a_second_after_it_drives():
+    plan, made = CallPlan(), []
+    for tick in range(300):
+        now = 0.1 * tick
+        if made and round(now - made[-1][0], 1) == 1.0:
+            plan.answered(now)
+        value = plan.due(now, 0.5 if now > 3.0 else 0.0)
+        if value is not None:
+            made.append((round(now, 1), value))
+            assert plan.reason(now + 10.0, offered=True) is None, "the call is not answered"
+    assert [value for _, value in made] == [False, True, False, True]
+    assert made[0][0] in (4.1, 4.2)
+    assert all(4.9 <= b[0] - a[0] <= 5.2 for a, b in zip(made, made[1:]))
+    assert plan.reason(30.0, offered=True).kind is Kind.PLAN_DONE
+    assert CallPlan().reason(26.0, offered=False).text == "no start/stop service for 25 s"
+    waits = CallPlan()
+    assert [waits.due(now, 0.0) for now in (7.9, 8.0)] == [None, False], "it may wait for a call to drive"
+
+
+def test_the_service_of_the_right_type_is_called_and_its_answer_is_kept_with_the_moment_it_came():
+    asked, answers = [], []
+    types = {"/go": "std_srvs/Empty", "/stop": "std_srvs/SetBool"}
+    ros = SimpleNamespace(
+        service_types=lambda names: {name: types[name] for name in names},
+        call=lambda *call: asked.append(call),
+        answer=lambda: answers[0] if answers else None,
+        callers=lambda name: {"/other": 3},
+    )
+    watch = ServiceWatch(recording(), ros)
+    assert watch.over(DriveState(8.0, 0.5, services=("/go", "/stop"))) is None
+    assert asked == [("/stop", False)]
+    assert watch.over(DriveState(8.5, 0.5)) is None
+    assert watch.kept()["calls"] == []
+    answers.append(Answer(True, "stopped"))
+    assert watch.over(DriveState(9.0, 0.0)) is None
+    made = {"at": 8.0, "data": False, "success": True, "answer": "stopped", "answered_at": 9.0}
+    services = {"services": ["/stop"], "other_services": ["/go (std_srvs/Empty)"]}
+    assert watch.kept() == {**services, "calls": [made], "callers": {"/other": 3}}
+    assert watch.over(DriveState(60.0, 0.0)).kind is Kind.DEADLINE
+
+
+def test_a_submission_that_a_call_has_stopped_may_be_silent_and_no_other():
+    answers = []
+    ros = SimpleNamespace(
+        service_types=lambda names: {"/stop": "std_srvs/SetBool"},
+        call=lambda *_: None,
+        answer=lambda: answers[0] if answers else None,
+    )
+    watch = ServiceWatch(recording(), ros)
+    assert not watch.has_silenced(7.9), "no call yet"
+    watch.over(DriveState(8.0, 0.5))
+    assert watch.has_silenced(8.1), "also while the call is on its way"
+    answers.append(Answer(True, ""))
+    watch.over(DriveState(8.2, 0.0))
+    assert watch.has_silenced(8.1)
+    assert not watch.has_silenced(9.0), "it has sent a command since"

@@ -1,0 +1,89 @@
+"""Start of what a drive takes place in: our simulator with the world of a trial, by its launch file."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, Callable, Dict, List, Protocol, Tuple
+
+from husky_grading.drive.ros_graph import has_service, set_parameters
+from husky_grading.drive.trials import Trial, trial_world
+from husky_grading.isolation.forked import SIMULATOR, SIMULATOR_SETUP
+from husky_grading.isolation.process import Process, ends, wait
+from husky_grading.isolation.ros_network import START_DEADLINE, MarkingError, Network
+from husky_grading.records import MarkingConfig
+from husky_grading.submission import SIMULATOR_NODES
+from husky_highlevel_controller.paths import share_folder
+
+SIMULATOR_LAUNCH = share_folder() / "launch" / "simulator.launch"
+START_PERIOD = 0.05  # [s] of wall time between two looks at a program of ours that starts
+SIMULATOR_IS_UP = "/husky_simulator/step"  # the last service that it offers
+_SETUPS: Dict[Tuple[str, ...], Tuple[Dict[str, Any], List[str]]] = {}  # by launch arguments
+
+
+class BringUp(Protocol):
+    """Start of a program that a submission drives in, or that stands in for that; it is up on return."""
+
+    def __call__(
+        self, network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = ""
+    ) -> Process:
+        """Start it; with a socket it writes true poses there."""
+
+
+def simulate(network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = "") -> Process:
+    """Start our simulator with the world of a trial, and wait until it is up.
+
+    With a socket it writes true poses there, and runs in lockstep.
+
+    Raises:
+        MarkingError: it does not start.
+    """
+    file = network.folder / "drive.world"
+    file.write_text(trial_world(trial, config.robot_name))
+    start = {
+        "world_name": str(file), "x": trial.start.x, "y": trial.start.y, "yaw": trial.start.yaw,
+        "seed": trial.seed,
+    }  # fmt: skip
+    values = {**start, "real_time_factor": config.pace, "lockstep": bool(truth_socket)}
+    simulator_values = {f"{SIMULATOR_NODES[0]}/{name}": value for name, value in values.items()}
+    arguments = set_robot_parameters(network, config)
+    set_parameters(network.uri, simulator_values)
+    simulator = network.start("simulator", [SIMULATOR, *arguments], HUSKY_TRUTH_SOCKET=truth_socket)
+    once_up(simulator, lambda: has_service(network.uri, SIMULATOR_IS_UP))
+    # a submission could draw from them where the pillar is
+    set_parameters(network.uri, {f"{SIMULATOR_NODES[0]}/{name}": 0 for name in start})
+    return simulator
+
+
+def set_robot_parameters(network: Network, config: MarkingConfig) -> List[str]:
+    """Set the parameters of the simulator's launch file, which is read once; the simulator's arguments.
+
+    Raises:
+        MarkingError: the launch file cannot be read.
+    """
+    launch_arguments = config.simulator_arguments
+    if launch_arguments not in _SETUPS:
+        fixed = ["rviz:=false", "laser_enabled:=true", "laser_tower:=true"]
+        process = network.start(
+            "simulator_setup", [SIMULATOR_SETUP, str(SIMULATOR_LAUNCH), *fixed, *launch_arguments]
+        )
+        ends(process, START_DEADLINE)
+        try:
+            setup = json.loads(process.output.splitlines()[-1])
+        except (ValueError, IndexError):
+            raise MarkingError(f"the simulator does not start: {process.output.strip()[-500:]}") from None
+        _SETUPS[launch_arguments] = setup["parameters"], setup["arguments"]
+    parameters, arguments = _SETUPS[launch_arguments]
+    set_parameters(network.uri, {"/run_id": "marking", **parameters})
+    return arguments
+
+
+def once_up(simulator: Process, is_up: Callable[[], bool]) -> Process:
+    """Wait until a program in the simulator's place is up.
+
+    Raises:
+        MarkingError: it does not start.
+    """
+    up = wait(lambda: is_up() or not simulator.running, START_DEADLINE, START_PERIOD)
+    if not up or not simulator.running:
+        raise MarkingError(f"the simulator does not start: {simulator.output.strip()[-500:]}")
+    return simulator

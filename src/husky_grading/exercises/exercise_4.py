@@ -1,0 +1,332 @@
+"""Exercise 4: a filter's path of a bag, the bag's point cloud in RViz, a frame above the robot.
+
+Marking plays the bag of the robot to the filter that the hand-in starts; no node of its own drives. Both
+sheets are data: the Husky's of 2018, 100 points; the SMB's of 2021, 100 and a bonus of 10.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+
+import numpy as np
+
+from husky_grading.displays import RvizView
+from husky_grading.drive.bring_up import once_up, set_robot_parameters
+from husky_grading.drive.ros_graph import is_published
+from husky_grading.drive.trials import Trial
+from husky_grading.exercises.exercise import Exercise
+from husky_grading.exercises.watch import DriveState, RosAccess, Watch
+from husky_grading.hand_in.facts import Facts
+from husky_grading.hand_in.package_files import first_mention
+from husky_grading.isolation.files import UnreadableFileError, read_xml, walk
+from husky_grading.isolation.forked import BAG_PLAYER
+from husky_grading.isolation.own_files import Own
+from husky_grading.isolation.process import Process
+from husky_grading.isolation.ros_network import Network
+from husky_grading.notes import Kind, Note, Subject
+from husky_grading.recording import EstimatedPath, Recording, table
+from husky_grading.records import DEFAULT_ROBOT, DEFAULT_RULES, SMB, Item, MarkingConfig, Rules
+from husky_grading.rubrics.causes import causes, hint_on
+from husky_grading.rubrics.items import forfeited, weighted
+from husky_grading.rubrics.rviz_view import DISPLAYS, without_config
+from husky_grading.submission import NamedRobot, Parts, Plan
+from husky_highlevel_controller.robot import load_robot
+
+FILTERED, ODOMETRY = "/odometry/filtered", "nav_msgs/Odometry"  # topic of the filter's estimate, and its type
+PLAYER = "rosbag/play"  # node of a launch file that plays a bag
+TOP_VIEW_FRAME = "smb_top_view"
+MAX_FILE = 1_000_000  # [bytes] of a configuration of rqt_multiplot
+MAX_CURVES, MAX_NAME = 100, 200  # of a package; letters of a topic or field
+MAX_ESTIMATES = 50_000
+BAG_MARGIN = 0.1  # [s], simulated: the last pose may come so long before the end of a bag
+LAST = 1.0  # [s], before the bag's end: an estimate from there is among the last
+SILENCE = 10.0  # [s] of wall time without an estimate after the bag's end: no more is to come
+# of the SMB's sheet; a Husky's hand-in may name /rslidar_points and smb_top_view, too
+FILTERS_OF_THE_SMB = re.compile(r"\bsmb_(?:control|description)\b")
+CLOUDS = {"/rslidar_points", "/velodyne/assembled_cloud_filtered"}  # of our bags; of the Husky's of 2018
+MIN_ESTIMATES = 10
+BEGIN, END = 5.0, 2.0  # [s], after the begin and before the end of the bag: between them it must estimate
+GAP = 5.0  # [s], between two estimates, by their stamps
+TOLERANCE, TOLERANCE_OF_LENGTH = 1.0, 0.02  # [m] from the true path, and of its length: the larger counts
+ABOVE, NEAR = (0.0, 0.0, 2.0), 0.1  # [m], place of the top view in base_link; so near it is there
+COLOURING, SIZE, SAME_SIZE = "AxisColor Z", 0.05, 0.005  # of the cloud's points [m]
+
+PLOT = "plot x and y of /odometry/filtered: pose/pose/position/x and .../y, and save the configuration"
+INPUTS = "compare the filter's inputs with `rosbag info`: are localization.yaml and use_sim_time loaded?"
+TOP_VIEW = "publish it by static_transform_publisher: args=0 0 2 0 0 0 base_link smb_top_view"
+CLOUD = f"a display PointCloud2 of /rslidar_points; {DISPLAYS}"
+STYLE = "in the display PointCloud2: Color Transformer AxisColor, Axis Z, Size (m) 0.05"
+RENAME = "the frame {} is there, but it must be called smb_top_view"
+PLAYS = "a node of rosbag, type play, with args=--clock --rate=0.5 and the bag's file"
+# share of the points, None where a person judges; evidence; what to look at
+Verdict = Tuple[Optional[float], str, str]
+BY_PERSON: Verdict = (None, "for a person", "")
+_RATE = re.compile(r"(?:^|\s)(?:-r\s*|--rate(?:=|\s+))(\d*\.?\d+)")
+_FOLDERS = re.compile(r"(?<![^\s=])[^\s=]*/")  # of a file's path, up to its name
+_POSITION = re.compile(r"(?P<topic>.+)/pose/pose/position/x")
+
+
+@dataclass(frozen=True, eq=False)
+class Playback:
+    """Facts of a hand-in, and what was seen while a bag was played to its filter."""
+
+    top_view: np.ndarray = table("[s, m, m, m], the frame's place in base_link", 4)
+    players: Tuple[str, ...] = ()  # arguments of its launch file's rosbag players
+    curves: Tuple[Tuple[str, str], ...] = ()  # of its rqt_multiplot files: /topic/field of x and of y
+    # [m] in base_link of every frame at the end, where the top view never came: it may have another name
+    places: Mapping[str, Tuple[float, float, float]] = field(default_factory=dict)
+
+
+def named_bag(planned: Plan) -> NamedRobot:
+    """Robot of whose bag a filter is, by the parameters that it loads."""
+    mention = first_mention(planned, FILTERS_OF_THE_SMB)
+    if mention:
+        why = f"the bag is the SMB's: {mention[0].name} names {mention[1].group()}"
+        return NamedRobot(SMB, why, is_certain=True)
+    why = "the bag is the Husky's: it names no package of the SMB"
+    return NamedRobot(DEFAULT_ROBOT, why, is_certain=True)
+
+
+def read_facts(planned: Plan) -> Mapping[str, Any]:
+    """Return what the launch file plays, and what rqt_multiplot is to draw."""
+    players = [arguments for node, arguments in planned.left_out_arguments if node == PLAYER]
+    curves = curves_in(planned.package_path) if planned.package_path else ()
+    return {"players": players, "curves": [list(curve) for curve in curves]}
+
+
+def curves_in(package: Path) -> Tuple[Tuple[str, str], ...]:
+    """Quantities of each curve on x and on y, as /topic/field."""
+    curves = []
+    for path in walk(package):
+        if path.suffix == ".xml":
+            with suppress(UnreadableFileError):
+                root = read_xml(path, MAX_FILE)
+                for axes in root.iter("axes") if root.tag == "rqt_multiplot" else ():
+                    sides = [axes.find(side) for side in ("x_axis", "y_axis")]
+                    names = [
+                        (side.findtext("topic"), side.findtext("field")) for side in sides if side is not None
+                    ]
+                    if len(names) == 2 and all(map(all, names)):
+                        x, y = (f"/{topic.strip('/')}/{field}"[:MAX_NAME] for topic, field in names)
+                        curves.append((x, y))
+    return tuple(curves[:MAX_CURVES])
+
+
+def play(network: Network, trial: Trial, config: MarkingConfig, truth_socket: str = "") -> Process:
+    """Start the player of the robot's bag in the simulator's place.
+
+    Raises:
+        MarkingError: it does not start.
+    """
+    set_robot_parameters(network, config)
+    numbers = map(str, (trial.seed, config.pace, config.deadline))
+    command = [BAG_PLAYER, config.robot_name, *numbers]
+    player = network.start("simulator", command, HUSKY_TRUTH_SOCKET=truth_socket)
+    return once_up(player, lambda: is_published(network.uri, "/clock"))  # which it advertises last
+
+
+class FilterWatch(Watch):
+    """Keeps the path of the filter, and where the sheet's top view is, until all of the bag has come."""
+
+    follows = frozenset({ODOMETRY})
+    reads_scans = False
+
+    def __init__(self, known: Recording, ros: RosAccess) -> None:
+        super().__init__(known, ros)
+        self._paths: Dict[str, List[Tuple[float, float, float]]] = {}
+        self._top_view: List[Tuple[float, ...]] = []
+        self._came_at = time.monotonic()
+
+    @property
+    def input_topic(self) -> str:
+        """Topic of the bag's wheel odometry."""
+        return f"/{load_robot(self._known.robot).topics.wheel_odometry}"
+
+    def takes_part(self, state: DriveState) -> bool:
+        """Whether it listens to the bag; it sends no command."""
+        return state.subscribed
+
+    def on_message(self, topic: str, message: Any) -> None:
+        """Keep an estimate."""
+        self._came_at = time.monotonic()
+        path = self._paths.setdefault(topic, [])
+        if len(path) < MAX_ESTIMATES:
+            place = message.pose.pose.position
+            path.append((message.header.stamp.to_sec(), place.x, place.y))
+
+    def over(self, state: DriveState) -> Optional[Note]:
+        """Reason why the drive is over; it also looks at the top view, once for each time of the clock."""
+        place = self._ros.place(TOP_VIEW_FRAME)
+        if place is not None and state.now > (self._top_view[-1][0] if self._top_view else 0.0):
+            self._top_view.append((state.now, *place))
+        if state.abandoned:
+            return Note(Kind.NODES_ENDED, "its nodes had ended")
+        end = self._known.deadline - BAG_MARGIN
+        if state.now < end or not self._is_complete(end):
+            return None
+        return Note(Kind.PLAN_DONE, "the bag was played")
+
+    def _is_complete(self, end: float) -> bool:
+        """Whether, after the end of the bag [s], the last estimate has come, or none comes any more."""
+        if any(path and path[-1][0] >= end - LAST for path in self._paths.values()):
+            return True
+        return not self._paths or time.monotonic() - self._came_at > SILENCE
+
+    def kept(self) -> Dict[str, Any]:
+        """Places of the top view, and of other frames if it never came."""
+        places = {} if self._top_view else self._ros.places()
+        return {"top_view": np.array(self._top_view).reshape(-1, 4), "places": places}
+
+    @property
+    def estimate(self) -> EstimatedPath:
+        """Path on the sheet's topic if any came there, otherwise the longest one."""
+        longest = max(self._paths, key=lambda topic: len(self._paths[topic]), default="")
+        topic = FILTERED if self._paths.get(FILTERED) else longest
+        return EstimatedPath(topic, np.array(self._paths.get(topic, ())).reshape(-1, 3))
+
+
+def judge_plot(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
+    """The path is plotted in rqt_multiplot: all, or half of another topic; a person where no file is."""
+    if not playback.curves:
+        return None, "for a person: no configuration of rqt_multiplot", PLOT
+    xs = [_POSITION.fullmatch(x) for x, y in playback.curves if y == x[:-1] + "y"]
+    topics = [match["topic"] for match in xs if match]
+    evidence = "rqt_multiplot: " + "; ".join(f"x {x}, y {y}" for x, y in playback.curves[:3])
+    if FILTERED in topics:
+        return 1.0, evidence, PLOT
+    return 0.5 if topics else 0.0, evidence, PLOT
+
+
+def judge_path(recording: Recording, _playback: Playback, _view: RvizView) -> Verdict:
+    """The filter's path of the bag is complete and true: all; half if it comes and differs."""
+    told = recording.estimate or EstimatedPath()
+    path = told.points[np.isfinite(told.points).all(axis=1)]  # one that is not a number is no estimate
+    estimates = len(path)
+    if estimates < MIN_ESTIMATES or not len(recording.times):
+        cause = _cause(recording)
+        evidence = f"{estimates} estimates on {told.topic or FILTERED}: {cause.text}"
+        return 0.0, evidence, hint_on(cause) if recording.subscribed else INPUTS
+    stamps, end = path[:, 0], float(recording.times[-1])
+    true = [np.interp(stamps, recording.times, column) for column in recording.poses[:, :2].T]
+    off = float(np.hypot(*(path[:, 1:].T - true)).max())
+    length = float(np.hypot(*np.diff(recording.poses[:, :2], axis=0).T).sum())
+    gap = float(np.diff(np.sort(stamps)).max())
+    is_whole = stamps[0] <= BEGIN and stamps[-1] >= end - END and gap <= GAP
+    is_true = off <= max(TOLERANCE, TOLERANCE_OF_LENGTH * length)
+    evidence = f"{told.topic}: from {stamps[0]:.1f} to {stamps[-1]:.1f} of {end:.1f} s, "
+    evidence += f"at most {gap:.1f} s apart, up to {off:.2f} m from the true path of {length:.1f} m"
+    return 1.0 if is_whole and is_true else 0.5, evidence, INPUTS
+
+
+def _cause(recording: Recording) -> Note:
+    """Cause for which no estimate came."""
+    silent = ", ".join(topic for topic in recording.silent_topics if topic.rpartition("/")[2] != "set_pose")
+    if silent and not causes(recording):
+        return Note(Kind.SILENT_TOPIC, f"it listens to {silent}, where nothing is sent")
+    return (causes(recording) or [Note(Kind.NO_SCANS, "nothing listens to the bag's wheel odometry")])[0]
+
+
+def judge_cloud(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:
+    """RViz shows the bag's point cloud."""
+    topics = [cloud.source for cloud in view.clouds]
+    evidence = view.problem or f"{view.source}: point cloud of {', '.join(topics) or 'no topic'}"
+    return float(not view.problem and not CLOUDS.isdisjoint(topics)), evidence, CLOUD
+
+
+def judge_style(_recording: Recording, _playback: Playback, view: RvizView) -> Verdict:
+    """The cloud's points are coloured by z, and 0.05 m large: half each."""
+    styles = [
+        (
+            0.5 * (cloud.colouring == COLOURING) + 0.5 * (abs(cloud.size - SIZE) <= SAME_SIZE),
+            f"{cloud.colouring}, {cloud.size:g} m",
+        )
+        for cloud in view.clouds
+    ]
+    share, style = max(styles, default=(0.0, "no point cloud"))
+    return share, f"{view.source}: {style}", STYLE
+
+
+def judge_top_view(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
+    """The top view is 2 m above base_link at three moments of the drive."""
+    rows = playback.top_view
+    if len(rows) < 3:
+        other = next((frame for frame, place in sorted(playback.places.items()) if _is_above(place)), "")
+        evidence = "no transform from base_link to smb_top_view"
+        if other:
+            return 0.0, f"{evidence}, but {other} is 2 m above it", RENAME.format(other)
+        return 0.0, evidence, TOP_VIEW
+    moments = rows[np.linspace(0, len(rows) - 1, 5).astype(int)[1:4]]
+    is_there = all(_is_above(place) for place in moments[:, 1:])
+    places = "; ".join(f"({x:.2f}, {y:.2f}, {z:.2f}) m at {at:.1f} s" for at, x, y, z in moments)
+    return float(is_there), f"in base_link: {places}", TOP_VIEW
+
+
+def _is_above(place: Sequence[float]) -> bool:
+    """Whether a place in base_link [m] is that of the top view."""
+    return float(np.linalg.norm(np.subtract(place, ABOVE))) <= NEAR
+
+
+def judge_player(_recording: Recording, playback: Playback, _view: RvizView) -> Verdict:
+    """The launch file plays a bag."""
+    calls = "; ".join(_FOLDERS.sub("", player) for player in playback.players)
+    return float(bool(calls)), f"its launch file plays {calls or 'no bag'}", PLAYS
+
+
+def judge_half_speed(recording: Recording, playback: Playback, view: RvizView) -> Verdict:
+    """The launch file plays a bag at half speed."""
+    rates = [float(rate) for player in playback.players for rate in _RATE.findall(player)]
+    return float(0.5 in rates), *judge_player(recording, playback, view)[1:]
+
+
+# items with their points of the Husky's and of the SMB's sheet
+SHEETS: Dict[str, Tuple[float, float, Subject, Callable[[Recording, Playback, RvizView], Verdict]]] = {
+    "explains the filter": (0.0, 10.0, Subject.CODE, lambda *_: BY_PERSON),
+    "explains its topics": (0.0, 10.0, Subject.CODE, lambda *_: BY_PERSON),
+    "plots the simulated path": (30.0, 20.0, Subject.CODE, judge_plot),
+    "recorded path": (40.0, 30.0, Subject.DRIVE, judge_path),
+    "RViz shows the point cloud": (30.0, 10.0, Subject.DISPLAYS, judge_cloud),
+    "style of the point cloud": (0.0, 10.0, Subject.DISPLAYS, judge_style),
+    "top view moves with the robot": (0.0, 10.0, Subject.DRIVE, judge_top_view),
+    "bonus: plays the bag": (0.0, 5.0, Subject.CODE, judge_player),
+    "bonus: at half speed": (0.0, 5.0, Subject.CODE, judge_half_speed),
+}
+ITEMS = tuple(SHEETS)
+
+
+def judge_exercise_4(
+    recordings: Sequence[Recording], view: RvizView, _scan_topic: str, rules: Rules = DEFAULT_RULES
+) -> List[Item]:
+    """Items of the sheet of the robot whose bag was played."""
+    recording, items = recordings[0], []
+    playback = recording.watched_as(Playback)
+    for name, (husky, smb, subject, judge) in SHEETS.items():
+        item = Item(name, 0.0, smb if recording.robot == "smb" else husky, "", subject=subject)
+        if subject is Subject.DISPLAYS and not view.source:
+            items.append(without_config(item, view, rules))
+        else:
+            share, evidence, hint = judge(recording, playback, view)
+            points = None if share is None else share * item.max_points
+            items.append(replace(item, points=points, evidence=evidence, hint=hint))
+    return weighted(forfeited([item for item in items if item.max_points], recordings), rules)
+
+
+EXERCISE = Exercise(
+    ITEMS,
+    judge_exercise_4,
+    pace=5.0,
+    deadline=90.0,
+    facts=Facts(
+        Parts(by_submission=("robot_localization",), by_marking=("rosbag",)),
+        "ekf_localization_node",
+        own=Own.FILTER,
+        robot=named_bag,
+        read=read_facts,
+    ),
+    bring_up=play,
+    watch=FilterWatch,
+)

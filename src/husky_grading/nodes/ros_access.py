@@ -1,0 +1,131 @@
+"""Access to the ROS network of a drive: commands, services, parameters and frames."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+import xmlrpc.client
+from contextlib import suppress
+from http.client import HTTPException
+from typing import Any, Collection, Dict, List, Optional, Set, Tuple
+from xml.parsers.expat import ExpatError
+
+import rosgraph
+import rospy
+import rosservice
+from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Vector3 as LinearVelocity
+from std_srvs.srv import SetBool
+
+from husky_grading.drive.ros_graph import callers
+from husky_grading.exercises.watch import Answer
+from husky_grading.nodes.marker_watch import MarkerWatch
+from husky_highlevel_controller.datatypes import Vector3
+
+# a master that does not answer, or cannot: a submission's parameter may hold what XML-RPC cannot send, and
+# a submission may end the master and answer in its place
+UNANSWERED = (
+    OSError, HTTPException, ExpatError, ValueError, TypeError, rospy.ROSException, rosgraph.MasterException,
+    xmlrpc.client.Error,
+)  # fmt: skip
+ANSWER_DEADLINE = 10.0  # [s] of wall time
+TYPE_CALLER = "/rosservice"  # name by which rosservice asks the master
+MAX_SERVICES = 100  # of a submission that are looked at, each in a thread
+MAX_DESCRIPTION = 2_000_000  # letters of a URDF
+_LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
+
+
+class DriveAccess:
+    """Access of an exercise's watch to the ROS network of a drive, see `watch.RosAccess`."""
+
+    def __init__(self, our_nodes: Set[str], transforms: MarkerWatch) -> None:
+        self._our_nodes, self._transforms = our_nodes, transforms
+        self._velocity: Optional[rospy.Publisher] = None
+        self._asked: Set[str] = set()  # services whose types are asked for
+        self._types: List[Tuple[str, str]] = []  # service and type; threads append while others read
+        self._answers: List[Answer] = []  # to the last call
+        self._give_up_at = 0.0  # [s] of wall time
+
+    def advertise_commands(self) -> None:
+        """Publish commands from now on; lockstep waits for a node that does."""
+        self._velocity = self._velocity or rospy.Publisher("cmd_vel", Twist, queue_size=1)
+
+    def command(self, speed: float) -> None:
+        """Publish a command to drive ahead [m/s]."""
+        if self._velocity is not None:
+            self._velocity.publish(Twist(linear=LinearVelocity(speed, 0.0, 0.0)))
+
+    def service_types(self, names: Collection[str]) -> Dict[str, str]:
+        """Types of services as far as they are known; those of new names are asked for in threads."""
+        for name in names:
+            if name not in self._asked and len(self._asked) < MAX_SERVICES and not _internal(name):
+                self._asked.add(name)
+                threading.Thread(target=self._ask_type, args=(name,), daemon=True).start()
+        return dict(tuple(self._types))
+
+    def _ask_type(self, name: str) -> None:
+        try:
+            kind = rosservice.get_service_type(name)
+        except Exception:  # of whatever kind: the submission answers; it is asked again
+            self._asked.discard(name)
+        else:
+            if kind:
+                self._types.append((name, kind))
+
+    def call(self, name: str, value: bool) -> None:
+        """Call a service of type std_srvs/SetBool."""
+        self._answers = answers = []
+        self._give_up_at = time.monotonic() + ANSWER_DEADLINE
+
+        def ask() -> None:
+            try:
+                response = rospy.ServiceProxy(name, SetBool)(value)
+                answers.append(Answer(bool(response.success), str(response.message)))
+            except Exception as error:  # of whatever kind: the submission answers, and the drive waits
+                answers.append(Answer(False, str(error) or type(error).__name__))
+
+        threading.Thread(target=ask, daemon=True).start()
+
+    def answer(self) -> Optional[Answer]:
+        """Answer to the last call; None while it is waited for."""
+        if self._answers:
+            return self._answers[0]
+        return None if time.monotonic() < self._give_up_at else Answer(False, "no answer")
+
+    def callers(self, service: str) -> Dict[str, int]:
+        """Lookups of a service by each node of the submission."""
+        return callers(rosgraph.get_master_uri(), service, {*self._our_nodes, TYPE_CALLER})
+
+    def parameters(self) -> Dict[str, Any]:
+        """Values of the submission's parameters, as far as the master tells them."""
+        values: Dict[str, Any] = {}
+        with suppress(*UNANSWERED):
+            ours = tuple(f"{node}/" for node in self._our_nodes)
+            for name in rospy.get_param_names():
+                if not name.startswith(ours):
+                    values[name] = rospy.get_param(name, None)
+        return values
+
+    def place(self, frame: str) -> Optional[Vector3]:
+        """Place of a frame in base_link by the newest transforms [m]; None: none connect them."""
+        return self._transforms.place(frame)
+
+    def places(self) -> Dict[str, Vector3]:
+        """Place in base_link of each frame [m] that transforms connect with it."""
+        return self._transforms.places()
+
+    def descriptions(self, frames: Collection[str]) -> Tuple[str, ...]:
+        """Parameters with the URDF of a robot, any of whose links is among these frames."""
+        names = []
+        with suppress(*UNANSWERED):
+            for name in rospy.get_param_names():
+                if name.endswith("_description"):
+                    text = str(rospy.get_param(name, ""))[:MAX_DESCRIPTION]
+                    if set(_LINK.findall(text)) & set(frames):
+                        names.append(name)
+        return tuple(sorted(names))
+
+
+def _internal(name: str) -> bool:
+    return name.endswith(("/get_loggers", "/set_logger_level", "/set_parameters"))

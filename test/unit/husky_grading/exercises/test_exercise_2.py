@@ -1,0 +1,119 @@
+"""Exercise 2: what a machine can judge of it, and how the robot drives meanwhile."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from husky_grading.displays import RvizView
+from husky_grading.exercises.exercise_2 import (
+    ReadParameters,
+    StraightDrive,
+    judge_exercise_2,
+    judge_output,
+)
+from husky_grading.exercises.watch import DriveState
+from husky_grading.notes import Kind, Note
+from husky_grading.recording import Recording
+from husky_grading.records import Rules, total
+from husky_highlevel_controller.config import to_plain
+from husky_highlevel_controller.datatypes import Pose2D
+
+TIMES = np.arange(0.02, 20.0, 0.02)  # [s]
+SCAN = "/front/scan"
+NEAREST = np.column_stack([TIMES, np.interp(TIMES, [2.0, 12.0], [20.0, 15.0])])
+VIEW = RvizView("its rviz node", topics=(SCAN,), scan=True, fixed_frame="odom")
+
+
+def recording(read=None, **more):
+    poses, twists = np.zeros((len(TIMES), 3)), np.zeros((len(TIMES), 2))
+    watched = to_plain(read or ReadParameters())
+    return Recording(
+        Pose2D(), (20.0, 5.0), 60.0, TIMES, poses, twists, TIMES, nearest=NEAREST, watched=watched, **more
+    )
+
+
+def told(first, last, lines=50, shape="[INFO] [1700000000.123456, 17.420000]: smallest range {:.3f} m"):
+    return "\n".join(shape.format(value) for value in np.linspace(first, last, lines))
+
+
+@pytest.mark.parametrize(
+    ("item", "changes", "points"),
+    [
+        # the smallest range must be printed and follow the drive
+        (0, {"output": told(20.0, 15.0)}, 40.0),
+        (0, {"output": told(20.0, 15.0), "subscribed": False}, 0.0),
+        (0, {"output": told(20.0, 15.0, shape="{:.2f}")}, 40.0),
+        (0, {"output": told(19.99, 19.98)}, 20.0),  # it does not follow the drive
+        (0, {"output": told(15.0, 20.0)}, 20.0),  # the wrong way round
+        (0, {"output": told(20.0, 15.0, lines=3)}, 0.0),
+        (0, {"output": told(1.0, 2.0)}, 0.0),  # the stamps of the log alone are not ranges
+        (0, {"output": ""}, 0.0),
+        # topic and queue size are parameters
+        (2, {"read": ReadParameters(("/n/topic",), ("/n/queue",))}, 15.0),
+        (2, {"read": ReadParameters(("/n/t",))}, 8.0),
+        (2, {}, 0.0),
+        # the scan is shown in odom
+        (3, {"view": VIEW}, 15.0),
+        (3, {"view": replace(VIEW, fixed_frame="map")}, 10.0),
+        (3, {"view": replace(VIEW, scan=False)}, 0.0),
+        (3, {"view": replace(VIEW, source="")}, None),
+    ],
+)
+def test_points_of_exercise_2(item, changes, points):
+    given = {"view": VIEW, "subscribed": True, **changes}
+    view = given.pop("view")
+    items = judge_exercise_2([recording(**given)], view, SCAN)
+    assert items[item].points == points
+
+
+def test_style_is_left_to_people():
+    read = ReadParameters(("/a",), ("/b",))
+    items = judge_exercise_2([recording(read, subscribed=True, output=told(20.0, 15.0))], VIEW, SCAN)
+    assert total(items) == (70.0, 70.0)
+    assert [item.max_points for item in items if item.points is None] == [30.0]
+
+
+def test_that_it_does_not_answer_every_scan_is_no_reason_to_print_nothing():
+    slow = Note(Kind.UNANSWERED_SCANS, "it does not answer every scan with a command")
+    assert "does not subscribe to the scans" in judge_output(recording(notes=(slow,))).evidence
+
+
+@pytest.mark.parametrize(
+    "items",
+    [
+        judge_exercise_2([recording()], RvizView(), SCAN, Rules(no_rviz_config="zero")),
+        judge_exercise_2([recording(subscribed=True, output=told(20.0, 19.9))], VIEW, SCAN),
+        judge_exercise_2([recording(subscribed=True)], replace(VIEW, fixed_frame="map"), SCAN),
+        judge_exercise_2([recording(violations=("it resets the simulator",))], VIEW, SCAN),
+    ],
+)
+def test_every_item_that_lost_points_says_what_to_look_at(items):
+    lost = [item for item in items if item.points is not None and not item.full]
+    assert lost
+    assert [item.name for item in lost if not item.hint] == []
+
+
+def drive(parameters=None):
+    """A drive of marking, and the speeds [m/s] that it commands."""
+    speeds = []
+    ros = SimpleNamespace(
+        advertise_commands=lambda: None, command=speeds.append, parameters=lambda: parameters or {}
+    )
+    return StraightDrive(recording(), ros), speeds
+
+
+def test_the_robot_drives_for_ten_seconds_and_the_drive_ends_where_it_stands():
+    watch, speeds = drive()
+    for stamp in (1.0, 5.0, 12.5):
+        watch.on_scan(stamp)
+    assert speeds == [0.0, 0.5, 0.0]
+    assert watch.over(DriveState(12.0, 0.5)) is None
+    assert watch.over(DriveState(13.5, 0.0)).kind is Kind.PLAN_DONE
+    assert watch.takes_part(DriveState(0.0, 0.0, subscribed=True)), "it sends no command"
+
+
+def test_topic_and_queue_size_are_known_among_all_parameters():
+    values = {"/n/topic": "front/scan", "/n/Queue": 5, "/n/size": 5, "/n/other": "/scan", "/n/queue": "no"}
+    assert drive(values)[0].kept() == {"topics": ["/n/topic"], "queues": ["/n/Queue"]}
