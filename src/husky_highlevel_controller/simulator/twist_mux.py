@@ -7,7 +7,7 @@ Source: twist_mux.yaml of husky_control 0.6.10 and of smb_control, which have th
 
 from __future__ import annotations
 
-from typing import Dict, Sequence
+from typing import Dict, Optional, Sequence
 
 TIMEOUT = 0.5  # [s], an input that was silent for longer gives way
 
@@ -26,9 +26,12 @@ class CommandMux:
         self._last_stamps: Dict[str, float] = {}
 
     def passes(self, topic: str, now: float) -> bool:
-        """Note that an input sent a command at `now` [s]; whether it is the one to obey."""
+        """Note that an input sent a command at `now` [s]; return whether it is the one to obey."""
         self._last_stamps[topic] = now
-        rank = self._ranks[topic]
-        return not self.locked and not any(
-            self._ranks[other] < rank and now - stamp <= TIMEOUT for other, stamp in self._last_stamps.items()
-        )
+        return not self.locked and self.stronger(topic, now) is None
+
+    def stronger(self, topic: str, now: float) -> Optional[str]:
+        """Return the strongest input that is obeyed in place of another one at `now` [s], or None."""
+        rank = self._ranks.get(topic, -1)
+        heard = (other for other, stamp in self._last_stamps.items() if now - stamp <= TIMEOUT)
+        return min((o for o in heard if self._ranks[o] < rank), key=lambda o: self._ranks[o], default=None)

@@ -10,21 +10,26 @@ import rospy
 from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool
 
-from husky_highlevel_controller.datatypes import Twist2D
-from husky_highlevel_controller.robot import RobotTopics
+from husky_highlevel_controller.datatypes import STOP, Twist2D
+from husky_highlevel_controller.robot import Robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import publish
 from husky_highlevel_controller.ros.simulator.lockstep import LeadLimit, Lockstep
+from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS
+from husky_highlevel_controller.simulator.command_habits import CommandHabits, Habit, habit_sentence
 from husky_highlevel_controller.simulator.twist_mux import TIMEOUT, CommandMux
 
 MAIN = "cmd_vel"
+OUR_NODES = {"husky_highlevel_controller", "proximity_stop", "crash_stop"}  # say themselves why they stand
 QUEUE = 1000  # commands kept between two physics steps; older ones are overruled anyway
 
 
 class Commands:
     """Collects commands in callbacks; the simulation's thread takes them."""
 
-    def __init__(self, topics: RobotTopics, lockstep: Lockstep, lead_limit: LeadLimit) -> None:
+    def __init__(self, robot: Robot, lockstep: Lockstep, lead_limit: LeadLimit) -> None:
+        topics = robot.topics
+        self._habits = CommandHabits(robot.drive.timeout, may_stand)
         self._direct_topic = topics.wheel_command  # the mux's output, and a way past it
         self._lockstep, self._lead_limit = lockstep, lead_limit
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
@@ -54,14 +59,23 @@ class Commands:
             return obeyed
         while self._arrived:
             topic, msg = self._arrived.popleft()
+            twist = conversions.twist_from_msg(msg)
             if topic == self._direct_topic:
                 if not self._mux.locked:
-                    obeyed.append((topic, conversions.twist_from_msg(msg)))
+                    obeyed.append((topic, twist))
             elif self._mux.passes(topic, stamp):
-                obeyed.append((topic, conversions.twist_from_msg(msg)))
+                obeyed.append((topic, twist))
                 if self._passed.get_num_connections() > 1:  # one of them is our own
                     publish(self._passed, msg)
+            self._notice_habits(stamp, topic, msg, twist)
         return obeyed
+
+    def _notice_habits(self, stamp: float, topic: str, msg: Twist, twist: Twist2D) -> None:
+        """Log what is found of the sender of a command for the first time."""
+        sender, stronger = msg._connection_header["callerid"], self._mux.stronger(topic, stamp)
+        for finding in self._habits.note(stamp, topic, sender, twist == STOP, stronger):
+            log = rospy.loginfo if finding.habit is Habit.DRIVES else rospy.logwarn
+            log(habit_sentence(finding._replace(topic=rospy.resolve_name(topic))))
 
     def has_sender(self) -> bool:
         """Whether a controller is connected; one of the direct input's senders is our own."""
@@ -116,3 +130,8 @@ class Commands:
             rospy.logwarn("e_stop: commands are locked" if msg.data else "e_stop: commands are free again")
             publish(self._locked, msg)
         self._mux.locked = msg.data
+
+
+def may_stand(node: str) -> bool:
+    """Return whether a node may hold the robot with zero commands on purpose."""
+    return bool(TOOLS.match(node)) or node.rsplit("/", 1)[-1] in OUR_NODES

@@ -1,4 +1,4 @@
-"""ROS graph around the simulator: partners that must have joined before time begins, and wrong topics.
+"""ROS graph around the simulator: partners that must have joined before time begins, and mistakes.
 
 In: topics, the ROS master. Out: whether the partners are there; warnings.
 """
@@ -7,19 +7,23 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Callable, Dict, Sequence, Set
+from typing import Callable, Dict, FrozenSet, Iterator, Optional, Sequence, Set, Tuple
 
 import rosgraph
 import rospy
+from rosgraph_msgs.msg import Clock
 
 from husky_highlevel_controller.ros.node import contained
-from husky_highlevel_controller.ros.simulator.one_simulator import clock_publishers
 from husky_highlevel_controller.ros.simulator.wrong_topics import (
+    Finding,
     Graph,
-    WrongTopic,
+    Kinds,
+    mistake_sentence,
     read_graph,
-    wrong_topic_sentence,
+    read_kinds,
+    second_publishers,
     wrong_topics,
+    wrong_types,
 )
 from husky_highlevel_controller.xml_rpc import ask
 
@@ -86,8 +90,10 @@ class GraphWatch:
         self._simulated_time, self._warn = simulated_time, warn
         self._master_uri = rosgraph.get_master_uri()
         self._clock_nodes = {rospy.get_name()}
-        self._first_times: Dict[WrongTopic, float] = {}  # [s] of simulated time
-        self._warnings: Set[WrongTopic] = set()
+        self._clock: Optional[rospy.Subscriber] = None
+        self._kinds: Dict[Tuple[str, bool, FrozenSet[str]], Kinds] = {}  # answers of nodes
+        self._first_times: Dict[Finding, float] = {}  # [s] of simulated time
+        self._warnings: Set[Finding] = set()
 
     def start(self) -> None:
         """Look now, and every PERIOD in a thread of its own."""
@@ -95,7 +101,7 @@ class GraphWatch:
 
     def _run(self) -> None:
         while True:
-            with contained("the search for wrong topics"):
+            with contained("the search for mistakes in the ROS graph"):
                 graph = read_graph(self._master_uri)
                 if graph is not None:
                     self.look(graph)
@@ -103,14 +109,34 @@ class GraphWatch:
 
     def look(self, graph: Graph) -> None:
         """Warn of what is new in a graph."""
-        if set(graph.publishers.get("/clock", ())) - self._clock_nodes:
-            names = set(clock_publishers(self._master_uri, graph.publishers)) - self._clock_nodes
-            self._clock_nodes |= names
-            for name in sorted(names):
-                self._warn(f"{name} publishes /clock too: time will jump; end it, or this simulator")
+        if self._clock is None and set(graph.publishers.get("/clock", ())) - self._clock_nodes:
+            # only its messages tell, because rosbag play advertises /clock and sends none without --clock
+            self._clock = rospy.Subscriber("/clock", Clock, self._on_clock)
         now = self._simulated_time()
-        self._first_times = {finding: self._first_times.get(finding, now) for finding in wrong_topics(graph)}
+        mistakes = list(self._mistakes(graph))
+        self._first_times = {mistake: self._first_times.get(mistake, now) for mistake in mistakes}
         for finding, first_time in self._first_times.items():
             if now - first_time >= JOINING_TIME and finding not in self._warnings:
                 self._warnings.add(finding)
-                self._warn(wrong_topic_sentence(finding))
+                self._warn(mistake_sentence(finding))
+
+    def _on_clock(self, message: Clock) -> None:
+        name = message._connection_header["callerid"]
+        if name not in self._clock_nodes:
+            self._clock_nodes.add(name)
+            self._warn(f"{name} publishes /clock too, so time will jump: end it, or this simulator")
+
+    def _mistakes(self, graph: Graph) -> Iterator[Finding]:
+        simulator = rospy.get_name()
+
+        def kinds_of(node: str, publishes: bool) -> Kinds:
+            nodes_by_topic = graph.publishers if publishes else graph.subscribers
+            topics = frozenset(topic for topic, nodes in nodes_by_topic.items() if node in nodes)
+            key = node, publishes, topics
+            if key not in self._kinds:
+                self._kinds[key] = read_kinds(self._master_uri, node, publishes)
+            return self._kinds[key]
+
+        yield from wrong_topics(graph)
+        yield from second_publishers(graph, simulator)
+        yield from wrong_types(graph, simulator, kinds_of)

@@ -71,7 +71,7 @@ class SimulatorNode:
             self._publishers.truth_log.write_line,
         )
         self._lead_limit = LeadLimit(start.real_time_factor == 0.0 and not start.lockstep)
-        self._commands = Commands(config.robot.topics, self._lockstep, self._lead_limit)
+        self._commands = Commands(config.robot, self._lockstep, self._lead_limit)
         self._registration = RegistrationWatch(self._commands.refuse)
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
         self._offer_services()

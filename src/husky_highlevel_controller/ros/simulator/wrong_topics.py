@@ -1,4 +1,4 @@
-"""Wrong topics: those with publishers or subscribers alone, where another topic has almost the same name.
+"""Mistakes in the ROS graph: misspelt topics, wrong message types, and second publishers of a topic.
 
 In: the ROS graph. Out: findings, and a sentence for each. Only the standard library, for `./dev doctor`.
 """
@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 import re
 from difflib import SequenceMatcher
-from typing import Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from functools import partial
+from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
 
 from husky_highlevel_controller.xml_rpc import ask
 
@@ -39,6 +40,62 @@ class WrongTopic(NamedTuple):
     suggestion: str
 
 
+class WrongType(NamedTuple):
+    """Node that uses a topic of the simulator with another type of messages, so that nothing arrives."""
+
+    node: str
+    topic: str
+    kind: str  # type of its messages
+    publishes: bool  # otherwise the node subscribes
+    simulator: str
+    right_kind: str  # type of the simulator's messages
+
+
+class SecondPublisher(NamedTuple):
+    """Node that publishes a topic that the simulator publishes, so that its readers mix up two sources."""
+
+    node: str
+    topic: str
+    simulator: str
+
+
+Finding = Union[WrongTopic, WrongType, SecondPublisher]
+Kinds = Mapping[str, str]  # types by topic
+KindsOf = Callable[[str, bool], Kinds]  # topics of a node that it publishes (True) or subscribes to (False)
+SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics that have several publishers
+
+
+def wrong_types(graph: Graph, simulator: str, kinds_of: KindsOf) -> List[WrongType]:
+    """Return the nodes whose messages the simulator, or which the simulator's messages, cannot reach.
+
+    Args:
+        graph: topics and nodes.
+        simulator: name of the simulator's node.
+        kinds_of: types of a node's topics, as the node itself says; the master knows one for each topic.
+    """
+    found = []
+    for publishes, others in ((True, graph.publishers), (False, graph.subscribers)):
+        own = kinds_of(simulator, not publishes)
+        topics = set(own) - SHARED  # tf's two types are the same message
+        pairs = {(node, topic) for topic in topics for node in others.get(topic, ()) if node != simulator}
+        for node, topic in sorted(pairs):
+            kind = kinds_of(node, publishes).get(topic, "*")
+            if kind not in ("*", own[topic]):
+                found.append(WrongType(node, topic, kind, publishes, simulator, own[topic]))
+    return found
+
+
+def second_publishers(graph: Graph, simulator: str) -> List[SecondPublisher]:
+    """Return the nodes that publish a topic of the simulator too; it reads its command topics itself."""
+    return [
+        SecondPublisher(node, topic, simulator)
+        for topic, nodes in sorted(graph.publishers.items())
+        if simulator in nodes and topic not in SHARED and simulator not in graph.subscribers.get(topic, ())
+        for node in sorted(nodes)
+        if node != simulator
+    ]
+
+
 def wrong_topics(graph: Graph) -> List[WrongTopic]:
     """Topics of a graph that are probably mistakes.
 
@@ -57,8 +114,19 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
     ]
 
 
-def wrong_topic_sentence(finding: WrongTopic) -> str:
-    """A finding for the log."""
+def mistake_sentence(finding: Finding) -> str:
+    """Return a finding as a sentence for the log."""
+    if isinstance(finding, WrongType):
+        uses, others_use = ("publishes", "reads") if finding.publishes else ("reads", "publishes")
+        return (
+            f"{finding.node} {uses} {finding.kind} on {finding.topic}, but {finding.simulator} {others_use} "
+            f"{finding.right_kind} there, so no message arrives: change the type in {finding.node}"
+        )
+    if isinstance(finding, SecondPublisher):
+        return (
+            f"{finding.node} publishes {finding.topic}, which {finding.simulator} publishes too, so nodes "
+            f"that read it mix up two sources: end {finding.node}, or remap its topic"
+        )
     if finding.publishes:
         does = f"publishes {finding.kind} on {finding.topic}, which no node reads"
     else:
@@ -74,6 +142,13 @@ def read_graph(master_uri: str) -> Optional[Graph]:
     state = ask(master_uri, "getSystemState", CALLER)
     types = ask(master_uri, "getTopicTypes", CALLER)
     return None if state is None or types is None else Graph(dict(state[0]), dict(state[1]), dict(types))
+
+
+def read_kinds(master_uri: str, node: str, publishes: bool) -> Kinds:
+    """Return the types of the topics that a node publishes or subscribes to; none if it does not answer."""
+    uri = ask(master_uri, "lookupNode", CALLER, node)
+    answer = ask(uri, "getPublications" if publishes else "getSubscriptions", CALLER) if uri else None
+    return dict(answer or ())
 
 
 def _suggestions(topic: str, node: str, others: Nodes, types: Mapping[str, str]) -> Iterator[str]:
@@ -103,10 +178,18 @@ def _distance(topic: str, other: str) -> Optional[Tuple[int, float]]:
 
 
 def main() -> None:
-    """Print a sentence for each wrong topic on $ROS_MASTER_URI."""
-    graph = read_graph(os.environ.get("ROS_MASTER_URI", "http://localhost:11311"))
-    for finding in wrong_topics(graph) if graph else ():
-        print(wrong_topic_sentence(finding))
+    """Print a sentence for each mistake on $ROS_MASTER_URI."""
+    master_uri = os.environ.get("ROS_MASTER_URI", "http://localhost:11311")
+    graph = read_graph(master_uri)
+    if graph is None:
+        return
+    findings: List[Finding] = [*wrong_topics(graph)]
+    nodes = {node for names in graph.publishers.values() for node in names}
+    for simulator in sorted(node for node in nodes if node.rsplit("/", 1)[-1] == "husky_simulator"):
+        findings += second_publishers(graph, simulator)
+        findings += wrong_types(graph, simulator, partial(read_kinds, master_uri))
+    for finding in findings:
+        print(mistake_sentence(finding))
 
 
 if __name__ == "__main__":

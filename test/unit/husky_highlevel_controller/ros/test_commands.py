@@ -28,7 +28,7 @@ class Network:
         monkeypatch.setattr(commands.rospy, "logwarn_throttle", lambda _, text: self.warnings.append(text))
         monkeypatch.setattr(commands.rospy, "get_time", lambda: 0.0)
         lockstep = SimpleNamespace(drops=lambda _: self.drops, command_arrived=lambda *_: None)
-        self.commands = commands.Commands(load_robot().topics, lockstep, lockstep)
+        self.commands = commands.Commands(load_robot(), lockstep, lockstep)
 
     def advertise(self, topic, _kind, latch=False, **_):
         publish = partial(self.latched.__setitem__, topic) if latch else self.passed.append

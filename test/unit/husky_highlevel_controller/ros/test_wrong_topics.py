@@ -7,9 +7,13 @@ import pytest
 
 from husky_highlevel_controller.ros.simulator.wrong_topics import (
     Graph,
+    SecondPublisher,
+    WrongType,
+    mistake_sentence,
     read_graph,
-    wrong_topic_sentence,
+    second_publishers,
     wrong_topics,
+    wrong_types,
 )
 
 TWIST, SCAN, ODOMETRY = "geometry_msgs/Twist", "sensor_msgs/LaserScan", "nav_msgs/Odometry"
@@ -48,7 +52,7 @@ def test_a_slip_is_told_with_the_topic_that_was_meant(topic, kind, publishes, me
     assert finding == ("/walker", topic, kind, publishes, meant)
     does = f"publishes {kind} on" if publishes else "subscribes to"
     other = "reads" if publishes else "publishes"
-    told = wrong_topic_sentence(finding)
+    told = mistake_sentence(finding)
     assert told.startswith(f"/walker {does} {topic}, which no node {other}: did you mean {meant}?")
     assert ("robot:=husky_melodic" in told) == (topic == "/scan"), "that robot's lidar is on it"
 
@@ -101,3 +105,47 @@ def test_a_port_that_is_no_masters_has_no_graph(answer):
 
         threading.Thread(target=serve, daemon=True).start()
         assert read_graph(f"http://127.0.0.1:{server.getsockname()[1]}") is None
+
+
+def kinds(*topics):
+    """Types of topics (node, topic, type, whether it publishes) by node, as the nodes say."""
+    simulator = [
+        ("/husky_simulator", "/cmd_vel", TWIST, False),
+        ("/husky_simulator", "/front/scan", SCAN, True),
+    ]
+    return lambda node, publishes: {
+        t: k for n, t, k, p in (*simulator, *topics) if (n, p) == (node, publishes)
+    }
+
+
+def test_a_command_of_a_wrong_type_is_told_with_both_types_and_nodes():
+    wrong, right = (
+        ("/walker", "/cmd_vel", "geometry_msgs/TwistStamped", True),
+        ("/runner", "/cmd_vel", TWIST, True),
+    )
+    (finding,) = wrong_types(graph(wrong, right), "/husky_simulator", kinds(wrong, right))
+    assert finding == WrongType(*wrong, "/husky_simulator", TWIST)
+    told = mistake_sentence(finding)
+    assert told.startswith("/walker publishes geometry_msgs/TwistStamped on /cmd_vel, but /husky_simulator")
+    assert "reads geometry_msgs/Twist there" in told
+
+
+def test_a_reader_of_a_wrong_type_is_told_and_one_of_any_type_is_not():
+    reader, any_reader = (
+        ("/walker", "/front/scan", "sensor_msgs/Image", False),
+        ("/tool", "/front/scan", "*", False),
+    )
+    (finding,) = wrong_types(graph(reader, any_reader), "/husky_simulator", kinds(reader, any_reader))
+    assert (finding.node, finding.publishes) == ("/walker", False)
+
+
+@pytest.mark.parametrize(
+    ("node", "topic", "is_told"),
+    [("/play_1", "/front/scan", True), ("/walker", "/cmd_vel", False), ("/walker", "/tf", False)],
+)
+def test_a_second_publisher_of_a_topic_of_the_simulator_is_told(node, topic, is_told):
+    joint = graph((node, topic, SCAN, True), ("/husky_simulator", "/tf", "tf2_msgs/TFMessage", True))
+    findings = second_publishers(joint, "/husky_simulator")
+    assert findings == [SecondPublisher(node, topic, "/husky_simulator")] * is_told
+    for finding in findings:
+        assert "publishes /front/scan, which /husky_simulator publishes too" in mistake_sentence(finding)

@@ -1,0 +1,139 @@
+"""Habits of the nodes that command the robot: faults that a student does not see, and the first command.
+
+In: commands with their stamps and senders. Out: findings, each of them once, and a sentence for each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Callable, Dict, Iterator, NamedTuple, Optional, Set, Tuple
+
+RATE_TIME = 1.0  # [s] after the first command that moves the robot, in which the rate is counted
+SLOW_GAPS = 8  # successive commands that come after the one before has expired; then the sender is slow
+LONGEST_GAP = 3.0  # [s], a sender that is silent for longer is not slow: a person presses keys
+ZEROS_TIME = 10.0  # [s] of nothing but zero commands
+ZEROS_COUNT = 20  # commands in that time, at least
+OVERRULED_TIME = 2.0  # [s] in which a stronger topic holds the robot although another node commands motion
+
+
+class Habit(Enum):
+    """Kind of a finding."""
+
+    DRIVES = "drives"
+    SLOW = "slow"
+    ZEROS = "zeros"
+    OVERRULED = "overruled"
+
+
+class Finding(NamedTuple):
+    """Habit of a node that sends commands."""
+
+    habit: Habit
+    sender: str  # name of the node
+    topic: str
+    rate: float = 0.0  # [1/s] of simulated time
+    timeout: float = 0.0  # [s] after which a command expires
+    stronger_sender: str = ""  # node that overrules it
+    stronger_topic: str = ""
+
+
+@dataclass
+class _Sender:
+    """Memory of one sender on one topic."""
+
+    first: float  # [s], stamp of its first command
+    last: float  # [s], stamp of its last command
+    count: int = 0
+    moves_since: Optional[float] = None  # [s], stamp of its first command that is not zero
+    moves_count: int = 0  # commands since then
+    gaps: Tuple[float, ...] = ()  # [s], successive gaps longer than the timeout
+    overruled_since: Optional[float] = None  # [s]
+
+
+class CommandHabits:
+    """Memory of who sent which commands."""
+
+    def __init__(self, timeout: float, may_stand: Callable[[str], bool]) -> None:
+        """Begin without a command.
+
+        Args:
+            timeout: time after which a command expires [s].
+            may_stand: whether the node of a name may hold the robot on purpose.
+        """
+        self._timeout, self._may_stand = timeout, may_stand
+        self._senders: Dict[Tuple[str, str], _Sender] = {}
+        self._zero_senders: Dict[str, str] = {}  # by topic, the sender of its last command if that was zero
+        self._found: Set[Tuple[Habit, str]] = set()
+
+    def note(
+        self, stamp: float, topic: str, sender: str, is_zero: bool, stronger_topic: Optional[str] = None
+    ) -> Iterator[Finding]:
+        """Note a command, and yield what is found for the first time.
+
+        Args:
+            stamp: simulated time at which it is taken [s].
+            topic: topic that it came on.
+            sender: name of the node that sent it.
+            is_zero: whether it commands the robot to stand.
+            stronger_topic: topic that is obeyed in place of this one; None if this command is obeyed.
+        """
+        known = self._senders.setdefault((topic, sender), _Sender(stamp, stamp))
+        gap, known.last = stamp - known.last, stamp
+        known.count += 1
+        self._zero_senders.pop(topic, None)
+        if is_zero:
+            self._zero_senders[topic] = sender
+        for finding in self._findings(known, gap, topic, sender, is_zero, stronger_topic):
+            if (finding.habit, sender) not in self._found:
+                self._found.add((finding.habit, sender))
+                yield finding
+
+    def _findings(
+        self, known: _Sender, gap: float, topic: str, sender: str, is_zero: bool, stronger: Optional[str]
+    ) -> Iterator[Finding]:
+        stamp = known.last
+        if (not is_zero and stronger is None and known.moves_since is None) or gap > LONGEST_GAP:
+            known.moves_since, known.moves_count = (None if is_zero else stamp), 0
+        elif known.moves_since is not None:
+            known.moves_count += 1
+            if stamp - known.moves_since >= RATE_TIME:
+                yield Finding(Habit.DRIVES, sender, topic, known.moves_count / (stamp - known.moves_since))
+        is_gap_long = self._timeout < gap <= LONGEST_GAP
+        known.gaps = (*known.gaps, gap) if is_gap_long else ()
+        if len(known.gaps) >= SLOW_GAPS:
+            yield Finding(Habit.SLOW, sender, topic, len(known.gaps) / sum(known.gaps), self._timeout)
+            known.gaps = ()
+        is_long = stamp - known.first >= ZEROS_TIME and known.count >= ZEROS_COUNT
+        if known.moves_since is None and is_zero and is_long and not self._may_stand(sender):
+            yield Finding(Habit.ZEROS, sender, topic)
+        holder = self._zero_senders.get(stronger, "") if stronger is not None else ""
+        if is_zero or not holder:
+            known.overruled_since = None
+        elif known.overruled_since is None:
+            known.overruled_since = stamp
+        elif stamp - known.overruled_since >= OVERRULED_TIME and stronger is not None:
+            yield Finding(Habit.OVERRULED, sender, topic, stronger_sender=holder, stronger_topic=stronger)
+
+
+def habit_sentence(finding: Finding) -> str:
+    """Return a finding as a sentence for the log."""
+    sender, topic = finding.sender, finding.topic
+    if finding.habit is Habit.DRIVES:
+        return f"{sender} drives the robot by {topic}, {finding.rate:.3g} commands per second"
+    if finding.habit is Habit.SLOW:
+        return (
+            f"{sender} sends {finding.rate:.1f} commands per second of simulated time on {topic}, but a "
+            f"command expires after {finding.timeout:g} s, so the robot stops between two commands. Send at "
+            "10 Hz or more: shorten the callback, do not sleep in it, and set queue_size to 1"
+        )
+    if finding.habit is Habit.ZEROS:
+        return (
+            f"{sender} has sent only zero commands on {topic} for {ZEROS_TIME:g} s, so the robot stands. "
+            "Check the parameters and the conditions of the node"
+        )
+    return (
+        f"{finding.stronger_sender} holds the robot with zero commands on {finding.stronger_topic}, which "
+        f"has priority over {topic}, so {sender} does not drive it. End {finding.stronger_sender}, or let it "
+        "pause"
+    )
