@@ -70,9 +70,10 @@ def missing_sentence(group: str = "launch") -> Optional[str]:
             continue
         old = f"{package.module} {package.oldest} or later (there is {version})"
         lacking.append(old if found else package.module)
-        requirements.append(
-            f"{package.requirement}>={package.oldest}" if package.oldest else package.requirement
-        )
+        versions = f">={package.oldest}" if package.oldest else ""
+        if version:  # what the system has compiled, such as matplotlib, imports no later major version
+            versions += f",<{_numbers(version)[0] + 1}"
+        requirements.append(package.requirement + versions)
     if not lacking:
         return None
     names = " and ".join(filter(None, (", ".join(lacking[:-1]), lacking[-1])))

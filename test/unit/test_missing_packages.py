@@ -29,11 +29,18 @@ def test_what_is_missing_and_what_is_too_old_are_named_with_one_command(monkeypa
     assert missing_packages.missing_sentence() == (
         "husky_highlevel_controller needs numpy 1.20 or later (there is 1.17.4), pybullet and xacro, which "
         "/opt/my python/python3 does not have. Install with: '/opt/my python/python3' -m pip install "
-        f"'numpy>=1.20' {missing_packages.BULLET} xacro==2.1.1"
+        f"'numpy>=1.20,<2' {missing_packages.BULLET} xacro==2.1.1"
     )
-    assert missing_packages.missing_sentence("robot").endswith("pip install 'numpy>=1.20'"), (
+    assert missing_packages.missing_sentence("robot").endswith("pip install 'numpy>=1.20,<2'"), (
         "a robot needs no engine"
     )
+
+
+def test_where_there_is_no_numpy_any_that_is_new_enough_is_installed(monkeypatch):
+    find = missing_packages.importlib.util.find_spec
+    absent = lambda name: None if name == "numpy" else find(name)  # noqa: E731
+    monkeypatch.setattr(missing_packages.importlib.util, "find_spec", absent)
+    assert missing_packages.missing_sentence("robot").endswith(" 'numpy>=1.20'")
 
 
 @pytest.mark.parametrize("managed", [True, False])
@@ -44,7 +51,7 @@ def test_the_system_s_python_gets_packages_for_one_user(managed, monkeypatch, tm
         (tmp_path / "EXTERNALLY-MANAGED").touch()
     monkeypatch.setattr(missing_packages.metadata, "version", lambda name: "1.17.4")
     words = missing_packages.missing_sentence("robot").partition("-m pip install ")[2].split()
-    assert words == ["--user", *(["--break-system-packages"] if managed else []), "'numpy>=1.20'"]
+    assert words == ["--user", *(["--break-system-packages"] if managed else []), "'numpy>=1.20,<2'"]
 
 
 def test_where_no_wheel_of_pybullet_fits_the_compiler_is_installed_first(monkeypatch):
