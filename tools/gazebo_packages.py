@@ -28,7 +28,7 @@ COURSE_PACKAGES = (
 )  # fmt: skip
 OURS_FIRST = ("launch", "scripts")  # folders whose files need Gazebo
 # arguments that people edit in a copy
-WORLD_AND_POSE = {"world", "world_name", "world_file", "x", "y", "yaw"}
+WORLD_AND_POSE = {"world", "world_name", "world_file", "x", "y", "z", "yaw"}
 
 
 def package_path(paths: List[str], joined: Iterable[Path]) -> List[str]:

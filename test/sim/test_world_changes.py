@@ -344,3 +344,31 @@ def test_in_every_world_the_robot_stands_and_a_loaded_one_is_as_if_begun_in(worl
 
 def test_in_a_world_with_nothing_in_it_nothing_is_seen(simulate):
     assert ahead(simulate(World("w", ()))) == inf
+
+
+@pytest.mark.parametrize(("top", "start_height"), [(0.5, 0.0), (0.5, 0.2), (-2.0, 0.0), (3.0, 3.0)])
+def test_the_robot_stands_on_a_floor_at_any_height(simulate, top, start_height):
+    floor = body("floor", Box((10.0, 10.0, 1.0)), z=top - 0.5)
+    simulation = simulate(ground=floor, start_height=start_height)
+    assert drive(simulation, 0.5, 0.5)[-1].robot.pose_in_world.position[2] == pytest.approx(
+        top + 0.132, abs=0.01
+    )
+    simulation.reset_poses()
+    x, _, z = simulation.step().robot.pose_in_world.position
+    assert (x, z) == pytest.approx((0.0, top + 0.132), abs=0.01)
+
+
+@pytest.mark.parametrize(("start_height", "first"), [(0.6, 0.6), (1.0, 1.0), (5.0, 0.132)])
+def test_a_robot_falls_from_the_height_at_which_it_starts_but_not_far(simulate, start_height, first):
+    simulation = simulate(start_height=start_height)
+    heights = [s.robot.pose_in_world.position[2] for s in drive(simulation, 1.5)]
+    assert heights[0] == pytest.approx(first, abs=0.01)
+    assert heights[-1] == pytest.approx(0.132, abs=0.01)
+
+
+def test_a_robot_that_would_start_in_something_is_told_what_to_do(simulate):
+    refused(
+        "'husky' would stand inside 'crate'; choose another x, y or z",
+        simulate,
+        body("crate", Box((1.0, 1.0, 1.0)), z=0.3),
+    )

@@ -80,7 +80,7 @@ def main() -> None:
     except (OSError, KeyError, ValueError, ElementTree.ParseError) as error:
         raise SystemExit(f"spawn_model: '{given.model}': {error}") from None
     if robot in ROBOTS:
-        pose = [f"x:={given.x}", f"y:={given.y}", f"yaw:={given.Y}"]
+        pose = [f"x:={given.x}", f"y:={given.y}", f"z:={given.z}", f"yaw:={given.Y}"]
         # the SMB's /scan is made of its cloud, by a node of its launch files
         scans = ["laser_topic:=husky_simulator/plane_scan"] * (robot == "smb")
         os.execv(SPAWN_HUSKY, ["spawn_husky", f"robot:={robot}", *pose, *scans])

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from math import isfinite, pi
+from typing import List
 
 from husky_highlevel_controller.datatypes import (
     Body,
@@ -24,17 +25,22 @@ from husky_highlevel_controller.simulator.sensors.raycast import RayScene, cast_
 
 FALL_DEPTH = 10.0  # [m], a robot this far below its start has fallen off the world
 MAX_SLAB = 0.12  # [m], of a slab that the robot stands on rather than in: below its hull
+MAX_RISE = 5.0  # [m], of a floor above the height at which the robot is to start
+MAX_DROP = 1.0  # [m], from which a robot falls to the floor; from higher up it is put there
 _WHEELS = 0.3  # [m], from base_link to about its wheels, along x and y
+_FLOOR = 1.0  # [m], along x and y; a floor reaches at least so far
+_RISE = 0.1  # [m], step of the search for the top of a floor
+_LEVEL = 1e-3  # [m]
 _DOWN = quat_from_rpy(0.0, pi / 2.0, 0.0)
 
 log = logging.getLogger("rosout.world")  # a child of rospy's logger: reaches /rosout without rospy
 
 
-def with_ground(world: World, start: Pose2D) -> World:
-    """The world, with a plane at z = 0 if there is nothing to fall on within FALL_DEPTH below `start`."""
+def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
+    """The world, with a plane at z = 0 if nothing is within FALL_DEPTH below `start` at a height [m]."""
     parts = [(body.pose_in_world, part) for body in world.bodies for part in body.collisions]
     scene = make_scene([(part.shape, compose(pose, part.pose_in_body)) for pose, part in parts])
-    if isfinite(_drop(scene, (start.x, start.y, MAX_SLAB))):
+    if isfinite(_drop(scene, (start.x, start.y, height + MAX_SLAB))):
         return world
     place = f"({start.x:g}, {start.y:g})"
     log.warning("world '%s' has no ground at %s, where the robot starts: it gets a plane", world.name, place)
@@ -44,12 +50,28 @@ def with_ground(world: World, start: Pose2D) -> World:
     return replace(world, bodies=(*world.bodies, Body(name, Pose(), (plane,), (plane,))))
 
 
-def slab_height(scene: RayScene, pose_on_ground: Pose) -> float:
-    """Height [m] of a slab, such as asphalt, on the xy plane of a level pose, under all wheels; 0: none."""
-    corners = [(x, y, MAX_SLAB) for x in (-_WHEELS, _WHEELS) for y in (-_WHEELS, _WHEELS)]
-    drops = [_drop(scene, transform_point(pose_on_ground, corner)) for corner in corners]
-    height = MAX_SLAB - drops[0]
-    return height if max(drops) - min(drops) < 1e-3 < height < MAX_SLAB else 0.0
+def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
+    """Height [m] of the level floor under all wheels, over the xy plane of a level pose; 0 without one.
+
+    The floor may be a slab, such as asphalt, or lie lower. In something wide, such as a thick slab, the
+    floor is its top. Something narrow is an obstacle, and no floor.
+    """
+    drops = _drops(scene, pose_on_ground, _WHEELS, MAX_SLAB)
+    if not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR, MAX_SLAB)):
+        heights = [MAX_SLAB + _RISE * step for step in range(1, round(MAX_RISE / _RISE))]
+        candidates = ((height, _drops(scene, pose_on_ground, _WHEELS, height)) for height in heights)
+        top, drops = next(((top, drops) for top, drops in candidates if all(drops)), (MAX_SLAB, drops))
+    else:
+        top = MAX_SLAB
+    height = top - drops[0]
+    is_level = isfinite(height) and max(drops) - min(drops) < _LEVEL and all(drops)
+    return height if is_level and abs(height) > _LEVEL else 0.0
+
+
+def _drops(scene: RayScene, pose_on_ground: Pose, reach: float, height: float) -> List[float]:
+    """Distances [m] from four corners over a level pose down to the first body; 0 in a solid."""
+    corners = [(x, y, height) for x in (-reach, reach) for y in (-reach, reach)]
+    return [_drop(scene, transform_point(pose_on_ground, corner)) for corner in corners]
 
 
 def _drop(scene: RayScene, point: Vector3) -> float:

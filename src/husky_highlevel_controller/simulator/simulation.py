@@ -26,7 +26,7 @@ from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.bullet.world import ROBOT, PlacementError
 from husky_highlevel_controller.simulator.chassis import Chassis
 from husky_highlevel_controller.simulator.equipment import POINTS_STREAM, Equipment, equip
-from husky_highlevel_controller.simulator.ground import slab_height
+from husky_highlevel_controller.simulator.ground import MAX_DROP, floor_height
 from husky_highlevel_controller.simulator.models.robot_model import RobotModel
 from husky_highlevel_controller.simulator.odometry import Odometer
 from husky_highlevel_controller.simulator.sensors.raycast import cast_rays
@@ -42,9 +42,18 @@ class Simulation:
     """
 
     def __init__(
-        self, world: World, robot: RobotModel, config: SimulatorConfig, start: Pose2D, seed: int
+        self,
+        world: World,
+        robot: RobotModel,
+        config: SimulatorConfig,
+        start: Pose2D,
+        seed: int,
+        start_height: float = 0.0,
     ) -> None:
-        """Build the world, with the robot's wheels on the plane z = 0 at `start`.
+        """Build the world, with the robot on the floor at `start`.
+
+        The floor is looked for from `start_height` [m] on. If base_link would be lower on it than that, the
+        robot falls from there, as in Gazebo; but not from more than MAX_DROP.
 
         Raises:
             HuskyError: a period is not a multiple of the physics step.
@@ -63,7 +72,7 @@ class Simulation:
         self._rate, self.dt = config.physics_rate, 1.0 / config.physics_rate
         self._odometry_steps = steps_per(ODOMETRY_RATE, config.physics_rate, "the rate of odometry")
         self._world, self._robot, self._config = world, robot, config
-        self._start, self._seed = start, seed
+        self._start, self._seed = pose_from_2d(start, start_height), seed
         self._equipment = self._equip()
         self._odometer = Odometer(self._drive_config, self.dt)
         self._bullet = RobotWorld(self.dt)
@@ -111,13 +120,19 @@ class Simulation:
         self._equipment.drive.reset()
         self._bullet.clear(self._world.gravity)
         self._objects.load(self._world.bodies)
-        self._chassis.place(self._standing(pose_from_2d(self._start)), self._world.gravity)
+        self._chassis.place(self._starting(), self._world.gravity)
         self._odometer.reset(self._chassis.wheels())
 
     def _standing(self, pose: Pose) -> Pose:
-        """Pose of base_link when the wheels stand on the xy plane of a pose, or on a slab that lies there."""
-        height = slab_height(self._objects.scene(), pose)
+        """Pose of base_link when the wheels stand on the floor, or on the xy plane of a pose without one."""
+        height = floor_height(self._objects.scene(), pose)
         return self._chassis.on_ground(compose(pose, Pose((0.0, 0.0, height))) if height else pose)
+
+    def _starting(self) -> Pose:
+        """Pose of base_link at the start: on the floor, or a little above it."""
+        standing, height = self._standing(self._start), self._start.position[2]
+        x, y, z = standing.position
+        return Pose((x, y, height), standing.quat_xyzw) if z < height <= z + MAX_DROP else standing
 
     def load_world(self, world: World) -> None:
         """Begin anew in another world.
@@ -125,7 +140,8 @@ class Simulation:
         Raises:
             HuskyError: it cannot be simulated, or something stands at the start; then nothing changes.
         """
-        Simulation(world, self._robot, self._config, self._start, self._seed).close()
+        start, height = pose_to_2d(self._start), self._start.position[2]
+        Simulation(world, self._robot, self._config, start, self._seed, height).close()
         self._world = world
         self._equipment = self._equip()
         self.reset()
@@ -244,7 +260,6 @@ class Simulation:
         Raises:
             PlacementError: something stands at the robot's start; then nothing changes.
         """
-        start = pose_from_2d(self._start)
-        self._bullet.check_moves({**self._objects.initial_poses, ROBOT: self._standing(start)}, ROBOT)
+        self._bullet.check_moves({**self._objects.initial_poses, ROBOT: self._standing(self._start)}, ROBOT)
         self._objects.reset_poses()
-        self._move_robot(start)
+        self._move_robot(self._start)

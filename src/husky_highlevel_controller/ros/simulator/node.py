@@ -63,7 +63,7 @@ class SimulatorNode:
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
         world = self._read_world(start.world_name)
         self._fallen = False
-        self._simulation = Simulation(world, robot, config, start.pose, start.seed)
+        self._simulation = Simulation(world, robot, config, start.pose, start.seed, start.z)
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
             start.lockstep,
@@ -205,7 +205,7 @@ class SimulatorNode:
         return tells_time
 
     def _notice_fall(self, position: Vector3) -> None:
-        fallen = position[2] < -FALL_DEPTH
+        fallen = position[2] < self._start.z - FALL_DEPTH
         if fallen and not self._fallen:
             rospy.logerr(
                 "the robot has fallen off the world near (%.1f, %.1f); ~reset puts it back", *position[:2]
@@ -257,7 +257,7 @@ class SimulatorNode:
         return f"the world is as it was at the start; time runs on from {self._simulation.stamp:.3f} s"
 
     def _read_world(self, name: str) -> World:
-        return with_ground(load_world(find_world(name)), self._start.pose)
+        return with_ground(load_world(find_world(name)), self._start.pose, self._start.z)
 
     def _load_world(self, request: srv.LoadWorldRequest) -> str:
         world = self._read_world(request.world_name)

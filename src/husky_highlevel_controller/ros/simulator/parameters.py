@@ -26,6 +26,9 @@ class StartConfig:
     world_name: str = setting("a .world file", default="")
     x: float = number(-1e4, 1e4, "start pose in the world [m]", default=0.0)
     y: float = number(-1e4, 1e4, "start pose in the world [m]", default=0.0)
+    z: float = number(
+        -1e4, 1e4, "height from which the floor is looked for, or the robot falls [m]", default=0.0
+    )
     yaw: float = number(-7.0, 7.0, "start heading [rad]", default=0.0)
     seed: int = number(0, 2**31 - 1, "of all noise", default=0)
     real_time_factor: float = number(0.0, 1000.0, "pace; 0 = as fast as it goes", default=1.0)

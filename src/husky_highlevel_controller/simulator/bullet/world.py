@@ -228,7 +228,8 @@ class BulletWorld:
             for other in sorted(near.difference(body_ids, ignored, self._planes, *self._siblings(name))):
                 points = self._engine.getClosestPoints(body_id, other, 0.0)
                 if any(point[8] < -_TOO_DEEP for point in points):
-                    raise PlacementError(f"'{name}' would stand inside '{self._names[other]}'")
+                    remedy = "; choose another x, y or z" if name == ROBOT else ""
+                    raise PlacementError(f"'{name}' would stand inside '{self._names[other]}'{remedy}")
 
     def _siblings(self, name: str) -> List[List[int]]:
         """Ids of the bodies that a body passes through."""

@@ -3,7 +3,8 @@
 import pytest
 
 from husky_highlevel_controller.datatypes import Body, Box, Geometry, Plane, Pose, Pose2D, Sphere, World
-from husky_highlevel_controller.simulator.ground import with_ground
+from husky_highlevel_controller.simulator.ground import floor_height, with_ground
+from husky_highlevel_controller.simulator.sensors.raycast import make_scene
 
 
 def world(shape, *position, drawn=False):
@@ -48,3 +49,29 @@ def test_one_without_ground_gets_a_plane_with_a_warning(groundless, start, caplo
     assert ground.name not in {body.name for body in bodies}
     (message,) = caplog.messages
     assert f"'w' has no ground at ({start.x:g}, {start.y:g})" in message
+
+
+SLAB = Box((8.0, 8.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("shape", "middle", "height", "floor"),
+    [
+        (SLAB, -0.5, 0.0, 0.0),
+        *[(SLAB, top - 0.5, 0.0, top) for top in (0.05, 0.2, 0.3, 0.5, -0.4, -3.0)],
+        (SLAB, 2.0, 2.0, 0.5),  # from inside it
+        (SLAB, 2.0, 6.0, -3.5),  # from above it
+        (Box((1.0, 1.0, 1.0)), 0.3, 0.0, 0.0),  # an obstacle
+        (Box((8.0, 8.0, 5.0)), 0.0, 0.0, 2.5),
+        (SLAB, 2.0, 0.0, 0.0),  # a roof
+        (Sphere(20.0), 0.0, 0.0, 0.0),  # no end in sight
+    ],
+)
+def test_the_floor_is_what_is_under_all_wheels_at_any_height(shape, middle, height, floor):
+    scene = make_scene([(shape, Pose((0.0, 0.0, middle)))])
+    assert floor_height(scene, Pose((0.0, 0.0, height))) == pytest.approx(floor, abs=1e-6)
+
+
+def test_ground_is_looked_for_from_the_height_at_which_the_robot_starts():
+    upstairs = world(FLOOR, 0.0, 0.0, 3.0)
+    assert with_ground(upstairs, Pose2D(), 3.2) is upstairs
