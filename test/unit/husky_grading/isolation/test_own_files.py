@@ -20,7 +20,7 @@ from husky_grading.isolation.sandbox import (
 from husky_grading.notes import Kind
 from husky_grading.records import Launchable
 
-CLONE = Path(__file__).resolve().parents[3]
+CLONE = Path(__file__).resolve().parents[4]
 WORKSPACE = CLONE / ".dev" / "ws"
 needs_dev = pytest.mark.skipif(
     kind_of_sandbox() != BUBBLEWRAP or f"{WORKSPACE}/devel" not in os.environ.get("CMAKE_PREFIX_PATH", ""),

@@ -18,7 +18,7 @@ from husky_highlevel_controller.datatypes import (
 from husky_highlevel_controller.geometry import compose, quat_from_rpy, transform_point, yaw_from_quat
 from husky_highlevel_controller.simulator.models.sdf_world import WorldError, load_world, parse_world
 
-ROOT = Path(__file__).resolve().parents[4]
+ROOT = Path(__file__).resolve().parents[5]
 DATA = ROOT / "test" / "data"
 EVERYTHING = (DATA / "everything.world").read_text()
 

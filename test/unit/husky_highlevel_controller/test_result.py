@@ -1,12 +1,8 @@
-"""The result of many drives: one record, as text, as JSON and as a page; intervals of paired differences."""
+"""Results as text, page, JSON and CSV."""
 
 import json
-from math import inf, isnan
+from math import inf
 
-import numpy as np
-import pytest
-
-from husky_evaluation.statistics import bootstrap
 from husky_highlevel_controller.config import load
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Cell, Result, Table, every_row
@@ -59,18 +55,3 @@ def test_no_cell_of_a_csv_is_a_formula_and_a_negative_number_stays_one():
     cells = ("=1", "+1", "@a", "-a", "-1.5", -2.5)
     header = ["a", "b", "c", "d", "e", "f"]
     assert Table("", header, [cells]).to_csv() == "a,b,c,d,e,f\n'=1,'+1,'@a,'-a,-1.5,-2.5\n"
-
-
-def test_the_interval_is_that_of_the_normal_distribution_for_normal_differences():
-    values = np.random.default_rng(1).normal(3.0, 2.0, 400)
-    mean, low, high = bootstrap(values.tolist())
-    half = 1.96 * values.std() / 20.0
-    assert mean == pytest.approx(values.mean())
-    assert (low, high) == pytest.approx((mean - half, mean + half), abs=0.02)
-    assert bootstrap(values.tolist()) == (mean, low, high), "the same every time"
-
-
-def test_equal_drives_have_no_interval_and_no_drives_none():
-    assert bootstrap([0.0, 0.0]) == (0.0, 0.0, 0.0)
-    assert all(map(isnan, bootstrap([])))
-    assert bootstrap([0.5]).summary("cm", 100.0) == "+50.000 cm [+50.000, +50.000]"

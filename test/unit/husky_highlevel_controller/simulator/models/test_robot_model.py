@@ -1,11 +1,7 @@
-"""The robot description: what RViz shows, what the engine weighs, what is refused."""
+"""The robot's body for the engine, read from its URDF, and URDF that is refused."""
 
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from math import cos, pi, sin
-from pathlib import Path
-from urllib.parse import unquote, urlparse
 
 import numpy as np
 import pybullet
@@ -14,26 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pybullet_utils.bullet_client import BulletClient
 
-from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.geometry import matrix_from_quat, quat_from_rpy
-from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.simulator.models.description import (
-    main,
-    mesh_uri,
     robot_description,
-    variables_without_effect,
 )
 from husky_highlevel_controller.simulator.models.robot_model import robot_model
 from husky_highlevel_controller.urdf import DescriptionError
 
-ON_BASE = ["base_footprint", "inertial_link", "imu_link"]
-ON_BASE += ["top_chassis_link", "user_rail_link", "top_plate_link"]
-ON_BASE += [f"{end}_{side}_wheel_link" for end in ("front", "rear") for side in ("left", "right")]
-ON_BASE += [f"{end}_bumper_link" for end in ("front", "rear")]
-ON_PLATE = ["top_plate_front_link", "top_plate_rear_link", "front_laser_mount"]
-TREE = {**dict.fromkeys(ON_BASE, "base_link"), **dict.fromkeys(ON_PLATE, "top_plate_link")}
-TREE["front_laser"] = "front_laser_mount"
 HUSKY = robot_description()
 WHEEL_JOINTS = load_robot().wheels.joints
 
@@ -61,17 +45,6 @@ def fixed_to_base(link, inside="", origin=""):
         <parent link="base_link"/><child link="{link}"/></joint>"""
 
 
-# ---------------------------------------------------------------------------- the URDF
-
-
-def test_the_tree_of_frames_is_the_noetic_huskys_and_its_root_weighs_nothing():
-    robot = ET.fromstring(HUSKY)
-    parents = {j.find("child").get("link"): j.find("parent").get("link") for j in robot.findall("joint")}
-    assert parents == TREE
-    assert {link.get("name") for link in robot.findall("link")} == {"base_link", *TREE}
-    assert robot.find("link[@name='base_link']/inertial") is None, "which KDL would ignore"
-
-
 ABOVE = """<link name="base_footprint"/><joint name="up" type="fixed"><origin xyz="0 0 0.2"/>
     <parent link="base_footprint"/><child link="base_link"/></joint>"""
 
@@ -94,19 +67,6 @@ def test_frames_are_where_the_robot_has_them(text, frame, position, axes):
     assert matrix_from_quat(pose.quat_xyzw) == pytest.approx(np.diag(axes), abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "mass", "frames"),
-    [
-        ({"laser_enabled": False}, 56.582, []),
-        ({"laser_prefix": "rear"}, 57.682, ["rear_laser_mount", "rear_laser"]),
-    ],
-)
-def test_the_lidar_can_be_left_out_and_its_frames_be_renamed(arguments, mass, frames):
-    model = robot_model(robot_description(**arguments))
-    assert model.mass == pytest.approx(mass)
-    assert [frame for frame in model.fixed_poses if "laser" in frame] == frames
-
-
 def test_a_wheel_turns_about_its_axle_from_where_its_joint_puts_it():
     robot = ET.fromstring(HUSKY)
     origin = robot.find("joint[@name='front_left_wheel']/origin")
@@ -117,103 +77,11 @@ def test_a_wheel_turns_about_its_axle_from_where_its_joint_puts_it():
     assert pose.quat_xyzw == pytest.approx((0.0, sin(0.25), 0.0, cos(0.25)))
 
 
-def test_every_mesh_is_a_file_that_exists():
-    files = [Path(unquote(urlparse(mesh.get("filename")).path)) for mesh in ET.fromstring(HUSKY).iter("mesh")]
-    assert len(files) == 9
-    assert all(file.is_file() for file in files)
-
-
-def test_the_wheels_one_sees_touch_the_ground():
-    mesh = ET.fromstring(HUSKY).find("link[@name='front_left_wheel_link']/visual/geometry/mesh")
-    data = Path(unquote(urlparse(mesh.get("filename")).path)).read_bytes()
-    triangle = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    corners = np.frombuffer(data[84:], triangle)["corners"].reshape(-1, 3)
-    scale = np.array(mesh.get("scale").split(), dtype=float)
-    assert np.abs(corners * scale).max(axis=0) == pytest.approx((0.1651, 0.0572, 0.1651), abs=2e-4)
-
-
 def test_without_meshes_the_robot_is_drawn_with_plain_shapes_and_is_the_same_in_physics():
     plain = robot_description(meshes="")
     assert not list(ET.fromstring(plain).iter("mesh"))
     assert len(list(ET.fromstring(plain).iter("visual"))) > 15
     assert robot_model(plain).physics_urdf == robot_model(HUSKY).physics_urdf
-
-
-def test_the_meshes_are_looked_for_without_loading_pybullets_data_package():
-    program = (
-        "import sys; from husky_highlevel_controller.simulator.models import description as x;"
-        "x.mesh_uri(); sys.exit('pybullet' in sys.modules or 'pybullet_data' in sys.modules)"
-    )
-    source = Path(__file__).resolve().parents[4] / "src"
-    assert subprocess.run([sys.executable, "-c", program], env={"PYTHONPATH": str(source)}).returncode == 0
-
-
-def test_where_pybullet_is_not_installed_there_are_no_meshes(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert mesh_uri() == ""
-
-
-def test_an_installed_module_finds_the_data_beside_its_library_or_reports_the_places_searched(
-    monkeypatch, tmp_path
-):
-    module = tmp_path / "lib/python3/dist-packages/husky_highlevel_controller/paths.py"
-    share = tmp_path / "share/husky_highlevel_controller"
-    monkeypatch.setattr("husky_highlevel_controller.paths.__file__", str(module))
-    with pytest.raises(HuskyError, match=r"no folder urdf/ in .*share/husky_highlevel_controller"):
-        share_folder()
-    (share / "urdf").mkdir(parents=True)
-    assert share_folder() == share.resolve()
-
-
-# ---------------------------------------------------------------------------- the command
-
-
-@pytest.fixture
-def command(monkeypatch, capsys):
-    """Calls robot_description with arguments; what it printed and wrote to stderr."""
-
-    def call(*arguments):
-        monkeypatch.setattr("sys.argv", ["robot_description", *arguments])
-        main()
-        return capsys.readouterr()
-
-    return call
-
-
-@pytest.mark.parametrize("no", ["false", "False", "0"])
-def test_the_command_prints_the_urdf_by_switches_as_of_roslaunch_or_of_the_environment(no, command):
-    printed = command(f"laser_tower:={no}", "meshes:=")
-    assert printed.err == ""
-    assert printed.out.strip() == robot_description(laser_tower=False, meshes="").strip()
-
-
-@pytest.mark.parametrize(
-    ("argument", "words"),
-    [
-        (
-            "laser:=true",
-            "unknown argument 'laser'; there are robot:=husky|smb|husky_melodic laser_enabled:=true|false",
-        ),
-        ("laser_enabled=true", "unknown argument 'laser_enabled=true'"),
-        ("laser_enabled:=yes", "laser_enabled is 'yes'; use true|false"),
-        ("laser_tower:=", "laser_tower is ''; use true|false"),
-        ("laser_prefix:=", "laser_prefix is ''; use a name, e.g. front"),
-        ("laser_prefix:=$(find x)", "laser_prefix is '$(find x)'; use a name, e.g. front"),
-        ("laser_prefix:=${1/0}", "laser_prefix is '${1/0}'; use a name"),
-        ("meshes:=meshes/husky", "meshes is 'meshes/husky'; use a URI"),
-        ("meshes:=file:///$(find x)", "meshes is 'file:///$(find x)'; use a URI"),
-    ],
-)
-def test_a_wrong_argument_is_refused_with_a_hint(argument, words, command, capsys):
-    with pytest.raises(SystemExit) as stop:
-        command(argument)
-    printed = capsys.readouterr()
-    assert stop.value.code == 2
-    assert printed.out == ""
-    assert words in printed.err
-
-
-# ---------------------------------------------------------------------------- the model
 
 
 def test_the_rigid_body_is_the_published_base_lidar_and_wheels_together():
@@ -258,9 +126,6 @@ def test_a_mass_on_a_turned_link_counts_as_if_it_were_on_base_link(xyz, rpy, mas
     assert model.mass == pytest.approx(18.0 + mass)
     assert model.com == pytest.approx(mass * at / (18.0 + mass), abs=1e-12)
     assert model.inertia == pytest.approx(expected, abs=1e-9)
-
-
-# ---------------------------------------------------------------------------- in the engine
 
 
 @pytest.fixture
@@ -337,9 +202,6 @@ def test_a_tilted_shape_stays_where_it_was_drawn(pitch, load):
         assert hit[3] == pytest.approx(centre + half * axis, abs=1e-5)
 
 
-# ---------------------------------------------------------------------------- what is refused
-
-
 def husky_with(old, new, count=-1):
     assert old in HUSKY
     return HUSKY.replace(old, new, count)
@@ -390,26 +252,3 @@ def test_a_description_physics_cannot_use_is_refused_by_name_and_value(text, sen
     with pytest.raises(DescriptionError) as refusal:
         robot_model(text)
     assert sentence in str(refusal.value)
-
-
-def test_the_variables_of_the_husky_s_launch_files_move_the_lidar(monkeypatch, command, capsys):
-    monkeypatch.setenv("HUSKY_LMS1XX_XYZ", "0.3 0.1 0.2")
-    monkeypatch.setenv("HUSKY_LMS1XX_RPY", "0 0 0.5")
-    moved = robot_model(command().out).fixed_poses["front_laser_mount"]
-    usual = robot_model(HUSKY).fixed_poses["front_laser_mount"]
-    assert np.subtract(moved.position, usual.position) == pytest.approx((0.0794, 0.1, 0.19365))
-    assert moved.quat_xyzw == pytest.approx((0.0, 0.0, sin(0.25), cos(0.25)))
-    monkeypatch.setenv("HUSKY_LMS1XX_XYZ", "0.3 0.1")
-    with pytest.raises(SystemExit):
-        command()
-    assert "HUSKY_LMS1XX_XYZ" in capsys.readouterr().err
-
-
-def test_variables_of_equipment_that_is_not_simulated_are_named():
-    environment = {
-        "HUSKY_LMS1XX_ENABLED": "1", "HUSKY_LMS1XX_XYZ": "0 0 0", "HUSKY_UST10_ENABLED": "1",
-        "HUSKY_REALSENSE_ENABLED": "0", "HUSKY_LMS1XX_SECONDARY_ENABLED": "true", "HUSKY_PORT": "/dev/tty",
-        "HOME": "/root",
-    }  # fmt: skip
-    named = variables_without_effect(environment)
-    assert named == ["HUSKY_LMS1XX_SECONDARY_ENABLED=true", "HUSKY_UST10_ENABLED=1"]

@@ -10,7 +10,7 @@ import pytest
 from husky_grading.isolation import private_network
 from husky_grading.isolation.limits import SOCKETS
 
-SOURCES = Path(__file__).parents[3] / "src"
+SOURCES = Path(__file__).parents[4] / "src"
 OPENS = """
 import os, socket, sys, time
 for _ in range(int(sys.argv[1])):
