@@ -97,6 +97,14 @@ def test_another_publisher_of_the_clock_is_named(ros):
     assert other.popen.poll() is None
 
 
+def test_a_gamepad_that_never_pauses_is_named_by_the_simulator_and_by_the_controller(ros):
+    launched = ros.roslaunch("controller.launch", "real_time_factor:=3")
+    launched.says("drives the robot by /cmd_vel")
+    ros.start("rostopic", "pub", "-r", "20", "/joy_teleop/cmd_vel", "geometry_msgs/Twist", "{}")
+    launched.says("holds the robot with zero commands on joy_teleop/cmd_vel")
+    launched.says("but the robot stands: /joy_teleop/cmd_vel of /rostopic_")
+
+
 def test_a_subscriber_that_hangs_does_not_hold_the_world(ros):
     start_simulator(ros, "real_time_factor:=0")
     hanging = ros.start("rostopic", "echo", "/front/scan/header/stamp")

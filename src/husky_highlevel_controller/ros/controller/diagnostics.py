@@ -42,6 +42,7 @@ class Health:
     state: State
     pillar: str  # "seen", "remembered" or "unknown"
     reason: str = ""  # of the controller for its last command
+    disobeyed: str = ""  # sentence on why the robot does not do what is commanded; empty if it does
 
 
 def level_and_message(health: Health) -> Tuple[int, str]:
@@ -61,6 +62,8 @@ def level_and_message(health: Health) -> Tuple[int, str]:
         return DiagnosticStatus.WARN, "scans come late"
     if health.tf_age > OLD:
         return DiagnosticStatus.WARN, "odometry comes late"
+    if health.disobeyed:
+        return DiagnosticStatus.WARN, health.disobeyed
     if health.state is State.WAITING and health.reason:
         return DiagnosticStatus.WARN, health.reason
     if health.pillar == "unknown" and health.state is not State.STOPPED:

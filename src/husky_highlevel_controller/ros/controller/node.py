@@ -27,12 +27,14 @@ from husky_highlevel_controller.controller.behaviour import (
     decide,
 )
 from husky_highlevel_controller.controller.control import ControlConfig
+from husky_highlevel_controller.controller.obedience import Obedience
 from husky_highlevel_controller.controller.pillar_detection import Pillar, PillarConfig
 from husky_highlevel_controller.controller.sensor_faults import clock_sentence
 from husky_highlevel_controller.datatypes import STOP, Scan, Twist2D
 from husky_highlevel_controller.robot import load_robot
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, Health
+from husky_highlevel_controller.ros.controller.disobedience import Disobedience
 from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Display, next_step
 from husky_highlevel_controller.ros.controller.reconfigure import ReconfigureServer
 from husky_highlevel_controller.ros.controller.scan_placement import Listener, ScanPlacement
@@ -91,6 +93,8 @@ class ControllerNode:
         self._scan_time: Optional[float] = None  # [s] of ROS time, when the last scan came
         self._tf_time: Optional[float] = None  # [s] of ROS time, when a new odom -> base_link was seen
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._obedience, self._commanded = Obedience(), STOP
+        self._disobedience, self._disobeyed = Disobedience(robot, self._velocity), ""
         self._announcement = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
         self._display = Display(robot)
         self._tuning = ReconfigureServer(tunable, control, detector_config)
@@ -120,12 +124,24 @@ class ControllerNode:
         while not rospy.is_shutdown():
             with contained("placing a scan"):
                 self._placement.update()  # ends waits that are overdue
+            with contained("comparing commands with motion"):
+                self._notice_disobedience()
             with contained("the status on /diagnostics"):
                 if not self._registration.is_lost:  # which has a status of its own
                     self._diagnostics.update()
             with contained("showing the last scan"):
                 self._display.update()
             self._diagnostics.wait(POLL_PERIOD)
+
+    def _notice_disobedience(self) -> None:
+        """Log once why the robot does not do what was commanded, and keep it for the status."""
+        if self._obedience.obeys:
+            self._disobeyed = ""
+        elif not self._disobeyed:
+            seconds = self._obedience.stamp - self._obedience.since
+            self._disobeyed = self._disobedience.sentence(self._commanded, seconds)
+            rospy.logwarn(self._disobeyed)
+            self._diagnostics.hasten()
 
     def _stop(self) -> None:
         self._command(STOP)
@@ -183,6 +199,11 @@ class ControllerNode:
                 self._stop()
                 raise
             self._command(output.twist)
+        is_pushing = control.stop_distance == 0.0  # against the pillar, on purpose
+        self._commanded = STOP if is_pushing else output.twist
+        self._obedience = self._obedience.after(
+            observation.scan.stamp, observation.base_in_odom, self._commanded
+        )
         if output.state is not before.state:
             self._diagnostics.hasten()
         self._stamps.append(observation.scan.stamp)
@@ -281,6 +302,7 @@ class ControllerNode:
             state=self._state(),
             pillar=self._seen,
             reason=self._reason,
+            disobeyed=self._disobeyed,
         )
 
 

@@ -13,14 +13,11 @@ import rosgraph
 import rospy
 from rosgraph_msgs.msg import Clock
 
+from husky_highlevel_controller.ros.master_graph import Graph, Kinds, read_graph, read_kinds
 from husky_highlevel_controller.ros.node import contained
 from husky_highlevel_controller.ros.simulator.wrong_topics import (
     Finding,
-    Graph,
-    Kinds,
     mistake_sentence,
-    read_graph,
-    read_kinds,
     second_publishers,
     wrong_topics,
     wrong_types,

@@ -9,25 +9,15 @@ import os
 import re
 from difflib import SequenceMatcher
 from functools import partial
-from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
-from husky_highlevel_controller.xml_rpc import ask
+from husky_highlevel_controller.ros.master_graph import Graph, Kinds, Nodes, read_graph, read_kinds
 
-CALLER = "/wrong_topics"
 # nodes that publish and subscribe to any topic by request, and the simulator with its many topics
 TOOLS = re.compile(
     r"(.*/)?(rqt|rviz|rosbag|rostopic|record_|play_|rosout|roslaunch|husky_simulator|husky_rviz|husky_web)"
 )
 MIN_LIKENESS = 0.85  # of two names, by difflib's ratio: cmd_val and cmd_vel are; cmd_vel_raw is another one
-Nodes = Mapping[str, Sequence[str]]  # by topic
-
-
-class Graph(NamedTuple):
-    """Topics of a ROS master, with the nodes of each."""
-
-    publishers: Nodes
-    subscribers: Nodes
-    types: Mapping[str, str]  # by topic
 
 
 class WrongTopic(NamedTuple):
@@ -60,7 +50,6 @@ class SecondPublisher(NamedTuple):
 
 
 Finding = Union[WrongTopic, WrongType, SecondPublisher]
-Kinds = Mapping[str, str]  # types by topic
 KindsOf = Callable[[str, bool], Kinds]  # topics of a node that it publishes (True) or subscribes to (False)
 SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics that have several publishers
 
@@ -135,20 +124,6 @@ def mistake_sentence(finding: Finding) -> str:
     if (finding.topic.rsplit("/", 1)[-1], finding.suggestion) == ("scan", f"{finding.topic[:-4]}front/scan"):
         remedy += " Or launch with robot:=husky_melodic, whose lidar is on scan in the frame base_laser."
     return f"{finding.node} {does}: {remedy}"
-
-
-def read_graph(master_uri: str) -> Optional[Graph]:
-    """The graph of a master; None where none answers."""
-    state = ask(master_uri, "getSystemState", CALLER)
-    types = ask(master_uri, "getTopicTypes", CALLER)
-    return None if state is None or types is None else Graph(dict(state[0]), dict(state[1]), dict(types))
-
-
-def read_kinds(master_uri: str, node: str, publishes: bool) -> Kinds:
-    """Return the types of the topics that a node publishes or subscribes to; none if it does not answer."""
-    uri = ask(master_uri, "lookupNode", CALLER, node)
-    answer = ask(uri, "getPublications" if publishes else "getSubscriptions", CALLER) if uri else None
-    return dict(answer or ())
 
 
 def _suggestions(topic: str, node: str, others: Nodes, types: Mapping[str, str]) -> Iterator[str]:

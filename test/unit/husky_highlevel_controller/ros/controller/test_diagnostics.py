@@ -49,6 +49,7 @@ WELL = Health(
         ({"scan_age": 0.7}, WARN, "scans come late"),
         ({"tf_age": 0.7}, WARN, "odometry comes late"),
         ({"pillar": "unknown", "state": State.SEARCHING}, WARN, "searching: no pillar"),
+        ({"disobeyed": "commanded 0.97 m/s"}, WARN, "commanded 0.97 m/s"),
         ({"state": State.WAITING, "reason": "the pillar walked away"}, WARN, "the pillar walked away"),
     ],
 )

@@ -5,12 +5,11 @@ import threading
 
 import pytest
 
+from husky_highlevel_controller.ros.master_graph import Graph, read_graph
 from husky_highlevel_controller.ros.simulator.wrong_topics import (
-    Graph,
     SecondPublisher,
     WrongType,
     mistake_sentence,
-    read_graph,
     second_publishers,
     wrong_topics,
     wrong_types,

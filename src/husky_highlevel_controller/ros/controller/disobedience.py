@@ -1,0 +1,49 @@
+"""Causes why the robot does not do what the controller commands, as far as the network can tell them.
+
+In: the ROS graph, the simulator's emergency stop. Out: a sentence.
+"""
+
+from __future__ import annotations
+
+import rosgraph
+import rospy
+from std_msgs.msg import Bool
+
+from husky_highlevel_controller.datatypes import Twist2D
+from husky_highlevel_controller.robot import Robot
+from husky_highlevel_controller.ros.master_graph import read_graph
+
+PAGE = "husky_web"  # advertises its topic always, and sends only while a person drives
+
+
+class Disobedience:
+    """Asks who may take the commands; it waits for the master, so a callback does not call it."""
+
+    def __init__(self, robot: Robot, commands: rospy.Publisher) -> None:
+        self._robot, self._commands = robot, commands
+        self._is_locked = False
+        rospy.Subscriber("husky_simulator/locked", Bool, self._on_locked, queue_size=1)
+
+    def _on_locked(self, message: Bool) -> None:
+        self._is_locked = message.data
+
+    def sentence(self, twist: Twist2D, seconds: float) -> str:
+        """Return what was commanded for how long [s], and what takes the commands."""
+        command = f"{twist.linear:.2f} m/s, {twist.angular:.2f} rad/s"
+        return f"commanded {command} for {seconds:.0f} s, but the robot stands: {self._cause()}"
+
+    def _cause(self) -> str:
+        topic = self._commands.resolved_name
+        if not self._commands.get_num_connections():
+            return f"no node reads {topic}"
+        if self._is_locked:
+            return "the emergency stop is on (e_stop)"
+        graph = read_graph(rosgraph.get_master_uri())
+        publishers = graph.publishers if graph else {}
+        inputs = [rospy.resolve_name(name) for name in self._robot.topics.velocity]
+        stronger = inputs[: inputs.index(topic)] if topic in inputs else []
+        for other in stronger:
+            nodes = [node for node in publishers.get(other, ()) if node.rsplit("/", 1)[-1] != PAGE]
+            if nodes:
+                return f"{other} of {' and '.join(sorted(nodes))} has priority over {topic}"
+        return "check the emergency stop, the motors, and whether something blocks the robot"

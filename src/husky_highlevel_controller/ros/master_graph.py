@@ -1,0 +1,37 @@
+"""ROS graph as the master and the nodes know it.
+
+In: the address of a ROS master. Out: topics with their nodes and types. Only the standard library, because
+`./dev doctor` asks too.
+"""
+
+from __future__ import annotations
+
+from typing import Mapping, NamedTuple, Optional, Sequence
+
+from husky_highlevel_controller.xml_rpc import ask
+
+CALLER = "/master_graph"
+Nodes = Mapping[str, Sequence[str]]  # names of nodes by topic
+Kinds = Mapping[str, str]  # types of messages by topic
+
+
+class Graph(NamedTuple):
+    """Topics of a ROS master, with the nodes of each."""
+
+    publishers: Nodes
+    subscribers: Nodes
+    types: Mapping[str, str]  # by topic
+
+
+def read_graph(master_uri: str) -> Optional[Graph]:
+    """Return the graph of a master, or None if no master answers."""
+    state = ask(master_uri, "getSystemState", CALLER)
+    types = ask(master_uri, "getTopicTypes", CALLER)
+    return None if state is None or types is None else Graph(dict(state[0]), dict(state[1]), dict(types))
+
+
+def read_kinds(master_uri: str, node: str, publishes: bool) -> Kinds:
+    """Return the types of the topics that a node publishes or subscribes to; none if it does not answer."""
+    uri = ask(master_uri, "lookupNode", CALLER, node)
+    answer = ask(uri, "getPublications" if publishes else "getSubscriptions", CALLER) if uri else None
+    return dict(answer or ())

@@ -1,0 +1,40 @@
+"""A robot that stands while the controller commands motion does not obey, and any other one does."""
+
+import pytest
+
+from husky_highlevel_controller.controller.obedience import Obedience
+from husky_highlevel_controller.datatypes import STOP, Pose2D, Twist2D
+
+FORWARD, TURN = Twist2D(0.5, 0.0), Twist2D(0.0, 0.3)
+
+
+def obeys(poses, twist, rate=50.0):
+    """Whether a robot obeys at the end, whose poses (one for each scan, None if unknown) are these."""
+    memory = Obedience()
+    for number, pose in enumerate(poses):
+        memory = memory.after(number / rate, pose, twist)
+    return memory.obeys
+
+
+@pytest.mark.parametrize("twist", [FORWARD, TURN])
+@pytest.mark.parametrize(("seconds", "expected"), [(1.9, True), (2.1, False)])
+def test_a_robot_that_stands_for_two_seconds_against_its_commands_does_not_obey(twist, seconds, expected):
+    assert obeys([Pose2D(1.0, 2.0, 0.3)] * int(50 * seconds + 1), twist) is expected
+
+
+@pytest.mark.parametrize(
+    ("poses", "twist"),
+    [
+        ([Pose2D(0.002 * n, 0.0, 0.0) for n in range(500)], FORWARD),
+        ([Pose2D(0.0, 0.0, 0.002 * n) for n in range(500)], TURN),
+        ([Pose2D(0.0, 0.0, 0.0)] * 500, STOP),
+        ([Pose2D(0.0, 0.0, 0.0)] * 500, Twist2D(0.04, 0.0)),
+        ([None] * 500, FORWARD),
+    ],
+)
+def test_a_robot_that_moves_or_need_not_move_or_whose_pose_is_unknown_obeys(poses, twist):
+    assert obeys(poses, twist)
+
+
+def test_a_robot_that_moves_again_obeys_at_once():
+    assert obeys([*[Pose2D(0.0, 0.0, 0.0)] * 200, Pose2D(0.03, 0.0, 0.0)], FORWARD)
