@@ -1,5 +1,8 @@
 #!/usr/bin/env python3
-"""The program xacro of PyPI, which asks ROS 2 for $(find PACKAGE): here rospkg answers."""
+"""The program xacro of PyPI, which asks ROS 2 for $(find PACKAGE): here rospkg answers.
+
+Stands in for the ROS package xacro only, because the program is the original.
+"""
 
 import sys
 import types

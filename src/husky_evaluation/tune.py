@@ -58,8 +58,8 @@ class Objective:
     def cost(self, drive: DriveResult) -> float:
         """Cost of one drive [s]."""
         time = drive.arrived_at - drive.bound if drive.arrived_at < inf else self.failure
-        penalties = self.touch * bool(drive.touched) + self.overshoot * drive.overshoot
-        return time + penalties + self.crossing * drive.crossings
+        touch = self.touch if drive.touched else 0.0
+        return time + touch + self.overshoot * drive.overshoot + self.crossing * drive.crossings
 
     @property
     def formula(self) -> str:

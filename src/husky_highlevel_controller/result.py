@@ -59,7 +59,7 @@ class Table:
         are_numbers = [any(type(value) in (int, float) for value in column) for column in columns]
         widths = [max(len(_text(value)) for value in column) for column in columns]
         indent = sum(widths[:-1]) + 2 * len(widths[:-1])
-        lines = [self.title] * bool(self.title)
+        lines = [self.title] if self.title else []
         for row in [self.header, *self.values][not any(self.header) :]:
             *texts, last = map(_text, row)
             last, *more = _wrapped(last, max(WIDTH - indent, MIN_WRAPPED))

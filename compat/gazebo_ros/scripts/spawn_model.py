@@ -1,6 +1,9 @@
 """Node that puts a model into this package's simulator, with the arguments of gazebo_ros's spawn_model.
 
 The URDF of a Husky or an SMB is the robot: it starts the simulator, as husky_gazebo's spawn_husky does.
+
+Stands in for spawn_model of gazebo_ros 2.9 (Noetic). No test runs the original, which Debian does not have:
+test/ros/test_run.py and test/ros/test_sheets_launch_file.py launch this one with the original's arguments.
 """
 
 import argparse

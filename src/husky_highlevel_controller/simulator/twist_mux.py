@@ -2,7 +2,9 @@
 
 In: who sent a command, and when. Out: whether it is obeyed.
 
-Source: twist_mux.yaml of husky_control 0.6.10 and of smb_control, which have the same timeout.
+Stands in for the node twist_mux of the Husky and the SMB; inputs and timeout are those of twist_mux.yaml of
+husky_control 0.6.10 and of smb_control. No test runs the original: `test_twist_mux.py` holds this one to its
+rule, by which a weaker input waits until a stronger one was silent for the timeout.
 """
 
 from __future__ import annotations

@@ -1,4 +1,10 @@
-"""Node of the planar filter, in place of robot_localization's ekf_localization_node where that is missing."""
+"""Node of the planar filter, where robot_localization is not installed.
+
+Stands in for ekf_localization_node of robot_localization 2.7 (Noetic) with two_d_mode, together with
+`estimation/`, the script planar_ekf and `compat/robot_localization`. No test compares the two, because Debian
+does not have the original: `test_planar_ekf.py` holds the filter to the laws of a Kalman filter, and
+`test/ros/test_bag_gives_one_path.py` starts the node under the original's name, with the course's parameters.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Stand-in for the node of pointcloud_to_laserscan, where that package is not installed: cloud_in to scan."""
+"""Node from a point cloud on cloud_in to a scan, where pointcloud_to_laserscan is not installed.
+
+`simulator/sensors/points_to_scan.py` tells what it stands in for, and which test compares the two.
+"""
 
 from __future__ import annotations
 

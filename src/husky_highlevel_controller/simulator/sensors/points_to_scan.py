@@ -1,4 +1,9 @@
-"""Planar scan of a point cloud: the nearest point in each direction, as pointcloud_to_laserscan has it."""
+"""Planar scan of a point cloud: the nearest point in each direction.
+
+Stands in for pointcloud_to_laserscan 1.4 (Noetic), together with `ros/simulator/points_to_scan.py`, the
+script points_to_scan and `compat/pointcloud_to_laserscan`. `test_points_to_scan.py` compares the ranges with
+the original's rules, a point at a time. No test runs the original, which Debian does not have.
+"""
 
 from __future__ import annotations
 

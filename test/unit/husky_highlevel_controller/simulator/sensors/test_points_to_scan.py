@@ -1,7 +1,12 @@
 """A point cloud becomes a scan as pointcloud_to_laserscan makes it."""
 
+from dataclasses import replace
+from math import atan2, hypot
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from husky_highlevel_controller.config import ConfigError, read_config
 from husky_highlevel_controller.simulator.sensors.points_to_scan import FlattenConfig, flatten, parameters_of
@@ -46,3 +51,29 @@ def test_an_argument_that_roslaunch_has_not_put_in_is_the_default():
     (config,) = read_config(values, "", FlattenConfig)
     assert (config.min_height, config.max_height) == (FlattenConfig().min_height, 0.2)
     assert config.target_frame == "rslidar"
+
+
+def point_by_point(points, config):
+    """Ranges by the rules of pointcloud_to_laserscan 1.4, without our arrays."""
+    nearest = {}
+    for x, y, z in points:
+        distance, angle = hypot(x, y), atan2(y, x)
+        if (
+            config.min_height <= z <= config.max_height
+            and config.range_min <= distance <= config.range_max
+            and config.angle_min <= angle <= config.angle_max
+        ):
+            direction = int((angle - config.angle_min) / config.angle_increment)
+            nearest[direction] = min(distance, nearest.get(direction, distance))
+    missing = np.inf if config.use_inf else config.range_max + config.inf_epsilon
+    return [nearest.get(direction, missing) for direction in range(config.directions)]
+
+
+METRES = st.floats(-60.0, 60.0, width=32)
+HEIGHTS = st.floats(-0.5, 1.5, width=32)
+
+
+@given(st.lists(st.tuples(METRES, METRES, HEIGHTS), min_size=1, max_size=40), st.booleans())
+def test_any_cloud_gives_the_ranges_that_the_original_s_rules_give(points, use_inf):
+    config = replace(COURSE, use_inf=use_inf)
+    assert flatten(np.array(points), config) == pytest.approx(point_by_point(points, config))
