@@ -28,7 +28,8 @@ COURSE_PACKAGES = (
 )  # fmt: skip
 OURS_FIRST = ("launch", "scripts")  # folders whose files need Gazebo
 # arguments that people edit in a copy
-WORLD_AND_POSE = {"world", "world_name", "world_file", "x", "y", "z", "yaw"}
+SENSORS = {"laser_enabled", "kinect_enabled"}
+WORLD_AND_POSE = {"world", "world_name", "world_file", "x", "y", "z", "yaw", *SENSORS}
 
 
 def package_path(paths: List[str], joined: Iterable[Path]) -> List[str]:
@@ -82,7 +83,7 @@ def digest(folder: Path) -> str:
 def join(copy: Path, ours: Path, target: Path) -> None:
     """Make a package of links to a copy's files and to ours, which replace its launch files and scripts.
 
-    World and pose of the robot that a launch file of the copy gives stay.
+    World, pose and sensors of the robot that a launch file of the copy gives stay.
     """
     target.mkdir(parents=True)
     for name in sorted({path.name for path in (*copy.iterdir(), *ours.iterdir())}):
@@ -106,7 +107,7 @@ def references(text: str, names: Set[str]) -> Set[str]:
 
 
 def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
-    """World and pose that a launch file gives its robot, with what it includes from the same folder."""
+    """World, pose and sensors that a launch file gives its robot, with what it includes beside it."""
     root = ElementTree.parse(file).getroot()
     names = {arg.get("name", "") for arg in root.findall("arg")}
     given: Dict[str, str] = {}
@@ -128,13 +129,15 @@ def world_and_pose(file: Path, depth: int = 4) -> Dict[str, str]:
 
 
 def keep_world_and_pose(copy: Path, link: Path) -> None:
-    """Make a link to a launch file of ours a file with the copy's world and pose, where they differ."""
+    """Make a link to a launch file of ours a file with the world, pose and sensors of the copy."""
     try:
         given = world_and_pose(copy)
     except (OSError, ParseError, ValueError, LookupError):
         return  # the copy has no such file, or one that is no XML, has entities or an unknown encoding
     ours = world_and_pose(link)
-    given = {name: value for name, value in given.items() if value != ours.get(name, value)}
+    # Noetic's file asks a variable whether there is a lidar, and so does ours, with another default
+    asked = {name for name in SENSORS if "$(" in given.get(name, "")}
+    given = {n: value for n, value in given.items() if n not in asked and value != ours.get(n, value)}
     if not given:
         return
     tree = ElementTree.parse(link)

@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 
 from husky_highlevel_controller.paths import share_folder
 
@@ -141,6 +142,11 @@ PASSED_WORLD = WORLD.format("$(arg world_name)") + "</include>"
         ),
         ({"playpen": ARG.format("maze", "b") + WORLD.format("$(eval '/' + maze)") + "</include>"}, {}),
         ({"playpen": WORLD.format("$(eval '/' + 'a')") + "</include>"}, {"world_name": "$(eval '/' + 'a')"}),
+        (
+            {"spawn_husky": ARG.format("laser_enabled", "false") + ARG.format("kinect_enabled", "true")},
+            {"laser_enabled": "false", "kinect_enabled": "true"},
+        ),
+        ({"spawn_husky": ARG.format("laser_enabled", "$(optenv HUSKY_LMS1XX_ENABLED false)")}, {}),
         ({"spawn_husky": ARG.format("place", "2") + ARG.format("x", "$(arg place)")}, {}),
     ],
 )
@@ -190,6 +196,75 @@ def test_xacro_finds_packages_by_the_package_path(tmp_path):
             check=True,
         )
         assert '<link name="theirs"/>' in printed.stdout
+
+
+ACCESSORIES = (
+    "flir_blackfly_mount hokuyo_ust10 intel_realsense kinect_camera sensor_arch sick_lms100 sick_lms1xx"
+)
+# files of husky/husky, on any branch, that launch and xacro files of other people include
+FILES = {
+    "husky_control/config/{}.yaml": "cmd_vel_mux control control_flir_ptu control_gripper control_left_ur5"
+    " control_right_ur5 control_ur5 empty gazebo_interface imu_filter localization localization_map"
+    " localization_odom navsat_transform navsat_transform_sim public_interface teleop"
+    " teleop_interactive_markers teleop_logitech teleop_ps4 twist_mux",
+    "husky_control/launch/{}.launch": "control teleop",
+    "husky_description/launch/{}.launch": "description view_description",
+    "husky_description/urdf/{}": "empty.urdf description.xacro",
+    "husky_description/urdf/{}.urdf.xacro": "accessories base decorations husky materials pacs parts wheel",
+    "husky_description/urdf/accessories/{}.urdf.xacro": f"{ACCESSORIES} gripper velodyne_vlp16_mount",
+    "husky_navigation/launch/{}.launch": "amcl amcl_demo exploration exploration_demo gmapping gmapping_demo"
+    " hector_slam hector_slam_demo move_base move_base_mapless_demo pointcloud_to_laserscan",
+    "husky_viz/launch/{}.launch": "view_diagnostics view_model view_robot",
+    "husky_viz/rviz/{}.rviz": "model robot",
+}
+
+
+@pytest.mark.parametrize(
+    "file", [pattern.format(name) for pattern, names in FILES.items() for name in names.split()]
+)
+def test_files_that_people_include_are_there(file):
+    path = COMPAT / file
+    assert path.is_file()
+    if path.suffix == ".yaml":
+        assert isinstance(yaml.safe_load(path.read_text()) or {}, dict)
+    elif path.suffix != ".rviz":
+        ElementTree.parse(path)
+
+
+OWN_ROBOT = """<robot name="husky" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:include filename="$(find husky_description)/urdf/decorations.urdf.xacro"/>
+  <xacro:include filename="$(find husky_description)/urdf/wheel.urdf.xacro"/>
+  {}
+  <link name="base_link"/><xacro:husky_decorate/>
+  <xacro:husky_wheel wheel_prefix="front_left"><origin xyz="0.256 0.2854 0.03282"/></xacro:husky_wheel>
+  <xacro:sick_lms1xx_mount prefix="front" topic="front/scan"/>
+  <xacro:hokuyo_ust10_mount prefix="rear" topic="rear/scan" parent_link="base_link"><origin/>
+  </xacro:hokuyo_ust10_mount>
+  <xacro:sensor_arch prefix="" parent="top_plate_link" size="300"><origin xyz="-0.3 0 0"/></xacro:sensor_arch>
+  <xacro:intel_realsense_mount prefix="camera" topic="realsense" parent_link="sensor_arch_mount_link"/>
+  <xacro:vlp16_mount prefix="" parent_link="top_plate_link" topic="points"><origin/></xacro:vlp16_mount>
+  <xacro:kinect_camera prefix="kinect" robot_namespace="/"/>
+  <joint name="j" type="fixed"><parent link="top_plate_link"/><child link="front_laser_mount"/></joint>
+  <joint name="k" type="fixed"><parent link="base_link"/><child link="kinect_link"/></joint>
+</robot>"""
+
+
+def test_a_description_of_ones_own_expands_into_the_frames_that_it_asks_for(tmp_path):
+    line = '<xacro:include filename="$(find husky_description)/urdf/accessories/{}.urdf.xacro"/>'
+    own = tmp_path / "own.urdf.xacro"
+    own.write_text(OWN_ROBOT.format("".join(map(line.format, ACCESSORIES.split()))))
+    printed = subprocess.run(
+        [str(COMPAT / "xacro" / "xacro"), str(own)],
+        env={**os.environ, "ROS_PACKAGE_PATH": str(COMPAT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    root = ElementTree.fromstring(printed.stdout)
+    links = {link.get("name") for link in root.iter("link")}
+    children = {child.get("link") for child in root.iter("child")}
+    assert links - children == {"base_link"}
+    assert {"front_laser", "rear_laser", "sensor_arch_mount_link", "front_left_wheel_link"} <= links
 
 
 @pytest.mark.parametrize(
