@@ -126,7 +126,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
             for number, result in enumerate(marked, 1):
                 results[result.name] = result
                 if result.problem or not sys.stderr.isatty():  # a terminal shows a bar
-                    why = f": {result.problem}" * bool(result.problem)
+                    why = f": {result.problem}" if result.problem else ""
                     tqdm.write(
                         f"{number} of {len(waiting)}: {result.name}: {_sum(result)}{why}", file=sys.stderr
                     )

@@ -118,7 +118,7 @@ def parse(arguments: Optional[Sequence[str]]) -> argparse.Namespace:
     return options
 
 
-def run(options: argparse.Namespace) -> int:
+def grade(options: argparse.Namespace) -> int:
     """Grade as requested and return the exit code."""
     if options.review:
         # its pictures are drawn by matplotlib, which takes longer to load than all else
@@ -159,4 +159,4 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     if not options.cluster:
         stop_on_signals()  # waits end, and clean up behind them
     with exit_codes("grade"):
-        raise SystemExit(run(options))
+        raise SystemExit(grade(options))

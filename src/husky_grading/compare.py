@@ -16,7 +16,8 @@ from husky_evaluation.contestant import Outcome, outcome
 from husky_evaluation.metrics import DRIVE_SECONDS
 from husky_evaluation.scenarios import Scenario
 from husky_grading.drive.bring_up import simulate
-from husky_grading.drive.run import drive
+from husky_grading.drive.robot_choice import RobotChoice
+from husky_grading.drive.run import drive_submission
 from husky_grading.drive.trials import Trial
 from husky_grading.hand_in.plan import plan
 from husky_grading.isolation.process import stop_on_signals
@@ -55,7 +56,7 @@ class LaunchContestant:
         trial = Trial(1, scenario.start, PILLAR_POSITION, scenario.seed)
         config = MarkingConfig(robot="husky", deadline=DRIVE_SECONDS, pace=PACE)
         with tempfile.TemporaryDirectory(prefix="husky_compare_") as folder:
-            drive(Submission(self.launch), trial, config, simulate, Path(folder))
+            drive_submission(Submission(self.launch), trial, RobotChoice(config), simulate, Path(folder))
             recording: Recording = load(Recording, Path(folder, RECORDING))
         if not len(recording.times):
             why = "; ".join(texts(recording.notes)) or "no drive"

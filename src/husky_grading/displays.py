@@ -80,7 +80,7 @@ class FrameTree:
 STANDING = FrameTree({BASE: "odom", "base_footprint": BASE}, ("/robot_description",))
 
 
-def read_config(source: str, content: Any, remaps: Sequence[Tuple[str, str]] = ()) -> RvizConfig:
+def read_rviz_config(source: str, content: Any, remaps: Sequence[Tuple[str, str]] = ()) -> RvizConfig:
     """The configuration in an .rviz file's content, with the topics of a node's remaps (old, new)."""
     manager = _mapping(content, "Visualization Manager")
     if not manager:
@@ -173,10 +173,15 @@ def view_of(config: RvizConfig, tree: FrameTree) -> RvizView:
         return replace(view, problem=problem)
     by_kind = {kind: [each for each in config.displays if each.kind == kind] for kind in (TF, ROBOT, SCAN)}
     markers = [display for display in config.displays if display.kind in MARKERS]
-    # the SMB's own launch file, in whose place ours runs, calls its parameter so
-    descriptions = {*tree.descriptions, *["/smb_description"] * ("/robot_description" in tree.descriptions)}
-    # a display of single markers listens to arrays, too, on a topic beside its own
-    topics = [each.source + end for each in markers for end in ("", "_array" * (each.kind == "rviz/Marker"))]
+    descriptions = set(tree.descriptions)
+    if "/robot_description" in descriptions:
+        # the SMB's own launch file, in whose place ours runs, calls its parameter so
+        descriptions.add("/smb_description")
+    topics = []
+    for each in markers:
+        topics.append(each.source)
+        if each.kind == "rviz/Marker":  # it listens to arrays, too, on a topic beside its own
+            topics.append(f"{each.source}_array")
     return replace(
         view,
         topics=tuple(dict.fromkeys([*(each.source for each in by_kind[SCAN]), *topics])),

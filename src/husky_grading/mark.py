@@ -114,7 +114,7 @@ def kept_submission(job: Job) -> Optional[Submission]:
 
 def main(arguments: Optional[List[str]] = None) -> None:
     """Mark the job of the command line, in a network of its own, within limits of memory and descriptors."""
-    private_network.enter()
+    private_network.enter_network()
     for limit, value in LIMITS.items():
         _, hard = resource.getrlimit(limit)
         resource.setrlimit(limit, (value if hard == resource.RLIM_INFINITY else min(value, hard), hard))
@@ -122,7 +122,7 @@ def main(arguments: Optional[List[str]] = None) -> None:
     try:
         job = load(Job, Path((arguments or sys.argv[1:])[0]))
         try:
-            job = replace(job, out=str(place.enter(Path(job.out))))
+            job = replace(job, out=str(place.show_results_at(Path(job.out))))
         except HuskyError as error:
             write_result(unmarked(job, str(error)), Path(job.out))
         else:

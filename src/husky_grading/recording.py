@@ -55,36 +55,8 @@ class EstimatedPath:
 
 
 @dataclass(frozen=True)
-class Assignment:
-    """Task of the recorder for one drive."""
-
-    recording: Recording  # as far as it is known before the drive
-    output: str  # file for the whole of it
-    truth_socket: str  # where the simulator connects
-    status: str  # file with a `Status`, from when the recorder is ready
-    closing: str  # file with a `Closing`, once the drive is over
-    exercise: int  # whose watch follows the drive
-    ours: Tuple[str, ...]  # nodes that are not the submission's
-    packages: Tuple[str, ...] = ()  # folders of the submission's packages, for meshes
-
-
-@dataclass(frozen=True)
-class Status:
-    """State of the recorder in a drive, which it writes for marking into a file of their own.
-
-    What it prints could not be trusted: ROS's libraries log what a submission sends, of any length.
-    """
-
-    now: float = 0.0  # [s], simulated
-    joined: bool = False  # the submission takes part, or does not in time
-    subscribed: bool = False  # the submission listens to the scans
-    over: bool = False
-    sha256: str = ""  # of the recording, once it is written
-
-
-@dataclass(frozen=True)
 class Closing:
-    """Observations of a drive from outside, which marking adds to the recording."""
+    """Observations of a drive from outside, which are added to the recorder's."""
 
     notes: Tuple[Note, ...] = ()
     ended: Optional[Note] = None  # why it was cut off
@@ -212,7 +184,7 @@ def scan_hits(scans: Sequence[Scan], times: np.ndarray, poses: np.ndarray, robot
     return np.round(np.concatenate(hits), 3)
 
 
-def to_json(recording: Recording) -> str:
+def recording_to_json(recording: Recording) -> str:
     """A recording as text."""
     return json.dumps(to_plain(recording))
 

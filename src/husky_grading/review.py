@@ -90,10 +90,12 @@ class OpenItem:
     def files(self) -> List[Tuple[str, str]]:
         """Titles and places, from the page, of the picture and of the replays, which begin at the moment."""
         place, start = f"{HAND_INS}/{self.out.name}", moment_of(self.item)
-        shown = [("the drives from above", f"{place}/{PICTURES[0]}")] * (self.out / PICTURES[0]).is_file()
-        return shown + [
+        shown = [
             (f"replay of drive {n}", f"{place}/drive_{n}/{REPLAY}#{start:.2f}") for n in replays(self.out)
         ]
+        if (self.out / PICTURES[0]).is_file():
+            shown.insert(0, ("the drives from above", f"{place}/{PICTURES[0]}"))
+        return shown
 
     @property
     def code(self) -> Tuple[str, str]:

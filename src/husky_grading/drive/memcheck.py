@@ -14,6 +14,7 @@ from typing import Collection, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from husky_grading.drive.bring_up import simulate
 from husky_grading.drive.progress import settles, state_of_tree
+from husky_grading.drive.robot_choice import RobotChoice
 from husky_grading.drive.ros_graph import (
     registered,
     robot_listened_to,
@@ -28,9 +29,8 @@ from husky_grading.isolation.files import (
     texts_in,
     walk,
 )
-from husky_grading.isolation.process import Process, wait
+from husky_grading.isolation.process import wait
 from husky_grading.isolation.ros_network import Network
-from husky_grading.records import MarkingConfig
 from husky_grading.submission import SIMULATOR_NODES, Submission
 
 VALGRIND = "valgrind"
@@ -78,43 +78,40 @@ def is_worth_checking(submission: Submission) -> bool:
 
 
 def uninitialised(
-    submission: Submission, trial: Trial, config: MarkingConfig, folder: Path, is_guess: bool
-) -> Tuple[str, Optional[MarkingConfig]]:
+    submission: Submission, trial: Trial, robot: RobotChoice, folder: Path
+) -> Tuple[str, RobotChoice]:
     """Start a submission in valgrind: a sentence on a variable that is read before it is written, if one is.
 
-    Where the robot is a guess, and the submission listens to another one's scans, these are sent; with the
-    settings of the robot whose scans it subscribes to, or None: that is not known.
+    The robot comes along, which is another one where `robot` is a guess and the submission listens to that
+    one's scans; then these are sent.
 
     Raises:
         MarkingError: our own part of it does not work.
     """
-    sources, listened = (submission.root or folder) / "src", None
+    sources = (submission.root or folder) / "src"
     with Network(folder) as network:
-        simulator = simulate(network, trial, replace(config, pace=1.0))
+        simulator = simulate(network, trial, replace(robot.config, pace=1.0))
         process, _ = start(network, submission, "memcheck")
 
         def subscribes() -> bool:
-            return config.scan_topic in topics_subscribed(network.uri, SIMULATOR_NODES)
+            return robot.config.scan_topic in topics_subscribed(network.uri, SIMULATOR_NODES)
 
         nodes = len(submission.nodes)
         joined = settles(process, nodes, subscribes, lambda: registered(network.uri, SIMULATOR_NODES))
-        if is_guess:
-            listened = robot_listened_to(network.uri, SIMULATOR_NODES, config)
-        if listened is not None and listened != config:
+        heard = robot
+        if robot.is_guess:
+            heard = robot.after_hearing(robot_listened_to(network.uri, SIMULATOR_NODES, robot.config))
+        if heard.config != robot.config:
             simulator.kill()
-            simulate(network, trial, replace(listened, pace=1.0))
+            simulate(network, trial, replace(heard.config, pace=1.0))
             joined = process.running
         if joined:
-            _let_it_compute(process)
+            _, before = state_of_tree(process.popen.pid)
+            wait(lambda: not process.running or state_of_tree(process.popen.pid)[1] - before > CPU, WALL)
         # before it is ended: a `getParam` that the end interrupts leaves its variable as it was
         logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
         log = "\n".join(map(_text, logs))
-    return sentence(reads_in(log, sources), sources), listened
-
-
-def _let_it_compute(process: Process) -> None:
-    _, start = state_of_tree(process.popen.pid)
-    wait(lambda: not process.running or state_of_tree(process.popen.pid)[1] - start > CPU, WALL)
+    return sentence(reads_in(log, sources), sources), heard
 
 
 def _is_program(path: Path) -> bool:

@@ -11,13 +11,13 @@ from tqdm import tqdm
 
 from husky_grading.drive.bring_up import BringUp
 from husky_grading.drive.memcheck import is_worth_checking, uninitialised
-from husky_grading.drive.ros_graph import listens_to
-from husky_grading.drive.run import OtherRobotError, drive, not_begun
+from husky_grading.drive.robot_choice import choose_robot
+from husky_grading.drive.run import drive_submission, not_begun
 from husky_grading.drive.trials import Trial
 from husky_grading.isolation.files import remove_tree, write_whole
 from husky_grading.notes import Kind, Note
-from husky_grading.recording import RECORDING, to_json
-from husky_grading.records import AUTO, MarkingConfig
+from husky_grading.recording import RECORDING, recording_to_json
+from husky_grading.records import MarkingConfig
 from husky_grading.submission import Submission
 
 DRIVE = "drive"  # folder of each drive while it lasts: a submission sees its path, and not which start it has
@@ -37,40 +37,36 @@ def observe(
     """
     for earlier in [*out.glob("drive_*"), out / DRIVE, out / "memcheck"]:
         remove_tree(earlier)
-    is_named = config.robot == AUTO
-    if is_named:
-        config = replace(config, robot=submission.robot.version)
-    is_guess = is_named and not submission.robot.is_certain
-    why = submission.robot.why
+    robot = choose_robot(submission, config)
     if submission.problem:
-        notes = (*[Note(Kind.ROBOT, why)] * is_named, *submission.problem)
+        notes = [*submission.problem]
+        if robot.why:
+            notes.insert(0, Note(Kind.ROBOT, robot.why))
         folder = out / f"drive_{trials[0].number}"
         folder.mkdir(parents=True)
-        write_whole(folder / RECORDING, to_json(replace(not_begun(trials[0], config), notes=notes)))
+        nothing = replace(not_begun(trials[0], robot.config), notes=tuple(notes))
+        write_whole(folder / RECORDING, recording_to_json(nothing))
         return
     chance = ""
     if is_worth_checking(submission):
-        chance, listened = uninitialised(submission, trials[0], config, out / "memcheck", is_guess)
-        if listened is not None:
-            config, why, is_guess = listened, listens_to(listened), False
+        chance, robot = uninitialised(submission, trials[0], robot, out / "memcheck")
     for trial in trials:
         folder = out / DRIVE
-        with _bar(trial, len(trials), config) as bar:
-            act = partial(
-                drive, submission, trial, bring_up=bring_up, folder=folder, chance=chance,
+        with _bar(trial, len(trials), robot.config) as bar:
+            drive = partial(
+                drive_submission, submission, trial, bring_up=bring_up, folder=folder, chance=chance,
                 on_time=partial(_advance, bar),
             )  # fmt: skip
             try:
-                moved = act(config, note=why * is_named, is_guess=is_guess)
-            except OtherRobotError as other:
-                config = other.config
-                moved = act(config, note=listens_to(config))
+                driven = drive(robot=robot)
+                if driven.recording is None:
+                    driven = drive(robot=driven.robot)
             finally:
                 if folder.exists():
                     folder.rename(out / f"drive_{trial.number}")
-        if not moved and trial is trials[0]:
+        if not driven.moved and trial is trials[0]:
             break
-        is_guess = is_named = False
+        robot = driven.robot.settled()
 
 
 def _bar(trial: Trial, trials: int, config: MarkingConfig) -> Any:

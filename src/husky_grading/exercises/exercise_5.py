@@ -206,11 +206,13 @@ def _neither_stops(
 ) -> List[Item]:
     """Items of a robot that drives on after every call, whichever value was sent."""
     speeds = [f"{effect.after:.2f} m/s after {str(effect.call.data).lower()}" for effect in driven[:2]]
-    told = f" ({driven[0].call.answer})" * (not driven[0].call.success and bool(driven[0].call.answer))
-    evidence = f"{name}: neither value stops it: {', '.join(speeds)}{told}"
+    evidence, hint = f"{name}: neither value stops it: {', '.join(speeds)}", NEITHER
+    if driven[0].call.answer and not driven[0].call.success:
+        evidence += f" ({driven[0].call.answer})"
     others = [f"{node} has looked it up {count} times" for node, count in callers.items() if count >= MANY]
-    evidence += f"; {', '.join(others)}, as each call does" * bool(others)
-    hint = OTHER_CALLER if others else NEITHER
+    if others:
+        evidence += f"; {', '.join(others)}, as each call does"
+        hint = OTHER_CALLER
     stop = replace(stop, evidence=evidence, at=driven[0].call.at, hint=hint)
     return [
         stop,
@@ -272,7 +274,8 @@ def _judged(item: Item, effect: str, effects: Sequence[Effect], wrong: Sequence[
     if wrong:
         call, speed, at = wrong[0].call, wrong[0].after, wrong[0].call.at
         evidence += f"; after {str(call.data).lower()} at {call.at:.2f} s it drives at {speed:.2f} m/s"
-        evidence += f" ({call.answer})" * (not call.success and bool(call.answer))
+        if call.answer and not call.success:
+            evidence += f" ({call.answer})"
     points = item.max_points if good == len(effects) else item.max_points / 2.0 if good else 0.0
     return replace(item, points=points, evidence=evidence, at=at)
 

@@ -55,9 +55,13 @@ def suffix_of(name: str) -> str:
 
 def large_files_note(names: Sequence[str]) -> List[str]:
     """A sentence on files that are left out because of their size, if there are any."""
-    shown = ", ".join(names[:MAX_NAMED]) + ", ..." * (len(names) > MAX_NAMED)
+    if not names:
+        return []
+    shown = ", ".join(names[:MAX_NAMED])
+    if len(names) > MAX_NAMED:
+        shown += ", ..."
     size = f"{MAX_FILE / 1e6:g} MB, or {MAX_BYTES / 1e6:g} MB together"
-    return [f"left out, because larger than {size}: {shown}"] if names else []
+    return [f"left out, because larger than {size}: {shown}"]
 
 
 def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
@@ -78,7 +82,10 @@ def unpack(archive: Path, folder: Path, allowance: Allowance) -> List[str]:
         error = f"{archive.name} cannot be unpacked within {MEMORY / 1e9:g} GB of memory"
     if error:
         raise ArchiveError(error)
-    return [f"{archive.name} holds links, which are left out"] * bool(links) + large_files_note(large)
+    notes = large_files_note(large)
+    if links:
+        notes.insert(0, f"{archive.name} holds links, which are left out")
+    return notes
 
 
 def _unpack(archive: Path, folder: Path, allowance: Allowance) -> Tuple[int, List[str]]:

@@ -139,7 +139,9 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
             copy = target / path.relative_to(package.path)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, copy)
-            executable, is_script = bool(path.stat().st_mode & 0o100), _is_script(copy)
+            executable = bool(path.stat().st_mode & 0o100)
+            with copy.open("rb") as file:
+                is_script = file.read(2) == b"#!"
             if is_script and _repair_interpreter(copy):
                 older.append(path.name)
             if is_script and not executable:
@@ -156,11 +158,6 @@ def copy_packages(packages: Sequence[Package], root: Path) -> Tuple[Folders, Lis
         notes.append(f"paths of another computer, read in the hand-in: {', '.join(dict.fromkeys(paths))}")
     (root / "src" / ".catkin_workspace").touch()
     return Folders(root, copies), notes
-
-
-def _is_script(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(2) == b"#!"
 
 
 def _repair_interpreter(script: Path) -> bool:
@@ -242,9 +239,10 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     if code and not repair and needs_old_boost(output):
         repair = OLD_BOOST  # for an error that headers which were generated too late had hidden
         output, code = _catkin_make(folders, needed, underlay, repair)
-    notes += [Note(Kind.HAND_IN, OLD_BOOST_NOTE)] * bool(repair)
-    is_plain = _publishes_plain_values(folders.root / "devel" / "lib")
-    notes += [Note(Kind.HAND_IN, PLAIN_PUBLISH_NOTE)] * is_plain
+    if repair:
+        notes.append(Note(Kind.HAND_IN, OLD_BOOST_NOTE))
+    if _publishes_plain_values(folders.root / "devel" / "lib"):
+        notes.append(Note(Kind.HAND_IN, PLAIN_PUBLISH_NOTE))
     if code and not _ERROR.search(output):
         _check_builds(folders.root.with_name("check"), underlay)
     if code is None:
@@ -254,7 +252,9 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     if without := _RETURN.search(output.replace(f"{folders.root}/src/", "")):
         text = f"{without['where']}: {without['what']}; a node ends there by a signal, or goes on somewhere"
         notes.append(Note(Kind.MISSING_RETURN, text))
-    places = [folders.root / "src", *[folders.setup] * folders.setup.exists()]
+    places = [folders.root / "src"]
+    if folders.setup.exists():
+        places.append(folders.setup)
     # the sandbox would show a link's target, and marking would write into it
     if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
         raise NotMarkableError("its build puts links in place of src or devel/setup.bash")

@@ -108,7 +108,7 @@ def _folder_names(entries: Sequence[str]) -> Dict[str, str]:
     In other names each letter that a path cannot have is an underscore. A hash follows where two names meet
     and where a name is too long, so that a folder's name depends on no other student as far as possible.
     """
-    folders = {entry: entry for entry in entries if _is_safe(entry)}
+    folders = {entry: entry for entry in entries if SAFE.fullmatch(entry) and len(entry) <= MAX_FOLDER}
     plain = {entry: _underscored(entry) for entry in entries if entry not in folders}
     counts = Counter([*folders, *plain.values()])
     for entry, folder in plain.items():
@@ -118,10 +118,6 @@ def _folder_names(entries: Sequence[str]) -> Dict[str, str]:
             folder = f"{folder[: MAX_FOLDER - DIGITS - 1]}-{_digest(folder)}"
         folders[entry] = folder
     return folders
-
-
-def _is_safe(name: str) -> bool:
-    return bool(SAFE.fullmatch(name)) and len(name) <= MAX_FOLDER
 
 
 def _underscored(entry: str) -> str:

@@ -148,7 +148,10 @@ def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int)
     merits = [f"starts {', '.join(launch.nodes)}"]
     if fits_exercise(launch.place, exercise) == 2:
         merits.append(f"is named for exercise {exercise}")
-    merits += ["uses the world singlePillar"] * launch.plan.pillar + ["starts RViz"] * bool(launch.plan.rviz)
+    if launch.plan.pillar:
+        merits.append("uses the world singlePillar")
+    if launch.plan.rviz:
+        merits.append("starts RViz")
     choice = f" (chosen of {len(candidates)})" if len(candidates) > 1 else ""
     return f"launch file {launch.place}: {', '.join(merits)}{choice}"
 

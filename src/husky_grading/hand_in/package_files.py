@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Dict, List, Match, Optional, Pattern, Sequence, Tuple
 
-from husky_grading.displays import ROBOT, SCAN, TF, RvizConfig, read_config
+from husky_grading.displays import ROBOT, SCAN, TF, RvizConfig, read_rviz_config
 from husky_grading.isolation.files import (
     UnreadableFileError,
     is_below,
@@ -127,9 +127,9 @@ def _display_config(arguments: str) -> Optional[Path]:
 
 def _config(source: str, path: Path, remaps: Sequence[Tuple[str, str]]) -> RvizConfig:
     try:
-        return read_config(source, read_yaml(path), remaps)
+        return read_rviz_config(source, read_yaml(path), remaps)
     except (UnreadableFileError, ValueError, OverflowError):  # numbers of hundreds of digits
-        return read_config(source, {})
+        return read_rviz_config(source, {})
 
 
 MAX_FILE = 1_000_000  # [bytes] of a launch file

@@ -136,7 +136,8 @@ def prepare_hand_in(job: Job, underlay: Workspace, facts: Facts) -> Tuple[Submis
     choices: List[Choice] = []
     for attempt in range(MAX_TRIED):
         choice = choose_packages(contents.packages, job.override.exercise or 0, attempt)
-        choices += [choice] * (choice not in choices)
+        if choice not in choices:
+            choices.append(choice)
     problems: List[NotMarkableError] = []
     unbuilt: List[Choice] = []
     for choice in choices:

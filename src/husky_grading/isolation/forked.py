@@ -37,19 +37,29 @@ def import_early() -> None:
 class ForkedProcess(Process):
     """Program that is one of the MODULES; it starts no other, and dies with this one."""
 
+    def __init__(
+        self, command: Sequence[str], log: Path, env: Dict[str, str], folder: Path, handed: Sequence[Any] = ()
+    ) -> None:
+        """Start it, as a `Process`; its main() gets what is handed to it, such as a connection."""
+        self._handed = handed
+        super().__init__(command, log, env, folder)
+
     def _popen(self, command: Sequence[str], env: Dict[str, str], folder: Path) -> Any:
-        return _Child(command, env, folder)
+        return _Child(command, env, folder, self._handed)
 
 
 class _Child:
     """Forked program with the methods of subprocess.Popen that `Process` calls."""
 
-    def __init__(self, command: Sequence[str], env: Dict[str, str], folder: Path) -> None:
+    def __init__(
+        self, command: Sequence[str], env: Dict[str, str], folder: Path, handed: Sequence[Any] = ()
+    ) -> None:
         import_early()
         end, begin = os.pipe()
         self.stdout = open(end, "rb", buffering=0)  # noqa: SIM115 - the pump closes it
         with Connection(begin) as output:
-            self._process = _CONTEXT.Process(target=_run, args=(command, env, folder, output), daemon=True)
+            arguments = (command, env, folder, output, handed)
+            self._process = _CONTEXT.Process(target=_run, args=arguments, daemon=True)
             with _SCRIPT_LOCK:
                 script = sys.modules["__main__"]
                 sys.modules["__main__"] = ModuleType("__main__")  # or the child would run our script
@@ -83,7 +93,9 @@ class _Child:
             raise subprocess.TimeoutExpired(self._process.name, timeout)
 
 
-def _run(command: Sequence[str], env: Dict[str, str], folder: Path, output: Connection) -> None:
+def _run(
+    command: Sequence[str], env: Dict[str, str], folder: Path, output: Connection, handed: Sequence[Any]
+) -> None:
     """Become the program."""
     os.setsid()
     threading.Thread(target=_end_with_marking, daemon=True).start()
@@ -94,7 +106,7 @@ def _run(command: Sequence[str], env: Dict[str, str], folder: Path, output: Conn
         os.dup2(output.fileno(), stream)
     output.close()
     sys.argv = list(command)
-    importlib.import_module(command[0]).main()
+    importlib.import_module(command[0]).main(*handed)
 
 
 def _end_with_marking() -> None:

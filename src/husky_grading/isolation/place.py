@@ -37,7 +37,7 @@ def make() -> str:
     return str(place)
 
 
-def enter(out: Path) -> Path:
+def show_results_at(out: Path) -> Path:
     """Show a folder of results at the place, and return its path there, or its own path if there is no place.
 
     Raises:

@@ -21,7 +21,7 @@ MOUNTS = "--mount"  # option of unshare
 _SET_FLAGS, _UP_AND_RUNNING = 0x8914, 0x1 | 0x8 | 0x40  # SIOCSIFFLAGS; IFF_UP, IFF_LOOPBACK, IFF_RUNNING
 
 
-def enter() -> None:
+def enter_network() -> None:
     """Start this program again in a network of its own; returns inside, or where the machine allows none."""
     if VARIABLE in os.environ:
         if os.environ[VARIABLE]:

@@ -105,7 +105,8 @@ class Process:
     @property
     def output(self) -> str:
         """Output so far: the beginning, and the end."""
-        return (bytes(self._head) + b"\n" * bool(self._tail) + bytes(self._tail)).decode(errors="replace")
+        head, tail = bytes(self._head), bytes(self._tail)
+        return (head + b"\n" + tail if tail else head).decode(errors="replace")
 
     @property
     def running(self) -> bool:

@@ -40,7 +40,7 @@ def end_descendants() -> None:
         signal.sigtimedwait([signal.SIGCHLD], POLL_PERIOD)
 
 
-def run(parent: int, command: List[str]) -> int:
+def run_and_reap(parent: int, command: List[str]) -> int:
     """Run the command to its end; its exit code."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     prctl = ctypes.CDLL(None).prctl
@@ -66,7 +66,7 @@ def run(parent: int, command: List[str]) -> int:
 def main() -> None:
     """Run `PARENT_PID COMMAND...` and leave nothing of it behind."""
     try:
-        code = run(int(sys.argv[1]), sys.argv[2:])
+        code = run_and_reap(int(sys.argv[1]), sys.argv[2:])
     except OSError as error:
         print(error, file=sys.stderr)
         code = 127

@@ -10,7 +10,7 @@ import socket
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from husky_grading.isolation.forked import MASTER, MODULES, ForkedProcess
 from husky_grading.isolation.process import Process, end_all, wait
@@ -69,7 +69,12 @@ class Network:
         return folder
 
     def start(
-        self, name: str, command: Sequence[str], workspace: Optional[Workspace] = None, **more: str
+        self,
+        name: str,
+        command: Sequence[str],
+        workspace: Optional[Workspace] = None,
+        handed: Sequence[Any] = (),
+        **more: str,
     ) -> Process:
         """Start a program.
 
@@ -77,6 +82,7 @@ class Network:
             name: of its log, and of its folder if it is untrusted.
             command: program and arguments; or one of the MODULES, and arguments.
             workspace: of an untrusted program, which runs in the sandbox; None for one of ours.
+            handed: to the main() of one of the MODULES, such as a connection.
             **more: further variables of its environment.
         """
         env = dict(os.environ) if workspace is None else clean_environment()
@@ -89,8 +95,12 @@ class Network:
                 HOME=str(folder / "home"), ROS_HOME=str(folder / "ros_home"), ROS_LOG_DIR=str(folder / "log")
             )
             workspace = replace(workspace, hidden=(*workspace.hidden, self.folder))
-        kind = ForkedProcess if command[0] in MODULES else Process
-        process = kind(command, self.folder / f"{name}.log", env, folder, workspace)
+        log = self.folder / f"{name}.log"
+        process: Process
+        if command[0] in MODULES:
+            process = ForkedProcess(command, log, env, folder, handed)
+        else:
+            process = Process(command, log, env, folder, workspace)
         self.processes.append(process)
         return process
 

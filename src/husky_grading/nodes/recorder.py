@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
 import resource
-import signal
 import threading
 import time
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from math import inf
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set, Tuple
 
@@ -18,6 +19,16 @@ import roslib.message
 import rospy
 from sensor_msgs.msg import LaserScan
 
+from husky_grading.drive.recorder_channel import (
+    Abandoned,
+    Assignment,
+    GoOn,
+    HandOver,
+    Joined,
+    Now,
+    Over,
+    Ready,
+)
 from husky_grading.drive.ros_graph import (
     TRUTH,
     forged_topics,
@@ -34,18 +45,11 @@ from husky_grading.nodes.ros_access import UNANSWERED, DriveAccess
 from husky_grading.notes import Kind, Note
 from husky_grading.recording import (
     CUT_OFF,
-    Assignment,
-    Closing,
-    Status,
     ahead_and_turn,
-    closed,
     is_zero,
     pose_jumps,
     scan_hits,
-    to_json,
 )
-from husky_highlevel_controller.config import load
-from husky_highlevel_controller.config import to_json as record_to_json
 from husky_highlevel_controller.datatypes import Scan, TrueState
 from husky_highlevel_controller.geometry import pose_to_2d
 from husky_highlevel_controller.robot import ROBOTS, load_robot
@@ -53,7 +57,6 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import run_node
 
 LOOK_PERIOD = 0.2  # [s] of wall time between two looks at the graph
-CLOSING_PERIOD = 0.02  # [s] of wall time between two looks for what marking has to say
 CONNECTING = 2.0  # [s] of wall time for the submission's publishers to connect before time begins
 # to the robot's mux, or past it
 VELOCITY_TOPICS = ("cmd_vel", *(load_robot(name).topics.wheel_command for name in ROBOTS))
@@ -64,11 +67,12 @@ HITS_PERIOD = 1.0  # [s], simulated, between two scans whose points are kept for
 
 
 class DriveRecorder:
-    """Callbacks append, `run` waits for the end and writes."""
+    """Callbacks append, `run` waits for the end and hands the recording over."""
 
-    def __init__(self) -> None:
-        path = Path(rospy.myargv()[1])
-        self._task = load(Assignment, path)
+    def __init__(self, channel: Connection) -> None:
+        """Wait for the assignment on the channel to marking, which is this end's first message."""
+        self._channel, self._channel_lock = channel, threading.Lock()  # callbacks and shutdown tell, too
+        self._task: Assignment = channel.recv()
         self._known = self._task.recording
         self._lock = threading.Lock()
         self._truth: List[TrueState] = []
@@ -83,17 +87,14 @@ class DriveRecorder:
         self._joined_at = inf  # [s] of wall time
         self._publishers: Dict[str, List[str]] = {}  # names of nodes by topic
         self._services: Tuple[str, ...] = ()  # of the submission
-        self._is_over = self._written = False
-        self._status, self._status_lock = Status(), threading.Lock()
+        self._is_over = self._handed_over = False
         self._types: Dict[str, str] = {}  # of topics
         self._silent: List[str] = []
         self._unread: List[str] = []
         self._violations: Dict[str, None] = {}  # in order
         self._unanswered = ""
         self._go_on, self._abandoned = threading.Event(), threading.Event()
-        signal.signal(signal.SIGUSR1, lambda *_: self._go_on.set())
-        signal.signal(signal.SIGUSR2, lambda *_: self._abandoned.set())
-        rospy.on_shutdown(lambda: self._write(CUT_OFF))
+        rospy.on_shutdown(lambda: self._hand_over(CUT_OFF))
         self._master = rosgraph.Master(rospy.get_name())
         self._our_nodes = {*self._task.ours, rospy.get_name()}
         self._subscribers = [
@@ -103,18 +104,19 @@ class DriveRecorder:
         self._access = DriveAccess(self._our_nodes, self._markers)
         self._watch = EXERCISES[self._task.exercise].watch(self._known, self._access)
         self._feed = TruthFeed(Path(self._task.truth_socket), self._on_truth, self._on_event)
-        self._tell()
+        threading.Thread(target=self._listen, daemon=True).start()
+        self._tell(Ready())
 
     def run(self) -> None:
         """Record until the drive is over.
 
         Raises:
-            Exception: of a callback. Nothing is written then: a part of a drive would cost points.
+            Exception: of a callback. Nothing is handed over then: a part of a drive would cost points.
         """
         try:
             self._record()
         except Exception:
-            self._written = self._written or not rospy.core.is_shutdown_requested()
+            self._handed_over = self._handed_over or not rospy.core.is_shutdown_requested()
             raise
 
     def _record(self) -> None:
@@ -123,17 +125,28 @@ class DriveRecorder:
             joined_at = self._joined_at
             self._look_at_graph()
             self._begin(joined_at)
-            self._tell(now=self._now)
+            self._tell(Now(self._now, self._subscribed))
             if self._feed.failure is not None:
                 raise self._feed.failure
             cause = self._watch.over(self._state)
             time.sleep(LOOK_PERIOD)
         self._is_over = True
         self._markers.close()
-        self._tell(over=True)
-        while not Path(self._task.closing).exists() and not rospy.is_shutdown():
-            time.sleep(CLOSING_PERIOD)
-        self._write(cause)
+        if cause is not None:  # otherwise the shutdown has handed it over
+            self._tell(Over())
+            self._hand_over(cause)
+
+    def _listen(self) -> None:
+        """Do what marking says, in a thread of its own: the other one may wait for the master."""
+        with suppress(EOFError, OSError):  # marking has ended, and this program ends with it
+            while True:
+                message = self._channel.recv()
+                if isinstance(message, GoOn):
+                    self._go_on.set()
+                elif isinstance(message, Abandoned):
+                    self._abandoned.set()
+                elif isinstance(message, HandOver):
+                    rospy.signal_shutdown("the drive is cut off")
 
     @property
     def _now(self) -> float:
@@ -152,10 +165,6 @@ class DriveRecorder:
             services=self._services,
         )
 
-    @property
-    def _last_command(self) -> float:
-        return self._commands[-1] if self._commands else -inf
-
     def _on_truth(self, state: TrueState) -> None:
         if self._is_over or self._now >= self._known.deadline:
             self._markers.close()
@@ -167,8 +176,12 @@ class DriveRecorder:
     def _on_event(self, kind: str, text: str) -> None:
         if kind == "changed":
             self._violate(f"the simulator was asked to interfere at {self._now:.2f} s: {text}")
-        elif kind == "unanswered" or (kind == "asleep" and not self._watch.has_silenced(self._last_command)):
+        elif kind == "unanswered":
             self._unanswered = text
+        elif kind == "asleep":
+            last_command = self._commands[-1] if self._commands else -inf
+            if not self._watch.has_silenced(last_command):
+                self._unanswered = text
 
     def _violate(self, text: str) -> None:
         if len(self._violations) < MAX_VIOLATIONS:
@@ -213,9 +226,7 @@ class DriveRecorder:
                 self._follow(topic, self._types.get(topic, ""))
         input_topic = self._watch.input_topic
         listeners: Set[str] = set(subscribers.get(input_topic, ()))
-        if not self._subscribed and listeners - self._our_nodes:
-            self._subscribed = True
-            self._tell(subscribed=True)
+        self._subscribed = self._subscribed or bool(listeners - self._our_nodes)
         self._silent = self._silent or silent_topics(publishers, subscribers, self._our_nodes)
         self._unread = unread_topics(publishers, subscribers, self._types, self._our_nodes)
         simulator_topics = (TRUTH, "/clock", input_topic)
@@ -245,7 +256,7 @@ class DriveRecorder:
         is_ready = self._watch.takes_part(self._state)
         if self._joined_at == inf and (is_ready or self._go_on.is_set()):
             self._joined_at = time.monotonic()
-            self._tell(joined=True)
+            self._tell(Joined())
             if not self._watch.reads_scans:
                 return
             if not is_ready:  # lockstep would wait for commands
@@ -268,25 +279,24 @@ class DriveRecorder:
         if joined_at < inf and (connected or time.monotonic() > joined_at + CONNECTING):
             self._feed.begin()
 
-    def _tell(self, **changes: Any) -> None:
-        """Tell marking what has changed."""
-        with self._status_lock:
-            self._status = replace(self._status, **changes)
-            part = Path(self._task.status + ".part")
-            part.write_text(record_to_json(self._status))
-            part.replace(self._task.status)
+    def _tell(self, message: Any) -> None:
+        """Tell marking."""
+        with self._channel_lock:
+            self._channel.send(message)
 
-    def _write(self, cause: Optional[Note]) -> None:
+    def _hand_over(self, cause: Optional[Note]) -> None:
         with self._lock:
-            if self._written:
+            if self._handed_over:
                 return
-            self._written = True
+            self._handed_over = True
         truth = list(self._truth)
         table = np.array(
             [(row.stamp, *pose_to_2d(row.pose_in_world), row.speed, row.yaw_rate) for row in truth]
         ).reshape(-1, 6)
         times, poses = table[:, 0], table[:, 1:4]
-        frames = self._markers.frames
+        frames, notes = self._markers.frames, [*self._markers.notes]
+        if self._unanswered and self._command_count:
+            notes.insert(0, Note(Kind.UNANSWERED_SCANS, self._unanswered))
         recording = replace(
             self._known,
             times=times,
@@ -306,33 +316,17 @@ class DriveRecorder:
             silent_topics=tuple(self._silent),
             unread_topics=tuple(self._unread),
             violations=(*self._violations, *pose_jumps(times, poses)),
-            notes=self._notes(),
+            notes=tuple(notes),
             ended=cause,
             frames=frames,
             descriptions=self._access.descriptions(frames),
             estimate=self._watch.estimate,
             watched={**self._known.watched, **self._watch.kept()},
         )
-        closing = Path(self._task.closing)
-        text = to_json(closed(recording, load(Closing, closing) if closing.exists() else Closing()))
-        part = Path(self._task.output + ".part")
-        part.write_text(text)
-        part.replace(self._task.output)
-        self._tell(sha256=hashlib.sha256(text.encode()).hexdigest())
-
-    def _notes(self) -> Tuple[Note, ...]:
-        """Notes on what this recorder alone has seen."""
-        notes = self._markers.notes
-        if self._unanswered and self._command_count:
-            notes = (Note(Kind.UNANSWERED_SCANS, self._unanswered), *notes)
-        return notes
+        self._tell(recording)
 
 
-def main() -> None:
+def main(channel: Connection) -> None:
     """Run the node, within a limit: a message of a gigabyte costs its connection."""
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-    run_node("marking_recorder", DriveRecorder, listen_to_clock=False)
-
-
-if __name__ == "__main__":
-    main()
+    run_node("marking_recorder", partial(DriveRecorder, channel), listen_to_clock=False)

@@ -169,7 +169,7 @@ class TolerantLoader(roslaunch.xmlloader.XmlLoader):
             return None
 
 
-def read_manifest(element: Any, file: str) -> Any:
+def tolerant_manifest(element: Any, file: str) -> Any:
     """ElementTree of a package.xml, or of one without a name where a neighbour's cannot be read."""
     try:
         return ElementTree.ElementTree(element, file)
@@ -329,7 +329,7 @@ class Parent(roslaunch.parent.ROSLaunchParent):
 def describe(launchable: List[str], reporter: Reporter, ours: Dict[str, List[str]]) -> Any:
     """The configuration of a launchable, written down as events; None: it cannot be loaded."""
     reporter.tell("launchable")
-    rospack.ElementTree = read_manifest  # by which rospkg reads every package on the search path
+    rospack.ElementTree = tolerant_manifest  # by which rospkg reads every package on the search path
     signal.alarm(LOAD_DEADLINE)
     try:
         return load_launchable(launchable, reporter, ours)

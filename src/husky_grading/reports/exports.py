@@ -56,10 +56,11 @@ def to_gradescope(result: MarkingResult) -> str:
             test.update(score=item.points, max_score=item.max_points)
             test["status"] = "passed" if item.full else "failed"
         tests.append(test)
-    lines = [*[f"could not be marked: {result.problem}"] * bool(result.problem), *result.notes]
-    content: Dict[str, Any] = {"output": "\n".join(lines), "output_format": "text", "tests": tests}
-    if not result.problem:
-        content["score"] = result.points
+    content: Dict[str, Any] = {"output_format": "text", "tests": tests}
+    if result.problem:
+        content["output"] = "\n".join([f"could not be marked: {result.problem}", *result.notes])
+    else:
+        content.update(output="\n".join(result.notes), score=result.points)
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 

@@ -78,7 +78,7 @@ def to_csv(results: Sequence[MarkingResult]) -> str:
         points_by_name = {item.name: item.points for item in result.items}
         marks = ["" if points_by_name.get(name) is None else f"{points_by_name[name]:g}" for name in names]
         total = ["", ""] if result.problem else [f"{result.points:g}", f"{result.max_points:g}"]
-        state = result.state.value + f": {result.problem}" * bool(result.problem)
+        state = f"{result.state.value}: {result.problem}" if result.problem else result.state.value
         rows.append([result.name, *marks, *total, state, " | ".join(result.notes)])
     return Table("", ["submission", *names, "total", "of", "state", "notes"], rows).to_csv()
 

@@ -57,7 +57,7 @@ def left_to_chance(items: Sequence[Item], cause: str) -> List[Item]:
     for item in items:
         if item.points is not None and item.subject is not Subject.DISPLAYS:
             evidence = f"for a person: {reason}; in our drive: {item.evidence} ({item.points:g} points)"
-            hint = "; then ".join([*first, *[item.hint] * bool(item.hint)])
+            hint = "; then ".join(filter(None, [*first, item.hint]))
             item = replace(item, points=None, evidence=evidence, hint=hint)
             reason, first = "by chance, as above", []
         judged.append(item)

@@ -98,8 +98,9 @@ def _judge(recording: Recording, markers: Sequence[MarkerSample], rules: Rules) 
     fault = find_fault(recording, all_wrong, len(all_wrong) == len(added), rules)
     if fault is Kind.MIRRORED:
         score = min(score, 0.5) if len(off_axis(recording, all_wrong, rules)) >= FEW else score
-        hangs = ", for this laser hangs upside down" * load_robot(recording.robot).lidar_mount.upside_down
-        evidence = f"mirrored: y has the wrong sign{hangs}; {evidence}"
+        upside_down = load_robot(recording.robot).lidar_mount.upside_down
+        why = ", for this laser hangs upside down" if upside_down else ""
+        evidence = f"mirrored: y has the wrong sign{why}; {evidence}"
     elif fault in FAULTS:
         evidence = f"{FAULTS[fault]}; {evidence}"
     evidence += f"; at {wrong.at:.2f} s {fault_text(recording, wrong)}"
@@ -133,7 +134,7 @@ def _drawn(markers: Sequence[MarkerSample], scores: Dict[int, float]) -> np.ndar
     topics: Dict[str, Dict[Tuple[str, int], List[float]]] = defaultdict(dict)
     for marker in markers:
         latest, key = topics[marker.topic], (marker.namespace, marker.id)
-        for over in list(latest) if marker.action == DELETE_ALL else [key] * (key in latest):
+        for over in list(latest) if marker.action == DELETE_ALL else {key} & set(latest):
             row = latest.pop(over)
             row[1] = min(row[1], marker.at)
         if marker.action == ADD:

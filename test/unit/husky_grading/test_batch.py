@@ -32,7 +32,7 @@ def jobs(monkeypatch):
 
 
 def grade(*arguments):
-    return cli.run(cli.parse(list(map(str, arguments))))
+    return cli.grade(cli.parse(list(map(str, arguments))))
 
 
 def test_the_starts_of_a_class_are_drawn_once_and_the_teacher_s_own_seed_counts(tmp_path, jobs):

@@ -6,7 +6,7 @@ import pytest
 import yaml
 from packages import put
 
-from husky_grading.displays import STANDING, FrameTree, RvizConfig, read_config, view_of
+from husky_grading.displays import STANDING, FrameTree, RvizConfig, read_rviz_config, view_of
 from husky_grading.drive import ros_graph
 from husky_grading.drive.ros_graph import robot_listened_to
 from husky_grading.hand_in.package_files import (
@@ -27,7 +27,7 @@ MARKER = {"Class": "rviz/Marker", "Marker Topic": "/marker"}
 
 def shown(*displays, frame="odom", tree=STANDING, **more):
     options = {"Displays": list(displays), "Global Options": {"Fixed Frame": frame}}
-    return view_of(read_config("a.rviz", {"Visualization Manager": options}, **more), tree)
+    return view_of(read_rviz_config("a.rviz", {"Visualization Manager": options}, **more), tree)
 
 
 def parts(view):
@@ -36,7 +36,7 @@ def parts(view):
 
 def test_our_own_configuration_shows_everything():
     text = (share_folder() / "rviz" / "controller.rviz").read_text()
-    view = view_of(read_config("controller.rviz", yaml.safe_load(text)), STANDING)
+    view = view_of(read_rviz_config("controller.rviz", yaml.safe_load(text)), STANDING)
     assert parts(view) == (True, True, True)
     assert "/front/scan" in view.topics
     assert not view.problem
@@ -102,7 +102,7 @@ def test_topics_and_namespaces_of_markers():
 
 @pytest.mark.parametrize("content", [None, [], "x", {"Visualization Manager": []}])
 def test_what_is_no_configuration_of_rviz_is_told_and_one_of_any_depth_ends(content):
-    assert view_of(read_config("a.rviz", content), STANDING).problem == "the file is not RViz's"
+    assert view_of(read_rviz_config("a.rviz", content), STANDING).problem == "the file is not RViz's"
     deep = [TF]
     for _ in range(600):
         deep = [{"Class": "rviz/Group", "Displays": deep}]

@@ -38,8 +38,7 @@ from husky_grading.isolation.sandbox import Workspace
 from husky_grading.judge import judge_again
 from husky_grading.mark import mark
 from husky_grading.notes import Kind, Note
-from husky_grading.recording import Recording
-from husky_grading.recording import to_json as recording_to_json
+from husky_grading.recording import Recording, recording_to_json
 from husky_grading.records import (
     GivenPoints,
     Item,
@@ -745,7 +744,7 @@ def test_what_does_not_build_is_told_in_every_item_that_needs_it_and_is_not_driv
         launchable, Workspace(packages=(tmp_path,)), problem=problem, robot=NamedRobot("husky")
     )
     monkeypatch.setattr(mark_module, "prepare", lambda *_: submission)
-    monkeypatch.setattr(observe_module, "drive", None)
+    monkeypatch.setattr(observe_module, "drive_submission", None)
     result = mark(Job("ann", str(tmp_path / "ann"), MarkingConfig(), hand_in=str(tmp_path)))
     assert not result.problem
     approach, arrival, _, place, _ = result.items

@@ -8,8 +8,7 @@ import pytest
 
 from husky_grading.isolation import files
 from husky_grading.notes import Kind, Subject
-from husky_grading.recording import MarkerSample, Recording, scan_hits
-from husky_grading.recording import to_json as recording_to_json
+from husky_grading.recording import MarkerSample, Recording, recording_to_json, scan_hits
 from husky_grading.records import Item, Job, MarkingConfig, MarkingResult
 from husky_grading.reports.files import load_result, write_result
 from husky_grading.review import open_items, write_review

@@ -1,11 +1,14 @@
 """Observing stage: which drives are made, and with which robot."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from husky_grading.drive import observe as observe_module
 from husky_grading.drive.bring_up import simulate
 from husky_grading.drive.observe import observe
-from husky_grading.drive.run import OtherRobotError
+from husky_grading.drive.run import Driven, not_begun
 from husky_grading.drive.trials import draw_trials
 from husky_grading.records import Launchable, MarkingConfig
 from husky_grading.submission import NamedRobot, Submission
@@ -19,19 +22,24 @@ def drives(monkeypatch):
     """Drives that were made, as (number, robot); a submission that listens to the older Husky's scans."""
     made, moves = [], {}
 
-    def drive(submission, trial, config, *, is_guess=False, **_):
-        if is_guess and config.robot != OLDER.robot:
-            raise OtherRobotError(OLDER)
-        made.append((trial.number, config.robot))
-        return moves.get(trial.number, True)
+    def drive(submission, trial, robot, **_):
+        if robot.is_guess and robot.config.robot != OLDER.robot:
+            return Driven(robot.after_hearing(OLDER))
+        made.append((trial.number, robot.config.robot))
+        recording = not_begun(trial, robot.config)
+        row = [[1.0, 0.0] if moves.get(trial.number, True) else [0.0, 0.0]]
+        return Driven(robot, replace(recording, times=np.array([0.1]), speeds=np.array(row)))
 
-    monkeypatch.setattr(observe_module, "drive", drive)
+    monkeypatch.setattr(observe_module, "drive_submission", drive)
     monkeypatch.setattr(observe_module, "is_worth_checking", lambda _: True)
     return made, moves
 
 
 def check_tells(listened, monkeypatch):
-    monkeypatch.setattr(observe_module, "uninitialised", lambda *_: ("", listened))
+    def uninitialised(submission, trial, robot, folder):
+        return "", robot.after_hearing(listened)
+
+    monkeypatch.setattr(observe_module, "uninitialised", uninitialised)
 
 
 @pytest.mark.parametrize("listened", [None, OLDER], ids=["it died in the check", "it listened there"])

@@ -187,7 +187,7 @@ def test_the_cloud_and_its_style_are_seen_in_rviz(view, worth):
 
 
 def test_a_recording_with_its_track_comes_back_from_its_text():
-    back = from_plain(recordings.Recording, json.loads(recordings.to_json(recording())), "")
+    back = from_plain(recordings.Recording, json.loads(recordings.recording_to_json(recording())), "")
     assert back.estimate.points == pytest.approx(PATH, abs=1e-4)
     playback = back.watched_as(Playback)
     assert playback.top_view.shape == TOP_VIEW.shape

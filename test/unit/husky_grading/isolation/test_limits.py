@@ -25,7 +25,7 @@ MARKS = """
 import os, sys
 from pathlib import Path
 from husky_grading.isolation import private_network
-private_network.enter()
+private_network.enter_network()
 from husky_grading.isolation.process import Process, end_all, wait
 from husky_grading.isolation.sandbox import Workspace
 folder = Path(sys.argv[1])

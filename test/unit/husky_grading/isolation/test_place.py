@@ -14,8 +14,8 @@ CODE = """
 import sys
 from pathlib import Path
 from husky_grading.isolation import place, private_network
-private_network.enter()
-out = place.enter(Path(sys.argv[1]))
+private_network.enter_network()
+out = place.show_results_at(Path(sys.argv[1]))
 print(out)
 (out / "made").touch()
 """
@@ -39,10 +39,10 @@ def test_a_folder_is_seen_at_a_path_without_a_name_of_anybody_and_its_files_lie_
 
 def test_without_mounts_of_its_own_an_odd_path_is_refused_and_a_plain_one_taken(tmp_path, monkeypatch):
     monkeypatch.delenv(place.VARIABLE, raising=False)
-    assert place.enter(tmp_path / "out-1.b_c") == tmp_path / "out-1.b_c"
+    assert place.show_results_at(tmp_path / "out-1.b_c") == tmp_path / "out-1.b_c"
     for name in (ODD, "a b", "a:b", "a'b"):
         with pytest.raises(HuskyError, match="characters that CMake and roslaunch do not take"):
-            place.enter(tmp_path / name)
+            place.show_results_at(tmp_path / name)
 
 
 def test_the_place_is_a_folder_of_this_user_s_and_no_link(tmp_path, monkeypatch):

@@ -258,7 +258,7 @@ def test_a_setup_file_runs_inside_and_changes_nothing_outside(kind, tmp_path):
 def test_the_private_network_has_a_loopback_and_no_way_out(tmp_path):
     code = (
         "import socket, sys\n"
-        "from husky_grading.isolation import private_network\nprivate_network.enter()\n"
+        "from husky_grading.isolation import private_network\nprivate_network.enter_network()\n"
         "print(private_network.reach())\nserver = socket.create_server(('127.0.0.1', 0))\n"
         "socket.create_connection(server.getsockname()).close()\n"
         "for address in ('192.0.2.1', 80), ('127.0.0.1', int(sys.argv[1])):\n"
@@ -394,7 +394,7 @@ def test_the_marking_program_has_limits_of_its_own():
         "import resource\nfrom husky_grading import mark\n"
         "kinds = resource.RLIMIT_DATA, resource.RLIMIT_NOFILE\n"
         "mark.load = lambda *_: mark.Job('', '', mark.MarkingConfig())\n"
-        "mark.private_network.enter = lambda: None\n"
+        "mark.private_network.enter_network = lambda: None\n"
         "mark.mark = lambda _: print(*[resource.getrlimit(kind)[0] for kind in kinds])\n"
         "mark.main(['job.json'])"
     )
