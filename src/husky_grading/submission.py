@@ -26,6 +26,7 @@ from husky_highlevel_controller.paths import share_folder
 
 WORKSPACE = "workspace.json"
 SUBMISSION_FOLDER = "submission"  # in the folder of a drive, the only one that the submission can write
+OWN_RVIZ = ("husky_rviz", "gazebo_gui")  # RViz nodes of this package's launch files
 SIMULATOR_NODES = ("/husky_simulator",)  # another node of this name would end ours
 COMPAT = share_folder() / "compat"  # its launch files start a simulator
 MAX_EVENTS = 10_000  # of one run; a submission can write any number of them
@@ -129,7 +130,9 @@ def starter(
     files = [f"launch/{file.name}" for file in COMPAT.glob("*/launch/*.launch")]
     manifest = (share_folder() / "package.xml").resolve()
     own_places = [] if own is Own.ALL else [str(manifest), *map(str, programs())]
-    ours = {"nodes": SIMULATOR_NODES, "files": files, "places": own_places, **vars(parts)}
+    ours = {
+        "nodes": SIMULATOR_NODES, "rviz": OWN_RVIZ, "files": files, "places": own_places, **vars(parts)
+    }  # fmt: skip
     commands = [json.dumps(launchable.command) for launchable in launchables]
     return [sys.executable, "-c", code, str(STARTER), str(events), action, json.dumps(ours), *commands]
 

@@ -30,9 +30,12 @@ from husky_grading.isolation.files import (
 )
 from husky_grading.isolation.sandbox import Workspace
 from husky_grading.records import Launchable, Override
-from husky_grading.submission import STUDENTS_OWN, Parts, Plan
+from husky_grading.submission import OWN_RVIZ, STUDENTS_OWN, Parts, Plan
+from husky_highlevel_controller.paths import share_folder
 
 MAX_LAUNCH = 1_000_000  # [bytes]
+TEMPLATE = share_folder() / "examples" / "first_node"  # that `./dev new` copies
+TEMPLATE_CPP = TEMPLATE.with_name("first_node_cpp")
 BESIDE = ".beside"  # folder of a workspace's sources: no package can have this name
 MAX_READ = 300  # launch files of one hand-in
 OTHER_USE = re.compile(  # trials, leftovers, and the course's exercise on localization
@@ -56,6 +59,7 @@ class LaunchFile:
     nodes: Tuple[str, ...] = ()  # package/type, of the hand-in's packages
     scans: bool = False  # a package of its nodes names the lidar's messages
     able: FrozenSet[str] = frozenset()  # the hand-in's packages that name scans or velocities
+    is_template: bool = False  # with its node it is what `./dev new` has written
 
     @property
     def able_nodes(self) -> Tuple[str, ...]:
@@ -116,7 +120,8 @@ def read_launch_files(
         owners = [name, *(node.partition("/")[0] for node in nodes), *folders]
         package = next(owner for owner in owners if owner in folders)
         scans = bool({node.partition("/")[0] for node in nodes} & scanning)
-        launch_files.append(LaunchFile(path, place, package, plan, nodes, scans, able))
+        is_template = bool(name) and _is_template(path, folders[name], name)
+        launch_files.append(LaunchFile(path, place, package, plan, nodes, scans, able, is_template))
     return launch_files
 
 
@@ -150,10 +155,24 @@ def reasons(launch: LaunchFile, candidates: Sequence[LaunchFile], exercise: int)
         merits.append(f"is named for exercise {exercise}")
     if launch.plan.pillar:
         merits.append("uses the world singlePillar")
-    if launch.plan.rviz:
+    if any(node.name not in OWN_RVIZ for node in launch.plan.rviz):
         merits.append("starts RViz")
     choice = f" (chosen of {len(candidates)})" if len(candidates) > 1 else ""
     return f"launch file {launch.place}: {', '.join(merits)}{choice}"
+
+
+def _is_template(launch_file: Path, package_folder: Path, package: str) -> bool:
+    """Return whether a launch file and its node are as `./dev new` wrote them into a package of this name."""
+
+    def is_written_by_us(path: Path, template: Path) -> bool:
+        if not (template.is_file() and path.is_file() and path.stat().st_size < MAX_LAUNCH):
+            return False
+        return path.read_bytes() == template.read_bytes().replace(TEMPLATE.name.encode(), package.encode())
+
+    nodes = (TEMPLATE / "scripts" / "drive", TEMPLATE_CPP / "src" / "drive.cpp")
+    return is_written_by_us(launch_file, TEMPLATE / "launch" / "drive.launch") and any(
+        is_written_by_us(package_folder / node.parent.name / node.name, node) for node in nodes
+    )
 
 
 def equal_launch_files(
@@ -200,4 +219,11 @@ def _merits(file: LaunchFile, exercise: int, facts: Facts) -> Tuple[bool, ...]:
     other_use = bool(OTHER_USE.search(file.place.name))
     if facts.parts.by_submission:
         other_use = not any(node.partition("/")[0] in facts.parts.by_submission for node in file.nodes)
-    return fits == 0, other_use, *order, not CONTROLLER.search(file.place.name), not file.plan.rviz
+    return (
+        file.is_template,
+        fits == 0,
+        other_use,
+        *order,
+        not CONTROLLER.search(file.place.name),
+        not file.plan.rviz,
+    )

@@ -33,7 +33,7 @@ from husky_grading.hand_in.packages import (
 )
 from husky_grading.hand_in.plan import plan, with_stand_ins
 from husky_grading.isolation import private_network
-from husky_grading.isolation.files import copy, remove_tree, walk, write_whole
+from husky_grading.isolation.files import copy, file_suffix, remove_tree, walk, write_whole
 from husky_grading.isolation.own_files import NAME, Own
 from husky_grading.isolation.process import Process, ends
 from husky_grading.isolation.ros_network import START_DEADLINE, MarkingError
@@ -77,6 +77,7 @@ def prepare(job: Job, facts: Facts) -> Submission:
         workspace = _ready_for(workspace, facts)
         submission = Submission(job.launchable, workspace)
         planned = plan(job.launchable, workspace, out / "plan", facts.parts)
+        _check_is_there(job.launchable, planned)
     launch_file = submission.launchable.name if submission.launchable.kind == "launch" else ""
     if launch_file and not planned.is_read and planned.package_path:
         planned = replace(planned, rviz=rviz_nodes_in(Path(launch_file), planned.package_path))
@@ -115,6 +116,27 @@ def _check_starts(workspace: Workspace, folder: Path) -> None:
         raise MarkingError(
             f"no program can be started in the sandbox{setups}: {said or 'it printed nothing'}"
         )
+
+
+def _check_is_there(launchable: Launchable, planned: Plan) -> None:
+    """Check the names of the command line: a slip of them is not a fault of the submission.
+
+    Raises:
+        NotMarkableError: there is no such package, or no such launch file in it.
+    """
+    if not planned.package_path:
+        raise NotMarkableError(
+            f"there is no package '{launchable.package}': check the name, stand in its workspace, or name "
+            "the workspace by --underlay SETUP.bash"
+        )
+    if launchable.kind == "launch" and not planned.is_read:
+        files = walk(Path(planned.package_path).resolve())
+        names = {path.name for path in files if file_suffix(path) == ".launch"}
+        if launchable.name not in names:
+            raise NotMarkableError(
+                f"there is no launch file '{launchable.name}' in the package '{launchable.package}', which "
+                f"has {', '.join(sorted(names)) or 'no launch files'}"
+            )
 
 
 def _ready_for(workspace: Workspace, facts: Facts) -> Workspace:

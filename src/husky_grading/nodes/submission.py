@@ -49,7 +49,6 @@ INTERACTIVE = {
     "gnome-terminal", "xterm", "konsole", "x-terminal-emulator", "terminator", "xfce4-terminal", "lxterminal",
     "urxvt", "gdb", "lldb", "cuda-gdb", "ddd", "screen", "tmux",
 }  # fmt: skip
-OWN_RVIZ = {"husky_rviz", "gazebo_gui"}  # RViz nodes of this package's launch files
 OWN_PACKAGE = "husky_highlevel_controller"  # name of the grading package, and of many hand-ins
 PILLAR = re.compile(r"single_?pillar", re.IGNORECASE)  # the course's world
 LOAD_DEADLINE = 30  # [s] of wall time for a launch file
@@ -215,9 +214,9 @@ def load_launchable(
         loader.load(file, config, argv=["roslaunch", *arguments], verbose=False)
     config.assign_machines()
     nodes_to_start, left_out, rviz, left_out_arguments = [], [], [], []
-    own_rviz = [node for node in config.nodes if node.package == "rviz" and node.name not in OWN_RVIZ]
+    own_rviz = [node for node in config.nodes if node.package == "rviz" and node.name not in ours["rviz"]]
     for node in config.nodes:
-        if node.package == "rviz" and node.name in OWN_RVIZ and own_rviz:
+        if node.package == "rviz" and node.name in ours["rviz"] and own_rviz:
             continue  # the hand-in brings one
         if node.package == "rviz":
             rviz.append({"name": node.name, "args": node.args, "remap": [list(r) for r in node.remap_args]})

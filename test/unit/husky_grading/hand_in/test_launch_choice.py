@@ -11,9 +11,11 @@ from husky_grading.hand_in.prepare import prepare
 from husky_grading.isolation.sandbox import Workspace
 from husky_grading.notes import Kind, Note
 from husky_grading.records import Job, MarkingConfig
+from husky_highlevel_controller.paths import share_folder
 
 pytestmark = pytest.mark.usefixtures("launch_files_read_here")
 
+EXAMPLES = share_folder() / "examples"
 CONTROLLER = '<node name="c" pkg="{}" type="controller"/>'
 VIEW = "Visualization Manager: {Displays: [{Class: rviz/TF}]}"
 SHOWS = '<node name="rviz" pkg="rviz" type="rviz" args="-d $(find husky)/rviz/mine.rviz"/>'
@@ -149,3 +151,31 @@ def test_a_configuration_that_is_named_and_not_handed_in_is_told(ann):
 @pytest.mark.parametrize("name", ["excercise3", "exe3", "aufgabe3", "Aufgabe_3", "exercice3", "excersise 3"])
 def test_a_word_for_exercise_may_be_german_or_misspelt(name):
     assert exercise_numbers(name) == {3}
+
+
+def new_package(folder, name):
+    """A package as `./dev new` writes it, with a node and a launch file of the student's own beside."""
+    for part in ("package.xml", "launch/drive.launch", "scripts/drive"):
+        put(folder / part, (EXAMPLES / "first_node" / part).read_text().replace("first_node", name))
+    put(
+        folder / "scripts" / "pilot", "#!/usr/bin/env python3\nfrom sensor_msgs.msg import LaserScan\n"
+    ).chmod(0o755)
+    put(
+        folder / "launch" / "pilot.launch", f'<launch><node name="pilot" pkg="{name}" type="pilot"/></launch>'
+    )
+    return folder
+
+
+def test_the_template_of_a_new_package_that_nobody_touched_gives_way_to_the_student_s_own_file(ann):
+    package = new_package(ann / "my_husky", "my_husky")
+    submission, told = prepared(ann)
+    assert submission.launchable.name.endswith("pilot.launch")
+    assert "starts RViz" not in told
+    put(package / "scripts" / "drive", (package / "scripts" / "drive").read_text() + "# mine\n")
+    (package / "launch" / "pilot.launch").unlink()
+    assert prepared(ann)[0].launchable.name.endswith("drive.launch"), "a node that is changed counts"
+
+
+def test_the_template_counts_if_there_is_nothing_else(ann):
+    (new_package(ann / "my_husky", "my_husky") / "launch" / "pilot.launch").unlink()
+    assert prepared(ann)[0].launchable.name.endswith("drive.launch")
