@@ -53,6 +53,7 @@ class Tuning:
                 self._servers[name] = _Server(name, self._gui, self._actions, self.on_change)
 
     def _on_button(self, event: Any) -> None:
+        """Send all values to the browser as a file, or set every parameter to its default."""
         if event.target.value == "Save":
             values = {name: server.values for name, server in self._servers.items()}
             event.client.send_file_download(

@@ -87,6 +87,7 @@ class Chassis:
         ]
         (vx, vy, _), (_, _, yaw_rate) = state.velocity_in_base, state.angular_velocity_in_base
         pull_x, pull_y = self._downhill()
+        # forces (forwards, to the left) [N] on each tyre, where the ground and these wheel speeds let it grip
         forces = ground_forces(
             contacts,
             velocity=(vx - yaw_rate * com_y, vy + yaw_rate * com_x, yaw_rate),
@@ -96,6 +97,7 @@ class Chassis:
             dt=dt,
             config=self._traction,
         )
+        # a motor carries its tyre's forward force, and turns its wheel faster or slower
         self.torques = [
             along * radius + inertia * (speed - before) / dt
             for (along, _), radius, inertia, speed, before in zip(
@@ -112,6 +114,7 @@ class Chassis:
             if load > 0.0
         ]
         pushes += [(self._drag(point, normal, load), point) for point, normal, load in self._drags]
+        # from base_link into the world, along these axes; unrolled, because it runs in each step
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._axes
         px, py, pz = state.pose_in_world.position
         for (fx, fy, fz), (x, y, z) in pushes:

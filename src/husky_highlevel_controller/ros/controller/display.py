@@ -58,9 +58,12 @@ class Display:
         self._pillar = rospy.Publisher("~pillar", PointStamped, queue_size=10)
         self._error = rospy.Publisher("~error", Vector3Stamped, queue_size=10)
         self._path: Deque[Point] = deque(maxlen=PATH_POINTS)
+        # namespaces of the markers that RViz shows of each topic, so that one that is no more is deleted
         self._shown: Dict[rospy.Publisher, Set[str]] = {self._marker: set(), self._array: set()}
+        # stamp [s] and state of the last array: the next one is due after ARRAY_PERIOD, or with another state
         self._array_at = -inf
         self._state: Optional[State] = None
+        # arguments of the last `show`, repeated for a subscriber that comes later
         self._last: Optional[Tuple[Observation, ControlOutput, float, float]] = None
         self._turn = threading.Lock()
 
