@@ -243,6 +243,14 @@ def is_true(value: str) -> bool:
     return value.lower() in ("true", "1")
 
 
+def shorten_summary(config: Any) -> None:
+    """Leave the parameters out of roslaunch's summary: a hundred lines would hide the first useful one."""
+    summary = config.summary
+    config.summary = lambda *args, **kwargs: re.sub(
+        r"PARAMETERS\n.*?(?=NODES\n)", "", summary(*args, **kwargs), flags=re.DOTALL
+    )
+
+
 class Failures(roslaunch.pmon.ProcessListener):
     """Remembers how nodes ended."""
 
@@ -297,8 +305,14 @@ def launch(file: Path, arguments: Arguments, output: FoldedOutput) -> int:
             super().__init__(run_id, *arguments, process_listeners=[failures], **named)
 
         def _load_config(self) -> None:  # the only place between reading the file and starting its nodes
-            super()._load_config()
+            try:
+                super()._load_config()
+            except roslaunch.core.RLException as error:
+                # roslaunch names the file of an include, but not the first file
+                raise roslaunch.core.RLException(f"while processing {file}:\n{error}") from error
             adapt(self.config, file, arguments)
+            if "--screen" not in arguments.options:
+                shorten_summary(self.config)
             run["robots"] = {n.name for n in self.config.nodes if starts_robot(n)}
             # as roslaunch calls their processes
             names = [rosgraph.names.ns_join(n.namespace, n.name) for n in self.config.nodes if n.required]

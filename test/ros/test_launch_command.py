@@ -68,7 +68,15 @@ def test_an_argument_for_an_include_that_takes_all_is_none_of_them(launch, tmp_p
     )
     outer = tmp_path / "outer.launch"
     outer.write_text('<launch><include file="$(dirname)/inner.launch" pass_all_args="true"/></launch>')
-    launch(outer, "speed:=2").says("* /speed: 2")
+    launch(outer, "speed:=2", "--screen").says("* /speed: 2")
+
+
+def test_a_launch_file_that_is_not_well_formed_is_named(launch, tmp_path):
+    file = tmp_path / "bad.launch"
+    file.write_text('<launch><node name="a" pkg="rospy" type="x"></launch>')
+    launched = launch(file)
+    assert launched.wait() == 1
+    assert f"while processing {file}:\nInvalid roslaunch XML syntax: mismatched tag" in launched.output
 
 
 @pytest.mark.parametrize(

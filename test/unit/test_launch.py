@@ -37,3 +37,11 @@ def test_a_quote_without_its_end_is_named_with_the_node(attribute, text, launch)
 def test_quotes_that_are_closed_are_taken(launch):
     node = SimpleNamespace(name="a", launch_prefix='bash -c \'sleep 1; "$0" "$@"\'', args='-d "my view.rviz"')
     launch.check_quotes(SimpleNamespace(nodes=[node]))
+
+
+def test_the_summary_names_the_nodes_and_not_the_hundred_parameters(launch):
+    config = SimpleNamespace(
+        summary=lambda **_: "SUMMARY\n\nPARAMETERS\n * /speed: 2\n\nNODES\n  /\n    drive\n"
+    )
+    launch.shorten_summary(config)
+    assert config.summary(local=True) == "SUMMARY\n\nNODES\n  /\n    drive\n"
