@@ -98,6 +98,8 @@ def check_arguments(file: Path, given: List[str]) -> Arguments:
     of_simulator = set() if file.parent == SIMULATOR.parent else declared_arguments(SIMULATOR) or set()
     passed_on: Dict[str, str] = {}
     for_simulator: Dict[str, str] = {}
+    # people copy arguments from a README that has optional ones in brackets: [verbose:=true]
+    given = [re.sub(r"^\[(\w+:=.*)\]$", r"\1", argument) for argument in given]
     for argument in given:
         name, assigned, value = argument.partition(":=")
         mistyped = re.fullmatch(r"(\w+)(?:=|:)(.*)", argument)

@@ -14,6 +14,7 @@ from collections import abc
 from dataclasses import MISSING, Field, field, fields, is_dataclass, replace
 from enum import Enum
 from functools import lru_cache
+from math import isfinite, nan
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Set, Type, TypeVar
 
@@ -242,7 +243,7 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
         return value
     if type(value) is not kind and not (kind is float and type(value) is int):  # YAML's 1 is a fine 1.0
         type_name = kind.__name__ if parameters_only else _TYPE_NAMES[kind]
-        raise ConfigError(f"{name} = {_short(value)} is not a {type_name}{help_text}")
+        raise ConfigError(f"{name} = {_short(value)} is not a {type_name}{help_text}{_exponent_hint(value)}")
     if "min" in metadata and kind in (int, float):
         low, high = metadata["min"], metadata["max"]
         if not (abs(value) <= sys.float_info.max and low <= value <= high):  # NaN and 10**400 are not
@@ -252,6 +253,15 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
     if kind is str and not value and metadata and not metadata.get("optional"):
         raise ConfigError(f"{name} is empty{help_text}")
     return kind(value)
+
+
+def _exponent_hint(value: Any) -> str:
+    """Hint on a number such as 1e-1, which YAML 1.1 reads as text."""
+    try:
+        number_meant = float(value) if isinstance(value, str) and "e" in value.lower() else nan
+    except ValueError:
+        number_meant = nan
+    return f"; YAML reads it as text, write {number_meant!r}" if isfinite(number_meant) else ""
 
 
 def _help_text(metadata: Mapping[str, Any]) -> str:

@@ -271,3 +271,13 @@ def test_a_period_is_a_whole_number_of_steps(rate, steps):
 def test_a_rate_that_does_not_divide_that_of_physics_is_refused(name, rate, simulate):
     with pytest.raises(HuskyError, match=f"{name} = {rate} Hz does not divide physics_rate = 200 Hz"):
         simulate(config=replace(simulator_config(), **{name: rate}))
+
+
+def test_time_goes_on_from_where_it_is_set_and_never_back(simulate):
+    simulation, other = simulate(), simulate()
+    simulation.set_stamp(1.7e9)
+    first, same = simulation.step(), other.step()
+    assert first.stamp == pytest.approx(1.7e9 + simulation.dt, abs=1e-6)
+    assert first.robot == same.robot
+    simulation.set_stamp(5.0)
+    assert simulation.step().stamp == pytest.approx(1.7e9 + 2.0 * simulation.dt, abs=1e-6)

@@ -45,3 +45,9 @@ def test_the_summary_names_the_nodes_and_not_the_hundred_parameters(launch):
     )
     launch.shorten_summary(config)
     assert config.summary(local=True) == "SUMMARY\n\nNODES\n  /\n    drive\n"
+
+
+def test_an_argument_in_the_brackets_of_a_readme_is_taken(launch):
+    file = share_folder() / "launch" / "simulator.launch"
+    arguments = launch.check_arguments(file, ["[gui:=false]", "x:=[1,2]", "--screen"])
+    assert arguments.options == ["gui:=false", "x:=[1,2]", "--screen"]

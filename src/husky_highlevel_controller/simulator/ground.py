@@ -28,6 +28,7 @@ MAX_SLAB = 0.12  # [m], of a slab that the robot stands on rather than in: below
 MAX_RISE = 5.0  # [m], of a floor above the height at which the robot is to start
 MAX_DROP = 1.0  # [m], from which a robot falls to the floor; from higher up it is put there
 _WHEELS = 0.3  # [m], from base_link to about its wheels, along x and y
+_MIDDLE = ((0.0, 0.0), (-_WHEELS, 0.0), (_WHEELS, 0.0), (0.0, -_WHEELS), (0.0, _WHEELS))
 _FLOOR = 1.0  # [m], along x and y; a floor reaches at least so far
 _RISE = 0.1  # [m], step of the search for the top of a floor
 _LEVEL = 1e-3  # [m]
@@ -64,6 +65,8 @@ def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
     else:
         top = MAX_SLAB
     height = top - drops[0]
+    if height < 0.0:  # the hull may stand on something between the wheels
+        drops += [_drop(scene, transform_point(pose_on_ground, (x, y, top))) for x, y in _MIDDLE]
     is_level = isfinite(height) and max(drops) - min(drops) < _LEVEL and all(drops)
     return height if is_level and abs(height) > _LEVEL else 0.0
 

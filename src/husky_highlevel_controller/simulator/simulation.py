@@ -151,6 +151,10 @@ class Simulation:
         """Simulated time [s]; it never goes back."""
         return (self._steps_before + self._steps) / self._rate
 
+    def set_stamp(self, stamp: float) -> None:
+        """Go on from this simulated time [s], rounded to a step; an earlier one than now changes nothing."""
+        self._steps_before = max(self._steps_before, round(stamp * self._rate) - self._steps)
+
     @property
     def _since_reset(self) -> float:
         return self._steps / self._rate

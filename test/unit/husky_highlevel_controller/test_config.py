@@ -78,6 +78,7 @@ def test_good_parameters_become_a_record():
         ("sped", 0.5, "sped is not a parameter; there are: load, loud, name, speed, wheel, wheels"),
         ("secret", 8.0, "secret is not a parameter"),  # a field that is not for users
         ("name", "", "name is empty"),
+        ("speed", "5e-1", "speed = '5e-1' is not a float.*; YAML reads it as text, write 0.5$"),
         *[("speed", value, "speed = .* is not a float") for value in ("0.5", True, None, [0.5])],
         *[("wheels", value, "wheels = .* is not a int") for value in (4.0, True, "four")],
         *[("loud", value, "loud = .* is not a bool") for value in (1, "true")],

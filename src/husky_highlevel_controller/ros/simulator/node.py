@@ -104,14 +104,16 @@ class SimulatorNode:
             publishers.truth_log.wait_to_begin(self._hold_time)
         elif self._start.real_time_factor == 0.0 and not self._paused:
             self._wait_for_launch(partners)
+        self._follow_wall_time()
         if self._paused:
             self._publishers.keep(simulation.at_start())
+        begin = simulation.stamp
         self._pacer = Pacer(self._start.real_time_factor, simulation.stamp, time.monotonic())
         while not rospy.is_shutdown():
             self._calls.process(PAUSE_POLL_PERIOD if self._paused else 0.0)
             if self._paused:
                 publishers.publish_clock(simulation.stamp)  # for nodes that start during the pause
-                if simulation.stamp == 0.0 and not self._start.lockstep:  # where each scan wants an answer
+                if simulation.stamp == begin and not self._start.lockstep:  # where each scan wants an answer
                     publishers.send_kept_scan()
                 self._pacer.restart(simulation.stamp, time.monotonic())
                 if self._display:
@@ -122,6 +124,18 @@ class SimulatorNode:
         if self._camera:
             self._camera.close()
         simulation.close()
+
+    def _follow_wall_time(self) -> None:
+        """Without simulated time, let stamps be wall time: what looks up a transform of now finds it."""
+        if self._publishers.tells_time:
+            return
+        self._simulation.set_stamp(time.time())
+        if self._start.real_time_factor != 1.0:
+            rospy.logwarn_once(
+                "use_sim_time is false and real_time_factor is %g: stamps and ROS time drift apart; let "
+                "use_sim_time be true, or real_time_factor be 1",
+                self._start.real_time_factor,
+            )
 
     def _hold_time(self) -> None:
         """Answer calls and tell the time, which stands still."""
@@ -249,6 +263,7 @@ class SimulatorNode:
     def _set_paused(self, paused: bool) -> str:
         self._paused = paused
         self._paused_topic.publish(paused)
+        self._follow_wall_time()
         return f"{'paused at' if paused else 'running from'} {self._simulation.stamp:.3f} s"
 
     def _reset(self, _request: Any) -> str:

@@ -45,7 +45,7 @@ class Publishers:
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
         self._tick = gcd(self._state_steps, scan_steps) / config.physics_rate  # [s], of /clock, at least
         self._wheels = robot.wheels
-        self._tells_time = bool(rospy.get_param("/use_sim_time", False))
+        self.tells_time = bool(rospy.get_param("/use_sim_time", False))
         self._bumped: Set[str] = set()
         self.truth_log = TruthLog()
         self.clock = rospy.Publisher("/clock", Clock, queue_size=QUEUE)
@@ -218,7 +218,7 @@ class Publishers:
         self.publish_clock(stamp + 0.95 * self._tick)
 
     def _set_time(self, now: rospy.Time) -> None:
-        if self._tells_time:
+        if self.tells_time:
             # As rospy's own subscriber of /clock does. A subscription of its own would cost the simulator
             # 3 % more CPU time in lockstep, and its time would lag behind what it publishes.
             rospy.rostime._set_rostime(now)
