@@ -105,6 +105,15 @@ def test_a_gamepad_that_never_pauses_is_named_by_the_simulator_and_by_the_contro
     launched.says("but the robot stands: /joy_teleop/cmd_vel of /rostopic_")
 
 
+def test_the_first_touch_of_an_object_is_told_once(ros, tmp_path):
+    file = tmp_path / "touch.yaml"
+    file.write_text("stop_distance: 0.0\n")
+    launched = ros.roslaunch("controller.launch", f"parameters:={file}", "real_time_factor:=0")
+    launched.says("the robot touches 'unit_cylinder'")
+    launched.says("arrived after")
+    assert launched.output.count("the robot touches") == 1
+
+
 def test_a_subscriber_that_hangs_does_not_hold_the_world(ros):
     start_simulator(ros, "real_time_factor:=0")
     hanging = ros.start("rostopic", "echo", "/front/scan/header/stamp")

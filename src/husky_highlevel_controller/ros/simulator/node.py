@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from functools import partial
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Optional, Set
 
 import rosgraph
 import rospy
@@ -15,7 +15,7 @@ from std_srvs.srv import Empty, Trigger
 
 from husky_highlevel_controller import srv
 from husky_highlevel_controller.config import ConfigError
-from husky_highlevel_controller.datatypes import HuskyError, Vector3, World
+from husky_highlevel_controller.datatypes import HuskyError, Snapshot, Vector3, World
 from husky_highlevel_controller.ros.node import run_node
 from husky_highlevel_controller.ros.registration import RegistrationWatch
 from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
@@ -63,6 +63,7 @@ class SimulatorNode:
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
         world = self._read_world(start.world_name)
         self._fallen = False
+        self._touched: Set[str] = set()  # names of objects
         self._simulation = Simulation(world, robot, config, start.pose, start.seed, start.z)
         self._camera = self._make_camera(camera, robot, config) if start.kinect_enabled else None
         self._lockstep = Lockstep(
@@ -194,6 +195,8 @@ class SimulatorNode:
                 rospy.logwarn_throttle(1.0, f"{rospy.resolve_name(topic)}: {error}")
         snapshot = self._simulation.step()
         self._notice_fall(snapshot.robot.pose_in_world.position)
+        if snapshot.contacts:
+            self._notice_touches(snapshot)
         if snapshot.scan is not None:
             self._lead_limit.before_scan()
             self._lockstep.begin_scan()
@@ -225,6 +228,13 @@ class SimulatorNode:
                 "the robot has fallen off the world near (%.1f, %.1f); ~reset puts it back", *position[:2]
             )
         self._fallen = fallen
+
+    def _notice_touches(self, snapshot: Snapshot) -> None:
+        """Log the first touch of each object since the start or a reset, but not for a recorder's drive."""
+        for name in sorted(set(snapshot.contacts) - self._touched):
+            self._touched.add(name)
+            if not self._publishers.truth_log.is_open:
+                rospy.loginfo(f"the robot touches '{name}' at {snapshot.stamp:.2f} s of simulated time")
 
     def _serve_during_step(self) -> None:
         """Serve calls and new subscribers while lockstep waits."""
@@ -269,6 +279,7 @@ class SimulatorNode:
     def _reset(self, _request: Any) -> str:
         self._simulation.reset()
         self._commands.forget()
+        self._touched.clear()
         return f"the world is as it was at the start; time runs on from {self._simulation.stamp:.3f} s"
 
     def _read_world(self, name: str) -> World:
@@ -278,11 +289,13 @@ class SimulatorNode:
         world = self._read_world(request.world_name)
         self._simulation.load_world(world)
         self._commands.forget()
+        self._touched.clear()
         rospy.set_param("~world_name", request.world_name)  # for those who ask which one it is
         return f"'{world.name}' with {len(world.bodies)} bodies, the robot at the start"
 
     def _reset_poses(self, _request: Any) -> str:
         self._simulation.reset_poses()
+        self._touched.clear()
         return "the robot and every object stand where they were put first"
 
     def _step(self, request: srv.StepWorldRequest) -> str:
