@@ -8,51 +8,19 @@ const viserClient = (() => {
   const SLIM = 0.3; // of the window's height: a lower panel is folded, and the view's middle need not avoid it
   const NARROW = 160; // [px]: of a view that is less wide or high the middle stays where it was
   const TALLEST = 1.3; // of the free part's width: no more of its height has the whole angle of view
-  const EDGE = 6; // [px] of a panel at which its corners are round
-  const STEADY = 500; // [ms] from which on a panel is at rest, and what it covers is not drawn
 
   // Without a graphics card smooth edges more than double the time of a picture; ?antialias keeps them.
   const getContext = HTMLCanvasElement.prototype.getContext;
   const probe = getContext.call(document.createElement("canvas"), "webgl2");
   const renderer = probe?.getParameter(probe.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL ?? probe.RENDERER);
   probe?.getExtension("WEBGL_lose_context")?.loseContext();
-  const drawsBySoftware = /SwiftShader|llvmpipe|softpipe|Microsoft Basic Render/.test(renderer);
-  if (drawsBySoftware) {
+  const isSoftware = /SwiftShader|llvmpipe|softpipe|Microsoft Basic Render/.test(renderer);
+  const drawsFast = isSoftware && !location.search.includes("antialias");
+  if (drawsFast) {
     HTMLCanvasElement.prototype.getContext = function (kind, options) {
-      if (!kind.startsWith("webgl")) return getContext.call(this, kind, options);
-      const antialias = location.search.includes("antialias");
-      const context = getContext.call(this, kind, antialias ? options : { ...options, antialias: false });
-      if (context !== null && !Object.hasOwn(context, "clear")) spare(context);
-      return context;
+      return getContext.call(this, kind, kind.startsWith("webgl") ? { ...options, antialias: false } : options);
     };
   }
-
-  // What the panel covers is not drawn: its pixels are as near as can be once the depth is cleared.
-  let spared = "", sparedSince = 0; // where that is, and since when
-  const spare = (context) => {
-    const clear = context.clear;
-    context.clear = function (bits) {
-      clear.call(this, bits);
-      if (!(bits & this.DEPTH_BUFFER_BIT) || this.canvas !== window.__viserMutable?.canvas) return;
-      if (this.getParameter(this.FRAMEBUFFER_BINDING) !== null) return;
-      const boxes = covers(), places = boxes.map(({ x, y, width, height }) => [x, y, width, height]).join();
-      if (places !== spared) [spared, sparedSince] = [places, performance.now()];
-      if (performance.now() - sparedSince < STEADY) return;
-      const far = this.getParameter(this.DEPTH_CLEAR_VALUE);
-      const wasOn = this.isEnabled(this.SCISSOR_TEST), box = this.getParameter(this.SCISSOR_BOX);
-      const scale = this.drawingBufferWidth / this.canvas.clientWidth;
-      this.enable(this.SCISSOR_TEST);
-      this.clearDepth(1 - far); // three turns depth round
-      for (const { left, width, bottom, height } of boxes) {
-        this.scissor((left + EDGE) * scale, (this.canvas.clientHeight - bottom + EDGE) * scale,
-          Math.max(0, width - 2 * EDGE) * scale, Math.max(0, height - 2 * EDGE) * scale);
-        clear.call(this, this.DEPTH_BUFFER_BIT);
-      }
-      this.clearDepth(far);
-      this.scissor(...box);
-      if (!wasOn) this.disable(this.SCISSOR_TEST);
-    };
-  };
 
   const covers = () => [...document.querySelectorAll(`${PANEL}, ${SHEET}, ${CHARTS}`)]
     .filter((element) => !element.matches(CHARTS) || getComputedStyle(element).position === "fixed")
@@ -85,7 +53,15 @@ const viserClient = (() => {
     camera.setViewOffset(...offset);
   };
 
+  // By software the scene is drawn coarser, so that the whole window costs no more than the part beside the panel did.
+  const COARSER = 0.62; // of the screen's resolution
+  const coarsen = () => {
+    const settings = window.__viserTestpoints?.devSettings;
+    if (drawsFast && settings?.get().fixedDpr === null) settings.set({ fixedDpr: COARSER * devicePixelRatio });
+  };
+
   const follow = () => { // whenever a picture is drawn; and one is, when the panel has changed
+    coarsen();
     const scene = window.__viserMutable?.scene;
     if (scene && scene.onBeforeRender !== aim) scene.onBeforeRender = aim;
     document.querySelectorAll(`${PANEL}, ${SHEET}, ${CHARTS}`).forEach((element) => {

@@ -96,6 +96,7 @@ HOOKS = {
         "w.__viserMutable = mutable.current",
         "mutable.current.scene = useThree",
         "mutable.current.requestRender =",
+        "devSettings: viewer.useDevSettings",
     ],
     "dock/FloatingWindowView.tsx": ["data-floating-window="],
     "ControlPanel/BottomPanel.tsx": [
@@ -111,6 +112,7 @@ HOOKS = {
         "minHeight: 0,",
         "opacity: expanded",
     ],
+    "DevSettingsStore.ts": ["fixedDpr: number | null"],
     "BrowserWarning.tsx": ['title: "Software WebGL rendering detected"'],
     "components/ButtonGroup.tsx": ["<Flex", "<Button"],
     "components/common.tsx": ["<label htmlFor", "<Tooltip", "flexShrink: 0,"],
