@@ -89,3 +89,11 @@ def test_other_things_stand_on_a_mesh_and_a_place_in_it_is_refused(simulate):
     assert simulation.pose_of("cup").position[2] == pytest.approx(1.1, abs=0.01)
     with pytest.raises(PlacementError, match="'post' would stand inside 'table'"):
         simulation.spawn([body("post", Box((0.2, 0.2, 0.4)), x=3.0, z=0.5)])
+
+
+@pytest.mark.parametrize("top", [0.0342, -0.4, 0.0777])
+def test_the_robot_starts_on_a_floor_of_triangles_at_any_height(simulate, top):
+    floor = body("floor", mesh_of(creation.box((14.0, 20.0, 0.1))), z=top - 0.05)
+    simulation = simulate(ground=floor, robot=HUSKY, config=EXACT, seed=1)
+    z = drive(simulation, 0.5)[-1].robot.pose_in_world.position[2]
+    assert z == pytest.approx(top + 0.132, abs=0.005)

@@ -36,7 +36,7 @@ _BREAKING_THRESHOLD = 0.005  # instead of 0.02: a tyre's flanks, 5 mm above the 
 _GROUND_STIFFNESS = 1e6  # [N/m], per contact; a Husky's wheel sinks 0.15 mm
 _GROUND_DAMPING = 8e3  # [N s/m], about critical for a quarter of the Husky
 _LIFT_FROM = 1e-3  # [m], what is sunk deeper into the ground is put on top of it
-_TOO_DEEP = 1e-3  # [m], what reaches farther into another body stands inside it
+_TOO_DEEP = 2e-3  # [m], what reaches farther into another body stands inside it; triangles are 1 mm thick
 
 
 class PlacementError(HuskyError):
