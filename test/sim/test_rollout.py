@@ -115,4 +115,4 @@ def test_the_figures_do_not_depend_on_the_number_of_processes_and_a_missed_one_e
         assert "starts" not in captured.err, "progress is for a terminal"
     assert tables[0] == tables[1]
     missed = [line for line in tables[0].splitlines() if "MISSED" in line]
-    assert [line.split("  ")[0] for line in missed] == ["time to arrival over the bound"]
+    assert [line.split("  ")[0] for line in missed] == ["time to arrival divided by its bound"]
