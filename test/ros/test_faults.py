@@ -15,6 +15,16 @@ from husky_highlevel_controller.ros.registration import LOST
 
 CONTROLLER = "husky_highlevel_controller"
 STRESS_CLIENT = str(Path(__file__).with_name("stress_client.py"))
+MARKS_IN_BASE_LASER = """
+import rospy
+from visualization_msgs.msg import Marker
+rospy.init_node("drive")
+marker = Marker(ns="pillar")
+marker.header.frame_id = "base_laser"
+publisher = rospy.Publisher("~visualization_marker", Marker, queue_size=1, latch=True)
+publisher.publish(marker)
+rospy.spin()
+"""
 
 
 def start_simulator(ros, *arguments):
@@ -112,6 +122,12 @@ def test_the_first_touch_of_an_object_is_told_once(ros, tmp_path):
     launched.says("the robot touches 'unit_cylinder'")
     launched.says("arrived after")
     assert launched.output.count("the robot touches") == 1
+
+
+def test_a_marker_in_a_frame_that_tf_does_not_know_is_told_with_the_one_that_is_meant(ros):
+    launched = ros.roslaunch("simulator.launch", "real_time_factor:=0")
+    ros.start(sys.executable, "-c", MARKS_IN_BASE_LASER)
+    launched.says("in the frame 'base_laser', which TF does not know")
 
 
 def test_a_subscriber_that_hangs_does_not_hold_the_world(ros):

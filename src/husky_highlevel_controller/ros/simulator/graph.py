@@ -15,6 +15,7 @@ from rosgraph_msgs.msg import Clock
 
 from husky_highlevel_controller.ros.master_graph import Graph, Kinds, read_graph, read_kinds
 from husky_highlevel_controller.ros.node import contained
+from husky_highlevel_controller.ros.simulator.marker_frames import MarkerFrames
 from husky_highlevel_controller.ros.simulator.wrong_topics import (
     Finding,
     mistake_sentence,
@@ -82,9 +83,14 @@ def launched_beside() -> Set[str]:
 class GraphWatch:
     """Looks at the graph in a thread of its own until the process ends."""
 
-    def __init__(self, simulated_time: Callable[[], float], warn: Callable[[str], None]) -> None:
-        """Set up; `simulated_time` [s] and `warn` are called in the thread."""
-        self._simulated_time, self._warn = simulated_time, warn
+    def __init__(
+        self,
+        simulated_time: Callable[[], float],
+        warn: Callable[[str], None],
+        markers: Optional[MarkerFrames] = None,
+    ) -> None:
+        """Set up; `simulated_time` [s] and `warn` are called in the thread, which looks at `markers` too."""
+        self._simulated_time, self._warn, self._markers = simulated_time, warn, markers
         self._master_uri = rosgraph.get_master_uri()
         self._clock_nodes = {rospy.get_name()}
         self._clock: Optional[rospy.Subscriber] = None
@@ -102,6 +108,8 @@ class GraphWatch:
                 graph = read_graph(self._master_uri)
                 if graph is not None:
                     self.look(graph)
+                    if self._markers is not None:
+                        self._markers.look(graph)
             time.sleep(PERIOD)
 
     def look(self, graph: Graph) -> None:

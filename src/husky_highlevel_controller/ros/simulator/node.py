@@ -25,6 +25,7 @@ from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCa
 from husky_highlevel_controller.ros.simulator.graph import GraphWatch, Partners, launched, launched_beside
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
 from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERIOD, LeadLimit, Lockstep
+from husky_highlevel_controller.ros.simulator.marker_frames import MarkerFrames
 from husky_highlevel_controller.ros.simulator.one_simulator import running_simulator, why_not_two
 from husky_highlevel_controller.ros.simulator.parameters import read_parameters, read_robot_description
 from husky_highlevel_controller.ros.simulator.publishers import Publishers
@@ -94,7 +95,8 @@ class SimulatorNode:
     def run(self) -> None:
         """Simulate until the node is shut down."""
         publishers, simulation = self._publishers, self._simulation
-        GraphWatch(lambda: simulation.stamp, rospy.logwarn).start()
+        markers = None if publishers.truth_log.is_open else MarkerFrames(publishers.frames, rospy.logwarn)
+        GraphWatch(lambda: simulation.stamp, rospy.logwarn, markers).start()
         self._registration.start()
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)

@@ -45,6 +45,7 @@ class Publishers:
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
         self._tick = gcd(self._state_steps, scan_steps) / config.physics_rate  # [s], of /clock, at least
         self._wheels = robot.wheels
+        self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}  # on /tf
         self.tells_time = bool(rospy.get_param("/use_sim_time", False))
         self._bumped: Set[str] = set()
         self.truth_log = TruthLog()

@@ -1,0 +1,71 @@
+"""Frames of other nodes' markers: RViz silently draws nothing in a frame that TF does not know.
+
+In: the ROS graph, the simulator's frames. Out: a sentence for each unknown frame.
+"""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from functools import partial
+from typing import AbstractSet, Any, Callable, Dict, Set, Tuple
+
+import rospy
+from visualization_msgs.msg import Marker, MarkerArray
+
+from husky_highlevel_controller.ros.master_graph import Graph
+from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS
+
+KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
+FRAME_TOPICS = ("/tf", "/tf_static")
+MESSAGES = 50  # of a topic, which are looked at
+OTHER_FRAMES = "robot_state_publisher"  # its frames are the robot's own
+
+
+class MarkerFrames:
+    """Looks at the first markers of each topic; a topic of this package's nodes is looked at as well."""
+
+    def __init__(self, frames: AbstractSet[str], warn: Callable[[str], None]) -> None:
+        """Begin without a topic.
+
+        Args:
+            frames: names of all frames that the simulator publishes.
+            warn: function that logs a sentence; it is called in rospy's threads.
+        """
+        self._frames, self._warn = frames, warn
+        self._subscribers: Dict[str, rospy.Subscriber] = {}
+        self._left: Dict[str, int] = {}
+        self._told: Set[Tuple[str, str]] = set()  # node, frame
+
+    def look(self, graph: Graph) -> None:
+        """Subscribe to new topics of markers, unless another node publishes frames of its own."""
+        own = rospy.get_name()
+        others = {node for topic in FRAME_TOPICS for node in graph.publishers.get(topic, ()) if node != own}
+        if any(not node.endswith(OTHER_FRAMES) for node in others):
+            return
+        for topic, nodes in graph.publishers.items():
+            kind = KINDS.get(graph.types.get(topic, ""))
+            if kind and topic not in self._subscribers and any(not TOOLS.match(node) for node in nodes):
+                self._left[topic] = MESSAGES
+                self._subscribers[topic] = rospy.Subscriber(topic, kind, partial(self._on_markers, topic))
+
+    def _on_markers(self, topic: str, message: Any) -> None:
+        node = message._connection_header["callerid"]
+        for marker in getattr(message, "markers", [message]):
+            frame = marker.header.frame_id.lstrip("/")
+            is_drawn = marker.action in (Marker.ADD, Marker.MODIFY)
+            if is_drawn and frame not in self._frames and (node, frame) not in self._told:
+                self._told.add((node, frame))
+                self._warn(marker_sentence(node, topic, frame, self._frames))
+        self._left[topic] -= 1
+        if self._left[topic] == 0:
+            self._subscribers[topic].unregister()
+
+
+def marker_sentence(node: str, topic: str, frame: str, frames: AbstractSet[str]) -> str:
+    """Return a sentence on a marker in an unknown frame, with the frame that is probably meant."""
+    nearest = get_close_matches(frame, sorted(frames), 1, 0.5)
+    remedy = f"did you mean '{nearest[0]}'?" if nearest else "copy the header of the scan"
+    return (
+        f"{node} publishes a marker on {topic} in the frame '{frame}', which TF does not know, so RViz "
+        f"cannot draw it: {remedy}"
+    )
