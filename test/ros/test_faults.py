@@ -15,6 +15,19 @@ from husky_highlevel_controller.ros.registration import LOST
 
 CONTROLLER = "husky_highlevel_controller"
 STRESS_CLIENT = str(Path(__file__).with_name("stress_client.py"))
+SOURCES_OF_ODOM = """
+import rospy
+from tf2_msgs.msg import TFMessage
+sources = []
+def on_tf(message):
+    if any(each.header.frame_id == "odom" for each in message.transforms):
+        sources.append(message._connection_header["callerid"])
+rospy.init_node("listener", anonymous=True)
+rospy.Subscriber("/tf", TFMessage, on_tf)
+while len(sources) < 100:
+    rospy.rostime.wallsleep(0.05)
+print("sources:", *sorted(set(sources)), "end")
+"""
 MARKS_IN_BASE_LASER = """
 import rospy
 from visualization_msgs.msg import Marker
@@ -128,6 +141,30 @@ def test_a_marker_in_a_frame_that_tf_does_not_know_is_told_with_the_one_that_is_
     launched = ros.roslaunch("simulator.launch", "real_time_factor:=0")
     ros.start(sys.executable, "-c", MARKS_IN_BASE_LASER)
     launched.says("in the frame 'base_laser', which TF does not know")
+
+
+def test_a_filter_in_the_launch_file_of_the_simulator_is_the_only_source_of_odom(ros, tmp_path):
+    filter_parameters = "".join(
+        f'<param name="{name}" value="{value}"/>'
+        for name, value in {
+            "two_d_mode": "true", "odom_frame": "odom", "base_link_frame": "base_link", "world_frame": "odom",
+            "odom0": "husky_velocity_controller/odom",
+        }.items()
+    )  # fmt: skip
+    row = "false,false,false, false,false,false, true,true,false, false,false,true, false,false,false"
+    file = tmp_path / "filter.launch"
+    file.write_text(
+        '<launch><include file="$(find husky_highlevel_controller)/launch/simulator.launch">'
+        '<arg name="gui" value="false"/></include>'
+        '<node name="lab_filter" pkg="husky_highlevel_controller" type="planar_ekf">'
+        f'{filter_parameters}<rosparam param="odom0_config">[{row}]</rosparam></node></launch>'
+    )
+    launched = ros.start("roslaunch", "-p", str(ros.port), str(file))
+    launched.says(
+        "/lab_filter publishes /odometry/filtered, so the simulator leaves it and odom -> base_link"
+    )
+    listener = ros.start(sys.executable, "-c", SOURCES_OF_ODOM)
+    listener.says("sources: /lab_filter end")
 
 
 def test_a_subscriber_that_hangs_does_not_hold_the_world(ros):

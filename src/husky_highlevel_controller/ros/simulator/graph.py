@@ -80,6 +80,35 @@ def launched_beside() -> Set[str]:
     return launched() - NODES
 
 
+def launched_together(name: str) -> Set[str]:
+    """Names of the nodes that the same roslaunch has started as the node of a name, without leading slash."""
+    for uri in rospy.get_param("/roslaunch/uris", {}).values():
+        processes = ask(uri, "list_processes")
+        names = {process.rsplit("-", 1)[0] for process, _ in (processes or [[]])[0]}
+        if name in names:
+            return names
+    return set()
+
+
+class FilterWatch:
+    """Finds a filter that was launched with the simulator, because TF may have one source of a transform."""
+
+    def __init__(self, topic: str, leave: Callable[[str], None]) -> None:
+        """Set up; `leave` is called once with the name of the node that publishes `topic`, too."""
+        self._topic, self._leave = topic, leave
+        self._seen = {rospy.get_name()}
+        self.filter_node = ""  # that the topic was left to; empty if there is none
+
+    def look(self, graph: Graph) -> None:
+        """Look for new publishers; one that was started later is told as a second publisher instead."""
+        for node in sorted(set(graph.publishers.get(self._topic, ())) - self._seen):
+            self._seen.add(node)
+            is_launched = node.lstrip("/") in launched_together(rospy.get_name().lstrip("/"))
+            if is_launched and rospy.get_param(f"{node}/publish_tf", True):
+                self.filter_node = node
+                self._leave(node)
+
+
 class GraphWatch:
     """Looks at the graph in a thread of its own until the process ends."""
 
@@ -87,10 +116,12 @@ class GraphWatch:
         self,
         simulated_time: Callable[[], float],
         warn: Callable[[str], None],
+        filter_watch: Optional[FilterWatch] = None,
         markers: Optional[MarkerFrames] = None,
     ) -> None:
-        """Set up; `simulated_time` [s] and `warn` are called in the thread, which looks at `markers` too."""
-        self._simulated_time, self._warn, self._markers = simulated_time, warn, markers
+        """Set up; `simulated_time` [s], `warn` and the other watches are called in the thread."""
+        self._simulated_time, self._warn = simulated_time, warn
+        self._filter_watch, self._markers = filter_watch, markers
         self._master_uri = rosgraph.get_master_uri()
         self._clock_nodes = {rospy.get_name()}
         self._clock: Optional[rospy.Subscriber] = None
@@ -117,6 +148,8 @@ class GraphWatch:
         if self._clock is None and set(graph.publishers.get("/clock", ())) - self._clock_nodes:
             # only its messages tell, because rosbag play advertises /clock and sends none without --clock
             self._clock = rospy.Subscriber("/clock", Clock, self._on_clock)
+        if self._filter_watch is not None:
+            self._filter_watch.look(graph)
         now = self._simulated_time()
         mistakes = list(self._mistakes(graph))
         self._first_times = {mistake: self._first_times.get(mistake, now) for mistake in mistakes}
@@ -143,5 +176,6 @@ class GraphWatch:
             return self._kinds[key]
 
         yield from wrong_topics(graph)
-        yield from second_publishers(graph, simulator)
+        filter_node = self._filter_watch.filter_node if self._filter_watch else ""
+        yield from (each for each in second_publishers(graph, simulator) if each.node != filter_node)
         yield from wrong_types(graph, simulator, kinds_of)

@@ -22,7 +22,13 @@ from husky_highlevel_controller.ros.simulator.base_status import BaseStatus
 from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.commands import Commands
 from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCamera
-from husky_highlevel_controller.ros.simulator.graph import GraphWatch, Partners, launched, launched_beside
+from husky_highlevel_controller.ros.simulator.graph import (
+    FilterWatch,
+    GraphWatch,
+    Partners,
+    launched,
+    launched_beside,
+)
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
 from husky_highlevel_controller.ros.simulator.lockstep import PARTNERS_POLL_PERIOD, LeadLimit, Lockstep
 from husky_highlevel_controller.ros.simulator.marker_frames import MarkerFrames
@@ -95,8 +101,9 @@ class SimulatorNode:
     def run(self) -> None:
         """Simulate until the node is shut down."""
         publishers, simulation = self._publishers, self._simulation
+        filter_watch = FilterWatch(publishers.filter_topic, publishers.leave_filter_to)
         markers = None if publishers.truth_log.is_open else MarkerFrames(publishers.frames, rospy.logwarn)
-        GraphWatch(lambda: simulation.stamp, rospy.logwarn, markers).start()
+        GraphWatch(lambda: simulation.stamp, rospy.logwarn, filter_watch, markers).start()
         self._registration.start()
         others = [publishers.clock, publishers.transforms, publishers.fixed_transforms]
         partners = Partners(publishers.scan, others, self._commands.topics, self._commands.has_sender)

@@ -76,7 +76,9 @@ class Publishers:
             self._points = rospy.Publisher(topics.points, PointCloud2, queue_size=QUEUE)
             self._points_steps = steps_per(config.points_rate, config.physics_rate, "points_rate")
             self._points_frame = robot.laser_frame
+        self.leaves_filter = False  # another node estimates the pose; any thread may set it
         self._odometry = rospy.Publisher(topics.odometry, Odometry, queue_size=QUEUE)
+        self.filter_topic = self._odometry.resolved_name
         self._wheel_odometry = rospy.Publisher(topics.wheel_odometry, Odometry, queue_size=QUEUE)
         self._command = rospy.Publisher(topics.limited_command, TwistStamped, queue_size=QUEUE)
         self._truth: Optional[rospy.Publisher] = None
@@ -104,8 +106,9 @@ class Publishers:
         if odometry is not None:
             self._last = snapshot.stamp, odometry
             base_in_odom = pose_from_2d(odometry.filtered.pose_base_in_odom)
-            branch = (ODOM, BASE, base_in_odom)
-            publish_if_subscribed(self.transforms, conversions.tree_to_msg, [branch], snapshot.stamp)
+            if not self.leaves_filter:
+                branch = (ODOM, BASE, base_in_odom)
+                publish_if_subscribed(self.transforms, conversions.tree_to_msg, [branch], snapshot.stamp)
         if snapshot.scan is not None:
             self.publish_scan(snapshot.scan)
         self._bumped.update(snapshot.contacts)
@@ -116,6 +119,13 @@ class Publishers:
             if sample is not None:
                 publish_if_subscribed(publisher, make, sample, *args)
         return tells_time
+
+    def leave_filter_to(self, node: str) -> None:
+        """Leave the filtered odometry and the transform of odom to another node; any thread may call it."""
+        self.leaves_filter = True
+        rospy.loginfo(
+            f"{node} publishes {self.filter_topic}, so the simulator leaves it and {ODOM} -> {BASE} to {node}"
+        )
 
     def send_last_transforms(self) -> None:
         """Send the last transforms to new subscribers: while time stands still no others come.
@@ -128,7 +138,9 @@ class Publishers:
             return
         self._transform_connections = connections
         stamp, odometry = self._last
-        trees = [[(ODOM, BASE, pose_from_2d(odometry.filtered.pose_base_in_odom))]]
+        trees = []
+        if not self.leaves_filter:
+            trees.append([(ODOM, BASE, pose_from_2d(odometry.filtered.pose_base_in_odom))])
         if stamp == 0.0 or not self._has_state_publisher():  # which publishes nothing of the time 0
             trees.append(list(self._wheel_branches(odometry)))
         # TF warns of a transform that comes twice
@@ -176,9 +188,10 @@ class Publishers:
             publish_if_subscribed(
                 self._wheel_odometry, conversions.odometry_to_msg, odometry.from_wheels, stamp, ODOM, BASE
             )
-        publish_if_subscribed(
-            self._odometry, conversions.odometry_to_msg, odometry.filtered, stamp, ODOM, BASE
-        )
+        if not self.leaves_filter:
+            publish_if_subscribed(
+                self._odometry, conversions.odometry_to_msg, odometry.filtered, stamp, ODOM, BASE
+            )
         publish_if_subscribed(self._command, conversions.twist_to_stamped_msg, snapshot.command, stamp)
         if self._world_transforms:
             publish_if_subscribed(self._world_transforms, self._world_tree_to_msg, snapshot, odometry)
