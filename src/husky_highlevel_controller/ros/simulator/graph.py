@@ -17,7 +17,7 @@ from husky_highlevel_controller.ros.master_graph import Graph, Kinds, read_graph
 from husky_highlevel_controller.ros.node import contained
 from husky_highlevel_controller.ros.simulator.marker_frames import MarkerFrames
 from husky_highlevel_controller.ros.simulator.wrong_topics import (
-    Finding,
+    Mistake,
     mistake_sentence,
     second_publishers,
     wrong_topics,
@@ -90,7 +90,7 @@ def launched_together(name: str) -> Set[str]:
     return set()
 
 
-class FilterWatch:
+class SecondFilter:
     """Finds a filter that was launched with the simulator, because TF may have one source of a transform."""
 
     def __init__(self, topic: str, leave: Callable[[str], None]) -> None:
@@ -116,7 +116,7 @@ class GraphWatch:
         self,
         simulated_time: Callable[[], float],
         warn: Callable[[str], None],
-        filter_watch: Optional[FilterWatch] = None,
+        filter_watch: Optional[SecondFilter] = None,
         markers: Optional[MarkerFrames] = None,
     ) -> None:
         """Set up; `simulated_time` [s], `warn` and the other watches are called in the thread."""
@@ -126,8 +126,8 @@ class GraphWatch:
         self._clock_nodes = {rospy.get_name()}
         self._clock: Optional[rospy.Subscriber] = None
         self._kinds: Dict[Tuple[str, bool, FrozenSet[str]], Kinds] = {}  # answers of nodes
-        self._first_times: Dict[Finding, float] = {}  # [s] of simulated time
-        self._warnings: Set[Finding] = set()
+        self._first_times: Dict[Mistake, float] = {}  # [s] of simulated time
+        self._warnings: Set[Mistake] = set()
 
     def start(self) -> None:
         """Look now, and every PERIOD in a thread of its own."""
@@ -164,7 +164,7 @@ class GraphWatch:
             self._clock_nodes.add(name)
             self._warn(f"{name} publishes /clock too, so time will jump: end it, or this simulator")
 
-    def _mistakes(self, graph: Graph) -> Iterator[Finding]:
+    def _mistakes(self, graph: Graph) -> Iterator[Mistake]:
         simulator = rospy.get_name()
 
         def kinds_of(node: str, publishes: bool) -> Kinds:

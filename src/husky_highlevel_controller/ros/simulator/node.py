@@ -23,9 +23,9 @@ from husky_highlevel_controller.ros.simulator.call_queue import CallQueue
 from husky_highlevel_controller.ros.simulator.commands import Commands
 from husky_highlevel_controller.ros.simulator.depth_camera import FRAME, DepthCamera
 from husky_highlevel_controller.ros.simulator.graph import (
-    FilterWatch,
     GraphWatch,
     Partners,
+    SecondFilter,
     launched,
     launched_beside,
 )
@@ -101,7 +101,7 @@ class SimulatorNode:
     def run(self) -> None:
         """Simulate until the node is shut down."""
         publishers, simulation = self._publishers, self._simulation
-        filter_watch = FilterWatch(publishers.filter_topic, publishers.leave_filter_to)
+        filter_watch = SecondFilter(publishers.filter_topic, publishers.leave_filter_to)
         markers = None if publishers.truth_log.is_open else MarkerFrames(publishers.frames, rospy.logwarn)
         GraphWatch(lambda: simulation.stamp, rospy.logwarn, filter_watch, markers).start()
         self._registration.start()

@@ -49,7 +49,7 @@ class SecondPublisher(NamedTuple):
     simulator: str
 
 
-Finding = Union[WrongTopic, WrongType, SecondPublisher]
+Mistake = Union[WrongTopic, WrongType, SecondPublisher]
 KindsOf = Callable[[str, bool], Kinds]  # topics of a node that it publishes (True) or subscribes to (False)
 SHARED = {"/clock", "/diagnostics", "/rosout", "/tf", "/tf_static"}  # topics that have several publishers
 
@@ -103,7 +103,7 @@ def wrong_topics(graph: Graph) -> List[WrongTopic]:
     ]
 
 
-def mistake_sentence(finding: Finding) -> str:
+def mistake_sentence(finding: Mistake) -> str:
     """Return a finding as a sentence for the log."""
     if isinstance(finding, WrongType):
         uses, others_use = ("publishes", "reads") if finding.publishes else ("reads", "publishes")
@@ -158,7 +158,7 @@ def main() -> None:
     graph = read_graph(master_uri)
     if graph is None:
         return
-    findings: List[Finding] = [*wrong_topics(graph)]
+    findings: List[Mistake] = [*wrong_topics(graph)]
     nodes = {node for names in graph.publishers.values() for node in names}
     for simulator in sorted(node for node in nodes if node.rsplit("/", 1)[-1] == "husky_simulator"):
         findings += second_publishers(graph, simulator)
