@@ -1,6 +1,6 @@
 """Command `husky` of `pip install .`, because a bare name such as `compare` may hide a program of the system.
 
-In: the name of a command and its arguments. Out: what that command does.
+In: the name of a command and its arguments. Out: the effect of that command.
 """
 
 from __future__ import annotations
@@ -30,4 +30,4 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("command", choices=COMMANDS, help=f"see also '{ONE_COMMAND} COMMAND --help'")
     given = list(sys.argv[1:] if arguments is None else arguments)
     command = parser.parse_args(given[:1]).command
-    import_module(f"husky_evaluation.{command}").main(given[1:])  # each one loads a lot, and one is needed
+    import_module(f"husky_evaluation.{command}").main(given[1:])  # because each one loads a lot

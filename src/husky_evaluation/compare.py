@@ -1,4 +1,4 @@
-"""Is B as good as A? Both drive the same scenes, and the differences are counted scene by scene.
+"""Comparison of B with A: both drive the same scenes, and the differences are counted scene by scene.
 
 In: two contestants, scenes. Out: a table, pictures, an exit code.
 """
@@ -48,7 +48,7 @@ class Comparison:
 
     @property
     def failures(self) -> List[Tuple[str, Outcome, Outcome]]:
-        """Scenes in which only one fails: its letter, and what both did."""
+        """Return each scene in which only one fails, with the letter of that one and both outcomes."""
         both = zip(self.a, self.b)
         return [("B" if a.success else "A", a, b) for a, b in both if a.success is not b.success]
 
@@ -57,7 +57,7 @@ class Comparison:
         return [getattr(a, quantity) for a, _ in self.pairs], [getattr(b, quantity) for _, b in self.pairs]
 
     def worse(self, margin: float) -> str:
-        """Reason why B is worse than A by more than a share of A's time; empty: it is not."""
+        """Return why B is worse than A by more than a fraction of A's time, or an empty text if it is not."""
         letters = [letter for letter, _, _ in self.failures]
         lost, won = letters.count("B"), letters.count("A")
         if lost > won:
@@ -103,7 +103,7 @@ class Comparison:
 
 
 def compare(a: Contestant, b: Contestant, scenes: Sequence[Scenario], workers: Workers) -> Comparison:
-    """Drive every scene with both."""
+    """Drive every scene with both contestants."""
     sides = []
     for letter, competitor in (("A", a), ("B", b)):
         items = [(competitor, scene) for scene in scenes]
@@ -172,7 +172,7 @@ def main(
                 raise HuskyError(f"--robot {options.robot}: a launch file drives the husky only")
             end_programs_on_signals()
         options.out.mkdir(parents=True, exist_ok=True)
-        # what a launch file starts is not known, so its drives are not kept
+        # the programs of a launch file are unknown and may change, so its results are not kept
         with Workers(options.jobs, options.cluster, None if launches else options.out / RESULTS) as workers:
             comparison = compare(a, b, random_starts(options.starts, options.seed), workers)
             result = comparison.result(options.margin, workers.summary)

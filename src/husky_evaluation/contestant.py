@@ -3,7 +3,7 @@
 In: texts of a command line, scenes. Out: `Outcome`s.
 
 All kinds of contestants are judged by the true poses alone, because a launch file exposes nothing else. A
-contestant that is a launch file stands beside the grader, whose recorder watches it.
+contestant that is a launch file belongs to the grader, because the grader's recorder watches it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from husky_highlevel_controller.course import PILLAR_RADIUS, REACHED, STANDS, TO
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.robot import Robot
 
-DRAWN_POSES = 300  # of a drive, that are kept for its picture
+DRAWN_POSES = 300  # number of poses that are kept for the picture of a run
 
 
 class Contestant(Protocol):
@@ -43,7 +43,7 @@ class Contestant(Protocol):
 
     @property
     def starts_programs(self) -> bool:
-        """Whether a run starts programs of their own, so that a kept result could be of other code."""
+        """Return whether a run starts other programs, so that a kept result could come from older code."""
 
     def drive(self, scenario: Scenario) -> Outcome:
         """Drive a scene.
@@ -77,7 +77,7 @@ class FunctionContestant:
 
     @property
     def controller(self) -> Controller:
-        """Function that decides.
+        """Return the decision function.
 
         Raises:
             HuskyError: the file cannot be run, or has no such function.
@@ -87,7 +87,7 @@ class FunctionContestant:
         try:
             module: Any = importlib.import_module(self.module) if self.module else _module(self.source)
             controller: Controller = getattr(module, self.function)
-        except Exception as error:  # anything may be in a file
+        except Exception as error:  # the user's file may raise anything
             raise HuskyError(f"{self.name}: {type(error).__name__}: {error}") from None
         if not callable(controller):
             raise HuskyError(f"{self.name}: {self.function} is not a function")
@@ -116,15 +116,15 @@ class Outcome:
     """Outcome of one drive."""
 
     scene: str
-    arrived_at: float  # [s], from when on it stands at the pillar; inf: it does not in the end
-    nearest: float  # [m], smallest gap between outline and pillar
-    poses: np.ndarray  # (N, 3) [m, m, rad], evenly thinned
-    pillar: Tuple[float, float]  # [m], where it stood at first
-    notes: Tuple[str, ...] = ()  # what went wrong with its nodes, in sentences
+    arrived_at: float  # [s] time of the final arrival; inf if the robot never arrives for good
+    nearest: float  # [m] smallest gap between footprint and pillar
+    poses: np.ndarray  # (N, 3) [m, m, rad] path, evenly thinned
+    pillar: Tuple[float, float]  # [m] position of the pillar at the start
+    notes: Tuple[str, ...] = ()  # problems with the contestant's nodes, in sentences
 
     @property
     def success(self) -> bool:
-        """Whether the robot stands at the pillar, and has not touched it."""
+        """Return whether the robot stands at the pillar and has not touched it."""
         return self.arrived_at < inf and self.nearest > TOUCH
 
     @property
@@ -141,7 +141,8 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
     """Contestant of a text: FILE.yaml, FILE.py:FUNCTION, MODULE:FUNCTION or PACKAGE/FILE.launch [ARGUMENTS].
 
     Raises:
-        HuskyError: none of these, it cannot be read, or it is a launch file and there is no ROS.
+        HuskyError: the text has none of these forms, its file cannot be read, or it names a launch file
+            and there is no ROS.
     """
     first, *arguments = shlex.split(text) or [""]
     if first.endswith((".yaml", ".yml")):
@@ -161,7 +162,7 @@ def contestant(text: str, base: Setup, launch_kind: Optional[LaunchKind] = None)
         made = FunctionContestant(text, base, function, module=place)
     else:
         made = FunctionContestant(text, base, function, source=_source(place))
-    _ = made.controller  # raises now, and not in the middle of many drives
+    _ = made.controller  # raises before the first run instead of in the middle of many
     return made
 
 
@@ -179,13 +180,13 @@ def _source(place: str) -> str:
 @lru_cache(maxsize=4)
 def _module(source: str) -> ModuleType:
     module = ModuleType(f"contestant_{abs(hash(source))}")
-    sys.modules[module.__name__] = module  # dataclasses look their module up
+    sys.modules[module.__name__] = module  # dataclasses look up their own module here
     exec(compile(source, module.__name__, "exec"), vars(module))
     return module
 
 
 def drive_scene(item: Tuple[Contestant, Scenario]) -> Outcome:
-    """Drive a scene, as a task for `Workers.map`; HuskyError where the function or ROS fails."""
+    """Drive a scene, as a task for `Workers.map`; HuskyError if the function or ROS fails."""
     competitor, scenario = item
     return competitor.drive(scenario)
 

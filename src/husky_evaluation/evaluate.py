@@ -51,7 +51,7 @@ TOUCHING = ControlConfig(stop_distance=0.0)
 
 
 HEADER = ("figure", "value", "wanted", "verdict")
-Row = Tuple[Any, ...]  # of a table
+Row = Tuple[Any, ...]  # row of a table
 
 
 def figure(
@@ -76,7 +76,7 @@ def figure(
 
 
 def extraction_figures(title: str, errors: Sequence[float], minimum: float, maximum: float) -> List[Row]:
-    """Figures of the centre errors [m] in scenes with a pillar; inf is one not found."""
+    """Figures of the centre errors [m] in scenes with a pillar; inf if the pillar was not found."""
     finite = [error for error in errors if error < inf]
     p95 = float(np.quantile(finite, 0.95)) if finite else nan
     return [
@@ -193,7 +193,7 @@ def evaluate(
         f"{starts} random starts, 2-25 m away, default gains": start_figures(runs),
     }
     if lidar.range_min >= simulator.robot.footprint.hull[0] - simulator.robot.lidar_mount.x:
-        del figures["Course start, stop_distance 0"]  # it does not see what it touches
+        del figures["Course start, stop_distance 0"]  # its lidar does not see a pillar that it touches
     return figures
 
 
@@ -204,7 +204,7 @@ def drives(
     title: str,
     replays: Optional[Path],
 ) -> List[DriveResult]:
-    """The result of every setup in every scene; a page that plays each drive goes into `replays`."""
+    """Return the result of every setup in every scene; write a page that plays each run into `replays`."""
     items = list(product(setups, scenes))
     if replays is None:
         return workers.map(run_scene, items, title)
@@ -257,7 +257,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> None:
     """Print the table; exit with 1 if a figure misses its limits."""
     options = evaluate_options(arguments)
     with exit_codes(name_as_typed("evaluate")):
-        setup_of(options.profile, options.ground, options.robot)  # or the two do not go together
+        setup_of(options.profile, options.ground, options.robot)  # raises if they do not go together
         if options.replays is not None:
             options.replays.mkdir(parents=True, exist_ok=True)
         with Workers(options.jobs, options.cluster, options.resume) as workers:

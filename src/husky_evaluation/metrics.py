@@ -25,14 +25,14 @@ from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 
 GOOD = "arrived, within 2 cm, no touch"  # text of `DriveResult.good`
 BOUND = "The bound is the shortest time to the stop point that the robot's speed and acceleration allow."
-SAME_PILLAR = 0.2  # [m], a pillar found this near to the true one is that one
-MANY_BEAMS = 8  # from here on one scan distinguishes an object from a pillar
-ALIGNED = 0.005  # [rad], within this the robot faces the pillar; a swing beyond it is a crossing
-DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0  # [s] of simulated time after which a run ends
+SAME_PILLAR = 0.2  # [m] largest distance at which a found pillar counts as the true one
+MANY_BEAMS = 8  # smallest number of beams with which one scan distinguishes an object from a pillar
+ALIGNED = 0.005  # [rad] largest bearing at which the robot faces the pillar; a swing beyond it is a crossing
+DRIVE_SECONDS, SEARCH_SECONDS = 180.0, 600.0  # [s] simulated time after which a run ends
 
 
 def center_error(number: int, seed: int, clutter: bool, lidar: LidarConfig = SICK) -> float:
-    """Distance from a random pillar to the nearest one found [m]; inf where none is the same."""
+    """Return the distance from a random pillar to the nearest one found [m]; inf if none is the same one."""
     scene = pillar_scene(number, seed, clutter, lidar)
     assert scene.pillar is not None
     x, y, _ = scene.pillar
@@ -52,15 +52,15 @@ class DriveResult:
     """Figures of one run."""
 
     name: str
-    arrived_at: float  # [s]; inf if it did not
-    bound: float  # [s], no robot with these limits could be there earlier, even if it faced the pillar
-    final_error: float  # [m], true distance from the lidar to the pillar, less `stop_distance`
-    gap: float  # [m], true, from the hull's front to the pillar, in the end
-    pushed: float  # [m], how far the pillar was moved
+    arrived_at: float  # [s] inf if the robot did not arrive
+    bound: float  # [s] earliest arrival with these limits, of a robot that faces the pillar
+    final_error: float  # [m] true distance from the lidar to the pillar, less `stop_distance`
+    gap: float  # [m] true distance from the hull's front to the pillar at the end
+    pushed: float  # [m] displacement of the pillar
     touched: Tuple[str, ...]
-    crossings: int  # of zero by the true bearing, after the first alignment with a target
-    overshoot: float  # [m], how far the lidar drove past the stop distance, true, at most
-    nearest: float  # [m], smallest gap between outline and pillar, true
+    crossings: int  # zero crossings of the true bearing after the first alignment with a target
+    overshoot: float  # [m] largest true distance that the lidar drove past the stop distance
+    nearest: float  # [m] smallest true gap between footprint and pillar
     replay: str = ""  # file name of the page that plays it, if there is one
 
     @property
@@ -77,7 +77,7 @@ class DriveResult:
 
     @property
     def good(self) -> bool:
-        """Whether the robot stands where it should, and touched nothing."""
+        """Return whether the robot stands at its goal and touched nothing."""
         return self.arrived_at < inf and not self.touched and abs(self.final_error) <= 0.02
 
 
@@ -86,7 +86,7 @@ def run_scenario(setup: Setup, scenario: Scenario, controller: Controller = deci
     return judge_trace(drive_scenario(setup, scenario, controller), scenario, setup)
 
 
-Drive = Callable[[Tuple[Setup, Scenario]], DriveResult]  # a task for `Workers.map`
+Drive = Callable[[Tuple[Setup, Scenario]], DriveResult]  # type of a task for `Workers.map`
 
 
 def run_scene(item: Tuple[Setup, Scenario]) -> DriveResult:
@@ -95,7 +95,7 @@ def run_scene(item: Tuple[Setup, Scenario]) -> DriveResult:
 
 
 def run_with_page(item: Tuple[Setup, Scenario]) -> Tuple[DriveResult, str]:
-    """`run_scene`, with the text of a page that plays the drive, whose name tells scenario and gains."""
+    """`run_scene`, with the text of a page that plays the drive, named by scenario and gains."""
     setup, scenario = item
     trace = drive_scenario(setup, scenario)
     result, control = judge_trace(trace, scenario, setup), setup.control
@@ -106,7 +106,7 @@ def run_with_page(item: Tuple[Setup, Scenario]) -> Tuple[DriveResult, str]:
 
 
 def drive_scenario(setup: Setup, scenario: Scenario, controller: Controller = decide) -> Trace:
-    """The rollout that `run_scenario` judges."""
+    """Return the rollout that `run_scenario` judges."""
     return rollout(
         scenario,
         setup.control,
@@ -124,7 +124,7 @@ def judge_trace(trace: Trace, scenario: Scenario, setup: Setup) -> DriveResult:
     lidar_x = model_of(robot).fixed_poses[robot.lidar_mount.frame].position[0]
     x, y, yaw = trace.poses.T
     x, y = x + np.cos(yaw) * lidar_x, y + np.sin(yaw) * lidar_x
-    distances = np.hypot(trace.pillars[:, 0] - x, trace.pillars[:, 1] - y) - PILLAR_RADIUS  # of the lidar
+    distances = np.hypot(trace.pillars[:, 0] - x, trace.pillars[:, 1] - y) - PILLAR_RADIUS  # lidar to pillar
     first_x, first_y = trace.pillars[0]
     last_x, last_y = trace.pillars[-1]
     return DriveResult(

@@ -16,7 +16,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLoc
 from husky_evaluation.setup import Axis
 from husky_highlevel_controller.drawing.plots import DRIVEN, MARKER, new_figure, plain, png
 
-MAX_LABELLED = 15  # values of an axis, up to which each cell is labelled
+MAX_LABELLED = 15  # largest number of values of an axis with which each cell is labelled
 SYMBOLS = "*os^"
 GOOD_COLOR = "#fee838"  # bright end of the colour map cividis
 HATCH = "////"
@@ -26,15 +26,15 @@ class Panel(NamedTuple):
     """Quantity over the grid."""
 
     title: str
-    values: np.ndarray  # (N,) or (N, M), one for each point; nan: none
-    span: float  # the colours cover at least this much: a smaller difference is none
-    digits: int = 1  # behind the point, of a cell's label
+    values: np.ndarray  # (N,) or (N, M), one for each point; nan if there is none
+    span: float  # smallest range of the colours, so that a negligible difference does not show
+    digits: int = 1  # digits after the decimal point of a cell's label
     is_good_high: bool = False
     is_logarithmic: bool = False
-    hatched: Optional[np.ndarray] = None  # points at which not every run arrives, of the values' shape
+    hatched: Optional[np.ndarray] = None  # points at which not every run arrives; shaped like the values
 
 
-Marks = Mapping[str, Sequence[float]]  # what stands out, by its name: a value for each axis
+Marks = Mapping[str, Sequence[float]]  # highlighted points by name, each with a value for each axis
 
 
 def draw_sweep(axes: Sequence[Axis], panels: Sequence[Panel], marks: Marks, title: str = "") -> bytes:
@@ -66,7 +66,7 @@ def draw_costs(costs: Sequence[float]) -> bytes:
     numbers = np.arange(1, len(costs) + 1)
     plot.plot(numbers, costs, "o", color=DRIVEN, markersize=4, label="a setup; the first: the defaults")
     plot.step(numbers, np.minimum.accumulate(costs), color=MARKER, where="post", label="smallest so far")
-    plot.set_ylim(top=float(np.quantile(costs, 0.9)) * 1.1)  # the worst ones would flatten all others
+    plot.set_ylim(top=float(np.quantile(costs, 0.9)) * 1.1)  # the worst costs would flatten all others
     plot.set_xlabel("setup")
     plot.xaxis.set_major_locator(MaxNLocator(integer=True))
     plot.set_ylabel("objective [s]")

@@ -1,6 +1,6 @@
 """Rollout of simulator and controller in one process, without ROS.
 
-In: a `Scenario`, the controller's parameters. Out: a `Trace`. Only here simulator and controller meet.
+In: a `Scenario`, the controller's parameters. Out: a `Trace`. Simulator and controller meet only here.
 
 Each scan is answered at once; the command acts from the next physics step on.
 """
@@ -36,9 +36,9 @@ from husky_highlevel_controller.simulator.simulator_config import SimulatorConfi
 
 Controller = Callable[
     [ControllerState, Observation, bool, ControlConfig, PillarConfig], Tuple[ControllerState, ControlOutput]
-]  # called like `behaviour.decide`; the first state is ControllerState()
+]  # signature of `behaviour.decide`; the first state is ControllerState()
 
-COLUMNS = {  # arrays of a trace, with the numbers in a row; 0: one
+COLUMNS = {  # arrays of a trace, with the length of a row; 0 for single numbers
     "times": 0, "poses": 3, "twists": 2, "estimates": 2, "pillars": 2,
     "distance_errors": 0, "bearing_errors": 0, "nearest": 0,
 }  # fmt: skip
@@ -46,17 +46,17 @@ COLUMNS = {  # arrays of a trace, with the numbers in a row; 0: one
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Trace of a drive, one row a scan (N of them); arrays are read-only."""
+    """Trace of a drive, one row per scan (N scans); arrays are read-only."""
 
-    times: np.ndarray  # (N,) [s] of simulated time
+    times: np.ndarray  # (N,) [s] simulated time
     poses: np.ndarray  # (N, 3) [m, m, rad], true x, y and yaw of base_link in the world
     twists: np.ndarray  # (N, 2) [m/s, rad/s], commanded
-    estimates: np.ndarray  # (N, 2) [m], the pillar in odom as remembered; nan while it is not
-    pillars: np.ndarray  # (N, 2) [m], true centre in the world
-    distance_errors: np.ndarray  # (N,) [m], still to go as the controller sees it; nan without a target
-    bearing_errors: np.ndarray  # (N,) [rad], as the controller sees it; nan without a target
+    estimates: np.ndarray  # (N, 2) [m], remembered pillar in odom; nan while none is remembered
+    pillars: np.ndarray  # (N, 2) [m], true centre of the pillar in the world
+    distance_errors: np.ndarray  # (N,) [m], remaining distance by the controller; nan without a target
+    bearing_errors: np.ndarray  # (N,) [rad], bearing by the controller; nan without a target
     nearest: np.ndarray  # (N,) [m], shortest range in the scan; inf without a return
-    states: Tuple[State, ...]  # N
+    states: Tuple[State, ...]  # one for each scan
     touches: Tuple[Tuple[float, str], ...]  # [s], first touch of each body with anything but the wheels
     events: Tuple[Tuple[float, str], ...]  # [s], state and reason whenever they change
 
@@ -93,14 +93,14 @@ def rollout(
     """Run a scenario until the robot has arrived, or time is up.
 
     Args:
-        scenario: where, from where, with which noise.
+        scenario: world, start pose, and seed of the noise.
         control: gains and limits.
-        detector_config: what counts as a pillar.
-        simulator: how the simulation runs, and which robot drives.
+        detector_config: parameters of the pillar detection.
+        simulator: parameters of the simulation and its robot.
         seconds: simulated time after which it ends in any case [s].
-        settle: how long it goes on after the arrival [s].
+        settle: time that the run continues after the arrival [s].
         robot: another model of the robot, such as one with an upright lidar.
-        controller: what answers a scan.
+        controller: decision function that answers a scan.
 
     Raises:
         HuskyError: the world cannot be simulated.
@@ -112,7 +112,7 @@ def rollout(
     laser_in_base = robot.fixed_poses[robot.laser_frame]
     controller_state, arrived_at = ControllerState(), inf
     rows: List[Tuple[Any, ...]] = []
-    touches: Dict[str, float] = {}  # [s], by body
+    touches: Dict[str, float] = {}  # [s] time of the first touch, by body
     try:
         while simulation.stamp < min(seconds, arrived_at + settle):
             snapshot = simulation.step()
@@ -122,7 +122,7 @@ def rollout(
                 continue
             odometry, age = snapshot.odometry.filtered, snapshot.stamp - snapshot.scan.stamp
             base_in_odom = odometry.pose_base_in_odom
-            if age > 0.0:  # a sweep that took time: where the robot was at its first beam
+            if age > 0.0:  # a sweep takes time, so the message has the pose of its first beam
                 base_in_odom = advance(base_in_odom, odometry.twist_in_base, -age)
             observation = Observation(snapshot.scan, laser_in_base, base_in_odom, simulator.robot.footprint)
             controller_state, output = controller(

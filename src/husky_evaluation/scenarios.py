@@ -21,14 +21,14 @@ from husky_highlevel_controller.simulator.sensors.raycast import cast_rays, make
 from husky_highlevel_controller.simulator.simulator_config import simulator_config
 
 Disc = Tuple[float, float, float]  # x, y, radius [m], in the laser's frame
-Solid = Tuple[Union[Box, Cylinder], Pose]  # in the laser's frame
+Solid = Tuple[Union[Box, Cylinder], Pose]  # shape and its pose in the laser's frame
 
 _NEAREST_START, _FARTHEST_START = 2.0, 25.0  # [m], base_link to the pillar's centre
 _NEAREST_LOOK, _FARTHEST_LOOK = 0.6, 25.0  # [m], lidar to the pillar's centre
-_FREE = 0.3  # [m], a pillar nearer to a wall is part of it
-_SIDE = 2.3  # [rad], to either side: the pillar is in the Husky's view
-_THIN = 0.01  # [m], of walls
-_EDGE = 0.05  # [rad], from the last beam of a lidar that sees less
+_FREE = 0.3  # [m] smallest distance between pillar and wall, because a nearer one is part of the wall
+_SIDE = 2.3  # [rad] largest bearing to either side at which a pillar is in the Husky's view
+_THIN = 0.01  # [m] thickness of walls
+_EDGE = 0.05  # [rad] margin to the last beam of a lidar with a narrower view
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Scenario:
 
     name: str
     world: World
-    start: Pose2D  # of base_link in the world
+    start: Pose2D  # pose of base_link in the world
     seed: int = 0
     pillar: str = PILLAR_NAME  # name of the body to drive to
 
@@ -54,7 +54,7 @@ class PillarScan:
 
 
 def course_scenario(seed: int = 0) -> Scenario:
-    """The course's own: from the origin to the pillar at (20, 5)."""
+    """Return the course's own scenario: from the origin to the pillar at (20, 5)."""
     return Scenario("course", load_world(course_world()), Pose2D(), seed)
 
 
@@ -108,7 +108,7 @@ def bare_scene(number: int, seed: int, lidar: LidarConfig = SICK) -> PillarScan:
 
 
 def _cast(solids: Sequence[Solid], lidar: LidarConfig) -> np.ndarray:
-    """Distance to the first body each beam meets, (N,) [m]; inf for none."""
+    """Return the distance to the first body that each beam meets, (N,) [m]; inf if it meets none."""
     beams = even_beams(-lidar.angle_max, lidar.angle_max, lidar.beams)
     return cast_rays(make_scene(solids), Pose(), beams, inf)
 
@@ -145,7 +145,7 @@ def _clutter(rng: np.random.Generator) -> List[Solid]:
         elif kind == 2:  # a corner of walls of 2 m
             turns = (yaw, yaw + rng.uniform(0.8, 2.4))
             solids += [_box(x + cos(turn), y + sin(turn), turn, 2.0) for turn in turns]
-        elif kind == 3:  # a goal: the posts of robocup14_spl_field, 1.6 m apart
+        elif kind == 3:  # a goal like the posts of robocup14_spl_field, 1.6 m apart
             solids += [_post(x, y, 0.05), _post(x - 1.6 * sin(yaw), y + 1.6 * cos(yaw), 0.05)]
         else:  # a room around the lidar
             half = rng.uniform(4.0, 40.0) / 2.0

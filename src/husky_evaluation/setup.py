@@ -1,4 +1,4 @@
-"""Setup of a drive beside its scene: gains, detector, simulator; parameters of all three by name.
+"""Setup of a run except its scene: gains, detector, simulator; parameters of all three by name.
 
 In: names and values, of a command line or a YAML file. Out: `Setup`s, `Axis`es.
 
@@ -27,26 +27,26 @@ from husky_highlevel_controller.simulator.simulator_config import SimulatorConfi
 from husky_evaluation.tasks.command import add_old_name, add_worker_options, positive, seed_value
 
 COURSE_GAINS = ControlConfig(p_gain_vel=0.1, p_gain_ang=0.4)
-ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # config/robot.yaml's, at the default limits
+ROBOT_GAINS = ControlConfig(p_gain_vel=0.6, p_gain_ang=1.0)  # gains of config/robot.yaml, default limits
 ROBOT_DETECTOR = PillarConfig(range_noise=0.012)
-# in a YAML file of the controller's node, and nothing to a drive
+# parameters of the controller's node that have no effect on a rollout
 NODE_ONLY = ("start_stop_service_name", "start_enabled", "scan_topic_name", "scan_topic_queue_size")
-MAX_VALUES = 1000  # of one axis
+MAX_VALUES = 1000  # largest number of values of one axis
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Setup of a drive: everything that it depends on but its scene."""
+    """Setup of a drive: everything that it depends on except its scene."""
 
     control: ControlConfig = field(default_factory=ControlConfig)
     detector: PillarConfig = field(default_factory=PillarConfig)
     simulator: SimulatorConfig = field(default_factory=simulator_config)
 
     def with_values(self, values: Mapping[str, Any], source: str = "") -> Setup:
-        """Another one, with some parameters changed by name.
+        """Return another setup, with some parameters changed by name.
 
         Raises:
-            ConfigError: a name is none, or a value is not allowed; the text begins with `source`.
+            ConfigError: a name is not a parameter, or a value is not allowed; the text begins with `source`.
         """
         current = parameter_values(self)
         for name in values:
@@ -75,12 +75,12 @@ class Axis:
 
 
 def setup_of(profile: str = "gazebo", ground: str = "hard", robot: str = "husky") -> Setup:
-    """Setup that `evaluate` drives with; ConfigError where the robot has no such profile."""
+    """Setup that `evaluate` drives with; ConfigError if the robot has no such profile."""
     simulator = simulator_config(robot)
     if profile not in simulator.robot.profiles:
         raise ConfigError(f"profile '{profile}' is not the {simulator.robot.title}'s")
     if profile == "gazebo":
-        file = share_folder() / "config" / f"{robot}.yaml"  # what differs from the Husky's controller
+        file = share_folder() / "config" / f"{robot}.yaml"  # the differences from the Husky's controller
         setup = Setup(simulator=simulator)
         return load_setup(file, setup) if file.is_file() else setup
     return Setup(ROBOT_GAINS, ROBOT_DETECTOR, replace(simulator, real=RobotProfile().on(ground)))
@@ -137,7 +137,7 @@ METADATA = {
 
 
 def unit_of(name: str) -> str:
-    """Unit of a parameter in brackets, as its help text ends with; empty: it has none."""
+    """Unit of a parameter in brackets, as its help text ends with; empty if it has none."""
     unit = re.search(r"\[[^]]+\]$", METADATA[name]["help"])
     return unit.group() if unit else ""
 
@@ -159,7 +159,7 @@ def parse_axis(text: str) -> Axis:
     COUNT values at equal distances, or with :log behind it at equal ratios.
 
     Raises:
-        ConfigError: it is none of these, or a value is not allowed.
+        ConfigError: the text has none of these forms, or a value is not allowed.
     """
     name, equals, grid = text.partition("=")
     defaults = parameter_values(Setup())
@@ -194,7 +194,7 @@ def _numbers(grid: str, is_geometric: bool) -> List[float]:
     if is_geometric and not (first > 0.0 and last > 0.0):
         raise ValueError("equal ratios need numbers above 0")
     space = np.geomspace if is_geometric else np.linspace
-    return [float(f"{value:.6g}") for value in space(first, last, int(count))]  # to be read, and typed again
+    return [float(f"{value:.6g}") for value in space(first, last, int(count))]  # easy to read and to type again
 
 
 def load_setup(path: Path, base: Setup) -> Setup:

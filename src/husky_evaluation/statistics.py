@@ -15,7 +15,7 @@ RESAMPLES, LEVEL = 10000, 0.95
 
 
 class Interval(NamedTuple):
-    """A mean, and between which limits it would fall in 95 % of repetitions."""
+    """Mean, and the limits between which it would fall in 95 % of repetitions."""
 
     mean: float
     low: float
@@ -29,7 +29,7 @@ class Interval(NamedTuple):
 def bootstrap(differences: ArrayLike) -> Interval:
     """Mean of finite paired differences, with the percentile interval of the bootstrap; nan without any.
 
-    The resampling has one seed: same differences, same interval.
+    The resampling has a fixed seed, so the same differences give the same interval.
     """
     values = np.asarray(differences, dtype=float)
     if not len(values):

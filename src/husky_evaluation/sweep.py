@@ -42,8 +42,8 @@ class Sweep:
     """A grid that was driven."""
 
     axes: Tuple[Axis, ...]
-    scenes: Tuple[str, ...]  # names
-    drives: Tuple[DriveResult, ...]  # of each point in turn, the last axis first, all scenes
+    scenes: Tuple[str, ...]  # names of the scenes
+    drives: Tuple[DriveResult, ...]  # all scenes point by point; the last axis varies fastest
 
     @property
     def points(self) -> List[Tuple[float, ...]]:
@@ -97,7 +97,7 @@ class Sweep:
 
     @property
     def finding(self) -> str:
-        """Sentence about the share of points at which every run succeeds."""
+        """Sentence about the fraction of points at which every run succeeds."""
         good, count = int((self.success == 100.0).sum()), len(self.points)
         if good == count:
             return f"Every run succeeds at each of the {count} points ({GOOD})."

@@ -1,9 +1,9 @@
-"""Tuning: parameters for which an objective over random starts is smallest, checked on fresh ones.
+"""Tuning: parameters for which an objective over random starts is smallest, checked on new starts.
 
 In: ranges of parameters, an objective. Out: a YAML file for controller.launch, and how good it is.
 
 Optuna proposes whole batches and is told their results in order, so that the same seed finds the same values
-however many drive; the results are kept, so that an interrupted tuning goes on where it was.
+however many drive; the results are kept, so that an interrupted tuning continues.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.drawing.templates import write_page
 from husky_highlevel_controller.result import Result, Table, every_row
 
-BATCH = 8  # setups that are proposed at once; fixed, for the proposals depend on it
-DIGITS = 4  # of a proposed value: what is driven is what the file says
+BATCH = 8  # setups that are proposed at once; fixed, because the proposals depend on it
+DIGITS = 4  # digits of a proposed value, so that the file has exactly the values that were driven
 HEADER = ("defaults", "found", "found - defaults")
 
 
@@ -89,7 +89,7 @@ def parse_range(text: str, base: Setup) -> Range:
     """A range from NAME=LOW:HIGH, or NAME for all that is allowed.
 
     Raises:
-        ConfigError: it is none, or the parameter is none of the controller's.
+        ConfigError: the text has neither form, or names no parameter of the controller.
     """
     name, equals, limits = text.partition("=")
     values = parameter_values(base)
@@ -117,7 +117,7 @@ def parse_weights(assignments: Sequence[str]) -> Objective:
     for name, _, text in (assignment.partition("=") for assignment in assignments):
         try:
             weights[name] = float(text)
-        except ValueError:  # refused by the reader of records
+        except ValueError:  # not a number, so the reader of records refuses it
             weights[name] = text
     return from_plain(Objective, weights, "--weights ")
 
@@ -216,7 +216,7 @@ def write_tuned(result: Result, tuned: Tuned, tried: str, out: Path) -> None:
     every_row("Every setup", tuned.trials).write(out / "trials")
     page = write_page(result, out, {"setups": draw_costs([row["objective"] for row in tuned.trials])})
     print(f"{result}\n\nparameters: {file}\npage: {page}")
-    if not name_as_typed("tune").startswith(ONE_COMMAND):  # after pip install there is no roslaunch
+    if not name_as_typed("tune").startswith(ONE_COMMAND):  # a pip install has no roslaunch
         print(f"roslaunch husky_highlevel_controller controller.launch parameters:={file.resolve()}")
 
 

@@ -1,7 +1,9 @@
 """Who may import what: the sources are parsed, nothing is run."""
 
 import ast
+import io
 import re
+import tokenize
 from functools import lru_cache
 from pathlib import Path
 
@@ -254,14 +256,72 @@ CLAUSE = re.compile(
 )
 
 
+def docstrings(name):
+    """Line and text of each docstring of a module."""
+    defined = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    nodes = [node for node in ast.walk(syntax(SOURCES[name])) if isinstance(node, defined)]
+    return [(getattr(node, "lineno", 1), text) for node in nodes if (text := ast.get_docstring(node))]
+
+
 def test_no_docstring_begins_with_a_relative_clause():
     def sentences(name):
-        defined = (ast.Module, ast.ClassDef, ast.FunctionDef)
-        nodes = [node for node in ast.walk(syntax(SOURCES[name])) if isinstance(node, defined)]
-        found = [text.splitlines()[0] for text in map(ast.get_docstring, nodes) if text]
+        found = [text.splitlines()[0] for _, text in docstrings(name)]
         return [text for text in found if CLAUSE.match(text)] or True
 
     assert not offenders(sentences)
+
+
+# folders in which the laws below hold so far; a folder joins when it is clean
+PLAIN_ENGLISH = {"husky_evaluation"}
+UNIT = r"(?:\([^)]*\),? )?(?:\[[^]]*\][,;:]? )?"
+# first words of a comment without its noun; on a line of its own a sentence may begin with "in" or "to"
+FRAGMENT = re.compile(
+    UNIT + r"(of|by|whose|who|whoever|whom|what|whatever|which|that|those|the ones?|how|whether)\b"
+)
+FRAGMENT_BEHIND_CODE = re.compile(UNIT + r"(from|to|in|at|on|for|with|without|when|where|why|since)\b")
+UNCLEAR = {
+    "a value and a colon instead of 'if'": re.compile(
+        r"(?:^|[;,(] ?|\. |\] )(?:none|nan|inf|empty|0|1|true|false): ", re.I
+    ),
+    "'is no' instead of 'is not a'": re.compile(
+        r"(?<!there )\b(?:is|are|was|were) no (?!longer|more\b)", re.I
+    ),
+    "a participle before its verb": re.compile(r"(?:^|\. )[A-Z][a-z]+ed,? (?:is|are) "),
+    "'else' as a conjunction": re.compile(r"[,;] else\b"),
+    "a word of dialect": re.compile(r"\b(?:anew|for ever|left away|leave away)\b"),
+}
+
+
+def comments(path):
+    """Line, text and whether it stands alone, of each comment; lines that follow each other are one."""
+    found = []
+    for token in tokenize.generate_tokens(io.StringIO(path.read_text()).readline):
+        if token.type == tokenize.COMMENT:
+            line, column = token.start
+            alone = not token.line[:column].strip()
+            text = token.string.lstrip("#! ")
+            if alone and found and found[-1][2:] == (True, line - 1, column):
+                first, before, *_ = found.pop()
+                found.append((first, f"{before} {text}", True, line, column))
+            else:
+                found.append((line, text, alone, line, column))
+    return [comment[:3] for comment in found]
+
+
+def test_comments_and_docstrings_are_whole_phrases():
+    def unclear(name):
+        found = []
+        texts = [text.replace("\n", " ") for _, text in docstrings(name)]
+        found += [text for text in texts if text.startswith("Whether ")]
+        for _, text, alone in comments(SOURCES[name]):
+            texts.append(text)
+            if FRAGMENT.match(text) or (not alone and FRAGMENT_BEHIND_CODE.match(text)):
+                found.append(text)
+        found += [f"{law}: {text}" for law, words in UNCLEAR.items() for text in texts if words.search(text)]
+        return found or True
+
+    held = [name for name in SOURCES if within(name, PLAIN_ENGLISH)]
+    assert not offenders(unclear, held)
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.name)

@@ -3,7 +3,7 @@
 In: the address of a scheduler, a function, groups of items. Out: their results as they come.
 
 A worker gets work only after a check: it must have this Python and this version of the package, and one
-thread, for threads that share a simulator spoil each other's results. All it needs comes over the wire.
+thread, because threads that share a simulator spoil each other's results. Tasks need no shared files.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ except ImportError as missing:
         f"--cluster needs Dask ({missing}): pip install -r requirements/cluster.txt, see docs/cluster.md"
     ) from None
 
-CONNECT_DEADLINE = 20.0  # [s] for the scheduler to answer
-WORKER_DEADLINE = 600.0  # [s] without any worker that may be used
-POLL_PERIOD = 1.0  # [s] between two looks at which workers there are
+CONNECT_DEADLINE = 20.0  # [s] longest wait for the scheduler's answer
+WORKER_DEADLINE = 600.0  # [s] longest wait for a worker that may be used
+POLL_PERIOD = 1.0  # [s] time between two updates of the list of workers
 OUR_PACKAGE = __name__.split(".")[0]
 ROS = "ROS"  # the resource of workers on which ROS programs can be started
 
 
 class Cluster:
-    """A connection to a scheduler, and which of its workers may be used."""
+    """Connection to a scheduler, and the set of its workers that may be used."""
 
     def __init__(self, address: str) -> None:
         """Connect; HuskyError if no scheduler answers there."""
         self._address = address
-        self._refused: Dict[str, str] = {}  # worker: why
+        self._refused: Dict[str, str] = {}  # reason for each refused worker
         self._fit: FrozenSet[str] = frozenset()
         try:
             self._client: Any = Client(address, timeout=CONNECT_DEADLINE, set_as_default=False)
@@ -52,27 +52,27 @@ class Cluster:
             raise HuskyError(f"--cluster {address}: no Dask scheduler answers there: {error}") from None
 
     def close(self) -> None:
-        """Disconnect; the cluster goes on."""
+        """Disconnect; the cluster continues to run."""
         self._client.close(timeout=CONNECT_DEADLINE)
 
     def run(self, task: Callable[[Any], Any], groups: Sequence[Group], starts_programs: bool) -> Answers:
-        """Answers in the order in which they come, or what a task raises.
+        """Yield the answers in the order in which they come, or the exception of a group.
 
-        What a lost worker had is done by others; closing the iterator cancels what has not begun.
+        Other workers take over the tasks of a lost worker. Closing the iterator cancels all waiting tasks.
 
         Raises:
             HuskyError: no worker can do it, or the scheduler is gone.
         """
         _send_by_value(task)
         todo: Deque[int] = deque(range(len(groups)))
-        running: Dict[Future, Tuple[int, FrozenSet[str]]] = {}  # group, who may do it
+        running: Dict[Future, Tuple[int, FrozenSet[str]]] = {}  # group number, and workers that may do it
         looked_at = -POLL_PERIOD
         try:
             while todo or running:
                 if time.monotonic() - looked_at >= POLL_PERIOD:
                     workers, looked_at = self._wait_for_workers(starts_programs), time.monotonic()
                     for future, (number, able_workers) in list(running.items()):
-                        if not able_workers & workers:  # all who may do it are gone
+                        if not able_workers & workers:  # all workers that may do it are gone
                             future.cancel()
                             del running[future]
                             todo.appendleft(number)
@@ -100,7 +100,7 @@ class Cluster:
     def _submit(self, payload: bytes, workers: FrozenSet[str], starts_programs: bool) -> Future:
         resources = {ROS: 1} if starts_programs else None
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # a hand-in may have some megabytes
+            warnings.simplefilter("ignore", UserWarning)  # a submission may have some megabytes
             return self._client.submit(
                 perform_packed, payload, workers=sorted(workers), resources=resources, pure=False
             )
@@ -114,7 +114,7 @@ class Cluster:
             return []
 
     def _wait_for_workers(self, starts_programs: bool) -> FrozenSet[str]:
-        """The workers that may be used now; HuskyError where there are only others, or none came in time."""
+        """The workers that may be used now; HuskyError if all are refused, or none came in time."""
         end = time.monotonic() + WORKER_DEADLINE
         while True:
             infos = self._client.scheduler_info(n_workers=-1)["workers"]
@@ -146,13 +146,13 @@ class Cluster:
             if infos[address]["nthreads"] != 1:
                 why = f"it has {infos[address]['nthreads']} threads; start it with --nthreads 1"
             elif not python:
-                continue  # no answer: checked again
+                continue  # no answer, so it is checked again
             elif python.split(".")[:2] != [str(part) for part in sys.version_info[:2]]:
                 why = f"its Python is {python.split('.final')[0]}, here it is {sys.version.split()[0]}"
             else:
                 version = self._version_of(address)
                 if not version:
-                    continue  # it has left: checked again
+                    continue  # it has left, so it is checked again
                 if version != code_version():
                     why = f"{version}; here it is {code_version()}"
             if why:
@@ -168,13 +168,13 @@ class Cluster:
             version = self._client.run(_asker(OUR_PACKAGE), workers=[address]).get(address, "")
         except OSError:
             return ""
-        except Exception as error:  # of its code: another worker may be good
+        except Exception as error:  # an error in its code; another worker may be good
             return f"its {OUR_PACKAGE} cannot be read: {type(error).__name__}: {error}"
         return str(version)
 
 
 def _send_by_value(task: Callable[[Any], Any]) -> None:
-    """Have the code of the caller's own module sent; what is installed is looked up by name over there."""
+    """Send the code of a task's module, unless that is installed and found by its name on the worker."""
     while isinstance(task, partial):
         task = task.func
     module: Any = sys.modules.get(getattr(task, "__module__", ""))
@@ -190,16 +190,16 @@ def perform_packed(payload: bytes) -> bytes:
 
 
 def _unpacked(payload: bytes) -> Union[Answer, BaseException]:
-    """Answer of a worker, or why it cannot be read here: one that cannot is not the end of the others."""
+    """Return a worker's answer, or the reason why it cannot be read, because the other tasks continue."""
     try:
         answer: Answer = pickle.loads(payload)
-    except Exception as error:  # whatever a class does that is made again from its fields
+    except Exception as error:  # unpickling may run any code of a class
         return error
     return answer
 
 
 def _asker(package: str) -> Callable[[], str]:
-    """A function that says which version a worker has.
+    """Return a function that returns the version of the package on a worker.
 
     A nested one is sent by its code, not by its name, so that a worker without the package can answer.
     """

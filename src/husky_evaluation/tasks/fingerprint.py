@@ -28,10 +28,10 @@ GENERATED = ("msg", "srv", "cfg")  # folders that catkin's install space adds to
 
 
 def fingerprint(value: Any) -> str:
-    """SHA-256 of what a value says: equal values have equal ones, in every process.
+    """SHA-256 of the content of a value, so that equal values have equal ones in every process.
 
     Raises:
-        TypeError: a part of it is of a kind that has none.
+        TypeError: a part of the value has a type without a fingerprint.
     """
     digest = hashlib.sha256()
     for piece in _pieces(value):
@@ -67,7 +67,7 @@ def _pieces(value: Any) -> Iterator[bytes]:
         yield from _pieces((value.func, value.args, value.keywords))
     elif inspect.isfunction(value) or isinstance(value, type):
         yield f"{value.__module__}.{value.__qualname__}".encode()
-        if value.__module__.split(".")[0] not in OURS:  # the code of ours is in code_version
+        if value.__module__.split(".")[0] not in OURS:  # our own code is part of code_version
             yield inspect.getsource(value).encode()
     else:
         raise TypeError(f"a {type(value).__name__} has no fingerprint: {value!r}"[:200])
@@ -91,17 +91,17 @@ def code_version() -> str:
 
 
 def processor() -> str:
-    """Name of this machine's processor; empty where it is unknown."""
+    """Name of this machine's processor; empty if it is unknown."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return next(line.split(": ", 1)[1] for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration, IndexError):  # no Linux, or a processor without a name
+    except (OSError, StopIteration, IndexError):  # not Linux, or a processor without a name
         return platform.processor()
 
 
 @lru_cache(maxsize=1)
 def machine() -> str:
-    """Processor, Python and libraries: between machines where these differ, the last bits may."""
+    """Processor, Python and libraries; if these differ, the last bits of results may differ too."""
     parts = [platform.machine(), processor(), f"Python {platform.python_version()}"]
     for library in ("numpy", "pybullet"):
         try:

@@ -1,4 +1,4 @@
-"""Groups of tasks on this machine: by processes, or by threads where a task starts programs of its own.
+"""Groups of tasks on this machine: by processes, or by threads if a task starts other programs.
 
 In: a function, groups of items. Out: their results as they come.
 """
@@ -29,8 +29,8 @@ Group = Sequence[Any]  # items that are sent to a worker together
 Answer = Tuple[str, List[Any]]  # the machine that computed, and the result of each item of a group
 # number of a group, and its answer or why there is none
 Answers = Generator[Tuple[int, Union[Answer, BaseException]], None, None]
-SET_PARENT_DEATH_SIGNAL = 1  # of prctl(2)
-MAX_DEATHS = 3  # of processes under one group; then it is its fault
+SET_PARENT_DEATH_SIGNAL = 1  # option of prctl(2)
+MAX_DEATHS = 3  # number of ended processes after which the group is at fault
 
 
 def perform(task: Callable[[Any], Any], group: Group) -> Answer:
@@ -41,7 +41,7 @@ def perform(task: Callable[[Any], Any], group: Group) -> Answer:
 def run_here(
     task: Callable[[Any], Any], groups: Sequence[Group], jobs: int, starts_programs: bool
 ) -> Answers:
-    """Answers in the order in which they come, or what a task raises.
+    """Yield the answers in the order in which they come, or the exception of a group.
 
     A process that is killed is replaced, and its group done again; a group that ends its process MAX_DEATHS
     times has a HuskyError. Closing the iterator cancels the others.
@@ -53,7 +53,7 @@ def run_here(
         executor = _executor(jobs, starts_programs)
         try:
             while todo or running:
-                # what ended a process is tried alone first, so that nothing else gets the blame
+                # a group that may have ended a process is tried alone, so that no other gets the blame
                 while todo and len(running) < (1 if deaths[todo[0]] else 2 * jobs):
                     running[executor.submit(perform, task, groups[todo[0]])] = todo[0]
                     todo.popleft()
@@ -76,9 +76,10 @@ def run_here(
 
 
 def _end(executor: Executor) -> None:
-    """Wait for what runs; what waits is cancelled, on Python 3.8 done.
+    """Wait for running tasks, and cancel the waiting ones; Python 3.8 does those too.
 
-    Not by Future.cancel: a pool that is shut down over cancelled futures may hang (Python 3.11.2, gh-94777).
+    Future.cancel is not used, because a pool with cancelled futures may hang at its end (Python 3.11.2,
+    gh-94777).
     """
     executor.shutdown(**({"cancel_futures": True} if sys.version_info >= (3, 9) else {}))
 
@@ -90,7 +91,7 @@ def _executor(jobs: int, starts_programs: bool) -> Executor:
 
 
 def _obey_the_first() -> None:
-    """Ctrl-C reaches every process of a terminal, but the first one decides; who kills it, kills all."""
+    """Ignore Ctrl-C, because the first process decides, and end when the first process is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)

@@ -1,4 +1,4 @@
-"""Results that are kept in a file, so that the same command goes on where it was ended.
+"""Results that are kept in a file, so that the same command continues after it was ended.
 
 In: results by fingerprint. Out: the same ones, in a later process.
 
@@ -14,14 +14,14 @@ from typing import Any, Dict
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-RESULTS = "results.sqlite"  # its name in a command's folder of results
+RESULTS = "results.sqlite"  # name of the file in a command's folder of results
 
 
 class Store:
-    """A file of results; what is saved is there even if the process is killed at once."""
+    """File of results; a saved result survives even if the process is killed at once."""
 
     def __init__(self, path: Path) -> None:
-        """Open or make it; HuskyError where it is another kind of file, or cannot be written."""
+        """Open or create the file; HuskyError if it is another kind of file or cannot be written."""
         self._path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -35,12 +35,12 @@ class Store:
             raise HuskyError(f"{path}: results cannot be kept there: {error}") from error
 
     def load(self, key: str) -> Any:
-        """The result; None: there is none."""
+        """Return the result, or None if there is none."""
         row = self._file.execute("SELECT result FROM results WHERE key = ?", (key,)).fetchone()
         return pickle.loads(row[0]) if row else None
 
     def save(self, results: Dict[str, Any]) -> None:
-        """Keep results; HuskyError where that fails, such as on a full disk."""
+        """Keep results; HuskyError if that fails, such as on a full disk."""
         rows = [(key, pickle.dumps(result)) for key, result in results.items()]
         try:
             with self._file:

@@ -17,7 +17,7 @@ from husky_evaluation.tasks.store import Store
 from husky_highlevel_controller.datatypes import HuskyError
 
 Task = Callable[[Any], Any]
-OnError = Callable[[Any, Exception], Any]  # result of an item whose task has failed; or it raises
+OnError = Callable[[Any, Exception], Any]  # returns the result of an item whose task has failed, or raises
 
 
 class Workers:
@@ -26,7 +26,7 @@ class Workers:
     def __init__(self, jobs: int = 2, cluster: str = "", resume: Optional[Path] = None) -> None:
         """Connect to processes of this machine, or to the Dask scheduler at tcp://host:8786 or the like.
 
-        What the file `resume` has kept is not computed again.
+        Results that the file `resume` holds are not computed again.
 
         Raises:
             HuskyError: Dask is not installed, no scheduler answers, or the file is of another kind.
@@ -38,7 +38,7 @@ class Workers:
         self._digest = hashlib.sha256()
         self._machines: Set[str] = set()
         if cluster:
-            from husky_evaluation.tasks.cluster import Cluster  # optional: it loads Dask
+            from husky_evaluation.tasks.cluster import Cluster  # loads Dask, which is optional
 
             self._cluster = Cluster(cluster)
 
@@ -59,13 +59,14 @@ class Workers:
 
         Args:
             task: a function of one item without side effects; it and the items can be pickled.
-            items: what it is called with.
+            items: arguments of the calls.
             title: name of the tasks in the progress.
-            chunk: items that are sent to a worker at once: more where one takes milliseconds.
-            starts_programs: the task starts ROS: here it runs in a thread, there where the resource ROS is.
+            chunk: number of items that are sent to a worker at once; more if one takes milliseconds.
+            starts_programs: whether the task starts ROS. If so, it runs in a thread of this process, or on
+                workers of the cluster that have the resource ROS.
 
         Raises:
-            HuskyError: a worker cannot do it; and whatever the task raises.
+            HuskyError: a worker cannot do it. Exceptions of the task are raised too.
         """
         items = list(items)
         results = dict(self.as_completed(task, items, title, chunk, starts_programs))
@@ -84,8 +85,8 @@ class Workers:
     ) -> Iterator[Tuple[int, Any]]:
         """Results as of `map`, with the number of each item, in the order in which they come.
 
-        With `on_error`, what it returns for an item and an exception is the result of an item whose task
-        raises, cannot be sent, or ends its worker.
+        `on_error` gets an item and an exception if the item's task raises, cannot be sent, or ends its
+        worker. It returns the result of that item.
         """
         common = fingerprint((code_version(), task)) if self._store else ""
         keys = [fingerprint((common, item)) for item in items] if self._store else []
