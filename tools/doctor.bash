@@ -11,20 +11,20 @@ check_system() {
   if [ -n "$opt_ros" ]; then
     good "$(os_name), with ROS 1 in $opt_ros"
   elif in_list_of_releases || apt-cache show python3-rospy >/dev/null 2>&1; then
-    good "$(os_name): its archive has ROS 1"
+    good "$(os_name), with ROS 1 in its archive"
   else
-    bad "$(os_name) has no ROS 1 in its archive: use the container (docs/install.md)"
+    bad "$(os_name) has no ROS 1 in its archive; use the container (docs/install.md)"
   fi
   case $here in
-    *$odd_letter*) bad "the folder '$here' has $odd_letters in its name: move it" ;;
-    *) if [ -w "$here" ]; then good "the repository $here can be written to"; else bad "$here cannot be written to"; fi ;;
+    *$odd_letter*) bad "the folder '$here' has $odd_letters in its name; move it" ;;
+    *) if [ -w "$here" ]; then good "the repository $here is writable"; else bad "the repository $here is not writable; move it to a folder where you may write"; fi ;;
   esac
   local free
   free=$(df -Pm "$here" | awk 'NR == 2 {print $4}')
   if [ "$free" -ge 2500 ] || [ -f "$state/build.done" ]; then good "$free MB of disk are free"
   else bad "$free MB of disk are free; an installation needs $disk_needed"; fi
   if [ "$(id -u)" -ne 0 ] && ! command -v sudo >/dev/null; then
-    note "neither root nor sudo: only an administrator can install packages"
+    note "you need root or sudo to install packages; ask an administrator"
   fi
 }
 
@@ -34,7 +34,7 @@ check_installation() {
   for group in launch rviz test lint grade; do
     mapfile -t missing < <(missing_packages "$group")
     if [ ${#missing[@]} -eq 0 ]; then good "all Debian packages for '$group'"
-    elif [ "$group" = launch ]; then bad "${#missing[@]} Debian packages for 'launch' are missing: ./dev setup (${missing[*]})"
+    elif [ "$group" = launch ]; then bad "${#missing[@]} Debian packages for 'launch' are missing; ./dev setup installs them (${missing[*]})"
     else note "${#missing[@]} Debian packages for '$group' are missing; ./dev setup $group installs them (${missing[*]})"; fi
   done
   local lacking
@@ -45,13 +45,13 @@ check_installation() {
     else
       bad "${lacking##*error: }"
     fi
-  else bad "Python packages in .dev/venv are missing or of another version: ./dev setup"; fi
+  else bad "Python packages in .dev/venv are missing or have another version; ./dev setup installs them"; fi
   if [ -f "$state/build.done" ] && [ -f "$workspace/devel/setup.bash" ]; then good "the workspace in .dev/ws is built"
-  else bad "the workspace in .dev/ws is not built: ./dev setup"; fi
+  else bad "the workspace in .dev/ws is not built; ./dev setup builds it"; fi
   local folder
   folder=$(unwritable_log_folder look)
   if [ -z "$folder" ]; then good "logs go to ${ROS_LOG_DIR:-${ROS_HOME:-$HOME/.ros}}"
-  else bad "logs cannot be written to $folder: set ROS_HOME to a folder where you may write"; fi
+  else bad "cannot write logs to $folder; set ROS_HOME to a folder where you may write"; fi
 }
 
 # Whether something listens on port $2 of host $1.
@@ -73,26 +73,26 @@ check_network() {
     master=${BASH_REMATCH[1]} port=${BASH_REMATCH[2]}
     if listens "$master" "$port"; then good "a ROS master answers at $uri"; check_topics "$uri"
     else note "no ROS master at $uri yet; ./dev launch starts one if that is this machine"; fi
-    getent hosts "$master" >/dev/null || bad "the host '$master' of ROS_MASTER_URI is not known to this machine: /etc/hosts"
+    getent hosts "$master" >/dev/null || bad "the host '$master' of ROS_MASTER_URI has no address on this machine; add it to /etc/hosts"
   else
     bad "ROS_MASTER_URI='$uri' is not of the form http://HOST:PORT"
   fi
   name=${ROS_IP:-${ROS_HOSTNAME:-$(uname -n)}}
-  if getent hosts "$name" >/dev/null; then good "nodes give their address as '$name', which is known here"
-  elif [ -n "$ROS_IP$ROS_HOSTNAME" ]; then bad "nodes give their address as '$name' (ROS_IP or ROS_HOSTNAME), which is not known here"
-  else note "the host name '$name' is not known here: ./dev sets ROS_IP=127.0.0.1, so nodes on other machines cannot reach these"; fi
+  if getent hosts "$name" >/dev/null; then good "nodes give their address as '$name', which resolves here"
+  elif [ -n "$ROS_IP$ROS_HOSTNAME" ]; then bad "nodes give their address as '$name' (ROS_IP or ROS_HOSTNAME), which does not resolve here; correct it, or unset it"
+  else note "the host name '$name' does not resolve here, so ./dev sets ROS_IP=127.0.0.1; nodes on other machines cannot reach nodes here"; fi
   if [ -z "$ROS_IP$ROS_HOSTNAME" ] && [ "${master:-localhost}" != localhost ] && [ "$master" != 127.0.0.1 ]; then
-    note "the master is on '$master': set ROS_IP to this machine's address there, or its nodes cannot answer"
+    note "the ROS master is on '$master'; set ROS_IP to the address of this machine in its network, otherwise its nodes cannot answer"
   fi
   if [ "$(date +%s)" -gt "$(stat -c %Y "$here/package.xml")" ]; then good "the clock says $(date '+%F %T')"
-  else bad "the clock says $(date '+%F %T'), which is before this repository was made"; fi
+  else bad "the clock says $(date '+%F %T'), which is earlier than the files of this repository; set the clock"; fi
 }
 
 check_display() {
   echo "Windows"
-  if [ -z "$DISPLAY" ]; then note "no display (DISPLAY is empty): ./dev launch runs without RViz"
+  if [ -z "$DISPLAY" ]; then note "no display (DISPLAY is empty), so ./dev launch runs without RViz"
   elif [[ $DISPLAY =~ ^:([0-9]+) ]] && [ ! -S "/tmp/.X11-unix/X${BASH_REMATCH[1]}" ]; then
-    bad "DISPLAY=$DISPLAY, but no X server is there: unset DISPLAY, or ./dev launch gui:=false"
+    bad "DISPLAY=$DISPLAY, but no X server listens there; unset DISPLAY, or run ./dev launch gui:=false"
   else good "display $DISPLAY"; fi
 }
 

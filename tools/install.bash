@@ -24,7 +24,7 @@ packages_of() {
   printf '%s\n' "${plain[@]}"
   if [ -z "$opt_ros" ]; then printf '%s\n' "${ros[@]}"; fi
 }
-# Print those of the packages GROUP... that are not installed, without those that the archive has not.
+# Print the packages of GROUP... that are missing but available in the archive.
 missing_packages() {
   local group
   comm -23 <(for group in "$@"; do packages_of "$group"; done | sed '/^$/d' | sort -u) \
@@ -38,10 +38,10 @@ leave_out_absent() {
   local absent
   apt-cache pkgnames | sort -u >"$state/archive"
   grep -qx python3-rospy "$state/archive" \
-    || die "$(os_name) has no ROS 1 in its archive: use the container, or install ROS 1 into /opt/ros (docs/install.md)"
+    || die "$(os_name) has no ROS 1 in its archive; use the container, or install ROS 1 into /opt/ros (docs/install.md)"
   mapfile -t absent < <(printf '%s\n' "${missing[@]}" | comm -23 - "$state/archive")
   [ ${#absent[@]} -gt 0 ] || return 0
-  say "the archive of $(os_name) has no ${absent[*]}: going on without (docs/install.md)"
+  say "the archive of $(os_name) has no ${absent[*]}; continuing without (docs/install.md)"
   printf '%s\n' "${absent[@]}" >>"$state/absent"
   mapfile -t missing < <(printf '%s\n' "${missing[@]}" | comm -12 - "$state/archive")
 }
@@ -75,16 +75,16 @@ unreachable='Temporary failure|Could not resolve|Could not connect|Network is un
 # End with the cause of a failed installation. In: name of the program, its log.
 die_of_log() {
   local program=$1 log=$2 cause proxies
-  [ -s "$log" ] || die "$program ended before it wrote its log $log"
+  [ -s "$log" ] || die "$program failed before it wrote its log $log"
   cause=$(grep -oE "($unreachable)[^(]*" "$log" | tail -n 1 | cut -c1-80) || true
   # apt and pip take the proxy from these; apt calls one that is dead a server that it could not connect to
   proxies=$(env | sed -nE 's#^(https?_proxy|all_proxy)=([a-z0-9]+://)?([^@/]*@)?([^/]+).*#\4#Ip' | sort -u | paste -sd' ')
   if [ -n "$proxies" ] && [ -n "$cause" ]; then
-    die "$program could not reach its server through the proxy $proxies ($cause): start the proxy, or unset http_proxy and https_proxy, and call this again"
+    die "$program could not reach its server through the proxy $proxies ($cause). Start the proxy, or unset http_proxy and https_proxy, and run this command again"
   fi
-  [ -z "$cause" ] || die "no network: $program could not reach its server ($cause); connect and call this again"
+  [ -z "$cause" ] || die "$program could not reach its server ($cause). Check the network and run this command again"
   if grep -qE 'No space left on device|enough free space' "$log"; then
-    die "$program: the disk is full ($(df -h "$here" | awk 'END {print $4}') left; $disk_needed are needed)"
+    die "$program failed because the disk is full: $(df -h "$here" | awk 'END {print $4}') are free, $disk_needed are needed. Free some space and run this command again"
   fi
   # pip writes the time before each line
   grep -E '(^|^[0-9T:-]+,[0-9]+ +)(E|ERROR):|fatal error' "$log" | tail -n 5 >&2 || tail -n 10 "$log" >&2
@@ -98,10 +98,10 @@ install_debian_packages() {
   local missing as_root=() log=$state/apt.log
   mapfile -t missing < <(missing_packages "$@")
   [ ${#missing[@]} -gt 0 ] || return 0
-  command -v apt-get >/dev/null || die "$(os_name) has no apt-get: use the container (docs/install.md)"
+  command -v apt-get >/dev/null || die "$(os_name) has no apt-get; use the container (docs/install.md)"
   if [ "$(id -u)" -ne 0 ]; then
     command -v sudo >/dev/null \
-      || die "neither root nor sudo; ask for: apt-get install --no-install-recommends ${missing[*]}"
+      || die "you need root or sudo to install packages; ask an administrator to run: apt-get install --no-install-recommends ${missing[*]}"
     as_root=(sudo)
     say "${#missing[@]} Debian packages are missing; sudo may ask for your password"
   fi
@@ -117,7 +117,7 @@ install_debian_packages() {
   sizes=$("${apt[@]}" install --no-install-recommends --assume-no "${missing[@]}" 2>&1 | tee -a "$log" \
     | sed -nE 's/^Need to get ([^ ]+) ([kMG]?B).*/\1 \2 to fetch/p; s/^After this operation, ([^ ]+) ([kMG]?B) of.*/\1 \2 of disk/p' \
     | paste -sd, | sed 's/,/, /') || true
-  say "installing ${#missing[@]} Debian packages and what they need: ${sizes:-sizes unknown}; the first time takes some 4 minutes"
+  say "installing ${#missing[@]} Debian packages and their dependencies (${sizes:-sizes unknown}); the first time takes about 4 minutes"
   "${apt[@]}" -o APT::Status-Fd=1 install -y --no-install-recommends "${missing[@]}" 2>&1 | show_progress "$log" \
     || die_of_log apt-get "$log"
 }
@@ -165,7 +165,7 @@ pip_install() {
   requirements_here "${@:2}" >"$state/requirements.txt"
   rm -f "$state/pip.log"
   # a bar for each package in a terminal, otherwise two lines; nothing while it unpacks, which takes minutes on a slow disk
-  run_with_progress 20 "echo pip is at work" venv_pip install --require-hashes -r "$state/requirements.txt" >&2 \
+  run_with_progress 20 "echo pip is still running" venv_pip install --require-hashes -r "$state/requirements.txt" >&2 \
     || die_of_log pip "$state/pip.log"
 }
 
@@ -187,13 +187,13 @@ install_pybullet() {
   take_wheel() {
     venv_pip install --require-hashes --no-deps --only-binary pybullet,pybullet_arm64 -r "$wanted" >&2 2>"$state/pip.errors"
   }
-  if run_with_progress 20 "echo pip is at work" take_wheel; then return; fi
+  if run_with_progress 20 "echo pip is still running" take_wheel; then return; fi
   if ! grep -q 'No matching distribution' "$state/pip.errors" || grep -qE "$unreachable" "$state/pip.errors"; then
     die_of_log pip "$state/pip.log"
   fi
-  say "PyPI has no wheel of PyBullet for $("$venv/bin/python" --version) on $(uname -m): it is compiled once, some 7 minutes of one core of a PC, longer on a small board"
+  say "PyPI has no wheel of PyBullet for $("$venv/bin/python" --version) on $(uname -m), so compiling it once, which takes about 7 minutes on one core of a PC and longer on a small board"
   install_debian_packages compile
-  pip_install "what compiles PyBullet" requirements/build.txt
+  pip_install "the build tools of PyBullet" requirements/build.txt
   rm -rf "$state/compile"
   mkdir -p "$state/compile" "$state/wheels"
   rm -f "$state/pip.log"
@@ -202,7 +202,7 @@ install_pybullet() {
     TMPDIR=$state/compile CFLAGS=$flags CXXFLAGS=$flags venv_pip wheel --quiet --require-hashes --no-deps \
       --no-build-isolation --no-binary pybullet,pybullet_arm64 --wheel-dir "$state/wheels" -r "$wanted" >"$state/pip.errors" 2>&1
   }
-  run_with_progress 30 "echo compiling PyBullet: \$(find '$state/compile' -name '*.o' | wc -l) of some 290 files" compile \
+  run_with_progress 30 "echo compiling PyBullet: \$(find '$state/compile' -name '*.o' | wc -l) of about 290 files" compile \
     || die_of_log pip "$state/pip.log"
   rm -rf "$state/compile"
   install_kept_wheel "$name" || die_of_log pip "$state/pip.log"
@@ -213,12 +213,12 @@ make_venv() {
   done_before venv-launch "$file" && [ -x "$venv/bin/python" ] && return
   # the programs of an environment name the folder that it was made in: those of a copy would change the original's
   if [ ! -L "$venv" ] && [ -e "$venv/bin/pip" ] && ! grep -qF "$venv/bin/python" "$venv/bin/pip"; then
-    say "this clone was moved or copied to $here: making its .dev/venv anew"
+    say "this clone was moved or copied to $here; making its .dev/venv again"
     rm -rf "$venv"
   fi
   # Debian's own python3, because rospy is built for it; what is there already is not fetched again
   if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
-    [ ! -L "$venv" ] || die ".dev/venv is a link to an environment that is not whole: remove the link"
+    [ ! -L "$venv" ] || die ".dev/venv links to an incomplete environment. Remove the link"
     /usr/bin/python3 -m venv --clear "$venv"
   fi
   rm -f "$state"/venv-*.done
@@ -239,13 +239,13 @@ complete_venv() {
   local files=(requirements/run.txt)
   case " $* " in *" page "* | *" grade "* | *" test "* | *" lint "*) ;; *) return 0 ;; esac
   if ! done_before venv-run "${files[@]}"; then
-    pip_install "what the page, marking and pictures need (75 MB)" "${files[@]}"
+    pip_install "the packages of the web page, grading and plots (75 MB)" "${files[@]}"
     mark_done venv-run "${files[@]}"
   fi
   files=(requirements/test.txt requirements/cluster.txt)
   case " $* " in *" test "* | *" lint "*) ;; *) return 0 ;; esac
   if ! done_before venv-test "${files[@]}"; then
-    pip_install "what tests and checks" "${files[@]}"
+    pip_install "the packages of tests and checks" "${files[@]}"
     mark_done venv-test "${files[@]}"
   fi
 }
@@ -276,7 +276,7 @@ leave_out_ros2() {
   [ "${ROS_VERSION:-}" = 2 ] || [ -n "${AMENT_PREFIX_PATH:-}" ] || return 0
   local prefix variable entry kept prefixes=${AMENT_PREFIX_PATH:-}:${COLCON_PREFIX_PATH:-}
   if [ "${ROS_VERSION:-}" = 2 ]; then prefixes+=:/opt/ros/$ROS_DISTRO; fi
-  say "this shell has ROS 2${ROS_DISTRO:+ ($ROS_DISTRO)} in its environment: leaving it out"
+  say "this shell has ROS 2${ROS_DISTRO:+ ($ROS_DISTRO)} in its environment; ignoring it"
   for variable in PATH LD_LIBRARY_PATH CMAKE_PREFIX_PATH PKG_CONFIG_PATH ROS_PACKAGE_PATH; do
     kept=
     while IFS= read -r -d : entry; do
@@ -292,15 +292,15 @@ leave_out_ros2() {
 
 # Make the installation complete for the package groups GROUP..., and bring it into the environment.
 set_up() {
-  case $here in *$odd_letter*) die "the folder '$here' has $odd_letters in its name, which ROS 1 and CMake cannot take: move it" ;; esac
+  case $here in *$odd_letter*) die "the folder '$here' has $odd_letters in its name, which ROS 1 and CMake cannot handle. Move it" ;; esac
   { mkdir -p "$state" 2>/dev/null && [ -w "$state" ]; } \
-    || die "cannot write to $here: put the repository where you may write"
+    || die "cannot write to $here. Move the repository to a folder where you may write"
   touch "$state/CATKIN_IGNORE"
   leave_out_ros2
   local callers_packages=${ROS_PACKAGE_PATH:-}
   exec 9>"$state/lock"
   if command -v flock >/dev/null && ! flock -n 9; then
-    say "waiting for another ./dev, which is installing or building"
+    say "waiting for another ./dev that is installing or building"
     flock 9
   fi
   # another Python (pyenv, conda, a PYTHONPATH) must not get between rospy and the venv
@@ -348,5 +348,5 @@ need_log_folder() {
   local folder
   folder=$(unwritable_log_folder)
   [ -z "$folder" ] \
-    || die "cannot write logs to $folder: name a folder where you may write, e.g. ROS_HOME=/tmp/ros ./dev ..., or make it yours: sudo chown -R $(id -un) $folder"
+    || die "cannot write logs to $folder. Set a folder where you may write, e.g. ROS_HOME=/tmp/ros ./dev ..., or take it over by sudo chown -R $(id -un) $folder"
 }

@@ -69,15 +69,15 @@ def find_launch_file(words: List[str]) -> Tuple[Path, List[str]]:
         if found is None:
             places = ", ".join(map(str, (*find_packages.places(Path.cwd()), PACKAGE_FOLDER.parent)))
             raise SystemExit(
-                f"[dev] error: no {name} in a package '{package}' in {places} or ROS_PACKAGE_PATH: "
-                f"./dev launch PATH/{name}"
+                f"[dev] error: cannot find {name} of the package '{package}' in {places}, ROS_PACKAGE_PATH. "
+                f"Run ./dev launch PATH/{name}"
             )
         return found, others
     own = PACKAGE_FOLDER / "launch" / name
     path = own if own.is_file() and "/" not in name else Path(name)
     if not path.is_file():
         known = ", ".join(sorted(file.name for file in (PACKAGE_FOLDER / "launch").glob("*.launch")))
-        raise SystemExit(f"[dev] error: no launch file '{name}'; this package has {known}")
+        raise SystemExit(f"[dev] error: cannot find the launch file '{name}'; this package has {known}")
     return path.absolute(), others
 
 
@@ -91,14 +91,14 @@ def check_master() -> None:
     try:
         socket.getaddrinfo(host, None)
     except OSError:
-        problem = f"the host '{host}' of ROS_MASTER_URI is not known to this machine: /etc/hosts"
+        problem = f"the host '{host}' of ROS_MASTER_URI has no address on this machine; add it to /etc/hosts"
         raise SystemExit(f"[dev] error: {problem}") from None
     if not rosgraph.network.is_local_address(host):
         socket.setdefaulttimeout(MASTER_TIMEOUT)
         online = rosgraph.is_master_online()
         socket.setdefaulttimeout(None)
         if not online:
-            raise SystemExit(f"[dev] error: no ROS master at {uri}: start roscore on '{host}'")
+            raise SystemExit(f"[dev] error: no ROS master answers at {uri}. Start roscore on '{host}'")
 
 
 def check_display() -> None:
@@ -116,7 +116,9 @@ def check_quotes(config: Any) -> None:
             try:
                 shlex.split(text or "")
             except ValueError:
-                problem = f"node {node.name}: {attribute} = {text!r} has a quote or backslash without its end"
+                problem = (
+                    f"node {node.name}: {attribute} = {text!r} has an open quote or a backslash at its end"
+                )
                 raise SystemExit(f"[dev] error: {problem}") from None
 
 
@@ -130,7 +132,7 @@ def drop_missing_terminals(config: Any) -> None:
         if missing or (Path(program[0]).name in TERMINALS and not os.environ.get("DISPLAY")):
             why = "is not installed" if missing else "has no display"
             prefix = f"launch-prefix '{node.launch_prefix}'"
-            say(f"warning: node {node.name} starts without {prefix}: {program[0]} {why}")
+            say(f"warning: node {node.name} starts without {prefix} because {program[0]} {why}")
             node.launch_prefix = None
 
 
@@ -150,7 +152,9 @@ def check_integers(config: Any) -> None:
         if isinstance(param.value, int) and not -(2**31) <= param.value < 2**31:
             value = str(param.value)
             value = value if len(value) <= 20 else f"{value[:20]}... ({len(value)} digits)"
-            raise SystemExit(f"[dev] error: {param.key} = {value} is beyond a parameter's 32 bits")
+            raise SystemExit(
+                f"[dev] error: {param.key} = {value} does not fit into the 32 bits of a parameter"
+            )
 
 
 def hide_own_package() -> None:
@@ -201,8 +205,8 @@ def replacement_of(file: Path, package: Optional[Path], joined: Dict[str, Path])
     if not stand_in.is_file() or stand_in.resolve() == file.resolve():
         return file
     ours = gazebo_packages.COMPAT / name / file.resolve().relative_to(package)
-    kept = "" if stand_in.is_symlink() else ", with its world and pose"
-    say(f"warning: {file} needs Gazebo; {ours} takes its place{kept}")
+    kept = "" if stand_in.is_symlink() else "and keeps its world and pose"
+    say(f"warning: {file} needs Gazebo, so {ours} replaces it{kept}")
     return stand_in
 
 
@@ -233,7 +237,7 @@ def adapt(config: Any, file: Path, arguments: Arguments) -> None:
         if (node.package, node.type) == ("gazebo_ros", "spawn_model"):
             node.output = "screen"  # it refuses a model by a sentence, or becomes the simulator
     if has_world and not robots:
-        say("warning: the launch file has a world but no robot (husky_gazebo/launch/spawn_husky.launch)")
+        say("warning: the launch file has a world but no robot; add husky_gazebo/launch/spawn_husky.launch")
     if any(node.package == "rviz" and node.name not in (OWN_RVIZ, WINDOW) for node in config.nodes):
         config.nodes = [node for node in config.nodes if node.name != OWN_RVIZ]  # the file has its own view
 
@@ -287,7 +291,7 @@ def tell_end(text: str) -> None:
     """Print roslaunch's message on a node; one line on a required one that has ended."""
     required = re.search(r"REQUIRED process \[(.*)-\d+\] has died", text)
     if required:
-        say(f"{required[1]} has ended, and the launch with it")
+        say(f"{required[1]} has ended, so the launch ends")
     else:
         roslaunch.core.printerrlog(text)
 

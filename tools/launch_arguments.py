@@ -104,7 +104,9 @@ def check_arguments(file: Path, given: List[str]) -> Arguments:
         name, assigned, value = argument.partition(":=")
         mistyped = re.fullmatch(r"(\w+)(?:=|:)(.*)", argument)
         if mistyped and not assigned:
-            raise SystemExit(f"[dev] error: {argument!r}: write {mistyped[1]}:={mistyped[2]}")
+            raise SystemExit(
+                f"[dev] error: {argument!r} is not a valid argument. Write {mistyped[1]}:={mistyped[2]}"
+            )
         if assigned and declared is not None and not name.startswith("_") and name not in declared:
             if name in own:
                 passed_on[name] = value
@@ -140,13 +142,13 @@ def check_yaml(argument: str, name: str) -> None:
         values = yaml.safe_load(Path(name).read_text())
     except OSError as error:
         raise SystemExit(
-            f"[dev] error: {argument}:={name}: {error.strerror} (looked for in {Path.cwd()})"
+            f"[dev] error: cannot read {argument}:={name} in {Path.cwd()}: {error.strerror}. Check the path"
         ) from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{name}:{mark.line + 1}" if mark else name
         raise SystemExit(
-            f"[dev] error: {where}: no YAML: {getattr(error, 'problem', None) or error}"
+            f"[dev] error: {where}: not valid YAML: {getattr(error, 'problem', None) or error}"
         ) from None
     if not isinstance(values, dict):
-        raise SystemExit(f"[dev] error: {name}: expected lines 'parameter: value'")
+        raise SystemExit(f"[dev] error: {name} must have lines 'parameter: value'")

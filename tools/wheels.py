@@ -63,7 +63,7 @@ def cell(requirements: list[str], system: str, python: str) -> str:
 def main() -> None:
     """Print the table."""
     if sys.version_info < (3, 11):
-        raise SystemExit("[dev] error: tools/wheels.py reads pyproject.toml with Python 3.11 or later")
+        raise SystemExit("[dev] error: tools/wheels.py needs Python 3.11 or later to read pyproject.toml")
     requirements = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["dependencies"]
     print("| Python |", " | ".join(SYSTEMS), "|")
     print("|---" * (len(SYSTEMS) + 1) + "|")

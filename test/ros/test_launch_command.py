@@ -30,8 +30,13 @@ SIMULATOR = "$(find husky_highlevel_controller)/launch/simulator.launch"
             "wrold_name:=empty.world",
             "controller.launch has no argument 'wrold_name'; did you mean 'world_name'?",
         ),
-        ("controller.launch", "", "gui=false", "'gui=false': write gui:=false"),
-        ("controler.launch", "", "", "no launch file 'controler.launch'; this package has controller.launch"),
+        ("controller.launch", "", "gui=false", "'gui=false' is not a valid argument. Write gui:=false"),
+        (
+            "controler.launch",
+            "",
+            "",
+            "cannot find the launch file 'controler.launch'; this package has controller.launch",
+        ),
         (
             "theirs.launch",
             '<arg name="speed" default="1"/>',
@@ -88,16 +93,24 @@ def test_a_launch_file_that_is_not_well_formed_is_named(launch, tmp_path):
             "error: husky_simulator: no world 'nowhere.world'; there are driveThrough.world, empty.world",
         ),
         ("", "p_gain_vle: 1.0\n", "error: husky_highlevel_controller: .*p_gain_vle"),
-        ("", "p_gain_vel: 1.0\np_gain_ang: [\n", "mine.yaml:3: no YAML: "),
-        ("", "1.0", "mine.yaml: expected lines 'parameter: value'"),
+        ("", "p_gain_vel: 1.0\np_gain_ang: [\n", "mine.yaml:3: not valid YAML: "),
+        ("", "1.0", "mine.yaml must have lines 'parameter: value'"),
         (
             "robot:=smb kinect_enabled:=true",
             None,
             "kinect_enabled = True, but robot_description has no 'camera_frame_optical'",
         ),
-        ("seed:=3000000000", None, "/husky_simulator/seed = 3000000000 is beyond a parameter's 32 bits"),
-        (f"seed:={10**400}", None, r"/husky_simulator/seed = 10{19}\.\.\. \(401 digits\) is beyond"),
-        ("parameters:=mine.yaml", None, r"mine.yaml: No such file or directory \(looked for in "),
+        (
+            "seed:=3000000000",
+            None,
+            "/husky_simulator/seed = 3000000000 does not fit into the 32 bits of a parameter",
+        ),
+        (f"seed:={10**400}", None, r"/husky_simulator/seed = 10{19}\.\.\. \(401 digits\) does not fit into "),
+        (
+            "parameters:=mine.yaml",
+            None,
+            r"cannot read parameters:=mine.yaml in .*: No such file or directory. Check the path",
+        ),
     ],
 )
 def test_what_ends_a_launch_is_its_last_line(argument, content, words, launch, tmp_path):
@@ -161,7 +174,10 @@ def test_a_terminal_that_cannot_open_is_left_away(launch, tmp_path):
     launched = launch(file)
     for node in ("xterm-2", "noterm-3"):
         launched.says(f"[{node}] process has finished cleanly")
-    assert "node noterm starts without launch-prefix 'noterm -e': noterm is not installed" in launched.output
+    assert (
+        "node noterm starts without launch-prefix 'noterm -e' because noterm is not installed"
+        in launched.output
+    )
     assert "node xterm starts without launch-prefix 'xterm -e'" in launched.output
 
 
@@ -184,7 +200,7 @@ def test_a_drive_that_is_stopped_on_its_way_ends_with_1(launch, ros):
 
 @pytest.mark.parametrize(
     ("program", "words"),
-    [("nosuch", "no command 'nosuch' in "), ("{}/node.py", "'{}/node.py' is not executable")],
+    [("nosuch", "cannot find the command 'nosuch' in "), ("{}/node.py", "'{}/node.py' is not executable")],
 )
 def test_a_program_that_is_not_there_is_one_sentence(program, words, ros, tmp_path):
     (tmp_path / "node.py").write_text("import rospy\n")
@@ -199,9 +215,12 @@ def test_a_program_that_is_not_there_is_one_sentence(program, words, ros, tmp_pa
     [
         (
             "http://no-such-host.invalid:11311",
-            "the host 'no-such-host.invalid' of ROS_MASTER_URI is not known",
+            "the host 'no-such-host.invalid' of ROS_MASTER_URI has no address on this machine",
         ),
-        ("http://192.0.2.1:11311", "no ROS master at http://192.0.2.1:11311: start roscore on '192.0.2.1'"),
+        (
+            "http://192.0.2.1:11311",
+            "no ROS master answers at http://192.0.2.1:11311. Start roscore on '192.0.2.1'",
+        ),
         ("localhost", "ROS_MASTER_URI='localhost' is not of the form http://HOST:PORT"),
     ],
 )

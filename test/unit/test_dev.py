@@ -175,7 +175,7 @@ def test_a_system_without_ros_in_its_archive_is_sent_to_the_container():
         "state=$(mktemp -d); missing=(cmake rviz); leave_out_absent"
     )
     assert code == 1
-    assert "Ubuntu 24.04 has no ROS 1 in its archive: use the container" in output
+    assert "Ubuntu 24.04 has no ROS 1 in its archive; use the container" in output
 
 
 def test_what_the_archive_of_a_later_debian_has_not_is_named_once_and_left_out(tmp_path):
@@ -186,7 +186,7 @@ def test_what_the_archive_of_a_later_debian_has_not_is_named_once_and_left_out(t
         "echo then missing: $(missing_packages launch)"
     )
     assert code == 0
-    assert output.count("the archive of Debian forky has no rviz: going on without") == 1
+    assert output.count("the archive of Debian forky has no rviz; continuing without") == 1
     assert "to install: cmake\n" in output
     assert "then missing: cmake\n" in output
 
@@ -239,7 +239,7 @@ def test_doctor_names_problems_and_fails_for_them(tmp_path):
     assert code == 1
     assert "PROBLEM  ROS_MASTER_URI='nowhere' is not of the form http://HOST:PORT" in output
     assert "PROBLEM  nodes give their address as 'no.such.host'" in output
-    assert "PROBLEM  the workspace in .dev/ws is not built: ./dev setup" in output
+    assert "PROBLEM  the workspace in .dev/ws is not built; ./dev setup builds it" in output
     assert not (tmp_path / ".dev").exists(), "doctor changes nothing"
 
 
@@ -254,14 +254,14 @@ def new(folder, *arguments):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("", "new what? e.g. ./dev new my_husky"),
-        ("22", "'22' is not a valid name of a ROS package"),
-        ("My", "'My' is not a valid name of a ROS package"),
-        ("../my", "'../my' is not a valid name of a ROS package"),
-        ("husky_gazebo", "ROS has a package 'husky_gazebo' already"),
-        ("husky_highlevel_controller", "is the simulator's package"),
-        ("my_husky yours", "one package at a time: 'my_husky' or 'yours'"),
-        ("my_husky --c", "new has no option '--c'"),
+        ("", "new needs a package name, e.g. ./dev new my_husky"),
+        ("22", "'22' is not a valid ROS package name"),
+        ("My", "'My' is not a valid ROS package name"),
+        ("../my", "'../my' is not a valid ROS package name"),
+        ("husky_gazebo", "ROS already has a package 'husky_gazebo'"),
+        ("husky_highlevel_controller", "is the package of the simulator"),
+        ("my_husky yours", "new takes one package name but got 'my_husky' and 'yours'"),
+        ("my_husky --c", "'--c' is not a valid option of new"),
     ],
 )
 def test_new_refuses_a_name_that_ros_would_not_take(arguments, words, tmp_path):
@@ -279,7 +279,7 @@ def test_new_writes_beside_the_clone_and_over_nothing(tmp_path):
     launch.write_text("mine")
     output, code = new(tmp_path, "my_husky")
     assert code == 1
-    assert "my_husky is there already; nothing is written over" in output
+    assert "my_husky already exists and is not overwritten" in output
     assert launch.read_text() == "mine"
     assert new(tmp_path, "my_husky", "--cpp")[1] == 0
     package = tmp_path / "my_husky_ws" / "src" / "my_husky"

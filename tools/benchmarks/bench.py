@@ -71,13 +71,15 @@ def main() -> None:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(prog="./dev bench", description=__doc__)
     parser.add_argument("--json", type=Path, metavar="FILE", default=RESULTS,
-                        help="where every run's figures are written (default: .dev/bench.json)")  # fmt: skip
+                        help="file for the metrics of every run (default: .dev/bench.json)")  # fmt: skip
     parser.add_argument("--only", action="append", choices=list(FIGURES), metavar="NAME",
-                        help=f"of {', '.join(FIGURES)}; may be given again")  # fmt: skip
-    parser.add_argument("--short", action="store_true", help="only see that it works; the times mean nothing")
+                        help=f"metric to measure, one of {', '.join(FIGURES)}; may be repeated")  # fmt: skip
+    parser.add_argument(
+        "--short", action="store_true", help="check that the benchmark works; the times mean nothing"
+    )
     parser.add_argument("--repeats", type=int, help=f"runs of each figure (default: {Effort().repeats})")
     parser.add_argument("--against", type=Path, metavar="CHECKOUT",
-                        help="of another commit, for marking, which is measured only beside it")  # fmt: skip
+                        help="checkout of another commit, against which grading is measured")  # fmt: skip
     wanted = parser.parse_args()
     effort = SHORT if wanted.short else Effort()
     if wanted.repeats:
@@ -93,7 +95,7 @@ def main() -> None:
     print(", ".join(f"{key} {value}" for key, value in host.items()) + "\n")
     print(table([replace(row, near=None) for row in rows] if wanted.short else rows))
     if wanted.short:
-        print("\nA short run: it works, but its figures mean nothing.")
+        print("\nA short run shows that the benchmark works; its times mean nothing.")
     figures = {name: [asdict(row) for row in each] for name, each in found.items()}
     document = {"machine": host, "effort": asdict(effort), "figures": figures}
     wanted.json.write_text(json.dumps(document, indent=2, default=str) + "\n")

@@ -52,7 +52,9 @@ def rounds_for_a_second() -> int:
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cluster", default="", help="scheduler; default: processes of this machine")
+    parser.add_argument(
+        "--cluster", default="", help="address of the scheduler (default: processes on this machine)"
+    )
     options = parser.parse_args()
     rounds = [rounds_for_a_second()] * TASKS
     alone = seconds(lambda: [compute(one) for one in rounds])
@@ -89,7 +91,7 @@ def print_memory(cluster: str) -> None:
 
         with Client(cluster, set_as_default=False) as client:
             held = client.run_on_scheduler(lambda: __import__("psutil").Process().memory_info().rss)
-        print(f"scheduler: {held / 1e6:.1f} MB in the end; call this again, and it should be the same")
+        print(f"scheduler: {held / 1e6:.1f} MB in the end; a second call should print the same")
 
 
 def print_report() -> None:

@@ -23,7 +23,9 @@ PACKAGE = "husky_highlevel_controller"
 def marking(effort: Effort) -> List[Row]:
     """Seconds a hand-in, against the checkout of `--against`."""
     if effort.against is None:
-        raise SystemExit("marking: --against CHECKOUT, whose marking is measured by turns with this one")
+        raise SystemExit(
+            "marking needs --against CHECKOUT, whose grading is measured alternating with this one"
+        )
     for checkout in (OURS, effort.against):
         _run(checkout, "true")  # built before the clock runs
     rows = []

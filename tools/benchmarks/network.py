@@ -61,7 +61,7 @@ class Network(ros_network.Network):
 
     def read(self, result: Path) -> Dict[str, Any]:
         """Wait for the figures of a probe."""
-        self._until(lambda: not self._probes[result].running, "a probe has its figures")
+        self._until(lambda: not self._probes[result].running, "a probe has its metrics")
         if not result.exists():
             raise self._error("a probe has failed")
         found: Dict[str, Any] = json.loads(result.read_text())

@@ -48,7 +48,9 @@ def read_runs(folder: Path) -> List[Run]:
         speeds = SPEED_SCALE * wheels[:, 3:5]
         runs.append(Run(name, imu, np.column_stack([wheel_stamps(imu, speeds), speeds])))
     if not runs:
-        raise SystemExit(f"{folder}: no GROUND/imu_NN.csv in it; is it BorealTC's data/borealtc?")
+        raise SystemExit(
+            f"{folder}: no GROUND/imu_NN.csv in this folder. Pass the folder data/borealtc of BorealTC"
+        )
     return runs
 
 

@@ -203,8 +203,10 @@ def main() -> None:
     """Print the tables, and draw the curve."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--rate", type=int, default=100, choices=(50, 100, 400), help="of the IMU [Hz]")
-    parser.add_argument("--picture", type=Path, help="file for the curve")
+    parser.add_argument(
+        "--rate", type=int, default=100, choices=(50, 100, 400), help="sampling rate of the IMU [Hz]"
+    )
+    parser.add_argument("--picture", type=Path, help="output file for the curve")
     options = parser.parse_args()
     values = yaml.safe_load((Path(__file__).parents[2] / "config" / "crash_stop.yaml").read_text())
     config = CrashConfig(**{name: values[name] for name in CrashConfig.__dataclass_fields__})

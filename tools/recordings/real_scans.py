@@ -87,7 +87,7 @@ def read_carmen(path: Path, max_range: float, speeds: Tuple[float, float]) -> Lo
             scans.append(Scan(stamp, "laser", -pi / 2.0, last, 0.01, max_range, ranges))
             poses.append((x, y, yaw))
     if not scans:
-        raise SystemExit(f"{path}: no FLASER line in it; is it a CARMEN log?")
+        raise SystemExit(f"{path}: no FLASER line in this file. Pass a CARMEN log")
     return Log(path.name.split(".")[0].replace("-corrected", ""), scans, np.array(poses), False)
 
 
@@ -255,8 +255,8 @@ def main() -> None:
     """Print the table of each log, and of all together."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("logs", nargs="+", type=Path)
-    parser.add_argument("--scans", type=int, default=1500, help="most scans of a log, its first ones")
-    parser.add_argument("--tolerance", type=float, default=0.15, help="of the radius [m]")
+    parser.add_argument("--scans", type=int, default=1500, help="maximum number of scans of a log")
+    parser.add_argument("--tolerance", type=float, default=0.15, help="tolerance of the radius [m]")
     options = parser.parse_args()
     values = {}
     for name in ("controller.yaml", "robot.yaml"):
