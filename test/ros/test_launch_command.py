@@ -101,6 +101,11 @@ def test_a_launch_file_that_is_not_well_formed_is_named(launch, tmp_path):
             "kinect_enabled = True, but robot_description has no 'camera_frame_optical'",
         ),
         (
+            "laser_enabled:=false lockstep:=true",
+            None,
+            "lockstep = True, but the robot has no lidar, and lockstep waits for answers to its scans",
+        ),
+        (
             "seed:=3000000000",
             None,
             "/husky_simulator/seed = 3000000000 does not fit into the 32 bits of a parameter",

@@ -30,6 +30,7 @@ ARGUMENTS = [
     "real_time_factor:=3.5",
     "x:=1.5",
     "y:=-2",
+    "z:=0",
     "yaw:=3",
     "lockstep:=false",
     "robot:=husky",
@@ -77,6 +78,16 @@ def test_a_launch_file_needs_no_python_that_knows_the_package_and_the_environmen
     assert "/robot_description: " in dumped.stdout, dumped.stderr
     assert "base_link" in dumped.stdout
     assert "front_laser" not in yaml.safe_load(dumped.stdout)["/robot_description"]
+
+
+@pytest.mark.parametrize("factor", [5, 0])
+def test_a_robot_without_a_lidar_advertises_no_scan_and_the_controller_says_why_it_waits(factor, ros):
+    launched = ros.roslaunch("controller.launch", f"real_time_factor:={factor}", HUSKY_LMS1XX_ENABLED="0")
+    launched.says("no node publishes /front/scan: start the simulator with laser_enabled:=true")
+    topics = dict(ros.master("getPublishedTopics", ""))
+    assert "/odometry/filtered" in topics
+    assert "/front/scan" not in topics
+    assert "no node publishes /front/scan" in ros.echo("/diagnostics/status")
 
 
 def test_environment_start_pose_and_pace_reach_the_simulation_which_tells_the_factor_reached(ros):

@@ -43,6 +43,7 @@ class Health:
     pillar: str  # "seen", "remembered" or "unknown"
     reason: str = ""  # of the controller for its last command
     disobeyed: str = ""  # sentence on why the robot does not do what is commanded; empty if it does
+    absence: str = ""  # sentence on why no scans come; empty if unknown
 
 
 def level_and_message(health: Health) -> Tuple[int, str]:
@@ -74,7 +75,7 @@ def level_and_message(health: Health) -> Tuple[int, str]:
 def _error(health: Health) -> Optional[str]:
     """Sentence on the first cause why the robot does not drive rightly, with the remedy; None: none."""
     if health.scan_silence is None or health.scan_silence > TOO_OLD:
-        return "no scans: is the lidar on, and ~scan_topic_name its topic?"
+        return health.absence or "no scans: is the lidar on, and ~scan_topic_name its topic?"
     if health.scan_fault:
         return f"{health.scan_fault}: standing still; is the lidar's driver right?"
     if not health.mounted:

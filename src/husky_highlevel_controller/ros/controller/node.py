@@ -37,6 +37,7 @@ from husky_highlevel_controller.ros.controller.diagnostics import Diagnostics, H
 from husky_highlevel_controller.ros.controller.disobedience import Disobedience
 from husky_highlevel_controller.ros.controller.display import BASE, ODOM, Display, next_step
 from husky_highlevel_controller.ros.controller.reconfigure import ReconfigureServer
+from husky_highlevel_controller.ros.controller.scan_absence import ScanAbsence
 from husky_highlevel_controller.ros.controller.scan_placement import Listener, ScanPlacement
 from husky_highlevel_controller.ros.node import contained, parameters_and_robot, publish, run_node
 from husky_highlevel_controller.ros.registration import LOST, RegistrationWatch
@@ -95,6 +96,8 @@ class ControllerNode:
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._obedience, self._commanded = Obedience(), STOP
         self._disobedience, self._disobeyed = Disobedience(robot, self._velocity), ""
+        self._scan_absence = ScanAbsence(rospy.resolve_name(topic.scan_topic_name))
+        self._absence = ""  # sentence on why no scans come
         self._announcement = rospy.Publisher("~arrived", Bool, queue_size=1, latch=True)
         self._display = Display(robot)
         self._tuning = ReconfigureServer(tunable, control, detector_config)
@@ -126,6 +129,8 @@ class ControllerNode:
                 self._placement.update()  # ends waits that are overdue
             with contained("comparing commands with motion"):
                 self._notice_disobedience()
+            with contained("asking why no scans come"):
+                self._notice_absence()
             with contained("the status on /diagnostics"):
                 if not self._registration.is_lost:  # which has a status of its own
                     self._diagnostics.update()
@@ -142,6 +147,15 @@ class ControllerNode:
             self._disobeyed = self._disobedience.sentence(self._commanded, seconds)
             rospy.logwarn(self._disobeyed)
             self._diagnostics.hasten()
+
+    def _notice_absence(self) -> None:
+        """Log why no scans come when the reason changes, and keep it for the status."""
+        absence = self._scan_absence.update(rospy.get_time(), self._scan_time)
+        if absence != self._absence:
+            self._absence = absence
+            self._diagnostics.hasten()
+            if absence:
+                rospy.logwarn(absence)
 
     def _stop(self) -> None:
         self._command(STOP)
@@ -303,6 +317,7 @@ class ControllerNode:
             pillar=self._seen,
             reason=self._reason,
             disobeyed=self._disobeyed,
+            absence=self._absence,
         )
 
 

@@ -39,29 +39,29 @@ class Partners:
 
     def __init__(
         self,
-        scans: rospy.Publisher,
+        scans: Optional[rospy.Publisher],
         others: Sequence[rospy.Publisher],
         command_topics: str,
         has_sender: Callable[[], bool],
     ) -> None:
-        """The scans need a subscriber, and one of the command topics a sender.
+        """The scans need a subscriber, unless there are none, and one of the command topics a sender.
 
         All nodes subscribed to the scans or to the `others` must be connected too: a transform that is lost
         at the beginning would make the run another one.
         """
-        self._scans, self._others = scans, others
+        self._scans, self._publishers = scans, [*others, scans] if scans else others
         self.command_topics, self._has_sender = command_topics, has_sender
-        self.scan_topic = scans.resolved_name
+        self.scan_topic = scans.resolved_name if scans else ""
 
     def joined(self) -> bool:
         """Whether all are connected."""
-        if not self._has_sender() or not self._scans.get_num_connections():
+        if not self._has_sender() or (self._scans and not self._scans.get_num_connections()):
             return False
         state = ask(rosgraph.get_master_uri(), "getSystemState", rospy.get_name())
         subscribed = {topic: len(nodes) for topic, nodes in state[1]} if state else {}
         return bool(state) and all(
             publisher.get_num_connections() >= subscribed.get(publisher.resolved_name, 0)
-            for publisher in (self._scans, *self._others)
+            for publisher in self._publishers
         )
 
 

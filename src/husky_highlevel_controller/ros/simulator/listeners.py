@@ -41,7 +41,8 @@ class Listeners:
     ASLEEP_FOR without a running thread.
     """
 
-    def __init__(self, publisher: rospy.Publisher, clock: rospy.Publisher) -> None:
+    def __init__(self, publisher: Optional[rospy.Publisher], clock: rospy.Publisher) -> None:
+        """Find those of `publisher`, which is None if the topic is not published."""
         self._publisher, self._clock = publisher, clock
         self._ports: Set[Ports] = set()  # of both topics' connections
         self._own_threads = _Threads(os.getpid())
@@ -141,7 +142,7 @@ class _Threads:
 def _ports(publisher: Any) -> Set[Ports]:
     """Ports of each connection; rospy has no public way to its sockets."""
     pairs = set()
-    for queued in list(publisher.impl.connections):
+    for queued in list(publisher.impl.connections) if publisher else []:
         transport = getattr(queued, "_connection", queued)
         with contextlib.suppress(AttributeError, OSError):  # it has just been closed
             pairs.add((transport.socket.getpeername()[1], transport.socket.getsockname()[1]))

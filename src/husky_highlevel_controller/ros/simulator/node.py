@@ -67,6 +67,11 @@ class SimulatorNode:
         self._paused_topic.publish(start.paused)
         robot = robot_model(read_robot_description(), config.robot, start.laser_frame)
         self._publishers = Publishers(config, robot)
+        if start.lockstep and not self._publishers.scan:
+            raise ConfigError(
+                f"{rospy.get_name()}/lockstep = True, but the robot has no lidar, and lockstep waits for "
+                "answers to its scans: let laser_enabled be true, or lockstep false"
+            )
         self._status = BaseStatus(config.real.base.control_rate) if config.real else None
         world = self._read_world(start.world_name)
         self._fallen = False
@@ -157,7 +162,7 @@ class SimulatorNode:
 
         def missing() -> str:
             beside = launched_beside() if not partners.joined() else ()
-            topics = f"{partners.scan_topic} and {partners.command_topics}"
+            topics = " and ".join(filter(None, (partners.scan_topic, partners.command_topics)))
             return f"{', '.join(sorted(beside))} did not join on {topics}" if beside else ""
 
         self._hold_time_while(missing, LAUNCH_TIMEOUT, PARTNERS_POLL_PERIOD)

@@ -56,7 +56,9 @@ class Publishers:
         self._transform_connections: List[Any] = []  # those of the last look
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
-        self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
+        self.scan: Optional[rospy.Publisher] = None  # of a robot with a lidar
+        if robot.laser_frame in robot.fixed_poses:
+            self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
         self.joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
         self._sensors: List[Tuple[str, rospy.Publisher, Callable[..., Any], Tuple]] = []
 
@@ -72,7 +74,7 @@ class Publishers:
             sensor("navsat/fix", NavSatFix, "gps", conversions.fix_to_msg, config.gps.drift, BASE)
             sensor("navsat/vel", Vector3Stamped, "gps", conversions.fix_velocity_to_msg, BASE)
         self._points: Optional[rospy.Publisher] = None
-        if config.points_rate and robot.laser_frame in robot.fixed_poses:
+        if config.points_rate and self.scan:
             self._points = rospy.Publisher(topics.points, PointCloud2, queue_size=QUEUE)
             self._points_steps = steps_per(config.points_rate, config.physics_rate, "points_rate")
             self._points_frame = robot.laser_frame
@@ -163,12 +165,13 @@ class Publishers:
 
     def send_kept_scan(self) -> None:
         """Send the scan that was kept to new subscribers, in the thread that publishes."""
-        if self._kept_scan is not None:
+        if self.scan and self._kept_scan is not None:
             self._send_to_new(self.scan.impl, [conversions.scan_to_msg(self._kept_scan)])
 
     def publish_scan(self, scan: Scan) -> None:
         """Publish a scan."""
-        publish_if_subscribed(self.scan, conversions.scan_to_msg, scan)
+        if self.scan:
+            publish_if_subscribed(self.scan, conversions.scan_to_msg, scan)
 
     def publish_points(self, snapshot: Snapshot, measure: Callable[[], np.ndarray]) -> None:
         """Publish the 3D lidar's points, if they are due; `measure` returns them."""

@@ -26,6 +26,8 @@ WELL = Health(
         ({}, OK, "driving"),
         ({"scan_silence": None}, ERROR, "no scans"),
         ({"scan_silence": 2.5}, ERROR, "no scans"),
+        ({"scan_silence": None, "absence": "no node publishes"}, ERROR, "no node publishes"),
+        ({"absence": "no node publishes"}, OK, "driving"),
         ({"scan_stamp": 0.0, "scan_age": 1e9}, WARN, "scans are stamped 0: set the stamps in their driver"),
         ({"scan_age": 5.0}, ERROR, "scans are stamped 5.00 s behind this computer's clock: set the clocks"),
         ({"scan_age": 5.0, "tf_age": 5.0}, ERROR, "scans are stamped 5.00 s behind this computer's clock"),

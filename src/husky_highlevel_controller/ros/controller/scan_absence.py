@@ -1,0 +1,61 @@
+"""Cause why no scans come, as far as the network can tell it.
+
+In: the ROS graph. Out: a sentence.
+"""
+
+from __future__ import annotations
+
+from typing import Optional
+
+import rosgraph
+
+from husky_highlevel_controller.ros.master_graph import Graph, read_graph
+from husky_highlevel_controller.ros.simulator.one_simulator import NODE
+
+SCAN_TYPE = "sensor_msgs/LaserScan"
+PATIENCE = 5.0  # [s] of ROS time without a scan, before the network is asked
+
+
+class ScanAbsence:
+    """Asks who publishes the scans while none come; it waits for the master: no callback calls it."""
+
+    def __init__(self, topic: str) -> None:
+        """Ask about the scans on a resolved topic."""
+        self._topic = topic
+        self._asked_at: Optional[float] = None  # [s] of ROS time
+        self._sentence = ""
+
+    def update(self, now: float, scan_time: Optional[float]) -> str:
+        """Return why no scans come; empty if they come, or if a node publishes them.
+
+        Args:
+            now: ROS time [s]; 0 while there is none.
+            scan_time: ROS time when the last scan came [s]; None before the first.
+        """
+        if scan_time is not None and 0.0 <= now - scan_time < PATIENCE:
+            self._asked_at, self._sentence = None, ""
+        elif self._asked_at is None or now < self._asked_at:  # less: the simulator was started again
+            self._asked_at = now or None
+        elif now - self._asked_at >= PATIENCE:
+            graph = read_graph(rosgraph.get_master_uri())
+            self._asked_at, self._sentence = now, absence_sentence(graph, self._topic) if graph else ""
+        return self._sentence
+
+
+def absence_sentence(graph: Graph, topic: str) -> str:
+    """Return why no scans come on a topic, with the remedy; empty if a node publishes it."""
+    if graph.publishers.get(topic):
+        return ""
+    others = sorted(
+        name
+        for name, kind in graph.types.items()
+        if kind == SCAN_TYPE and graph.publishers.get(name) and name != topic
+    )
+    if others:
+        return f"no node publishes {topic}: set ~scan_topic_name to {' or '.join(others)}"
+    nodes = {node for names in graph.publishers.values() for node in names}
+    if any(node.rsplit("/", 1)[-1] == NODE for node in nodes):
+        remedy = "start the simulator with laser_enabled:=true or set HUSKY_LMS1XX_ENABLED=1"
+    else:
+        remedy = "start the lidar's driver, or set ~scan_topic_name to its topic"
+    return f"no node publishes {topic}: {remedy}"
