@@ -26,7 +26,7 @@ class Hull:
 
     length: float = number(0.1, 10.0, "along x [m]")
     width: float = number(0.1, 10.0, "along y [m]")
-    mass: float = number(0.1, 1e4, "without wheels and lidar [kg]")
+    mass: float = number(0.1, 1e4, "mass without wheels and lidar [kg]")
 
 
 @dataclass(frozen=True)
@@ -34,10 +34,10 @@ class Wheels:
     """Four driven wheels."""
 
     joints: Tuple[str, ...] = setting("front left, front right, rear left, rear right", length=4)
-    base: float = number(0.05, 10.0, "from front to rear axle [m]")
-    height: float = number(-1.0, 1.0, "of the axles above base_link [m]")
+    base: float = number(0.05, 10.0, "distance from front to rear axle [m]")
+    height: float = number(-1.0, 1.0, "height of the axles above base_link [m]")
     width: float = number(0.01, 1.0, "of each [m]")
-    mass: float = number(0.01, 1e3, "of each [kg]")
+    mass: float = number(0.01, 1e3, "mass of each wheel [kg]")
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,10 @@ class DriveConfig:
     max_linear_acceleration: float = number(0.01, 100.0, "[m/s^2]")
     max_angular: float = number(0.01, 20.0, "[rad/s]")
     max_angular_acceleration: float = number(0.01, 100.0, "[rad/s^2]")
-    wheel_separation: float = number(0.05, 10.0, "between left and right joints [m]")
-    wheel_separation_multiplier: float = number(0.1, 10.0, "of the separation, since the wheels skid")
+    wheel_separation: float = number(0.05, 10.0, "distance between left and right joints [m]")
+    wheel_separation_multiplier: float = number(
+        0.1, 10.0, "factor of the wheel separation, because the wheels skid"
+    )
     wheel_radius: float = number(0.01, 1.0, "[m]")
     timeout: float = number(0.01, 10.0, "an older command counts as a stop [s]")
 
@@ -58,7 +60,7 @@ class DriveConfig:
 class LidarMount:
     """Pose of the planar lidar in base_link."""
 
-    frame: str = setting("where its beams start")
+    frame: str = setting("frame in which the beams start")
     x: float = number(-5.0, 5.0, "[m]")
     z: float = number(-5.0, 5.0, "[m]")
     upside_down: bool = setting("angles grow clockwise, seen from above")
@@ -68,7 +70,7 @@ class LidarMount:
 class ImuMount:
     """Position of the IMU in base_link, whose axes are its own."""
 
-    frame: str = setting("that its messages name")
+    frame: str = setting("frame in the headers of its messages")
     x: float = number(-5.0, 5.0, "[m]")
     y: float = number(-5.0, 5.0, "[m]")
     z: float = number(-5.0, 5.0, "[m]")
@@ -85,7 +87,7 @@ class RobotTopics:
     wheel_odometry: str = setting("nav_msgs/Odometry of the wheels")
     wheel_command: str = setting("geometry_msgs/Twist, the output of twist_mux")
     limited_command: str = setting("geometry_msgs/TwistStamped within the limits")
-    velocity: Tuple[str, ...] = setting("geometry_msgs/Twist, inputs of twist_mux, the strongest first")
+    velocity: Tuple[str, ...] = setting("geometry_msgs/Twist, inputs of twist_mux, highest priority first")
 
     def __post_init__(self) -> None:
         """Raises ValueError where a guard has no input above the controller's."""
@@ -97,10 +99,10 @@ class RobotTopics:
 class Robot:
     """Robot: everything that is not the same for all."""
 
-    name: str = setting("one of ROBOTS")
-    title: str = setting("its name in sentences")
+    name: str = setting("name of the robot, one of ROBOTS")
+    title: str = setting("name of the robot in messages")
     description: str = setting("xacro file in urdf/")
-    profiles: Tuple[str, ...] = setting("whose drivers can be simulated: gazebo, robot")
+    profiles: Tuple[str, ...] = setting("drivers that can be simulated, gazebo and robot")
     hull: Hull = setting("the body")
     wheels: Wheels = setting("the wheels")
     drive: DriveConfig = setting("the drive")

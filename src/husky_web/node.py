@@ -65,7 +65,7 @@ class WebConfig:
     port: int = number(1, 65535, "the next free one if taken", 8080)
     rate: float = number(1.0, 60.0, "of the view [Hz]", 20.0)
     fixed_frame: str = setting("in which everything is drawn", "odom")
-    controller: str = setting("node to start and stop", "/husky_highlevel_controller")
+    controller: str = setting("controller node to start and stop", "/husky_highlevel_controller")
     simulator: str = setting("node of pause, spawn and the like", "/husky_simulator")
     scan_topic: str = setting("sensor_msgs/LaserScan", load_robot().topics.scan)
     cloud_topic: str = setting("sensor_msgs/PointCloud2", "camera/depth/points")

@@ -38,16 +38,16 @@ _SAMPLES = 16  # beams of a silhouette that are looked at
 class PillarConfig:
     """Limits of a pillar: size, number of beams, clearance."""
 
-    pillar_radius: float = number(0.02, 2.0, "radius of the pillar looked for [m]", default=0.2)
+    pillar_radius: float = number(0.02, 2.0, "radius of the pillar to find [m]", default=0.2)
     pillar_height: float = number(
-        0.1, 20.0, "height of the pillar's marker; a planar scan cannot see it [m]", default=2.0
+        0.1, 20.0, "height of the pillar marker, because a planar scan cannot measure it [m]", default=2.0
     )
-    radius_tolerance: float = number(0.001, 1.0, "how far a measured radius may be off [m]", default=0.05)
+    radius_tolerance: float = number(0.001, 1.0, "largest error of a measured radius [m]", default=0.05)
     max_residual: float = number(
         0.001, 0.5, "largest root mean square distance from the circle [m]", default=0.05
     )
-    range_noise: float = number(0.0001, 0.2, "differences in range not worth explaining [m]", default=0.003)
-    min_beams: int = number(2, 100, "fewest beams that make a pillar", default=2)
+    range_noise: float = number(0.0001, 0.2, "range differences below this are noise [m]", default=0.003)
+    min_beams: int = number(2, 100, "minimum number of beams on a pillar", default=2)
 
 
 class _Fits(NamedTuple):

@@ -30,21 +30,24 @@ class ControlConfig:
     the robot's own limits are in config/robots/.
     """
 
-    p_gain_vel: float = number(0.0, 10.0, "forward speed for each metre still to go [1/s]", default=2.0)
-    p_gain_ang: float = number(0.0, 10.0, "turning rate for each radian of bearing [1/s]", default=2.0)
+    p_gain_vel: float = number(0.0, 10.0, "forward speed per metre of remaining distance [1/s]", default=2.0)
+    p_gain_ang: float = number(0.0, 10.0, "turning rate per radian of bearing [1/s]", default=2.0)
     stop_distance: float = number(
-        0.0, 10.0, "where to stop, from the lidar to the pillar's surface; 0: touch it [m]", default=0.4
+        0.0,
+        10.0,
+        "distance from the lidar to the surface of the pillar at which to stop; 0 means touch it [m]",
+        default=0.4,
     )
-    max_linear: float = number(0.0, 1.0, "fastest forward speed [m/s]", default=1.0)
-    max_angular: float = number(0.0, 2.0, "fastest turning rate [rad/s]", default=1.0)
+    max_linear: float = number(0.0, 1.0, "maximum forward speed [m/s]", default=1.0)
+    max_angular: float = number(0.0, 2.0, "maximum turning rate [rad/s]", default=1.0)
     arrival_tolerance: float = number(
-        0.001, 0.09, "how near to stop_distance counts as arrived [m]", default=0.01
+        0.001, 0.09, "largest difference from stop_distance that counts as arrived [m]", default=0.01
     )
     search: bool = setting(
-        "turn and drive to look for a pillar never seen or lost; false: stand still", default=True
+        "search for a pillar that was never seen or is lost; if false, stand still", default=True
     )
     search_rate: float = number(0.05, 2.0, "turning rate of the search [rad/s]", default=0.5)
-    search_radius_step: float = number(0.1, 10.0, "by which the search widens each round [m]", default=1.5)
+    search_radius_step: float = number(0.1, 10.0, "growth of the search path per round [m]", default=1.5)
 
 
 class Target(NamedTuple):

@@ -51,13 +51,17 @@ STANDING = 0.02  # [m/s], slower wheels have no direction of travel
 class CrashConfig:
     """Limits of a crash."""
 
-    max_loss: float = number(0.01, 5.0, "loss of speed on smooth ground that is no crash [m/s]", default=0.12)
-    window: float = number(0.02, 0.5, "time within which the speed is lost [s]", default=0.1)
-    max_loss_rough: float = number(0.01, 5.0, "the same on ground that shakes the robot [m/s]", default=0.24)
-    vibration_factor: float = number(
-        0.0, 20.0, "times the vibration of a window, added on rough ground", default=1.0
+    max_loss: float = number(
+        0.01, 5.0, "largest loss of speed on smooth ground without a crash [m/s]", default=0.12
     )
-    odometry_delay: float = number(0.0, 0.5, "by which odometry may be late or early [s]", default=0.1)
+    window: float = number(0.02, 0.5, "time within which the speed is lost [s]", default=0.1)
+    max_loss_rough: float = number(
+        0.01, 5.0, "largest loss of speed on rough ground without a crash [m/s]", default=0.24
+    )
+    vibration_factor: float = number(
+        0.0, 20.0, "factor of the vibration in a window, which is added on rough ground", default=1.0
+    )
+    odometry_delay: float = number(0.0, 0.5, "largest delay or lead of odometry [s]", default=0.1)
 
 
 class Change(NamedTuple):

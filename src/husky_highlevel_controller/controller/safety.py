@@ -30,9 +30,11 @@ STOPPING_TIMEOUT = 1.0  # [s], after a stop was called for the robot stands, or 
 class ProximityConfig:
     """Distances at which something is too close."""
 
-    margin: float = number(0.0, 1.0, "clearance to keep when it stands [m]", default=0.1)
-    reaction_time: float = number(0.0, 2.0, "from a scan to the first braking [s]", default=0.2)
-    braking: float = number(0.1, 10.0, "deceleration to count on, at most the drive's [m/s^2]", default=3.0)
+    margin: float = number(0.0, 1.0, "clearance to keep after stopping [m]", default=0.1)
+    reaction_time: float = number(0.0, 2.0, "delay from a scan to the first braking [s]", default=0.2)
+    braking: float = number(
+        0.1, 10.0, "assumed deceleration, at most the limit of the drivetrain [m/s^2]", default=3.0
+    )
 
 
 def is_moving(twist: Twist2D) -> bool:

@@ -39,7 +39,7 @@ WITHOUT_EFFECT = re.compile(
 class InputConfig:
     """A topic of measurements: the parameter odomN or imuN and those that begin with its name."""
 
-    topic: str = setting("of nav_msgs/Odometry or sensor_msgs/Imu")
+    topic: str = setting("topic of nav_msgs/Odometry or sensor_msgs/Imu")
     config: Tuple[bool, ...] = setting("whether each of the VARIABLES is measured", ())
     differential: bool = setting("a pose counts as velocity since the last", False)
     relative: bool = setting("poses count from the first one on", False)
@@ -55,14 +55,18 @@ class InputConfig:
 class FilterOptions:
     """Parameters without a number or a matrix in them."""
 
-    frequency: float = number(0.1, 1000.0, "of estimates [Hz]", 30.0)
-    sensor_timeout: Optional[float] = number(0.0, 1e6, "before it predicts without measurements [s]", None)
+    frequency: float = number(0.1, 1000.0, "rate of the estimates [Hz]", 30.0)
+    sensor_timeout: Optional[float] = number(
+        0.0, 1e6, "time until it predicts without measurements [s]", None
+    )
     two_d_mode: bool = setting("true", False)
-    predict_to_current_time: bool = setting("an estimate is of its own time, not of a measurement's", False)
+    predict_to_current_time: bool = setting(
+        "an estimate has the present time, not the time of a measurement", False
+    )
     publish_tf: bool = setting("odom_frame to base_link_frame", True)
-    odom_frame: str = setting("where the path begins", "odom")
-    base_link_frame: str = setting("of the robot", "base_link")
-    base_link_frame_output: str = setting("its name in what is published", "", optional=True)
+    odom_frame: str = setting("frame of the start of the path", "odom")
+    base_link_frame: str = setting("frame of the robot", "base_link")
+    base_link_frame_output: str = setting("name of the frame in published messages", "", optional=True)
     world_frame: str = setting("odom_frame", "", optional=True)
     gravitational_acceleration: float = number(0.0, 100.0, "[m/s^2]", 9.80665)
 

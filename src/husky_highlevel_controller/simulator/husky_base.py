@@ -25,8 +25,10 @@ class HuskyBaseConfig:
     """The real drive."""
 
     control_rate: int = number(1, 200, "commands, wheel odometry and joint states [Hz]", default=10)
-    max_wheel_speed: float = number(0.1, 5.0, "of either side, before both are scaled [m/s]", default=1.0)
-    lag: float = number(0.0, 5.0, "time constant of the wheels' speed [s]", default=0.29)
+    max_wheel_speed: float = number(
+        0.1, 5.0, "maximum speed of either side, before both are scaled [m/s]", default=1.0
+    )
+    lag: float = number(0.0, 5.0, "time constant of the wheel speed [s]", default=0.29)
     speed_resolution: float = number(
         1e-4, 1.0, "speeds are reported in multiples of this [m/s]", default=0.01
     )

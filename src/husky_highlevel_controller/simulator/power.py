@@ -33,9 +33,11 @@ DRIVER_HEAT, MOTOR_HEAT = 0.06, 0.15  # [K/A^2], in the end
 class PowerConfig:
     """The battery and the motors."""
 
-    torque_per_ampere: float = number(0.1, 100.0, "of one side's two wheels [N m/A]", default=4.4)
-    capacity: float = number(1.0, 1e4, "of the battery [Wh]", default=480.0)
-    charge: float = number(0.0, 1.0, "at the start, 1: full", default=1.0)
+    torque_per_ampere: float = number(
+        0.1, 100.0, "torque of the two wheels of one side per ampere [N m/A]", default=4.4
+    )
+    capacity: float = number(1.0, 1e4, "capacity of the battery [Wh]", default=480.0)
+    charge: float = number(0.0, 1.0, "charge at the start, from 0 to 1 (full)", default=1.0)
 
 
 class Power:

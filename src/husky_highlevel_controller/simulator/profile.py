@@ -27,9 +27,9 @@ from husky_highlevel_controller.simulator.sensors.vibration import VibrationConf
 class Ground:
     """Ground under the robot."""
 
-    friction: float = number(0.05, 2.0, "of the wheels, lengthwise")
-    lateral_grip: float = number(0.1, 10.0, "sideways over lengthwise friction")
-    rolling_current: float = number(0.0, 100.0, "of both motors, straight on [A]")
+    friction: float = number(0.05, 2.0, "friction of the wheels along the driving direction")
+    lateral_grip: float = number(0.1, 10.0, "ratio of sideways to lengthwise friction")
+    rolling_current: float = number(0.0, 100.0, "current of both motors when driving straight [A]")
     vibration: VibrationConfig = setting("vibration that the IMU measures")
 
 

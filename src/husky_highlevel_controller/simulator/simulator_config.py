@@ -24,14 +24,14 @@ ODOMETRY_RATE = 50  # [Hz], as on both robots; besides, odometry is fresh whenev
 class SimulatorConfig:
     """Rates and sensors of the simulation."""
 
-    physics_rate: int = number(50, 2000, "physics steps a second [Hz]")
-    scan_rate: int = number(1, 200, "scans a second [Hz]")
+    physics_rate: int = number(50, 2000, "physics steps per second [Hz]")
+    scan_rate: int = number(1, 200, "scans per second [Hz]")
     lidar: LidarConfig = setting("the lidar")
-    imu_rate: int = number(1, 1000, "IMU samples a second [Hz]")
+    imu_rate: int = number(1, 1000, "IMU samples per second [Hz]")
     imu: ImuConfig = setting("the inertial measurement unit")
-    gps_rate: int = number(0, 200, "fixes a second; 0: no receiver [Hz]")
+    gps_rate: int = number(0, 200, "position fixes per second; 0 means no receiver [Hz]")
     gps: GpsConfig = setting("the satellite receiver")
-    points_rate: int = number(0, 50, "point clouds a second; 0: no 3D lidar [Hz]")
+    points_rate: int = number(0, 50, "point clouds per second; 0 means no 3D lidar [Hz]")
     points: PointsConfig = setting("the 3D lidar")
     robot: Robot = field(default_factory=load_robot)
     traction: TractionConfig = field(default_factory=TractionConfig)

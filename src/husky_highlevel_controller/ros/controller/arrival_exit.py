@@ -35,7 +35,7 @@ STANDING_TIME = 1.0  # [s] of simulated time that a robot stands which has arriv
 class ExitConfig:
     """End of a drive that does not arrive."""
 
-    deadline: float = number(0.1, 1e6, "simulated time until the drive has failed [s]", default=120.0)
+    deadline: float = number(0.1, 1e6, "time limit of the run, simulated [s]", default=120.0)
 
 
 class ArrivalExit:

@@ -54,7 +54,9 @@ class ScanTopicConfig:
     """Topic and queue of the scans."""
 
     scan_topic_name: str = setting("topic of the lidar's scans", default=f"/{load_robot().topics.scan}")
-    scan_topic_queue_size: int = number(1, 1000, "scans kept while busy; an old scan is of no use", default=1)
+    scan_topic_queue_size: int = number(
+        1, 1000, "maximum number of scans that wait while the node is busy; 1 keeps the newest", default=1
+    )
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class StartStopConfig:
     start_stop_service_name: str = setting(
         "service that starts (true) and stops (false) the robot", default="~start_stop"
     )
-    start_enabled: bool = setting("drive from the start, unasked", default=True)
+    start_enabled: bool = setting("drive from the start; if false, wait for the service", default=True)
 
 
 class ControllerNode:

@@ -22,22 +22,22 @@ from husky_highlevel_controller.simulator.simulator_config import SimulatorConfi
 class StartConfig:
     """World, start pose, seed and pace of the simulation."""
 
-    laser_frame: str = setting("where the lidar's beams start")
+    laser_frame: str = setting("origin of the lidar beams")
     world_name: str = setting("a .world file", default="")
     x: float = number(-1e4, 1e4, "start pose in the world [m]", default=0.0)
     y: float = number(-1e4, 1e4, "start pose in the world [m]", default=0.0)
     z: float = number(
-        -1e4, 1e4, "height from which the floor is looked for, or the robot falls [m]", default=0.0
+        -1e4, 1e4, "height from which to search for the floor, or from which the robot falls [m]", default=0.0
     )
     yaw: float = number(-7.0, 7.0, "start heading [rad]", default=0.0)
-    seed: int = number(0, 2**31 - 1, "of all noise", default=0)
-    real_time_factor: float = number(0.0, 1000.0, "pace; 0 = as fast as it goes", default=1.0)
+    seed: int = number(0, 2**31 - 1, "random seed of all noise", default=0)
+    real_time_factor: float = number(0.0, 1000.0, "maximum real-time factor; 0 means unlimited", default=1.0)
     paused: bool = setting("wait for gazebo/unpause_physics", default=False)
-    wait_for_rviz: bool = setting("hold time until the RViz that was launched beside draws", default=True)
-    lockstep: bool = setting("wait for the command that answers a scan", default=False)
-    kinect_enabled: bool = setting("with a depth camera", default=False)
-    profile: str = setting("whose drivers: gazebo or robot", default="gazebo")
-    ground: str = setting("with profile robot: hard or soft", default="hard")
+    wait_for_rviz: bool = setting("hold time until the RViz of the same launch draws", default=True)
+    lockstep: bool = setting("wait for a command after each scan", default=False)
+    kinect_enabled: bool = setting("add a depth camera", default=False)
+    profile: str = setting("drivers to simulate, gazebo or robot", default="gazebo")
+    ground: str = setting("ground for profile robot, hard or soft", default="hard")
 
     @property
     def pose(self) -> Pose2D:

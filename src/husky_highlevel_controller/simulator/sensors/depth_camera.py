@@ -23,9 +23,9 @@ class CameraConfig:
 
     width: int = number(16, 1280, "columns of the image", default=320)
     height: int = number(16, 1024, "rows of the image", default=240)
-    field_of_view: float = number(10.0, 120.0, "from the left edge to the right one [deg]", default=60.0)
-    near: float = number(0.01, 1.0, "nearer is not seen [m]", default=0.05)
-    far: float = number(1.0, 100.0, "farther is not seen [m]", default=8.0)
+    field_of_view: float = number(10.0, 120.0, "angle from the left to the right edge [deg]", default=60.0)
+    near: float = number(0.01, 1.0, "nearer surfaces are not seen [m]", default=0.05)
+    far: float = number(1.0, 100.0, "farther surfaces are not seen [m]", default=8.0)
 
     def __post_init__(self) -> None:
         """Raises ValueError where nothing could be seen."""
@@ -52,7 +52,7 @@ class CameraConfig:
 class CameraSetup:
     """A camera at work."""
 
-    camera_rate: int = number(1, 50, "depth images a second [Hz]", default=10)
+    camera_rate: int = number(1, 50, "depth images per second [Hz]", default=10)
     camera: CameraConfig = field(default_factory=CameraConfig, metadata={"help": "the depth camera"})
 
 

@@ -26,9 +26,9 @@ DRIFT_TIME = 3600.0  # [s]
 class GpsConfig:
     """Place of the world on Earth, and noise of the receiver; config/robots/ holds the values."""
 
-    latitude: float = number(-89.0, 89.0, "of the world's origin [deg]")
-    longitude: float = number(-180.0, 180.0, "of the world's origin [deg]")
-    drift: float = number(0.0, 100.0, "of the position, on each axis [m]")
+    latitude: float = number(-89.0, 89.0, "latitude of the origin of the world [deg]")
+    longitude: float = number(-180.0, 180.0, "longitude of the origin of the world [deg]")
+    drift: float = number(0.0, 100.0, "drift of the position on each axis [m]")
 
 
 class Gps:

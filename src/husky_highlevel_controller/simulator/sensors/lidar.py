@@ -25,11 +25,11 @@ class LidarConfig:
     """Beams, range and noise of the lidar; config/robots/ holds their values."""
 
     beams: int = number(2, 16384, "number of beams")
-    angle_max: float = number(0.01, 3.14159, "last beam's angle; first is minus it [rad]")
-    range_min: float = number(0.0, 10.0, "nearer reads -inf, see hides_near [m]")
-    range_max: float = number(0.1, 1000.0, "farther reads +inf [m]")
+    angle_max: float = number(0.01, 3.14159, "angle of the last beam; the first has the negative angle [rad]")
+    range_min: float = number(0.0, 10.0, "a shorter range reads -inf, see hides_near [m]")
+    range_max: float = number(0.1, 1000.0, "a longer range reads +inf [m]")
     noise: float = number(0.0, 1.0, "standard deviation [m]")
-    hides_near: bool = setting("nearer reads +inf, as pointcloud_to_laserscan has it; false: -inf")
+    hides_near: bool = setting("a shorter range reads +inf, as in pointcloud_to_laserscan; if false, -inf")
 
     def __post_init__(self) -> None:
         """Raises ValueError where no range is valid."""

@@ -42,18 +42,20 @@ class Lms1xxConfig:
     """Beams, angles, range and noise of the lidar."""
 
     beams: int = number(2, 1082, "number of beams", default=541)
-    angle_max: float = number(0.01, 3.1, "last beam's angle; first is minus it [rad]", default=2.35619)
-    range_min: float = number(0.0, 10.0, "nearer reads 0 [m]", default=0.01)
-    range_max: float = number(0.1, 100.0, "farther reads 0 [m]", default=20.0)
+    angle_max: float = number(
+        0.01, 3.1, "angle of the last beam; the first has the negative angle [rad]", default=2.35619
+    )
+    range_min: float = number(0.0, 10.0, "a shorter range reads 0 [m]", default=0.01)
+    range_max: float = number(0.1, 100.0, "a longer range reads 0 [m]", default=20.0)
     resolution: float = number(1e-6, 0.1, "ranges are multiples of this [m]", default=0.001)
     noise: float = number(0.0, 1.0, "standard deviation [m]", default=0.012)
-    time_increment: float = number(0.0, 3.6e-5, "from one beam to the next [s]", default=2.778e-5)
+    time_increment: float = number(0.0, 3.6e-5, "time from one beam to the next [s]", default=2.778e-5)
     spot: float = number(0.0, 0.1, "diameter of the beam at the lidar [m]", default=0.008)
     divergence: float = number(0.001, 0.04, "growth of the diameter [rad]", default=0.015)
     remission: float = number(
-        0.01, 1.0, "share of the light that surfaces return; 0.2: grey card", default=0.2
+        0.01, 1.0, "fraction of the light that surfaces return; 0.2 is a grey card", default=0.2
     )
-    echo_length: float = number(0.01, 5.0, "echoes less far apart are one [m]", default=0.5)
+    echo_length: float = number(0.01, 5.0, "echoes closer than this merge [m]", default=0.5)
 
     @property
     def sweep_time(self) -> float:

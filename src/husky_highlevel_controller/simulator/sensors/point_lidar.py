@@ -25,10 +25,12 @@ class PointsConfig:
     """Rings, columns, range and noise; config/robots/ holds the values."""
 
     rings: int = number(1, 128, "elevations")
-    columns: int = number(4, 4096, "directions all round; even")
-    elevation_max: float = number(0.01, 1.5, "of the highest ring, the lowest is minus it [rad]")
-    range_min: float = number(0.0, 10.0, "nearer is left out [m]")
-    range_max: float = number(0.1, 1000.0, "farther is left out [m]")
+    columns: int = number(4, 4096, "directions of a full turn; an even number")
+    elevation_max: float = number(
+        0.01, 1.5, "elevation of the highest ring; the lowest has the negative angle [rad]"
+    )
+    range_min: float = number(0.0, 10.0, "nearer points are omitted [m]")
+    range_max: float = number(0.1, 1000.0, "farther points are omitted [m]")
     noise: float = number(0.0, 1.0, "standard deviation [m]")
 
     def __post_init__(self) -> None:

@@ -27,18 +27,20 @@ def _number(default: Any, help_text: str, minimum: float = -FAR) -> Any:
 class FlattenConfig:
     """Parameters of pointcloud_to_laserscan 1.4, with its defaults."""
 
-    target_frame: str = setting("of the scan; empty: the cloud's", default="", optional=True)
+    target_frame: str = setting(
+        "frame of the scan; defaults to the frame of the cloud", default="", optional=True
+    )
     transform_tolerance: float = _number(0.01, "without effect [s]")
-    min_height: float = _number(-FAR, "lower points are left out [m]")
-    max_height: float = _number(FAR, "higher points are left out [m]")
-    angle_min: float = _number(-pi, "of the first direction [rad]")
-    angle_max: float = _number(pi, "of the last direction [rad]")
-    angle_increment: float = _number(pi / 180.0, "between directions [rad]", 1e-4)
-    scan_time: float = _number(1.0 / 30.0, "from scan to scan, only told [s]")
-    range_min: float = _number(0.0, "nearer points are left out [m]")
-    range_max: float = _number(FAR, "farther points are left out [m]")
-    use_inf: bool = setting("+inf for no point; false: beyond range_max", default=True)
-    inf_epsilon: float = _number(1.0, "how far beyond range_max [m]")
+    min_height: float = _number(-FAR, "lower points are omitted [m]")
+    max_height: float = _number(FAR, "higher points are omitted [m]")
+    angle_min: float = _number(-pi, "angle of the first direction [rad]")
+    angle_max: float = _number(pi, "angle of the last direction [rad]")
+    angle_increment: float = _number(pi / 180.0, "angle between directions [rad]", 1e-4)
+    scan_time: float = _number(1.0 / 30.0, "time from scan to scan, copied to the message [s]")
+    range_min: float = _number(0.0, "nearer points are omitted [m]")
+    range_max: float = _number(FAR, "farther points are omitted [m]")
+    use_inf: bool = setting("+inf if there is no point; if false, a range beyond range_max", default=True)
+    inf_epsilon: float = _number(1.0, "distance beyond range_max [m]")
     concurrency_level: int = _number(1, "without effect")
     queue_size: int = _number(1, "without effect")
 

@@ -46,7 +46,7 @@ class VibrationConfig:
     horizontal: float = number(0.0, 50.0, "std of ax, ay per speed [(m/s^2)/(m/s)]")
     vertical: float = number(0.0, 50.0, "std of az per speed [(m/s^2)/(m/s)]")
     rate: float = number(0.0, 5.0, "std of the rates per speed [(rad/s)/(m/s)]")
-    saturation: float = number(0.0, 10.0, "speed beyond which it grows no more [m/s]")
+    saturation: float = number(0.0, 10.0, "speed above which the vibration stays constant [m/s]")
 
 
 class VibratingImu:
