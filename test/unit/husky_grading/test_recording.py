@@ -1,12 +1,27 @@
-"""Recording of a drive: which commands are nothing, and which notes go into it."""
+"""Recording of a drive: its commands, notes, gaps and jumps, and its text."""
 
+import json
 import struct
+from dataclasses import replace
 from math import inf, nan
 
+import numpy as np
 import pytest
+from drives import GOOD, NOSE, PILLAR, WAY, markers
 
+from husky_grading.exercises.exercise_3 import judge_arrival
 from husky_grading.notes import Kind, Note
-from husky_grading.recording import Closing, Recording, closed, is_zero
+from husky_grading.recording import (
+    Closing,
+    Recording,
+    closed,
+    hull_gaps,
+    is_zero,
+    pose_jumps,
+    recording_to_json,
+)
+from husky_highlevel_controller.config import from_plain
+from husky_highlevel_controller.course import PILLARS
 from husky_highlevel_controller.datatypes import Pose2D
 
 
@@ -37,3 +52,34 @@ def test_after_a_node_has_ended_its_silence_is_no_finding_but_what_it_sent_is():
     died = Note(Kind.NODE_FAILED, "node n ends")
     assert closed(recording, Closing((died,))).notes == (died, unreadable)
     assert closed(recording, Closing()).notes == (silent, unreadable)
+
+
+@pytest.mark.parametrize(
+    ("robot", "pose", "gap"),
+    [
+        ("husky", (0.0, 0.0, 0.0), WAY),
+        ("husky", (0.0, 0.0, np.pi / 2), 10.0 - 0.2 - 0.34255),  # its wheels stick out sideways
+        ("husky", (10.0, -1.0, np.pi / 2), 1.0 - 0.2 - NOSE),
+        ("husky", (10.0, 0.0, 0.0), -0.2),
+        ("smb", (0.0, 0.0, 0.0), np.hypot(10.0 - 0.4059, 0.235) - 1.0),  # whose pillar is thicker
+    ],
+)
+def test_the_gap_is_from_the_outline_of_the_robot_that_drove_to_the_surface_of_its_pillar(robot, pose, gap):
+    assert hull_gaps(np.array([pose]), PILLAR, robot)[0] == pytest.approx(gap, abs=1e-4)
+
+
+def test_a_recording_comes_back_from_its_text():
+    notes = (Note(Kind.NODE_ENDED, "node n ends during the drive (exit code 0)"),)
+    made = replace(markers(GOOD, (10.0, 0.0, nan)), robot="smb", notes=notes)
+    again = from_plain(Recording, json.loads(recording_to_json(made)), "")
+    assert np.array_equal(again.poses, np.round(made.poses, 4))
+    assert again.markers[3].topic == "/marker"
+    assert (again.start, again.notes, again.pillar_size) == (made.start, notes, PILLARS["smb"])
+    assert judge_arrival(again) == judge_arrival(made)
+
+
+def test_a_pose_that_jumps_is_named():
+    assert pose_jumps(GOOD.times, GOOD.poses) == []
+    moved = GOOD.poses.copy()
+    moved[100:, 0] += 5.0
+    assert pose_jumps(GOOD.times, moved) == ["the robot jumps 5.01 m at 2.02 s"]

@@ -4,7 +4,7 @@ import re
 from types import SimpleNamespace
 
 from husky_grading import submission
-from husky_grading.notes import Kind
+from husky_grading.notes import Kind, Note
 from husky_grading.submission import MAX_EVENTS, Event, notes_on, read_events
 
 DIED = '{"event": "died", "node": "n%d", "exit_code": 1}\n'
@@ -37,3 +37,21 @@ def test_events_that_a_submission_forges_are_bounded_and_that_there_were_more_is
     assert len(notes) == MAX_EVENTS
     assert {note.kind for note in notes} == {Kind.NODE_FAILED}
     assert re.fullmatch(r"node n0 ends .*", notes[0].text)
+
+
+RAISES = """[ERROR] [1700000000.12, 0.340000]: bad callback: <function on_scan at 0x7f00>
+Traceback (most recent call last):
+  File "/usr/lib/python3/dist-packages/rospy/topics.py", line 750, in _invoke_callback
+    cb(msg)
+  File "/ws/src/husky/scripts/controller", line 23, in on_scan
+    nearest = minimum(scan.ranges)
+NameError: name 'minimum' is not defined
+"""
+
+
+def test_an_exception_in_a_callback_is_named_with_its_line():
+    (note,) = notes_on([], RAISES * 7)
+    said = "callback on_scan raises NameError: name 'minimum' is not defined (controller:23), "
+    said += "first at 0.34 s, 7 times"
+    assert note == Note(Kind.EXCEPTION, said, 0.34)
+    assert notes_on([], "all is well\nTraceback of a path\n") == []

@@ -1,6 +1,6 @@
-"""End of a drive that leads away from the pillar; test_drive_parts.py has the other ends."""
+"""End of a drive: at the pillar, where the robot stands or drives away, and where its nodes have ended."""
 
-from math import cos, hypot, pi, sin
+from math import cos, hypot, inf, pi, sin
 
 import pytest
 
@@ -50,3 +50,40 @@ def test_a_robot_that_turns_however_slowly_may_come_back(rate):
 def test_a_robot_that_drives_away_first_and_turns_round_is_not_ended():
     """It drives away for 8 s, and then on a curve."""
     assert drive(lambda now: pi / 2.0 if now < 2.0 else 0.0 if now < 10.0 else 0.25) is None
+
+
+def end_of(states, abandoned_at=inf):
+    """The first moment at which a drive of (stamp, x, speed) is over, and why."""
+    end = DriveEnd((10.0, 0.0), "husky")
+    for stamp, x, speed in states:
+        end.update(TrueState(stamp, Pose((x, 0.0, 0.1)), speed, 0.0))
+        reason = end.reason(stamp >= abandoned_at)
+        if reason:
+            return stamp, reason.text
+    return None, ""
+
+
+def standing(x, start, seconds, speed=0.0):
+    return [(start + 0.1 * n, x, speed) for n in range(int(10 * seconds))]
+
+
+MOVES = (1.0, 5.0, 1.0)
+ABANDONED = "its nodes had ended, and it stood still for 3 s"
+
+
+@pytest.mark.parametrize(
+    ("states", "abandoned_at", "ends_at", "why"),
+    [
+        ([MOVES, *standing(9.2, 2.0, 5.0)], inf, 5.0, "it stands at the pillar"),
+        ([MOVES, *standing(9.4, 2.0, 5.0, speed=1.0)], inf, 5.0, "it reached the pillar and touched it"),
+        (standing(0.0, 0.0, 30.0), inf, 12.0, "it did not move for 12 s"),  # of which it may sleep 10
+        ([MOVES, *standing(5.0, 1.1, 30.0)], inf, 16.0, "it stood still for 15 s"),
+        # its nodes have ended: it rolls out
+        ([MOVES, (2.0, 5.5, 0.2), *standing(5.6, 2.1, 30.0)], 1.0, 5.0, ABANDONED),
+        (standing(0.0, 0.0, 30.0), 0.0, 3.0, ABANDONED),
+        ([(1.0, 9.2, 1.0), *standing(9.2, 1.1, 5.0)], 2.0, 4.1, "it stands at the pillar"),
+    ],
+)
+def test_when_a_drive_is_over(states, abandoned_at, ends_at, why):
+    stamp, said = end_of(states, abandoned_at)
+    assert (stamp, said) == (pytest.approx(ends_at, abs=0.2), why)

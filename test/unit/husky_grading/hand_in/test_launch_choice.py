@@ -1,16 +1,22 @@
 """Choice of the launch file and package that stand for a hand-in, and what a launch file needs."""
 
+import os
+
 import pytest
+from hand_ins import NODE, RVIZ, WORLD, chosen, copied, launch, package
 from packages import manifest, put
 
 from husky_grading.exercises.catalogue import EXERCISES
+from husky_grading.hand_in import build as build_module
+from husky_grading.hand_in import launch_choice
+from husky_grading.hand_in import packages as packages_module
 from husky_grading.hand_in import prepare as prepare_module
-from husky_grading.hand_in.build import Build
+from husky_grading.hand_in.build import Build, copy_packages
 from husky_grading.hand_in.packages import NotMarkableError, exercise_numbers
 from husky_grading.hand_in.prepare import prepare
 from husky_grading.isolation.sandbox import Workspace
 from husky_grading.notes import Kind, Note
-from husky_grading.records import Job, MarkingConfig
+from husky_grading.records import Job, MarkingConfig, Override
 from husky_highlevel_controller.paths import share_folder
 
 pytestmark = pytest.mark.usefixtures("launch_files_read_here")
@@ -179,3 +185,133 @@ def test_the_template_of_a_new_package_that_nobody_touched_gives_way_to_the_stud
 def test_the_template_counts_if_there_is_nothing_else(ann):
     (new_package(ann / "my_husky", "my_husky") / "launch" / "pilot.launch").unlink()
     assert prepared(ann)[0].launchable.name.endswith("drive.launch")
+
+
+EKF = '<node name="e" pkg="robot_localization" type="ekf_localization_node"/>'
+BAG = '<node name="p" pkg="rosbag" type="play"/>'
+INCLUDES = '<include file="$(find husky)/parts/b.launch"/>'
+
+
+def launch_files(ann, exercise=3, **more):
+    """Launch files that start something, the chosen one first, in copies of the packages."""
+    contents, packages, _ = chosen(ann, exercise)
+    facts = EXERCISES[exercise].facts
+    out, known = ann.parents[1] / "out", packages_module.copies_of_known(contents.packages)
+    folders, _ = copy_packages(packages, out / "ws")
+    copies, _ = copy_packages(known, out / "copies")
+    workspace = Workspace(packages=(folders.root / "src", *copies.packages.values()))
+    override = Override(**more)
+    files = launch_choice.read_launch_files(
+        contents, [*packages, *known], folders, copies, workspace, override, facts.parts
+    )
+    return launch_choice.choose_launch_files(files, exercise, facts)
+
+
+@pytest.mark.parametrize(
+    ("exercise", "files", "taken"),
+    [
+        (3, {"a": [NODE], "b": [RVIZ]}, "a"),
+        (3, {"ex2": [NODE], "ex3": [NODE]}, "ex3"),
+        (3, {"ex3_cpp": ["<!--", NODE, "-->"], "any": [NODE]}, "any"),
+        (3, {"a": [NODE], "b": [NODE, WORLD]}, "b"),
+        (3, {"a": [NODE], "b": [NODE, RVIZ]}, "b"),
+        (3, {"ex3": [NODE], "husky": [NODE, WORLD]}, "husky"),
+        (3, {"ex5": [NODE, WORLD], "husky": [NODE]}, "husky"),
+        (3, {"a": [NODE, RVIZ], "high_level": [NODE]}, "high_level"),
+        (3, {"a_test": [NODE, RVIZ], "b": [NODE]}, "b"),
+        (3, {"a_ekf": [NODE, WORLD, RVIZ], "b": [NODE]}, "b"),
+        (3, {"pillar/a": [NODE, WORLD], "pillar/single_pillar": [NODE, WORLD]}, "pillar/single_pillar"),
+        (3, {"a": ['<group if="false">', NODE, "</group>"], "b": [NODE]}, "b"),
+        (3, {"a": [INCLUDES, WORLD, RVIZ], "parts/b": [NODE]}, "a"),
+        (4, {"a": [NODE, WORLD], "ekf": [EKF, RVIZ], "z": [BAG]}, "ekf"),
+        (4, {"a": [NODE, WORLD], "z": [BAG]}, "z"),  # without a filter
+        (4, {"ex5": [EKF, NODE], "x": [EKF]}, "x"),
+        (4, {"x": [EKF], "ex4": [EKF]}, "ex4"),
+    ],
+)
+def test_the_launch_file_is_found_by_what_is_in_it(exercise, files, taken, ann, husky, tmp_path):
+    for name, content in files.items():
+        launch(husky / f"{name}.launch", *(each.replace("{}", "husky") for each in content))
+    candidates = launch_files(ann, exercise)
+    assert str(candidates[0].place) == f"husky/{taken}.launch"
+    assert candidates[0].package == "husky"
+    kind = "husky/controller" if exercise == 3 else "ro"  # robot_localization's filter, or rosbag's player
+    assert f": starts {kind}" in launch_choice.reasons(candidates[0], candidates, exercise)
+    is_built = build_module.is_built(candidates[0].nodes[0], copied(ann, tmp_path)[0])
+    assert is_built is (exercise == 4), "it needs no build"
+
+
+INCLUDES_ITSELF = '<include file="$(find husky)/ex3.launch"/>'
+LONG_ARGUMENT = (
+    f'<include file="$(find husky)/ex3.launch"><arg name="x" value="{"$(arg x)x" * 1000}"/></include>'
+)
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (INCLUDES_ITSELF, "the launch file cannot be loaded: "),
+        (INCLUDES_ITSELF * 50, "the launch file cannot be loaded: "),
+        (LONG_ARGUMENT, ""),
+        ("<group>" * 5000 + "</group>" * 5000, ""),
+    ],
+    ids=["includes itself", "50 times", "long", "deep"],
+)
+def test_a_launch_file_of_any_depth_or_length_is_read(content, problem, ann, husky):
+    launch(husky / "ex3.launch", NODE.format("husky"), content)
+    (only,) = launch_files(ann)
+    assert only.nodes == ("husky/controller",)
+    assert not problem or problem in only.plan.notes[0].text
+
+
+def test_a_launch_file_may_lie_beside_its_package_and_a_teacher_may_name_it(ann):
+    package(ann / "exercise3" / "husky", "husky")
+    for name in ("ex3.launch", "launch/ex3.launch", "launch/other.launch.xml", "copy.launch.bak"):
+        launch(ann / "exercise3" / name, NODE.format("husky"))
+    candidates = launch_files(ann)
+    assert (str(candidates[0].place), candidates[0].package) == ("exercise3/ex3.launch", "husky")
+    assert candidates[0].path.read_text() == (ann / candidates[0].place).read_text()
+    assert {file.place.name for file in candidates} == {"ex3.launch", "other.launch.xml"}
+    assert "is named for exercise 3" in launch_choice.reasons(candidates[0], candidates, 3)
+    (only,) = launch_files(ann, launch="launch/ex3.launch")
+    assert str(only.place) == "exercise3/launch/ex3.launch"
+    with pytest.raises(NotMarkableError, match="2 fit it"):
+        launch_files(ann, launch="ex3.launch")
+
+
+def test_a_copy_of_a_known_package_may_have_the_launch_file(ann):
+    package(ann / "src" / "husky", "husky")
+    copy = package(ann / "src" / "husky_gazebo", "husky_gazebo")
+    package(ann / "src" / "old" / "husky_gazebo", "husky_gazebo")
+    launch(copy / "launch" / "spawn_husky.launch", NODE.format("gazebo_ros"))
+    launch(copy / "launch" / "mine.launch", NODE.format("husky"))
+    launch(copy / "launch" / "all.launch.xml", '<include file="$(find husky_gazebo)/launch/mine.launch"/>')
+    assert chosen(ann)[2] == ["left aside, because not the student's own: husky_gazebo"]
+    candidates = launch_files(ann)
+    assert {file.path.name for file in candidates} == {"mine.launch", "all.launch.xml"}
+    assert {file.package for file in candidates} == {"husky"}
+
+
+def test_no_launch_file_is_read_through_a_link(ann, husky, tmp_path):
+    launch(tmp_path / "bob" / "launch" / "ex3.launch", NODE.format("husky"))
+    for link in (ann / "launch", husky / "inner"):
+        link.symlink_to(tmp_path / "bob" / "launch")
+    launch(husky / "launch" / "a.launch", '<include file="$(find husky)/inner/ex3.launch"/>')
+    with pytest.raises(NotMarkableError, match=r"launch files: husky/launch/a\.launch$"):
+        launch_files(ann)
+
+
+@pytest.mark.parametrize(
+    ("exercise", "words"),
+    [
+        (3, r"hand-in; husky/controller is commented out in husky/off\.launch; launch files: husky/broken"),
+        (4, r"ekf_localization_node; husky/controller is commented out in husky/off\.launch; launch files: "),
+    ],
+)
+def test_without_a_launch_file_that_fits_there_is_no_mark(exercise, words, ann, husky):
+    launch(husky / "rviz.launch", RVIZ)
+    put(husky / "broken.launch", "<launch>")
+    launch(husky / "off.launch", "<!--", NODE.format("husky"), "-->")
+    os.mkfifo(husky / "fifo.launch")
+    with pytest.raises(NotMarkableError, match=words):
+        launch_files(ann, exercise)

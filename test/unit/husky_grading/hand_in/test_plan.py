@@ -1,0 +1,73 @@
+"""Plan of a launch file: what it starts, as roslaunch reads it, and what is left out."""
+
+from pathlib import Path
+
+import pytest
+from packages import put
+
+from husky_grading.hand_in.plan import package_path, plan
+from husky_grading.isolation.sandbox import Workspace
+from husky_grading.records import Launchable
+from husky_grading.submission import Event
+
+
+@pytest.mark.parametrize(
+    ("path", "read"),
+    [
+        ("/ws/src/husky", True),
+        ("/more/husky", True),
+        ("/ws/src/../../home", False),
+        ("/", False),
+        ("", False),
+    ],
+)
+def test_no_folder_that_a_submission_invents_is_read(path, read, monkeypatch):
+    monkeypatch.setenv("ROS_PACKAGE_PATH", "/ros")
+    workspace = Workspace((Path("/ws/devel/setup.bash"),), (Path("/more"),))
+    found = package_path([Event("started"), Event("package", path=path)], workspace)
+    assert found == (Path(path) if read else None)
+
+
+def planned(folder, files, tmp_path):
+    """The plan of a.launch of a package of these files."""
+    for path, text in files.items():
+        put(folder / path, text)
+    launchable = Launchable("launch", "a", str(folder / "a.launch"))
+    return plan(launchable, Workspace(packages=(folder,)), tmp_path / "plan")
+
+
+NODE = '<node name="n" pkg="p" type="t"/>'
+
+
+def test_a_launch_file_gets_its_arguments(tmp_path):
+    for arguments, node in (((), "husky_controller"), (("naive:=true",), "naive_controller")):
+        what = Launchable("launch", "husky_highlevel_controller", "controller.launch", arguments)
+        assert plan(what, Workspace(), tmp_path / node).nodes == (f"husky_highlevel_controller/{node}",)
+
+
+def test_aliases_in_a_parameter_file_are_refused(tmp_path):
+    load = '<rosparam command="load" file="$(dirname)/a.yaml"/>'
+    files = {"a.yaml": "a: &a [1, 2]\nb: [*a, *a]\n", "a.launch": f"<launch>{load}{NODE}</launch>"}
+    made = planned(tmp_path / "aliases", files, tmp_path)
+    assert not made.nodes
+    assert "YAML aliases are refused" in made.notes[0].text
+
+
+def test_files_of_a_copy_are_found_but_what_starts_a_simulator_is_left_out(tmp_path):
+    files = {
+        "package.xml": "<package><name>husky_gazebo</name></package>",
+        "config/mine.yaml": "gain: 1",
+        "launch/spawn_husky.launch": "<launch/>",  # without arguments
+        "launch/mine.launch": f"<launch>{NODE}</launch>",
+        "a.launch": """<launch>
+          <node name="gazebo" pkg="gazebo_ros" type="gzserver" args="$(find husky_gazebo)/a.world"/>
+          <node name="post" pkg="gazebo_ros" type="spawn_model" args="-sdf -file post.sdf -model post"/>
+          <include file="$(find husky_gazebo)/launch/spawn_husky.launch"><arg name="x" value="1"/></include>
+          <include file="$(find husky_gazebo)/launch/mine.launch"/>
+          <rosparam command="load" file="$(find husky_gazebo)/config/mine.yaml"/>
+        </launch>""",
+    }
+    made = planned(tmp_path / "husky_gazebo", files, tmp_path)
+    assert made.nodes == ("p/t",), made
+    assert made.left_out == ("gazebo_ros/gzserver", "gazebo_ros/spawn_model")
+    assert made.notes == ()

@@ -1,0 +1,1 @@
+"""Package, because another folder has a test_markers, too."""

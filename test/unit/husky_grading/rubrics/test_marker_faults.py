@@ -1,0 +1,49 @@
+"""Fault of a marker: it is named as it is in the code of the student."""
+
+from dataclasses import replace
+from math import nan
+
+import numpy as np
+from drives import TO_PILLAR, drive, markers
+
+from husky_grading.exercises.exercise_3 import judge_place
+
+
+def turning(place_of, frame="odom", **more):
+    """A drive that turns 25 degrees to the pillar in 4 s and drives there; markers by base_link."""
+    straight = drive((4.0, 0.0), (TO_PILLAR, 0.5))
+    yaw = np.clip(-0.44 + 0.44 * straight.times / 4.0, -0.44, 0.0)
+    poses = np.column_stack([straight.poses[:, :2], yaw])
+
+    def place(row):
+        x, y, yaw = poses[row]
+        c, s, dx, dy = np.cos(yaw), np.sin(yaw), 10.0 - x, -y
+        ahead, left = place_of(dx * c + dy * s, dy * c - dx * s)
+        return x + ahead * c - left * s, y + ahead * s + left * c, 0.0
+
+    marked = markers(replace(straight, poses=poses), place)
+    return replace(marked, markers=tuple(replace(each, frame=frame, **more) for each in marked.markers))
+
+
+def mirrored(x, y):
+    return x, -y
+
+
+def test_a_mirrored_marker_gets_half_at_most_and_is_named():
+    assert judge_place(turning(lambda x, y: (x, y))).points == 20.0
+    item = judge_place(turning(mirrored))
+    assert 9.0 <= item.points <= 10.0
+    assert item.evidence.startswith("mirrored: y has the wrong sign, for this laser hangs upside down; ")
+    assert "0 % with the pillar to the side, 100 % with it ahead" in item.evidence
+    assert "upside down" not in judge_place(replace(turning(mirrored), robot="smb")).evidence
+
+
+def test_the_fault_of_a_marker_is_named_as_it_is_in_the_code():
+    """Those of test/submissions are named in their recordings."""
+    whole_metres = judge_place(turning(lambda x, y: (np.trunc(x), np.trunc(y)), "base_link"))
+    assert "whole metres" in whole_metres.evidence
+    near = judge_place(turning(lambda x, y: (x - 1.5, y), "front_laser"))
+    assert "m in front of the pillar, seen" in near.evidence
+    assert near.hint.startswith("check header.frame_id")
+    assert "base_link" not in near.hint
+    assert "NaN" not in judge_place(turning(lambda x, y: (nan, y), problem="its alpha is 0")).hint
