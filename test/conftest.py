@@ -73,7 +73,7 @@ def launch_files_read_here(monkeypatch):
         monkeypatch.setattr(substitution_args, "_rospack", None)
         reporter = submission.Reporter(str(events))
         for launchable in launchables:
-            ours = {"nodes": [], "files": [], "places": [], **vars(parts)}
+            ours = {"nodes": [], "rviz": [], "files": [], "places": [], **vars(parts)}
             submission.describe(list(launchable.command), reporter, ours)
         reporter.close()
         return ""

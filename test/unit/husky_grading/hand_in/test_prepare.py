@@ -98,7 +98,7 @@ def test_a_neighbour_whose_manifest_cannot_be_read_ends_no_reading(husky, ann, t
 
 def test_a_result_folder_with_a_workspace_of_its_own_keeps_it(tmp_path):
     source = put(tmp_path / "ws" / "src" / "node.py")
-    path = str(launch(tmp_path / "a.launch", NODE.format("husky")))
-    job = Job("a", str(tmp_path), MarkingConfig(), Launchable("launch", "husky", path))
+    launchable = Launchable("launch", "husky_highlevel_controller", "controller.launch")
+    job = Job("a", str(tmp_path), MarkingConfig(), launchable)
     prepare_module.prepare(job, EXERCISES[3].facts)
     assert source.exists()
