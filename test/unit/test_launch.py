@@ -30,7 +30,7 @@ def test_a_quote_without_its_end_is_named_with_the_node(attribute, text, launch)
     with pytest.raises(SystemExit) as refusal:
         launch.check_quotes(SimpleNamespace(nodes=[node]))
     assert str(refusal.value).startswith(
-        f"[dev] error: node controller: {attribute} = {text!r} has a quote or "
+        f"[dev] error: node controller: {attribute} = {text!r} has an open quote or "
     )
 
 
