@@ -31,7 +31,7 @@ class ConfigError(HuskyError):
 
 
 def setting(help_text: str, default: Any = MISSING, **limits: Any) -> Any:
-    """Field of a record that a user may set; it must be given where it has no default."""
+    """Field of a record that a user may set; it must be given if it has no default."""
     return field(default=default, metadata={**limits, "help": help_text})
 
 
@@ -47,7 +47,7 @@ def read_config(values: Mapping[str, Any], source: str, *records: Type) -> List[
 
     Args:
         values: parameter names and values; nested records are nested mappings.
-        source: where they come from, for error texts: a file or a namespace ending in '/'.
+        source: origin of the values for error texts, such as a file or a namespace ending in '/'.
         *records: dataclasses.
 
     Raises:
@@ -84,15 +84,15 @@ def replace_parameters(record: Record, values: Mapping[str, Any], source: str = 
 
 
 def from_plain(kind: Type[Record], value: Any, source: str) -> Record:
-    """A record from what a YAML or JSON file holds; fields with a default may be absent.
+    """Make a record from the content of a YAML or JSON file; fields with a default may be absent.
 
     Args:
         kind: a dataclass; its fields are plain values, arrays, records, sequences, mappings, or optional.
         value: mappings, lists and plain values.
-        source: where they come from, for error texts, such as "marking.yaml: ".
+        source: origin of the values for error texts, such as "marking.yaml: ".
 
     Raises:
-        ConfigError: a key is missing or unknown, or a value is not what its field wants.
+        ConfigError: a key is missing or unknown, or a value does not suit its field.
     """
     if not isinstance(value, abc.Mapping):
         raise ConfigError(f"{source}{_short(value)} is not a mapping")
@@ -128,7 +128,7 @@ def load(kind: Type[Record], path: Path, *ignored: str) -> Record:
     """A record of a class from its JSON file, whose `ignored` keys are for other programs.
 
     Raises:
-        ConfigError: it cannot be read, or is of another kind.
+        ConfigError: the file cannot be read, or holds another kind of record.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -140,7 +140,7 @@ def load(kind: Type[Record], path: Path, *ignored: str) -> Record:
 
 
 def _record(kind: Any, values: Mapping[str, Any], source: str, parameters_only: bool) -> Any:
-    """An instance of a record class; keys that it does not know are the caller's affair."""
+    """Make an instance of a record class; the caller checks for unknown keys."""
     hints, values_by_field = _hints(kind), {}
     for item in fields(kind):
         if parameters_only and not item.metadata:
@@ -193,7 +193,7 @@ def _value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], parame
         return _items([args[0]] * len(_listed(value, name, metadata)), value, name, metadata, parameters_only)
     if origin in (dict, abc.Mapping):
         if value is None and not parameters_only:
-            value = {}  # likewise
+            value = {}  # also a key in YAML with nothing after it
         if not isinstance(value, abc.Mapping):
             raise ConfigError(f"{name} = {_short(value)} is not a mapping")
         return {
@@ -241,12 +241,12 @@ def _plain_value(kind: Any, value: Any, name: str, metadata: Mapping[str, Any], 
     help_text = _help_text(metadata)
     if kind is Any:
         return value
-    if type(value) is not kind and not (kind is float and type(value) is int):  # YAML's 1 is a fine 1.0
+    if type(value) is not kind and not (kind is float and type(value) is int):  # YAML reads 1.0 or 1
         type_name = kind.__name__ if parameters_only else _TYPE_NAMES[kind]
         raise ConfigError(f"{name} = {_short(value)} is not a {type_name}{help_text}{_exponent_hint(value)}")
     if "min" in metadata and kind in (int, float):
         low, high = metadata["min"], metadata["max"]
-        if not (abs(value) <= sys.float_info.max and low <= value <= high):  # NaN and 10**400 are not
+        if not (abs(value) <= sys.float_info.max and low <= value <= high):  # rejects NaN and 10**400
             raise ConfigError(f"{name} = {value} is out of range {low}..{high}{help_text}")
     if "choices" in metadata and value not in metadata["choices"]:
         raise ConfigError(f"{name} = {value!r} is not one of: {', '.join(metadata['choices'])}")

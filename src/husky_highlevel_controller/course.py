@@ -2,7 +2,7 @@
 
 In: nothing. Out: constants.
 
-Numbers: singlePillar.world of the ETH course; a test holds them to worlds/singlePillar.world.
+The numbers are from singlePillar.world of the ETH course. A test compares them with the file in worlds/.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 from husky_highlevel_controller.paths import share_folder
 
-PILLAR_NAME = "unit_cylinder"  # of the pillar's model
+PILLAR_NAME = "unit_cylinder"  # name of the pillar model
 PILLAR_RADIUS = 0.2  # [m]
-PILLAR_POSITION = (20.0, 5.0)  # [m], its axis in the world
-REACHED = 0.35  # [m], from the robot's outline to the pillar: so near, it has reached it
-TOUCH = 0.01  # [m], so near, it touches the pillar
-STANDS = 0.05  # [m/s] and [rad/s], slower is standing
+PILLAR_POSITION = (20.0, 5.0)  # [m] position of the pillar's axis in the world
+REACHED = 0.35  # [m] gap between robot and pillar that counts as reached
+TOUCH = 0.01  # [m] gap between robot and pillar that counts as a touch
+STANDS = 0.05  # [m/s] and [rad/s] fastest motion that counts as standing
 
 
 class PillarSize(NamedTuple):
@@ -27,10 +27,10 @@ class PillarSize(NamedTuple):
     height: float  # [m]
 
 
-# of the world that each robot's sheets bring; the SMB's: singlePillar.world of 2021
+# pillar in the world of each robot's exercise sheets; SMB: singlePillar.world of 2021
 PILLARS = {"husky": PillarSize(PILLAR_RADIUS, 2.0), "smb": PillarSize(1.0, 5.0)}
 
 
 def course_world() -> Path:
-    """The world file with the one pillar."""
+    """Return the path of the world file with one pillar."""
     return share_folder() / "worlds" / "singlePillar.world"

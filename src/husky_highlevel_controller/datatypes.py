@@ -26,7 +26,7 @@ class HuskyError(Exception):
 
 
 class Pose(NamedTuple):
-    """A pose in space; the variable's name says of which frame in which, as in `pose_laser_in_base`."""
+    """A pose in space; the variable's name gives both frames, as in `pose_laser_in_base`."""
 
     position: Vector3 = (0.0, 0.0, 0.0)  # [m]
     quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -85,20 +85,20 @@ class Sphere:
 @dataclass(frozen=True)
 class Plane:
     normal: Vector3  # unit vector in the geometry's frame; collides as an infinite half space
-    size: Tuple[float, float]  # [m], of the rectangle that is drawn
+    size: Tuple[float, float]  # [m] edges of the rectangle that is drawn
 
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
     """Triangles. They are a surface, which rays meet from either side, and have no inside."""
 
-    vertices: np.ndarray  # (V, 3) [m], in the geometry's frame, read-only
+    vertices: np.ndarray  # (V, 3) [m] corners in the geometry's frame, read-only
     faces: np.ndarray  # (F, 3), rows of `vertices`, read-only
     source: str = ""  # name of its file
 
     @cached_property
     def bounds(self) -> np.ndarray:
-        """Lowest and highest corner of the box around it, (2, 3) [m]."""
+        """Lowest and highest corner of the box around the mesh, (2, 3) [m]."""
         return np.array((self.vertices.min(axis=0), self.vertices.max(axis=0)))
 
     @property
@@ -117,7 +117,7 @@ class Geometry:
 
     shape: Shape
     pose_in_body: Pose = IDENTITY
-    rgba: Rgba = (0.7, 0.7, 0.7, 1.0)  # each 0..1
+    rgba: Rgba = (0.7, 0.7, 0.7, 1.0)  # each from 0 to 1
 
 
 @dataclass(frozen=True)
@@ -126,10 +126,10 @@ class Body:
 
     name: str
     pose_in_world: Pose
-    collisions: Tuple[Geometry, ...]  # for physics and the lidar
-    visuals: Tuple[Geometry, ...]  # for display
+    collisions: Tuple[Geometry, ...]  # shapes in physics and for the lidar
+    visuals: Tuple[Geometry, ...]  # shapes for display
     mass: float = 0.0  # [kg]; 0 = static, never moves
-    model: str = ""  # bodies of one model pass through one another; empty: it does so with none
+    model: str = ""  # bodies of one model pass through one another; empty if the body hits all others
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class World:
 
     name: str
     bodies: Tuple[Body, ...]
-    gravity: Vector3 = (0.0, 0.0, -9.8)  # [m/s^2], in the world
+    gravity: Vector3 = (0.0, 0.0, -9.8)  # [m/s^2] gravity in the world
 
 
 # ---------------------------------------------------------------------------- what the robot senses
@@ -172,14 +172,14 @@ class Scan:
 
     stamp: float  # [s]
     frame: str
-    angle_min: float  # [rad], of beam 0 in `frame`
-    angle_max: float  # [rad], of the last beam
+    angle_min: float  # [rad] angle of beam 0 in `frame`
+    angle_max: float  # [rad] angle of the last beam
     range_min: float  # [m]
     range_max: float  # [m]
-    ranges: np.ndarray  # (N,) [m], as the driver publishes them
-    time_increment: float = 0.0  # [s], from one beam to the next; the stamp is the first beam's
-    scan_time: float = 0.0  # [s], from scan to scan; 0: unknown
-    intensities: Optional[np.ndarray] = None  # (N,), strength of the echoes in the driver's unit; None: all 0
+    ranges: np.ndarray  # (N,) [m] ranges as the driver publishes them
+    time_increment: float = 0.0  # [s] time between two beams; the stamp is the first beam's
+    scan_time: float = 0.0  # [s] time between two scans; 0 if unknown
+    intensities: Optional[np.ndarray] = None  # (N,) echo strengths in the driver's unit; None if all are 0
 
     @property
     def angle_increment(self) -> float:
@@ -220,14 +220,14 @@ class WheelState(NamedTuple):
     names: Tuple[str, ...]  # joint names
     angles: Tuple[float, ...]  # [rad], not wrapped
     speeds: Tuple[float, ...]  # [rad/s]
-    efforts: Tuple[float, ...]  # [N m], of the motors
+    efforts: Tuple[float, ...]  # [N m] torques of the motors
 
 
 class RobotState(NamedTuple):
     """True pose and velocity of base_link."""
 
     pose_in_world: Pose
-    velocity_in_base: Vector3  # [m/s], of base_link's origin
+    velocity_in_base: Vector3  # [m/s] velocity of base_link's origin
     angular_velocity_in_base: Vector3  # [rad/s]
 
 
@@ -236,18 +236,18 @@ class ImuSample(NamedTuple):
 
     stamp: float  # [s]
     quat_xyzw: Quaternion  # attitude of the sensor in a level frame of arbitrary heading
-    angular_velocity: Vector3  # [rad/s], along the sensor's axes
-    specific_force: Vector3  # [m/s^2], along the sensor's axes: at rest 9.8 upwards (REP 145)
+    angular_velocity: Vector3  # [rad/s] components along the sensor's axes
+    specific_force: Vector3  # [m/s^2] components along the sensor's axes; 9.8 upwards at rest (REP 145)
 
 
 class PowerState(NamedTuple):
     """Power of a Husky's base; pairs are (left, right)."""
 
     uptime: float  # [s]
-    currents: Tuple[float, float]  # [A], of the motors
-    electronics_current: float  # [A], of everything else
-    voltage: float  # [V], of the battery
-    charge: float  # 0..1
+    currents: Tuple[float, float]  # [A] currents of the motors
+    electronics_current: float  # [A] current of everything else
+    voltage: float  # [V] voltage of the battery
+    charge: float  # fraction of `capacity`
     capacity: float  # [Wh]
     driver_temperatures: Tuple[float, float]  # [deg C]
     motor_temperatures: Tuple[float, float]  # [deg C]
@@ -267,7 +267,7 @@ class GpsFix(NamedTuple):
     latitude: float  # [deg], north positive
     longitude: float  # [deg], east positive
     altitude: float  # [m]
-    velocity: Vector3  # [m/s], towards north, west and up
+    velocity: Vector3  # [m/s] components towards north, west and up
 
 
 class Odometry(NamedTuple):
@@ -288,12 +288,12 @@ class OdometrySample(NamedTuple):
 class Snapshot(NamedTuple):
     """The simulated robot after one physics step; a sensor is None between its samples."""
 
-    stamp: float  # [s] of simulated time
+    stamp: float  # [s] simulated time
     step: int  # physics steps since the last reset
     robot: RobotState
     command: Twist2D  # set point of the wheels, within the limits
     contacts: Tuple[str, ...] = ()  # names of the bodies the robot touches but does not stand on
-    odometry: Optional[OdometrySample] = None  # at ODOMETRY_RATE, and with every scan
+    odometry: Optional[OdometrySample] = None  # given at ODOMETRY_RATE, and with every scan
     scan: Optional[Scan] = None
     imu: Optional[ImuSample] = None
     gps: Optional[GpsFix] = None
@@ -311,7 +311,7 @@ class TrueState(NamedTuple):
     """True motion of the robot at one moment, by which a drive is judged."""
 
     stamp: float  # [s], simulated
-    pose_in_world: Pose  # of base_link
+    pose_in_world: Pose  # pose of base_link
     speed: float  # [m/s], forward
     yaw_rate: float  # [rad/s]
 
@@ -322,6 +322,6 @@ class TrueState(NamedTuple):
 
     @classmethod
     def from_numbers(cls, numbers: Sequence[float]) -> TrueState:
-        """The state of `to_numbers`; ValueError if there are more or fewer."""
+        """Make the state from the numbers of `to_numbers`; ValueError if there are more or fewer."""
         stamp, x, y, z, qx, qy, qz, qw, speed, yaw_rate = (float(number) for number in numbers)
         return cls(stamp, Pose((x, y, z), (qx, qy, qz, qw)), speed, yaw_rate)

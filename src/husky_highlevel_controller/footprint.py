@@ -16,7 +16,7 @@ class Footprint:
     """Outline: a rectangle centred on base_link, and a strip along the wheels of either side."""
 
     hull: Tuple[float, float]  # half length, half width [m]
-    wheels: Tuple[float, float, float]  # half length; from where to where either strip reaches aside [m]
+    wheels: Tuple[float, float, float]  # half length; inner and outer edge of either strip [m]
 
     @property
     def half_length(self) -> float:
@@ -39,7 +39,7 @@ class Footprint:
         return nearest
 
     def gaps(self, poses: np.ndarray, centers: np.ndarray, radius: float) -> np.ndarray:
-        """Gaps between the outline at each pose and a pillar's surface, (N,) [m]; negative: inside.
+        """Gaps between the outline at each pose and a pillar's surface, (N,) [m]; negative if it is inside.
 
         Poses of base_link, (N, 3) [m, m, rad], and the pillar's centre, (N, 2) or (2,) [m], are in the world.
         """

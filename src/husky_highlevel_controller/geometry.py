@@ -32,7 +32,7 @@ def minus(a: Vector3, b: Vector3, factor: float = 1.0) -> Vector3:
 
 
 def unit(vector: Vector3) -> Optional[Vector3]:
-    """The vector at length 1; None where it is shorter than 1e-6."""
+    """Return the vector at length 1, or None if it is shorter than 1e-6."""
     length = sqrt(dot(vector, vector))
     return (vector[0] / length, vector[1] / length, vector[2] / length) if length > 1e-6 else None
 
@@ -84,7 +84,7 @@ def quat_inverse(quat: Quaternion) -> Quaternion:
 def quat_between(start: Vector3, end: Vector3) -> Quaternion:
     """The shortest rotation from one unit vector to another."""
     along = dot(start, end)
-    if along < -1.0 + 1e-9:  # half a turn, about anything across
+    if along < -1.0 + 1e-9:  # half a turn about any axis across the vector
         axis = unit(cross(start, (1.0, 0.0, 0.0))) or (0.0, 0.0, 1.0)
         return (*axis, 0.0)
     (x, y, z), length = cross(start, end), sqrt(2.0 + 2.0 * along)
@@ -129,7 +129,7 @@ def yaw_from_quat(quat: Quaternion) -> float:
 def rpy_from_quat(quat: Quaternion) -> Vector3:
     """Fixed-axis roll, pitch, yaw of a unit quaternion, the inverse of `quat_from_rpy` [rad].
 
-    Straight up or down roll and yaw turn about the same axis: the yaw is 0 there.
+    If x points straight up or down, roll and yaw turn about the same axis, so the yaw is 0.
     """
     (xx, xy, xz), (_, yy, yz), (_, zy, zz) = axes_from_quat(quat)
     level = hypot(xx, xy)
@@ -181,7 +181,7 @@ def pose_to_2d(pose: Pose) -> Pose2D:
 def advance(pose: Pose2D, twist_in_base: Twist2D, duration: float) -> Pose2D:
     """Pose after a constant twist for `duration` s: exactly along the arc."""
     turn = twist_in_base.angular * duration
-    # sin(a)/a and (1-cos(a))/a, by series where the quotient loses its digits
+    # sin(a)/a and (1-cos(a))/a, by series if the quotient would lose its digits
     if abs(turn) < 1e-4:
         along, across = 1.0 - turn * turn / 6.0, turn / 2.0
     else:

@@ -11,9 +11,9 @@ import numpy as np
 
 from husky_highlevel_controller.datatypes import TriangleMesh, Vector3
 
-_CELLS = 2048.0  # of a mesh's longest edge, when it is made coarser for the first time
-_COARSER = 1.25  # factor of the cells' edge each further time
-_SOLID = 0.01  # share of the box around it from which on a mesh counts as closed
+_CELLS = 2048.0  # number of cells along a mesh's longest edge at the first coarsening
+_COARSER = 1.25  # growth of the cells' edge at each further coarsening
+_SOLID = 0.01  # smallest volume of a closed mesh, as a fraction of the box around it
 
 
 def make_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "") -> TriangleMesh:
@@ -22,14 +22,14 @@ def make_mesh(vertices: np.ndarray, faces: np.ndarray, source: str = "") -> Tria
     Args:
         vertices: (V, 3) [m], which may repeat.
         faces: (F, 3), rows of `vertices`.
-        source: the file that the mesh is from, for messages.
+        source: file of the mesh, for messages.
     """
     corners, rows = np.unique(np.asarray(vertices, float), axis=0, return_inverse=True)
     return _without_flat(corners, rows.reshape(-1)[np.asarray(faces, int)], source)
 
 
 def simplified(mesh: TriangleMesh, most: int) -> TriangleMesh:
-    """The mesh, or one of at most so many faces, whose corners lie in the middle of cells of equal size."""
+    """Return the mesh, or a coarser one of at most `most` faces, by merging the corners in each cell."""
     cell = max(mesh.size) / _CELLS
     coarse = mesh
     while len(coarse.faces) > most:
@@ -45,10 +45,10 @@ def scaled_mesh(mesh: TriangleMesh, scale: Vector3) -> TriangleMesh:
 
 
 def volume_of(mesh: TriangleMesh) -> Tuple[float, Vector3]:
-    """Volume [m^3] and centroid of a mesh in its frame; those of the box around it where it is not closed."""
+    """Volume [m^3] and centroid of a mesh in its frame; those of its box if it is not closed."""
     low, high = mesh.bounds
     a, b, c = mesh.vertices[mesh.faces].transpose(1, 0, 2) - low
-    parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0  # of the tetrahedra between faces and a corner
+    parts = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0  # volumes of tetrahedra from faces to a corner
     volume, box = float(parts.sum()), float(np.prod(high - low))
     if not _SOLID * box < abs(volume) <= box:
         x, y, z = ((low + high) / 2.0).tolist()
@@ -58,7 +58,7 @@ def volume_of(mesh: TriangleMesh) -> Tuple[float, Vector3]:
 
 
 def _without_flat(vertices: np.ndarray, faces: np.ndarray, source: str) -> TriangleMesh:
-    """Mesh of each face once, with three corners that differ."""
+    """Mesh without duplicate faces and without faces that have two equal corners."""
     flat = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     faces = faces[~flat]
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)

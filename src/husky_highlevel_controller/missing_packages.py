@@ -1,7 +1,8 @@
-"""Python packages that this package needs and this Python lacks, in one sentence with the command for them.
+"""Sentence on the Python packages that this package needs and this Python lacks, with the install command.
 
-In: a name of a group. Out: a sentence. Only the standard library, because programs ask before they import
-anything else. In ./dev's own environment nothing is missing; a catkin workspace may have the system's Python.
+In: a name of a group. Out: a sentence. Imports only the standard library, because programs ask before
+they import anything else. In ./dev's own environment nothing is missing, but a catkin workspace may have the
+system's Python.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import List, NamedTuple, Optional
 
-# the fork has wheels where PyBullet has none, as requirements/launch.in says
+# the fork has wheels for platforms without PyBullet wheels, see requirements/launch.in
 FORK = sys.version_info >= (3, 12) or (sys.version_info >= (3, 10) and sys.platform != "linux")
 BULLET = "pybullet_arm64==3.2.8" if FORK else "pybullet==3.2.7"
 
@@ -25,8 +26,8 @@ class PythonPackage(NamedTuple):
     """Package of PyPI."""
 
     module: str
-    requirement: str  # for pip, as in requirements/*.in
-    oldest: str = ""  # version that has what is used; empty: any
+    requirement: str  # requirement for pip, as in requirements/*.in
+    oldest: str = ""  # oldest version that has all used functions; empty if any has
 
 
 ROBOT = (
@@ -52,12 +53,12 @@ PAGE = (
     PythonPackage("PIL", "pillow"),
     PythonPackage("websockets", "websockets"),
 )
-# what nodes beside a real robot need, the simulator too, commands and the page
+# packages for nodes of a real robot; for these and the simulator; for commands too; for the page
 GROUPS = {"robot": ROBOT, "launch": LAUNCH, "run": LAUNCH + RUN, "page": ROBOT + PAGE}
 
 
 def missing_sentence(group: str = "launch") -> Optional[str]:
-    """Sentence on what a group of GROUPS lacks, with the one command that installs it; None if nothing."""
+    """Sentence on the missing packages of a group, with the command that installs them; None without any."""
     lacking: List[str] = []
     requirements: List[str] = []
     for package in GROUPS[group]:
@@ -71,7 +72,7 @@ def missing_sentence(group: str = "launch") -> Optional[str]:
         old = f"{package.module} {package.oldest} or later (there is {version})"
         lacking.append(old if found else package.module)
         versions = f">={package.oldest}" if package.oldest else ""
-        if version:  # what the system has compiled, such as matplotlib, imports no later major version
+        if version:  # compiled packages of the system, such as matplotlib, fail with a later major version
             versions += f",<{_numbers(version)[0] + 1}"
         requirements.append(package.requirement + versions)
     if not lacking:
@@ -110,14 +111,14 @@ def _numbers(version: str) -> List[int]:
 
 
 def _pip(requirements: List[str]) -> str:
-    """Command line of pip, into the virtual environment or else into the home folder."""
+    """Command line of pip, into the virtual environment or otherwise into the home folder."""
     words = [sys.executable, "-m", "pip", "install"]
     if sys.prefix == sys.base_prefix:
         words.append("--user")
         if (Path(sysconfig.get_path("stdlib")) / "EXTERNALLY-MANAGED").is_file():
-            words.append("--break-system-packages")  # which replaces nothing of the system's: it goes home
+            words.append("--break-system-packages")  # safe, because --user installs in the home folder
     debian = [] if importlib.util.find_spec("pip") else ["python3-pip"]
     if BULLET in requirements and (platform.machine() != "x86_64" or sys.version_info >= (3, 14)):
-        debian += ["g++", "python3-dev"]  # no wheel fits: pip compiles
+        debian += ["g++", "python3-dev"]  # pip compiles because no wheel fits
     first = shlex.join(["sudo", "apt", "install", *debian]) + " && " if debian else ""
     return first + shlex.join([*words, *requirements])

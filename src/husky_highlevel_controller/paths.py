@@ -13,12 +13,12 @@ from husky_highlevel_controller.datatypes import HuskyError
 
 
 def share_folder() -> Path:
-    """The package's folder of data files: its source tree, pip's share/ in it, or catkin's beside its lib/.
+    """The package's folder of data files: its source tree, pip's share/ in it, or catkin's next to its lib/.
 
     Catkin's devel space runs the modules of the source tree, so it needs no case of its own.
 
     Raises:
-        HuskyError: neither has a folder urdf/.
+        HuskyError: none of these has a folder urdf/.
     """
     module = Path(__file__).resolve()
     package = module.parent
@@ -30,8 +30,8 @@ def share_folder() -> Path:
 
 
 def mesh_folder() -> Optional[Path]:
-    """Folder of the Husky's meshes that come with PyBullet; None where PyBullet is not installed."""
-    spec = importlib.util.find_spec("pybullet_data")  # finds it without loading it
+    """Folder of the Husky's meshes that come with PyBullet; None if PyBullet is not installed."""
+    spec = importlib.util.find_spec("pybullet_data")  # finds PyBullet without loading it
     if spec is None or spec.origin is None:
         return None
     meshes = Path(spec.origin).resolve().parent / "husky" / "meshes"

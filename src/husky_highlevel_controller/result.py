@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, List, Mapping, NamedTuple, Sequence
 
-WIDTH = 110  # letters of a line
-MIN_WRAPPED = 30  # letters of a wrapped column
-FORMULA = re.compile(r"[=+@\t\r]|-(?!\d[\d.]*$)")  # begins what a spreadsheet runs; no negative number does
+WIDTH = 110  # characters of a line
+MIN_WRAPPED = 30  # least characters of a wrapped column
+FORMULA = re.compile(r"[=+@\t\r]|-(?!\d[\d.]*$)")  # start of a spreadsheet formula; not a negative number
 ENTITIES = {ord(letter): f"&#{ord(letter)};" for letter in "\\`*_{}[]<>#|!~&"}
 
 
@@ -24,21 +24,21 @@ class Cell(NamedTuple):
     """Cell of a table."""
 
     value: Any
-    style: str = ""  # ok or missed; empty: neither
-    link: str = ""  # address
+    style: str = ""  # ok, missed or empty
+    link: str = ""  # address of the page behind the cell
 
 
 @dataclass(frozen=True)
 class Table:
-    """Table of a result; a cell that is no `Cell` is a plain value."""
+    """Table of a result; a cell may be a `Cell` or a plain value."""
 
     title: str
-    header: Sequence[str]  # without any text it is not printed
+    header: Sequence[str]  # not printed if all texts are empty
     rows: Sequence[Sequence[Any]]
-    folded: bool = False  # on the page, and left out of the text
+    folded: bool = False  # shown on the page only, not in the text
 
     def __post_init__(self) -> None:
-        """Make rows of what a JSON file holds, too."""
+        """Turn the lists of a JSON file into rows."""
         rows = [tuple(Cell(*x) if isinstance(x, list) else x for x in row) for row in self.rows]
         object.__setattr__(self, "rows", tuple(rows))
         object.__setattr__(self, "header", tuple(self.header))
@@ -82,7 +82,7 @@ class Table:
         return text.getvalue()
 
     def write(self, path: Path) -> List[Path]:
-        """Write PATH.csv, and PATH.parquet where pyarrow is installed; the files written."""
+        """Write PATH.csv, and PATH.parquet if pyarrow is installed; return both paths or one."""
         files = [path.with_suffix(".csv"), path.with_suffix(".parquet")]
         files[0].write_text(self.to_csv(), encoding="utf-8")
         try:
@@ -105,10 +105,10 @@ class Result:
     """Result of a command: tables and a verdict."""
 
     title: str
-    lead: str  # the sentence below it
+    lead: str  # sentence below the title
     tables: Sequence[Table]
     verdict: str = ""
-    failed: bool = False  # what the verdict says, for the exit code
+    failed: bool = False  # whether the verdict is bad, for the exit code
     source: str = ""  # hash of the drives, machines, versions
 
     def __post_init__(self) -> None:
@@ -136,7 +136,7 @@ def _text(value: Any) -> str:
 
 
 def plain_markdown(text: str) -> str:
-    """Text that Markdown and HTML take as it is, on one line."""
+    """Text on one line, escaped so that Markdown and HTML show it unchanged."""
     return " ".join(text.split()).translate(ENTITIES)
 
 

@@ -17,7 +17,7 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.paths import share_folder
 
 ROBOTS = ("husky", "smb")
-VERSIONS = {"husky_melodic": "husky"}  # by another topic and frame of the lidar, which launch files set
+VERSIONS = {"husky_melodic": "husky"}  # differs in topic and frame of the lidar, which launch files set
 
 
 @dataclass(frozen=True)
@@ -90,14 +90,14 @@ class RobotTopics:
     velocity: Tuple[str, ...] = setting("geometry_msgs/Twist, inputs of twist_mux, highest priority first")
 
     def __post_init__(self) -> None:
-        """Raises ValueError where a guard has no input above the controller's."""
+        """Raise ValueError if a guard has no input above the controller's."""
         if len(self.velocity) < 2:
             raise ValueError(f"velocity has {len(self.velocity)} inputs; guard and controller need one each")
 
 
 @dataclass(frozen=True)
 class Robot:
-    """Robot: everything that is not the same for all."""
+    """Robot: everything that differs between robots."""
 
     name: str = setting("name of the robot, one of ROBOTS")
     title: str = setting("name of the robot in messages")

@@ -1,6 +1,6 @@
 """URDF reader: checked links, joints, shapes, numbers and poses of a robot description, and <origin> written.
 
-In: URDF text and its XML elements. Out: values; a `DescriptionError` names the element and what it says.
+In: URDF text and its XML elements. Out: values; a `DescriptionError` names the element and its text.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import defusedxml.ElementTree
 from husky_highlevel_controller.datatypes import HuskyError, Pose
 from husky_highlevel_controller.geometry import compose, inverse, quat_from_rpy, rpy_from_quat
 
-MAX_NUMBER = 1e6  # in metres, kilograms or their products: a robot's are far smaller, and physics needs room
+MAX_NUMBER = 1e6  # metres, kilograms or products of them; numbers of robots are far smaller
 SIZES = {"box": ("size", 3), "cylinder": ("radius length", 1), "sphere": ("radius", 1), "mesh": ("scale", 3)}
 
-Elements = Dict[str, ET.Element]  # by name
+Elements = Dict[str, ET.Element]  # elements by name
 
 
 class DescriptionError(HuskyError):
@@ -30,7 +30,7 @@ class DescriptionError(HuskyError):
 
 
 def read_urdf(text: str) -> Tuple[ET.Element, Elements, Elements]:
-    """Root, links and joints of a URDF; DescriptionError where it is none, or one has no name."""
+    """Root, links and joints of a URDF; DescriptionError if it is not a URDF or one has no name."""
     try:
         robot = defusedxml.ElementTree.fromstring(text)
     except (ET.ParseError, defusedxml.DefusedXmlException, ValueError) as error:
@@ -73,7 +73,7 @@ def numbers_of(
     count: int,
     default: Optional[Tuple[float, ...]] = None,
 ) -> Tuple[float, ...]:
-    """An attribute's `count` numbers up to MAX_NUMBER; the default where it is not given, if there is one."""
+    """Return an attribute's `count` numbers up to MAX_NUMBER, or the default if it is not given."""
     text = None if element is None else element.get(attribute)
     if text is None:
         if default is None:
@@ -96,7 +96,7 @@ def number_of(element: Optional[ET.Element], attribute: str, where: str) -> floa
 
 
 def shape_of(element: ET.Element, where: str) -> Optional[Tuple[ET.Element, Tuple[float, ...]]]:
-    """Shape of a <collision> or <visual>, and its sizes [m]; None without one of SIZES.
+    """Shape of a <collision> or <visual>, and its sizes [m]; None if there is none of SIZES.
 
     Sizes are a box's edges, a cylinder's radius and length, a sphere's radius, a mesh's scale (no unit).
     """
@@ -110,7 +110,7 @@ def shape_of(element: ET.Element, where: str) -> Optional[Tuple[ET.Element, Tupl
 
 
 def origin_of(element: ET.Element, where: str) -> Pose:
-    """Pose from <origin>, in the parent [m]; identity without one."""
+    """Pose from <origin>, in the parent [m]; identity if there is none."""
     origin = element.find("origin")
     x, y, z = numbers_of(origin, "xyz", where, 3, (0.0, 0.0, 0.0))
     roll, pitch, yaw = numbers_of(origin, "rpy", where, 3, (0.0, 0.0, 0.0))
@@ -125,7 +125,7 @@ def joined_links(
 
 
 def poses_of_links(root: str, joined: Iterable[Tuple[str, str, Pose]]) -> Dict[str, Pose]:
-    """Poses in a link of those that joints tie to it, whether they hang below or above it."""
+    """Poses in a link of all links that joints connect with it, whether below or above it."""
     neighbours: Dict[str, List[Tuple[str, Pose]]] = defaultdict(list)
     for parent, child, pose_child_in_parent in joined:
         neighbours[parent].append((child, pose_child_in_parent))
@@ -146,5 +146,5 @@ def write_origin(element: ET.Element, pose: Pose) -> None:
 
 
 def text_of(numbers: Sequence[float]) -> str:
-    """Numbers as an attribute, to the last digit."""
+    """Text of an attribute with all digits of its numbers."""
     return " ".join(repr(float(number) + 0.0) for number in numbers)  # + 0.0 makes -0.0 plain

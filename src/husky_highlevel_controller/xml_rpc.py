@@ -1,6 +1,6 @@
 """XML-RPC client with a deadline, for ROS masters and nodes that may not answer.
 
-Only the standard library, because every launch waits for it.
+Imports only the standard library, because every launch waits for this module.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Any, Optional, Tuple
 from xml.parsers.expat import ExpatError
 from xmlrpc.client import Error, ServerProxy, Transport
 
-DEADLINE = 5.0  # [s] of wall time for one answer
+DEADLINE = 5.0  # [s] wall time that one answer may take
 
 
 class _Transport(Transport):
@@ -37,12 +37,12 @@ def reply(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) ->
     try:
         with server(uri, deadline) as api:
             code, _, value = getattr(api, method)(*arguments)
-    except (OSError, HTTPException, Error, ExpatError, ValueError, TypeError):  # a port may be any program's
+    except (OSError, HTTPException, Error, ExpatError, ValueError, TypeError):  # a port of any program
         return None
     return code, value
 
 
 def ask(uri: str, method: str, *arguments: Any, deadline: float = DEADLINE) -> Any:
-    """Value of a method of a master, node or roslaunch; None where it fails or does not answer in time."""
+    """Value of a method of a master, node or roslaunch; None if it fails or does not answer in time."""
     code, value = reply(uri, method, *arguments, deadline=deadline) or (0, None)
     return value if code == 1 else None

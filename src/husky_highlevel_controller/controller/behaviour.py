@@ -2,8 +2,8 @@
 
 In: an `Observation`, a `ControllerState`. Out: the next `ControllerState`, a `ControlOutput`.
 
-It follows the pillar it sees (tracking.py), drives to it (control.py), and searches for it when it is
-out of sight (search.py).
+It follows the visible pillar (tracking.py), drives to it (control.py), and searches for it if it is out of
+sight (search.py).
 """
 
 from __future__ import annotations
@@ -42,22 +42,22 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import compose, inverse, pose_from_2d, transform_point
 from husky_highlevel_controller.robot import load_robot
 
-TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0  # [m], [m/s]: a robot farther from its last place was put there
-RESUME_ERROR = 0.10  # [m], further than this from where it should stand an arrived robot drives again
-ODOM_TIMEOUT = 0.5  # [s] without a pose in odom, where there was one: a robot that had odometry has lost it
-ROOM_SHARE = 0.05  # of the beams: where so many return something, walls stand around the robot
-TOUCH_GAP = 0.003  # [m], a gap that noise may make of a touch; from here on it creeps for TOUCH_CREEP_TIME
-TOUCH_CREEP_TIME = 0.2  # [s], at control.MIN_TOUCH_SPEED: 8 mm, so that it does touch, and hardly pushes
+TELEPORT_DISTANCE, TOP_SPEED = 0.3, 2.0  # [m], [m/s] a robot that moved farther was put elsewhere
+RESUME_ERROR = 0.10  # [m] error of the stop position at which an arrived robot drives again
+ODOM_TIMEOUT = 0.5  # [s] time without a pose in odom after which the odometry counts as lost
+ROOM_SHARE = 0.05  # smallest fraction of beams with a return if walls stand around the robot
+TOUCH_GAP = 0.003  # [m] measured gap at which it may touch; from here it creeps for TOUCH_CREEP_TIME
+TOUCH_CREEP_TIME = 0.2  # [s] time for 8 mm at control.MIN_TOUCH_SPEED, so it touches and hardly pushes
 
 
 class State(Enum):
     """State of the controller."""
 
-    WAITING = "waiting"  # it cannot judge, or must not search
+    WAITING = "waiting"  # information is missing, or the search is disabled
     SEARCHING = "searching"
     DRIVING = "driving"
     ARRIVED = "arrived"
-    STOPPED = "stopped"  # by its start/stop service
+    STOPPED = "stopped"  # stopped by its start/stop service
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +65,14 @@ class Observation:
     """Scan, and the poses of its stamp."""
 
     scan: Scan
-    laser_in_base: Optional[Pose]  # None where TF does not know
-    base_in_odom: Optional[Pose2D]  # at the scan's stamp; None where TF does not know
-    outline: Footprint = field(default_factory=lambda: load_robot().footprint)  # of the robot
-    ahead_of_odometry: float = 0.0  # [s], by which the scan's clock is ahead of that of `base_in_odom`
+    laser_in_base: Optional[Pose]  # None if unknown to TF
+    base_in_odom: Optional[Pose2D]  # pose at the scan's stamp; None if unknown to TF
+    outline: Footprint = field(default_factory=lambda: load_robot().footprint)  # footprint of the robot
+    ahead_of_odometry: float = 0.0  # [s] lead of the scan's clock over the clock of `base_in_odom`
 
     @cached_property
     def laser_in_odom(self) -> Optional[Pose]:
-        """Pose of the lidar at the scan's stamp; None where TF does not know."""
+        """Pose of the lidar at the scan's stamp; None if it is unknown to TF."""
         if self.laser_in_base is None or self.base_in_odom is None:
             return None
         return compose(pose_from_2d(self.base_in_odom), self.laser_in_base)
@@ -83,35 +83,35 @@ class ControllerState(NamedTuple):
 
     state: State = State.WAITING
     track: Track = Track()
-    search: Optional[Search] = None  # while searching
-    at_pillar: bool = False  # it has arrived, and not left since
-    close_at: Optional[float] = None  # [s], since when it has been close to what it is going to touch
-    started_at: Optional[float] = None  # [s], stamp of this drive's first scan
-    base_in_odom: Optional[Pose2D] = None  # at the last scan; None where TF did not know
+    search: Optional[Search] = None  # progress of the search, if there is one
+    at_pillar: bool = False  # true if the robot has arrived and not left since
+    close_at: Optional[float] = None  # [s] time since which it is close to the pillar that it will touch
+    started_at: Optional[float] = None  # [s] stamp of the first scan of this run
+    base_in_odom: Optional[Pose2D] = None  # pose at the last scan; None if unknown to TF
     updated_at: float = -inf  # [s], stamp of the last scan
-    odom_at: float = inf  # [s], stamp of the last scan with a pose in odom; inf: there was none
-    in_room: bool = False  # a scan of this place had returns on ROOM_SHARE of its beams
+    odom_at: float = inf  # [s] stamp of the last scan with a pose in odom; inf if there was none
+    in_room: bool = False  # true if a scan here had returns on ROOM_SHARE of its beams
 
     @property
     def estimate(self) -> Optional[Estimate]:
-        """The pillar, as far as it is remembered."""
+        """Remembered pillar, or None."""
         return self.track.estimate
 
 
 class ControlOutput(NamedTuple):
-    """Velocity command of one scan, with its reason and what it is based on."""
+    """Velocity command of one scan, with its reason and its basis."""
 
     state: State
-    at_pillar: bool  # it has arrived, and not left since: also while it is stopped there
+    at_pillar: bool  # true if the robot has arrived and not left since, even while it is stopped
     twist: Twist2D
-    pillar: Optional[Pillar]  # that is followed and seen in this scan, in the laser's frame
-    pillar_in_odom: Optional[Vector3]  # [m], its centre; None where TF does not know odom
-    estimate: Optional[Estimate]  # what is remembered, in odom
-    target_in_base: Optional[Tuple[float, float]]  # [m], the pillar's centre, seen or else remembered
-    distance_error: float  # [m], still to go; nan without a target
-    bearing_error: float  # [rad], of the target in base_link; nan without one
-    reason: str  # a sentence for the log; the same one as long as the situation is the same
-    moved: bool = False  # the robot is not where it was at the last scan: put elsewhere, or odom was reset
+    pillar: Optional[Pillar]  # tracked pillar if this scan shows it, in the laser's frame
+    pillar_in_odom: Optional[Vector3]  # [m] centre of `pillar`; None if TF does not know odom
+    estimate: Optional[Estimate]  # remembered pillar in odom
+    target_in_base: Optional[Tuple[float, float]]  # [m] centre of the pillar, seen or otherwise remembered
+    distance_error: float  # [m] remaining distance; nan without a target
+    bearing_error: float  # [rad] bearing of the target in base_link; nan without a target
+    reason: str  # sentence for the log, which stays the same in the same situation
+    moved: bool = False  # true if the robot was put elsewhere, or odom was reset
 
 
 def decide(
@@ -124,22 +124,22 @@ def decide(
     """Compute the command that answers one scan.
 
     Args:
-        controller_state: what the previous call returned, ControllerState() at first.
-        observation: the scan, and where its lidar was.
-        enabled: whether the robot may move; perception goes on without it.
+        controller_state: state from the previous call, ControllerState() at first.
+        observation: the scan, and the poses at its stamp.
+        enabled: whether the robot may move; perception continues if not.
         control: gains and limits.
-        detector_config: what counts as a pillar.
+        detector_config: parameters of the pillar detection.
 
     Returns:
         The state for the next call, and the output. A scan older than the last one means that the
-        simulator was started again, so that odom is another: everything is forgotten.
+        simulator was started again, so odom is another frame and everything is forgotten.
     """
     stamp = observation.scan.stamp
     if stamp < controller_state.updated_at:
         controller_state = ControllerState()
     moved = _moved(controller_state, observation)
     if moved:
-        track = controller_state.track._replace(rejected=(), walked_to=None)  # it may be another world
+        track = controller_state.track._replace(rejected=(), walked_to=None)  # the world may have changed
         controller_state = controller_state._replace(
             track=track, started_at=None, at_pillar=False, in_room=False
         )
@@ -182,7 +182,7 @@ def decide(
 
 
 def _moved(controller_state: ControllerState, observation: Observation) -> bool:
-    """Whether the robot is farther from where it was than it can have driven."""
+    """Return whether the robot is farther from its last position than it can have driven."""
     before, now = controller_state.base_in_odom, observation.base_in_odom
     if before is None or now is None:
         return False
@@ -192,14 +192,14 @@ def _moved(controller_state: ControllerState, observation: Observation) -> bool:
 
 
 def _shows_a_room(scan: Scan) -> bool:
-    """Whether many beams return something, so that later scans without any are a fault of the lidar."""
+    """Return whether many beams have returns, so that later scans without any show a fault of the lidar."""
     return bool(np.count_nonzero(scan.valid) > ROOM_SHARE * len(scan.ranges))
 
 
 def _look(
     controller_state: ControllerState, observation: Observation, pillars: List[Pillar]
 ) -> Tuple[Track, Tuple[Optional[Pillar], Optional[Vector3]], Visibility]:
-    """Follow the pillar, and its place in odom; without a pose in odom, take the nearest one of this scan."""
+    """Track the pillar and its position in odom; without a pose in odom, take the scan's nearest pillar."""
     laser_in_odom = observation.laser_in_odom
     if laser_in_odom is None:
         return controller_state.track, (pillars[0] if pillars else None, None), Visibility.UNKNOWN
@@ -213,7 +213,7 @@ def _look(
 def _target(
     estimate: Optional[Estimate], observation: Observation, pillar: Optional[Pillar]
 ) -> Optional[Target]:
-    """The pillar as it is seen, or else as it is remembered."""
+    """Return the pillar as it is seen, or otherwise as it is remembered."""
     if observation.laser_in_base is None:
         return None
     if pillar is not None:
@@ -229,7 +229,7 @@ def _target(
 def _close_at(
     controller_state: ControllerState, target: Optional[Target], stamp: float, control: ControlConfig
 ) -> Optional[float]:
-    """Since when the robot has been close to a pillar that it is going to touch [s]; None if it is not."""
+    """Return the time since which the robot is close to a pillar that it will touch [s], or None."""
     if target is None or not to_be_touched(target, control):
         return None
     near = RESUME_ERROR if controller_state.close_at is not None else TOUCH_GAP
@@ -250,7 +250,7 @@ def _act(
     enabled: bool,
     control: ControlConfig,
 ) -> _Act:
-    """Action for what is known of the pillar."""
+    """Choose the action by the known facts about the pillar."""
     if not enabled:
         return State.STOPPED, STOP, "stopped by its start/stop service", None
     if observation.laser_in_base is None:
@@ -262,7 +262,7 @@ def _act(
         reason = "standing still: there is no transform from odom to base_link any more; is odometry running?"
         return State.WAITING, STOP, reason, None
     measured = pillar_seen or observation.scan.valid.any()
-    if not measured and not (observation.scan.returns == inf).any():  # no beam, or too close for all
+    if not measured and not (observation.scan.returns == inf).any():  # no beams, or all returns too close
         reason = "no pillar in the scan (it has no valid range): standing still; is the lidar covered?"
         return State.WAITING, STOP, reason, None
     if controller_state.track.doubtful and target is not None:
@@ -283,7 +283,7 @@ def _act(
         controller_state.search or Search(), observation.base_in_odom, points, observation.outline, control
     )
     if twist.linear > 0.0 and not measured and controller_state.in_room:
-        # in an empty world a scan of misses is no fault, but walls do not vanish
+        # a scan of misses is normal in an empty world, but walls do not vanish
         reason = "no beam of a whole turn returned anything: standing still; is the lidar covered?"
         return State.WAITING, STOP, reason, controller_state.search
     how = "turning to look around" if search.to_turn > 0.0 else "driving a widening search"
@@ -299,7 +299,7 @@ def _drive(
     outline: Footprint,
     control: ControlConfig,
 ) -> Tuple[State, Twist2D, str]:
-    """Drive to the pillar, round what is in the way, and stop there."""
+    """Drive to the pillar, avoid obstacles, and stop there."""
     remaining, arrived = remaining_distance(target, control), controller_state.state is State.ARRIVED
     if to_be_touched(target, control):
         near_enough, place = TOUCH_GAP, "touching the pillar"

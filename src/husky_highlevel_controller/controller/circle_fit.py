@@ -1,8 +1,8 @@
 """Least-squares fits of a circle, a line and a corner to a segment of beams.
 
-In: a `Segment`. Out: a `Circle`, and how well a line or two lines would do.
+In: a `Segment`. Out: a `Circle`, and the errors of one line and of two lines.
 
-Sums over many beams are matrix products; what is solved for with them are a few plain numbers.
+Sums over many beams are matrix products. The small systems of equations are solved with plain numbers.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import numpy as np
 from husky_highlevel_controller.datatypes import Vector3
 
 _RADIUS_WEIGHT = 0.6  # the expected radius counts as much as this many beams
-_PLACE_WEIGHT = 1e-3  # and so little that the centre is on the line of sight
-_MIN_WEIGHT = 1e-6  # keeps the equations solvable
-_FREE_WEIGHT = 1e-4  # the same where nothing is expected of the radius
-MIN_COSINE = 0.3  # of incidence; grazing beams weigh no more than this one
+_PLACE_WEIGHT = 1e-3  # weight of the expectation that the centre is on the line of sight
+_MIN_WEIGHT = 1e-6  # keeps the equations solvable if the beams do not determine the distance
+_FREE_WEIGHT = 1e-4  # replaces both weights if no radius is expected
+MIN_COSINE = 0.3  # smallest cosine of incidence in the weights, because grazing beams would weigh too much
 MAX_STEPS = 6
-_SETTLED = 3e-4  # [m], a smaller step of the fit is the last: the next would be a thousandth of it
+_SETTLED = 3e-4  # [m] a smaller step is the last one, because the next would be a thousandth of it
 
-Products = List[List[float]]  # (4, 4) sums over beams: of derivatives of the error by x, y, r, and the error
-Number = TypeVar("Number", float, np.ndarray)  # one value, or those of many segments
+Products = List[List[float]]  # (4, 4) sums of products over beams; rows: derivatives by x, y, r, and error
+Number = TypeVar("Number", float, np.ndarray)  # one value, or an array for many segments
 Row3 = Tuple[Number, Number, Number]
 Matrix3 = Tuple[Row3[Number], Row3[Number], Row3[Number]]
 
@@ -31,14 +31,14 @@ Matrix3 = Tuple[Row3[Number], Row3[Number], Row3[Number]]
 class Segment(NamedTuple):
     """Neighbouring beams that may lie on one body (M of them)."""
 
-    beams: np.ndarray  # (M,) which ones of the scan, ascending
+    beams: np.ndarray  # (M,) indices in the scan, ascending
     ranges: np.ndarray  # (M,) [m]
-    near: float  # [m], the shortest
-    step: float  # [rad], from one beam of the scan to the next
+    near: float  # [m] shortest range
+    step: float  # [rad] angle between neighbouring beams of the scan
 
     @property
     def middle(self) -> float:
-        """Half-way between the first and the last beam: the x axis of the fit."""
+        """Index half-way between the first and the last beam, which is the x axis of the fit."""
         return 0.5 * float(self.beams[0] + self.beams[-1])
 
     @property
@@ -51,11 +51,11 @@ class Segment(NamedTuple):
 class Segments(NamedTuple):
     """Segments of one scan (S of them) in the same arrays."""
 
-    beams: np.ndarray  # (B,) of all segments, one after the other, ascending in each
+    beams: np.ndarray  # (B,) indices in the scan, segment by segment, ascending in each
     ranges: np.ndarray  # (B,) [m]
-    counts: np.ndarray  # (S,) beams of each
-    near: np.ndarray  # (S,) [m], the shortest range of each
-    step: float  # [rad], from one beam of the scan to the next
+    counts: np.ndarray  # (S,) number of beams of each segment
+    near: np.ndarray  # (S,) [m] shortest range of each segment
+    step: float  # [rad] angle between neighbouring beams of the scan
 
     @property
     def starts(self) -> np.ndarray:
@@ -83,8 +83,8 @@ class Circle(NamedTuple):
     x: float  # [m], centre, along the segment's middle
     y: float  # [m], centre, across it
     radius: float  # [m]
-    free_radius: float  # [m], what the beams alone would make it
-    free_slack: float  # [m], how far that may be wrong
+    free_radius: float  # [m] radius from the beams alone, without expectation
+    free_slack: float  # [m] possible error of `free_radius`
     residual: float  # [m], root mean square distance of the end points
     sum_squared_error: float  # [m^2], sum of squares in the direction of the beams
 
@@ -96,9 +96,9 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
 
         e_i = |c - p_i| - r,    n_i = (c - p_i) / |c - p_i|,    cos_i = max(n_i . d_i, MIN_COSINE)
 
-    is weighted by w_i = 1 / cos_i^2, for noise acts along the beam: e_i / cos_i is how far its range would
-    have to change. The prior expects the centre at c_0 = (near + R, 0), behind the nearest beam, and the
-    radius R. Minimized is
+    is weighted by w_i = 1 / cos_i^2, because noise acts along the beam and e_i / cos_i is the change of range
+    that would remove the residual. The prior expects the centre at c_0 = (near + R, 0), behind the nearest
+    beam, and the radius R. The fit minimises
 
         sum_i w_i e_i^2 + 1e-6 (c_x - c_0x)^2 + 1e-3 c_y^2 + 0.6 (r - R)^2
 
@@ -106,15 +106,15 @@ def fit_circle(segment: Segment, radius: float, noise: float) -> Circle:
 
         (sum_i w_i J_i J_i^T + P) step = sum_i w_i J_i e_i + P (c - c_0, r - R),    P = diag(1e-6, 1e-3, 0.6)
 
-    and is subtracted, shortened to R where it is longer. Where beams are few the radius stays as expected and
-    the depth profile gives the place; where they are many they decide alone.
+    and is subtracted, shortened to R if it is longer. If beams are few, the radius stays as expected and the
+    depth profile gives the position. If they are many, they decide alone.
 
     Args:
-        segment: of the beams.
-        radius: what is expected [m].
+        segment: beams to fit.
+        radius: expected radius [m].
         noise: differences in range not worth explaining [m].
     """
-    origin, directions = segment.near + radius, segment.directions  # no digits are lost far away
+    origin, directions = segment.near + radius, segment.directions  # keeps all digits far away
     points = segment.ranges * directions
     points[0] -= origin
     columns = np.empty((4, len(segment.ranges)))
@@ -146,7 +146,7 @@ def _improved(circle: Vector3, products: Products, radius: float) -> Tuple[Vecto
 
 
 def fit_step(circle: Row3[Number], products: Sequence[Sequence[Number]], radius: float) -> Row3[Number]:
-    """The whole Gauss-Newton step of centre and radius, of one circle or of as many as the arrays hold."""
+    """Full Gauss-Newton step of centre and radius, for one circle or for arrays of circles."""
     x, y, r = circle
     (xx, xy, xr, xe), (_, yy, yr, ye), (_, _, rr, re), _ = products
     return _apply(
@@ -183,7 +183,7 @@ def _apply(matrix: Matrix3[Number], vector: Row3[Number]) -> Row3[Number]:
 
 
 # The inverse range of a straight wall is linear in the cosine and sine of the beam, 1 / r = a cos + b sin.
-# Times r^2, so that it counts along the beam: r = a r^2 cos + b r^2 sin.
+# Both sides times r^2 give r = a r^2 cos + b r^2 sin, so that the error counts along the beam.
 
 
 def line_sum_squared_error(segment: Segment) -> float:

@@ -1,10 +1,10 @@
-"""Limits of a pillar, and a screen of segments before the exact circle fit: bounds the time of a scan.
+"""Limits of a pillar, and a screen of segments before the exact circle fit, which bounds the time per scan.
 
-In: a scan's segments. Out: those that may be pillars, to be fitted one by one.
+In: a scan's segments. Out: the segments that may be pillars, to be fitted one by one.
 
 `fit_circle` takes about 0.1 ms for a segment, and a hedge makes hundreds of segments. Here one geometric fit
-runs for all of them in the same arrays. It rejects only what misses a limit by a clear margin, and the exact
-fit decides about the rest, so that the pillars found are the same as without the screen.
+runs for all of them in the same arrays. It rejects only segments that miss a limit by a clear margin, and the
+exact fit decides about the rest, so that the pillars found are the same as without the screen.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from husky_highlevel_controller.controller.circle_fit import (
 )
 from husky_highlevel_controller.datatypes import Scan
 
-# By how much a rival shape must explain the ranges better before it wins: logarithm of the ratio of squares,
-# times the beams to spare. Measured with 8 beams: at 30 mm noise 1 % of pillars lose to a corner at this
-# setting, at 1 mm less than 1 % of boxes escape; with more beams the two part quickly.
+# Lead with which a rival shape wins: logarithm of the ratio of the sums of squares, times the beams to spare.
+# With 8 beams and 30 mm noise, 1 % of pillars lose to a corner at this setting. At 1 mm noise less than 1 %
+# of boxes count as pillars. With more beams both errors become rare quickly.
 LINE_ODDS = 4.0
-HIDDEN_ODDS = 2.0  # by which a circle must beat a line where part of the silhouette is hidden
-_MARGIN = 0.005  # [m], by which a circle must miss a limit
+HIDDEN_ODDS = 2.0  # lead that a circle needs over a line if part of the silhouette is hidden
+_MARGIN = 0.005  # [m] distance by which a circle must miss a limit
 _ODDS_MARGIN = 1.0  # the same for the odds of a line
-_SAMPLES = 16  # beams of a silhouette that are looked at
+_SAMPLES = 16  # number of beams of a silhouette that are checked
 
 
 @dataclass(frozen=True)
@@ -51,21 +51,21 @@ class PillarConfig:
 
 
 class _Fits(NamedTuple):
-    """The circles of S segments, (S,) each."""
+    """Circles of S segments, arrays of (S,)."""
 
     x: np.ndarray  # [m], centre, along the segment's middle
     y: np.ndarray  # [m], centre, across it
     radius: np.ndarray  # [m]
     residual: np.ndarray  # [m], root mean square distance of the end points
-    line_lead: np.ndarray  # by which a line explains the segment better: logarithm, times beams to spare
-    near: np.ndarray  # [m], the shortest range
-    counts: np.ndarray  # of beams
-    first: np.ndarray  # beam
-    last: np.ndarray  # beam
+    line_lead: np.ndarray  # lead of a line over the circle, as in LINE_ODDS
+    near: np.ndarray  # [m] shortest range
+    counts: np.ndarray  # number of beams
+    first: np.ndarray  # index of the first beam
+    last: np.ndarray  # index of the last beam
 
 
 def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segments:
-    """The segments, of one or more of a scan, that the exact fit may find to be pillars."""
+    """Return the segments, of one or more, that the exact fit may find to be pillars."""
     fits = _geometric_fits(segments, config.pillar_radius, config.range_noise)
     candidates = (
         (fits.x > fits.near - _MARGIN)
@@ -81,10 +81,10 @@ def may_be_pillars(scan: Scan, segments: Segments, config: PillarConfig) -> Segm
 
 
 def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
-    """Every segment's circle, made as `fit_circle` refines one, and the lead of its line."""
+    """Fit a circle to every segment with the steps of `fit_circle`, and compute the lead of its line."""
     beams, ranges, count, near, step = segments
     starts = segments.starts
-    of = np.repeat(np.arange(len(count)), count)  # which segment a beam is of
+    of = np.repeat(np.arange(len(count)), count)  # index of each beam's segment
     first, last = beams[starts], beams[starts + count - 1]
     angles = step * (beams - (0.5 * (first + last))[of])
     cosines, sines = np.cos(angles), np.sin(angles)
@@ -93,7 +93,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
     terms = np.empty((9, len(beams)))  # sums of products of J = (dx, dy, -1) and the error, times the weight
 
     def residuals() -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives of each beam's error by x and y, the error [m], and its weight: as `fit_circle`'s."""
+        """Derivatives of each beam's error by x and y, the error [m], and its weight, as in `fit_circle`."""
         dx, dy = (origin + x)[of] - px, y[of] - py
         rho = np.maximum(np.sqrt(dx * dx + dy * dy), 1e-9)
         dx /= rho
@@ -109,7 +109,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
         terms[5:] = wx, wy, weight, we
         xx, xy, xe, yy, ye, xr, yr, rr, re = np.add.reduceat(terms, starts, axis=1)
         xr, yr, re = -xr, -yr, -re
-        # the fourth row, of the error, takes no part in a step
+        # a step does not use the fourth row, of the error
         products = [[xx, xy, xr, xe], [xy, yy, yr, ye], [xr, yr, rr, re], []]
         step_x, step_y, step_r = fit_step((x, y, r), products, radius)
         longest = np.maximum(np.maximum(np.abs(step_x), np.abs(step_y)), np.abs(step_r))
@@ -126,7 +126,7 @@ def _geometric_fits(segments: Segments, radius: float, noise: float) -> _Fits:
 
 
 def _silhouettes(scan: Scan, fits: _Fits, slack: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Count the sampled beams that pass through each circle, and hidden ones: no more than of all beams."""
+    """Count the sampled beams that pass through each circle, and the hidden ones."""
     step, distance, r = abs(scan.angle_increment), np.hypot(fits.x, fits.y), fits.radius[:, None]
     inner = np.maximum(0.9 * fits.radius - 2.0 * fits.residual - _MARGIN, 0.0)
     half = np.arcsin(np.minimum(inner / np.maximum(distance, 1e-9), 1.0)) / step

@@ -1,6 +1,6 @@
 """Proportional control of the drive to a pillar, its limits, and the remaining distance.
 
-In: where the pillar is, seen from base_link. Out: the twist to command.
+In: the pillar's position in base_link. Out: the twist to command.
 
 Two proportional laws: forward speed from the distance still to go, turning rate from the bearing.
 """
@@ -17,17 +17,17 @@ from husky_highlevel_controller.config import number, setting
 from husky_highlevel_controller.datatypes import Pose, Twist2D
 from husky_highlevel_controller.footprint import Footprint
 
-TOUCH_SPEED = 0.1  # [m/s], fastest towards something that is going to be touched
-MIN_TOUCH_SPEED = 0.04  # [m/s], a proportional law alone would never quite get there
-TOUCH_SLOW_FROM = 0.25  # [m] before the touch; room to brake from 1.0 m/s at 3.0 m/s^2
+TOUCH_SPEED = 0.1  # [m/s] fastest speed towards a pillar that will be touched
+MIN_TOUCH_SPEED = 0.04  # [m/s] slowest before a touch, because the proportional law never gets there
+TOUCH_SLOW_FROM = 0.25  # [m] gap at which it slows down, enough to brake from 1.0 m/s at 3.0 m/s^2
 
 
 @dataclass(frozen=True)
 class ControlConfig:
     """Gains and limits of the drive to the pillar, and of the search for it.
 
-    The default gains brake from 1.0 m/s with at most 2 m/s^2 and forgive 0.1 s of delay without swinging;
-    the robot's own limits are in config/robots/.
+    The default gains brake from 1.0 m/s with at most 2 m/s^2 and tolerate 0.1 s of delay without oscillation.
+    The robot's own limits are in config/robots/.
     """
 
     p_gain_vel: float = number(0.0, 10.0, "forward speed per metre of remaining distance [1/s]", default=2.0)
@@ -56,8 +56,8 @@ class Target(NamedTuple):
     x: float  # [m], centre, in base_link
     y: float  # [m], centre, in base_link
     radius: float  # [m]
-    distance: float  # [m], from the lidar to the pillar's near surface, as a scan reads it
-    gap: float  # [m], from the robot's outline to the pillar's surface
+    distance: float  # [m] distance from the lidar to the pillar's near surface, as in a scan
+    gap: float  # [m] distance from the robot's footprint to the pillar's surface
 
     @property
     def bearing(self) -> float:
@@ -68,24 +68,24 @@ class Target(NamedTuple):
 def target_at(
     center_in_base: Tuple[float, float], radius: float, laser_in_base: Pose, outline: Footprint
 ) -> Target:
-    """Target of a pillar [m], its centre in base_link, whichever way up the lidar is mounted."""
+    """Return the target for a pillar's centre in base_link [m] and radius [m]."""
     x, y = center_in_base
     distance = hypot(x - laser_in_base.position[0], y - laser_in_base.position[1]) - radius
     return Target(x, y, radius, distance, float(outline.clearance(np.array((x, y)))) - radius)
 
 
 def remaining_distance(target: Target, config: ControlConfig) -> float:
-    """Distance to the stop point, or to the touch where the hull is in the way of that [m]."""
+    """Distance to the stop point, or to the touch if the hull touches the pillar first [m]."""
     return min(target.distance - config.stop_distance, target.gap)
 
 
 def to_be_touched(target: Target, config: ControlConfig) -> bool:
-    """Whether the hull meets the pillar before the lidar is at the stop distance."""
+    """Return whether the hull meets the pillar before the lidar is at the stop distance."""
     return target.gap < target.distance - config.stop_distance
 
 
 def steer(target: Target, config: ControlConfig) -> Twist2D:
-    """Twist by the proportional laws: limited, never backwards, slower where the pillar is not ahead."""
+    """Twist by the proportional laws: limited, never backwards, slower if the pillar is not ahead."""
     speed = config.p_gain_vel * remaining_distance(target, config)
     if config.p_gain_vel > 0.0 and to_be_touched(target, config):
         speed = max(speed, MIN_TOUCH_SPEED)
@@ -95,11 +95,11 @@ def steer(target: Target, config: ControlConfig) -> Twist2D:
 
 
 def heading_twist(bearing: float, speed: float, config: ControlConfig) -> Twist2D:
-    """Turn to a bearing [rad] and drive at a speed [m/s], the less the farther it is off."""
+    """Turn to a bearing [rad] and drive at a speed [m/s], which falls with the cosine of the bearing."""
     return Twist2D(max(cos(bearing), 0.0) * speed, config.p_gain_ang * bearing)
 
 
 def limited(twist: Twist2D, config: ControlConfig) -> Twist2D:
-    """A twist within max_linear and max_angular; every command passes here last."""
+    """Clamp a twist to max_linear and max_angular; every command passes here last."""
     linear, angular = config.max_linear, config.max_angular
     return Twist2D(min(max(twist.linear, -linear), linear), min(max(twist.angular, -angular), angular))

@@ -2,15 +2,17 @@
 
 In: IMU samples and wheel speeds. Out: the speed lost in a collision.
 
-The change of velocity counts, not the peak of a sample: on a real A200 single samples of 8 m/s^2 (flooring)
-to 90 m/s^2 (snow) are vibration, which swings back within 0.1 to 0.2 s; what a collision takes stays lost. So
+The change of velocity counts, not the peak of a sample, because on a real A200 single samples of 8 m/s^2
+(flooring) to 90 m/s^2 (snow) are vibration. Vibration swings back within 0.1 to 0.2 s, but the speed that a
+collision takes stays lost. So
 
     change = mean velocity over the last AFTER - mean velocity over BEFORE, `window` earlier
     loss = change against the direction of travel - the same change of the wheels
 
-counts against `max_loss` on smooth ground, `max_loss_rough` where the robot shakes, and there
-`vibration_factor` times the shaking of the other two axes on top. Sideways it is the velocity gained within a
-window beyond speed times yaw rate, and kept, with twice as much for rough ground.
+is compared with `max_loss` on smooth ground. On ground that shakes the robot it is compared with
+`max_loss_rough` plus `vibration_factor` times the vibration of the other two axes. Sideways, the detector
+uses the velocity that the robot gains within a window beyond speed times yaw rate, and keeps. The allowance
+for rough ground is twice as large there.
 
 The direction of gravity is tracked from gyro and accelerometer, so neither the orientation in the messages
 nor a level mount is needed.
@@ -32,19 +34,19 @@ from husky_highlevel_controller.geometry import cross, dot, minus, quat_inverse,
 
 GRAVITY = 9.8  # [m/s^2]
 LEVELLING_TIME = 2.0  # [s], time constant with which the accelerometer corrects the gyro's gravity
-LEVELLING_FORCE = 20.0  # [m/s^2], largest force that corrects it: more is a shock
-LATENESS = 0.05  # [s], age of the window's end: odometry comes late
-AFTER, BEFORE = 0.15, 0.4  # [s], of the mean velocities
-MEMORY = 1.0  # [s], over which the ground's vibration is averaged
-LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1  # [s] of samples before smooth and rough ground are judged
-LONGEST_PERIOD = 0.2  # [s], a longer gap between samples is a new beginning
-PATIENCE = 2.0  # [s] without odometry, or before the first, for which samples wait: then it has ended
-LONGEST_WAIT = 2.5  # [s] of a sample for later odometry
-LONGEST_DELAY = 10.0  # [s] by which samples may come later than odometry
-SHOCK = 6.0  # [m/s^2], samples above count only as far as they exceed what the vertical axis shows
-ROUGH = 0.013  # [m/s], vibration of a window that is rough ground; an A200 standing: 0.005, on flooring: 0.03
-SIDEWAYS = 2.0  # times as rough as ahead, for the body rolls on its tyres
-STANDING = 0.02  # [m/s], slower wheels have no direction of travel
+LEVELLING_FORCE = 20.0  # [m/s^2] largest force that corrects it, because a larger one is a shock
+LATENESS = 0.05  # [s] delay before a window is judged, because odometry comes late
+AFTER, BEFORE = 0.15, 0.4  # [s] averaging times of the mean velocities
+MEMORY = 1.0  # [s] time over which the ground's vibration is averaged
+LEARNING_TIME, LEARNING_ROUGH = 0.7, 1.1  # [s] time of learning on smooth and on rough ground
+LONGEST_PERIOD = 0.2  # [s] a longer gap between samples causes a reset
+PATIENCE = 2.0  # [s] silence of odometry after which samples no longer wait for it
+LONGEST_WAIT = 2.5  # [s] longest wait of a sample for later odometry
+LONGEST_DELAY = 10.0  # [s] largest lag of samples behind odometry
+SHOCK = 6.0  # [m/s^2] the part of a sample above it counts only if it exceeds the vertical axis
+ROUGH = 0.013  # [m/s] vibration on rough ground; an A200 has 0.005 at rest, 0.03 on flooring
+SIDEWAYS = 2.0  # factor on the allowance ahead, because the body rolls on its tyres
+STANDING = 0.02  # [m/s] slower wheels have no direction of travel
 
 
 @dataclass(frozen=True)
@@ -65,16 +67,16 @@ class CrashConfig:
 
 
 class Change(NamedTuple):
-    """Change of velocity, and how much the ground shakes."""
+    """Change of velocity, and vibration by the ground."""
 
-    loss: float  # [m/s], against the direction of travel, beyond that of the wheels
-    sideways: float  # [m/s], gained within a window and kept
-    vibration: float  # [m/s], of a window
-    vibration_before: float  # [m/s], before the change
+    loss: float  # [m/s] loss against the direction of travel, beyond the wheels' loss
+    sideways: float  # [m/s] sideways velocity gained within a window and kept
+    vibration: float  # [m/s] vibration of a window
+    vibration_before: float  # [m/s] vibration before the change
 
     def excess(self, config: CrashConfig) -> float:
         """Change beyond what the ground may cause [m/s], a crash above `max_loss`."""
-        # sideways by what the ground did before: a push from the side must not pass for rough ground itself
+        # a push from the side must not pass for rough ground, so sideways the vibration before it counts
         return max(
             self.loss - self._allowance(self.vibration, config),
             self.sideways - SIDEWAYS * self._allowance(self.vibration_before, config),
@@ -89,31 +91,31 @@ class _Increment(NamedTuple):
     """Velocity increment of a sample without gravity, along the ground as base_link points, and upwards."""
 
     stamp: float  # [s]
-    ahead: float  # [m/s], change of velocity since the last sample
-    left: float  # [m/s], less that of the curve
+    ahead: float  # [m/s] change of velocity since the last sample
+    left: float  # [m/s] sideways change, without the part of the curve
     up: float  # [m/s]
 
 
 class CrashDetector:
-    """Feed it wheel speeds and IMU samples as they come."""
+    """Detector of crashes; give it wheel speeds and IMU samples as they come."""
 
     def __init__(self, config: CrashConfig) -> None:
         self._config = config
         self._wheels: Deque[Tuple[float, float]] = deque()  # stamp [s], speed [m/s]
-        self._waiting: Deque[Tuple[ImuSample, Quaternion]] = deque()  # for odometry, with their mounts
-        self._silent_since = inf  # [s], stamp of the first sample since the last odometry
+        self._waiting: Deque[Tuple[ImuSample, Quaternion]] = deque()  # waiting samples and their mounts
+        self._silent_since = inf  # [s] stamp of the first sample since the last odometry
         self.reset()
 
     def reset(self) -> None:
         """Forget the samples that were judged, as after a jump of time."""
         self._up: Optional[Vector3] = None  # unit vector in the IMU's frame
-        self._levelling = 0.0  # [s], time constant of `_up`, which is a mean at first
+        self._levelling = 0.0  # [s] time constant of `_up`, which is a plain mean at first
         self._stamp = -inf  # [s]
-        self._period, self._same_stamp = 0.0, 1  # [s] before, and number of samples of the last stamp
+        self._period, self._same_stamp = 0.0, 1  # [s] last period; number of samples of the last stamp
         self._increments: Deque[_Increment] = deque()
         self._ground: Deque[Tuple[float, float]] = deque()  # stamp [s]; squared sideways and vertical change
         self._vibrations: Deque[Tuple[float, float]] = deque()  # stamp [s], vibration of a window [m/s]
-        self.change: Optional[Change] = None  # that the last sample judged completed
+        self.change: Optional[Change] = None  # result for the last judged sample, if there is one
 
     def add_odometry(self, stamp: float, twist_in_base: Twist2D) -> None:
         """Take the speed that the wheels measure at a time [s]."""
@@ -125,25 +127,25 @@ class CrashDetector:
             self._wheels.clear()
         self._wheels.append((stamp, twist_in_base.linear))
         self._silent_since = inf
-        oldest = max(min(stamp, self._stamp), stamp - LONGEST_DELAY) - MEMORY  # for the next sample to judge
+        oldest = max(min(stamp, self._stamp), stamp - LONGEST_DELAY) - MEMORY  # needed by the next sample
         while self._wheels[0][0] < oldest:
             self._wheels.popleft()
 
     @property
     def delay(self) -> float:
-        """Time by which the first sample that waits for odometry is older than the last [s]."""
+        """Age difference of the first and the last sample that wait for odometry [s]."""
         return self._waiting[-1][0].stamp - self._waiting[0][0].stamp if self._waiting else 0.0
 
     def add_sample(
         self, sample: ImuSample, imu_in_base: Quaternion = (0.0, 0.0, 0.0, 1.0)
     ) -> Optional[float]:
-        """Take one IMU sample; judge the samples that odometry has come for.
+        """Take one IMU sample; judge all samples that odometry covers.
 
-        On a busy machine samples arrive before the odometry of their time: braking would look like a crash.
+        On a busy machine samples arrive before their odometry, and braking would look like a crash.
 
         Args:
-            sample: at any rate of 20 Hz or more.
-            imu_in_base: how the IMU is mounted; roll and pitch need not be right.
+            sample: sample of an IMU with a rate of 20 Hz or more.
+            imu_in_base: orientation of the IMU; roll and pitch need not be right.
 
         Returns:
             The unexplained change of velocity of the first crash [m/s]; None if there is none.
@@ -161,15 +163,15 @@ class CrashDetector:
         return loss
 
     def _has_odometry(self, stamp: float, now: float) -> bool:
-        """Whether odometry of a time [s] has come, as far as it will."""
+        """Return whether odometry of a time [s] has come, or will not come any more."""
         if now - self._silent_since > PATIENCE or now - stamp > LONGEST_WAIT:
             return True
         last = [at for at, _ in islice(reversed(self._wheels), 3)]
-        period = min((after - before for after, before in zip(last, last[1:])), default=0.0)  # no gap
+        period = min((after - before for after, before in zip(last, last[1:])), default=0.0)  # not a gap
         return bool(last) and stamp - last[0] <= period + LATENESS
 
     def _judge_sample(self, sample: ImuSample, imu_in_base: Quaternion) -> Optional[float]:
-        """Judge the change of velocity until LATENESS before a sample."""
+        """Take a sample's velocity increment, and judge the change of velocity until LATENESS before it."""
         duration = sample.stamp - self._stamp
         if self._up is None or abs(duration) > LONGEST_PERIOD:
             self.reset()
@@ -195,7 +197,7 @@ class CrashDetector:
         )
 
     def _level(self, sample: ImuSample, duration: float, imu_in_base: Quaternion) -> None:
-        """Turn the vertical by the gyro, and draw it to the force without that of the wheels' motion."""
+        """Turn the vertical by the gyro, and pull it towards the force without the wheels' acceleration."""
         assert self._up is not None
         self._up = unit(minus(self._up, cross(sample.angular_velocity, self._up), duration)) or self._up
         ahead, left = self._axes(imu_in_base)
@@ -270,12 +272,12 @@ class CrashDetector:
         return hypot(ahead, lasting) if self.change.excess(self._config) > self._config.max_loss else None
 
     def _weight(self, age: float) -> float:
-        """Share in `change` of a change of velocity so long ago [s]."""
+        """Weight in `change` of a velocity increment of this age [s]."""
         remaining = AFTER + self._config.window + BEFORE - age
         return max(min(age / AFTER, remaining / BEFORE, 1.0), 0.0)
 
     def _loss(self, ahead: float, end: float) -> float:
-        """Speed lost beyond that of the wheels [m/s]; the larger where the direction of travel is unknown."""
+        """Speed lost beyond the wheels' loss [m/s]; the larger one if the direction of travel is unknown."""
         speed = self._speed_at(end - AFTER - self._config.window)
         changes = [0.0]
         for shift in (-1.0, -0.5, 0.0, 0.5, 1.0):
@@ -300,7 +302,7 @@ class CrashDetector:
 
 
 def _damped(force: float, vertical: float) -> float:
-    """A horizontal force [m/s^2] without the part above SHOCK that a shock from below explains."""
+    """Return a horizontal force [m/s^2] without the part above SHOCK that a shock from below explains."""
     size = abs(force)
     return copysign(min(size, SHOCK) + max(size - SHOCK - abs(vertical), 0.0), force)
 

@@ -1,6 +1,6 @@
-"""Comparison of commands with motion: does the robot do what the controller commands?
+"""Comparison of commands with motion, which shows whether the robot obeys the controller.
 
-In: commands, poses of the robot in odom. Out: how long it has stood still against the commands.
+In: commands, poses of the robot in odom. Out: whether it has stood still for too long against the commands.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ from typing import NamedTuple, Optional
 from husky_highlevel_controller.datatypes import Pose2D, Twist2D
 from husky_highlevel_controller.geometry import wrap_angle
 
-STILL_TIME = 2.0  # [s] of standing still against the commands, after which the robot does not obey
-MIN_LINEAR, MIN_ANGULAR = 0.1, 0.1  # [m/s], [rad/s], slower commands may have no effect on a real robot
-MOVED, TURNED = 0.02, 0.03  # [m], [rad], a tenth of what these commands cause in STILL_TIME
+STILL_TIME = 2.0  # [s] time of standing still against the commands after which the robot does not obey
+MIN_LINEAR, MIN_ANGULAR = 0.1, 0.1  # [m/s], [rad/s] slower commands may have no effect on a real robot
+MOVED, TURNED = 0.02, 0.03  # [m], [rad] a tenth of the motion that these commands cause in STILL_TIME
 
 
 class Obedience(NamedTuple):
     """Memory of the last pose at which the robot obeyed."""
 
-    pose: Optional[Pose2D] = None  # in odom; None if it is unknown or no motion is commanded
+    pose: Optional[Pose2D] = None  # pose in odom; None if it is unknown or no motion is commanded
     since: float = 0.0  # [s], stamp of that pose
     stamp: float = 0.0  # [s], stamp of the last command
 
     @property
     def obeys(self) -> bool:
-        """Whether the robot has moved in the last STILL_TIME, or was not commanded to move."""
+        """Return whether the robot has moved in the last STILL_TIME, or was not commanded to move."""
         return self.pose is None or self.stamp - self.since < STILL_TIME
 
     def after(self, stamp: float, base_in_odom: Optional[Pose2D], twist: Twist2D) -> Obedience:

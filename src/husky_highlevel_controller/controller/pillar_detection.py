@@ -3,8 +3,8 @@
 In: one `Scan`. Out: the pillars in it, in the laser's own frame.
 
 A pillar is not the nearest return. It is a segment of neighbouring beams that lie on a circle of the expected
-radius, look more like a circle than like straight walls, and are framed by beams that pass where a pillar
-lets them pass.
+radius, look more like a circle than like straight walls, and have beams at
+both sides that pass the circle.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Pillar(NamedTuple):
     y: float  # [m], centre, in the laser's frame
     radius: float  # [m]
     beams: int  # number of beams that hit it
-    residual: float  # [m], root mean square distance of the beams' end points from the circle
+    residual: float  # [m] root mean square distance of the beams' end points from the circle
 
     @property
     def bearing(self) -> float:
@@ -51,25 +51,25 @@ class Pillar(NamedTuple):
         return hypot(self.x, self.y) - self.radius
 
 
-_CORNER_ODDS = 1.0  # as LINE_ODDS, for each beam
-_UNSCREENED = 8  # up to so many segments are fitted without a screen, which takes as long as some fits
-MAX_FITS = 24  # exact fits for one scan; they bound the time that clutter takes
-_MAX_SKIPPED = 2  # beams without a return that a pillar may have between two with one
+_CORNER_ODDS = 1.0  # the same as LINE_ODDS for a corner, per beam
+_UNSCREENED = 8  # largest number of segments without a screen, which takes as long as some fits
+MAX_FITS = 24  # largest number of exact fits per scan, which bounds the time that clutter takes
+_MAX_SKIPPED = 2  # largest number of missing returns between two beams on one pillar
 
 
 def find_pillars(scan: Scan, config: PillarConfig) -> List[Pillar]:
     """Pillars of a scan in the laser's frame, nearest first.
 
-    Those of few beams (far away) may turn out to be something else from nearer by.
+    Pillars of few beams (far away) may turn out to be other objects from nearer by.
     """
     if not (0.0 < abs(scan.angle_increment) < inf and isfinite(scan.angle_min) and scan.valid.any()):
-        return []  # beams without a direction, or without a return
+        return []  # no beam has a direction, or none has a return
     pillars = [_judge(scan, config, segment) for segment in _candidates(scan, config).one_by_one()]
     return sorted(_distinct([pillar for pillar in pillars if pillar]), key=lambda pillar: pillar.distance)
 
 
 def _candidates(scan: Scan, config: PillarConfig) -> Segments:
-    """The segments worth an exact fit; of clutter the nearest ones, at most `MAX_FITS`."""
+    """Return the segments worth an exact fit, at most the nearest `MAX_FITS`."""
     segments = cluster(scan, config)
     segments = segments.select(_plausible(segments, config))
     if len(segments.counts) > _UNSCREENED:
@@ -84,7 +84,7 @@ def _candidates(scan: Scan, config: PillarConfig) -> Segments:
 def cluster(scan: Scan, config: PillarConfig) -> Segments:
     """Split the valid beams, one or more, into segments that may each lie on one body.
 
-    The pillar's size says how far apart neighbours may be; single beams amid a segment are left out.
+    The pillar's size limits the distance between neighbours. Single beams amid a segment are left out.
     """
     (beams,) = scan.valid.nonzero()
     ranges = scan.returns[beams]
@@ -99,14 +99,14 @@ def cluster(scan: Scan, config: PillarConfig) -> Segments:
 def _starts(
     config: PillarConfig, step: float, beams: np.ndarray, ranges: np.ndarray
 ) -> Tuple[np.ndarray, np.ndarray]:
-    """Indices at which bodies begin; and those of single beams that others pass by on both sides."""
+    """Indices at which bodies begin, and indices of single beams that the beams on both sides pass."""
     radius, rough = config.pillar_radius + config.radius_tolerance, 2.0 * config.max_residual
 
     def apart(left: np.ndarray, right: np.ndarray) -> np.ndarray:
         between = beams[right] - beams[left]
         spacing = between * step * np.maximum(np.minimum(ranges[left], ranges[right]), 0.0)
-        spacing = np.minimum(spacing, radius)  # at which the depth is the radius
-        # depth of a circle between its edge and a beam one spacing further in: no two neighbours differ more
+        spacing = np.minimum(spacing, radius)  # the depth is the radius at this spacing
+        # neighbours differ at most by the depth of a circle between its edge and one spacing further in
         depth = np.sqrt((2.0 * radius - spacing) * spacing) + rough
         different: np.ndarray = (np.abs(ranges[right] - ranges[left]) > depth) | (between > _MAX_SKIPPED + 1)
         return different
@@ -120,7 +120,7 @@ def _starts(
 
 
 def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
-    """Whether segments have enough beams, and are no wider and no deeper than a pillar there, (S,) bool."""
+    """Mask of segments with enough beams that are not wider or deeper than a pillar there, (S,) bool."""
     beams, ranges, counts, near, step = segments
     starts, step = segments.starts, abs(step)
     far = np.maximum.reduceat(ranges, starts)
@@ -128,7 +128,7 @@ def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
     ahead = np.maximum(near, 0.0)
     plausible: np.ndarray = (
         (counts >= config.min_beams)
-        & (near > 0.0)  # some drivers' way to say that there is no return
+        & (near > 0.0)  # some drivers give 0 if there is no return
         & (span * step <= 2.0 * np.arcsin(radius / (ahead + radius)) + step)
         & (far - ahead <= radius + 4.0 * config.max_residual)
         & (near * step <= 2.0 * radius)  # beams farther apart show no shape
@@ -137,11 +137,11 @@ def _plausible(segments: Segments, config: PillarConfig) -> np.ndarray:
 
 
 def _judge(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[Pillar]:
-    """The pillar that a segment is, if it is one."""
+    """Return the pillar that a segment shows, or None."""
     radius, tolerance = config.pillar_radius, config.radius_tolerance
     circle = fit_circle(segment, radius, config.range_noise)
     if not (
-        circle.x > segment.near  # or it is a niche, which is as round
+        circle.x > segment.near  # otherwise it is a niche, which is as round
         and circle.residual <= config.max_residual
         and abs(circle.radius - radius) <= tolerance
         and abs(circle.free_radius - radius) <= tolerance + circle.free_slack
@@ -155,7 +155,7 @@ def _judge(scan: Scan, config: PillarConfig, segment: Segment) -> Optional[Pilla
 
 
 def _stands_out(scan: Scan, config: PillarConfig, segment: Segment, circle: Circle) -> bool:
-    """Whether a circle beats a line and a corner, and is framed as a pillar is."""
+    """Return whether a circle fits better than a line and a corner, and beams pass on both sides."""
     beams = len(segment.beams)
     missing, hidden = _silhouette(scan, config, segment, circle)
     noise = beams * config.range_noise**2
@@ -166,7 +166,7 @@ def _stands_out(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
                 (circle.sum_squared_error + noise) / (sum_squared_error + noise)
             )
 
-        return lead(0.0) < odds or lead(rival(segment)) < odds  # mostly not even a perfect rival would win
+        return lead(0.0) < odds or lead(rival(segment)) < odds  # usually not even a perfect rival would win
 
     return (
         missing <= beams // 10
@@ -185,10 +185,10 @@ def _silhouette(scan: Scan, config: PillarConfig, segment: Segment, circle: Circ
     reach, slack = half / step + 1.0, 4.0 * config.max_residual
     first, last = ceil(centre - reach), floor(centre + reach)
     is_own = np.zeros(len(scan.ranges), dtype=bool)
-    if circle.sum_squared_error < slack**2:  # none of its own is farther off than the root of the sum
+    if circle.sum_squared_error < slack**2:  # no beam of its own is farther off than the root of the sum
         is_own[beams] = True
     others = (~is_own[max(first, 0) : max(last + 1, 0)]).nonzero()[0] + max(first, 0)
-    missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))  # beyond the scan's ends
+    missing, hidden = 0, (first < 0) + (last >= len(scan.ranges))  # also counts beams beyond the scan's ends
     if len(others):
         psi = (others - centre) * step
         across, square = distance * np.sin(psi), circle.radius * circle.radius

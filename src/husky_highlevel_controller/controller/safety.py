@@ -19,11 +19,11 @@ from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import advance, matrix_from_quat
 from husky_highlevel_controller.robot import DriveConfig, Robot
 
-MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05  # [m/s], [rad/s]: slower is standing, for odometry has noise
-FASTEST = 100.0  # [m/s] and [rad/s]: a measured velocity beyond it is none
-PATH_STEPS = 12  # poses looked at on the way to standstill
-APPROACH = 1e-3  # [m], what does not come nearer by this much is not being approached
-STOPPING_TIMEOUT = 1.0  # [s], after a stop was called for the robot stands, or it is driven by another node
+MOVING_LINEAR, MOVING_ANGULAR = 0.02, 0.05  # [m/s], [rad/s] slower is standing, because odometry has noise
+FASTEST = 100.0  # [m/s] and [rad/s] a measured velocity beyond it is not valid
+PATH_STEPS = 12  # number of checked poses on the way to standstill
+APPROACH = 1e-3  # [m] the robot approaches a return if the clearance falls by this much
+STOPPING_TIMEOUT = 1.0  # [s] a robot that still moves this long after a stop is driven by another node
 
 
 @dataclass(frozen=True)
@@ -38,33 +38,33 @@ class ProximityConfig:
 
 
 def is_moving(twist: Twist2D) -> bool:
-    """Whether a measured velocity is more than the noise of standing, or no number."""
+    """Return whether a measured velocity is more than the noise of standing, or NaN."""
     return not (abs(twist.linear) <= MOVING_LINEAR and abs(twist.angular) <= MOVING_ANGULAR)
 
 
 def too_close(
     scan: Scan, pose_laser_in_base: Pose, twist_in_base: Twist2D, config: ProximityConfig, robot: Robot
 ) -> Optional[float]:
-    """Whether the robot must brake now to keep its margin to whatever it moves towards, at any bearing.
+    """Decide whether the robot must brake now to keep its margin to everything that it moves towards.
 
-    The robot's outline is moved along the way that the present velocity, and then the brakes, lead to
-    standstill; everything in the scan that it would come too close to on that way counts.
+    The robot's footprint is moved along its path to standstill, first at the present velocity, then braking.
+    Every return of the scan, at any bearing, that it would come too close to on that path counts.
 
     Args:
-        scan: one sweep. What it has within the robot's outline is the robot itself.
-        pose_laser_in_base: which may be upside-down.
-        twist_in_base: how the robot moves, as measured.
+        scan: one sweep. Returns inside the robot's footprint are the robot itself.
+        pose_laser_in_base: pose of the lidar, which may be upside-down.
+        twist_in_base: measured velocity of the robot.
         config: margin and brakes.
-        robot: its outline, and the limits of its drive, at which it brakes.
+        robot: robot with its footprint and the limits of its drive, at which it brakes.
 
     Returns:
-        The clearance there is now between the robot's outline and the nearest return that counts [m];
-        None if there is no need to brake, so always for a robot that stands or moves away.
+        The present clearance between the robot's footprint and the nearest return that counts [m], or None if
+        there is no need to brake, as for a robot that stands or moves away.
     """
     if not is_moving(twist_in_base):
         return None
     if not (abs(twist_in_base.linear) <= FASTEST and abs(twist_in_base.angular) <= FASTEST):
-        return 0.0  # nothing is known of the way to standstill
+        return 0.0  # the path to standstill is unknown
     outline = robot.footprint
     path = _braking_path(twist_in_base, config, robot.drive)
     points_in_base = _points(scan, pose_laser_in_base)
@@ -85,7 +85,7 @@ def nearest_clearance(scan: Scan, pose_laser_in_base: Pose, outline: Footprint) 
 
 
 def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -> List[Pose2D]:
-    """Poses in base_link, first with the twist kept up, then with both its parts braked."""
+    """Poses in base_link, first with the present twist, then with both of its parts braked."""
     braking = min(config.braking, drive.max_linear_acceleration)
     angular_braking = drive.max_angular_acceleration
     braking_time = max(abs(twist.linear) / braking, abs(twist.angular) / angular_braking)
@@ -102,7 +102,7 @@ def _braking_path(twist: Twist2D, config: ProximityConfig, drive: DriveConfig) -
 
 
 def _longest_move(path: List[Pose2D], outline: Footprint) -> float:
-    """Bound on how far any point of the outline moves [m]."""
+    """Upper bound of the motion of any point of the footprint [m]."""
     reach = hypot(outline.half_length, outline.half_width)
     return max(hypot(pose.x, pose.y) + abs(pose.yaw) * reach for pose in path)
 
@@ -127,17 +127,17 @@ def _clearance(points_in_base: np.ndarray, pose: Pose2D, outline: Footprint) -> 
 
 @dataclass(frozen=True)
 class Latch:
-    """Remembers that a stop was called for, so that it is called for once."""
+    """Memory that a stop was requested, so that it is requested only once."""
 
-    tripped_at: Optional[float] = None  # [s]; None: on guard
-    stood: bool = False  # when last looked at
+    tripped_at: Optional[float] = None  # [s] time of the stop; None while on guard
+    stood: bool = False  # true if the robot stood at the last update
 
 
 def advance_latch(latch: Latch, danger: bool, moving: bool, stamp: float) -> Tuple[Latch, bool]:
-    """Latch at a time [s], Latch() at first, and whether to stop now.
+    """Return the latch at a time [s], and whether to stop now; begin with Latch().
 
     A tripped latch is on guard again when the robot was started: when it moves after it stood, or
-    still moves when it should have stood for long. Time that runs back is a new run.
+    still moves when it should have stood for long. A time before the stop means a new run.
     """
     if latch.tripped_at is not None:
         elapsed = stamp - latch.tripped_at

@@ -1,8 +1,8 @@
 """Search for a pillar that is out of sight, and free directions round obstacles.
 
-In: the robot's place in odom, a scan. Out: the next twist, a free direction.
+In: the robot's pose in odom, a scan. Out: the next twist, a free direction.
 
-A full turn on the spot, then the legs of a widening square with a full turn after each.
+The search makes a full turn on the spot, then drives the legs of a widening square with a turn after each.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from husky_highlevel_controller.datatypes import Pose, Pose2D, Scan, Twist2D
 from husky_highlevel_controller.footprint import Footprint
 from husky_highlevel_controller.geometry import matrix_from_quat, wrap_angle
 
-LOOK_AHEAD = 1.0  # [m], free way wanted ahead of the hull
-SEARCH_SPEED = 0.5  # [m/s], fastest while searching
-_FREE_BESIDE = 0.15  # [m], wanted free to either side of the outline
-_OWN_BODY = 0.01  # [m], returns this near to the outline are the robot itself
+LOOK_AHEAD = 1.0  # [m] required free path ahead of the hull
+SEARCH_SPEED = 0.5  # [m/s] fastest speed while searching
+_FREE_BESIDE = 0.15  # [m] required free width on either side of the footprint
+_OWN_BODY = 0.01  # [m] returns this near to the footprint are the robot itself
 _SIDESTEPS = [radians(angle) for size in range(0, 121, 15) for angle in ((size, -size) if size else (0,))]
-_REACH = 2.0  # [m] from the lidar; nothing farther can be in the way within LOOK_AHEAD
-_SAME_BODY = 0.2  # [m], neighbouring returns that differ by less are on one body
-_OF_TARGET = 0.15  # [m], returns this near to the pillar's surface are the pillar's
+_REACH = 2.0  # [m] range from the lidar beyond which nothing is in the way within LOOK_AHEAD
+_SAME_BODY = 0.2  # [m] neighbouring returns that differ by less are on one body
+_OF_TARGET = 0.15  # [m] returns this near to the pillar's surface are the pillar's
 _ROUND = 2.0 * pi
 _QUARTER = pi / 2.0
 
@@ -32,10 +32,10 @@ _QUARTER = pi / 2.0
 class Search(NamedTuple):
     """Progress of the search."""
 
-    leg: int = 0  # legs begun
-    to_turn: float = _ROUND  # [rad] before the next leg
-    to_drive: float = 0.0  # [m] of this leg
-    pose: Optional[Pose2D] = None  # of base_link in odom, at the last scan
+    leg: int = 0  # number of legs begun
+    to_turn: float = _ROUND  # [rad] remaining turn before the next leg
+    to_drive: float = 0.0  # [m] remainder of this leg
+    pose: Optional[Pose2D] = None  # pose of base_link in odom at the last scan
 
 
 def search_on(
@@ -45,7 +45,7 @@ def search_on(
     outline: Footprint,
     config: ControlConfig,
 ) -> Tuple[Search, Twist2D]:
-    """Continue the search, at first Search(), from where the robot is, among points near it, (N, 2) [m]."""
+    """Continue the search from the robot's pose, among points near it, (N, 2) [m]; begin with Search()."""
     before = search.pose or base_in_odom
     turned = wrap_angle(base_in_odom.yaw - before.yaw)
     driven = hypot(base_in_odom.x - before.x, base_in_odom.y - before.y)
@@ -67,7 +67,7 @@ def search_on(
 def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outline: Footprint) -> np.ndarray:
     """Ends of beams near the robot, (N, 2) [m] in base_link.
 
-    Left out are the robot itself, single ones (speckle), and the target, which is not in its own way.
+    They are without the robot itself, without single points (speckle), and without the target.
     """
     (near,) = ((scan.returns < _REACH) & scan.valid).nonzero()
     if not len(near):
@@ -87,7 +87,7 @@ def near_points(scan: Scan, laser_in_base: Pose, target: Optional[Target], outli
 
 
 def is_free(points_in_base: np.ndarray, bearing: float, length: float, outline: Footprint) -> bool:
-    """Whether the robot could turn to `bearing` [rad] and drive `length` [m] without touching a point."""
+    """Return whether the robot could face `bearing` [rad] and drive `length` [m] without touching a point."""
     if not len(points_in_base):
         return True
     c, s = cos(bearing), sin(bearing)
@@ -100,9 +100,9 @@ def is_free(points_in_base: np.ndarray, bearing: float, length: float, outline: 
 def free_bearing(
     points_in_base: np.ndarray, goal: float, length: float, outline: Footprint
 ) -> Optional[float]:
-    """The direction nearest to `goal` that has a free way [rad]; None if there is none.
+    """Return the direction nearest to `goal` that has a free path [rad], or None if there is none.
 
-    Of two equally near ones it is the one that the robot faces more.
+    If two are equally near, it is the direction that the robot faces more.
     """
     if is_free(points_in_base, goal, length, outline):
         return goal

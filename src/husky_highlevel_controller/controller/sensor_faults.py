@@ -8,29 +8,29 @@ from __future__ import annotations
 from math import inf
 from typing import Optional
 
-WINDOW, MIN_MESSAGES = 0.5, 5  # [s] of wall time, messages: an offset of all of them is one of the clocks
-MAX_WINDOW = 2.0  # [s] of wall time without a message of the reference, which has ended
-MAX_OFFSET = 0.55  # [s], half a second and a period of odometry: with more the robot stands
+WINDOW, MIN_MESSAGES = 0.5, 5  # [s] wall time, and messages, after which an offset of all is judged
+MAX_WINDOW = 2.0  # [s] wall time without a reference message after which the window ends
+MAX_OFFSET = 0.55  # [s] half a second and a period of odometry; the robot stops if it is larger
 
 
 class ClockOffset:
-    """Offset between the clocks that stamp two streams of messages, where it lasts.
+    """Lasting offset between the clocks that stamp two streams of messages.
 
-    Each message is compared with the newest stamp of the reference. One that comes late makes a difference
-    as well, but not every one in WINDOW does: the smallest (ahead) or largest (behind) counts.
+    Each message is compared with the newest stamp of the reference. A late message makes a difference
+    as well, but not every message in WINDOW is late, so the smallest (ahead) or largest (behind) counts.
     """
 
     def __init__(self, tolerance: float) -> None:
-        """Begin without an offset; one below `tolerance` [s] is none."""
-        self.seconds = 0.0  # by which the messages' clock is ahead of the reference's
+        """Begin without an offset; an offset below `tolerance` [s] counts as 0."""
+        self.seconds = 0.0  # lead of the messages' clock over the reference's
         self._tolerance = tolerance
         self._reference: Optional[float] = None  # [s], newest stamp
         self._references = self._count = 0
-        self._begin = (0.0, 0.0, 0.0)  # [s] of the window: wall time, stamp, the reference's stamp
+        self._begin = (0.0, 0.0, 0.0)  # [s] start of the window: wall time, stamp, the reference's stamp
         self._smallest, self._largest = inf, -inf  # [s], differences of the window
 
     def add_reference(self, stamp: float) -> None:
-        """Take a stamp [s] of the reference, known ones too."""
+        """Take a stamp [s] of the reference; it may be a repeated one."""
         if self._reference is not None and stamp < self._reference:
             self._count = 0  # a new run
         self._references += stamp != self._reference
@@ -57,7 +57,7 @@ class ClockOffset:
         if progress <= 0.0 or not self._references or self._count < 2:
             return 0.0
         period = progress / self._references
-        # the newest reference is up to a period old, but not always where messages come more often
+        # the newest reference is up to a period old, but not for every message if messages come more often
         slack = min(period, abs(stamp - first) / (self._count - 1))
         # simulated time may pass faster, and so do seconds of lateness
         tolerance = self._tolerance * max(progress / (now - begin), 1.0) + slack
@@ -68,7 +68,7 @@ class ClockOffset:
 
 
 def clock_sentence(who: str, seconds: float, reference: str) -> str:
-    """Sentence on messages ("scans are") stamped so far ahead of a reference [s]; negative: behind it."""
+    """Sentence on messages ("scans are") stamped so far ahead of a reference [s]; behind it if negative."""
     side = "ahead of" if seconds > 0.0 else "behind"
     return f"{who} stamped {abs(seconds):.2f} s {side} {reference}: set the clocks (chrony)"
 

@@ -1,16 +1,16 @@
 """Tracker of one pillar in odom: data association and a filter of its position.
 
-In: the pillars of a scan, and where the lidar was. Out: the one that is followed, and what is believed of it.
+In: the pillars of a scan, and the pose of the lidar. Out: the tracked pillar, and its estimate.
 
-The first pillar seen, or the nearest of several, is followed until it proves to be none: its place is in
-view, nothing hides it, and yet no pillar is there for EMPTY_TIMEOUT. A near place that stays hidden counts
-a tenth of that time, so it is given up after 5 s, but not by a robot that has arrived; one out of view is
-kept for as long as odom is, ever less certain. A place that was given up is believed again only when more
-beams fall on it, that is, from nearer by.
+The first pillar seen, or the nearest of several, is tracked until its position proves to be empty. That is so
+if the position is in view, nothing hides it, and no pillar is there for EMPTY_TIMEOUT. Time in which a near
+position is hidden counts a tenth, so it is given up after 5 s, but not by a robot that has arrived. A
+position out of view is kept as long as odom lasts, and becomes less and less certain. A pillar at a position
+that was given up is accepted again only if more beams fall on it, which means from nearer by.
 
-An estimate is confirmed when it was seen from places BASELINE apart, or for WATCH_TIME. Before that it is
-given up after EMPTY_TIMEOUT out of view or hidden, too. An estimate that moves WALK within WATCH_TIME is a
-leg or a wheel, not a pillar: it is dropped, pillars elsewhere come first, and the next one is to be
+An estimate is confirmed when it was seen from positions BASELINE apart, or for WATCH_TIME. Before that it is
+also given up after EMPTY_TIMEOUT out of view or hidden. An estimate that moves by WALK within WATCH_TIME is a
+leg or a wheel and not a pillar, so it is dropped. Then pillars elsewhere come first, and the next one must be
 confirmed before the robot drives to it.
 """
 
@@ -24,20 +24,20 @@ from husky_highlevel_controller.controller.pillar_detection import Pillar
 from husky_highlevel_controller.datatypes import Pose, Scan
 from husky_highlevel_controller.geometry import inverse, transform_point
 
-EMPTY_TIMEOUT = 0.5  # [s], this long a place may look empty before it is given up
-_HIDDEN_WEIGHT = 0.1  # of a second, what a second counts in which a near place is hidden
-_AT_PLACE = 2.0  # [m] from the lidar: a place this near should be seen
-_MANY_BEAMS = 8  # a pillar of so many is believed, whatever was there before
-_LONGEST_PERIOD = 0.1  # [s], a gap between scans counts as no longer than this
-_DRIFT = 0.02  # [m/sqrt(s)], how fast a place in odom becomes uncertain
-_GATE, _GATE_SHARE = 0.5, 0.03  # [m] and share of the distance, how far a pillar may be from where it was
-_MAX_REJECTED = 8  # places given up that are remembered
-BASELINE, WATCH_TIME = 0.3, 2.0  # [m] between two places of the lidar; [s], a step of a walk takes 0.6 s
-WALK = 0.2  # [m] beyond the errors of a sighting; legs walk 0.5 to 1.5 m/s, odom drifts below 0.1 m/s
+EMPTY_TIMEOUT = 0.5  # [s] time that a position may look empty before it is given up
+_HIDDEN_WEIGHT = 0.1  # weight of time during which a near position is hidden
+_AT_PLACE = 2.0  # [m] distance from the lidar within which a position should be seen
+_MANY_BEAMS = 8  # number of beams with which a pillar is accepted even at a rejected position
+_LONGEST_PERIOD = 0.1  # [s] a longer gap between scans counts as this
+_DRIFT = 0.02  # [m/sqrt(s)] growth of the uncertainty of a position in odom
+_GATE, _GATE_SHARE = 0.5, 0.03  # [m] and fraction of the distance: association gate
+_MAX_REJECTED = 8  # largest number of rejected positions that are remembered
+BASELINE, WATCH_TIME = 0.3, 2.0  # [m] between positions of the lidar; [s] a step of a walk takes 0.6 s
+WALK = 0.2  # [m] motion beyond sighting errors; legs walk at 0.5 to 1.5 m/s, odom drifts below 0.1 m/s
 
 
 class Estimate(NamedTuple):
-    """The pillar, remembered."""
+    """Remembered pillar."""
 
     x: float  # [m], centre, in odom
     y: float  # [m], centre, in odom
@@ -47,56 +47,56 @@ class Estimate(NamedTuple):
 
 
 class Visibility(Enum):
-    """Evidence of a scan about a remembered place."""
+    """Evidence of a scan about a remembered position."""
 
     SEEN = "seen"
     OUT_OF_VIEW = "out of view"
-    HIDDEN = "hidden"  # by something nearer
-    EMPTY = "empty"  # no pillar there, though one would be seen
+    HIDDEN = "hidden"  # hidden by a nearer object
+    EMPTY = "empty"  # not there, although a pillar would be seen
     UNKNOWN = "unknown"  # nothing is remembered
 
 
 class Anchor(NamedTuple):
-    """Places of an estimate and of the lidar, at most WATCH_TIME ago."""
+    """Positions of an estimate and of the lidar, at most WATCH_TIME ago."""
 
     estimate: Estimate
-    laser: Tuple[float, float]  # [m], in odom
+    laser: Tuple[float, float]  # [m] position in odom
 
 
 class Track(NamedTuple):
     """Pillar that is followed from scan to scan."""
 
     estimate: Optional[Estimate] = None
-    missed_time: float = 0.0  # [s] that its place looked empty, less those that showed it
-    beams: int = 0  # largest number that a scan had on it
+    missed_time: float = 0.0  # [s] time that its position looked empty, less time that showed it
+    beams: int = 0  # largest number of beams that a scan had on it
     updated_at: float = 0.0  # [s]
-    rejected: Tuple[Tuple[float, float, int], ...] = ()  # places given up: x, y in odom [m]; beams they had
+    rejected: Tuple[Tuple[float, float, int], ...] = ()  # rejected positions: x, y in odom [m], beams
     anchor: Optional[Anchor] = None
-    confirmed: bool = False  # seen for long enough, or from places far enough apart
-    walked_to: Optional[Tuple[float, float]] = None  # [m], in odom, where the last estimate had walked
+    confirmed: bool = False  # true if seen for long enough, or from positions far enough apart
+    walked_to: Optional[Tuple[float, float]] = None  # [m] end of the last estimate's walk, in odom
 
     @property
     def doubtful(self) -> bool:
-        """Whether the estimate may be the one that walked before: not yet to be driven to."""
+        """Return whether the estimate may be the one that walked, so the robot must not drive to it yet."""
         return self.walked_to is not None and not self.confirmed
 
 
 class Sighting(NamedTuple):
-    """A pillar of one scan, with its place in odom."""
+    """A pillar of one scan, with its position in odom."""
 
-    pillar: Pillar  # in the laser's frame
+    pillar: Pillar  # pillar in the laser's frame
     center_in_odom: Tuple[float, float, float]  # [m]
 
 
 def follow(
     track: Track, pillars: List[Pillar], scan: Scan, laser_in_odom: Pose, keep_hidden: bool = False
 ) -> Tuple[Track, Optional[Sighting], Visibility]:
-    """Find the followed pillar in a scan, whose pillars are nearest first, or begin to follow one.
+    """Find the tracked pillar among pillars sorted by distance, or begin to track one.
 
-    With `keep_hidden` a near place is kept although something hides it.
+    With `keep_hidden` a near position is kept although something hides it.
 
     Returns:
-        What is believed now, the followed pillar if the scan shows it, and what it says about the place.
+        The new track, the tracked pillar if the scan shows it, and the evidence about its position.
     """
     period = min(max(scan.stamp - track.updated_at, 0.0), _LONGEST_PERIOD)
     sightings = [
@@ -125,12 +125,12 @@ def follow(
 
 
 def aged(estimate: Estimate, stamp: float) -> Estimate:
-    """The estimate as certain as it still is at `stamp` [s]."""
+    """Return the estimate with its deviation grown to `stamp` [s]."""
     return estimate._replace(deviation=_deviation_at(estimate, stamp))
 
 
 def _walks(track: Track, pillar: Pillar) -> bool:
-    """Whether the estimate has moved since its anchor, by more than errors of pose and sighting explain."""
+    """Return whether the estimate has moved from its anchor by more than errors of pose and sighting."""
     assert track.estimate is not None
     assert track.anchor is not None
     before, now = track.anchor.estimate, track.estimate
@@ -139,7 +139,7 @@ def _walks(track: Track, pillar: Pillar) -> bool:
 
 
 def _watched(track: Track, laser_in_odom: Pose) -> Track:
-    """The track, confirmed and with a new anchor once the estimate has stood for long enough."""
+    """Confirm the track if it was seen for long enough, which renews its anchor, or from positions apart."""
     assert track.estimate is not None
     assert track.anchor is not None
     before, (x, y, _) = track.anchor, laser_in_odom.position
@@ -151,13 +151,13 @@ def _watched(track: Track, laser_in_odom: Pose) -> Track:
 
 
 def _at(place: Optional[Tuple[float, float]], sighting: Sighting) -> bool:
-    """Whether a sighting is at a place, in odom."""
+    """Return whether a sighting is at a position in odom."""
     x, y, _ = sighting.center_in_odom
     return place is not None and hypot(x - place[0], y - place[1]) <= _GATE
 
 
 def _weight(visibility: Visibility, track: Track, laser_in_odom: Pose, keep_hidden: bool) -> float:
-    """Weight of a second in which the pillar is not seen."""
+    """Weight of time in which the pillar is not seen."""
     estimate = track.estimate
     assert estimate is not None
     if visibility is Visibility.EMPTY or not track.confirmed:
@@ -168,7 +168,7 @@ def _weight(visibility: Visibility, track: Track, laser_in_odom: Pose, keep_hidd
 
 
 def _give_up(track: Track, reject: bool) -> Track:
-    """The track without its estimate, whose place is remembered if it is rejected."""
+    """Return the track without its estimate; remember the position if it is rejected."""
     assert track.estimate is not None
     place = (track.estimate.x, track.estimate.y, min(track.beams, _MANY_BEAMS - 1))
     rejected = (*track.rejected[1 - _MAX_REJECTED :], place) if reject else track.rejected
@@ -182,7 +182,7 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
     distance = hypot(x, y)
     if step == 0.0 or distance - estimate.radius > scan.range_max:
         return Visibility.OUT_OF_VIEW
-    half = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)  # in beams
+    half = asin(min(0.9 * estimate.radius / max(distance, 1e-9), 1.0)) / abs(step)  # half width in beams
     middle = (atan2(y, x) - scan.angle_min) / step % (2.0 * pi / abs(step))
     first, last = int(middle - half + 1.0), int(middle + half)
     if first < 1 or last > len(scan.ranges) - 2 or last <= first:  # cut by the edge, or too far to judge
@@ -195,7 +195,7 @@ def look_at(estimate: Estimate, scan: Scan, laser_in_odom: Pose) -> Visibility:
 
 
 def _match(estimate: Estimate, sightings: List[Sighting], stamp: float) -> Optional[Sighting]:
-    """The pillar nearest to where the followed one was, if near enough."""
+    """Return the pillar nearest to the estimate, if it is near enough."""
     deviation = _deviation_at(estimate, stamp)
     best, best_off = None, 1.0
     for sighting in sightings:
@@ -211,7 +211,7 @@ def _seen(track: Track, sighting: Sighting, period: float, scan: Scan, laser_in_
     """Update the estimate with a sighting; the gains are those of a Kalman filter."""
     pillar, (x, y, _) = sighting
     radius = pillar.radius
-    # a quarter of the spacing of the beams, and what noise leaves
+    # a quarter of the spacing of the beams, and the remaining noise
     variance = (0.005 + 0.25 * abs(scan.angle_increment) * hypot(pillar.x, pillar.y)) ** 2
     old = track.estimate
     if old is not None:
@@ -231,5 +231,5 @@ def _seen(track: Track, sighting: Sighting, period: float, scan: Scan, laser_in_
 
 
 def _deviation_at(estimate: Estimate, stamp: float) -> float:
-    """Standard deviation of the place, grown since it was seen [m]."""
+    """Standard deviation of the position, grown since it was seen [m]."""
     return hypot(estimate.deviation, _DRIFT * sqrt(max(stamp - estimate.seen_at, 0.0)))

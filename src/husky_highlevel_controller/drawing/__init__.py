@@ -1,1 +1,1 @@
-"""Pictures and pages of runs: what simulator, controller and their nodes may not import."""
+"""Pictures and pages of runs; simulator, controller and their nodes may not import them."""

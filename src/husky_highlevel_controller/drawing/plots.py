@@ -16,14 +16,14 @@ from husky_highlevel_controller.course import PILLAR_RADIUS
 from husky_highlevel_controller.footprint import Footprint
 
 DPI = 110
-DRIVEN, MARKER, ROBOT, PILLAR = "#0b62c4", "#e06c00", "#d9a300", "0.35"  # colours, told apart by all eyes
-STYLES = ((MARKER, "-"), (PILLAR, "--"), (DRIVEN, "-."), ("black", ":"))  # told apart without colours, too
+DRIVEN, MARKER, ROBOT, PILLAR = "#0b62c4", "#e06c00", "#d9a300", "0.35"  # colours for every kind of eye
+STYLES = ((MARKER, "-"), (PILLAR, "--"), (DRIVEN, "-."), ("black", ":"))  # distinct in black and white
 
 
 def new_figure(
     width: float, height: float, layout: Optional[Literal["constrained"]] = "constrained"
 ) -> Figure:
-    """An empty figure of a size in inches; with a layout of None it is drawn once, not twice."""
+    """An empty figure of a size in inches; a layout of None saves a second drawing."""
     return Figure(figsize=(width, height), dpi=DPI, layout=layout)
 
 
@@ -35,7 +35,7 @@ def png(figure: Figure) -> bytes:
 
 
 def plain(text: str) -> str:
-    """A text that matplotlib draws letter by letter: $...$ would be mathematics."""
+    """Escape $ in a text, because matplotlib would draw $...$ as mathematics."""
     return text.replace("$", r"\$")
 
 
@@ -56,9 +56,9 @@ def _axes_from_above(plot: Any, frame: str) -> None:
 def draw_paths(
     paths: Mapping[str, np.ndarray], title: str = "", pillar: Optional[Tuple[float, float]] = None
 ) -> bytes:
-    """A PNG of paths (N, 2) [m] by name, in the world where there is a pillar [m].
+    """A PNG of paths (N, 2) [m] by name, in a world with a pillar [m].
 
-    A dot where each begins, a cross where it ends.
+    A dot marks the start of each path, a cross its end.
     """
     figure = new_figure(7.0, 6.0)
     plot = figure.add_subplot()

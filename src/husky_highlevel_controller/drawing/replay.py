@@ -1,6 +1,6 @@
-"""A drive as one HTML page that plays it in 3D: it needs no server, no other file and no library.
+"""A drive as one HTML page that plays it in 3D: it needs neither a server nor other files.
 
-In: times and poses. Out: HTML, some hundred kilobytes.
+In: times and poses. Out: HTML of some hundred kilobytes.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from husky_highlevel_controller.drawing.robot_mesh import Part, robot_mesh
 from husky_highlevel_controller.drawing.templates import render
 from husky_highlevel_controller.robot import Robot, load_robot
 
-PERIOD = 0.1  # [s] between two poses that are kept; the page draws what lies between
-MAX_POSES = 3000  # a longer drive is kept more coarsely
+PERIOD = 0.1  # [s] time between two poses that are kept; the page interpolates
+MAX_POSES = 3000  # largest number of poses; a longer run is kept more coarsely
 MAX_MARKS = 1000
 
 
@@ -29,17 +29,17 @@ class Replay:
     """Poses, paths and objects of a drive, in the world's frame."""
 
     title: str
-    summary: str  # how it ended
-    times: np.ndarray  # (N,) [s], rising
+    summary: str  # sentence on the end of the run
+    times: np.ndarray  # (N,) [s] rising
     poses: np.ndarray  # (N, 3) [m, m, rad], x, y and yaw of base_link
-    pillars: np.ndarray  # (0, 2), (1, 2) or (N, 2) [m], centre of the pillar, for good or at each time
-    marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (M, 3) [s, m, m], of the pillar
+    pillars: np.ndarray  # (0, 2), (1, 2) or (N, 2) [m] centre of the pillar: none, fixed, or at each time
+    marks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (M, 3) [s, m, m] marker positions
     pillar_radius: float = PILLAR_RADIUS  # [m]
     robot: Robot = field(default_factory=load_robot)
 
 
 def to_html(replay: Replay) -> str:
-    """The page, of at least one pose; it keeps those that the eye needs."""
+    """Return the page of at least one pose; it keeps only as many poses as a smooth animation needs."""
     rows = _rows_to_show(replay.times)
     pillars = replay.pillars if len(replay.pillars) < 2 else replay.pillars[rows]
     marks = replay.marks[np.isfinite(replay.marks).all(axis=1)]
@@ -53,19 +53,19 @@ def to_html(replay: Replay) -> str:
         "pillar": replay.pillar_radius,
         "robot": _robot(replay.robot.name),
     }
-    text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")  # a title is anybody's
+    text = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")  # titles may contain HTML
     return render("replay.html", data=Markup(text))
 
 
 @lru_cache(maxsize=4)
 def _robot(name: str) -> Dict[str, Any]:
-    """Triangles in millimetres, and where the wheels are."""
+    """Triangles in millimetres, and positions of the wheels."""
     robot = load_robot(name)
     body, wheel = robot_mesh(robot)
     wheels, drive, outline = robot.wheels, robot.drive, robot.footprint
     return {
         "size": [outline.half_length, outline.half_width],
-        "height": drive.wheel_radius - wheels.height,  # of base_link
+        "height": drive.wheel_radius - wheels.height,  # height of base_link
         "wheel": [wheels.base / 2.0, drive.wheel_separation / 2.0, wheels.height, drive.wheel_radius],
         "track": drive.wheel_separation * drive.wheel_separation_multiplier,
         "body": _packed(body),

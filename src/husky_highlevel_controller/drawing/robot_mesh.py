@@ -11,7 +11,7 @@ from husky_highlevel_controller.paths import mesh_folder
 from husky_highlevel_controller.robot import Robot
 
 YELLOW, BLACK, TYRE, PLATE, STEEL, GREY = "#f2b80d", "#26272a", "#333436", "#4d4f54", "#80858c", "#b8bdc2"
-# where urdf/husky.urdf.xacro has the meshes of the body: file, colour, x, z, whether it looks back [m]
+# meshes of the body as in urdf/husky.urdf.xacro: file, colour, x [m], z [m], and whether it points back
 BODY = (
     ("base_link.stl", BLACK, 0.0, 0.0, False),
     ("top_plate.stl", YELLOW, 0.0, 0.0, False),
@@ -19,7 +19,7 @@ BODY = (
     ("bumper.stl", BLACK, -0.48, 0.091, True),
     ("user_rail.stl", STEEL, 0.272, 0.245, False),
 )
-CELL = 0.012  # [m], vertices of a mesh in the same cell become one
+CELL = 0.012  # [m] edge of a cell; vertices of a mesh in the same cell become one
 STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
@@ -27,11 +27,11 @@ class Part(NamedTuple):
     """Triangles of one colour."""
 
     color: str
-    triangles: np.ndarray  # (N, 3, 3) [m], in base_link, or of a wheel about its hub
+    triangles: np.ndarray  # (N, 3, 3) [m] corners in base_link, or around the hub of a wheel
 
 
 def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
-    """Body and wheel of a robot; only boxes where PyBullet is not installed."""
+    """Body and wheel of a robot; only boxes if PyBullet is not installed."""
     radius, width, mount, hull = robot.drive.wheel_radius, robot.wheels.width, robot.lidar_mount, robot.hull
     body = [
         Part(BLACK, _box((0.01, 0.1, 0.12), (mount.x - 0.06, 0.0, mount.z))),
@@ -57,7 +57,7 @@ def robot_mesh(robot: Robot) -> Tuple[List[Part], List[Part]]:
 
 
 def coarser(triangles: np.ndarray, cell: float = CELL) -> np.ndarray:
-    """Triangles (M, 3, 3) [m] whose corners lie in the middle of cells; those without an area are gone."""
+    """Triangles (M, 3, 3) [m] whose corners lie in the middle of cells, without triangles of no area."""
     cells = np.round(triangles / cell)
     flat = (cells == np.roll(cells, 1, axis=1)).all(axis=2).any(axis=1)
     corners: np.ndarray = np.unique(cells[~flat], axis=0) * cell
@@ -65,7 +65,7 @@ def coarser(triangles: np.ndarray, cell: float = CELL) -> np.ndarray:
 
 
 def _mesh(path: Path) -> np.ndarray:
-    """Triangles of a binary STL file, coarser by cells."""
+    """Triangles of a binary STL file, made coarser by cells."""
     return coarser(np.frombuffer(path.read_bytes(), STL, offset=84)["corners"].astype(float))
 
 

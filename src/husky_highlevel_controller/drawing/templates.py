@@ -15,11 +15,11 @@ from husky_highlevel_controller.config import to_json
 from husky_highlevel_controller.paths import share_folder
 from husky_highlevel_controller.result import Result
 
-_OPTION = re.compile(r"(?<![\w&#;-])--?\w[\w-]*")  # on a command line
+_OPTION = re.compile(r"(?<![\w&#;-])--?\w[\w-]*")  # option of a command line
 
 
 def render(template: str, **values: Any) -> str:
-    """The page of a template; it needs no other file."""
+    """Return the page of a template; it needs no other file."""
     return _environment().get_template(template).render(**values)
 
 

@@ -1,7 +1,7 @@
-"""Parameters of the planar filter, by the names of robot_localization's ekf_localization_node.
+"""Parameters of the planar filter, with the names of robot_localization's ekf_localization_node.
 
-In: the node's private parameters. Out: `FilterConfig`, and sentences about those that have no effect.
-What this filter does not do is refused by name and value.
+In: the node's private parameters. Out: `FilterConfig`, and sentences about parameters that have no effect.
+A parameter that asks for an unsupported feature is rejected with its name and value.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 
 from husky_highlevel_controller.config import ConfigError, from_plain, number, setting
 
-VARIABLES = 15  # x, y, z, roll, pitch, yaw, their velocities, three accelerations: of every `odom0_config`
-PLANAR = [0, 1, 5, 6, 7, 11, 12, 13]  # the states of `planar_ekf` among them
+VARIABLES = 15  # x, y, z, roll, pitch, yaw, their velocities, three accelerations, as in every `odom0_config`
+PLANAR = [0, 1, 5, 6, 7, 11, 12, 13]  # indices of the states of `planar_ekf`
 INPUT = re.compile(r"((?:odom|imu)\d+)(?:_(\w+))?")
 # parameters that are refused unless they are false, and why
 REFUSED = {
@@ -37,7 +37,7 @@ WITHOUT_EFFECT = re.compile(
 
 @dataclass(frozen=True)
 class InputConfig:
-    """A topic of measurements: the parameter odomN or imuN and those that begin with its name."""
+    """A topic of measurements: the parameter odomN or imuN and all that begin with its name."""
 
     topic: str = setting("topic of nav_msgs/Odometry or sensor_msgs/Imu")
     config: Tuple[bool, ...] = setting("whether each of the VARIABLES is measured", ())
@@ -53,7 +53,7 @@ class InputConfig:
 
 @dataclass(frozen=True)
 class FilterOptions:
-    """Parameters without a number or a matrix in them."""
+    """Parameters that are not inputs and not matrices."""
 
     frequency: float = number(0.1, 1000.0, "rate of the estimates [Hz]", 30.0)
     sensor_timeout: Optional[float] = number(
@@ -81,13 +81,13 @@ class FilterConfig(NamedTuple):
     """Parameters of the filter."""
 
     options: FilterOptions
-    inputs: Dict[str, InputConfig]  # by name, such as odom0
-    process_noise: Optional[np.ndarray]  # (8, 8), growth of the covariance a second; None: the default
-    initial_covariance: Optional[np.ndarray]  # (8, 8); None: the default
+    inputs: Dict[str, InputConfig]  # inputs by name, such as odom0
+    process_noise: Optional[np.ndarray]  # (8, 8) growth of the covariance per second; defaults if None
+    initial_covariance: Optional[np.ndarray]  # (8, 8) defaults if None
 
 
 def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterConfig, List[str]]:
-    """The filter's parameters, and a sentence about each that is left aside; `source` is for error texts.
+    """Return the filter's parameters, and a sentence about each ignored one; `source` is for error texts.
 
     Raises:
         ConfigError: a parameter asks for what this filter does not do, or has a value that is not allowed.
@@ -131,7 +131,7 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
 
 
 def _matrix(value: Any) -> np.ndarray:
-    """The plane's part of a covariance of all VARIABLES, (8, 8). Raises ValueError with what is wrong."""
+    """Return the planar part, (8, 8), of a covariance of all VARIABLES; ValueError if it is wrong."""
     try:
         numbers = np.array(value, dtype=float).ravel()
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Localization: readings of several sensors, in the order of their stamps, to estimates at a steady rate.
+"""Localization: estimates at a steady rate from readings of several sensors, in the order of their stamps.
 
 In: readings as they arrive. Out: estimates at multiples of 1 / frequency, each as soon as every sensor has
 reported beyond it. The same readings give the same estimates, to the bit, however fast they are played and
@@ -17,16 +17,16 @@ from husky_highlevel_controller.estimation.filter_config import FilterConfig
 from husky_highlevel_controller.estimation.planar_ekf import YAW_RATE, MotionEstimate, PlanarEkf
 from husky_highlevel_controller.estimation.readings import MotionSensor, Mounting, Reading, ReadingError
 
-PATIENCE = 1.0  # [s], by which a silent sensor falls behind before the others go on without it
-MAX_PAUSE = 10.0  # [s], without a reading, over which there are estimates
-SAME_TIME = 1e-6  # [s]; a stamp of today has seven digits after the point
+PATIENCE = 1.0  # [s] lag of a silent sensor after which the others continue without it
+MAX_PAUSE = 10.0  # [s] longest time without a reading that estimates bridge
+SAME_TIME = 1e-6  # [s] stamps closer than this are equal; a double of today's time has seven decimals
 
 
 class Localization:
     """The filter with its sensors."""
 
     def __init__(self, config: FilterConfig) -> None:
-        """A filter that has no reading."""
+        """Make a filter without readings."""
         options = config.options
         self._frequency, self._predicts = options.frequency, options.predict_to_current_time
         self._timeout = 1.0 / options.frequency if options.sensor_timeout is None else options.sensor_timeout
@@ -38,8 +38,8 @@ class Localization:
         self._waiting: List[Tuple[float, str, Reading, Mounting]] = []  # a heap
         self._first = inf  # [s], stamp of the first reading
         self._last: Dict[str, float] = {}  # [s], stamps by sensor
-        self._set_at = self._sent = -inf  # [s], of the pose that was set, and of the last estimate
-        self._slot = 0  # of the next estimate: its time in periods
+        self._set_at = self._sent = -inf  # [s] stamps of the set pose and of the last estimate
+        self._slot = 0  # time of the next estimate in periods
 
     def set_pose(self, stamp: float, pose: np.ndarray, covariance: np.ndarray) -> None:
         """Put the robot at rest at x, y, yaw in odom [m, m, rad], covariance (3, 3), from a stamp [s] on."""
@@ -52,10 +52,10 @@ class Localization:
     def add(
         self, name: str, reading: Reading, mounting: Mounting, silent: Optional[Collection[str]] = None
     ) -> List[MotionEstimate]:
-        """Estimates that are due by a sensor's reading; `silent` ones are not waited for, by default any.
+        """Take a reading and return the estimates that are due. Only sensors in `silent` may be given up.
 
         Raises:
-            ReadingError: it is no later than the one before, or a number that counts is none.
+            ReadingError: the reading is not later than the one before, or a used number is not finite.
         """
         last = self._last.get(name, -inf)
         if reading.stamp <= last:
@@ -78,13 +78,13 @@ class Localization:
         return due + self._estimates(horizon + SAME_TIME)
 
     def _horizon(self, silent: Collection[str]) -> float:
-        """Time that every sensor has reported beyond, but those that are given up [s]."""
+        """Time that every sensor has reported beyond, except the sensors that are given up [s]."""
         behind = max(self._last.values()) - PATIENCE
         given_up = {name for name in silent if self._last.get(name, self._first) < behind}
         return min(self._last.get(name, -inf) for name in self._sensors if name not in given_up)
 
     def _estimates(self, end: float) -> List[MotionEstimate]:
-        """The estimates up to a time that no measurement lies before [s]."""
+        """Return the estimates before a time [s]; all measurements before it were processed."""
         estimates: List[MotionEstimate] = []
         if end - self._ekf.estimate.stamp > MAX_PAUSE:
             self._slot = max(self._slot, ceil(end * self._frequency))

@@ -18,11 +18,11 @@ from husky_highlevel_controller.geometry import wrap_angle
 
 STATES = 8
 X, Y, YAW, VX, VY, YAW_RATE, AX, AY = range(STATES)  # pose in odom, velocity, acceleration in base_link
-MIN_VARIANCE = 1e-9  # of a measured value
+MIN_VARIANCE = 1e-9  # smallest variance of a measured value
 INITIAL_VARIANCE = 1e-9
-MAX_STEP = 1e5  # [s]; a longer one is a change of clock, and counts as CLOCK_STEP
+MAX_STEP = 1e5  # [s] a longer step is a change of clock, and counts as CLOCK_STEP
 CLOCK_STEP = 0.01  # [s]
-# of x, y, yaw, vx, vy, yaw rate, ax, ay: robot_localization's defaults [their squares per second]
+# noise of x, y, yaw, vx, vy, yaw rate, ax, ay [squared unit per second]: robot_localization's defaults
 PROCESS_NOISE = (0.05, 0.05, 0.06, 0.025, 0.025, 0.02, 0.01, 0.01)
 
 
@@ -39,15 +39,15 @@ class MotionEstimate(NamedTuple):
     """Estimated motion of base_link."""
 
     stamp: float  # [s]
-    state: np.ndarray  # (8,) [m, rad, m/s, rad/s, m/s^2], by the indices above
+    state: np.ndarray  # (8,) [m, rad, m/s, rad/s, m/s^2] values at the indices above
     covariance: np.ndarray  # (8, 8)
 
 
 class PlanarEkf:
-    """The filter; it begins with the first measurement."""
+    """Filter that begins with the first measurement."""
 
     def __init__(self, noise: Optional[np.ndarray] = None, initial: Optional[np.ndarray] = None) -> None:
-        """A filter at the origin, with process noise, which is growth of the covariance a second, (8, 8).
+        """Make a filter at the origin; `noise` is the growth of its covariance per second, (8, 8).
 
         `initial` is the covariance of states that the first measurement does not hold, (8, 8).
         """
@@ -74,7 +74,7 @@ class PlanarEkf:
         self.estimate = correct(self.predicted(measurement.stamp), measurement)
 
     def predicted(self, stamp: float) -> MotionEstimate:
-        """The estimate carried on to a time, or as it is if that is past [s]."""
+        """Return the estimate predicted to a time [s], or unchanged if that time is past."""
         step = stamp - self.estimate.stamp
         if step <= 0.0:
             return self.estimate
@@ -82,7 +82,7 @@ class PlanarEkf:
 
 
 def predict(estimate: MotionEstimate, stamp: float, step: float, process_noise: np.ndarray) -> MotionEstimate:
-    """An estimate `step` s later, which is then called `stamp`."""
+    """Predict an estimate by `step` seconds, and give it the stamp `stamp`."""
     state = estimate.state
     jacobian = transition_jacobian(state, step)
     covariance = jacobian @ estimate.covariance @ jacobian.T + step * process_noise

@@ -1,9 +1,9 @@
-"""Readings of wheel odometry and IMU, and the planar measurements that they are.
+"""Readings of wheel odometry and IMU, and their conversion to planar measurements.
 
 In: poses, velocities and accelerations with their frames. Out: `Measurement`s of base_link on the plane.
 
-Which numbers count, how they turn with the sensor's mounting, and what a differential pose is: by the rules
-of robot_localization's ros_filter.cpp.
+Selection of values, rotation by the sensor's mounting, and differential poses follow robot_localization's
+ros_filter.cpp.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from husky_highlevel_controller.geometry import (
 )  # fmt: skip
 
 ON_PLANE = (0, 1, 5)  # x, y and yaw of six numbers
-SAME = 1e-6  # a direction that turns into another by no more than this is not measured there
+SAME = 1e-6  # smallest component of a used axis along another axis that makes the other one used too
 
 
 class ReadingError(HuskyError):
-    """A reading that says nothing about the robot."""
+    """A reading that is not usable."""
 
 
 class Reading(NamedTuple):
     """A message of odometry or IMU; a part that it lacks is None."""
 
     stamp: float  # [s]
-    pose: Optional[Pose] = None  # of the robot in `pose_frame`; an IMU's attitude
+    pose: Optional[Pose] = None  # pose of the robot in `pose_frame`, or attitude of an IMU
     pose_covariance: np.ndarray = np.zeros((6, 6))
-    velocity: Optional[np.ndarray] = None  # (6,) [m/s, rad/s], along the sensor's axes
+    velocity: Optional[np.ndarray] = None  # (6,) [m/s, rad/s] along the sensor's axes
     velocity_covariance: np.ndarray = np.zeros((6, 6))
     specific_force: Optional[np.ndarray] = None  # (3,) [m/s^2], along the sensor's axes
     force_covariance: np.ndarray = np.zeros((3, 3))
@@ -50,14 +50,14 @@ class Mounting(NamedTuple):
     """Frames of a reading's numbers."""
 
     sensor_in_base: Pose = Pose()
-    pose_frame_in_odom: Pose = Pose()  # of odometry's poses
+    pose_frame_in_odom: Pose = Pose()  # frame of the poses of odometry
 
 
 class MotionSensor:
-    """A topic's readings, of which differential and relative poses need those before."""
+    """Sensor of a topic, which remembers the readings that differential and relative poses need."""
 
     def __init__(self, name: str, config: InputConfig, gravity: float) -> None:
-        """A sensor by the name of its parameters, odomN or imuN; gravity in m/s^2."""
+        """Make a sensor from the name of its parameters, odomN or imuN; gravity in m/s^2."""
         self._config, self._is_imu, self._gravity = config, name.startswith("imu"), gravity
         used = np.array(config.config, dtype=bool)
         if self._is_imu:
@@ -73,10 +73,10 @@ class MotionSensor:
         self._first = self._last = None
 
     def checked(self, reading: Reading) -> Reading:
-        """The reading with zeros in place of NaN and infinity that do not count.
+        """Return the reading with zeros in place of NaN and infinity in unused values.
 
         Raises:
-            ReadingError: a number that counts is NaN or infinity.
+            ReadingError: a used value is NaN or infinity.
         """
         stamp, pose, *arrays = reading
         pose_used = self._pose_used.copy()
@@ -94,7 +94,7 @@ class MotionSensor:
         return Reading(stamp, pose and Pose(*(tuple(_finite(part)) for part in pose)), *finite)
 
     def measurements(self, reading: Reading, mounting: Mounting, yaw_rate: float) -> List[Measurement]:
-        """Planar measurements of base_link, without what its yaw rate [rad/s] adds off the centre."""
+        """Planar measurements of base_link, without the motion that its yaw rate [rad/s] adds."""
         parts = [self._pose(reading, mounting)]
         for measure in (self._velocity, self._acceleration):
             parts.append(measure(reading, mounting.sensor_in_base, yaw_rate))
@@ -128,7 +128,7 @@ class MotionSensor:
         return _planar(reading.stamp, (X, Y, YAW), used, _numbers(pose), covariance)
 
     def _velocity(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
-        """A velocity without what turning adds at the sensor's place."""
+        """Velocity without the part that turning adds at the sensor's position."""
         if reading.velocity is None or not self._velocity_used.any():
             return None
         axes = matrix_from_quat(sensor_in_base.quat_xyzw)
@@ -139,7 +139,7 @@ class MotionSensor:
         return _planar(reading.stamp, (VX, VY, YAW_RATE), used, values, covariance)
 
     def _acceleration(self, reading: Reading, sensor_in_base: Pose, yaw_rate: float) -> Optional[Measurement]:
-        """An acceleration without gravity and the centripetal one at the sensor's place."""
+        """Acceleration without gravity and without the centripetal part at the sensor's position."""
         if reading.specific_force is None or not self._force_used.any():
             return None
         axes = matrix_from_quat(sensor_in_base.quat_xyzw)
@@ -164,7 +164,7 @@ def _numbers(pose: Pose) -> np.ndarray:
 
 
 def _level_attitude(attitude: Pose, sensor_in_base: Pose) -> Tuple[Pose, Pose]:
-    """The robot's attitude by an IMU's, and the turn about z between them.
+    """Return the robot's attitude from an IMU's, and the turn about z between them.
 
     The mounting's angles are subtracted one by one; roll and pitch then turn with its yaw.
     """
@@ -190,7 +190,7 @@ def _both(axes: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 def _planar(
     stamp: float, states: Tuple[int, ...], used: np.ndarray, values: np.ndarray, covariance: np.ndarray
 ) -> Measurement:
-    """The plane's part of six values as measurements of three states."""
+    """Measurements of three states from those of six values that lie on the plane."""
     kept = [i for i in ON_PLANE if used[i]]
     chosen = tuple(state for state, i in zip(states, ON_PLANE) if used[i])
     return Measurement(stamp, chosen, values[kept], covariance[np.ix_(kept, kept)])
