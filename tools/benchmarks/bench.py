@@ -42,7 +42,7 @@ def machine() -> Dict[str, object]:
 
 def table(rows: List[Row]) -> str:
     """The rows as Markdown, which reads well on a terminal too."""
-    cells = [("figure", "ours", "yardstick", "ratio", "goal", "reached")]
+    cells = [("figure", "ours", "baseline", "ratio", "goal", "reached")]
     cells += [
         (
             row.what,
