@@ -65,6 +65,7 @@ def launch_files_read_here(monkeypatch):
 
     from husky_grading.hand_in import plan
     from husky_grading.nodes import submission
+    from husky_grading.submission import OWN_RVIZ
     from husky_highlevel_controller.paths import share_folder
 
     def describe(launchables, workspace, events, parts):
@@ -73,7 +74,7 @@ def launch_files_read_here(monkeypatch):
         monkeypatch.setattr(substitution_args, "_rospack", None)
         reporter = submission.Reporter(str(events))
         for launchable in launchables:
-            ours = {"nodes": [], "rviz": [], "files": [], "places": [], **vars(parts)}
+            ours = {"nodes": [], "rviz": OWN_RVIZ, "files": [], "places": [], **vars(parts)}
             submission.describe(list(launchable.command), reporter, ours)
         reporter.close()
         return ""

@@ -200,6 +200,7 @@ def test_xacro_finds_packages_by_the_package_path(tmp_path):
 
 ACCESSORIES = (
     "flir_blackfly_mount hokuyo_ust10 intel_realsense kinect_camera sensor_arch sick_lms100 sick_lms1xx"
+    " sick_lms1xx_mount vlp16_mount"
 )
 # files of husky/husky, on any branch, that launch and xacro files of other people include
 FILES = {

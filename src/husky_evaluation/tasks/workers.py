@@ -12,8 +12,8 @@ from typing import Any, Callable, Iterable, Iterator, List, Optional, Set, Tuple
 
 from husky_evaluation.tasks.fingerprint import code_version, fingerprint, machine
 from husky_evaluation.tasks.local import run_here
-from husky_evaluation.tasks.progress import Progress
 from husky_evaluation.tasks.store import Store
+from husky_evaluation.tasks.task_progress import Progress
 from husky_highlevel_controller.datatypes import HuskyError
 
 Task = Callable[[Any], Any]

@@ -124,13 +124,14 @@ def _check_is_there(launchable: Launchable, planned: Plan) -> None:
     Raises:
         NotMarkableError: there is no such package, or no such launch file in it.
     """
-    if not planned.package_path:
+    is_read = launchable.kind == "launch" and planned.is_read  # it may be a path, beside any package
+    if not planned.package_path and not is_read:
         raise NotMarkableError(
             f"there is no package '{launchable.package}': check the name, stand in its workspace, or name "
             "the workspace by --underlay SETUP.bash"
         )
-    if launchable.kind == "launch" and not planned.is_read:
-        files = walk(Path(planned.package_path).resolve())
+    if launchable.kind == "launch" and not is_read:
+        files = walk(planned.package_path.resolve()) if planned.package_path else ()
         names = {path.name for path in files if file_suffix(path) == ".launch"}
         if launchable.name not in names:
             raise NotMarkableError(

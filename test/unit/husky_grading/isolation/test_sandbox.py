@@ -391,9 +391,9 @@ def test_processes_and_threads_are_limited_where_uid_0_marks_too(kind, code, tmp
 
 def test_the_marking_program_has_limits_of_its_own():
     code = (
-        "import resource\nfrom husky_grading import mark\n"
+        "import resource\nfrom husky_grading import mark, records\n"
         "kinds = resource.RLIMIT_DATA, resource.RLIMIT_NOFILE\n"
-        "mark.load = lambda *_: mark.Job('', '', mark.MarkingConfig())\n"
+        "mark.load = lambda *_: records.Job('', '', records.MarkingConfig())\n"
         "mark.private_network.enter_network = lambda: None\n"
         "mark.mark = lambda _: print(*[resource.getrlimit(kind)[0] for kind in kinds])\n"
         "mark.main(['job.json'])"

@@ -1,6 +1,6 @@
 """Progress of many tasks, as the log of a CI server has it."""
 
-from husky_evaluation.tasks.progress import LINE_PERIOD, Progress
+from husky_evaluation.tasks.task_progress import LINE_PERIOD, Progress
 
 
 def test_without_a_terminal_a_line_comes_every_ten_seconds_and_none_after_the_last_task(capsys):
