@@ -77,18 +77,30 @@ def is_worth_checking(submission: Submission) -> bool:
     )
 
 
-def uninitialised(
+def find_unwritten_variable(
     submission: Submission, trial: Trial, robot: RobotChoice, folder: Path
 ) -> Tuple[str, RobotChoice]:
-    """Start a submission in valgrind: a sentence on a variable that is read before it is written, if one is.
+    """Run a submission in valgrind, to find a variable that it reads before it writes it.
 
-    The robot comes along, which is another one where `robot` is a guess and the submission listens to that
-    one's scans; then these are sent.
+    Returns:
+        A sentence on the first such variable, empty if there is none; and the robot. The robot is another
+        one than `robot` if that is a guess, and the submission listens to the other one's scans.
 
     Raises:
         MarkingError: our own part of it does not work.
     """
+    log, heard = _run_in_valgrind(submission, trial, robot, folder)
     sources = (submission.root or folder) / "src"
+    return sentence(reads_in(log, sources), sources), heard
+
+
+def _run_in_valgrind(
+    submission: Submission, trial: Trial, robot: RobotChoice, folder: Path
+) -> Tuple[str, RobotChoice]:
+    """Let a submission compute for some seconds in valgrind; valgrind's output, and the robot it listens to.
+
+    If it listens to the scans of another robot than a guessed one, the simulator starts again with that one.
+    """
     with Network(folder) as network:
         simulator = simulate(network, trial, replace(robot.config, pace=1.0))
         process, _ = start(network, submission, "memcheck")
@@ -110,8 +122,7 @@ def uninitialised(
             wait(lambda: not process.running or state_of_tree(process.popen.pid)[1] - before > CPU, WALL)
         # before it is ended: a `getParam` that the end interrupts leaves its variable as it was
         logs = sorted(path for path in network.folder_of("submission").iterdir() if path.name.startswith(LOG))
-        log = "\n".join(map(_text, logs))
-    return sentence(reads_in(log, sources), sources), heard
+        return "\n".join(map(_text, logs)), heard
 
 
 def _is_program(path: Path) -> bool:

@@ -10,7 +10,7 @@ from typing import Any, Sequence
 from tqdm import tqdm
 
 from husky_grading.drive.bring_up import BringUp
-from husky_grading.drive.memcheck import is_worth_checking, uninitialised
+from husky_grading.drive.memcheck import find_unwritten_variable, is_worth_checking
 from husky_grading.drive.robot_choice import choose_robot
 from husky_grading.drive.run import drive_submission, not_begun
 from husky_grading.drive.trials import Trial
@@ -49,7 +49,7 @@ def observe(
         return
     chance = ""
     if is_worth_checking(submission):
-        chance, robot = uninitialised(submission, trials[0], robot, out / "memcheck")
+        chance, robot = find_unwritten_variable(submission, trials[0], robot, out / "memcheck")
     for trial in trials:
         folder = out / DRIVE
         with _bar(trial, len(trials), robot.config) as bar:

@@ -70,11 +70,11 @@ class StraightDrive(Watch):
         """Command the speed that is due."""
         self._ros.command(SPEED if BEGIN <= stamp < BEGIN + SECONDS else 0.0)
 
-    def over(self, state: DriveState) -> Optional[Note]:
-        """Reason why the drive is over: the robot has driven, and stands."""
+    def look(self, state: DriveState) -> Optional[Note]:
+        """Return why the drive is over: the robot has driven and stands. None if the drive goes on."""
         if state.now > STANDS_BY:
             return Note(Kind.PLAN_DONE, "the drive of the marking")
-        return super().over(state)
+        return super().look(state)
 
     def kept(self) -> Dict[str, Any]:
         """Parameters, at the end of the drive."""

@@ -83,9 +83,9 @@ class PillarWatch(Watch):
         """Follow the next true state."""
         self._end.update(state)
 
-    def over(self, state: DriveState) -> Optional[Note]:
-        """Reason why the drive is over."""
-        deadline = super().over(state)
+    def look(self, state: DriveState) -> Optional[Note]:
+        """Return why the drive is over; None if the drive goes on."""
+        deadline = super().look(state)
         if deadline:
             return deadline
         if state.listens and not state.advertises and state.now >= SILENT:

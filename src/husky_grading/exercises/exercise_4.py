@@ -159,17 +159,21 @@ class FilterWatch(Watch):
             place = message.pose.pose.position
             path.append((message.header.stamp.to_sec(), place.x, place.y))
 
-    def over(self, state: DriveState) -> Optional[Note]:
-        """Reason why the drive is over; it also looks at the top view, once for each time of the clock."""
-        place = self._ros.place(TOP_VIEW_FRAME)
-        if place is not None and state.now > (self._top_view[-1][0] if self._top_view else 0.0):
-            self._top_view.append((state.now, *place))
+    def look(self, state: DriveState) -> Optional[Note]:
+        """Keep where the top view is, and return why the drive is over; None if the drive goes on."""
+        self._keep_top_view(state.now)
         if state.abandoned:
             return Note(Kind.NODES_ENDED, "its nodes had ended")
         end = self._known.deadline - BAG_MARGIN
         if state.now < end or not self._is_complete(end):
             return None
         return Note(Kind.PLAN_DONE, "the bag was played")
+
+    def _keep_top_view(self, now: float) -> None:
+        """Keep the place of the top view, once for each time of the clock [s]."""
+        place = self._ros.place(TOP_VIEW_FRAME)
+        if place is not None and now > (self._top_view[-1][0] if self._top_view else 0.0):
+            self._top_view.append((now, *place))
 
     def _is_complete(self, end: float) -> bool:
         """Whether, after the end of the bag [s], the last estimate has come, or none comes any more."""

@@ -115,11 +115,12 @@ class ServiceWatch(Watch):
         self._calls: List[Call] = []
         self._types: Dict[str, str] = {}  # of its services, by their names
 
-    def over(self, state: DriveState) -> Optional[Note]:
-        """Reason why the drive is over; it also does what is due."""
-        return self._work(state) or super().over(state)
+    def look(self, state: DriveState) -> Optional[Note]:
+        """Call the service if that is due, and return why the drive is over; None if the drive goes on."""
+        return self._follow_plan(state) or super().look(state)
 
-    def _work(self, state: DriveState) -> Optional[Note]:
+    def _follow_plan(self, state: DriveState) -> Optional[Note]:
+        """Take the answer of the last call, or make the next one; return why the plan is done, if it is."""
         self._types.update(self._ros.service_types(state.services))
         if self._made:
             answer = self._ros.answer()

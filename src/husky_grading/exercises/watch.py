@@ -93,8 +93,11 @@ class Watch:
     def on_message(self, topic: str, message: Any) -> None:
         """Take a message of the submission, whose type is one of `follows`."""
 
-    def over(self, state: DriveState) -> Optional[Note]:
-        """Return why the drive is over; None: it is not. It is called several times a second."""
+    def look(self, state: DriveState) -> Optional[Note]:
+        """Do what is due, and return why the drive is over; None if the drive goes on.
+
+        The recorder calls it several times a second.
+        """
         if state.now >= self._known.deadline:
             return Note(Kind.DEADLINE, f"the deadline of {self._known.deadline:g} s")
         return None

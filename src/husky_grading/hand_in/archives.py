@@ -192,6 +192,19 @@ def _tar_members(archive: Path) -> Iterator[_Member]:
             yield info.name, bool(info.mode & 0o100), not (info.isfile() or info.isdir()), content
 
 
+def _packed(path: Path) -> bytes:
+    """Tar archive of a file or folder: permissions are kept, links and large files are not in it."""
+    content, room = io.BytesIO(), MAX_BYTES
+    with tarfile.open(fileobj=content, mode="w:gz", compresslevel=1) as archive:
+        archive.add(path, path.name, recursive=False)
+        for file in walk(path) if path.is_dir() else ():
+            size = file.stat().st_size
+            if size <= min(MAX_FILE, room):
+                room -= size
+                archive.add(file, Path(path.name, file.relative_to(path)), recursive=False)
+    return content.getvalue()
+
+
 class PackedPath:
     """A file or folder that is read when it is sent, so that a class need not fit into memory.
 
@@ -203,18 +216,11 @@ class PackedPath:
         self._content = b""
 
     def __getstate__(self) -> Dict[str, Any]:
-        """The content."""
-        if self.path is None:
-            return {"path": None, "_content": self._content}
-        content, room = io.BytesIO(), MAX_BYTES
-        with tarfile.open(fileobj=content, mode="w:gz", compresslevel=1) as archive:
-            archive.add(self.path, self.path.name, recursive=False)
-            for file in walk(self.path) if self.path.is_dir() else ():
-                size = file.stat().st_size
-                if size <= min(MAX_FILE, room):
-                    room -= size
-                    archive.add(file, Path(self.path.name, file.relative_to(self.path)), recursive=False)
-        return {"path": None, "_content": content.getvalue()}
+        """State that is sent: a tar archive of the files in place of their path.
+
+        Pickle calls it while it sends the object, so the files are read then and not before.
+        """
+        return {"path": None, "_content": self._content if self.path is None else _packed(self.path)}
 
     def unpack(self, folder: Path) -> Path:
         """Lay it into an empty folder, with permissions as they were; its path."""

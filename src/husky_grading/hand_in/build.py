@@ -71,6 +71,7 @@ _RETURN = re.compile(
 _NO_HEADER = re.compile(r"fatal error: \S+: No such file or directory")  # it may be generated too late
 _EXECUTED = re.compile(r"^CMake Error at .*/safe_execute_process\.cmake:")
 _TRACEBACK = re.compile(r'File "(?P<file>[^"/][^"]*)", line (?P<line>\d+)')
+_Outcome = Tuple[str, Optional[int]]  # output and exit code of a build; None: it did not end in time
 _STAND_IN = """# {name} is not installed; whatever uses nothing of it builds without it
 set({name}_FOUND TRUE)
 set({name}_FOUND_CATKIN_PROJECT TRUE)
@@ -209,12 +210,34 @@ def _repair_manifest(folder: Path, package: Package) -> List[str]:
 def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Build:
     """Build the packages of a hand-in that are needed; the others serve without a build.
 
+    A build fails on another machine for reasons that are no fault of the student's. So it is tried again with
+    stand-ins for packages that are not installed, and then with a repair for an old version of Boost.
+
     Raises:
         NotMarkableError: its build leads out of the workspace.
         MarkingError: nothing can be built here.
     """
     import_early()  # while the compiler waits for the disk
-    notes: List[Note] = []
+    outcome, missing = _make_with_stand_ins(folders, needed, underlay)
+    (output, code), is_repaired = _make_again(folders, needed, underlay, outcome)
+    if code and not _ERROR.search(output):
+        _check_builds(folders.root.with_name("check"), underlay)
+    notes = _notes_on_missing(missing)
+    if is_repaired:
+        notes.append(Note(Kind.HAND_IN, OLD_BOOST_NOTE))
+    if _publishes_plain_values(folders.root / "devel" / "lib"):
+        notes.append(Note(Kind.HAND_IN, PLAIN_PUBLISH_NOTE))
+    notes += _notes_on_outcome(output, code, folders.root)
+    return Build(_built_workspace(folders, underlay), tuple(notes))
+
+
+def _make_with_stand_ins(
+    folders: Folders, needed: FrozenSet[str], underlay: Workspace
+) -> Tuple[_Outcome, Set[str]]:
+    """Build until CMake misses no further package; the outcome, and names of the packages that it missed.
+
+    CMake stops at a package that it misses, so that package gets an empty stand-in before the next attempt.
+    """
     missing: Set[str] = set()
     output, code = "", None
     for _ in range(MAX_MISSING):
@@ -228,30 +251,57 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
             place = folders.stand_ins / "share" / name / "cmake"
             place.mkdir(parents=True, exist_ok=True)
             write_whole(place / f"{name}Config.cmake", _STAND_IN.format(name=name))
-    if missing:
-        notes.append(Note(Kind.MISSING_PACKAGE, missing_note(missing)))
-    if len(missing) == MAX_STAND_INS:
-        text = f"{MAX_STAND_INS} packages or more are missing; none is stood in for beyond these"
-        notes.append(Note(Kind.MISSING_PACKAGE, text))
+    return (output, code), missing
+
+
+def _make_again(
+    folders: Folders, needed: FrozenSet[str], underlay: Workspace, outcome: _Outcome
+) -> Tuple[_Outcome, bool]:
+    """Build again if a header was generated too late, or for _1 and its like of an old Boost.
+
+    Returns:
+        The outcome of the last build, and whether _1 and its like were repaired.
+    """
+    output, code = outcome
     repair = OLD_BOOST if code and needs_old_boost(output) else ""
     if code and (repair or _NO_HEADER.search(output)):
         output, code = _catkin_make(folders, needed, underlay, repair)
     if code and not repair and needs_old_boost(output):
         repair = OLD_BOOST  # for an error that headers which were generated too late had hidden
         output, code = _catkin_make(folders, needed, underlay, repair)
-    if repair:
-        notes.append(Note(Kind.HAND_IN, OLD_BOOST_NOTE))
-    if _publishes_plain_values(folders.root / "devel" / "lib"):
-        notes.append(Note(Kind.HAND_IN, PLAIN_PUBLISH_NOTE))
-    if code and not _ERROR.search(output):
-        _check_builds(folders.root.with_name("check"), underlay)
+    return (output, code), bool(repair)
+
+
+def _notes_on_missing(missing: Set[str]) -> List[Note]:
+    """Notes on packages that are not installed, by their names."""
+    notes = []
+    if missing:
+        notes.append(Note(Kind.MISSING_PACKAGE, missing_note(missing)))
+    if len(missing) == MAX_STAND_INS:
+        text = f"{MAX_STAND_INS} packages or more are missing; none is stood in for beyond these"
+        notes.append(Note(Kind.MISSING_PACKAGE, text))
+    return notes
+
+
+def _notes_on_outcome(output: str, code: Optional[int], root: Path) -> List[Note]:
+    """Notes on why a build failed, and on a function in it that returns nothing."""
+    notes = []
     if code is None:
         notes.append(Note(Kind.BUILD, f"it does not build within {BUILD_DEADLINE:g} s"))
     elif code:
-        notes.append(Note(Kind.BUILD, f"it does not build: {build_error(output, folders.root)}"))
-    if without := _RETURN.search(output.replace(f"{folders.root}/src/", "")):
+        notes.append(Note(Kind.BUILD, f"it does not build: {build_error(output, root)}"))
+    if without := _RETURN.search(output.replace(f"{root}/src/", "")):
         text = f"{without['where']}: {without['what']}; a node ends there by a signal, or goes on somewhere"
         notes.append(Note(Kind.MISSING_RETURN, text))
+    return notes
+
+
+def _built_workspace(folders: Folders, underlay: Workspace) -> Workspace:
+    """Workspace of the hand-in's packages on top of the underlay, after a build.
+
+    Raises:
+        NotMarkableError: the build has put a link in a place that marking uses.
+    """
     places = [folders.root / "src"]
     if folders.setup.exists():
         places.append(folders.setup)
@@ -259,8 +309,7 @@ def build(folders: Folders, needed: FrozenSet[str], underlay: Workspace) -> Buil
     if not all(is_below(place, folders.root) for place in [*places, *folders.packages.values()]):
         raise NotMarkableError("its build puts links in place of src or devel/setup.bash")
     setups = (*underlay.setups, *places[1:])
-    workspace = Workspace(setups, (*underlay.packages, places[0]), underlay.hidden, Own.NOTHING)
-    return Build(workspace, tuple(notes))
+    return Workspace(setups, (*underlay.packages, places[0]), underlay.hidden, Own.NOTHING)
 
 
 def _check_builds(folder: Path, underlay: Workspace) -> None:
@@ -295,10 +344,8 @@ def _publishes_plain_values(libraries: Path) -> bool:
     return False
 
 
-def _catkin_make(
-    folders: Folders, needed: FrozenSet[str], underlay: Workspace, repair: str
-) -> Tuple[str, Optional[int]]:
-    """Output and exit code of one build; None: it did not end in time."""
+def _catkin_make(folders: Folders, needed: FrozenSet[str], underlay: Workspace, repair: str) -> _Outcome:
+    """Outcome of one build, whose sources begin with the text of a repair."""
     folders.stand_ins.mkdir(parents=True, exist_ok=True)
     write_whole(folders.stand_ins / PRELUDE, repair + PLAIN_TYPES)
     env = {**clean_environment(), "HOME": str(folders.root), "CPLUS_INCLUDE_PATH": str(folders.stand_ins)}

@@ -128,7 +128,7 @@ class DriveRecorder:
             self._tell(Now(self._now, self._subscribed))
             if self._feed.failure is not None:
                 raise self._feed.failure
-            cause = self._watch.over(self._state)
+            cause = self._watch.look(self._state)
             time.sleep(LOOK_PERIOD)
         self._is_over = True
         self._markers.close()

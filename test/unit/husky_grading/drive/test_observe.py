@@ -36,10 +36,10 @@ def drives(monkeypatch):
 
 
 def check_tells(listened, monkeypatch):
-    def uninitialised(submission, trial, robot, folder):
+    def find_unwritten_variable(submission, trial, robot, folder):
         return "", robot.after_hearing(listened)
 
-    monkeypatch.setattr(observe_module, "uninitialised", uninitialised)
+    monkeypatch.setattr(observe_module, "find_unwritten_variable", find_unwritten_variable)
 
 
 @pytest.mark.parametrize("listened", [None, OLDER], ids=["it died in the check", "it listened there"])

@@ -109,8 +109,8 @@ def test_the_robot_drives_for_ten_seconds_and_the_drive_ends_where_it_stands():
     for stamp in (1.0, 5.0, 12.5):
         watch.on_scan(stamp)
     assert speeds == [0.0, 0.5, 0.0]
-    assert watch.over(DriveState(12.0, 0.5)) is None
-    assert watch.over(DriveState(13.5, 0.0)).kind is Kind.PLAN_DONE
+    assert watch.look(DriveState(12.0, 0.5)) is None
+    assert watch.look(DriveState(13.5, 0.0)).kind is Kind.PLAN_DONE
     assert watch.takes_part(DriveState(0.0, 0.0, subscribed=True)), "it sends no command"
 
 

@@ -245,14 +245,14 @@ def come(watch, *stamps, topic="/odometry/filtered"):
 
 def test_while_the_clock_stands_a_place_is_kept_once(watch):
     for now in (0.0, 0.0, 0.0, 1.0, 1.0, 2.0):
-        assert watch.over(DriveState(now, 0.0)) is None
+        assert watch.look(DriveState(now, 0.0)) is None
     assert watch.kept()["top_view"].tolist() == [[1.0, 0.0, 0.0, 2.0], [2.0, 0.0, 0.0, 2.0]]
 
 
 def test_where_the_top_view_never_comes_the_places_of_other_frames_are_kept(watch):
     other = watch_of({"top_view": (0.0, 0.0, 2.0)})
     for each in (watch, other):
-        each.over(DriveState(1.0, 0.0))
+        each.look(DriveState(1.0, 0.0))
     assert watch.kept()["places"] == {}
     assert other.kept()["places"] == {"top_view": (0.0, 0.0, 2.0)}
 
@@ -267,18 +267,18 @@ def test_the_longest_path_is_kept_unless_the_sheets_topic_has_one(watch):
 
 def test_it_waits_for_the_last_estimate_or_until_none_comes(watch, monkeypatch):
     end = DriveState(90.0, 0.0)
-    assert watch.over(end), "there is no filter"
+    assert watch.look(end), "there is no filter"
     come(watch, 50.0)
-    assert not watch.over(end)
+    assert not watch.look(end)
     later = watch._came_at + exercise_4.SILENCE + 1.0
     monkeypatch.setattr(exercise_4, "time", SimpleNamespace(monotonic=lambda: later))
-    assert watch.over(end)
+    assert watch.look(end)
     watch._came_at = later
-    assert not watch.over(end)
+    assert not watch.look(end)
     come(watch, 89.5)
-    assert not watch.over(DriveState(50.0, 0.0)), "the bag goes on"
-    assert watch.over(end)
+    assert not watch.look(DriveState(50.0, 0.0)), "the bag goes on"
+    assert watch.look(end)
 
 
 def test_a_bag_ends_early_where_no_node_is_left_to_listen(watch):
-    assert watch.over(DriveState(5.0, 0.0, abandoned=True)).kind is Kind.NODES_ENDED
+    assert watch.look(DriveState(5.0, 0.0, abandoned=True)).kind is Kind.NODES_ENDED

@@ -190,16 +190,16 @@ def test_the_service_of_the_right_type_is_called_and_its_answer_is_kept_with_the
         callers=lambda name: {"/other": 3},
     )
     watch = ServiceWatch(recording(), ros)
-    assert watch.over(DriveState(8.0, 0.5, services=("/go", "/stop"))) is None
+    assert watch.look(DriveState(8.0, 0.5, services=("/go", "/stop"))) is None
     assert asked == [("/stop", False)]
-    assert watch.over(DriveState(8.5, 0.5)) is None
+    assert watch.look(DriveState(8.5, 0.5)) is None
     assert watch.kept()["calls"] == []
     answers.append(Answer(True, "stopped"))
-    assert watch.over(DriveState(9.0, 0.0)) is None
+    assert watch.look(DriveState(9.0, 0.0)) is None
     made = {"at": 8.0, "data": False, "success": True, "answer": "stopped", "answered_at": 9.0}
     services = {"services": ["/stop"], "other_services": ["/go (std_srvs/Empty)"]}
     assert watch.kept() == {**services, "calls": [made], "callers": {"/other": 3}}
-    assert watch.over(DriveState(60.0, 0.0)).kind is Kind.DEADLINE
+    assert watch.look(DriveState(60.0, 0.0)).kind is Kind.DEADLINE
 
 
 def test_a_submission_that_a_call_has_stopped_may_be_silent_and_no_other():
@@ -211,9 +211,9 @@ def test_a_submission_that_a_call_has_stopped_may_be_silent_and_no_other():
     )
     watch = ServiceWatch(recording(), ros)
     assert not watch.has_silenced(7.9), "no call yet"
-    watch.over(DriveState(8.0, 0.5))
+    watch.look(DriveState(8.0, 0.5))
     assert watch.has_silenced(8.1), "also while the call is on its way"
     answers.append(Answer(True, ""))
-    watch.over(DriveState(8.2, 0.0))
+    watch.look(DriveState(8.2, 0.0))
     assert watch.has_silenced(8.1)
     assert not watch.has_silenced(9.0), "it has sent a command since"
