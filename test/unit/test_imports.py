@@ -289,8 +289,9 @@ def test_no_docstring_begins_with_a_relative_clause():
     assert not offenders(sentences)
 
 
-# folders in which the laws below hold so far; a folder joins when it is clean
-PLAIN_ENGLISH = {"husky_evaluation", "controller", "drawing", "estimation"}  # and the shared modules
+# folders in which the laws below hold so far, besides the shared modules; a folder joins when it is clean
+PLAIN_ENGLISH = {"husky_evaluation", "controller", "drawing", "estimation", "simulator"}
+NOT_YET_PLAIN = {"simulator/models"}
 UNIT = r"(?:\([^)]*\),? )?(?:\[[^]]*\][,;:]? )?"
 # first words of a comment without its noun; on a line of its own a sentence may begin with "in" or "to"
 FRAGMENT = re.compile(UNIT + r"(of|by|whose|who|whoever|whom|what|whatever|which|that|those|the ones?|how)\b")
@@ -336,7 +337,8 @@ def test_comments_and_docstrings_are_whole_phrases():
         found += [f"{law}: {text}" for law, words in UNCLEAR.items() for text in texts if words.search(text)]
         return found or True
 
-    held = [name for name in SOURCES if within(name, PLAIN_ENGLISH) or name in SHARED]
+    held = [name for name in SOURCES if name in SHARED or within(name, PLAIN_ENGLISH)]
+    held = [name for name in held if not within(name, NOT_YET_PLAIN)]
     assert not offenders(unclear, held)
 
 

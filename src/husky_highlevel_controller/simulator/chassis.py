@@ -14,11 +14,11 @@ from husky_highlevel_controller.simulator.bullet.robot import RobotWorld
 from husky_highlevel_controller.simulator.models.robot_model import FLANK_DEPTH, RobotModel
 from husky_highlevel_controller.simulator.traction import TractionConfig, WheelContact, ground_forces
 
-LOAD_SMOOTHING = 0.02  # [s], low-pass on the wheels' normal forces: the solver's are rough
-SUPPORT_SLOPE = 0.5  # a wheel stands on what pushes it up at least steeply (cosine), and bumps into the rest
-CONTACT_DEPTH = 0.003  # [m], a contact point this far off a tyre's surface is on it
-HULL_FRICTION = 0.25  # of what else touches something: that of two bodies with Bullet's defaults
-HULL_SLIP_SPEED = 0.1  # [m/s], viscous below; slower, and 5 ms steps of this explicit force would ring
+LOAD_SMOOTHING = 0.02  # [s] low-pass on the wheels' normal forces, because the solver's are rough
+SUPPORT_SLOPE = 0.5  # smallest cosine of a contact that carries a wheel; otherwise the wheel bumps into it
+CONTACT_DEPTH = 0.003  # [m] largest distance of a contact point from its tyre's surface
+HULL_FRICTION = 0.25  # friction of other contacts, as of two bodies with Bullet's defaults
+HULL_SLIP_SPEED = 0.1  # [m/s] friction is viscous below, fast enough for 5 ms steps to be stable
 
 Drag = Tuple[Vector3, Vector3, float]  # point [m] and normal of a contact, in base_link, and its force [N]
 
@@ -46,7 +46,7 @@ class Chassis:
         self._reset_contacts()
 
     def move(self, pose_base_in_world: Pose) -> None:
-        """Put the robot somewhere else, at rest; PlacementError, and it moves on, where there is no room."""
+        """Put the robot somewhere else, at rest; PlacementError, and no change, if there is no room."""
         self._bullet.move_robot(pose_base_in_world)
         self._reset_contacts()
 
@@ -62,7 +62,7 @@ class Chassis:
         self._ground: Vector3 = (0.0, 0.0, 0.0)  # normal forces under the wheels, in base_link [N]
         self._drags: List[Drag] = []
         self._speeds: Sequence[float] = (0.0,) * len(wheels)
-        self.torques = [0.0] * len(wheels)  # [N m], of the wheels' motors
+        self.torques = [0.0] * len(wheels)  # [N m] torques of the wheels' motors
         self.observe()
 
     def wheels(self) -> WheelState:
@@ -128,13 +128,13 @@ class Chassis:
             )
 
     def _downhill(self) -> Tuple[float, float]:
-        """Gravity along the ground, on base_link's x and y [m/s^2]: on its springs the robot leans a bit."""
+        """Gravity along the ground, on base_link's x and y [m/s^2], if the robot leans on its springs."""
         gravity, square = along_axes(self._axes, self._gravity), dot(self._ground, self._ground)
         into = dot(gravity, self._ground) / square if square > 0.0 else 0.0
         return minus(gravity, self._ground, into)[:2]
 
     def _drag(self, point: Vector3, normal: Vector3, load: float) -> Vector3:
-        """Friction where it bumps or lies, in base_link [N]; what is touched does not feel it."""
+        """Friction at points where it bumps or lies, in base_link [N]; the other body gets no force."""
         x, y, z = point
         (vx, vy, vz), (wx, wy, wz) = self.state.velocity_in_base, self.state.angular_velocity_in_base
         velocity = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
@@ -143,7 +143,7 @@ class Chassis:
         return (k * vx, k * vy, k * vz)
 
     def update_contacts(self) -> Tuple[str, ...]:
-        """Update each wheel's load and footprint; names of what the robot touches but does not stand on."""
+        """Update each wheel's load and footprint; return the names of bodies that the robot bumps into."""
         axes, (px, py, pz) = self._contact_axes, self._contact_position
         wheel_loads = [[0.0, 0.0, 0.0, 0.0] for _ in self._loads]  # load [N], and load times point [N m]
         ground_x = ground_y = ground_z = 0.0
@@ -167,14 +167,14 @@ class Chassis:
         self._ground = (ground_x, ground_y, ground_z)
         for wheel, (load, x, y, z) in enumerate(wheel_loads):
             if load <= 0.0:
-                self._loads[wheel] = 0.0  # in the air: no grip, at once
+                self._loads[wheel] = 0.0  # a wheel in the air loses its grip at once
                 continue
             self._loads[wheel] += (load - self._loads[wheel]) * self._dt / (self._dt + LOAD_SMOOTHING)
             self._footprints[wheel] = (x / load, y / load, z / load)
         return tuple(sorted(contacts))
 
     def _wheel_at(self, point: Vector3) -> Optional[int]:
-        """Index of the wheel on whose tyre a point of base_link lies; None: it is on the hull."""
+        """Index of the wheel on whose tyre a point of base_link lies; None if it is on the hull."""
         x, y, z = point
         for index, ((wheel_x, wheel_y, wheel_z), radius, half_width) in enumerate(self._tyres):
             if abs(y - wheel_y) <= half_width + CONTACT_DEPTH:

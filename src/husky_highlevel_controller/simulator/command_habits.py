@@ -1,4 +1,4 @@
-"""Habits of the nodes that command the robot: faults that a student does not see, and the first command.
+"""Habits of the nodes that command the robot: faults that a student may not see, and the first command.
 
 In: commands with their stamps and senders. Out: findings, each of them once, and a sentence for each.
 """
@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Callable, Dict, Iterator, NamedTuple, Optional, Set, Tuple
 
-RATE_TIME = 1.0  # [s] after the first command that moves the robot, in which the rate is counted
-SLOW_GAPS = 8  # successive commands that come after the one before has expired; then the sender is slow
-LONGEST_GAP = 3.0  # [s], a sender that is silent for longer is not slow: a person presses keys
-ZEROS_TIME = 10.0  # [s] of nothing but zero commands
-ZEROS_COUNT = 20  # commands in that time, at least
-OVERRULED_TIME = 2.0  # [s] in which a stronger topic holds the robot although another node commands motion
+RATE_TIME = 1.0  # [s] time of counting the rate, from the first command that moves the robot
+SLOW_GAPS = 8  # successive commands later than the expiry of the one before that make a sender slow
+LONGEST_GAP = 3.0  # [s] a sender with longer gaps is not slow, but a person who presses keys
+ZEROS_TIME = 10.0  # [s] duration of zero commands only
+ZEROS_COUNT = 20  # least number of commands in that time
+OVERRULED_TIME = 2.0  # [s] time that a stronger topic holds the robot although another node commands motion
 
 
 class Habit(Enum):
@@ -32,8 +32,8 @@ class Finding(NamedTuple):
     habit: Habit
     sender: str  # name of the node
     topic: str
-    rate: float = 0.0  # [1/s] of simulated time
-    timeout: float = 0.0  # [s] after which a command expires
+    rate: float = 0.0  # [1/s] commands per simulated second
+    timeout: float = 0.0  # [s] age at which a command expires
     stronger_sender: str = ""  # node that overrules it
     stronger_topic: str = ""
 
@@ -42,17 +42,17 @@ class Finding(NamedTuple):
 class _Sender:
     """Memory of one sender on one topic."""
 
-    first: float  # [s], stamp of its first command
+    first: float  # [s] stamp of its first command
     last: float  # [s], stamp of its last command
     count: int = 0
     moves_since: Optional[float] = None  # [s], stamp of its first command that is not zero
     moves_count: int = 0  # commands since then
     gaps: Tuple[float, ...] = ()  # [s], successive gaps longer than the timeout
-    overruled_since: Optional[float] = None  # [s]
+    overruled_since: Optional[float] = None  # [s] stamp of the first overruled command
 
 
 class CommandHabits:
-    """Memory of who sent which commands."""
+    """Memory of the commands of each sender."""
 
     def __init__(self, timeout: float, may_stand: Callable[[str], bool]) -> None:
         """Begin without a command.
@@ -63,13 +63,13 @@ class CommandHabits:
         """
         self._timeout, self._may_stand = timeout, may_stand
         self._senders: Dict[Tuple[str, str], _Sender] = {}
-        self._zero_senders: Dict[str, str] = {}  # by topic, the sender of its last command if that was zero
+        self._zero_senders: Dict[str, str] = {}  # sender of the last command by topic, if it was zero
         self._found: Set[Tuple[Habit, str]] = set()
 
     def note(
         self, stamp: float, topic: str, sender: str, is_zero: bool, stronger_topic: Optional[str] = None
     ) -> Iterator[Finding]:
-        """Note a command, and yield what is found for the first time.
+        """Note a command, and yield new findings.
 
         Args:
             stamp: simulated time at which it is taken [s].

@@ -64,7 +64,7 @@ class Drive:
         self.output = STOP  # the set point of the wheels now
 
     def command(self, twist: Twist2D, now: float) -> None:
-        """Take a command at `now` [s]; CommandError where it is not finite: the one before stays in force."""
+        """Take a command at `now` [s]; CommandError, and the one before stays, if it is not finite."""
         if not (isfinite(twist.linear) and isfinite(twist.angular)):
             raise CommandError(
                 f"refused a velocity command that is not finite: linear.x = {twist.linear}, "

@@ -1,6 +1,6 @@
-"""Equipment of the simulated robot: drive, encoders, battery and sensors, as Gazebo's or as a real Husky's.
+"""Equipment of the simulated robot: drive, encoders, battery and sensors, of Gazebo or of a real Husky.
 
-In: a `SimulatorConfig`, the robot's model. Out: `Equipment`, of which every sensor is a row of a list.
+In: a `SimulatorConfig`, the robot's model. Out: `Equipment`, with a list of sensors.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from husky_highlevel_controller.simulator.sensors.point_lidar import PointLidar
 from husky_highlevel_controller.simulator.sensors.vibration import VibratingImu
 from husky_highlevel_controller.simulator.simulator_config import ODOMETRY_RATE, SimulatorConfig, steps_per
 
-# of the seed: each sensor draws from its own stream, so that none shifts another's; None is the seed itself
+# random streams of the seed; each sensor has its own, so that none shifts another's; None is the seed itself
 LIDAR_STREAM, IMU_STREAM, GPS_STREAM, MAG_STREAM, POINTS_STREAM = None, 1, 2, 3, 4
 
 
 class Sensor(NamedTuple):
-    """A sensor and when it is sampled."""
+    """A sensor and its sampling period."""
 
-    steps: int  # physics steps from sample to sample
-    device: Any  # with reset(rng) and sample(state, stamp)
-    field: str  # of the `Snapshot`
-    stream: Optional[int]  # of the seed
+    steps: int  # physics steps between two samples
+    device: Any  # object with reset(rng) and sample(state, stamp)
+    field: str  # name of its field in the `Snapshot`
+    stream: Optional[int]  # random stream of the seed
 
 
 class Equipment(NamedTuple):
@@ -47,7 +47,7 @@ class Equipment(NamedTuple):
 def equip(
     config: SimulatorConfig, drive_config: DriveConfig, model: RobotModel, cast: CastRays, gravity: Vector3
 ) -> Equipment:
-    """Equipment of a robot; without the model's frame of the lidar there is none.
+    """Equipment of a robot; it has no lidar if the model lacks the lidar's frame.
 
     Raises:
         HuskyError: a period is not a multiple of the physics step, or shorter than a sweep of the lidar.

@@ -1,6 +1,6 @@
-"""Ground under the robot: where its wheels stand, and a plane for worlds that have none.
+"""Ground under the robot: height of the floor under its wheels, and a plane for worlds without ground.
 
-In: a `World` or the scene of its shapes, a pose. Out: that world, or one with a plane; heights.
+In: a `World` or the scene of its shapes, a pose. Out: the same world, or one with a plane; heights.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from husky_highlevel_controller.datatypes import (
 from husky_highlevel_controller.geometry import compose, quat_from_rpy, transform_point
 from husky_highlevel_controller.simulator.sensors.raycast import RayScene, cast_rays, make_scene
 
-FALL_DEPTH = 10.0  # [m], a robot this far below its start has fallen off the world
-MAX_SLAB = 0.12  # [m], of a slab that the robot stands on rather than in: below its hull
-MAX_RISE = 5.0  # [m], of a floor above the height at which the robot is to start
-MAX_DROP = 1.0  # [m], from which a robot falls to the floor; from higher up it is put there
-_WHEELS = 0.3  # [m], from base_link to about its wheels, along x and y
+FALL_DEPTH = 10.0  # [m] a robot this far below its start has fallen off the world
+MAX_SLAB = 0.12  # [m] largest height of a slab that the robot stands on, which is below its hull
+MAX_RISE = 5.0  # [m] largest height of a floor above the requested start height
+MAX_DROP = 1.0  # [m] largest fall to the floor; a higher robot is put on the floor
+_WHEELS = 0.3  # [m] approximate distance from base_link to its wheels along x and y
 _MIDDLE = ((0.0, 0.0), (-_WHEELS, 0.0), (_WHEELS, 0.0), (0.0, -_WHEELS), (0.0, _WHEELS))
-_FLOOR = 1.0  # [m], along x and y; a floor reaches at least so far
-_RISE = 0.1  # [m], step of the search for the top of a floor
-_LEVEL = 1e-3  # [m]
+_FLOOR = 1.0  # [m] least distance that a floor reaches along x and y
+_RISE = 0.1  # [m] step of the search for the top of a floor
+_LEVEL = 1e-3  # [m] largest difference of heights on a level floor
 _DOWN = quat_from_rpy(0.0, pi / 2.0, 0.0)
 
-log = logging.getLogger("rosout.world")  # a child of rospy's logger: reaches /rosout without rospy
+log = logging.getLogger("rosout.world")  # child of rospy's logger, which reaches /rosout without rospy
 
 
 def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
-    """The world, with a plane at z = 0 if nothing is within FALL_DEPTH below `start` at a height [m]."""
+    """Return the world, with a plane at z = 0 if nothing is within FALL_DEPTH below `start` and `height`."""
     parts = [(body.pose_in_world, part) for body in world.bodies for part in body.collisions]
     scene = make_scene([(part.shape, compose(pose, part.pose_in_body)) for pose, part in parts])
     if isfinite(_drop(scene, (start.x, start.y, height + MAX_SLAB))):
@@ -52,10 +52,10 @@ def with_ground(world: World, start: Pose2D, height: float = 0.0) -> World:
 
 
 def floor_height(scene: RayScene, pose_on_ground: Pose) -> float:
-    """Height [m] of the level floor under all wheels, over the xy plane of a level pose; 0 without one.
+    """Height [m] of the level floor under all wheels, over the xy plane of a level pose; 0 if there is none.
 
-    The floor may be a slab, such as asphalt, or lie lower. In something wide, such as a thick slab, the
-    floor is its top. Something narrow is an obstacle, and no floor.
+    The floor may be a slab, such as asphalt, or lie lower. If the pose is inside a wide body, such as a thick
+    slab, the floor is the top of that body. A narrow body is an obstacle and not a floor.
     """
     drops = _drops(scene, pose_on_ground, _WHEELS, MAX_SLAB)
     if not any(drops) and not any(_drops(scene, pose_on_ground, _FLOOR, MAX_SLAB)):

@@ -2,7 +2,7 @@
 
 In: velocity commands and the time. Out: the wheels' speeds.
 
-Sources: husky_base (husky 0.6.10) runs its loop at 10 Hz and, where one side would exceed 1.0 m/s, scales
+Sources: husky_base (husky 0.6.10) runs its loop at 10 Hz and, if one side would exceed 1.0 m/s, scales
 both (limitDifferentialSpeed), so that the curve keeps its radius. The lag is measured: wheels of a Husky
 reach 90 % of a step 0.7 s after 10 %, at 2.0 m/s^2 (norlab-ulaval/DRIVE); a lag of 0.29 s behind the drive's
 own limit of 3.0 m/s^2 does both. Its encoders measure speeds in whole cm/s (BorealTC).

@@ -37,7 +37,7 @@ class Odometer:
     def sample(self, wheels: Optional[WheelState], yaw_rate: float, step: int) -> OdometrySample:
         """Advance to a physics step since the reset, by the gyro's yaw rate [rad/s].
 
-        Between two readings of the encoders `wheels` is None, and the last speed goes on.
+        Between two readings of the encoders `wheels` is None, and the last speed continues.
         """
         if wheels is not None:
             self._read(wheels, step)
@@ -48,7 +48,7 @@ class Odometer:
         return OdometrySample(self._wheels, self._from_wheels, self.filtered)
 
     def _read(self, wheels: WheelState, step: int) -> None:
-        """Advance the wheel odometry by what the wheels have turned since their last reading."""
+        """Advance the wheel odometry by the turn of the wheels since their last reading."""
         duration = (step - self._last_wheel_step) * self._dt
         front_left, front_right, rear_left, rear_right = (
             (now - before) / duration for now, before in zip(wheels.angles, self._wheels.angles)

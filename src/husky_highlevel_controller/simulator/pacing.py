@@ -1,13 +1,13 @@
 """Real-time pacing: keeps simulated time in step with wall time.
 
-In: both times. Out: how long to wait, and whether the machine falls behind.
+In: both times. Out: the time to wait, and whether the machine falls behind.
 """
 
 from __future__ import annotations
 
 from typing import Optional
 
-MAX_LAG = 0.5  # [s] behind before a machine counts as too slow; a hiccup is made up for
+MAX_LAG = 0.5  # [s] lag at which a machine counts as too slow; a shorter one is caught up
 
 
 class Pacer:
@@ -22,7 +22,7 @@ class Pacer:
         self._stamp, self._start = stamp, now
 
     def delay(self, stamp: float, now: float) -> float:
-        """Time to wait before going on [s]; 0 when late or not paced."""
+        """Time to wait before the next step [s]; 0 if it is late or not paced."""
         return max(self._lead(stamp, now), 0.0)
 
     def lag(self, stamp: float, now: float) -> Optional[float]:

@@ -20,13 +20,13 @@ from typing import Tuple
 from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import PowerState
 
-STANDING = 0.005  # [m/s], slower wheels draw no current
-FULL_VOLTAGE, EMPTY_VOLTAGE = 25.6, 23.0  # [V], at rest: two lead-acid batteries of six cells
-RESISTANCE = 0.04  # [Ohm], of the battery and its wires
-ELECTRONICS = 1.5  # [A], of the controller and what is plugged in
+STANDING = 0.005  # [m/s] slower wheels draw no current
+FULL_VOLTAGE, EMPTY_VOLTAGE = 25.6, 23.0  # [V] voltage at rest of two lead-acid batteries of six cells
+RESISTANCE = 0.04  # [Ohm] resistance of the battery and its wires
+ELECTRONICS = 1.5  # [A] current of the controller and of connected devices
 AMBIENT = 20.0  # [deg C]
-HEATING_TIME = 600.0  # [s], time constant of drivers and motors
-DRIVER_HEAT, MOTOR_HEAT = 0.06, 0.15  # [K/A^2], in the end
+HEATING_TIME = 600.0  # [s] time constant of drivers and motors
+DRIVER_HEAT, MOTOR_HEAT = 0.06, 0.15  # [K/A^2] final warming per squared current
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,12 @@ class Power:
     def reset(self) -> None:
         """A battery as charged as the config says, and everything cold."""
         self._uptime, self._charge = 0.0, self._config.charge
-        self._squares = (0.0, 0.0)  # [A^2], low-passed: what warms
+        self._squares = (0.0, 0.0)  # [A^2] low-passed squared current, which warms
 
     def update(
         self, torques: Tuple[float, float], speeds: Tuple[float, float], duration: float
     ) -> PowerState:
-        """Advance by `duration` [s], by what each side has done since the last call, forward positive.
+        """Advance by `duration` [s] with the work of each side since the last call, forward positive.
 
         The (left, right) wheels push the ground with `torques` [N m], and their treads run at `speeds` [m/s].
         """

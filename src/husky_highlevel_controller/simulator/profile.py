@@ -1,4 +1,4 @@
-"""The real Husky's profile: what differs from Gazebo's, in one record.
+"""The real Husky's profile: all differences from Gazebo's Husky, in one record.
 
 In: nothing. Out: `RobotProfile`, `Ground`.
 
@@ -9,7 +9,7 @@ Grounds (BorealTC, LaRocque et al. 2024, arXiv 2403.16877; norlab-ulaval/DRIVE).
 from the geometry of four skidding wheels and from the ratio of sideways to lengthwise grip, not from how much
 they grip: chi = 1 + ratio (wheelbase / track)^2, which is 1.80 for equal grip. Measured in place: flooring
 1.74, hence 0.92; sandy loam 2.13, hence 1.40: sunken wheels push soil aside.
-The friction is the URDF's on either ground, for nothing measured contradicts it.
+The friction is the URDF's on either ground, because no measurement contradicts it.
 """
 
 from __future__ import annotations

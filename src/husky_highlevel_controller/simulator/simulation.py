@@ -1,6 +1,6 @@
 """Simulation of a robot in a world: physics, drive and sensors.
 
-In: a `World`, a robot description, velocity commands, a seed. Out: a `Snapshot` a step.
+In: a `World`, a robot description, velocity commands, a seed. Out: a `Snapshot` per step.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Simulation:
     ) -> None:
         """Build the world, with the robot on the floor at `start`.
 
-        The floor is looked for from `start_height` [m] on. If base_link would be lower on it than that, the
+        The search for the floor begins at `start_height` [m]. If base_link would be lower on the floor, the
         robot falls from there, as in Gazebo; but not from more than MAX_DROP.
 
         Raises:
@@ -82,7 +82,7 @@ class Simulation:
         try:
             self.reset()
         except Exception:
-            self.close()  # nothing else frees the engine's 35 MB
+            self.close()  # otherwise the engine's 35 MB stay allocated
             raise
 
     def _equip(self) -> Equipment:
@@ -96,13 +96,13 @@ class Simulation:
         self._bullet.close()
 
     def reset(self, seed: Optional[int] = None) -> None:
-        """Back to the beginning, as if made anew; only the stamp runs on.
+        """Reset everything except the stamp to the state of a new simulation.
 
         Args:
-            seed: of all noise; None: the one before.
+            seed: seed of all noise; None for the seed before.
 
         Raises:
-            ValueError: the seed is negative; then nothing changes.
+            ValueError: the seed is negative. Then nothing changes.
         """
         seed = self._seed if seed is None else seed
         devices = [(sensor.device, sensor.stream) for sensor in self._equipment.sensors]
@@ -135,10 +135,10 @@ class Simulation:
         return Pose((x, y, height), standing.quat_xyzw) if z < height <= z + MAX_DROP else standing
 
     def load_world(self, world: World) -> None:
-        """Begin anew in another world.
+        """Restart in another world.
 
         Raises:
-            HuskyError: it cannot be simulated, or something stands at the start; then nothing changes.
+            HuskyError: the world cannot be simulated, or something stands at the start. Then nothing changes.
         """
         start, height = pose_to_2d(self._start), self._start.position[2]
         Simulation(world, self._robot, self._config, start, self._seed, height).close()
@@ -152,7 +152,7 @@ class Simulation:
         return (self._steps_before + self._steps) / self._rate
 
     def set_stamp(self, stamp: float) -> None:
-        """Go on from this simulated time [s], rounded to a step; an earlier one than now changes nothing."""
+        """Continue from this simulated time [s], rounded to a step; a time before now changes nothing."""
         self._steps_before = max(self._steps_before, round(stamp * self._rate) - self._steps)
 
     @property
@@ -160,7 +160,7 @@ class Simulation:
         return self._steps / self._rate
 
     def command(self, twist: Twist2D) -> None:
-        """Take a velocity command now; CommandError where it is not finite: the one before stays in force."""
+        """Take a velocity command now; CommandError, and the one before stays in force, if not finite."""
         self._equipment.drive.command(twist, self._since_reset)
 
     def step(self) -> Snapshot:
@@ -187,18 +187,18 @@ class Simulation:
         return Snapshot(stamp, step, state, command, contacts, **samples)
 
     def at_start(self) -> Snapshot:
-        """Snapshot before the first step, with odometry and scan; what follows stays the same to the bit."""
+        """Snapshot before the first step, with odometry and scan; it does not change later results."""
         odometer, samples = copy(self._odometer), {}
         for sensor in self._equipment.sensors:
             if sensor.field == "scan":
-                lidar = copy(sensor.device)  # draws from a generator of its own
+                lidar = copy(sensor.device)  # draws from a separate generator
                 lidar.reset(np.random.default_rng(self._seed))
                 samples["scan"] = replace(lidar.sample(self._chassis.state, self.stamp), stamp=self.stamp)
         odometry = odometer.sample(None, 0.0, 0)
         return Snapshot(self.stamp, 0, self._chassis.state, Twist2D(), (), odometry=odometry, **samples)
 
     def points(self) -> np.ndarray:
-        """The 3D lidar's points now, (rings, columns, 3) [m] in its frame; NaN where there is none."""
+        """The 3D lidar's points now, (rings, columns, 3) [m] in its frame; NaN if there is none."""
         assert self._equipment.points is not None, "points_rate is 0, or the robot has no lidar"
         return self._equipment.points.sample(self._chassis.state)
 
@@ -213,7 +213,7 @@ class Simulation:
 
     @property
     def bodies(self) -> Mapping[str, Body]:
-        """Bodies but the robot, by name; a body's own pose is where it was put."""
+        """Bodies except the robot, by name; the pose in a `Body` is its initial one."""
         return self._objects.bodies
 
     def pose_of(self, name: str) -> Pose:
@@ -229,7 +229,7 @@ class Simulation:
         return compose(base_in_odom, inverse(base_in_world))
 
     def spawn(self, bodies: Sequence[Body]) -> None:
-        """Put new bodies into the world, all or none; PlacementError where there is no room or no name."""
+        """Put new bodies into the world, all or none; PlacementError if there is no room or no name."""
         self._objects.add(bodies)
 
     def delete(self, name: str) -> None:
@@ -259,7 +259,7 @@ class Simulation:
         self._odometer.relocate(pose_to_2d(compose(world_in_odom, self._chassis.state.pose_in_world)))
 
     def reset_poses(self) -> None:
-        """Put the robot and every body back to where they were put first, at rest.
+        """Put the robot and every body back to their first poses, at rest.
 
         Raises:
             PlacementError: something stands at the robot's start; then nothing changes.

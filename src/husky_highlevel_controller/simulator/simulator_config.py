@@ -17,7 +17,7 @@ from husky_highlevel_controller.simulator.sensors.lidar import LidarConfig
 from husky_highlevel_controller.simulator.sensors.point_lidar import PointsConfig
 from husky_highlevel_controller.simulator.traction import TractionConfig
 
-ODOMETRY_RATE = 50  # [Hz], as on both robots; besides, odometry is fresh whenever there is a scan
+ODOMETRY_RATE = 50  # [Hz] rate on both robots; each scan has fresh odometry too
 
 
 @dataclass(frozen=True)
@@ -35,19 +35,19 @@ class SimulatorConfig:
     points: PointsConfig = setting("the 3D lidar")
     robot: Robot = field(default_factory=load_robot)
     traction: TractionConfig = field(default_factory=TractionConfig)
-    real: Optional[RobotProfile] = None  # what a real Husky does differently; None: Gazebo's robot
+    real: Optional[RobotProfile] = None  # differences of a real Husky; None for Gazebo's robot
 
 
 @lru_cache(maxsize=None)
 def simulator_config(robot: str = "husky") -> SimulatorConfig:
-    """Simulation of one of ROBOTS, as config/robots/NAME.yaml has it; ConfigError where that is wrong."""
+    """Simulation of one of ROBOTS, as config/robots/NAME.yaml has it; ConfigError if that is wrong."""
     values = {name: value for name, value in robot_file(robot).items() if name != "robot"}
     (config,) = read_config(values, f"config/robots/{robot}.yaml: ", SimulatorConfig)
     return replace(config, robot=load_robot(robot))
 
 
 def steps_per(rate: float, physics_rate: float, name: str) -> int:
-    """Number of physics steps in a period of `rate` [Hz]; HuskyError where it is not a whole one."""
+    """Number of physics steps in a period of `rate` [Hz]; HuskyError if it is not a whole one."""
     ratio = physics_rate / rate
     if round(ratio) < 1 or not isclose(ratio, round(ratio), rel_tol=1e-9):
         raise HuskyError(

@@ -22,13 +22,13 @@ from husky_highlevel_controller.datatypes import (
 )
 
 SIZES = (0.001, 1000.0)  # [m]
-MASSES = (0.001, 1e5)  # [kg], of what moves
-FARTHEST = 1e4  # [m], from the world's origin
-ROUNDING = 1e-3  # how far from 1 a quaternion's length may be
+MASSES = (0.001, 1e5)  # [kg] limits of the mass of a movable body
+FARTHEST = 1e4  # [m] largest distance from the world's origin
+ROUNDING = 1e-3  # largest deviation of a quaternion's length from 1
 
 
 class ObjectError(HuskyError):
-    """An object that cannot be; the text names the parameter and its value."""
+    """An object that cannot be made; the text names the parameter and its value."""
 
 
 def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world: Pose) -> Body:
@@ -38,18 +38,18 @@ def make_object(name: str, shape: str, size: Vector3, mass: float, pose_in_world
         name: letters, digits, and any of _ - . :
         shape: box, cylinder or sphere.
         size: full extents [m]; cylinder: diameter, diameter, length; sphere: diameter, three times.
-        mass: [kg]; 0 never moves.
-        pose_in_world: of the shape's centre.
+        mass: mass [kg]; a body with 0 never moves.
+        pose_in_world: pose of the shape's centre.
 
     Raises:
-        ObjectError: one of these cannot be.
+        ObjectError: one of these is not valid.
     """
     geometry = Geometry(_shape(shape, size))
     return checked(Body(name, pose_in_world, (geometry,), (geometry,), mass))
 
 
 def checked(body: Body) -> Body:
-    """The body itself; ObjectError where its name, mass, size or pose cannot be."""
+    """Return the body itself; ObjectError if its name, mass, size or pose is not valid."""
     if not body.name or not all(letter.isalnum() or letter in "_-.:" for letter in body.name):
         raise ObjectError(f"model_name '{body.name}' is not a name (letters, digits and _ - . :)")
     check_bounds(body)
@@ -57,7 +57,7 @@ def checked(body: Body) -> Body:
 
 
 def check_bounds(body: Body) -> None:
-    """Raises ObjectError where a body's mass, size or pose cannot be."""
+    """Raise ObjectError if a body's mass, size or pose is not valid."""
     if body.mass != 0.0:
         _within(body.mass, MASSES, "mass", "kg, or 0 for what never moves")
     for geometry in body.collisions:
@@ -70,11 +70,11 @@ def check_bounds(body: Body) -> None:
 
 
 def checked_pose(pose: Pose) -> Pose:
-    """The pose, its quaternion of length 1 to the last digit; ObjectError where it is far away or none."""
+    """Return the pose with a normalised quaternion; ObjectError if it is too far away or not finite."""
     for value in pose.position:
         _within(value, (-FARTHEST, FARTHEST), "position", "m")
     length = hypot(*pose.quat_xyzw)
-    if not abs(length - 1.0) <= ROUNDING:  # NaN is none either
+    if not abs(length - 1.0) <= ROUNDING:  # NaN fails this comparison too
         raise ObjectError(
             f"orientation {pose.quat_xyzw} is not a unit quaternion (x, y, z, w); no rotation is 0, 0, 0, 1"
         )

@@ -37,7 +37,7 @@ from husky_highlevel_controller.datatypes import Vector3
 Vector2 = Tuple[float, float]
 
 LOAD_SENSITIVITY = -1.0 / 3.0
-MAX_ITERATIONS, SETTLED = 3, 0.1  # of solving; done when a round changes the speeds by this share of vs
+MAX_ITERATIONS, SETTLED = 3, 0.1  # rounds; done if one changes the speeds by less than this fraction of vs
 STANDARD_GRAVITY = 9.81  # [m/s^2]
 
 
@@ -47,16 +47,16 @@ class TractionConfig:
 
     friction: float = 1.0  # mu at a quarter of the robot's weight (Husky URDF: mu1 = mu2 = 1.0)
     slip_speed: float = 0.01  # vs [m/s]; a robot parked on a slope creeps at about tan(slope) * vs
-    lateral_grip: float = 1.0  # sideways over lengthwise friction; 1.0: the same in all directions
+    lateral_grip: float = 1.0  # sideways over lengthwise friction; 1.0 if it is the same in all directions
 
 
 class WheelContact(NamedTuple):
     """Contact of one wheel with the ground."""
 
-    x: float  # [m], from the robot's centre of mass, along base_link's x
-    y: float  # [m], from the robot's centre of mass, along base_link's y
+    x: float  # [m] distance from the robot's centre of mass, along base_link's x
+    y: float  # [m] distance from the robot's centre of mass, along base_link's y
     load: float  # [N], normal force
-    surface_speed: float  # [m/s], how fast the tread runs backwards: wheel speed times radius
+    surface_speed: float  # [m/s] backward speed of the tread, which is wheel speed times radius
 
 
 def ground_forces(
@@ -73,10 +73,10 @@ def ground_forces(
     Args:
         contacts: one per wheel; a wheel in the air has load 0 and gets no force.
         velocity: (vx, vy, yaw rate) of the centre of mass, in base_link [m/s, rad/s].
-        external: what else pulls in the plane, in base_link: gravity on a slope [N].
-        mass: of the whole robot [kg].
-        yaw_inertia: of the whole robot about its centre of mass [kg m^2].
-        dt: the step [s].
+        external: other force in the plane, in base_link, such as gravity on a slope [N].
+        mass: mass of the whole robot [kg].
+        yaw_inertia: inertia of the whole robot about its centre of mass [kg m^2].
+        dt: duration of the step [s].
         config: the tyres.
     """
     vx, vy, yaw_rate = before = velocity
@@ -107,7 +107,7 @@ def ground_forces(
             pw -= kdt * speed * y
         c_by_e = c * (a / e)  # equal grip: a == e, and what follows is the isotropic case to the last bit
         yaw_rate = (pw - (b * px + c_by_e * py) / a) / (d - (b * b + c_by_e * c) / a)
-        vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e  # after the step
+        vx, vy = (px - b * yaw_rate) / a, (py - c * yaw_rate) / e  # slip after the step
         if hypot(vx - before[0], vy - before[1], yaw_rate - before[2]) < SETTLED * config.slip_speed:
             break
         before = (vx, vy, yaw_rate)

@@ -1,6 +1,6 @@
 """Command priorities and locks of a twist_mux: which sender drives the robot.
 
-In: who sent a command, and when. Out: whether it is obeyed.
+In: sender and time of each command. Out: whether the robot obeys it.
 
 Stands in for the node twist_mux of the Husky and the SMB; inputs and timeout are those of twist_mux.yaml of
 husky_control 0.6.10 and of smb_control. No test runs the original: `test_twist_mux.py` holds this one to its
@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from typing import Dict, Optional, Sequence
 
-TIMEOUT = 0.5  # [s], an input that was silent for longer gives way
+TIMEOUT = 0.5  # [s] an input that was silent for longer gives way
 
 
 class CommandMux:
-    """Passes on the commands of the strongest input that is not silent; a lock stops them all."""
+    """Filter that passes commands of the strongest input that is not silent; a lock stops all commands."""
 
     def __init__(self, inputs: Sequence[str]) -> None:
         """`inputs`: topics, the strongest first."""
@@ -24,7 +24,7 @@ class CommandMux:
         self.forget()
 
     def forget(self) -> None:
-        """Take every input for silent; a lock stays."""
+        """Treat every input as silent; a lock stays."""
         self._last_stamps: Dict[str, float] = {}
 
     def passes(self, topic: str, now: float) -> bool:

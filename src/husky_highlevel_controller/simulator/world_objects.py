@@ -32,7 +32,7 @@ class WorldObjects:
             self._put(body)
 
     def add(self, bodies: Sequence[Body]) -> None:
-        """Put new bodies into the world, all or none; PlacementError where a name is taken, or no room."""
+        """Put new bodies into the world, all or none; PlacementError if a name is taken or without room."""
         added: List[str] = []
         try:
             for body in bodies:

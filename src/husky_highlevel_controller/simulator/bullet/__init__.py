@@ -1,7 +1,7 @@
 """PyBullet behind records; the only folder that imports pybullet.
 
 Importing PyBullet prints its build time to standard error, from C. The first import happens here, with that
-descriptor pointed elsewhere: a program does not begin with a line that says nothing to its user.
+descriptor redirected, so that programs do not begin with a line of no use to their users.
 """
 
 from __future__ import annotations

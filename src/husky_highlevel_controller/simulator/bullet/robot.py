@@ -1,6 +1,6 @@
 """PyBullet robot, one rigid body, in a world of bodies.
 
-In: a robot's model, forces. Out: how it moves and what it touches.
+In: a robot's model, forces. Out: its motion and its contacts.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class RobotWorld(BulletWorld):
         self._model = model
         self._robot = self._load(pose)
         self._names[self._robot], self._ids[ROBOT] = ROBOT, [self._robot]
-        # no grip of Bullet's own (traction.py has it), nothing that slows the robot down
+        # neither Bullet's friction (traction.py computes it) nor damping
         self._engine.changeDynamics(
             self._robot, BASE_INDEX, lateralFriction=0.0, linearDamping=0.0, angularDamping=0.0
         )
@@ -39,7 +39,7 @@ class RobotWorld(BulletWorld):
 
     def _load(self, pose: Pose) -> int:
         """Id of a new body with the robot's shape at `pose`."""
-        # Bullet reads URDFs from files only, and caches them by name: hence a new name every time
+        # Bullet reads URDFs from files only, and caches them by name, so each has a new name
         handle, path = tempfile.mkstemp(suffix=".urdf")
         try:
             with os.fdopen(handle, "w") as file:

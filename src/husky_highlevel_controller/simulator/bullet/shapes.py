@@ -48,8 +48,8 @@ def _volume(geometry: Geometry) -> float:
 def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any) -> int:
     """Compound collision shape of several geometries; cylinders are exact, not hulls of polygons.
 
-    A mesh collides by its triangles. If it can move it collides by its convex hull, since Bullet moves no
-    triangles.
+    A mesh collides by its triangles. If it can move, it collides by its convex hull, because Bullet
+    cannot move triangles.
     """
     kinds = {
         Box: pybullet.GEOM_BOX,
@@ -82,7 +82,7 @@ def compound_shape(geometries: Sequence[Geometry], is_movable: bool, engine: Any
 
 
 def _write_obj(mesh: TriangleMesh, path: str) -> str:
-    """Write a mesh as the file that Bullet reads, since it takes only short arrays on some systems."""
+    """Write a mesh as a file for Bullet, because on some systems it takes only short arrays."""
     with open(path, "w") as file:
         file.writelines("v {:.9g} {:.9g} {:.9g}\n".format(*vertex) for vertex in mesh.vertices.tolist())
         file.writelines("f {} {} {}\n".format(*face) for face in (mesh.faces + 1).tolist())

@@ -24,19 +24,19 @@ from husky_highlevel_controller.datatypes import (
 from husky_highlevel_controller.geometry import compose, inverse, rotate, transform_point
 from husky_highlevel_controller.simulator.bullet.shapes import center_of, compound_shape
 
-ROBOT = "husky"  # the robot's name among the bodies
+ROBOT = "husky"  # name of the robot among the bodies
 BASE_INDEX = -1  # Bullet's link index of a body's base
 
-log = logging.getLogger("rosout.engine")  # a child of rospy's logger: reaches /rosout without rospy
+log = logging.getLogger("rosout.engine")  # child of rospy's logger, which reaches /rosout without rospy
 
-_SOLVER_ITERATIONS = 20  # instead of 50: the same motion to 0.1 %, in half the time
-_BREAKING_THRESHOLD = 0.005  # instead of 0.02: a tyre's flanks, 5 mm above the ground, do not touch it
+_SOLVER_ITERATIONS = 20  # 50 is the default; this gives the same motion to 0.1 % in half the time
+_BREAKING_THRESHOLD = 0.005  # 0.02 is the default, with which a tyre's flanks touch the ground 5 mm below
 # Four rigid wheels on rigid ground share a weight in any way that the solver comes upon. On springs they
 # share it in one way, which the solver and the step do not change.
 _GROUND_STIFFNESS = 1e6  # [N/m], per contact; a Husky's wheel sinks 0.15 mm
 _GROUND_DAMPING = 8e3  # [N s/m], about critical for a quarter of the Husky
-_LIFT_FROM = 1e-3  # [m], what is sunk deeper into the ground is put on top of it
-_TOO_DEEP = 2e-3  # [m], what reaches farther into another body stands inside it; triangles are 1 mm thick
+_LIFT_FROM = 1e-3  # [m] a body that is sunk deeper into the ground is put on top of it
+_TOO_DEEP = 2e-3  # [m] a body this deep in another stands inside it; triangles are 1 mm thick
 
 
 class PlacementError(HuskyError):
@@ -93,13 +93,13 @@ class BulletWorld:
         """Add a body; a movable one that is sunk into the ground is placed on top of it.
 
         Raises:
-            PlacementError: it is a plane that can move, or has the robot's name.
+            PlacementError: the body is a plane that can move, or has the robot's name.
         """
         if body.name == ROBOT:
             raise PlacementError(f"a body is named '{ROBOT}', as the robot is; give it another name")
         solids = []
         for geometry in body.collisions:
-            if isinstance(geometry.shape, Plane):  # Bullet takes no plane into a compound
+            if isinstance(geometry.shape, Plane):  # a compound of Bullet cannot hold a plane
                 self._add_plane(body, geometry.shape.normal, geometry.pose_in_body)
             else:
                 solids.append(geometry)
@@ -127,7 +127,7 @@ class BulletWorld:
 
     def _remove(self, body_id: int) -> None:
         for bodies in self._models.values():
-            if body_id in bodies:  # Bullet gives its id, and what was said of it, to the next body
+            if body_id in bodies:  # Bullet gives the id to the next body, together with its settings
                 bodies.remove(body_id)
                 self._let_pass(body_id, bodies, enable=1)
         self._engine.removeBody(body_id)
@@ -135,13 +135,13 @@ class BulletWorld:
             record.pop(body_id, None)
 
     def check_movable(self, name: str) -> None:
-        """Raise PlacementError if a body is a plane, which stays where it is."""
+        """Raise PlacementError if a body is a plane, because planes cannot be moved."""
         (*planes, body_id) = self._ids[name]
         if planes or body_id in self._planes:
             raise PlacementError(f"'{name}' is a plane, which stays where it is")
 
     def move_body(self, name: str, pose_in_world: Pose) -> None:
-        """Move a body that is no plane to another pose, at rest."""
+        """Move a body, but not a plane, to another pose, at rest."""
         body_id = self._ids[name][-1]
         self._put(body_id, pose_in_world)
         if self._engine.getDynamicsInfo(body_id, BASE_INDEX)[0] > 0.0:
@@ -192,7 +192,7 @@ class BulletWorld:
         Bodies of the same shapes are put there for it: one that is moved there and back loses its contacts.
 
         Raises:
-            PlacementError: it would reach into something else.
+            PlacementError: the body would reach into another one.
         """
         copies: Dict[str, int] = {}
         try:
@@ -220,7 +220,7 @@ class BulletWorld:
             PlacementError: it, or the copy of it that is checked in its place, reaches into something else.
         """
         body_ids = self._ids[name] if copy is None else [copy]
-        self._engine.performCollisionDetection()  # where every body is by now
+        self._engine.performCollisionDetection()  # updates the contacts to the present poses
         for body_id in body_ids:
             links = range(BASE_INDEX, self._engine.getNumJoints(body_id))
             boxes = [self._engine.getAABB(body_id, link) for link in links]

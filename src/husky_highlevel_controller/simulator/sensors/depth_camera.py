@@ -2,7 +2,7 @@
 
 In: a depth buffer from a renderer. Out: a depth image, points.
 
-Numbers: the Kinect of husky_description before 0.4.4 (60 degrees wide, 0.05 to 8 m, 10 images a second), at
+Numbers: the Kinect of husky_description before 0.4.4 (60 degrees wide, 0.05 to 8 m, 10 images per second), at
 half its 640 x 480 pixels. Frames are optical (REP 103): z forward, x to the right, y down.
 """
 
@@ -28,7 +28,7 @@ class CameraConfig:
     far: float = number(1.0, 100.0, "farther surfaces are not seen [m]", default=8.0)
 
     def __post_init__(self) -> None:
-        """Raises ValueError where nothing could be seen."""
+        """Raise ValueError if nothing could be seen."""
         if self.near >= self.far:
             raise ValueError(f"near = {self.near} is not below far = {self.far}")
 
@@ -59,7 +59,7 @@ class CameraSetup:
 def image_of(buffer: np.ndarray, config: CameraConfig) -> np.ndarray:
     """Depth along the camera's z axis, (height, width) float32 [m], of an OpenGL depth buffer in 0..1.
 
-    NaN where nothing is within the far limit.
+    It is NaN if nothing is within the far limit.
     """
     near, far = config.near, config.far
     depth = far * near / (far - (far - near) * np.asarray(buffer, dtype=float))

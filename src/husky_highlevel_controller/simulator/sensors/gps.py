@@ -45,7 +45,7 @@ class Gps:
         self._east_radius = EQUATORIAL_RADIUS * cos(phi) / sqrt(curvature)
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Begin anew, with errors from `rng`."""
+        """Restart with errors from `rng`."""
         self._rng = rng
         self._error = (self._config.drift * rng.standard_normal(3)).tolist()
 

@@ -20,8 +20,8 @@ from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import ImuSample, MagSample, RobotState, Vector3
 from husky_highlevel_controller.geometry import cross, minus, quat_inverse, rotate
 
-FIELD_IN_WORLD = (1.3e-6, 20.4e-6, -44.7e-6)  # [T], east, north, up
-FIELD_NOISE = 0.3e-6  # [T], standard deviation on each axis; typical of such sensors, not measured
+FIELD_IN_WORLD = (1.3e-6, 20.4e-6, -44.7e-6)  # [T] components east, north, up
+FIELD_NOISE = 0.3e-6  # [T] standard deviation on each axis; typical of such sensors, not measured
 
 
 @dataclass(frozen=True)
@@ -51,21 +51,21 @@ class Imu:
         self._position_in_base = position_in_base
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Begin anew, on a robot at rest, with noise from `rng`."""
+        """Restart on a robot at rest, with noise from `rng`."""
         self._rng = rng
         self.restart()
 
     def restart(self) -> None:
         """Take the robot to be at rest, for instance after it has been moved."""
         self._last_velocity_in_world: Vector3 = (0.0, 0.0, 0.0)
-        self.yaw_rate = 0.0  # [rad/s], of the last sample
+        self.yaw_rate = 0.0  # [rad/s] yaw rate of the last sample
 
     def sample(self, state: RobotState, stamp: float) -> ImuSample:
         """The sample at one instant, one period after the last."""
         attitude, config = state.pose_in_world.quat_xyzw, self._config
         turning = cross(state.angular_velocity_in_base, self._position_in_base)
         velocity_in_world = rotate(attitude, minus(state.velocity_in_base, turning, -1.0))  # v + w x r
-        # in the world, where gravity is constant and velocities may be subtracted
+        # velocity in the world, because there gravity is constant and velocities may be subtracted
         force_in_world = [
             (now - before) / self._period - gravity
             for before, now, gravity in zip(
@@ -89,7 +89,7 @@ class Magnetometer:
     """A magnetometer along base_link's axes."""
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Begin anew, with noise from `rng`."""
+        """Restart with noise from `rng`."""
         self._rng = rng
 
     def sample(self, state: RobotState, stamp: float) -> MagSample:

@@ -2,7 +2,7 @@
 
 In: the robot's true pose, a function that casts rays, a random generator. Out: a `Scan`.
 
-Misses and too close returns are as gazebo_ros_laser and REP 117 have them.
+Misses and too close returns follow gazebo_ros_laser and REP 117.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class LidarConfig:
     hides_near: bool = setting("a shorter range reads +inf, as in pointcloud_to_laserscan; if false, -inf")
 
     def __post_init__(self) -> None:
-        """Raises ValueError where no range is valid."""
+        """Raise ValueError if no range is valid."""
         if self.range_min >= self.range_max:
             raise ValueError(f"range_min = {self.range_min} is not below range_max = {self.range_max}")
 
@@ -46,7 +46,7 @@ class Lidar:
         self._beams = even_beams(-config.angle_max, config.angle_max, config.beams)
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Begin anew, with noise from `rng`."""
+        """Restart with noise from `rng`."""
         self._rng = rng
 
     def sample(self, state: RobotState, stamp: float) -> Scan:
@@ -54,7 +54,7 @@ class Lidar:
         config = self._config
         pose_laser_in_world = compose(state.pose_in_world, self._pose_in_base)
         ranges = self._cast_rays(pose_laser_in_world, self._beams, config.range_max)
-        # one draw per beam whatever it hits: the noise of a beam never depends on the other beams
+        # one draw per beam, hit or miss, so that the noise of a beam never depends on the other beams
         noisy = self._rng.normal(0.0, config.noise, len(ranges))
         noisy += ranges
         np.maximum(noisy, config.range_min, out=noisy)

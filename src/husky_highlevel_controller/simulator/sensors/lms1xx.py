@@ -27,14 +27,14 @@ from husky_highlevel_controller.datatypes import Beams, Pose, RobotState, Scan, 
 from husky_highlevel_controller.geometry import compose, quat_from_rpy
 from husky_highlevel_controller.simulator.sensors.lidar import CastRays
 
-SAMPLES = 5  # rays from one beam to the next
-WIDEST_SPOT = 0.0208  # [rad], half the angle of the spot at 0.3 m; nearer it is taken as no wider
-PIECES = 5  # of a sweep, each cast from where the laser was in its middle: at 1 m/s within 1.5 mm
-ECHOES = 3  # echoes of one beam that are looked at, nearest first
-FARTHEST = 60.0  # [m], no echo comes from beyond
-STANDING = 1e-3  # [m/s], [rad/s], slower is not moving
-DARK, DARK_RANGE = 0.1, 18.0  # remission, and up to where a spot wholly on it is seen [m]
-INTENSITY_SCALE = 255.0  # of a spot wholly on a surface that returns everything; a scale of ours
+SAMPLES = 5  # number of rays from one beam to the next
+WIDEST_SPOT = 0.0208  # [rad] half the angle of the spot at 0.3 m, and also nearer
+PIECES = 5  # parts of a sweep, each cast from its middle pose; the error is below 1.5 mm at 1 m/s
+ECHOES = 3  # number of echoes per beam that are evaluated, nearest first
+FARTHEST = 60.0  # [m] largest distance of an echo
+STANDING = 1e-3  # [m/s], [rad/s] slower counts as standing
+DARK, DARK_RANGE = 0.1, 18.0  # remission of a dark surface, and its detection range [m]
+INTENSITY_SCALE = 255.0  # intensity of a full spot on a surface that returns all light; our own scale
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Lms1xx:
         self._frame, self._pose_in_base, self._scan_time = frame, pose_in_base, scan_time
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Begin anew, with noise from `rng`."""
+        """Restart with noise from `rng`."""
         self._rng = rng
 
     def sample(self, state: RobotState, stamp: float) -> Scan:
@@ -87,7 +87,7 @@ class Lms1xx:
             pose = compose(_before(state, piece.age) if moving else state.pose_in_world, self._pose_in_base)
             measured.append(_echoes(self._cast_rays(pose, piece.rays, FARTHEST), piece, config))
         ranges, shares = (np.concatenate(part) for part in zip(*measured))
-        # one draw per beam whatever it hits: the noise of a beam never depends on the other beams
+        # one draw per beam, hit or miss, so that the noise of a beam never depends on the other beams
         noisy = ranges + self._rng.normal(0.0, config.noise, config.beams)
         noisy = np.round(noisy / config.resolution) * config.resolution
         is_echo = (ranges > 0.0) & (noisy >= config.range_min) & (noisy <= config.range_max)
@@ -119,10 +119,10 @@ def _before(state: RobotState, age: float) -> Pose:
 class _Piece(NamedTuple):
     """Neighbouring beams that are cast from one pose."""
 
-    beams: int  # how many
-    age: float  # [s], of their middle at the end of the sweep
-    rays: Beams  # that sample all their spots
-    offsets: np.ndarray  # (S,) [rad], a spot's rays relative to its beam
+    beams: int  # number of beams
+    age: float  # [s] age of their middle at the end of the sweep
+    rays: Beams  # rays that sample all spots of the beams
+    offsets: np.ndarray  # (S,) [rad] rays of a spot relative to its beam
 
 
 @lru_cache(maxsize=8)
@@ -155,7 +155,7 @@ def _echoes(depths: np.ndarray, piece: _Piece, config: Lms1xxConfig) -> Tuple[np
         mean = (light * np.where(echo, depth, 0.0)).sum(axis=1) / np.maximum(share, 1e-12)
         strong = (share > 0.0) & (share * config.remission >= DARK * (mean / DARK_RANGE) ** 2)
         ranges[hit[strong]], shares[hit[strong]] = mean[strong], np.minimum(share[strong], 1.0)
-        depth[echo] = inf  # too weak: what lies behind it
+        depth[echo] = inf  # too weak, so the next echo behind it counts
         weak = ~strong & (share > 0.0)
         hit, depth, weights = hit[weak], depth[weak], weights[weak]
     return ranges, shares

@@ -34,7 +34,7 @@ class PointsConfig:
     noise: float = number(0.0, 1.0, "standard deviation [m]")
 
     def __post_init__(self) -> None:
-        """Raises ValueError where opposite columns are not in one plane."""
+        """Raise ValueError if opposite columns are not in one plane."""
         if self.columns % 2:
             raise ValueError(f"columns = {self.columns} is not even")
 
@@ -45,7 +45,7 @@ class PointLidar:
     def __init__(self, config: PointsConfig, cast_rays: CastRays, pose_in_base: Pose) -> None:
         self._config, self._cast_rays, self._pose_in_base = config, cast_rays, pose_in_base
         half = config.columns // 2
-        azimuths = 2.0 * pi / config.columns * np.arange(half)  # of the columns before the seam
+        azimuths = 2.0 * pi / config.columns * np.arange(half)  # azimuths of the columns before the seam
         self._planes: List[Pose] = [Pose((0.0, 0.0, 0.0), quat_from_rpy(pi / 2.0, 0.0, a)) for a in azimuths]
         elevations = np.linspace(-config.elevation_max, config.elevation_max, config.rings)
         # in an upright plane: the column itself, and the opposite one
@@ -65,11 +65,11 @@ class PointLidar:
         )
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Begin anew, with noise from `rng`."""
+        """Restart with noise from `rng`."""
         self._rng = rng
 
     def sample(self, state: RobotState) -> np.ndarray:
-        """Points (rings, columns, 3) [m] at one instant, the lowest ring first; NaN where there is none."""
+        """Points (rings, columns, 3) [m] at one instant, the lowest ring first; NaN if there is none."""
         config, rings = self._config, self._config.rings
         pose = compose(state.pose_in_world, self._pose_in_base)
         ranges = np.empty((2 * rings, len(self._planes)))

@@ -15,7 +15,7 @@ import numpy as np
 
 from husky_highlevel_controller.config import number, setting
 
-FAR = 1e6  # [m], beyond any point
+FAR = 1e6  # [m] height beyond any point
 MAX_DIRECTIONS = 100_000
 
 
@@ -45,7 +45,7 @@ class FlattenConfig:
     queue_size: int = _number(1, "without effect")
 
     def __post_init__(self) -> None:
-        """Raises ValueError where there is no direction, or too many."""
+        """Raise ValueError if there is no direction, or too many."""
         if self.angle_min >= self.angle_max:
             raise ValueError(f"angle_min = {self.angle_min} is not below angle_max = {self.angle_max}")
         if self.directions > MAX_DIRECTIONS:

@@ -19,17 +19,17 @@ from husky_highlevel_controller.geometry import Axes, along_axes, axes_from_quat
 
 Indices = np.ndarray
 
-_SLACK = 1e-9  # [rad], by which a segment is wider, or a beam could slip through between two
+_SLACK = 1e-9  # [rad] extra width of a segment, so that no beam slips through between two
 
 
 class RayMesh(NamedTuple):
     """Mesh of a scene."""
 
-    vertices: np.ndarray  # (V, 3) [m], in its own frame
+    vertices: np.ndarray  # (V, 3) [m] corners in its own frame
     faces: np.ndarray  # (3, F), rows of `vertices`
-    centre: Vector3  # [m], of the ball around it, in its own frame
+    centre: Vector3  # [m] centre of the ball around it, in its own frame
     bound: float  # [m], radius of that ball
-    position: Vector3  # [m], of its frame in the world
+    position: Vector3  # [m] position of its frame in the world
     axes: Sequence[Vector3]  # its own x, y and z, in the world
 
 

@@ -5,7 +5,7 @@ In: numbers of one shape, or arrays of many: the formulas are the same. Out: dis
 `prepare` takes centre and axes, in the laser's frame, and size: numbers, or arrays (K,) for K shapes. It
 gives rows (F, 2[, K]), whose products with a beam's direction say how bodies change along the beam, and
 numbers (G[, K]) that are the same for all beams. `enter` takes these products (F, P) and numbers (G, 1 or P),
-and says where each beam enters, (P,) [m]; inf or nan: nowhere.
+and says where each beam enters, (P,) [m]; inf or nan if it does not.
 """
 
 from __future__ import annotations
@@ -77,18 +77,18 @@ def _enter_sphere(along: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 class Formula(NamedTuple):
     """Intersection formula of one kind of shape."""
 
-    axes: slice  # which of its axes matter
+    axes: slice  # axes that matter for this shape
     prepare: Callable[[Number3, Sequence[Number3], Number3], Prepared]
     enter: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-FORMULAS = (  # of BOX, CYLINDER and SPHERE
+FORMULAS = (  # formulas of BOX, CYLINDER and SPHERE
     Formula(slice(0, 3), _prepare_box, _enter_box),
     Formula(slice(2, 3), _prepare_cylinder, _enter_cylinder),
     Formula(slice(0, 0), _prepare_sphere, _enter_sphere),
 )
 
-Span = Tuple[np.ndarray, np.ndarray]  # between which t a ray is inside [m]; nan or reversed: nowhere
+Span = Tuple[np.ndarray, np.ndarray]  # limits of t while a ray is inside [m]; nan or reversed if it never is
 
 
 def _slab(directions: np.ndarray, middles: np.ndarray, halves: np.ndarray, depths: np.ndarray) -> Span:

@@ -70,7 +70,7 @@ class RayScene:
     """
 
     solids: List[RaySolid]  # (M,)
-    planes: Tuple[Tuple[Vector3, Vector3], ...]  # (point, unit normal) of each plane, in the world
+    planes: Tuple[Tuple[Vector3, Vector3], ...]  # point and unit normal of each plane in the world
     # the same solids as arrays
     kinds: np.ndarray  # (M,)
     sizes: np.ndarray  # (M, 3)
@@ -81,7 +81,7 @@ class RayScene:
 
     @property
     def has_many(self) -> bool:
-        """Whether its solids are met all at once, as arrays."""
+        """Return whether the beams meet its solids all at once, as arrays."""
         return len(self.solids) > FEW
 
     def move(self, index: int, pose_in_world: Pose) -> None:
@@ -142,7 +142,7 @@ def cast_rays(scene: RayScene, pose_laser_in_world: Pose, beams: Beams, max_rang
         height, (x, y, _) = dot(minus(point, origin), normal), along_axes(laser, normal)
         if (
             abs(height) <= hypot(x, y) * max_range
-        ):  # or no beam gets there, as none of a level laser to the floor
+        ):  # otherwise no beam gets there, such as from a level laser to the floor
             along = height / np.dot((x, y), beams.directions)
             along[along < 0.0] = inf
             np.fmin(distances, along, out=distances)
@@ -220,7 +220,7 @@ def _meet_many(
     distances: np.ndarray,
 ) -> None:
     """Shorten the distances (N,) of the beams that meet any of the shapes."""
-    centers = (scene.positions - origin) @ laser.T  # in the laser's frame
+    centers = (scene.positions - origin) @ laser.T  # centres in the laser's frame
     near, first, count = _candidates(centers, scene.bounds, beams.bearings, max_range)
     kinds = scene.kinds[near]
     for kind, (needed, prepare, enter) in enumerate(FORMULAS):

@@ -23,9 +23,9 @@ from husky_highlevel_controller.simulator.sensors.depth_camera import CameraConf
 class RenderRequest(NamedTuple):
     """Request for one image."""
 
-    bodies: Optional[Mapping[str, Body]]  # None: those of the request before
-    poses: Mapping[str, Pose]  # of the bodies that may have moved, in the world
-    pose_camera_in_world: Pose  # its optical frame
+    bodies: Optional[Mapping[str, Body]]  # None for the bodies of the request before
+    poses: Mapping[str, Pose]  # poses in the world of the bodies that may have moved
+    pose_camera_in_world: Pose  # pose of the optical frame
 
 
 class Renderer:
@@ -33,7 +33,7 @@ class Renderer:
 
     def __init__(self, config: CameraConfig) -> None:
         self._pipe, end = Pipe()
-        # not by multiprocessing, which would run the simulator's main script in the new process again
+        # multiprocessing would run the simulator's main script again in the new process
         command = [sys.executable, "-m", __name__, str(end.fileno())]
         self._process = subprocess.Popen(command, pass_fds=[end.fileno()])
         end.close()

@@ -29,8 +29,8 @@ from husky_highlevel_controller.config import number
 from husky_highlevel_controller.datatypes import ImuSample, RobotState
 from husky_highlevel_controller.simulator.sensors.imu import Imu
 
-CORRELATION_1, CORRELATION_2 = 0.15, -0.40  # of samples one and two periods apart, at 50 Hz
-DEGREES_OF_FREEDOM = 7  # of Student's distribution: 8 standard deviations about once in 5 minutes
+CORRELATION_1, CORRELATION_2 = 0.15, -0.40  # correlation of samples one and two periods apart, at 50 Hz
+DEGREES_OF_FREEDOM = 7  # parameter of Student's distribution: 8 standard deviations once in 5 minutes
 # Yule-Walker: x[n] = A x[n-1] + B x[n-2] + e[n], of variance 1
 A = CORRELATION_1 * (1.0 - CORRELATION_2) / (1.0 - CORRELATION_1**2)
 B = (CORRELATION_2 - CORRELATION_1**2) / (1.0 - CORRELATION_1**2)
@@ -59,7 +59,7 @@ class VibratingImu:
         self._scale = [config.horizontal] * 2 + [config.vertical] + [config.rate] * 3
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Begin anew, on a robot at rest, with noise from `rng`."""
+        """Restart on a robot at rest, with noise from `rng`."""
         self._rng = rng
         self._imu.reset(rng)
         self.restart()
@@ -67,7 +67,7 @@ class VibratingImu:
     def restart(self) -> None:
         """Take the robot to be at rest, for instance after it has been moved."""
         self._imu.restart()
-        self.yaw_rate = 0.0  # [rad/s], of the last sample
+        self.yaw_rate = 0.0  # [rad/s] yaw rate of the last sample
         self._last: List[float] = [0.0] * 6
         self._before: List[float] = [0.0] * 6
 
