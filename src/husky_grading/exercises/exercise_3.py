@@ -29,7 +29,7 @@ from husky_grading.rubrics.causes import (
 from husky_grading.rubrics.items import forfeited, over_trials, weighted
 from husky_grading.rubrics.marker_faults import CHECK
 from husky_grading.rubrics.marker_faults import HINTS as MARKER_HINTS
-from husky_grading.rubrics.markers import judge_namespaces
+from husky_grading.rubrics.marker_places import judge_namespaces
 from husky_grading.rubrics.rviz_view import (
     NAMES,
     SAVED,
