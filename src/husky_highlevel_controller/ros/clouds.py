@@ -11,7 +11,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from husky_highlevel_controller.datatypes import Scan
 from husky_highlevel_controller.ros.conversions import header
 
-MAX_POINTS = 5000  # of a cloud; a page that gets more than that ten times a second stays behind
+MAX_POINTS = 5000  # largest number of points of a cloud; a page cannot draw more ten times per second
 
 
 def points_from_scan(scan: Scan) -> np.ndarray:
@@ -28,7 +28,7 @@ def points_from_msg(msg: PointCloud2, max_points: int = MAX_POINTS) -> np.ndarra
     if not {"x", "y", "z"} <= set(offsets) or not msg.width * msg.height:
         return nothing
     row_size = msg.width * msg.point_step
-    row_step = msg.row_step or row_size  # 0: left out by the driver
+    row_step = msg.row_step or row_size  # some drivers leave it at 0
     if max(offsets[axis] for axis in "xyz") + 4 > msg.point_step or row_step < row_size:
         return nothing
     if len(msg.data) < (msg.height - 1) * row_step + row_size:

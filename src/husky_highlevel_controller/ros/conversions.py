@@ -46,8 +46,8 @@ from husky_highlevel_controller.datatypes import (
 )
 from husky_highlevel_controller.geometry import pose_from_2d
 
-MIN_INCREMENT = 1e-6  # [rad], between beams; finer ones are no lidar's
-TURN_TOLERANCE = 0.01  # [rad], by which a full turn of 32-bit angles may be more than 2 pi
+MIN_INCREMENT = 1e-6  # [rad] smallest increment of a real lidar
+TURN_TOLERANCE = 0.01  # [rad] excess over 2 pi that a full turn of 32-bit angles may have
 MAX_NEAREST = 200.0  # [m], a nearest return that is farther is given in millimetres
 MILLIMETRES = (100.0, 60000.0)  # smallest and largest range of a lidar, in mm
 MAX_RANGE_MAX = 1000.0  # [m], a larger one is a lidar's in millimetres
@@ -83,15 +83,15 @@ def scan_to_msg(scan: Scan) -> LaserScan:
 
 
 class ScanError(HuskyError):
-    """A LaserScan whose beams have no directions, or whose ranges are no distances in metres."""
+    """A LaserScan whose beams have no valid directions, or whose ranges are not in metres."""
 
 
 def scan_from_msg(msg: LaserScan) -> Scan:
     """A lidar's scan; the last beam's angle follows from the increment, not from angle_max.
 
     Raises:
-        ScanError: the angles are no directions or more than a full turn, range_min and range_max are no
-            distances, or the ranges are millimetres.
+        ScanError: the angles are not valid or more than a full turn, range_min and range_max are not valid
+            distances, or the ranges are in millimetres.
     """
     ranges = np.array(msg.ranges, dtype=float)
     ranges.setflags(write=False)

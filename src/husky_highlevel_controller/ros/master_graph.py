@@ -20,7 +20,7 @@ class Graph(NamedTuple):
 
     publishers: Nodes
     subscribers: Nodes
-    types: Mapping[str, str]  # by topic
+    types: Mapping[str, str]  # type by topic
 
 
 def read_graph(master_uri: str) -> Optional[Graph]:

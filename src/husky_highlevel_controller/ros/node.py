@@ -18,7 +18,7 @@ from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.robot import Robot, load_robot
 from husky_highlevel_controller.ros.transport import replace_transport
 
-LAUNCH_FILES = {  # that load the parameters of nodes
+LAUNCH_FILES = {  # launch files that load the parameters of nodes
     "husky_highlevel_controller": "controller", "arrival_exit": "simulator", "husky_simulator": "simulator",
     "husky_web": "web", "crash_stop": "crash_stop", "proximity_stop": "proximity_stop",
 }  # fmt: skip
@@ -60,14 +60,14 @@ def contained(what: str) -> Iterator[None]:
     """
     try:
         yield
-    except Exception as error:  # whatever it is, the thread goes on
+    except Exception as error:  # the thread continues after any error
         kind = (what, type(error).__name__)
         if kind not in _contained and not rospy.core.is_shutdown_requested():
             _contained.add(kind)
             rospy.logerr(f"{what} failed, and is tried again: {traceback.format_exc()}")
 
 
-_contained: Set[Tuple[str, str]] = set()  # what failed, and by which error
+_contained: Set[Tuple[str, str]] = set()  # failed actions, and the kind of error
 
 
 class NewSubscribers(rospy.SubscribeListener):
@@ -81,17 +81,17 @@ class NewSubscribers(rospy.SubscribeListener):
         self._came.set()
 
     def take(self) -> bool:
-        """Whether a node has subscribed since the last call."""
+        """Return whether a node has subscribed since the last call."""
         subscribed = self._came.is_set()
         self._came.clear()
         return subscribed
 
 
 def _end_on_signals() -> None:
-    """Shut down on SIGINT and SIGTERM in a thread of its own.
+    """Shut down on SIGINT and SIGTERM in a separate thread.
 
-    rospy's handler shuts down in the middle of whatever the main thread does, and waits for ever for a lock
-    that it holds there: 1 of 25 launches that were ended while they started.
+    rospy's handler shuts down in the middle of the main thread's work, and waits forever for a lock that the
+    main thread holds. This happened in 1 of 25 launches that were ended while they started.
     """
 
     def end(number: int, _: object) -> None:

@@ -20,9 +20,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from husky_highlevel_controller.ros.node import contained, publish
 from husky_highlevel_controller.xml_rpc import reply
 
-# [s] of wall time
+# [s] wall times
 PERIOD = 1.0  # between two questions to the master, and between two messages on /diagnostics
-DEADLINE = 2.0  # of an answer
+DEADLINE = 2.0  # longest wait for an answer
 STAND_PERIOD = 0.05  # between two zero commands; a twist_mux drops an input after 0.5 s
 REPORT_PERIOD = 10.0  # between two lines of the log
 LOST = (
@@ -73,7 +73,7 @@ class RegistrationWatch:
 
     @property
     def is_lost(self) -> bool:
-        """Whether a master answered that does not know this node."""
+        """Return whether a master answered that does not know this node."""
         return self._registration.is_lost
 
     def start(self) -> None:

@@ -21,9 +21,9 @@ import sys
 from pathlib import Path
 from typing import Any, List, Optional, Sequence
 
-CONFIG_OPTION, LOG = "-d", "__log:="  # of RViz, and of every node that roslaunch starts
+CONFIG_OPTION, LOG = "-d", "__log:="  # option of RViz, and argument of every node that roslaunch starts
 CRASHES = {-signal.SIGABRT, -signal.SIGSEGV, -signal.SIGBUS}  # exit codes of subprocess
-DISPLAY_TIMEOUT = 2.0  # [s] for the connection to a display on another machine
+DISPLAY_TIMEOUT = 2.0  # [s] longest wait for a connection to a display on another machine
 
 
 def display_problem(display: str) -> Optional[str]:
@@ -74,7 +74,7 @@ def run_again_after_crash(command: Sequence[str]) -> int:
         signal.signal(number, pass_on)  # before the program starts: no signal is lost
     for attempt in (1, 2):
         process = subprocess.Popen(list(command))
-        if stopping:  # by a signal that came before `process` was known
+        if stopping:  # a signal came before `process` was known
             process.send_signal(stopping)
         code = process.wait()
         if code not in CRASHES or stopping or attempt == 2:

@@ -12,18 +12,18 @@ from geometry_msgs.msg import Transform, TransformStamped
 from husky_highlevel_controller.datatypes import Pose
 from husky_highlevel_controller.ros.conversions import pose_from_transform
 
-MAX_COORDINATE = 1e6  # [m], farther away is no pose; tf2 refuses NaN, but neither infinity nor 1e308
+MAX_COORDINATE = 1e6  # [m] largest coordinate of a pose; tf2 refuses NaN, but neither infinity nor 1e308
 
 
 def lookup_transform(
     transforms: tf2_ros.BufferCore, parent: str, child: str, stamp: Optional[rospy.Time] = None
 ) -> Optional[TransformStamped]:
-    """Transform of a child frame in its parent frame at a time; None: the latest.
+    """Transform of a child frame in its parent frame at a time; the latest one if None.
 
     One leading slash of the child, as before tf2, is taken off.
 
     Returns:
-        None where TF knows no such transform, a frame's name is illegal, or the pose is not finite or
+        None if TF knows no such transform, a frame's name is illegal, or the pose is not finite or
         beyond MAX_COORDINATE.
     """
     try:
@@ -51,7 +51,7 @@ def latest_stamp(transforms: tf2_ros.BufferCore, parent: str, child: str) -> flo
 
 
 def is_pose(transform: Transform) -> bool:
-    """Whether all numbers of a transform are finite, and its translation within MAX_COORDINATE."""
+    """Return whether all numbers of a transform are finite, and its translation within MAX_COORDINATE."""
     t, r = transform.translation, transform.rotation
     return all(abs(value) <= MAX_COORDINATE for value in (t.x, t.y, t.z)) and all(
         isfinite(value) for value in (r.x, r.y, r.z, r.w)

@@ -25,7 +25,7 @@ import rospy.topics
 from rospy.impl import tcpros_base
 from rospy.impl.tcpros_pubsub import QueuedConnection
 
-HEADER_TIMEOUT = 10.0  # [s] of wall time without a byte of a connection's header
+HEADER_TIMEOUT = 10.0  # [s] wall time without a byte of a connection's header
 
 
 class PromptConnection(QueuedConnection):
@@ -34,8 +34,8 @@ class PromptConnection(QueuedConnection):
     _queue: List[bytes]
 
     def __init__(self, connection: Any, queue_size: int) -> None:
-        self._turn = threading.Lock()  # of writing to the socket
-        self._unsent = b""  # of a message of which the socket took only the beginning
+        self._turn = threading.Lock()  # held while writing to the socket
+        self._unsent = b""  # rest of a message of which the socket took only the beginning
         super().__init__(connection, queue_size)
 
     def write_data(self, data: bytes) -> bool:
@@ -71,7 +71,7 @@ class PromptConnection(QueuedConnection):
             with self._lock:
                 while not self._queue and not self._unsent and not self._connection.done:
                     self._cond_data_available.wait()
-            with self._turn:  # what is in the queue by now goes before what comes later
+            with self._turn:  # messages in the queue go before later ones
                 with self._lock:
                     unsent, queue = self._unsent, self._queue
                     self._unsent, self._queue = b"", []

@@ -27,8 +27,8 @@ from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.node import parameters_and_robot, run_node
 
 CONTROLLER = "husky_highlevel_controller"  # its node's name, in this node's namespace
-POLL_PERIOD = 0.02  # [s] of wall time: half a simulated second of a fast simulation
-STANDING_TIME = 1.0  # [s] of simulated time that a robot stands which has arrived
+POLL_PERIOD = 0.02  # [s] wall time, which is half a simulated second of a fast simulation
+STANDING_TIME = 1.0  # [s] simulated time that an arrived robot stands
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class ArrivalExit:
         self._pose_laser_in_base = Pose((mount.x, 0.0, mount.z), turn)
         self._arrived = False
         self._has_driven, self._standing_since = False, inf  # [s], stamp of odometry
-        self._clearance = inf  # [m], from the robot's outline to the nearest return of the last scan
+        self._clearance = inf  # [m] distance from the footprint to the nearest return of the last scan
         self._scans: Optional[rospy.Subscriber] = None
         self._starts_enabled = rospy.get_param(f"{CONTROLLER}/start_enabled", True)
         self._state, self._status = "", ""

@@ -18,7 +18,7 @@ from husky_highlevel_controller.controller.sensor_faults import (
 )
 from husky_highlevel_controller.ros.node import NewSubscribers, publish
 
-PERIOD = 1.0  # [s] of ROS time
+PERIOD = 1.0  # [s] ROS time between two messages
 OUR_CLOCK = "this computer's clock"
 OLD, TOO_OLD = 0.5, 2.0  # [s], age of a scan or of odom's transform that is worth a warning, an error
 STILL_POLLS = 5  # calls of update() without a change of ROS time: a paused world, or a busy machine
@@ -29,19 +29,19 @@ class Health:
     """Figures that the status is judged by."""
 
     paused: bool  # does simulated time stand still?
-    scan_silence: Optional[float]  # [s], since the last scan came; None before the first
-    scan_age: float  # [s], of the last scan when it came, by its stamp
-    scan_stamp: float  # [s], of the last scan
-    scan_rate: Optional[float]  # [Hz], by the stamps of the last scans; None for fewer than two
-    scan_fault: str  # sentence on what the last scan was refused for; empty: it was not
+    scan_silence: Optional[float]  # [s] time since the last scan came; None before the first
+    scan_age: float  # [s] age of the last scan when it came, by its stamp
+    scan_stamp: float  # [s] stamp of the last scan
+    scan_rate: Optional[float]  # [Hz] rate by the stamps of the last scans; None for fewer than two
+    scan_fault: str  # sentence on the fault of the last scan; empty if it was accepted
     scan_frame: str
     mounted: bool  # does TF know where the lidar is?
-    tf_silence: Optional[float]  # [s], since odom -> base_link changed; None where there is none
-    tf_age: float  # [s], of the latest odom -> base_link, by its stamp
-    ahead: float  # [s], by which the scans' clock is ahead of odometry's
+    tf_silence: Optional[float]  # [s] time since odom -> base_link changed; None if there is none
+    tf_age: float  # [s] age of the latest odom -> base_link, by its stamp
+    ahead: float  # [s] lead of the scans' clock over odometry's
     state: State
     pillar: str  # "seen", "remembered" or "unknown"
-    reason: str = ""  # of the controller for its last command
+    reason: str = ""  # reason of the controller's last command
     disobeyed: str = ""  # sentence on why the robot does not do what is commanded; empty if it does
     absence: str = ""  # sentence on why no scans come; empty if unknown
 
@@ -73,7 +73,7 @@ def level_and_message(health: Health) -> Tuple[int, str]:
 
 
 def _error(health: Health) -> Optional[str]:
-    """Sentence on the first cause why the robot does not drive rightly, with the remedy; None: none."""
+    """Sentence on the first cause why the robot does not drive as it should, with the remedy; or None."""
     if health.scan_silence is None or health.scan_silence > TOO_OLD:
         return health.absence or "no scans: is the lidar on, and ~scan_topic_name its topic?"
     if health.scan_fault:
@@ -120,7 +120,7 @@ class Diagnostics:
         self._has_changed.clear()
         if now != self._now:
             self._still_polls = 0
-        elif not has_changed:  # which calls this early
+        elif not has_changed:  # a change calls this early
             self._still_polls += 1
         self._now = now
         is_early = 0.0 <= now - self._published_at < PERIOD  # less: the simulator was started again

@@ -32,24 +32,24 @@ COLORS = {
     TARGET: ColorRGBA(1.0, 1.0, 0.2, 1.0),
     STATE: ColorRGBA(1.0, 1.0, 1.0, 1.0),
 }
-ARRAY_PERIOD = 0.099  # [s] of scan stamps between two arrays; a hair less than 10 Hz, for rounding
+ARRAY_PERIOD = 0.099  # [s] time between two arrays, by scan stamps; slightly below 0.1 s because of rounding
 PATH_STEP = 0.1  # [m] between two points of the path
-PATH_POINTS = 1000  # at most; the oldest go first
-ABOVE_ROBOT = 1.0  # [m] of the text above base_link, without a pillar
-# of the letters: [rad] as seen by a camera so far [m] behind the robot, as rviz/controller.rviz has it
+PATH_POINTS = 1000  # largest number of points; the oldest go first
+ABOVE_ROBOT = 1.0  # [m] height of the text above base_link, if there is no pillar
+# size of the characters [rad], seen by a camera this far behind the robot [m], as in rviz/controller.rviz
 TEXT_ANGLE, CAMERA_BEHIND = 0.022, 8.0
-# of its size is the cylinder in the laser's frame: two cylinders of one size at one place flicker. It is seen
-# when the namespace of the other one is switched off; more than the 0.95 of the simulator's own pillar
+# factor on the size of the cylinder in the laser's frame, because two equal cylinders in one place flicker.
+# It is visible if the other one's namespace is switched off. It exceeds 0.95, the simulator's own pillar
 INSIDE = 0.98
 DISC_HEIGHT = 0.02  # [m]
-MIN_SPREAD = 0.05  # [m], of the estimate's rim beyond the pillar, or it would not be visible
+MIN_SPREAD = 0.05  # [m] least rim of the estimate around the pillar, so that it is visible
 
 
 class Display:
     """Publishes markers and errors once for each scan, each only if its topic has a subscriber."""
 
     def __init__(self, robot: Robot) -> None:
-        self._ground = robot.wheels.height - robot.drive.wheel_radius  # [m], in base_link and in odom
+        self._ground = robot.wheels.height - robot.drive.wheel_radius  # [m] ground in base_link and odom
         self._new_subscribers = NewSubscribers()
         self._marker = rospy.Publisher("~visualization_marker", Marker, self._new_subscribers, queue_size=10)
         self._array = rospy.Publisher(

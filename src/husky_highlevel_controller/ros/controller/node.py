@@ -44,9 +44,9 @@ from husky_highlevel_controller.ros.registration import LOST, RegistrationWatch
 
 LOG = logging.getLogger("rosout")  # rospy's own; its level is checked before a DEBUG line is formatted
 REPORT_PERIOD = 5.0  # [s] between two complaints about the same
-RANGE_PERIOD = 1.0  # [s] of scan stamps between two lines with the smallest range
-RATE_SCANS = 50  # whose stamps give the rate of the scans
-POLL_PERIOD = 0.1  # [s] of wall time between two checks whether a transform is overdue or /diagnostics is due
+RANGE_PERIOD = 1.0  # [s] time between two lines with the smallest range, by scan stamps
+RATE_SCANS = 50  # number of scans for the measured rate
+POLL_PERIOD = 0.1  # [s] wall time between two checks for an overdue transform or due /diagnostics
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ class ControllerNode:
         self._stamps: Deque[float] = deque(maxlen=RATE_SCANS)
         self._scan_frame, self._scan_fault = "", ""
         self._scan_stamp = self._scan_age = self._tf_stamp = 0.0  # [s]
-        self._scan_time: Optional[float] = None  # [s] of ROS time, when the last scan came
-        self._tf_time: Optional[float] = None  # [s] of ROS time, when a new odom -> base_link was seen
+        self._scan_time: Optional[float] = None  # [s] ROS time when the last scan came
+        self._tf_time: Optional[float] = None  # [s] ROS time of the last new odom -> base_link
         self._velocity = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._obedience, self._commanded = Obedience(), STOP
         self._disobedience, self._disobeyed = Disobedience(robot, self._velocity), ""
@@ -134,7 +134,7 @@ class ControllerNode:
             with contained("asking why no scans come"):
                 self._notice_absence()
             with contained("the status on /diagnostics"):
-                if not self._registration.is_lost:  # which has a status of its own
+                if not self._registration.is_lost:  # a lost one has its own status
                     self._diagnostics.update()
             with contained("showing the last scan"):
                 self._display.update()
@@ -298,7 +298,7 @@ class ControllerNode:
         now, stamps = rospy.get_time(), list(self._stamps)
         latest = self._placement.lookup(ODOM, BASE)
         tf_stamp = latest.header.stamp.to_sec() if latest else now
-        if latest is None or tf_stamp == 0.0:  # 0: fixed
+        if latest is None or tf_stamp == 0.0:  # a fixed transform has stamp 0
             self._tf_time, tf_stamp = now if latest else None, now
         elif tf_stamp != self._tf_stamp:
             self._tf_time, self._tf_stamp = now, tf_stamp

@@ -30,7 +30,7 @@ class ReconfigureServer:
         changed = []
         for record in self._records:
             old = {item.name: getattr(record, item.name) for item in fields(record) if item.metadata}
-            # by the type of before: YAML's 1 is a fine 1.0
+            # keep the type of the old value, because YAML may give 1 for 1.0
             new = {name: type(value)(config.get(name, value)) for name, value in old.items()}
             changed.append(replace(record, **new))
             config.update(new)

@@ -13,7 +13,7 @@ from husky_highlevel_controller.ros.master_graph import Graph, read_graph
 from husky_highlevel_controller.ros.simulator.one_simulator import NODE
 
 SCAN_TYPE = "sensor_msgs/LaserScan"
-PATIENCE = 5.0  # [s] of ROS time without a scan, before the network is asked
+PATIENCE = 5.0  # [s] ROS time without a scan before the master is asked
 
 
 class ScanAbsence:
@@ -22,7 +22,7 @@ class ScanAbsence:
     def __init__(self, topic: str) -> None:
         """Ask about the scans on a resolved topic."""
         self._topic = topic
-        self._asked_at: Optional[float] = None  # [s] of ROS time
+        self._asked_at: Optional[float] = None  # [s] ROS time of the last question
         self._sentence = ""
 
     def update(self, now: float, scan_time: Optional[float]) -> str:

@@ -24,12 +24,12 @@ from husky_highlevel_controller.ros.controller.display import BASE, ODOM
 from husky_highlevel_controller.ros.conversions import pose_from_transform
 from husky_highlevel_controller.ros.transforms import latest_stamp, lookup_transform
 
-START_TIMEOUT = 4.0  # [s] of wall time that the first scan waits for TF, so that lockstep runs start alike
-TRANSFORM_TIMEOUT = 2.0  # [s] of wall time that the transform of a later scan's stamp may be late
+START_TIMEOUT = 4.0  # [s] wall time that the first scan waits for TF, so that lockstep runs start alike
+TRANSFORM_TIMEOUT = 2.0  # [s] wall time that the transform of a later scan's stamp may be late
 MIN_OFFSET = 0.05  # [s] between the clocks of scans and odometry that is worth a warning
-MAX_AGE = 2.0  # [s] of ROS time by which a pose may be older than the scan that it is taken for
+MAX_AGE = 2.0  # [s] ROS time by which a pose may be older than its scan
 REPORT_PERIOD = 5.0  # [s] between two warnings about a missing transform
-MAX_UNPLACED_SCANS = 50  # in a row without the lidar's transform before that is worth a warning
+MAX_UNPLACED_SCANS = 50  # scans in a row without the lidar's transform before a warning
 
 
 class Listener(tf2_ros.TransformListener):
@@ -53,7 +53,7 @@ class Listener(tf2_ros.TransformListener):
 class _PendingScan(NamedTuple):
     scan: Scan
     stamp: rospy.Time
-    arrived_at: float  # [s] of the wall's monotonic clock
+    arrived_at: float  # [s] time of arrival by the monotonic clock
 
 
 class ScanPlacement:
@@ -124,7 +124,7 @@ class ScanPlacement:
 
     @property
     def ahead(self) -> float:
-        """Time by which the scans' clock is ahead of odometry's [s]; 0: it is not."""
+        """Time by which the scans' clock is ahead of odometry's [s]; 0 if it is not."""
         return max(self._clocks.seconds, 0.0)
 
     def _place(self, pending: _PendingScan) -> Optional[Observation]:
@@ -141,9 +141,9 @@ class ScanPlacement:
         return Observation(pending.scan, self._laser_in_base(frame), base_in_odom, self._outline, self.ahead)
 
     def _base_in_odom(self, stamp: rospy.Time, overdue: bool) -> Tuple[bool, Optional[TransformStamped]]:
-        """Whether to wait for the transform of a stamp; if not, that or else the latest, unless it is old.
+        """Return whether to wait for a stamp's transform; if not, also that one or the latest if fresh.
 
-        Where the scans' clock is ahead, the latest is the pose of the scan, and no other comes in time.
+        If the scans' clock is ahead, the latest is the pose of the scan, and no other comes in time.
         """
         # the latest is mostly that of the stamp; a lookup of a stamp that is not there yet costs more
         latest = self.lookup(ODOM, BASE)

@@ -33,8 +33,8 @@ from husky_highlevel_controller.ros.node import publish, run_node
 from husky_highlevel_controller.ros.transforms import lookup_transform
 
 QUEUE = 1000  # messages, at least: a bag that is played fast comes in bursts, and each message counts
-MAX_AHEAD = 60.0  # [s], of a stamp before the clock, which may lag behind a bag that is played fast
-# [s] of wall time without a message: at the start; later, when a busy machine may hold up a thread that long
+MAX_AHEAD = 60.0  # [s] lead of a stamp over the clock, which may lag behind a bag that is played fast
+# [s] wall time without a message at the start, and later, when a busy machine may delay a thread
 ABSENCE, SILENCE = 1.0, 3.0
 CLOCK_BACK = 1.0  # [s]; a clock that goes back by more is another run
 REPORT_PERIOD = 5.0  # [s] between two complaints about a topic
@@ -72,8 +72,8 @@ class LocalizationNode:
     def _begin(self) -> None:
         self._now, self._filter = 0.0, Localization(self._config)
         self._held: Dict[str, List[Any]] = {name: [] for name in self._config.inputs}
-        self._first_heard = 0.0  # [s] of wall time
-        self._heard: Dict[str, float] = {}  # [s] of wall time, by input
+        self._first_heard = 0.0  # [s] wall time of the first message
+        self._heard: Dict[str, float] = {}  # [s] wall time of the last message by input
 
     def _on_message(self, msg: Any, name: str) -> None:
         stamp = msg.header.stamp.to_sec()

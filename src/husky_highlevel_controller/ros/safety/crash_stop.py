@@ -19,7 +19,7 @@ from husky_highlevel_controller.ros.transforms import lookup_pose
 BASE = "base_link"
 QUEUE = 1000  # messages
 CLOCK_TOLERANCE = 0.1  # [s], more between the clocks of IMU and odometry makes a crash of braking
-LONG_DELAY = 0.6  # [s] of samples that wait for odometry, from which on there is a warning
+LONG_DELAY = 0.6  # [s] wait of samples for odometry that causes a warning
 
 
 class CrashStopNode:

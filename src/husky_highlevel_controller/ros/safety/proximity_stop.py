@@ -18,7 +18,7 @@ from husky_highlevel_controller.ros.transforms import lookup_pose
 
 BASE = "base_link"
 CLOCK_TOLERANCE = 0.3  # [s]; a slow lidar's scans are stamped up to 0.2 s before odometry's last
-STARTING_TIME = 1.0  # [s] of scans that may lack odometry or transforms without a warning
+STARTING_TIME = 1.0  # [s] time at the start without a warning of missing odometry or transforms
 
 
 class ProximityStopNode:

@@ -13,10 +13,10 @@ from typing import Callable, Optional
 
 from husky_highlevel_controller.ros.node import contained
 
-CALL_TIMEOUT = 2.0  # [s] of wall time for one call
-RETRY_PERIOD = 0.5  # [s] of wall time between a failed call and the next
-ZERO_DELAY = 0.2  # [s] of wall time after the first call until zero is commanded
-ZERO_PERIOD = 0.05  # [s] of wall time between zero commands; a twist_mux drops an input after 0.5 s
+CALL_TIMEOUT = 2.0  # [s] wall time that one call may take
+RETRY_PERIOD = 0.5  # [s] wall time between a failed call and the next
+ZERO_DELAY = 0.2  # [s] wall time from the first call to the first zero command
+ZERO_PERIOD = 0.05  # [s] wall time between zero commands; a twist_mux drops an input after 0.5 s
 MAX_HUNG_CALLS = 5
 
 
@@ -60,7 +60,7 @@ class StopRequest:
             except queue.Empty:
                 continue
             while self.pending and not is_shutdown():
-                with contained("the stop of the controller"):  # which is served until it is done
+                with contained("the stop of the controller"):  # serves the request until it is done
                     self._serve(danger, is_shutdown)
                     self.pending = False
                 if self.pending:
@@ -95,7 +95,7 @@ class StopRequest:
         def call() -> None:
             try:
                 answers.put(self._call())
-            except Exception as error:  # whatever it is, the service was not answered
+            except Exception as error:  # after any error the service was not answered
                 answers.put(f"{type(error).__name__}: {error}")
             finally:
                 self._hung.release()

@@ -49,7 +49,7 @@ class BagPlayer:
                 now = snapshot.stamp
                 early = begun + now / self._pace - time.monotonic()
                 time.sleep(max(0.0, early))
-                begun -= min(0.0, early)  # what is late stays late: no burst that a filter cannot follow
+                begun -= min(0.0, early)  # a delay stays, because a filter cannot follow a burst
                 publish(clock, Clock(time_to_msg(now)))
             if rospy.is_shutdown():
                 return

@@ -15,7 +15,7 @@ from husky_highlevel_controller.msg import HuskyStatus
 from husky_highlevel_controller.ros import conversions
 from husky_highlevel_controller.ros.simulator.publishers import publish_if_subscribed
 
-PERIOD = 1.0  # [s] of simulated time
+PERIOD = 1.0  # [s] simulated time between two messages
 HARDWARE = "husky_base"
 # (warning, error)
 LOW_VOLTAGE, HIGH_VOLTAGE = (19.0, 18.0), (29.0, 30.0)  # [V]

@@ -13,7 +13,7 @@ from std_srvs.srv import Empty
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-SHUTDOWN_POLL_PERIOD = 0.1  # [s] of wall time between two checks whether the node ends
+SHUTDOWN_POLL_PERIOD = 0.1  # [s] wall time between two checks whether the node ends
 
 
 class CallQueue:

@@ -33,7 +33,7 @@ class Commands:
         self._direct_topic = topics.wheel_command  # the mux's output, and a way past it
         self._lockstep, self._lead_limit = lockstep, lead_limit
         self._arrived: Deque[Tuple[str, Twist]] = deque(maxlen=QUEUE)
-        self._senders: Dict[str, Tuple[str, float]] = {}  # of each topic: the last, and when it sent [s]
+        self._senders: Dict[str, Tuple[str, float]] = {}  # last sender of each topic, and its time [s]
         self._doubled: Set[str] = set()  # senders of a second command for one scan
         self._mux = CommandMux(topics.velocity)
         self._is_refusing = False
@@ -78,12 +78,12 @@ class Commands:
             log(habit_sentence(finding._replace(topic=rospy.resolve_name(topic))))
 
     def has_sender(self) -> bool:
-        """Whether a controller is connected; one of the direct input's senders is our own."""
+        """Return whether a controller is connected; one of the direct input's senders is our own."""
         return self._main.get_num_connections() > 0 or self._direct.get_num_connections() > 1
 
     @property
     def locked(self) -> bool:
-        """Whether the emergency stop is on."""
+        """Return whether the emergency stop is on."""
         return self._mux.locked
 
     def refuse(self) -> None:
@@ -91,7 +91,7 @@ class Commands:
         self._is_refusing = True
 
     def forget(self) -> None:
-        """Begin anew, but for the emergency stop."""
+        """Reset everything except the emergency stop."""
         self._arrived.clear()
         self._mux.forget()
 
@@ -101,7 +101,7 @@ class Commands:
             return  # published by take()
         self._warn_of_two_senders(topic, sender)
         if self._lockstep.drops(topic):
-            if sender not in self._doubled:  # the stop of a controller that ends is no mistake
+            if sender not in self._doubled:  # a controller that ends may send a second command, its stop
                 self._doubled.add(sender)
                 return
             rospy.logwarn_throttle(

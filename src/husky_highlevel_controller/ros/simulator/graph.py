@@ -30,8 +30,8 @@ NODES = {
     "master", "rosout", "husky_simulator", "robot_state_publisher", "rviz", "husky_rviz", "husky_web",
     "arrival_exit", "spawn_husky", "gazebo_gui",
 }  # fmt: skip
-PERIOD = 2.5  # [s] of wall time between two looks
-JOINING_TIME = 5.0  # [s] of simulated time that a topic may lack its other side
+PERIOD = 2.5  # [s] wall time between two looks
+JOINING_TIME = 5.0  # [s] simulated time that a topic may lack its other side
 
 
 class Partners:
@@ -54,7 +54,7 @@ class Partners:
         self.scan_topic = scans.resolved_name if scans else ""
 
     def joined(self) -> bool:
-        """Whether all are connected."""
+        """Return whether all are connected."""
         if not self._has_sender() or (self._scans and not self._scans.get_num_connections()):
             return False
         state = ask(rosgraph.get_master_uri(), "getSystemState", rospy.get_name())
@@ -69,7 +69,7 @@ def launched() -> Set[str]:
     """Names of the nodes that a roslaunch on this master has started, and that have not ended."""
     names: Set[str] = set()
     for uri in rospy.get_param("/roslaunch/uris", {}).values():
-        processes = ask(uri, "list_processes")  # None: it has ended
+        processes = ask(uri, "list_processes")  # None if it has ended
         # "NODE-COUNT" of each process that lives, and how often it was started
         names.update(name.rsplit("-", 1)[0] for name, _ in (processes or [[]])[0])
     return names
@@ -97,7 +97,7 @@ class SecondFilter:
         """Set up; `leave` is called once with the name of the node that publishes `topic`, too."""
         self._topic, self._leave = topic, leave
         self._seen = {rospy.get_name()}
-        self.filter_node = ""  # that the topic was left to; empty if there is none
+        self.filter_node = ""  # filter node that has the topic; empty if there is none
 
     def look(self, graph: Graph) -> None:
         """Look for new publishers; one that was started later is told as a second publisher instead."""
@@ -126,7 +126,7 @@ class GraphWatch:
         self._clock_nodes = {rospy.get_name()}
         self._clock: Optional[rospy.Subscriber] = None
         self._kinds: Dict[Tuple[str, bool, FrozenSet[str]], Kinds] = {}  # answers of nodes
-        self._first_times: Dict[Mistake, float] = {}  # [s] of simulated time
+        self._first_times: Dict[Mistake, float] = {}  # [s] simulated time of the first sight
         self._warnings: Set[Mistake] = set()
 
     def start(self) -> None:

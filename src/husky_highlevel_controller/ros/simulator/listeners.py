@@ -17,43 +17,43 @@ from typing import Any, Dict, List, Mapping, Optional, Set, Tuple
 
 import rospy
 
-# [s] of wall time: roscpp looks at the clock every 1 ms while it sleeps, and a busy host may wake it later:
+# [s] wall time. roscpp looks at the clock every 1 ms while it sleeps, and a busy host may wake it later:
 # with 3 ms two of three drives of such a controller came out otherwise beside a load of 11
 ASLEEP_FOR = 0.008
-LOOK_PERIOD = 0.002  # [s] of wall time
+LOOK_PERIOD = 0.002  # [s] wall time between two looks
 # a thread's files in /proc: its state; for how long and how often it was on a CPU, where the kernel counts
 STAT = "stat"
 SCHEDULE = "schedstat" if os.path.exists("/proc/self/schedstat") else STAT
-SIZE = 512  # [bytes] of such a file that are read; the state is among the first
-MAX_THREADS = 200  # of a process, whose files are kept open: opening them takes most of the time of a look
+SIZE = 512  # [bytes] length that is read of such a file; the state is in it
+MAX_THREADS = 200  # largest number of threads with open files; to open them takes most of a look
 RUNNING = {b"R", b"D"}  # states of a thread: on a CPU or waiting for one, or for a disk
 
-Ports = Tuple[int, int]  # of a connection: the subscriber's, this process's
-Turns = Dict[str, bytes]  # by thread: SCHEDULE
+Ports = Tuple[int, int]  # ports of a connection: the subscriber's, this process's
+Turns = Dict[str, bytes]  # content of SCHEDULE by thread
 
 
 class Listeners:
     """The processes on this machine that subscribe to a publisher's topic.
 
-    A process in Python does not look at the clock while it waits for it. Where all that receive the topic or
+    A process in Python does not look at the clock while it waits for it. If all that receive the topic or
     the clock are in Python, they are asleep as soon as they have run after a tick, and two looks see all
-    threads asleep, none of which ran in between. Else those that receive the topic are asleep after
+    threads asleep, none of which ran in between. Otherwise processes that receive the topic are asleep after
     ASLEEP_FOR without a running thread.
     """
 
     def __init__(self, publisher: Optional[rospy.Publisher], clock: rospy.Publisher) -> None:
         """Find those of `publisher`, which is None if the topic is not published."""
         self._publisher, self._clock = publisher, clock
-        self._ports: Set[Ports] = set()  # of both topics' connections
+        self._ports: Set[Ports] = set()  # ports of both topics' connections
         self._own_threads = _Threads(os.getpid())
-        self._processes: Dict[int, _Threads] = {}  # that receive the topic or the clock
-        self._receivers: Set[int] = set()  # that receive the topic
-        self._on_clock: Set[int] = set()  # that receive the clock
+        self._processes: Dict[int, _Threads] = {}  # processes that receive the topic or the clock
+        self._receivers: Set[int] = set()  # processes that receive the topic
+        self._on_clock: Set[int] = set()  # processes that receive the clock
         self._complete = self._in_python = False
-        self._settled: Dict[int, Optional[Turns]] = {}  # when they were asleep last
+        self._settled: Dict[int, Optional[Turns]] = {}  # turns when they were last asleep
 
     def asleep(self) -> bool:
-        """Whether all of them stay asleep until something is sent; takes up to some milliseconds."""
+        """Return whether all of them stay asleep until something is sent; takes up to some milliseconds."""
         self._find()
         if not self._complete:
             return False  # elsewhere than on this machine nothing is known
@@ -88,7 +88,7 @@ class Listeners:
         self._processes = {process: _Threads(process) for process in owners.values()}
 
     def _have_run(self, turns: Mapping[int, Optional[Turns]]) -> bool:
-        """Whether the processes that receive the clock have run since they were asleep, and none runs."""
+        """Return whether processes that receive the clock have run since they were asleep, and none runs."""
         ran = all(turns[process] != self._settled.get(process) for process in self._on_clock)
         return ran and None not in turns.values()
 
@@ -98,7 +98,7 @@ class _Threads:
 
     def __init__(self, process: int) -> None:
         self._folder = f"/proc/{process}/task"
-        self._files: Dict[str, List[int]] = {}  # by thread: SCHEDULE, STAT
+        self._files: Dict[str, List[int]] = {}  # files SCHEDULE and STAT by thread
 
     def close(self) -> None:
         """Close all files."""
@@ -106,7 +106,7 @@ class _Threads:
             self._forget(thread)
 
     def turns(self) -> Optional[Turns]:
-        """The turns of all threads but the caller's; None: one of them runs."""
+        """Return the turns of all threads except the caller's, or None if one of them runs."""
         try:
             threads = os.listdir(self._folder)[:MAX_THREADS]
         except OSError:  # the process has just ended

@@ -16,17 +16,17 @@ import rospy
 from husky_highlevel_controller.ros.simulator.graph import Partners
 from husky_highlevel_controller.ros.simulator.listeners import Listeners
 
-# [s] of wall time
-PARTNER_TIMEOUT = 60.0  # for a controller to connect
-ANSWER_TIMEOUT = 5.0  # for a command to answer a scan
-RESEND_TIMEOUT = 1.0  # for the first command, before the scan is published again
-SLEEP_TIMEOUT = 0.3  # for an answer of a controller that does nothing meanwhile
-WATCH_TIMEOUT = 1.0  # for processes to fall asleep that have answered; some, as RViz, never do
+# [s] wall times
+PARTNER_TIMEOUT = 60.0  # wait for a controller to connect
+ANSWER_TIMEOUT = 5.0  # wait for a command that answers a scan
+RESEND_TIMEOUT = 1.0  # wait for the first command before the scan is published again
+SLEEP_TIMEOUT = 0.3  # wait for the answer of a controller that does nothing meanwhile
+WATCH_TIMEOUT = 1.0  # wait until processes that have answered sleep; some, such as RViz, never do
 POLL_PERIOD = 0.05  # between two checks for service calls during a wait
 PARTNERS_POLL_PERIOD = 0.02  # more often, /clock would take CPU time from those who start
 
 MAX_LEAD = 2  # scans sent since the last command
-CONTROLLER_TIMEOUT = 0.1  # [s] of wall time: a slower controller is not waited for
+CONTROLLER_TIMEOUT = 0.1  # [s] wall time; the simulator does not wait for a slower controller
 FOLLOWING_SCANS = 10  # scans in a row with a command in between: it answers every scan again
 
 AWAKE = 10  # scans answered in a row: the controller does not sleep, or not any more
@@ -79,17 +79,17 @@ class Lockstep:
         "unanswered" once, when no other is waited for.
         """
         self._mode = Mode.WATCHED if is_on else Mode.FREE
-        self._wakes_to = self._mode  # of SLEEPING: the mode before
+        self._wakes_to = self._mode  # mode before SLEEPING
         self._listeners, self._tell = listeners, tell
         self._answered = threading.Event()
-        # topics with a command since the last scan; None: no scan yet
+        # topics with a command since the last scan; None if there was no scan yet
         self._answered_on: Optional[Set[str]] = None
         self._begun = False  # a command has arrived
         self._due = False  # a scan is about to be sent or answered
         self._in_a_row = 0  # scans answered
 
     def drops(self, topic: str) -> bool:
-        """Whether a command that arrives on this topic is one too many: the last scan has one. Any thread.
+        """Return whether a command on this topic is one too many, because the last scan has one. Any thread.
 
         Such a command arrives before or after the next physics step as the machine pleases, so a run that
         obeyed it would not be repeatable.

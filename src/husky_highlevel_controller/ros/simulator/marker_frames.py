@@ -17,7 +17,7 @@ from husky_highlevel_controller.ros.simulator.wrong_topics import TOOLS
 
 KINDS = {"visualization_msgs/Marker": Marker, "visualization_msgs/MarkerArray": MarkerArray}
 FRAME_TOPICS = ("/tf", "/tf_static")
-MESSAGES = 50  # of a topic, which are looked at
+MESSAGES = 50  # largest number of checked messages of a topic
 OTHER_FRAMES = "robot_state_publisher"  # its frames are the robot's own
 
 

@@ -48,12 +48,12 @@ from husky_highlevel_controller.simulator.sensors.depth_camera import CameraSetu
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.simulator_config import SimulatorConfig, steps_per
 
-MAX_STEPS = 100_000  # in one request
-SLOW_SHARE = 0.9  # of the pace that is asked for; a machine that reaches less is called too slow, once
-# [s] of wall time
+MAX_STEPS = 100_000  # largest number of steps in one request
+SLOW_SHARE = 0.9  # smallest fraction of the requested pace without a warning
+# [s] wall times
 PAUSE_POLL_PERIOD = 0.05  # between two checks for the end of a pause
-LAUNCH_TIMEOUT = 10.0  # for the nodes launched with this one, as fast as it goes
-RVIZ_TIMEOUT = 30.0  # for an RViz that was launched with this node to draw
+LAUNCH_TIMEOUT = 10.0  # wait for the nodes launched with this one, if the pace is unlimited
+RVIZ_TIMEOUT = 30.0  # wait until an RViz that was launched with this node draws
 RVIZ_POLL_PERIOD = 0.2  # between two looks at it; more often would take CPU time from its start
 
 
@@ -127,8 +127,8 @@ class SimulatorNode:
         while not rospy.is_shutdown():
             self._calls.process(PAUSE_POLL_PERIOD if self._paused else 0.0)
             if self._paused:
-                publishers.publish_clock(simulation.stamp)  # for nodes that start during the pause
-                if simulation.stamp == begin and not self._start.lockstep:  # where each scan wants an answer
+                publishers.publish_clock(simulation.stamp)  # nodes that start during the pause need it
+                if simulation.stamp == begin and not self._start.lockstep:  # lockstep scans need answers
                     publishers.send_kept_scan()
                 self._pacer.restart(simulation.stamp, time.monotonic())
                 if self._display:
@@ -272,7 +272,7 @@ class SimulatorNode:
         self._display: Optional[WorldDisplay] = None
         if not self._publishers.truth_log.is_open:
             self._display = WorldDisplay(self._simulation, self._calls)
-        # what changes the world waits for the end of a step in lockstep
+        # services that change the world wait for the end of a step in lockstep
         for name, gazebo_name, work, changes in (
             ("pause", "pause_physics", lambda _: self._set_paused(True), False),
             ("resume", "unpause_physics", lambda _: self._set_paused(False), False),
@@ -304,7 +304,7 @@ class SimulatorNode:
         self._simulation.load_world(world)
         self._commands.forget()
         self._touched.clear()
-        rospy.set_param("~world_name", request.world_name)  # for those who ask which one it is
+        rospy.set_param("~world_name", request.world_name)  # other nodes can look up the world
         return f"'{world.name}' with {len(world.bodies)} bodies, the robot at the start"
 
     def _reset_poses(self, _request: Any) -> str:

@@ -30,17 +30,17 @@ from husky_highlevel_controller.meshes import simplified
 from husky_highlevel_controller.ros import conversions
 
 DELETE = 1  # id of the menu's only entry
-QUIET = (0.2, 0.21, 0.22, 1.0)  # of every plane: grid, scan and robot are to stand out from it
+QUIET = (0.2, 0.21, 0.22, 1.0)  # colour of every plane, from which grid, scan and robot stand out
 PAINT = 0.005  # [m]; a box that is lower is drawn as if painted on what it lies on
 SLIM = 0.95  # share of a cylinder's radius that is drawn, or it would hide the marker of a found pillar
-MOST_FACES = 20_000  # of a mesh that is drawn
+MOST_FACES = 20_000  # largest number of faces of a drawn mesh
 X, Z = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def body_to_msg(body: Body, pose_in_frame: Pose, frame: str) -> InteractiveMarker:
     """Interactive marker of a body; a movable one can be dragged in the plane, and has a menu."""
     marker = InteractiveMarker(
-        header=Header(frame_id=frame),  # without a stamp: it stays where it is in its frame
+        header=Header(frame_id=frame),  # no stamp, so it stays fixed in its frame
         name=body.name,
         description=body.name,
         pose=conversions.pose_to_msg(pose_in_frame),

@@ -44,7 +44,7 @@ def why_not_two(name: str, master_uri: str) -> str:
 
 
 def has_own_master(command_line: Sequence[str]) -> bool:
-    """Whether a program that reads a launch file starts its own master, whatever $ROS_MASTER_URI says."""
+    """Return whether a program that reads a launch file starts its own master despite $ROS_MASTER_URI."""
     is_rostest = "rostest" in (Path(argument).name for argument in command_line)
     return is_rostest and not {"-r", "--reuse-master"} & set(command_line)
 

@@ -43,9 +43,9 @@ class Publishers:
         rate = config.real.base.control_rate if config.real else ODOMETRY_RATE
         self._wheel_steps = steps_per(rate, config.physics_rate, "the rate of wheel odometry")
         scan_steps = steps_per(config.scan_rate, config.physics_rate, "scan_rate")
-        self._tick = gcd(self._state_steps, scan_steps) / config.physics_rate  # [s], of /clock, at least
+        self._tick = gcd(self._state_steps, scan_steps) / config.physics_rate  # [s] longest step of /clock
         self._wheels = robot.wheels
-        self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}  # on /tf
+        self.frames = {ODOM, BASE, *robot.fixed_poses, *(wheel.link for wheel in robot.wheels)}  # all on /tf
         self.tells_time = bool(rospy.get_param("/use_sim_time", False))
         self._bumped: Set[str] = set()
         self.truth_log = TruthLog()
@@ -53,10 +53,10 @@ class Publishers:
         self._last: Optional[Tuple[float, OdometrySample]] = None
         self.transforms = rospy.Publisher("/tf", TFMessage, queue_size=QUEUE)
         self._kept_scan: Optional[Scan] = None
-        self._transform_connections: List[Any] = []  # those of the last look
+        self._transform_connections: List[Any] = []  # connections at the last look
         self.fixed_transforms = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.fixed_transforms.publish(conversions.tree_to_msg(robot.fixed_joints, 0.0))
-        self.scan: Optional[rospy.Publisher] = None  # of a robot with a lidar
+        self.scan: Optional[rospy.Publisher] = None  # None for a robot without a lidar
         if robot.laser_frame in robot.fixed_poses:
             self.scan = rospy.Publisher(topics.scan, LaserScan, queue_size=QUEUE)
         self.joints = rospy.Publisher("joint_states", JointState, queue_size=QUEUE)
@@ -143,7 +143,7 @@ class Publishers:
         trees = []
         if not self.leaves_filter:
             trees.append([(ODOM, BASE, pose_from_2d(odometry.filtered.pose_base_in_odom))])
-        if stamp == 0.0 or not self._has_state_publisher():  # which publishes nothing of the time 0
+        if stamp == 0.0 or not self._has_state_publisher():  # it sends nothing at time 0
             trees.append(list(self._wheel_branches(odometry)))
         # TF warns of a transform that comes twice
         self._send_to_new(publisher, [conversions.tree_to_msg(tree, stamp) for tree in trees])
@@ -220,7 +220,7 @@ class Publishers:
         )
 
     def _has_state_publisher(self) -> bool:
-        """Whether a robot_state_publisher runs: TF warns of every frame that is sent twice."""
+        """Return whether a robot_state_publisher runs, because TF warns of every frame that is sent twice."""
         return any(link.endpoint_id.endswith(STATE_PUBLISHER) for link in self.joints.impl.connections)
 
     def publish_clock(self, stamp: float) -> None:

@@ -39,8 +39,8 @@ STEERING_GAIN = 2.0  # [1/s]
 IMU_RATE, POINTS_RATE = 50, 1  # [Hz]; a cloud is as large as all else of ten seconds
 COMMAND_PERIOD = 0.1  # [s]
 WORLD, ODOM, BASE = "world", "odom", "base_link"  # frames
-POINTS_TOPIC, IMU_TOPIC = "/rslidar_points", "/imu/data"  # of both courses' bags
-TRUTH_TOPIC = "/ground_truth/odom"  # of the second bag
+POINTS_TOPIC, IMU_TOPIC = "/rslidar_points", "/imu/data"  # topics of both courses' bags
+TRUTH_TOPIC = "/ground_truth/odom"  # topic of the second bag
 
 
 def command_at(stamp: float, yaw: float) -> Twist2D:

@@ -15,11 +15,11 @@ from husky_highlevel_controller.xml_rpc import ask
 
 # ends of the name of an RViz node, also of an anonymous one (NAME_HOST_PID_TIME)
 NAMES = re.compile(r"(rviz|gazebo_gui)(_\w+_\d+_\d+)?$")
-SERVICE = "reload_shaders"  # that every RViz offers as its own when its window is open
+SERVICE = "reload_shaders"  # private service of every RViz with an open window
 
 
 def is_rviz(node: str) -> bool:
-    """Whether a launched node is an RViz, by its name: roslaunch does not tell its program."""
+    """Return whether a launched node is an RViz, by its name, because roslaunch does not tell its program."""
     return NAMES.search(node) is not None
 
 

@@ -18,8 +18,8 @@ import rospy
 from husky_highlevel_controller.datatypes import Snapshot
 
 VARIABLE = "HUSKY_TRUTH_SOCKET"  # environment: path of the socket; without it nothing is written
-SEND_TIMEOUT = 5.0  # [s] of wall time; a reader that is slower is given up
-POLL_PERIOD = 0.02  # [s] of wall time, while the reader does not let time begin
+SEND_TIMEOUT = 5.0  # [s] wall time; a reader that is slower is given up
+POLL_PERIOD = 0.02  # [s] wall time between two looks while the reader does not let time begin
 
 
 class TruthLog:
@@ -36,7 +36,7 @@ class TruthLog:
 
     @property
     def is_open(self) -> bool:
-        """Whether a parent reads it: then no topic tells the truth, which a submission could steer by."""
+        """Return whether a parent reads it. If so, no topic has true poses, which a submission could use."""
         return self._socket is not None
 
     def wait_to_begin(self, meanwhile: Callable[[], None]) -> None:

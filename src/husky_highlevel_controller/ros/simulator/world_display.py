@@ -31,10 +31,10 @@ from husky_highlevel_controller.simulator.bullet.world import ROBOT
 from husky_highlevel_controller.simulator.simulation import Simulation
 from husky_highlevel_controller.simulator.spawn_request import ObjectError, checked, checked_pose
 
-PERIOD = 0.1  # [s] of simulated time between two looks at what has moved
-TIPPED = 0.1  # [rad]; what tips more is drawn anew
-NOTICED = 0.001  # [m]; what moved less is not sent again
-TURN_RADIUS = 2.0  # [m], where a turn of odom is to be noticed; farther away the lidar's noise hides it
+PERIOD = 0.1  # [s] simulated time between two checks for moved bodies
+TIPPED = 0.1  # [rad] a body that tips more is drawn again
+NOTICED = 0.001  # [m] a body that moved less is not sent again
+TURN_RADIUS = 2.0  # [m] largest distance at which a turn of odom shows; beyond, the lidar's noise hides it
 BOX_SIZE = (0.4, 0.4, 0.8)  # [m]; the lidar looks 0.44 m above the ground
 BOX_MASS = 5.0  # [kg]
 BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
@@ -42,8 +42,8 @@ BOX_COLOR = (0.75, 0.55, 0.35, 1.0)
 
 class _Shown(NamedTuple):
     body: Body
-    up: Vector3  # in the body's frame, when it was drawn: across which it can be dragged
-    pose_in_world: Optional[Pose]  # None: to be sent again in any case
+    up: Vector3  # vertical in the body's frame when it was drawn; it is dragged across it
+    pose_in_world: Optional[Pose]  # None if it must be sent again
 
 
 class _Server(InteractiveMarkerServer):
@@ -63,7 +63,7 @@ class _Server(InteractiveMarkerServer):
     def keepAlive(self, _event: Any) -> None:  # noqa: N802
         """End the library's own timer, which calls this.
 
-        It could overtake an update, and RViz would begin anew; and it would wake at every tick of /clock.
+        It could overtake an update, so that RViz would restart, and it would wake at every tick of /clock.
         """
         timer = threading.current_thread()
         if isinstance(timer, rospy.Timer):
@@ -89,7 +89,7 @@ class WorldDisplay:
     def __init__(self, simulation: Simulation, calls: CallQueue) -> None:
         self._simulation, self._calls = simulation, calls
         self._shown: Dict[str, _Shown] = {}
-        self._world_in_odom = Pose()  # by which everything was drawn last
+        self._world_in_odom = Pose()  # pose at which everything was last drawn
         self._due = 0.0  # [s], simulated
         self._dragged: Set[str] = set()
         self._transforms: Optional[tf2_ros.Buffer] = None
@@ -162,7 +162,7 @@ class WorldDisplay:
             self._shown[name] = self._shown[name]._replace(pose_in_world=None)
         x, y, _ = self._in_world(feedback.pose, feedback.header.frame_id).position
         now = self._simulation.pose_of(name)
-        self._simulation.move(name, now._replace(position=(x, y, now.position[2])))  # on the level
+        self._simulation.move(name, now._replace(position=(x, y, now.position[2])))  # keeps its height
         return f"'{name}' has moved"
 
     def _delete(self, feedback: InteractiveMarkerFeedback) -> str:
@@ -200,7 +200,7 @@ class WorldDisplay:
 
 
 def _noticeable(before: Pose, after: Pose, radius: float) -> bool:
-    """Whether a point `radius` m from the origin of what is moved moves noticeably."""
+    """Return whether a point `radius` m from the origin of a moved body moves noticeably."""
     alike = abs(sum(a * b for a, b in zip(before.quat_xyzw, after.quat_xyzw)))
     turn = 2.0 * acos(min(1.0, alike))
     return dist(before.position, after.position) + radius * turn > NOTICED

@@ -17,7 +17,7 @@ from husky_highlevel_controller.ros.master_graph import Graph, Kinds, Nodes, rea
 TOOLS = re.compile(
     r"(.*/)?(rqt|rviz|rosbag|rostopic|record_|play_|rosout|roslaunch|husky_simulator|husky_rviz|husky_web)"
 )
-MIN_LIKENESS = 0.85  # of two names, by difflib's ratio: cmd_val and cmd_vel are; cmd_vel_raw is another one
+MIN_LIKENESS = 0.85  # smallest likeness by difflib's ratio; cmd_val is like cmd_vel, but cmd_vel_raw is not
 
 
 class WrongTopic(NamedTuple):
@@ -88,8 +88,8 @@ def second_publishers(graph: Graph, simulator: str) -> List[SecondPublisher]:
 def wrong_topics(graph: Graph) -> List[WrongTopic]:
     """Topics of a graph that are probably mistakes.
 
-    One has no other side, and a topic of the same type and almost the same name has. Namespaces of other
-    robots and the topics of TOOLS are no mistakes.
+    Such a topic has no other side, but a topic of the same type and almost the same name has one. Namespaces
+    of other robots and the topics of TOOLS are not mistakes.
     """
     sides = ((True, graph.publishers, graph.subscribers), (False, graph.subscribers, graph.publishers))
     return [
@@ -140,9 +140,9 @@ def _suggestions(topic: str, node: str, others: Nodes, types: Mapping[str, str])
 
 
 def _distance(topic: str, other: str) -> Optional[Tuple[int, float]]:
-    """Namespaces left out, and unlikeness, of a topic written for another; None: it is no slip of the pen."""
+    """Missing namespaces, and unlikeness, of a topic that may be a typing error of another, or None."""
     if re.sub(r"\d", "", topic) == re.sub(r"\d", "", other) or topic.endswith(other):
-        return None  # that of another robot, by number or by namespace
+        return None  # topic of another robot, by number or by namespace
     if other.endswith(topic):
         return other.count("/") - topic.count("/"), 0.0
     parts, other_parts = topic.strip("/").split("/"), other.strip("/").split("/")
