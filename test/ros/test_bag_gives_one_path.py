@@ -84,8 +84,8 @@ def test_a_hand_in_of_exercise_4_runs_and_a_bag_gives_one_path_at_every_rate(ros
     name = "smb_highlevel_controller"
     package = make_package(tmp_path / "ws" / name, name, {"launch/ekf.launch": LAUNCH})
     launched = launch(package / "launch" / "ekf.launch")
-    launched.says("two_d_mode = False is not supported: the filter is planar")
-    launched.says("process_noise_covariance has 2 numbers, not 225: the default counts")
+    launched.says("two_d_mode = False is not supported, because the filter is planar")
+    launched.says("process_noise_covariance has 2 numbers, not 225; using the default")
     bag = tmp_path / "navigation.bag"
     write_bag(bag)
     wait_until(lambda: "/imu/data" in ros.subscriptions("/ekf_localization"), "the filter listens")
@@ -104,5 +104,5 @@ def test_a_hand_in_of_exercise_4_runs_and_a_bag_gives_one_path_at_every_rate(ros
     transforms.says('child_frame_id: "base_link"')
 
     fast = play(ros, bag, 20)
-    launched.says("the filter begins anew")
+    launched.says("the filter starts again")
     assert fast == slow

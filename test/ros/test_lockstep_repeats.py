@@ -120,7 +120,7 @@ def sleeping_drive(ros, script):
     recorder = ros.start(sys.executable, RECORDER, str(ros.folder / "poses"), str(SLEEPING_END))
     launched = ros.roslaunch("simulator.launch", "lockstep:=true", "real_time_factor:=0")
     # a node that starts before /use_sim_time is set sleeps by wall time
-    launched.says("lockstep: time waits")
+    launched.says("lockstep: waiting for")
     ros.start(sys.executable, "-c", script)
     assert recorder.wait(SLEEPING_DEADLINE) == 0, recorder.output
     assert "running free" not in launched.output, launched.output

@@ -176,9 +176,9 @@ def test_nodes_of_gazebo_ros_simulate_the_world_and_the_model_of_a_copy(copy, la
     launched.says("'post' is there")
     assert "simulating 'maze' with 1 bodies" in launched.output
     assert ros.master("getParam", "/husky_simulator/world_name") == str(copy / "worlds" / "maze.world")
-    assert "without effect in this simulator: -s" in launched.output
-    assert "without effect in this simulator: ur5_enabled=true" in launched.output
-    assert "without effect in this simulator: HUSKY_UST10_ENABLED=1" in launched.output
+    assert "ignored by this simulator: -s" in launched.output
+    assert "ignored by this simulator: ur5_enabled=true" in launched.output
+    assert "ignored by this simulator: HUSKY_UST10_ENABLED=1" in launched.output
     assert "ERROR" not in launched.output
     post = yaml.safe_load(ros.call("/husky_simulator/list", "world"))["poses"][1]["position"]
     assert (post["x"], post["y"], post["z"]) == (4.0, -2.0, 1.0)

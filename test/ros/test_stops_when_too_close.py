@@ -25,10 +25,10 @@ class StopsWhenTooClose(RosTest):
             return [line for line in list(log) if line.level == Log.WARN and words in line.msg]
 
         driver.drive(0.5)  # and goes on commanding it
-        self.wait_until(lambda: warnings("zero is commanded on /twist_marker_server/cmd_vel"), "it says so")
+        self.wait_until(lambda: warnings("commanding zero on /twist_marker_server/cmd_vel"), "it says so")
         self.wait_until(standing, "the robot stands", 5.0)
         driver.offer_service()
-        stopped = "stopped the controller. When the way is free: rosservice call /driver/start_stop true"
+        stopped = "stopped the controller. To continue: rosservice call /driver/start_stop true"
         self.wait_until(lambda: warnings(stopped), "it warns")
         count = len(zeros)
         self.wait(1.0)

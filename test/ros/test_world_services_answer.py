@@ -46,7 +46,7 @@ class WorldServicesAnswer(RosTest):
         self.load_world = simulator_service("load_world", LoadWorld)
         self.scans = self.remember("front/scan", LaserScan)
         self.truth = self.remember("ground_truth/odom", Odometry)
-        self.says(self.reset(), "the world is as it was at the start; time runs on from ")
+        self.says(self.reset(), "the world is as at the start; time continues from ")
 
     def says(self, response, words, success=True):
         sentence = getattr(response, "message", None) or response.status_message

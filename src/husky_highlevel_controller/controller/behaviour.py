@@ -259,14 +259,18 @@ def _act(
         reason = "standing still until the clocks are set: scans are stamped too far ahead of odometry"
         return State.WAITING, STOP, reason, None
     if observation.scan.stamp - controller_state.odom_at > ODOM_TIMEOUT:
-        reason = "standing still: there is no transform from odom to base_link any more; is odometry running?"
+        reason = (
+            "standing still: no transform from odom to base_link any more; check that odometry is running"
+        )
         return State.WAITING, STOP, reason, None
     measured = pillar_seen or observation.scan.valid.any()
     if not measured and not (observation.scan.returns == inf).any():  # no beams, or all returns too close
-        reason = "no pillar in the scan (it has no valid range): standing still; is the lidar covered?"
+        reason = (
+            "standing still: no pillar in the scan (it has no valid range); check that the lidar is uncovered"
+        )
         return State.WAITING, STOP, reason, None
     if controller_state.track.doubtful and target is not None:
-        return State.WAITING, STOP, "the pillar walked away: standing still until one stands", None
+        return State.WAITING, STOP, "standing still: the pillar moves away; waiting until it stands", None
     in_sight = target if pillar_seen else None
     points = near_points(observation.scan, observation.laser_in_base, in_sight, observation.outline)
     if target is not None and (pillar_seen or control.search):
@@ -275,19 +279,21 @@ def _act(
     nothing = "none of its returns looks like one" if measured else "it has no valid range"
     nothing = f"no pillar in the scan ({nothing})"
     if not control.search:
-        return State.WAITING, STOP, f"{nothing}: standing still; set ~search to true, or turn the robot", None
+        return State.WAITING, STOP, f"standing still: {nothing}; set ~search to true, or turn the robot", None
     if observation.base_in_odom is None:
-        reason = f"{nothing}, and no transform to odom to search by: standing still; is odometry running?"
+        reason = f"standing still: {nothing}, and no transform to odom; check that odometry is running"
         return State.WAITING, STOP, reason, None
     search, twist = search_on(
         controller_state.search or Search(), observation.base_in_odom, points, observation.outline, control
     )
     if twist.linear > 0.0 and not measured and controller_state.in_room:
         # a scan of misses is normal in an empty world, but walls do not vanish
-        reason = "no beam of a whole turn returned anything: standing still; is the lidar covered?"
+        reason = (
+            "standing still: no beam of a whole turn returned anything; check that the lidar is uncovered"
+        )
         return State.WAITING, STOP, reason, controller_state.search
     how = "turning to look around" if search.to_turn > 0.0 else "driving a widening search"
-    return State.SEARCHING, twist, f"{nothing}: {how}", search
+    return State.SEARCHING, twist, f"{how}: {nothing}", search
 
 
 def _drive(
@@ -313,12 +319,24 @@ def _drive(
     if (visible and is_near) or (arrived and remaining <= RESUME_ERROR):
         return State.ARRIVED, STOP, f"arrived: {place}"
     if not visible and remaining <= near_enough:
-        return State.DRIVING, heading_twist(target.bearing, 0.0, control), "looking where the pillar was"
-    why = "driving to the pillar" if visible else f"the pillar is {visibility.value}: driving to where it was"
+        return (
+            State.DRIVING,
+            heading_twist(target.bearing, 0.0, control),
+            "turning to the last position of the pillar",
+        )
+    why = (
+        "driving to the pillar"
+        if visible
+        else f"the pillar is {visibility.value}; driving to its last position"
+    )
     bearing = free_bearing(points_in_base, target.bearing, min(LOOK_AHEAD, remaining), outline)
     if bearing is None:
-        return State.DRIVING, Twist2D(0.0, control.search_rate), "no free way ahead: turning to find one"
+        return (
+            State.DRIVING,
+            Twist2D(0.0, control.search_rate),
+            "turning to find a free way, because there is none ahead",
+        )
     if bearing != target.bearing:
         twist = heading_twist(bearing, min(SEARCH_SPEED, control.max_linear), control)
-        return State.DRIVING, twist, "something is in the way: driving round it"
+        return State.DRIVING, twist, "driving around an obstacle"
     return State.DRIVING, steer(target, control), why

@@ -70,19 +70,19 @@ class ClockOffset:
 def clock_sentence(who: str, seconds: float, reference: str) -> str:
     """Sentence on messages ("scans are") stamped so far ahead of a reference [s]; behind it if negative."""
     side = "ahead of" if seconds > 0.0 else "behind"
-    return f"{who} stamped {abs(seconds):.2f} s {side} {reference}: set the clocks (chrony)"
+    return f"{who} stamped {abs(seconds):.2f} s {side} {reference}; set the clocks (chrony)"
 
 
 def zero_sentence(who: str) -> str:
     """Sentence on messages ("scans are") without stamps."""
-    return f"{who} stamped 0: set the stamps in their driver"
+    return f"{who} stamped 0; set the stamps in their driver"
 
 
 def frame_sentence(frame: str) -> str:
     """Sentence on scans whose frame TF does not connect with base_link."""
     if not frame:
-        return "scans have no frame_id: set it in the lidar's driver"
+        return "scans have no frame_id; set it in the driver of the lidar"
     return (
-        f"no transform from '{frame}' to 'base_link': is robot_state_publisher running, "
-        f"and '{frame}' a frame of its robot?"
+        f"no transform from '{frame}' to 'base_link'; check that robot_state_publisher is running "
+        f"and that its robot has the frame '{frame}'"
     )

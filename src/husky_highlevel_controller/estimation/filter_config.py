@@ -72,9 +72,9 @@ class FilterOptions:
 
     def __post_init__(self) -> None:
         if not self.two_d_mode:
-            raise ValueError("two_d_mode = False is not supported: the filter is planar")
+            raise ValueError("two_d_mode = False is not supported, because the filter is planar")
         if self.world_frame not in ("", self.odom_frame):
-            raise ValueError(f"world_frame = {self.world_frame!r} is not supported: it is odom_frame")
+            raise ValueError(f"world_frame = {self.world_frame!r} is not supported; use odom_frame")
 
 
 class FilterConfig(NamedTuple):
@@ -110,7 +110,7 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
             try:
                 matrices[key] = _matrix(value)
             except ValueError as error:
-                remarks.append(f"{source}{key} {error}: the default counts")
+                remarks.append(f"{source}{key} {error}; using the default")
         elif of_input:
             by_input.setdefault(of_input[1], {})[of_input[2] or "topic"] = value
         elif key in known:
@@ -124,9 +124,9 @@ def read_filter_config(values: Mapping[str, Any], source: str) -> Tuple[FilterCo
         inputs[name] = from_plain(InputConfig, entries, f"{source}{name}_")
         if not any(inputs[name].config):
             topic = inputs.pop(name).topic
-            remarks.append(f"{source}{name}_config has nothing that is true: {topic} is not used")
+            remarks.append(f"{source}{name}_config measures nothing: {topic} is not used")
     if not inputs:
-        raise ConfigError(f"{source} has no input, as odom0 and odom0_config: is localization.yaml loaded?")
+        raise ConfigError(f"{source} has no input such as odom0 with odom0_config; load localization.yaml")
     return FilterConfig(from_plain(FilterOptions, options, source), inputs, *matrices.values()), remarks
 
 

@@ -119,13 +119,15 @@ def _check_geometry(msg: LaserScan, beams: int) -> None:
     if not isfinite(msg.angle_min):
         problem = f"angle_min = {msg.angle_min} rad"
     elif abs(msg.angle_min) > turn:
-        problem = f"angle_min = {msg.angle_min:g} rad, more than a turn; are its angles in degrees?"
+        problem = f"angle_min = {msg.angle_min:g} rad, more than a turn; check that its angles are in radians"
     elif beams > 1 and not MIN_INCREMENT <= increment <= 2.0 * pi:
         limits = f"{MIN_INCREMENT:g} to {2.0 * pi:.2f} rad are possible"
         problem = f"angle_increment = {msg.angle_increment} rad; {limits}"
     elif increment * (beams - 2) > turn:  # some send the first beam twice
         together = f"together {increment * (beams - 1):.4g} rad, more than a turn"
-        problem = f"angle_increment = {msg.angle_increment:g} rad, {together}; are its angles in degrees?"
+        problem = (
+            f"angle_increment = {msg.angle_increment:g} rad, {together}; check that its angles are in radians"
+        )
     elif not 0.0 <= msg.range_min < inf:
         problem = f"range_min = {msg.range_min} m"
     elif not msg.range_max > msg.range_min:
@@ -146,7 +148,7 @@ def _check_unit(scan: Scan) -> None:
     if low > MAX_NEAREST or in_millimetres:
         raise ScanError(
             f"a scan in '{scan.frame}' has ranges from {low:g} to {high:g} m and range_max = "
-            f"{scan.range_max:g} m: are they millimetres?"
+            f"{scan.range_max:g} m; check that they are in metres"
         )
 
 

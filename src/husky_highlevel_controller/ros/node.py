@@ -64,7 +64,7 @@ def contained(what: str) -> Iterator[None]:
         kind = (what, type(error).__name__)
         if kind not in _contained and not rospy.core.is_shutdown_requested():
             _contained.add(kind)
-            rospy.logerr(f"{what} failed, and is tried again: {traceback.format_exc()}")
+            rospy.logerr(f"{what} failed and will be tried again: {traceback.format_exc()}")
 
 
 _contained: Set[Tuple[str, str]] = set()  # failed actions, and the kind of error

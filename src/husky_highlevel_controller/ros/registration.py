@@ -26,8 +26,8 @@ DEADLINE = 2.0  # longest wait for an answer
 STAND_PERIOD = 0.05  # between two zero commands; a twist_mux drops an input after 0.5 s
 REPORT_PERIOD = 10.0  # between two lines of the log
 LOST = (
-    "standing still: the ROS master does not know this node any more, because it was started again. No new "
-    "program finds this node, so press the robot's red button, then start all nodes again"
+    "standing still: the ROS master was started again, so this node is no longer registered. No new "
+    "program finds this node, so press the red button of the robot, then start all nodes again"
 )
 
 

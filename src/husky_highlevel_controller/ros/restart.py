@@ -100,7 +100,7 @@ def with_own_config(command: Sequence[str]) -> List[str]:
         shutil.copyfile(file, copy)
     except OSError:  # RViz reports a file that is not there
         return words
-    print(f"RViz shows a copy of {file.name}: Ctrl+S saves to {copy}", file=sys.stderr)
+    print(f"RViz shows a copy of {file.name}; Ctrl+S saves to {copy}", file=sys.stderr)
     return [*words[:at], str(copy), *words[at + 1 :]]
 
 

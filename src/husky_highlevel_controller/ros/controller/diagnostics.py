@@ -75,13 +75,13 @@ def level_and_message(health: Health) -> Tuple[int, str]:
 def _error(health: Health) -> Optional[str]:
     """Sentence on the first cause why the robot does not drive as it should, with the remedy; or None."""
     if health.scan_silence is None or health.scan_silence > TOO_OLD:
-        return health.absence or "no scans: is the lidar on, and ~scan_topic_name its topic?"
+        return health.absence or "no scans; check that the lidar is on and ~scan_topic_name is its topic"
     if health.scan_fault:
-        return f"{health.scan_fault}: standing still; is the lidar's driver right?"
+        return f"standing still: {health.scan_fault}; check the driver of the lidar"
     if not health.mounted:
         return frame_sentence(health.scan_frame)
     if health.tf_silence is None or health.tf_silence > TOO_OLD:
-        return "no transform from odom to base_link: is odometry on?"
+        return "no transform from odom to base_link; check that odometry is running"
     if health.ahead > MAX_OFFSET:
         return f"standing still: {clock_sentence('scans are', health.ahead, 'odometry')}"
     if health.scan_age > TOO_OLD and health.scan_stamp != 0.0:

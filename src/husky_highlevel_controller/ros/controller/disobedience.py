@@ -30,7 +30,7 @@ class Disobedience:
     def sentence(self, twist: Twist2D, seconds: float) -> str:
         """Return what was commanded for how long [s], and what takes the commands."""
         command = f"{twist.linear:.2f} m/s, {twist.angular:.2f} rad/s"
-        return f"commanded {command} for {seconds:.0f} s, but the robot stands: {self._cause()}"
+        return f"commanded {command} for {seconds:.0f} s, but the robot stands; {self._cause()}"
 
     def _cause(self) -> str:
         topic = self._commands.resolved_name

@@ -206,7 +206,7 @@ def next_step(viewers: Sequence[str]) -> str:
     if any("rviz" in name for name in viewers):
         actions.append("put the robot elsewhere with RViz's 2D Pose Estimate")
     action = " or ".join(actions) or "rosservice call /husky_simulator/reset"
-    return f"to drive again: {action}; Ctrl-C ends the launch"
+    return f"to drive again, {action}; Ctrl-C ends the launch"
 
 
 def _state_markers(

@@ -82,7 +82,7 @@ class ControllerNode:
         service = switch.start_stop_service_name
         if not rosgraph.names.is_legal_name(service):
             raise ConfigError(
-                f"{namespace}start_stop_service_name = {service!r} is no ROS name; try '~start_stop'"
+                f"{namespace}start_stop_service_name = {service!r} is not a valid ROS name; use '~start_stop'"
             )
         self._enabled = switch.start_enabled
         self._controller_state = ControllerState()
@@ -120,7 +120,8 @@ class ControllerNode:
         rospy.loginfo("waiting for scans on %s", rospy.resolve_name(topic.scan_topic_name))
         if not self._enabled:
             rospy.loginfo(
-                "standing still until it is started: rosservice call %s true", rospy.resolve_name(service)
+                "standing still until it is started; start with rosservice call %s true",
+                rospy.resolve_name(service),
             )
 
     def run(self) -> None:
@@ -169,7 +170,9 @@ class ControllerNode:
     def _command(self, twist: Twist2D) -> None:
         """Publish a velocity command; zero in place of one that is not finite."""
         if not (isfinite(twist.linear) and isfinite(twist.angular)):
-            rospy.logwarn_throttle(REPORT_PERIOD, f"a command of {twist} is not sent: standing still")
+            rospy.logwarn_throttle(
+                REPORT_PERIOD, f"standing still: the command {twist} is not finite and was not sent"
+            )
             twist = STOP
         publish(self._velocity, conversions.twist_to_msg(twist))
 
@@ -196,7 +199,7 @@ class ControllerNode:
             self._scan_fault = str(error)
             self._placement.discard()
             self._stop()
-            rospy.logwarn_throttle(REPORT_PERIOD, f"{error}: standing still; is the lidar's driver right?")
+            rospy.logwarn_throttle(REPORT_PERIOD, f"standing still: {error}; check the driver of the lidar")
             return
         self._scan_frame, self._scan_fault = scan.frame, ""
         self._placement.add(scan, msg.header.stamp)

@@ -58,6 +58,6 @@ class _Server(Server):
                 continue
             rospy.logwarn(
                 f"{rospy.get_name()}/{name} = {value} is out of range {smallest}..{largest}: "
-                f"taking {accepted[name]}"
+                f"clamped to {accepted[name]}"
             )
         return super().update_configuration(accepted)

@@ -81,13 +81,13 @@ class LocalizationNode:
         with self._lock:
             now = rospy.get_time()  # not before: a fast bag goes on by seconds while this thread waits
             if now < self._now - CLOCK_BACK:
-                rospy.logwarn(f"clock from {self._now:.3f} back to {now:.3f} s: the filter begins anew")
+                rospy.logwarn(f"clock from {self._now:.3f} back to {now:.3f} s; the filter starts again")
                 self._begin()
             self._now = max(now, self._now)
             self._heard[name] = time.monotonic()
             self._first_heard = self._first_heard or self._heard[name]
             if stamp > now + MAX_AHEAD:
-                self._complain(name, "clock", f"its stamp is {stamp:.3f} s at {now:.3f} s: it is left out")
+                self._complain(name, "clock", f"its stamp is {stamp:.3f} s at {now:.3f} s, so it is ignored")
                 return
             held = self._held[name]
             held.append(msg)
@@ -106,7 +106,7 @@ class LocalizationNode:
         try:
             estimates = self._filter.add(name, reading_from_msg(msg), mounting, silent)
         except ReadingError as error:
-            self._complain(name, "reading", f"{error}: it is left out")
+            self._complain(name, "reading", f"{error}, so it is ignored")
             return
         for estimate in estimates:
             msg = estimate_to_msg(estimate, self._config.options.odom_frame, self._base)
@@ -137,7 +137,7 @@ class LocalizationNode:
         pose, covariance = [place.x, place.y, yaw_from_quat(quat)], _square(msg.pose.covariance)[PLANE]
         frame, odom = msg.header.frame_id, self._config.options.odom_frame
         if not np.isfinite([*pose, *covariance.ravel()]).all():
-            rospy.logwarn(f"set_pose: {pose} with covariance {covariance.tolist()} is no pose")
+            rospy.logwarn(f"set_pose: {pose} with covariance {covariance.tolist()} is not a valid pose")
         elif frame.lstrip("/") not in ("", odom):
             rospy.logwarn(f"set_pose: a pose in '{frame}', not in '{odom}'")
         else:

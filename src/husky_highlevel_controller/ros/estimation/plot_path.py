@@ -63,10 +63,12 @@ def _place(msg: Odometry) -> Tuple[float, float]:
 
 def main() -> None:
     """Draw the paths; exit with 2 where there is nothing to draw."""
-    parser = argparse.ArgumentParser(prog="plot_path", description=f"Draws x and y of {KIND} as a PNG.")
+    parser = argparse.ArgumentParser(prog="plot_path", description=f"Draw x and y of {KIND} as a PNG file.")
     source_help = "all odometry of a bag, or a topic until Ctrl-C"
     parser.add_argument("sources", nargs="+", metavar="FILE.bag|TOPIC", help=source_help)
-    parser.add_argument("-o", "--output", type=Path, default=Path("path.png"), help="default path.png")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("path.png"), help="output file (default: path.png)"
+    )
     options = parser.parse_args(rospy.myargv()[1:])
     try:
         paths = _paths(options.sources)
@@ -89,6 +91,6 @@ def _paths(sources: List[str]) -> Dict[str, np.ndarray]:
     paths: Dict[str, np.ndarray] = {}
     for topic, path, source in found:
         if not path:
-            raise HuskyError(f"nothing came on {topic}")
+            raise HuskyError(f"no message arrived on {topic}")
         paths[f"{topic} {source}" if topic in paths else topic] = np.array(path)
     return paths

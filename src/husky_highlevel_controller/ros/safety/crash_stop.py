@@ -47,7 +47,7 @@ class CrashStopNode:
 
     def _on_imu(self, msg: Imu) -> None:
         sample, mount = conversions.imu_from_msg(msg), self._imu_in_base(msg.header.frame_id)
-        stamp = self._guard.time_of(sample.stamp, "IMU samples are", "no crash is felt")
+        stamp = self._guard.time_of(sample.stamp, "IMU samples are", "no crash is detected")
         if self._guard.clocks.seconds != 0.0:
             self._guard.judge(stamp, None)
             return
@@ -57,9 +57,9 @@ class CrashStopNode:
         if delay > LONG_DELAY:
             rospy.logwarn_throttle(
                 REPORT_PERIOD,
-                f"no odometry on {self._odometry_topic} for the last {delay:.1f} s: crashes are felt late",
+                f"no odometry on {self._odometry_topic} for {delay:.1f} s, so crashes are detected late",
             )
-        danger = None if loss is None else f"crash: {loss:.2f} m/s lost that the wheels do not explain"
+        danger = None if loss is None else f"crash: {loss:.2f} m/s of unexplained speed loss"
         self._guard.judge(stamp, danger)
 
     def _imu_in_base(self, frame: str) -> Quaternion:

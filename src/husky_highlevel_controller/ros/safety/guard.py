@@ -103,7 +103,7 @@ class Guard:
         moving = twist is None or is_moving(twist)
         latch, stop = advance_latch(self._latch, danger is not None, moving, stamp)
         if self._latch.tripped_at is not None and latch.tripped_at is None:
-            rospy.loginfo("the robot moves again: on guard again")
+            rospy.loginfo("guard active again: the robot moves")
         self._latch = latch
         if stop and danger is not None:
             self._stop.start(danger)
@@ -118,11 +118,11 @@ class Guard:
             except rospy.ROSException:
                 if not rospy.is_shutdown():
                     rospy.logwarn(
-                        f"no service {self._service} to stop the controller with; is it running, and is "
-                        f"{rospy.get_name()}/start_stop_service_name its start_stop_service_name?"
+                        f"no service {self._service} to stop the controller; check that it is running "
+                        f"and that {rospy.get_name()}/start_stop_service_name is its start_stop_service_name"
                     )
             else:
-                rospy.loginfo(f"on guard; in danger {self._service} is called")
+                rospy.loginfo(f"guard active: will call {self._service} on danger")
                 rospy.spin()
 
     def _call(self) -> Optional[str]:
@@ -140,10 +140,8 @@ class Guard:
         rospy.logwarn_throttle(
             REPORT_PERIOD,
             f"{danger}, but {self._service} did not stop the controller: {reason}; "
-            f"zero is commanded on {self._zero.resolved_name} until it does",
+            f"commanding zero on {self._zero.resolved_name} until it does",
         )
 
     def _on_success(self, danger: str) -> None:
-        rospy.logwarn(
-            f"{danger}: stopped the controller. When the way is free: rosservice call {self._service} true"
-        )
+        rospy.logwarn(f"{danger}: stopped the controller. To continue: rosservice call {self._service} true")

@@ -41,25 +41,25 @@ class ProximityStopNode:
         try:
             scan = conversions.scan_from_msg(msg)
         except conversions.ScanError as error:
-            rospy.logwarn_throttle(REPORT_PERIOD, f"{error}, so nothing stops the robot")
+            rospy.logwarn_throttle(REPORT_PERIOD, f"guard inactive: {error}")
             return
-        stamp = self._guard.time_of(scan.stamp, "scans are", "the newest odometry is taken for theirs")
+        stamp = self._guard.time_of(scan.stamp, "scans are", "the newest odometry is used for them")
         twist = self._guard.twist(stamp)
         laser_in_base = lookup_pose(self._transforms, BASE, scan.frame)
         if twist is None or laser_in_base is None:
             reason = frame_sentence(scan.frame)
             if twist is None:
-                reason = "no odometry younger than 0.5 s: is the robot running?"
+                reason = "no odometry in the last 0.5 s; check that the robot is running"
             now = rospy.get_time()  # stamps may stand still
             self._blind_since = min(self._blind_since, now)
             if now - self._blind_since >= STARTING_TIME:
-                rospy.logwarn_throttle(REPORT_PERIOD, f"nothing stops the robot: {reason}")
+                rospy.logwarn_throttle(REPORT_PERIOD, f"guard inactive: {reason}")
             return
         self._blind_since = inf
         clearance = too_close(scan, laser_in_base, twist, self._config, self._robot)
         danger = None
         if not (isfinite(twist.linear) and isfinite(twist.angular)):
-            danger = f"odometry says {twist.linear} m/s, {twist.angular} rad/s"
+            danger = f"odometry reports {twist.linear} m/s, {twist.angular} rad/s"
         elif clearance is not None:
             danger = (
                 f"something is {clearance:.2f} m away, and the robot moves towards it at "

@@ -106,8 +106,8 @@ class Commands:
                 return
             rospy.logwarn_throttle(
                 10.0,
-                f"{rospy.resolve_name(topic)}: {sender} sends several commands for one scan; lockstep obeys"
-                " the first and drops the rest",
+                f"{rospy.resolve_name(topic)}: {sender} sends several commands for one scan; lockstep uses"
+                " the first and ignores the rest",
             )
             return
         self._arrived.append((topic, msg))
@@ -127,7 +127,9 @@ class Commands:
 
     def _on_e_stop(self, msg: Bool) -> None:
         if msg.data != self._mux.locked:
-            rospy.logwarn("e_stop: commands are locked" if msg.data else "e_stop: commands are free again")
+            rospy.logwarn(
+                "e_stop: locked, ignoring commands" if msg.data else "e_stop: released, accepting commands"
+            )
             publish(self._locked, msg)
         self._mux.locked = msg.data
 

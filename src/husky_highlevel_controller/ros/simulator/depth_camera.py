@@ -47,9 +47,13 @@ class DepthCamera:
         try:
             self._update(simulation, snapshot)
         except (OSError, EOFError):
-            rospy.logerr_throttle(60.0, "camera/depth: its renderer has died; no more images until a restart")
+            rospy.logerr_throttle(
+                60.0, "camera/depth: its renderer has died, so there are no more images until a restart"
+            )
         except Exception as error:  # the simulation goes on without this image
-            rospy.logerr_throttle(60.0, f"camera/depth: no image: {type(error).__name__}: {error}")
+            rospy.logerr_throttle(
+                60.0, f"camera/depth: cannot render an image: {type(error).__name__}: {error}"
+            )
 
     def _update(self, simulation: Simulation, snapshot: Snapshot) -> None:
         self._publish(0.0)

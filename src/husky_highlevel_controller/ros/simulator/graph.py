@@ -162,7 +162,7 @@ class GraphWatch:
         name = message._connection_header["callerid"]
         if name not in self._clock_nodes:
             self._clock_nodes.add(name)
-            self._warn(f"{name} publishes /clock too, so time will jump: end it, or this simulator")
+            self._warn(f"{name} also publishes /clock, so time will jump; end it, or this simulator")
 
     def _mistakes(self, graph: Graph) -> Iterator[Mistake]:
         simulator = rospy.get_name()

@@ -112,7 +112,7 @@ class Lockstep:
 
         if self._mode is not Mode.FREE:
             rospy.loginfo(
-                f"lockstep: time waits for a subscriber of {partners.scan_topic} and a sender of "
+                f"lockstep: waiting for a subscriber of {partners.scan_topic} and a sender of "
                 f"{partners.command_topics}"
             )
         missing = f"there is no subscriber of {partners.scan_topic} or no sender of {partners.command_topics}"
@@ -139,7 +139,9 @@ class Lockstep:
         self._settle(meanwhile)
         # not before its first command: it may wait until it is called
         if self._mode is Mode.SLEEPING and self._begun and not self._answered.is_set():
-            self._tell("asleep", "it does not answer every scan with a command: scans go on while it sleeps")
+            self._tell(
+                "asleep", "it does not answer every scan with a command, so scans continue while it sleeps"
+            )
         self._due = False
         self._in_a_row = self._in_a_row + 1 if self._answered.is_set() else 0
         if self._in_a_row >= AWAKE:
@@ -189,7 +191,7 @@ class Lockstep:
         could_nudge = not nudged
         self._wait(answered, ANSWER_TIMEOUT, "no command answers the scan")
         if self._mode is Mode.SLEEPING:
-            rospy.loginfo_once("lockstep: a controller sleeps; the clock goes on scan by scan meanwhile")
+            rospy.loginfo_once("lockstep: a controller is sleeping; advancing one scan at a time")
         elif could_nudge and nudged and self._mode is not Mode.FREE:
             self._mode = Mode.ALWAYS_WATCHED
 
@@ -214,10 +216,10 @@ class Lockstep:
         while self._mode is not Mode.FREE and not rospy.is_shutdown() and not done():
             if time.monotonic() > end:
                 rospy.logwarn(
-                    f"lockstep: after {timeout:g} s of wall time {missing}; running free from now on"
+                    f"lockstep: after {timeout:g} s of wall time {missing}; continuing without lockstep"
                 )
                 self._mode = Mode.FREE
-                text = "it does not answer every scan with a command: scans went on without it"
+                text = "it does not answer every scan with a command, so scans continued without it"
                 self._tell("unanswered", text)
             time.sleep(period)
 

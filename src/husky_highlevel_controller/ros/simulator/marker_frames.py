@@ -66,6 +66,6 @@ def marker_sentence(node: str, topic: str, frame: str, frames: AbstractSet[str])
     nearest = get_close_matches(frame, sorted(frames), 1, 0.5)
     remedy = f"did you mean '{nearest[0]}'?" if nearest else "copy the header of the scan"
     return (
-        f"{node} publishes a marker on {topic} in the frame '{frame}', which TF does not know, so RViz "
+        f"{node} publishes a marker on {topic} in the frame '{frame}', which TF does not have, so RViz "
         f"cannot draw it: {remedy}"
     )

@@ -89,7 +89,7 @@ class SimulatorNode:
         self._calls = CallQueue(partial(self._publishers.truth_log.write_line, "changed"))
         self._offer_services()
         if vain := variables_without_effect(os.environ):
-            rospy.logwarn("without effect in this simulator: %s", ", ".join(vain))
+            rospy.logwarn("ignored by this simulator: %s", ", ".join(vain))
         rospy.loginfo(
             "simulating '%s' with %d bodies, physics at %d Hz%s",
             world.name, len(world.bodies), config.physics_rate, ", paused" if start.paused else "",
@@ -261,7 +261,7 @@ class SimulatorNode:
         if reached is not None and reached < SLOW_SHARE * self._start.real_time_factor:
             rospy.logwarn_once(
                 f"this machine is too slow for real_time_factor {self._start.real_time_factor:g}: "
-                f"reached {reached:.2f}; nothing is dropped, simulated time just passes more slowly",
+                f"reached {reached:.2f}; nothing is dropped, but simulated time passes more slowly",
             )
         delay = self._pacer.delay(stamp, now)
         if delay > 0.0:
@@ -294,7 +294,7 @@ class SimulatorNode:
         self._simulation.reset()
         self._commands.forget()
         self._touched.clear()
-        return f"the world is as it was at the start; time runs on from {self._simulation.stamp:.3f} s"
+        return f"the world is as at the start; time continues from {self._simulation.stamp:.3f} s"
 
     def _read_world(self, name: str) -> World:
         return with_ground(load_world(find_world(name)), self._start.pose, self._start.z)
@@ -310,12 +310,12 @@ class SimulatorNode:
     def _reset_poses(self, _request: Any) -> str:
         self._simulation.reset_poses()
         self._touched.clear()
-        return "the robot and every object stand where they were put first"
+        return "the robot and every object are back at their first poses"
 
     def _step(self, request: srv.StepWorldRequest) -> str:
         steps = request.steps
         if not self._paused:
-            raise HuskyError("the world is running; pause it before you step it")
+            raise HuskyError("the world is running; pause it before a step")
         if not 1 <= steps <= MAX_STEPS:
             raise HuskyError(f"steps = {steps} is not within 1..{MAX_STEPS}")
         for _ in range(steps):

@@ -38,7 +38,7 @@ def running_simulator(master_uri: str) -> Optional[str]:
 def why_not_two(name: str, master_uri: str) -> str:
     """Reason why a second simulator does not start, and what to do, in a sentence."""
     return (
-        f"{name} simulates already on {master_uri}; end it first, "
+        f"{name} already runs on {master_uri}; end it first, "
         "or give this one a master of its own: ROS_MASTER_URI=http://localhost:11312 roslaunch ..."
     )
 

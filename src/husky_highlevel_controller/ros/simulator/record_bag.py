@@ -103,7 +103,7 @@ def record(name: str, ground: str, seed: int, folder: Path) -> None:
     paths = [folder / f"{name}_navigation{kind}.bag" for kind in ("", "_truth")]
     for path in paths:
         if path.exists():
-            raise HuskyError(f"there is a {path} already: move it away, or give another folder")
+            raise HuskyError(f"{path} already exists; move it, or choose another folder")
     try:
         _write(paths, messages_of_drive(name, ground, seed, DURATION))
     except BaseException as error:  # Ctrl-C, too
@@ -138,11 +138,15 @@ def _write(paths: Sequence[Path], messages: Iterable[Tuple[Snapshot, str, Any]])
 
 def main() -> None:
     """Write the bags; exit with 1 if that fails, and with 2 for a wrong argument."""
-    parser = argparse.ArgumentParser(prog="record_bag", description="Writes the bag of exercise 4.")
-    parser.add_argument("--robot", choices=ROBOTS, default="husky", help="which robot (default husky)")
-    parser.add_argument("--ground", choices=GROUNDS, default="hard", help="under the Husky (default hard)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of all noise (defaults to 0)")
-    parser.add_argument("--folder", type=Path, default=Path(), help="for the bags (default: here)")
+    parser = argparse.ArgumentParser(prog="record_bag", description="Write the bag of exercise 4.")
+    parser.add_argument("--robot", choices=ROBOTS, default="husky", help="robot (default: husky)")
+    parser.add_argument(
+        "--ground", choices=GROUNDS, default="hard", help="ground under the Husky (default: hard)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="random seed of all noise (default: 0)")
+    parser.add_argument(
+        "--folder", type=Path, default=Path(), help="output folder for the bags (default: here)"
+    )
     options = parser.parse_args(rospy.myargv()[1:])
     if not 0 <= options.seed <= MAX_SEED:
         parser.error(f"argument --seed: {options.seed} is not in 0..{MAX_SEED}")

@@ -65,7 +65,7 @@ class TruthLog:
             self._give_up(error)
 
     def _give_up(self, error: OSError) -> None:
-        rospy.logwarn(f"the reader of {VARIABLE} is gone: {error}")
+        rospy.logwarn(f"the reader of {VARIABLE} has closed: {error}")
         self._socket = None
 
     def write_line(self, key: str, value: Any) -> None:

@@ -184,7 +184,7 @@ def test_it_does_not_follow_legs_that_walk_and_drives_to_what_stands():
         x, y, radius = toy.circles[0]
         toy.circles = [(x, y + 0.12, radius)]
     assert driven[-1].output.state is State.WAITING
-    assert "walked" in driven[-1].output.reason
+    assert "moves away" in driven[-1].output.reason
     assert hypot(toy.pose.x, toy.pose.y) < 1.0
     assert toy.drive(12.0)[-1].output.state is State.ARRIVED
 
@@ -203,7 +203,7 @@ def test_at_the_stop_point_without_seeing_the_pillar_it_turns_to_where_it_was():
     toy.step()
     toy.circles, toy.pose = [], Pose2D(0.26, 0.0, 0.1)
     output = toy.step().output
-    assert (output.state, output.reason) == (State.DRIVING, "looking where the pillar was")
+    assert (output.state, output.reason) == (State.DRIVING, "turning to the last position of the pillar")
     assert output.twist.linear == 0.0
     assert output.twist.angular == pytest.approx(-0.2, abs=0.01)
 
@@ -265,7 +265,7 @@ def test_with_search_off_it_stands_still_until_it_sees_a_pillar():
 def test_it_drives_round_what_stands_in_the_way(shift, mount):
     toy = Toy([(9.0, 0.0, 0.2)], box(4.0, shift, 0.0, 0.5, 0.5), laser_in_base=mount, seed=5, period=0.05)
     steps = toy.drive(40.0)
-    assert any("in the way" in reason for reason in reasons(steps))
+    assert any("obstacle" in reason for reason in reasons(steps))
     assert steps[-1].output.state is State.ARRIVED
     for step in steps:
         x, y, _ = transform_point(inverse(pose_from_2d(step.pose)), (4.0, shift, 0.0))
@@ -396,7 +396,7 @@ def test_whatever_the_driver_calls_a_miss_it_gives_up_an_empty_place_searches_an
         ([], (), "turning to look around"),
         ([(6.0, 6.0, 0.2)], (), "driving to the pillar"),
         # walls on all sides, nearer than it could pass
-        ([(3.0, 0.0, 0.2)], box(0.0, 0.0, 0.0, 2.4, 2.4), "no free way ahead"),
+        ([(3.0, 0.0, 0.2)], box(0.0, 0.0, 0.0, 2.4, 2.4), "turning to find a free way"),
     ],
 )
 def test_max_angular_limits_every_command(pillars, walls, reason):

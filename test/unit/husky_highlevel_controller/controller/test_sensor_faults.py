@@ -66,8 +66,8 @@ def test_an_offset_ends_with_the_clocks_set_and_with_odometry():
 
 def test_the_sentences_name_the_remedy():
     assert clock_sentence("scans are", 0.3, "odometry") == (
-        "scans are stamped 0.30 s ahead of odometry: set the clocks (chrony)"
+        "scans are stamped 0.30 s ahead of odometry; set the clocks (chrony)"
     )
     assert "0.30 s behind odometry" in clock_sentence("scans are", -0.3, "odometry")
-    assert "no frame_id: set it in the lidar's driver" in frame_sentence("")
+    assert "no frame_id; set it in the driver of the lidar" in frame_sentence("")
     assert "no transform from 'laser' to 'base_link'" in frame_sentence("laser")

@@ -181,8 +181,8 @@ def test_a_set_pose_holds_against_older_readings():
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"two_d_mode": False}, "/ekf/two_d_mode = False is not supported: the filter is planar"),
-        ({"world_frame": "map"}, "/ekf/world_frame = 'map' is not supported: it is odom_frame"),
+        ({"two_d_mode": False}, "/ekf/two_d_mode = False is not supported, because the filter is planar"),
+        ({"world_frame": "map"}, "/ekf/world_frame = 'map' is not supported; use odom_frame"),
         ({"odom0_config": [True] * 3}, "/ekf/odom0_config has 3 entries, not 15"),
         ({"odom0_config": 3}, "/ekf/odom0_config = 3 is not a list"),
         ({"frequency": 0}, "/ekf/frequency = 0 is out of range 0.1..1000"),
@@ -205,7 +205,7 @@ def test_a_matrix_of_the_wrong_size_and_an_unknown_parameter_are_told_and_left_a
         "/ekf/freqency is not a parameter",
         "/ekf/odom0x is not a parameter",
         "/ekf/process_noise_covariance has 200 numbers, not 225",
-        "/ekf/odom1_config has nothing that is true",
+        "/ekf/odom1_config measures nothing",
     ]
 
 

@@ -117,7 +117,7 @@ def scan_msg(ranges=(1.0, 2.0), angle_increment=0.1, range_min=0.1, range_max=30
 
 
 SHORTEST_RANGE = r"range_max = \S+ m, and range_min = 0.1 m"
-MILLIMETRES = "are they millimetres"
+MILLIMETRES = "check that they are in metres"
 
 
 @pytest.mark.parametrize(
@@ -131,9 +131,9 @@ MILLIMETRES = "are they millimetres"
         *[({"range_min": shortest}, "range_min = ") for shortest in (nan, -inf, inf, -1.0)],
         *[({"range_max": longest}, SHORTEST_RANGE) for longest in (nan, 0.0, -inf, 0.1)],
         # in degrees
-        ({"angle_min": -135.0, "ranges": [1.0] * 541}, "angle_min = -135 rad.* degrees"),
-        ({"angle_increment": 0.5, "ranges": [1.0] * 541}, "together 270 rad.* degrees"),
-        ({"angle_increment": -0.5, "ranges": [1.0] * 541}, "together 270 rad.* degrees"),
+        ({"angle_min": -135.0, "ranges": [1.0] * 541}, "angle_min = -135 rad.* in radians"),
+        ({"angle_increment": 0.5, "ranges": [1.0] * 541}, "together 270 rad.* in radians"),
+        ({"angle_increment": -0.5, "ranges": [1.0] * 541}, "together 270 rad.* in radians"),
         ({"range_max": 20000.0, "ranges": [650.0, 12000.0, 0.0]}, MILLIMETRES),
         ({"range_max": 20000.0, "ranges": [150.0, 3000.0]}, MILLIMETRES),
         ({"range_max": 20.0, "ranges": [650.0, 12000.0]}, MILLIMETRES),

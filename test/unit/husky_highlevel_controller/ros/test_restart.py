@@ -76,7 +76,7 @@ def test_the_program_opens_a_copy_of_its_configuration_which_lies_beside_its_log
     assert (done.stdout, ours.read_text()) == ("ours\n", "ours"), "it is shown, and Ctrl+S does not change it"
     copy = tmp_path / "husky_rviz-3.rviz"
     assert copy.read_text() == "theirs"
-    assert f"RViz shows a copy of controller.rviz: Ctrl+S saves to {copy}" in done.stderr
+    assert f"RViz shows a copy of controller.rviz; Ctrl+S saves to {copy}" in done.stderr
 
 
 @pytest.mark.parametrize("command", ["rviz", "rviz -d", "rviz -d view.rviz", "rviz -d /no.rviz __log:=/a"])

@@ -93,7 +93,7 @@ def test_a_smooth_drive_is_no_crash_where_imu_and_odometry_have_clocks_of_their_
     assert robot.stops == []
     way = "ahead of" if ahead > 0.0 else "behind"
     told = re.compile(
-        rf"IMU samples are stamped (\d\.\d\d) s {way} odometry: set the clocks \(chrony\); until then"
+        rf"IMU samples are stamped (\d\.\d\d) s {way} odometry; set the clocks \(chrony\); until then"
     )
     assert float(told.match(robot.warnings[-1]).group(1)) == pytest.approx(abs(ahead), abs=0.03)
     assert all(map(told.match, robot.warnings)), "and no other cause is named"
@@ -116,10 +116,10 @@ def scan_of_a_wall(stamp, _):
     ("ahead", "told"),
     [
         (0.0, None),
-        (0.5, r"scans are stamped 0.5\d s ahead of odometry: set the clocks \(chrony\)"),
+        (0.5, r"scans are stamped 0.5\d s ahead of odometry; set the clocks \(chrony\)"),
         (2.5, r"scans are stamped 2.5\d s ahead of odometry"),
         (-3600.0, r"scans are stamped 3600.\d\d s behind odometry"),
-        (None, "scans are stamped 0: set the stamps in their driver"),
+        (None, "scans are stamped 0; set the stamps in their driver"),
     ],
 )
 def test_proximity_stop_guards_by_the_newest_odometry_where_the_clocks_differ(monkeypatch, ahead, told):

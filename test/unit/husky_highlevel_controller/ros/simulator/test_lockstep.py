@@ -103,7 +103,7 @@ def test_a_controller_that_computes_has_five_seconds_and_then_time_runs_free(sta
     run = start(asleep=False)
     assert run.scan(answers=False) == pytest.approx(5.0, abs=0.2)
     assert [run.scan(answers=False), run.tick()] == [0.0, 0.0]
-    words = "lockstep: after 5 s of wall time no command answers the scan; running free from now on"
+    words = "lockstep: after 5 s of wall time no command answers the scan; continuing without lockstep"
     assert warnings == [words]
     run.command()
     assert not run.drops(), "every command is obeyed"
