@@ -11,6 +11,7 @@ from typing import Mapping, NamedTuple, Optional, Sequence
 from husky_highlevel_controller.xml_rpc import ask
 
 CALLER = "/master_graph"
+SIMULATOR = "husky_simulator"  # name of the simulator's node, in its namespace
 Nodes = Mapping[str, Sequence[str]]  # names of nodes by topic
 Kinds = Mapping[str, str]  # types of messages by topic
 

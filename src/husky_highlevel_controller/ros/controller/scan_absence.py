@@ -9,8 +9,7 @@ from typing import Optional
 
 import rosgraph
 
-from husky_highlevel_controller.ros.master_graph import Graph, read_graph
-from husky_highlevel_controller.ros.simulator.one_simulator import NODE
+from husky_highlevel_controller.ros.master_graph import SIMULATOR, Graph, read_graph
 
 SCAN_TYPE = "sensor_msgs/LaserScan"
 PATIENCE = 5.0  # [s] ROS time without a scan before the master is asked
@@ -54,7 +53,7 @@ def absence_sentence(graph: Graph, topic: str) -> str:
     if others:
         return f"no node publishes {topic}: set ~scan_topic_name to {' or '.join(others)}"
     nodes = {node for names in graph.publishers.values() for node in names}
-    if any(node.rsplit("/", 1)[-1] == NODE for node in nodes):
+    if any(node.rsplit("/", 1)[-1] == SIMULATOR for node in nodes):
         remedy = "start the simulator with laser_enabled:=true or set HUSKY_LMS1XX_ENABLED=1"
     else:
         remedy = "start the lidar's driver, or set ~scan_topic_name to its topic"

@@ -13,9 +13,10 @@ import sys
 from pathlib import Path
 from typing import List, Mapping, Optional, Sequence
 
+from husky_highlevel_controller.ros.master_graph import SIMULATOR
 from husky_highlevel_controller.xml_rpc import ask
 
-NODE, CALLER = "husky_simulator", "/one_simulator"
+CALLER = "/one_simulator"
 
 
 def clock_publishers(master_uri: str, publishers: Mapping[str, Sequence[str]]) -> List[str]:
@@ -32,7 +33,7 @@ def running_simulator(master_uri: str) -> Optional[str]:
     """Name of the simulator that runs on a master; None if there is none."""
     state = ask(master_uri, "getSystemState", CALLER)
     names = clock_publishers(master_uri, dict(state[0])) if state else []
-    return next((name for name in names if name.rsplit("/", 1)[-1] == NODE), None)
+    return next((name for name in names if name.rsplit("/", 1)[-1] == SIMULATOR), None)
 
 
 def why_not_two(name: str, master_uri: str) -> str:

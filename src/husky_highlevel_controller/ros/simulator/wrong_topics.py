@@ -11,7 +11,7 @@ from difflib import SequenceMatcher
 from functools import partial
 from typing import Callable, Iterator, List, Mapping, NamedTuple, Optional, Tuple, Union
 
-from husky_highlevel_controller.ros.master_graph import Graph, Kinds, Nodes, read_graph, read_kinds
+from husky_highlevel_controller.ros.master_graph import SIMULATOR, Graph, Kinds, Nodes, read_graph, read_kinds
 
 # nodes that publish and subscribe to any topic by request, and the simulator with its many topics
 TOOLS = re.compile(
@@ -160,7 +160,7 @@ def main() -> None:
         return
     findings: List[Mistake] = [*wrong_topics(graph)]
     nodes = {node for names in graph.publishers.values() for node in names}
-    for simulator in sorted(node for node in nodes if node.rsplit("/", 1)[-1] == "husky_simulator"):
+    for simulator in sorted(node for node in nodes if node.rsplit("/", 1)[-1] == SIMULATOR):
         findings += second_publishers(graph, simulator)
         findings += wrong_types(graph, simulator, partial(read_kinds, master_uri))
     for finding in findings:
