@@ -16,10 +16,10 @@ import viser
 from husky_highlevel_controller.datatypes import HuskyError
 from husky_highlevel_controller.xml_rpc import ask
 
-NOTICE_TIME = 6.0  # [s] that a sentence stays in the page
-CALL_TIMEOUT, LONG_TIMEOUT = 5.0, 60.0  # [s] of wall time for a service call, and for one with much to do
-MASTER_DEADLINE = 2.0  # [s] of wall time for an answer of the ROS master
-Work = Callable[[], Optional[str]]  # returns a sentence for the page; None: nothing worth saying
+NOTICE_TIME = 6.0  # [s] time that a sentence stays in the page
+CALL_TIMEOUT, LONG_TIMEOUT = 5.0, 60.0  # [s] wall time for a service call, and for a long one
+MASTER_DEADLINE = 2.0  # [s] wall time for an answer of the ROS master
+Work = Callable[[], Optional[str]]  # returns a sentence for the page, or None
 
 
 class Actions:
@@ -41,7 +41,7 @@ class Actions:
             except HuskyError as error:
                 sentence, is_good = str(error), False
                 rospy.logwarn(f"{title}: {error}")
-            except Exception as error:  # of one button's call, which must not end all others
+            except Exception as error:  # an error of one button's call must not end the others
                 sentence, is_good = f"{type(error).__name__}: {error}", False
                 rospy.logwarn(f"{title}: {traceback.format_exc()}")
             if sentence and client is not None:

@@ -16,14 +16,14 @@ import viser
 from husky_highlevel_controller.datatypes import Pose, Vector3
 from husky_web.viser_private import place, show_in_page
 
-SIDES = 48  # of the ground's rim and of the sky's dome
-RADIUS = 400.0  # [m] from the robot to the horizon
+SIDES = 48  # sides of the ground's rim and of the sky's dome
+RADIUS = 400.0  # [m] distance from the robot to the horizon
 # [m]: from the robot to the checker's end; between two lines; half of a line's width
 CHECKER, SECTION, LINE = 25, 5, 0.03
-CONTRAST = 0.09  # of the checker's squares of 1 m beside the robot, to both sides of the ground's colour
-STEP = 2 * SECTION  # [m] by which the checker follows the robot: its pattern repeats itself
+CONTRAST = 0.09  # contrast of the checker's 1 m squares to the ground's colour, near the robot
+STEP = 2 * SECTION  # [m] step of the checker behind the robot; its pattern repeats itself
 SHADOW_HEIGHT = 0.004  # [m] above the ground
-# of shadows: [m] beyond the outline; side of the picture; at the darkest
+# shadows: rim beyond the footprint [m], side of the picture [px], largest opacity
 SHADOW_BLUR, SHADOW_PIXELS, SHADOW_OPACITY = 0.22, 96, 0.55
 UNLIT = "KHR_materials_unlit"
 Colour = Tuple[float, float, float]  # linear, before the browser's tone mapping
@@ -33,12 +33,12 @@ class Look(NamedTuple):
     """Colours and lights of one backdrop."""
 
     ground: Colour
-    haze: Colour  # of the ground at the horizon
-    horizon: Colour  # of the sky at the horizon
+    haze: Colour  # colour of the ground at the horizon
+    horizon: Colour  # colour of the sky at the horizon
     zenith: Colour
     line: float  # brighter than the ground by this share
     sun: float  # intensity of the directional light
-    sky: float  # of the light from above and below
+    sky: float  # intensity of the light from above and below
 
 
 LOOKS = {

@@ -13,12 +13,12 @@ from husky_highlevel_controller.geometry import quat_from_rpy, rotate, wrap_angl
 from husky_web.viser_private import look
 
 FOLLOW, PILLAR, ABOVE, FREE = CAMERAS = ("Follow", "Pillar", "Above", "Free")
-FIELD_OF_VIEW = radians(34.0)  # of the view's height; wider ones make what stands upright lean
+FIELD_OF_VIEW = radians(34.0)  # angle of the view's height; with a wider one, upright objects seem to lean
 # from what it looks at [m]; of FOLLOW with x along the robot's heading
 OFFSETS = {FOLLOW: (-5.5, 1.75, 0.45), PILLAR: (-6.4, -7.1, 1.6), ABOVE: (-0.01, 0.0, 34.0)}
 AIM = 0.75  # [m] above the robot or the pillar's point: looked down at, what stands upright leans
-JUMP = 1.0  # [m] from here on the robot was put elsewhere
-TURN_SHARE = 0.08  # of the way to the robot's heading that the camera turns in one update
+JUMP = 1.0  # [m] motion that means that the robot was put elsewhere
+TURN_SHARE = 0.08  # fraction of the heading error corrected per update
 STILL, STILL_ANGLE = 0.002, 0.001  # [m], [rad]: less is not worth a message
 SENT, SAME = 100, 0.01  # positions remembered, and the distance [m] of two that are one
 

@@ -14,10 +14,10 @@ from husky_highlevel_controller.geometry import matrix_from_quat
 from husky_web.shapes import Label, Lines, MeshFile, Piece, Points, Solid, solids_of
 from husky_web.viser_private import wxyz
 
-LETTER_SCALE = 1.0  # of a text marker: 12 px whatever its size in the scene, sharp at any distance
-LINE_WIDTH = 0.01  # [m], of a line without a width
-DASH, MAX_DASHES = 0.25, 100.0  # [m], of a dash and of a gap; of all dashes
-MIN_OPACITY = 0.02  # what is fainter is not drawn: RViz shows nothing either
+LETTER_SCALE = 1.0  # scale of a text marker: 12 px for any size in the scene, sharp at any distance
+LINE_WIDTH = 0.01  # [m] width of a line without a width
+DASH, MAX_DASHES = 0.25, 100.0  # [m] length of a dash and of a gap; length of all dashes
+MIN_OPACITY = 0.02  # a fainter piece is not drawn, as in RViz
 _warned: Set[str] = set()  # sources
 
 
@@ -29,7 +29,7 @@ def left_out(source: str) -> Iterator[None]:
     """
     try:
         yield
-    except Exception as error:  # whatever a message holds, the page goes on
+    except Exception as error:  # the page continues after any message
         warn_left_out(source, f"{type(error).__name__}: {error}")
 
 
@@ -55,9 +55,9 @@ def add_pieces(scene: viser.SceneApi, parent: str, pieces: Sequence[Piece], pose
 
 
 def redraw(nodes: Sequence[Any], pieces: Sequence[Piece]) -> bool:
-    """Change what `add_pieces` has added into other pieces; False where that is not possible.
+    """Change the nodes of `add_pieces` to other pieces; return False if that is not possible.
 
-    It costs a tenth of drawing anew, here and in the browser.
+    A change costs a tenth of a new drawing, here and in the browser.
     """
     if len(nodes) != len(pieces) or not all(map(_is_alike, nodes, pieces)):
         return False
@@ -67,7 +67,7 @@ def redraw(nodes: Sequence[Any], pieces: Sequence[Piece]) -> bool:
     return True
 
 
-_KINDS: Any = {  # what adds a piece, and what it returns
+_KINDS: Any = {  # function that adds a piece, and type that it returns
     Solid: (viser.SceneApi.add_mesh_simple, viser.MeshHandle),
     Lines: (viser.SceneApi.add_line_segments, viser.LineSegmentsHandle),
     Points: (viser.SceneApi.add_point_cloud, viser.PointCloudHandle),

@@ -38,13 +38,13 @@ READINGS = (("bearing of the pillar", "rad", 3), ("real-time factor", "", 2), ("
 Readings = Sequence[Optional[float]]
 START, STOP, PAUSE, STEP, RESUME = "Start", "Stop", "Pause", "Step", "Resume"
 BACK = "Back to the start"
-SERVICES: Dict[str, Any] = {  # of the simulator: name, deadline, type and request of each button's
+SERVICES: Dict[str, Any] = {  # the simulator's service of each button: name, deadline, type, request
     PAUSE: ("pause", CALL_TIMEOUT, Trigger),
     STEP: ("step", LONG_TIMEOUT, StepWorld, 20),
     RESUME: ("resume", CALL_TIMEOUT, Trigger),
     BACK: ("reset", CALL_TIMEOUT, Trigger),
 }
-ON_ITS_WAY = 1.0  # [s] that a message needs at most
+ON_ITS_WAY = 1.0  # [s] longest delay of a message
 MAX_LIGHTS, MAX_LETTERS = 50, 200  # diagnostics that are shown, and of a name or a message
 
 
@@ -65,9 +65,9 @@ class DriveTab:
         self._stops = Actions()  # a stop waits for no other button's call
         self._controller, self._simulator = controller, simulator
         self._lights: Dict[str, Tuple[int, str]] = {}
-        self._state = ""  # of the controller, by its diagnostics
-        self._told: Optional[bool] = None  # by a page, to start or to stop, if that is newer than its state
-        self._told_at = -inf  # [s] of wall time
+        self._state = ""  # state of the controller, by its diagnostics
+        self._told: Optional[bool] = None  # start or stop from a page, if it is newer than the state
+        self._told_at = -inf  # [s] wall time of it
         gui = server.gui
         self._readings = gui.add_html(readings_html((None, None, None), []))
         self._start: Any = gui.add_button_group("Controller", (START, STOP))
@@ -95,7 +95,7 @@ class DriveTab:
                 if name.startswith(self._controller.strip("/")):
                     state = next((pair.value for pair in item.values if pair.key == "state"), "")
                     self._state = state[:MAX_LETTERS]
-                    # what was on its way while the service answered is older than the answer
+                    # messages that were sent before the service answered are older than the answer
                     if (self._state != STOPPED) is self._told or now - self._told_at > ON_ITS_WAY:
                         self._told = None
 
@@ -104,7 +104,7 @@ class DriveTab:
 
         Args:
             readings: numbers of READINGS.
-            is_paused: whether the simulated world is; None: there is none.
+            is_paused: whether the simulated world is paused; None if there is none.
         """
         lights = [(name, *light) for name, light in sorted(self._lights.items())]
         self._readings.content = readings_html(readings, lights)

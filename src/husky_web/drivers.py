@@ -11,8 +11,8 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 from husky_highlevel_controller.simulator.twist_mux import TIMEOUT
 from husky_web.topics import INPUTS, Received
 
-MIN_WALL_TIME = 0.25  # [s] of wall time that a command counts: a person's node repeats it by that clock
-MAX_SENDERS = 100  # that are kept
+MIN_WALL_TIME = 0.25  # [s] wall time that a command counts, because a person's node repeats it by that clock
+MAX_SENDERS = 100  # largest number of senders that are kept
 _ANONYMOUS = re.compile(r"_\d+_\d{10,}$")  # end of such a name: process and time
 
 
@@ -21,16 +21,16 @@ class Command(NamedTuple):
 
     name: str  # one of INPUTS
     sender: str
-    time: Optional[float]  # [s] of simulated time; None if unknown
-    now: float  # [s] of wall time
+    time: Optional[float]  # [s] simulated time; None if unknown
+    now: float  # [s] wall time
 
     @property
     def is_by_hand(self) -> bool:
-        """Whether it came on an input that goes before the controller's."""
+        """Return whether it came on an input with a higher priority than the controller's."""
         return self.name != INPUTS[-1]
 
     def counts(self, time: Optional[float], now: float) -> bool:
-        """Whether the robot obeys it still, at `time` and `now` as above."""
+        """Return whether the robot still obeys it, at `time` and `now` as above."""
         if time is not None and self.time is not None and 0.0 <= time - self.time <= TIMEOUT:
             return True
         return now - self.now < (TIMEOUT if time is None else MIN_WALL_TIME)
@@ -40,7 +40,7 @@ class Drivers:
     """The last command of each sender."""
 
     def __init__(self) -> None:
-        self._last: Dict[Tuple[str, str], Command] = {}  # by input and sender
+        self._last: Dict[Tuple[str, str], Command] = {}  # last command by input and sender
 
     def take(self, received: List[Received], time: Optional[float], now: float) -> None:
         """Take in commands by input, which came at `time` and `now` as of `Command`."""

@@ -20,7 +20,7 @@ class Frames:
 
     def __init__(self) -> None:
         self._parents: Dict[str, str] = {}
-        self._poses: Dict[str, Deque[Tuple[float, Pose]]] = {}  # in the parent, oldest first
+        self._poses: Dict[str, Deque[Tuple[float, Pose]]] = {}  # stamp and pose in the parent, oldest first
 
     @property
     def names(self) -> List[str]:
@@ -28,7 +28,7 @@ class Frames:
         return sorted({*self._parents, *self._parents.values()})
 
     def update(self, parent: str, child: str, stamp: float, pose_child_in_parent: Pose) -> None:
-        """Take in one transform [s]; a stamp that runs backwards begins anew, as after a bag's end."""
+        """Take in one transform [s]; a stamp that runs backwards clears the frame, as after a bag's end."""
         poses = self._poses.setdefault(child, deque(maxlen=MEMORY))
         if self._parents.get(child) != parent or (poses and stamp < poses[-1][0]):
             poses.clear()
@@ -66,7 +66,7 @@ class Frames:
 def _nearest(poses: Deque[Tuple[float, Pose]], stamp: Optional[float]) -> Pose:
     nearest = poses[-1]
     if stamp is not None:
-        for item in reversed(poses):  # what is drawn is among the newest
+        for item in reversed(poses):  # the drawn moment is among the newest
             if abs(item[0] - stamp) > abs(nearest[0] - stamp):
                 break
             nearest = item

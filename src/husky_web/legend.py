@@ -19,8 +19,8 @@ class Layer(NamedTuple):
 
     name: str
     title: str
-    color: Optional[Rgb]  # None: it has several
-    is_shown: bool  # at the beginning
+    color: Optional[Rgb]  # None if it has several
+    is_shown: bool  # true if it is shown at the beginning
 
 
 LAYERS = (

@@ -20,9 +20,9 @@ _ROSOUT = re.compile(
     r"(\d+\.\d+) (DEBUG|INFO|WARN|ERROR|FATAL) (\S+) (?:\[[^\]]*\] )?(?:\[topics: [^\]]*\] )?(.*)"
 )
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
-DAY_ONE = 1e9  # [s]; a stamp from here on (2001) is no simulated time
+DAY_ONE = 1e9  # [s] smallest stamp (2001) that is not simulated time
 SHOWN, SHOWN_LETTERS = 150, 30_000  # lines of one page, and letters of all: a browser with more stays behind
-MAX_LETTERS = 5000  # of a line
+MAX_LETTERS = 5000  # largest number of characters of a line
 
 
 class Line(NamedTuple):
@@ -49,7 +49,7 @@ class Filter(NamedTuple):
     text: str = ""  # part of the line, in any case
 
     def passes(self, line: Line) -> bool:
-        """Whether a line is shown."""
+        """Return whether a line is shown."""
         return (
             line.level >= self.level
             and self.node.lower() in line.node.lower()
@@ -61,7 +61,7 @@ class LogBuffer:
     """The last lines of the whole network."""
 
     def __init__(self) -> None:
-        self.count = 0  # of all lines that ever came
+        self.count = 0  # number of all lines that ever came
         self.warning: Optional[Line] = None  # the newest line of that level, or a worse one
         self._lines: Deque[Line] = deque(maxlen=CAPACITY)
 

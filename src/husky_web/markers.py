@@ -19,13 +19,13 @@ from husky_highlevel_controller.ros.conversions import pose_from_msg
 from husky_web import shapes
 from husky_web.shapes import Label, Lines, Mesh, MeshFile, Piece, Points, Solid
 
-MAX_COPIES = 2000  # of a cube or sphere that a list draws; a page with more does not turn smoothly
-# by what a browser takes to draw them: in points of a cloud. With more, its emergency stop comes late
-MAX_POINTS, MAX_COST = 100_000, 300_000  # of one marker, of all
+MAX_COPIES = 2000  # copies of a cube or sphere in a list; a page with more does not turn smoothly
+# cost of drawing in a browser, in points of a cloud. With more, its emergency stop comes late
+MAX_POINTS, MAX_COST = 100_000, 300_000  # limit of one marker, limit of all
 COPY_COST, SOLID_COST, TEXT_COST = 30, 150, 600
-MAX_LETTERS = 500  # of a text
-ARROW_HEAD = 0.23  # of an arrow that is given by its length
-PATH_COLOR, PATH_WIDTH = ColorRGBA(0.1, 0.8, 0.1, 1.0), 0.03  # [m], of a nav_msgs/Path; green, as in RViz
+MAX_LETTERS = 500  # largest number of characters of a text
+ARROW_HEAD = 0.23  # head's fraction of an arrow that is given by its length
+PATH_COLOR, PATH_WIDTH = ColorRGBA(0.1, 0.8, 0.1, 1.0), 0.03  # nav_msgs/Path: green, as in RViz; width [m]
 Key = Tuple[str, str, int]  # topic, namespace, id
 
 

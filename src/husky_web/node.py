@@ -48,7 +48,7 @@ from husky_web.world_tab import WorldTab
 READINGS_PERIOD = 0.2  # [s] between two updates of numbers and diagnostics
 CURVES_PERIOD = 1.0  # [s] between two updates of curves and of the log
 NETWORK_PERIOD = 3.0  # [s] between two looks at which topics there are
-ROSOUT_BYTES = 1_000_000  # of rosout's file that are read: a line with its node's topics has about 700
+ROSOUT_BYTES = 1_000_000  # bytes of rosout's file that are read; a line has about 700
 IDLE_PERIOD = 1.0  # [s] between two looks at whether to end, while there is no page
 
 SOFTWARE = (  # shown by viser_client.js in place of viser's warning, which covers the scene
@@ -92,10 +92,10 @@ class WebNode:
         )
         self._build(config)
         self._is_master_gone, self._registration = False, Registration()
-        self._is_paused: Optional[bool] = None  # without a simulator
+        self._is_paused: Optional[bool] = None  # None if there is no simulator
         self._reason = StopReason()
-        self._world_name = ""  # of the simulator's world
-        self._was_master_silent = False  # at the last look at the network
+        self._world_name = ""  # name of the simulator's world
+        self._was_master_silent = False  # state at the last look at the network
         # /rosout_agg has no memory; by now it is subscribed to, so that no line is lost in between
         self._log.add_earlier(lines_of_rosout(read_rosout()))
         rospy.Subscriber(f"{config.simulator}/paused", Bool, self._on_paused, queue_size=1)
@@ -200,7 +200,7 @@ class WebNode:
             return
         is_lost = self._registration.is_lost
         if self._was_master_silent or (is_lost and not was_lost):
-            self._topics.close()  # a master that was started anew knows nothing of the subscriptions
+            self._topics.close()  # a restarted master does not have the subscriptions
         self._is_master_gone, self._was_master_silent = is_lost, False
         if not self._topics.is_open:
             self._topics.open()

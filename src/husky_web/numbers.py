@@ -12,7 +12,7 @@ from husky_web.plots import Curve
 from husky_web.scene import Scene
 from husky_web.topics import Topics
 
-NO_NEWS_TIME = 2.0  # [s] of wall time without a message of the robot until the page says so
+NO_NEWS_TIME = 2.0  # [s] wall time without a message of the robot until the page says so
 RATE_WINDOW = 3.0  # [s] over which rates are taken
 UNKNOWN = (nan, nan)
 
@@ -27,10 +27,10 @@ class Numbers:
             Curve(1, RATE_WINDOW),
             Curve(1, RATE_WINDOW),
         )  # counted, and [s] of the simulation
-        self._heard_at = -inf  # [s] of `now`, the last odometry
+        self._heard_at = -inf  # [s] time `now` of the last odometry
         self._speeds: Dict[str, Tuple[float, float]] = {}
         self.time: Optional[float] = None  # [s]
-        self.distance: Optional[float] = None  # [m] to go
+        self.distance: Optional[float] = None  # [m] remaining distance
         self.speed: Optional[float] = None  # [m/s], measured
         self.bearing: Optional[float] = None  # [rad]
         self.pillar: Optional[Vector3] = None  # [m], fixed frame
@@ -69,5 +69,5 @@ class Numbers:
         self._heard_at = now
 
     def is_silent(self, now: float) -> bool:
-        """Whether no odometry has come for NO_NEWS_TIME."""
+        """Return whether no odometry has come for NO_NEWS_TIME."""
         return now - self._heard_at > NO_NEWS_TIME

@@ -55,7 +55,7 @@ class Objects:
         self._scene, self._frames, self._fixed_frame = server.scene, frames, fixed_frame
         self.shown: Dict[Key, Object] = {}
         self.on_new: Callable[[Key, Object], None] = lambda key, shown: None  # binds the mouse
-        self.dragged: Dict[Key, Pose] = {}  # in the fixed frame, while a page drags them
+        self.dragged: Dict[Key, Pose] = {}  # poses in the fixed frame while a page drags them
         self._feedback: Dict[str, rospy.Publisher] = {}
 
     def update(self, received: List[Received]) -> None:
@@ -179,5 +179,5 @@ class Objects:
 
 
 def _is_ground(piece: Piece) -> bool:
-    """Whether a piece is a sheet so wide that the grid stands for it."""
+    """Return whether a piece is a sheet so wide that the grid replaces it."""
     return isinstance(piece, Solid) and bool(piece.extents[:2].min() > WIDEST)

@@ -35,7 +35,7 @@ from husky_web.viser_private import page_html, started_behind
 
 DRIVE_PATH = "/drive"
 COOKIE = "husky_token"
-MAX_MESSAGE = 1000  # [B] on the drive channel
+MAX_MESSAGE = 1000  # [B] largest message on the drive channel
 MAX_PAGES = 20  # open at the same time; each takes up to 1.6 MB here
 TOO_MANY = (
     f"{MAX_PAGES} pages are open, and there can be no more: close one of them, then load this page again"
@@ -105,10 +105,10 @@ def refusal(headers: Mapping[str, str], path: str, is_loopback: bool, token: Opt
     """Reason why a request is refused, or None.
 
     Args:
-        headers: of the request.
-        path: of the request, with its query.
-        is_loopback: the server is bound to the loopback interface only.
-        token: to be shown in the address or as a cookie; None: no token is asked for.
+        headers: headers of the request.
+        path: path of the request, with its query.
+        is_loopback: whether the server is bound to the loopback interface only.
+        token: required token in the address or as a cookie; None if no token is required.
     """
     host = headers.get("Host", "")
     if is_loopback and (urlsplit(f"//{host}").hostname or "") not in LOOPBACK:
@@ -191,7 +191,7 @@ class Gate:
         return handle
 
     def last_has_gone(self) -> bool:
-        """Whether the last connection has ended since the last call. Any thread."""
+        """Return whether the last connection has ended since the last call. Any thread."""
         has_gone = self._is_empty_again.is_set()
         self._is_empty_again.clear()
         return has_gone

@@ -16,8 +16,8 @@ from husky_web.log import LEVELS, Filter, LogBuffer, log_to_html
 from husky_web.plots import choice_html
 
 LOOK, PUT, MOVE, DELETE = TOOLS = ("Look", "Put", "Move", "Delete")
-BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}  # by day and by night: text of 4.5 times the contrast
-DARK, IS_DARK = "dark", "is-dark"  # of the browser's storage: the choice, and what page.js makes of it
+BRANDS = {False: (20, 85, 155), True: (95, 170, 245)}  # light and dark; text has a contrast of 4.5
+DARK, IS_DARK = "dark", "is-dark"  # keys of the browser's storage: the choice, and the result of page.js
 STORAGE_TIMEOUT = 30.0  # [s]; a browser that draws by software answers late
 
 
@@ -105,7 +105,7 @@ class Page:
         self.tool = event.target.value
         self._chosen_tool.content = choice_html(TOOLS.index(self.tool))
         self._on_tool()
-        self._hint.content = _HINTS[self.tool]  # what it asks for works by now
+        self._hint.content = _HINTS[self.tool]  # the hint's action works from now on
 
 
 _HINTS = {
@@ -150,7 +150,7 @@ class Pages:
 
 
 def wants_dark(client: viser.ClientHandle) -> bool:
-    """Whether a browser asks for dark colours, by the choice that it remembers or by its settings."""
+    """Return whether a browser asks for dark colours, by its remembered choice or by its settings."""
     try:
         return client.local_storage.get_item(IS_DARK, STORAGE_TIMEOUT) == "1"
     except (RuntimeError, TimeoutError):  # gone, or without a storage

@@ -14,9 +14,9 @@ import yaml
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-WIDEST_SLIDER = 1e4  # from min to max; a slider of a wider range cannot be set to anything sensible
-STEPS = 1000  # of a slider, at least
-# of this package's controller, by the beginnings of its parameters' names; dynparam wants them flat
+WIDEST_SLIDER = 1e4  # largest range of a slider; a wider one cannot be set sensibly
+STEPS = 1000  # least number of steps of a slider
+# groups of this package's controller, by prefixes of parameter names; dynparam needs them flat
 GROUPS = {
     "Gains": ("p_gain_",),
     "Limits": ("max_linear", "max_angular", "stop_distance", "arrival_"),
@@ -34,8 +34,8 @@ class Parameter(NamedTuple):
     min: Any
     max: Any
     help: str
-    choices: Tuple[Tuple[str, Any], ...] = ()  # of an enumeration: name and value
-    server_group: str = ""  # of its server's groups
+    choices: Tuple[Tuple[str, Any], ...] = ()  # name and value of each choice of an enumeration
+    server_group: str = ""  # group on its server
 
     @property
     def group(self) -> str:
@@ -54,7 +54,7 @@ class Parameter(NamedTuple):
 
     @property
     def has_slider(self) -> bool:
-        """Whether its range is one that a slider can show."""
+        """Return whether a slider can show its range."""
         return (
             self.kind in ("int", "double")
             and not self.choices
@@ -64,7 +64,7 @@ class Parameter(NamedTuple):
 
     @property
     def step(self) -> float:
-        """Step of the slider: 1 for whole numbers, else a power of ten that divides the range finely."""
+        """Step of the slider: 1 for whole numbers, otherwise a power of ten that divides the range finely."""
         if self.kind == "int":
             return 1
         return float(10.0 ** floor(log10((self.max - self.min) / STEPS)))
@@ -114,11 +114,11 @@ def from_yaml(text: str, servers: Mapping[str, List[Parameter]]) -> Dict[str, Di
     """Checked values by node.
 
     Args:
-        text: of the file.
+        text: text of the file.
         servers: the parameters of every node there is.
 
     Raises:
-        HuskyError: it is no such file, or names an unknown node or parameter, or a value cannot be.
+        HuskyError: it is not such a file, names an unknown node or parameter, or has a wrong value.
     """
     try:
         data = yaml.safe_load(text)

@@ -14,12 +14,12 @@ import numpy as np
 import viser
 
 CAPACITY = 1000  # samples
-WINDOW = 30.0  # [s] that a chart shows
+WINDOW = 30.0  # [s] time that a chart shows
 RESOLUTION = 0.4  # [s] between two points of a curve: more are not seen, and are sent again and again
-# of a chart, in px in a window of 1280 px: whole, and what labels take at its sides
+# size of a chart in px in a window of 1280 px, and the space for labels at its sides
 WIDTH, HEIGHT, LEFT, TOP, BOTTOM, RIGHT = 300.0, 130.0, 36.0, 6.0, 18.0, 6.0
 TIME_TICKS = ((30, "-30 s", "start"), (20, "-20 s", "middle"), (10, "-10 s", "middle"), (0, "now", "end"))
-LARGEST = 1e9  # of a value that is drawn
+LARGEST = 1e9  # largest value that is drawn
 MAX_MARKS = 8  # changes of parameters in one chart
 Mark = Tuple[float, str]  # time [s] of a change of a parameter, and what has changed
 
@@ -27,11 +27,11 @@ Mark = Tuple[float, str]  # time [s] of a change of a parameter, and what has ch
 class Chart(NamedTuple):
     """Chart of one quantity."""
 
-    name: str  # of its curve
+    name: str  # name of its curve
     title: str
     unit: str
     series: Tuple[str, ...]  # commanded is dashed
-    least: Tuple[float, float]  # range that is always shown: a hair's breadth is no mountain
+    least: Tuple[float, float]  # range that is always shown, so that noise does not look large
     zero: str = ""  # name of the line at 0, if it has one
 
 
@@ -52,7 +52,7 @@ class Curve:
         self._samples: Deque[Tuple[float, ...]] = deque(maxlen=CAPACITY)  # time and values, the newest last
 
     def add(self, stamp: float, *values: float) -> None:
-        """Add a sample; a time that runs backwards begins anew, one that stands still adds nothing."""
+        """Add a sample; a time that runs backwards clears it, a repeated time adds nothing."""
         samples = self._samples
         if samples and stamp < samples[-1][0]:
             samples.clear()
@@ -189,5 +189,5 @@ def fixed(value: Optional[float], digits: int) -> str:
 
 
 def choice_html(number: Optional[int]) -> str:
-    """Mark by which viser.css raises one button of the group that follows; None: none of them."""
+    """Mark by which viser.css raises one button of the group that follows, or none of them if None."""
     return f'<i class="husky-choice-{"none" if number is None else number}" hidden></i>'

@@ -52,8 +52,8 @@ from husky_web.robot import rigid_groups
 from husky_web.topics import Topics
 from husky_web.viser_private import place
 
-POINT_SIZE = 0.05  # [m], of the scan's points
-RAYS = 60  # at most; a few show which beams have returned
+POINT_SIZE = 0.05  # [m] size of the scan's points
+RAYS = 60  # largest number; a few show which beams have returned
 TRAIL_STEP, TRAIL_POINTS = 0.25, 1000  # [m] between two points of the trail, and how many
 LINE_WIDTH, TRAIL_WIDTH = 0.03, 0.015  # [m]
 TRAIL_NEW, TRAIL_OLD = (
@@ -61,10 +61,10 @@ TRAIL_NEW, TRAIL_OLD = (
     15.0,
 )  # [m] behind the robot that have the trail's colour, and that have the faded one
 FADED_COLOR = (125, 148, 176)  # seen on the ground of the day and of the night, but not looked at
-LINE_HEIGHT = 0.025  # [m] of trail and plan above the ground
-GAMMA = 2.2  # of a screen's colours
-TRAIL_JUMP = 1.0  # [m] from here on the robot was put elsewhere, and the trail begins anew
-GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m], of the robot that is dragged
+LINE_HEIGHT = 0.025  # [m] height of trail and plan above the ground
+GAMMA = 2.2  # gamma of a screen's colours
+TRAIL_JUMP = 1.0  # [m] motion that means that the robot was put elsewhere, so the trail restarts
+GHOST_SIZE, GHOST_COLOR = (1.0, 0.7, 0.4), (0.95, 0.72, 0.05, 0.4)  # [m] and colour of the dragged robot
 _NAME_LABEL: Any = {"font_size_mode": "scene", "font_scene_height": 0.06, "anchor": "bottom-center"}
 MAX_SCAN_AGE = 0.3  # [s] behind the newest pose; where scans are older or none, the view does not wait
 LOOKS_PERIOD = 0.2  # [s] between two changes of what markers and the plan look like
@@ -94,7 +94,7 @@ class Scene:
         self.frames, self.markers = Frames(), Markers()
         self.layers = {layer.name: layer.is_shown for layer in LAYERS}
         self.scan_stamp = 0.0  # [s]
-        self.moment: Optional[float] = None  # [s] that is drawn: the newest scan's; None: each frame's newest
+        self.moment: Optional[float] = None  # [s] drawn time by the newest scan; if None, each frame's newest
         self._robot: Dict[str, Any] = {}
         self.robot_name = ""
         self._shadow: Any = None
@@ -121,7 +121,7 @@ class Scene:
 
     def draw_robot(self, description: str) -> None:
         """Draw the robot of a URDF; a text that is none is a warning."""
-        for node in reversed(self._robot.values()):  # what hangs on the base before the base
+        for node in reversed(self._robot.values()):  # children before their parent
             node.remove()
         self._robot, self.robot_shapes, self._shadow = {}, [], None
         try:
@@ -191,7 +191,7 @@ class Scene:
         self._show(self._ghost, pose)
 
     def forget(self) -> None:
-        """Begin anew: the trail, and markers whose deletion may have been missed."""
+        """Remove the trail, and markers whose deletion may have been missed."""
         self._trail.clear()
         self.markers.clear()
         for drawing in self._drawn.values():
@@ -303,7 +303,7 @@ class Scene:
         self._show(drawing.node, None if frame is None or pose is None else compose(frame, pose))
 
     def _draw_marker(self, drawing: DrawnMarker, marker: Marker) -> None:
-        """Draw it anew if it looks different."""
+        """Draw it again if it looks different."""
         if drawing.drawn is marker:
             return
         drawing.drawn, last_appearance = marker, drawing.appearance

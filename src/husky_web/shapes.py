@@ -17,8 +17,8 @@ from trimesh import creation
 from husky_highlevel_controller.datatypes import HuskyError, Rgba, Vector3
 from husky_highlevel_controller.drawing.robot_mesh import CELL, coarser
 
-SIDES = 24  # of a cylinder, a cone, and of a sphere's equator
-MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # of the box that stands for a mesh that cannot be read
+SIDES = 24  # sides of a cylinder, a cone, and a sphere's equator
+MISSING: Rgba = (0.9, 0.2, 0.7, 1.0)  # colour of the box in place of an unreadable mesh
 MISSING_SIZE = (0.2, 0.2, 0.2)  # [m]
 PLAIN: Rgba = (0.7, 0.7, 0.7, 1.0)
 # triangles of a part, from where on it is drawn with fewer: without a graphics card the Husky's own ones take
@@ -74,7 +74,7 @@ class MeshFile(NamedTuple):
 
     uri: str
     scale: Vector3
-    rgba: Optional[Rgba]  # None: the file's own colours
+    rgba: Optional[Rgba]  # None for the file's own colours
 
 
 Piece = Union[Solid, Lines, Points, Label, MeshFile]

@@ -13,7 +13,7 @@ import viser
 from husky_web.log import Line
 from husky_web.plots import fixed
 
-LEVELS = ("ok", "warn", "error", "error")  # of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
+LEVELS = ("ok", "warn", "error", "error")  # classes of DiagnosticStatus.OK, WARN, ERROR, STALE
 ARRIVED, STOPPED = "arrived", "stopped"  # the controller's states
 STARTED = "waiting"  # its state before its first scan
 MASTER_GONE = (
@@ -32,34 +32,34 @@ PHRASES = {
 }
 BY_HAND, MOVING, NO_DRIVER = "driven by hand", "being moved", "no node drives the robot"
 MAX_REASON = 200  # letters
-FIGURES_PERIOD = 0.2  # [s] of wall time between two changes of the numbers
+FIGURES_PERIOD = 0.2  # [s] wall time between two changes of the numbers
 REASON_TIME = 3.0  # [s] between the controller's stop and a warning that says why
-SEEN_AFTER = 0.1  # [s] of simulated time in which a controller answers to what was moved: some scans
-SEEN_AT_LAST = 1.0  # [s] of wall time, of a robot that tells no time
+SEEN_AFTER = 0.1  # [s] simulated time of some scans, in which a controller notices a moved object
+SEEN_AT_LAST = 1.0  # [s] wall time, for a robot without a clock
 AGAIN, ELSEWHERE = "Drive again", "Move the pillar"
 
 
 class RobotStatus(NamedTuple):
     """Facts that the state bar tells in words."""
 
-    is_locked: bool = False  # by the emergency stop
+    is_locked: bool = False  # true while the emergency stop is on
     has_listener: bool = True  # a node besides this one subscribes to the emergency stop
-    is_master_gone: bool = False  # or started anew
+    is_master_gone: bool = False  # true if it ended or restarted
     is_paused: bool = False  # the simulated world
     is_silent: bool = False  # no odometry has come for a while
-    moving: str = ""  # what a page moves
+    moving: str = ""  # object that a page moves
     is_by_hand: bool = False  # a person drives
     driver: str = ""  # another node than the controller that drives
-    level: int = 0  # of the controller's diagnostics
-    activity: str = ""  # of the controller: its state
-    fault: str = ""  # what its diagnostics complain of
+    level: int = 0  # level of the controller's diagnostics
+    activity: str = ""  # state of the controller
+    fault: str = ""  # fault by the controller's diagnostics
     reason: str = ""  # the warning that came as the controller stopped
 
 
 class Figures(NamedTuple):
     """Numbers of the state bar."""
 
-    distance: Optional[float] = None  # [m] to go
+    distance: Optional[float] = None  # [m] remaining distance
     speed: Optional[float] = None  # [m/s], measured
     time: Optional[float] = None  # [s]
 
@@ -69,8 +69,8 @@ class Moving:
 
     def __init__(self) -> None:
         self._text = ""
-        self._ended_at: Optional[float] = None  # [s] of wall time
-        self._seen_from: Optional[float] = None  # [s] of simulated time, the first one after the end
+        self._ended_at: Optional[float] = None  # [s] wall time
+        self._seen_from: Optional[float] = None  # [s] first simulated time after the end
 
     @contextmanager
     def __call__(self, text: str) -> Iterator[None]:
@@ -105,10 +105,10 @@ class StopReason:
 
     def __init__(self) -> None:
         self.text = ""
-        self._drove_at = -inf  # [s], when the controller was seen last to be not stopped
+        self._drove_at = -inf  # [s] last time at which the controller was not stopped
 
     def update(self, activity: str, time: Optional[float], warning: Optional[Line]) -> None:
-        """Take in the controller's state at a time [s], None: not known, and the newest warning."""
+        """Take in the controller's state at a time [s], None if unknown, and the newest warning."""
         if time is None or activity != STOPPED:
             self.text, self._drove_at = "", -inf if time is None else time
         elif warning is not None and abs(warning.stamp - self._drove_at) < REASON_TIME:
@@ -158,7 +158,7 @@ def state_html(status: RobotStatus, figures: Figures) -> str:
     doing = PHRASES.get(status.activity, status.activity)
     level, sentence = next(
         (level, sentence)
-        for applies, level, sentence in (  # what keeps the robot from driving first
+        for applies, level, sentence in (  # reasons that keep the robot from driving come first
             (status.is_master_gone, "error", MASTER_GONE),
             (status.is_locked and not status.has_listener, "error", UNHEARD),
             (status.is_locked and status.is_silent and not status.is_paused, "error", UNCERTAIN),

@@ -18,11 +18,11 @@ from husky_highlevel_controller.ros.node import contained, publish
 PERIOD = 0.05  # [s] between two commands; twist_mux drops a source after 0.5 s, the wheels stop after 0.25 s
 
 SLOWEST = 0.1  # [m/s], [rad/s], of a slider of speed
-EXPIRY = 0.25  # [s] without a word from the page; it repeats itself every 0.05 s while a key is held
+EXPIRY = 0.25  # [s] silence of the page, which sends every 0.05 s while a key is held
 
 
 def clamp_axis(value: Any) -> Optional[float]:
-    """Axis of a joystick, clamped to -1..1; None for what is no finite number."""
+    """Axis of a joystick, clamped to -1..1; None if it is not a finite number."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
         return None
     return float(max(-1, min(1, value))) if abs(value) != inf else None
@@ -44,7 +44,7 @@ class HoldToDrive:
 
     @property
     def is_active(self) -> bool:
-        """Whether there is something to send."""
+        """Return whether there is something to send."""
         return self._holder is not None or self._has_to_stop
 
     def hold(self, page: int, twist: Twist2D, now: float) -> None:
@@ -80,7 +80,7 @@ class Teleop:
         """Start the thread; `simulator` is a node that latches on `locked` whether it is stopped."""
         self.on_lock: Callable[[], None] = lambda: None  # called when a page presses the emergency stop
         self.max_linear, self.max_angular = 0.5, 0.8  # [m/s], [rad/s], of a key that is held
-        self.is_locked = False  # by e_stop, from any sender
+        self.is_locked = False  # true if any sender has locked e_stop
         self._hold = HoldToDrive()
         self._turn = threading.Lock()
         self._wake = threading.Event()
@@ -112,12 +112,12 @@ class Teleop:
 
     @property
     def is_held(self) -> bool:
-        """Whether a page drives."""
+        """Return whether a page drives."""
         return self._hold.is_active
 
     @property
     def has_listener(self) -> bool:
-        """Whether another node subscribes to the emergency stop."""
+        """Return whether another node subscribes to the emergency stop."""
         return self._e_stop.get_num_connections() > 1  # this node does
 
     def lock(self, locked: bool) -> None:

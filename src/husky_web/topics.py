@@ -21,7 +21,7 @@ from visualization_msgs.msg import InteractiveMarkerInit, InteractiveMarkerUpdat
 from husky_highlevel_controller.robot import load_robot
 
 PAUSE, NUMBERS_PAUSE = 0.05, 0.1  # [s] between two readings of what is drawn, and of numbers
-BURST_SHARE = 0.2  # of a pause: a message so soon after it had come in meanwhile
+BURST_SHARE = 0.2  # fraction of a pause; a message this soon after it had come in meanwhile
 QUEUE = 2000  # messages of one topic kept between two looks; a page that stays behind loses the oldest
 DRAWN = {kind._type: kind for kind in (Marker, MarkerArray, Path)}
 INTERACTIVE = "visualization_msgs/InteractiveMarkerUpdate"
@@ -35,16 +35,16 @@ class Topics:
     def __init__(self, names: Dict[str, str]) -> None:
         """Listen to nothing yet; `names` has the topics by use, such as scan or odometry."""
         self.names = names
-        self.scan_count = 0  # that ever came
+        self.scan_count = 0  # number of scans that ever came
         self._pause_ended = threading.local()  # [s]; a topic has a thread for each publisher
         self._queues: Dict[str, Deque[Received]] = {use: deque(maxlen=1) for use in names}
         for kind in ("tf", "markers", "objects", "diagnostics", "inputs"):
             self._queues[kind] = deque(maxlen=QUEUE)
-        self._subscribers: Dict[str, rospy.Subscriber] = {}  # by use, else by topic
+        self._subscribers: Dict[str, rospy.Subscriber] = {}  # subscriber by use, or otherwise by topic
 
     @property
     def is_open(self) -> bool:
-        """Whether there are subscriptions."""
+        """Return whether there are subscriptions."""
         return bool(self._subscribers)
 
     def open(self) -> None:

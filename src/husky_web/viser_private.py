@@ -56,7 +56,7 @@ def started_behind(process_request: Any, wrap: Callable[[Any], Any]) -> Iterator
     """
     original: Any = websockets.asyncio.server.serve
     logger = logging.getLogger("husky_web.websockets")
-    logger.setLevel(logging.CRITICAL)  # a plain page request is no failed handshake
+    logger.setLevel(logging.CRITICAL)  # a plain page request is not a failed handshake
 
     def serve(handler: Any, *args: Any, **kwargs: Any) -> Any:
         kwargs.update(process_request=process_request, logger=logger)

@@ -21,9 +21,9 @@ from husky_highlevel_controller.ros import conversions
 from husky_web.actions import LONG_TIMEOUT, Actions, answer_of, call
 from husky_web.state_bar import Moving
 
-ROBOT = "husky"  # what the simulator's services call the robot
+ROBOT = "husky"  # name of the robot in the simulator's services
 GROUND = "ground_plane"
-MOVE_ATTEMPTS = 10  # to find a place that is free
+MOVE_ATTEMPTS = 10  # attempts to find a free position
 SIZES = {"box": (0.4, 0.4, 0.8), "cylinder": (0.4, 0.4, 1.0), "sphere": (0.5, 0.5, 0.5)}  # [m]
 
 
