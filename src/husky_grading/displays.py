@@ -24,19 +24,19 @@ class RvizDisplay:
     kind: str  # its class
     source: str = ""  # its topic, or the parameter of its robot description
     hidden: Tuple[str, ...] = ()  # namespaces of markers that are switched off
-    colouring: str = ""  # of a cloud: transformer and axis
-    size: float = 0.0  # [m], of a cloud's points
+    colouring: str = ""  # colouring of a cloud: transformer and axis
+    size: float = 0.0  # [m] size of a cloud's points
 
 
 @dataclass(frozen=True)
 class RvizConfig:
     """Configuration with which a submission would start RViz."""
 
-    source: str = ""  # of it, for a sentence; empty: there is none
+    source: str = ""  # name of its source in sentences; empty if there is none
     fixed_frame: str = ""
     displays: Tuple[RvizDisplay, ...] = ()
-    off: Tuple[RvizDisplay, ...] = ()  # in the file, but switched off, transparent, or without a size
-    problem: str = ""  # why there is nothing to look at
+    off: Tuple[RvizDisplay, ...] = ()  # displays that are switched off, transparent, or without a size
+    problem: str = ""  # reason why there is nothing to look at
     started: bool = False  # its launch file starts RViz
     missing: str = ""  # path that its launch file names, and that was not handed in
 
@@ -45,11 +45,11 @@ class RvizConfig:
 class RvizView(RvizConfig):
     """A configuration, and what the submission's RViz shows by it."""
 
-    topics: Tuple[str, ...] = ()  # of its displays of scans and markers
+    topics: Tuple[str, ...] = ()  # topics of its displays of scans and markers
     tf: bool = False  # frames are to be seen
     robot: bool = False  # the robot model is to be seen
     scan: bool = False  # the laser's points are to be seen
-    hidden: Tuple[Tuple[str, str], ...] = ()  # (topic, namespace) of markers that are switched off
+    hidden: Tuple[Tuple[str, str], ...] = ()  # topic and namespace of markers that are switched off
 
     @property
     def clouds(self) -> Tuple[RvizDisplay, ...]:
@@ -61,11 +61,11 @@ class RvizView(RvizConfig):
 class FrameTree:
     """Frames and robot descriptions of a drive."""
 
-    parents: Mapping[str, str] = field(default_factory=dict)  # by frame
+    parents: Mapping[str, str] = field(default_factory=dict)  # parent of each frame
     descriptions: Tuple[str, ...] = ()  # parameters with a robot whose links are frames
 
     def connects(self, frame: str) -> bool:
-        """Whether transforms connect a frame with base_link."""
+        """Return whether transforms connect a frame with base_link."""
         return self._root(frame) == self._root(BASE) and frame in {*self.parents, *self.parents.values()}
 
     def _root(self, frame: str) -> str:
@@ -76,7 +76,7 @@ class FrameTree:
         return frame
 
 
-# of the simulator alone, for a submission that was not started
+# frames of the simulator alone, for a submission that was not started
 STANDING = FrameTree({BASE: "odom", "base_footprint": BASE}, ("/robot_description",))
 
 
@@ -129,7 +129,7 @@ def _display(entry: Mapping[str, Any]) -> RvizDisplay:
 
 
 def _is_visible(entry: Mapping[str, Any]) -> bool:
-    """Whether a display has a size and is not transparent."""
+    """Return whether a display has a size and is not transparent."""
     kind, numbers = entry.get("Class"), [_number(entry.get("Alpha", 1.0))]
     if kind == TF:
         numbers = [_number(entry.get("Marker Scale", 1.0))]
@@ -147,7 +147,7 @@ def _is_visible(entry: Mapping[str, Any]) -> bool:
 
 
 def _any_part(parts: Mapping[str, Any], key_of_all: str) -> bool:
-    """Whether any frame or link of a display is switched on."""
+    """Return whether any frame or link of a display is switched on."""
     switches = [part.get("Value", True) for part in parts.values() if isinstance(part, dict)]
     return any(switches) or (not switches and bool(parts.get(key_of_all, True)))
 

@@ -19,8 +19,8 @@ from defusedxml import ElementTree
 
 from husky_highlevel_controller.datatypes import HuskyError
 
-MAX_SIZE = 20_000_000  # [bytes] of a file that is read whole
-MAX_YAML = 500_000  # [bytes] of a YAML file; its nodes take a thousand times as much
+MAX_SIZE = 20_000_000  # [bytes] size of a file that is read whole
+MAX_YAML = 500_000  # [bytes] size of a YAML file; its nodes take a thousand times as much
 MAX_ENTRIES = 50_000  # files and folders of a hand-in that are looked at
 
 
@@ -32,7 +32,7 @@ def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
     """Content of a regular file; a link, FIFO or device is refused, neither followed nor waited for.
 
     Raises:
-        UnreadableFileError: it cannot be read, is no regular file, or has more than `max_size` bytes.
+        UnreadableFileError: it cannot be read, is not a regular file, or has more than `max_size` bytes.
     """
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC | os.O_NOFOLLOW)
@@ -49,7 +49,7 @@ def read_regular(path: Path, max_size: int = MAX_SIZE) -> bytes:
 
 
 def is_regular(path: Path) -> bool:
-    """Whether there is a regular file; False for names that no file can have."""
+    """Return whether there is a regular file; False for names that no file can have."""
     try:
         return stat.S_ISREG(os.stat(path).st_mode)
     except (OSError, ValueError):
@@ -86,12 +86,12 @@ def read_xml(path: Path, max_size: int) -> Any:
     """Root of an XML file; entities are refused.
 
     Raises:
-        UnreadableFileError: as `read_regular`, or it is no such XML.
+        UnreadableFileError: as `read_regular`, or it is not such XML.
     """
     content = read_regular(path, max_size)
     try:
         return ElementTree.fromstring(content)
-    except Exception as error:  # of whatever kind, as LookupError of an unknown encoding
+    except Exception as error:  # any error, such as LookupError of an unknown encoding
         raise UnreadableFileError(f"{path}: it is no XML that can be read: {error}") from error
 
 
@@ -108,12 +108,12 @@ def read_yaml(path: Path) -> Any:
     """Content of a YAML file of plain values, at most MAX_YAML bytes and without aliases.
 
     Raises:
-        UnreadableFileError: as `read_regular`, or it is no such YAML.
+        UnreadableFileError: as `read_regular`, or it is not such YAML.
     """
     text = read_text(path, MAX_YAML)
     try:
         return yaml.load(text, _PlainLoader)
-    except Exception as error:  # of whatever kind, as KeyError of `!!bool x`
+    except Exception as error:  # any error, such as KeyError of `!!bool x`
         raise UnreadableFileError(f"{path}: {' '.join(str(error).split())}") from error
 
 
@@ -141,7 +141,7 @@ def copy(source: Path, target: Path) -> None:
 
 
 def is_below(path: Path, root: Path) -> bool:
-    """Whether a path leads to a place below a folder, and not by a link out of it."""
+    """Return whether a path leads below a folder, and not by a link out of it."""
     return root.resolve() in path.resolve().parents
 
 

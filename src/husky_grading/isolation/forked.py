@@ -30,7 +30,7 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 def import_early() -> None:
     """Begin to import what the programs share, beside whatever this program does next."""
-    _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])  # which needs more
+    _CONTEXT.set_forkserver_preload([name for name in MODULES if name != BAG_PLAYER])  # it needs more
     forkserver.ensure_running()
 
 
@@ -70,7 +70,7 @@ class _Child:
         self.pid = self._process.pid or 0
 
     def poll(self) -> Optional[int]:
-        """Its exit code; None: it runs."""
+        """Return its exit code, or None while it runs."""
         return self._process.exitcode
 
     def send_signal(self, number: int) -> None:

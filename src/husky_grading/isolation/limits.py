@@ -16,18 +16,18 @@ from typing import Callable, List, Optional, Sequence, Tuple
 
 import psutil
 
-MEMORY = 6_000_000_000  # [bytes] of all processes of a program together, and of its temporary files
+MEMORY = 6_000_000_000  # [bytes] size of all processes of a program and of its temporary files
 TEMPORARY = ("/tmp", "/var/tmp", "/dev/shm")  # folders in memory that a sandbox of bubblewrap can write
-TEMPORARY_FILES = 500_000_000  # [bytes] in each of them
-THREADS = 1000  # of all processes of a program together
-# of a marking's network, whose own programs and a class's nodes have some hundred; the kernel keeps what is
-# sent and not read, up to 0.4 MB for each (net.core.rmem_default and wmem_default), and counts it for nobody
+TEMPORARY_FILES = 500_000_000  # [bytes] size of the files in each of them
+THREADS = 1000  # threads of all processes of a program
+# sockets in a marking's network; its own programs and a class's nodes have some hundred. The kernel keeps
+# unread data, up to 0.4 MB per socket (net.core.rmem_default and wmem_default), and counts it for no process
 SOCKETS = 1000
-DISK = 3_000_000_000  # [bytes] of all files in its folder
+DISK = 3_000_000_000  # [bytes] size of all files in its folder
 MEMORY_POLL_PERIOD = 0.25  # [s]
 FILES = 200_000  # files and folders in its folder
-CLONE_NEWIPC = 0x08000000  # of setns(2)
-BLOCK = 512  # [bytes] of st_blocks, stat(2)
+CLONE_NEWIPC = 0x08000000  # flag of setns(2)
+BLOCK = 512  # [bytes] unit of st_blocks, stat(2)
 DISK_POLLS = 8  # memory polls for each look at the folders
 
 
@@ -38,7 +38,7 @@ class SizeWatch:
         self, pid: int, folder: Path, end_program: Callable[[], None], is_network_own: bool = False
     ) -> None:
         """Start watching; `is_network_own`: only this program and marking's own are in the network."""
-        self.problem = ""  # why the program was ended
+        self.problem = ""  # reason why the program was ended
         self._pid, self._folder, self._end_program = pid, folder, end_program
         self._is_network_own = is_network_own
         self._done = threading.Event()
@@ -52,13 +52,13 @@ class SizeWatch:
         try:
             self.problem = self._watch()
         except Exception as error:  # a program that cannot be watched does not go on
-            reason = getattr(error, "strerror", None) or error  # without a path of 3000 folders
+            reason = getattr(error, "strerror", None) or error  # strerror has no path of 3000 folders
             self.problem = f"it was ended: its size cannot be watched: {reason}"
         if self.problem:
             self._end_program()
 
     def _watch(self) -> str:
-        """Reason why the program must be ended; empty: it has ended."""
+        """Return why the program must be ended, or an empty text if it has ended."""
         polls = 0
         while not self._done.wait(MEMORY_POLL_PERIOD):
             polls += 1
@@ -82,7 +82,7 @@ class SizeWatch:
 
 
 def processes_below(pid: int) -> Optional[List[psutil.Process]]:
-    """Processes below one; None: it has ended."""
+    """Return the processes below one, or None if it has ended."""
     try:
         root = psutil.Process(pid)
         return None if root.status() == psutil.STATUS_ZOMBIE else root.children(recursive=True)

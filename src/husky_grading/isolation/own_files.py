@@ -26,7 +26,7 @@ class Own(Enum):
     ALL = "all"  # a launch file or node of this package, which a teacher names
 
 
-MODULES = Path(paths.__file__).resolve().parent  # of the source tree, also in catkin's devel space
+MODULES = Path(paths.__file__).resolve().parent  # folder of the source tree, also in catkin's devel space
 NAME = MODULES.name
 BESIDE = ("husky_evaluation", "husky_grading", "husky_web")  # packages that lie beside MODULES
 # entries of the package's folder, in the source tree or installed, that launch files and builds read

@@ -41,7 +41,7 @@ def inside(command: Sequence[str]) -> Tuple[List[str], Dict[str, str]]:
 
 
 def is_entered() -> bool:
-    """Whether this program runs in a network of its own."""
+    """Return whether this program runs in a network of its own."""
     return bool(os.environ.get(VARIABLE))
 
 
@@ -51,7 +51,7 @@ def reach() -> str:
 
 
 def can_be_made() -> bool:
-    """Whether this machine lets us make one."""
+    """Return whether this machine lets us make a private network."""
     return bool(_namespace_command())
 
 

@@ -23,10 +23,10 @@ from husky_grading.isolation.private_network import is_entered
 from husky_grading.isolation.sandbox import Workspace, sandboxed
 from husky_highlevel_controller.datatypes import HuskyError
 
-LOG_HEAD, LOG_TAIL = 2_000_000, 500_000  # [bytes] of a log that are kept
+LOG_HEAD, LOG_TAIL = 2_000_000, 500_000  # [bytes] length of the kept head and tail of a log
 CHUNK = 1 << 16  # [bytes]
-END_DEADLINE = 10.0  # [s] of wall time for what was killed to be gone
-STOP_DEADLINE = 30.0  # [s] of wall time from Ctrl-C to the end of marking, whatever it waits for
+END_DEADLINE = 10.0  # [s] wall time until killed programs are gone
+STOP_DEADLINE = 30.0  # [s] wall time from Ctrl-C to the end of marking
 _REAPER = str(Path(__file__).with_name("reaper.py"))
 
 
@@ -110,12 +110,12 @@ class Process:
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended."""
+        """Return whether the program still runs."""
         return self.popen.poll() is None
 
     @property
     def problem(self) -> str:
-        """Limit for which it was ended; empty: it was not."""
+        """Return the limit for which it was ended, or an empty text if it was not."""
         return self._watch.problem if self._watch else ""
 
     def interrupt(self) -> None:

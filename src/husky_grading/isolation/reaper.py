@@ -20,7 +20,7 @@ from typing import List
 
 import psutil
 
-SET_PARENT_DEATH_SIGNAL, SET_CHILD_SUBREAPER = 1, 36  # of prctl(2)
+SET_PARENT_DEATH_SIGNAL, SET_CHILD_SUBREAPER = 1, 36  # options of prctl(2)
 POLL_PERIOD = 0.02  # [s]
 STOPPED = 128 + signal.SIGTERM
 SIGNALS = {signal.SIGCHLD, signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGUSR2}
@@ -54,7 +54,7 @@ def run_and_reap(parent: int, command: List[str]) -> int:
         if number == signal.SIGTERM:
             return STOPPED
         if number != signal.SIGCHLD:
-            os.kill(child.pid, number)  # at worst a zombie, whose number belongs to nobody else
+            os.kill(child.pid, number)  # at worst a zombie, so the number has no other process
             continue
         pid, status = os.waitpid(-1, os.WNOHANG)
         while pid:

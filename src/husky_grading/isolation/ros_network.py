@@ -17,7 +17,7 @@ from husky_grading.isolation.process import Process, end_all, wait
 from husky_grading.isolation.sandbox import Workspace, clean_environment
 from husky_highlevel_controller.datatypes import HuskyError
 
-START_DEADLINE = 600.0  # [s] of wall time for a program of ours to be up, on the busiest machine
+START_DEADLINE = 600.0  # [s] wall time for the start of our own program on the busiest machine
 
 
 class MarkingError(HuskyError):
@@ -118,6 +118,6 @@ class Network:
 
 
 def _decided(master: Process, port: int) -> bool:
-    """Whether it has ended, or listens."""
+    """Return whether it has ended, or listens."""
     with socket.socket() as probe:
         return not master.running or probe.connect_ex(("127.0.0.1", port)) == 0

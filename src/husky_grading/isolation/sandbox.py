@@ -1,4 +1,4 @@
-"""Sandbox for untrusted programs: bubblewrap where the machine allows it, else a process namespace.
+"""Sandbox for untrusted programs: bubblewrap if the machine allows it, otherwise a process namespace.
 
 In: folders that a program may see and write. Out: a command that runs inside.
 
@@ -26,13 +26,13 @@ from husky_grading.isolation.limits import TEMPORARY, TEMPORARY_FILES, THREADS
 from husky_grading.isolation.own_files import IN_WORKSPACE, Own, holders, own_files
 
 BUBBLEWRAP, NAMESPACE, NONE = "bubblewrap", "process namespace", "none"
-FILE_SIZE, PROCESS_MEMORY = 500_000_000, 4_000_000_000  # [bytes] of a file, of a process's own memory
-DESCRIPTORS = 1024  # of a process: sockets hold memory of the kernel
-PROBE_DEADLINE = 10.0  # [s] of wall time
+FILE_SIZE, PROCESS_MEMORY = 500_000_000, 4_000_000_000  # [bytes] limit of a file; limit of a process's memory
+DESCRIPTORS = 1024  # limit per process, because sockets hold memory of the kernel
+PROBE_DEADLINE = 10.0  # [s] wall time
 SEARCH_PATHS = ("PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "CMAKE_PREFIX_PATH", "ROS_PACKAGE_PATH")
-SYSTEM = ("bin", "etc", "lib", "lib32", "lib64", "libx32", "nix", "opt", "sbin", "sys", "usr")  # of /
+SYSTEM = ("bin", "etc", "lib", "lib32", "lib64", "libx32", "nix", "opt", "sbin", "sys", "usr")  # below /
 NEVER_WHOLE = ("/", "/home", "/media", "/mnt", "/root", "/run", "/srv", "/tmp", "/var", "/var/tmp")
-# of marking's environment; tokens and the like stay out
+# variables kept from marking's environment; tokens and the like stay out
 KEPT_VARIABLES = (
     *SEARCH_PATHS, "PKG_CONFIG_PATH", "LANG", "LC_ALL", "TZ", "ROSLISP_PACKAGE_DIRECTORIES",
     "ROS_DISTRO", "ROS_ETC_DIR", "ROS_PYTHON_VERSION", "ROS_ROOT", "ROS_VERSION", "PYTHONNOUSERSITE",
@@ -103,7 +103,7 @@ def _bubblewrap() -> List[str]:
 
 
 def works(program: str, *arguments: str) -> bool:
-    """Whether a program of the system succeeds."""
+    """Return whether a program of the system succeeds."""
     try:
         command = [system_program(program), *arguments]
         subprocess.run(command, capture_output=True, timeout=PROBE_DEADLINE, check=True)

@@ -21,9 +21,9 @@ from husky_highlevel_controller.meshes import make_mesh, simplified
 from husky_highlevel_controller.simulator.models.sdf_xml import WorldError, parse_xml, read_bytes
 
 ENDINGS = (".dae", ".stl", ".obj")
-MAX_BYTES = 50_000_000  # of a file
-MAX_BYTES_IN_ALL = 200_000_000  # of the files of a world
-MAX_FACES = 100_000  # of a file; one that has more is made coarser
+MAX_BYTES = 50_000_000  # size of a file
+MAX_BYTES_IN_ALL = 200_000_000  # size of all files of a world
+MAX_FACES = 100_000  # faces of a file; a mesh with more is made coarser
 
 
 class MeshError(HuskyError):
@@ -39,15 +39,15 @@ class MeshFiles:
     coarser: List[str] = field(default_factory=list)  # files whose meshes are coarser than they are
 
     def read(self, uri: str, source: str, part: str = "") -> TriangleMesh:
-        """Mesh of a file, or the part of that name in it.
+        """Return the mesh of a file, or one named part of it.
 
         Args:
             uri: model://, package://, file://, or a path.
-            source: path of the file that names it, beside which a relative path is looked up.
-            part: name of a <submesh>; empty: all of it.
+            source: path of the file that names it; a relative path starts in its folder.
+            part: name of a <submesh>; empty for all of it.
 
         Raises:
-            MeshError: it is not there, not a mesh, or too large.
+            MeshError: the file is missing, not a mesh, or too large.
         """
         path = find_mesh(uri, source)
         if (path, part) not in self.known:

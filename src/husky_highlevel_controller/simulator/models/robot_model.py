@@ -31,11 +31,11 @@ TREAD_WIDTH = 0.004  # [m]
 FLANK_DEPTH = 0.005  # [m]
 
 # Beyond these the engine's numbers overflow, and the robot's pose is NaN without a word.
-MIN_MASS = 0.001  # [kg], of the body, and of each wheel
+MIN_MASS = 0.001  # [kg] least mass of the body and of each wheel
 MIN_GYRATION, MAX_GYRATION = 1e-4, 100.0  # [m]
 FLATNESS = 1.001  # a flat plate has 1, and rounding
-MIN_SEPARATION = 0.01  # [m], of left and right wheels
-MIN_SIZE, MAX_SIZE = 1e-4, 1000.0  # [m], of collision shapes
+MIN_SEPARATION = 0.01  # [m] least distance of left and right wheels
+MIN_SIZE, MAX_SIZE = 1e-4, 1000.0  # [m] limits of collision shapes
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,9 @@ class Wheel:
 
     joint: str
     link: str
-    pose: Pose  # of its link in base_link, at an angle of 0
-    radius: float  # [m], of the collision cylinder
-    width: float  # [m], of the collision cylinder
+    pose: Pose  # pose of its link in base_link at angle 0
+    radius: float  # [m] radius of the collision cylinder
+    width: float  # [m] width of the collision cylinder
     mass: float  # [kg]
     axial_inertia: float  # [kg m^2], about the axle
 
@@ -65,14 +65,14 @@ class Wheel:
 class RobotModel:
     """Robot as physics needs it: one rigid body that stands on four wheels."""
 
-    fixed_poses: Mapping[str, Pose]  # of every link that is rigidly attached to base_link, in base_link
+    fixed_poses: Mapping[str, Pose]  # pose in base_link of every link that is fixed to it
     fixed_joints: Tuple[Tuple[str, str, Pose], ...]  # parent and child link, pose_child_in_parent
-    laser_frame: str  # where rays start; not in fixed_poses if the robot has no lidar
+    laser_frame: str  # origin of the rays; not in fixed_poses if the robot has no lidar
     mass: float  # [kg], wheels included
     com: Vector3  # [m], wheels included, in base_link
     inertia: np.ndarray  # (3, 3) [kg m^2], wheels included, about com, along base_link's axes
     wheels: Tuple[Wheel, ...]  # front left, front right, rear left, rear right
-    physics_urdf: str  # for PyBullet: base_link with everything fixed to it, and the wheels; no meshes
+    physics_urdf: str  # URDF for PyBullet: base_link with all fixed links, and the wheels; no meshes
 
 
 def robot_model(
@@ -84,7 +84,7 @@ def robot_model(
 
     Args:
         urdf_text: the URDF, e.g. the parameter robot_description.
-        robot: whose wheel joints and lidar they are; None: the Husky's.
+        robot: names of wheel joints and lidar; None for the Husky.
         laser_frame: the link in which beams start, if it is not that of the robot; there need not be one.
 
     Raises:

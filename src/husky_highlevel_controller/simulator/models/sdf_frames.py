@@ -20,9 +20,9 @@ class FrameScope:
     """Frames of a world or model by name, each as a pose in that world or model."""
 
     holder: Node  # the world or model
-    name: str = "world"  # of the model
-    outer: Optional[FrameScope] = None  # of the world or model around it
-    pose_in_outer: Optional[Pose] = None  # None: to be found out
+    name: str = "world"  # name of the model
+    outer: Optional[FrameScope] = None  # frames of the world or model around it
+    pose_in_outer: Optional[Pose] = None  # None until it is resolved
     _known: Dict[str, Pose] = field(default_factory=dict)
     _open: List[str] = field(default_factory=list)  # frames being resolved, outermost first
 
@@ -45,7 +45,7 @@ class FrameScope:
     def pose_of(self, pose: Optional[Node], usual: str = "") -> Pose:
         """Pose in this world or model of an element, from its <pose>, if it has one.
 
-        The frame of a <pose> that names none is `usual`; empty: this world or model.
+        The frame of a <pose> that names none is `usual`; empty for this world or model.
 
         Raises:
             WorldError: broken numbers, or frames that are relative to each other.

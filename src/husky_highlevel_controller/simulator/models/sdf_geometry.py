@@ -119,7 +119,7 @@ _SHAPES: Dict[str, Callable[[Node], Shape]] = {
 
 
 def rgba_of(node: Node) -> Rgba:
-    """Colour of a geometry: its diffuse colour, else its ambient one, else its material script's."""
+    """Colour of a geometry: its diffuse, otherwise ambient, otherwise material script's colour."""
     rgba: Rgba = _SCRIPT_COLOURS["Gazebo/Grey"]
     material, transparency = node.child("material"), node.child("transparency")
     if material:

@@ -43,7 +43,7 @@ class Model(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name by the include, else the model's own."""
+        """Name by the include, or otherwise the model's own."""
         given = self.include.child("name") if self.include else None
         return (given.text if given else "") or self.node.named()
 
@@ -117,9 +117,9 @@ def _find_model(uri: str) -> Optional[Path]:
 
 
 def _newest_file(config: Path, plain: Path) -> Path:
-    """File of a model.config in the newest version that is read whole, else in the oldest.
+    """File of a model.config in the newest version that is read whole, otherwise in the oldest.
 
-    Without one that can be read, it is the plain file.
+    If no version can be read, it is the plain file.
     """
     try:
         offers = list(parse_xml(read_bytes(config), str(config)).iter("sdf"))

@@ -23,9 +23,9 @@ _WORLD = "world"  # end of a joint that ties a link to the ground
 class Assembly:
     """Links, frames and joints of a model and of the models in it, by their full names."""
 
-    name: str  # of the model
+    name: str  # name of the model
     links: Dict[str, Body] = field(default_factory=dict)
-    frames: Dict[str, str] = field(default_factory=dict)  # what each is attached to
+    frames: Dict[str, str] = field(default_factory=dict)  # frame, link or model to which each is attached
     joints: List[Node] = field(default_factory=list)
     scopes: List[str] = field(default_factory=list)  # full name of the model of each joint
     self_colliding: Set[str] = field(default_factory=set)  # links
@@ -40,7 +40,7 @@ class Assembly:
         if all(body.mass == 0.0 for body in self.links.values()):
             yield from self.links.values()
             return
-        root = {name: name for name in (*self.links, _WORLD)}  # of each link's rigid body
+        root = {name: name for name in (*self.links, _WORLD)}  # root link of each link's rigid body
         for joint, scope in zip(self.joints, self.scopes):
             ends = [self._end(joint, tag, scope) for tag in ("parent", "child")]
             if "" in ends:

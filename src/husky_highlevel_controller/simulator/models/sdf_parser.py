@@ -43,13 +43,13 @@ class Load:
 
     # sentence -> the place of each element, by its id, for an element may be read more than once
     notes: Dict[str, Dict[int, str]] = field(default_factory=dict)
-    names: Set[str] = field(default_factory=set)  # of models and bodies
+    names: Set[str] = field(default_factory=set)  # names of models and bodies
     files: Dict[str, Node] = field(default_factory=dict)  # <sdf> of each model file, by path
-    # <model> of each <include> met; None: nothing to build
+    # <model> of each <include> met; None if there is nothing to build
     included: Dict[ElementTree.Element, Optional[Node]] = field(default_factory=dict)
     open_files: List[str] = field(default_factory=list)  # models being included, outermost first
     meshes: MeshFiles = field(default_factory=MeshFiles)
-    models: int = 0  # in the world, those that are left out too, without grounds
+    models: int = 0  # number of models in the world, with ignored ones, without grounds
     lost: int = 0  # shapes and models that the lidar would see, but that are left out
     includes: int = 0  # models included so far, each as often as it is
 

@@ -33,7 +33,7 @@ class SavedState:
 
     @property
     def pose_in_world(self) -> Optional[Pose]:
-        """Pose of the model or link, in the world also where models are nested; None: not saved."""
+        """Pose of the model or link, in the world even if models are nested; None if not saved."""
         pose = self._node.child("pose") if self._node else None
         return pose.pose() if pose else None
 

@@ -140,13 +140,13 @@ def _tell_notes(load: Load) -> None:
 class _Place:
     """World, model or link that holds an element."""
 
-    frames: FrameScope  # of the world or the model
+    frames: FrameScope  # frames of the world or the model
     state: SavedState = field(default_factory=SavedState)
-    full_name: str = ""  # with those of the models around it
+    full_name: str = ""  # name with the names of the models around it
     pose_in_world: Pose = IDENTITY
     static: bool = False
     self_collides: bool = False
-    assembly: Optional[Assembly] = None  # of the outermost model; None in the world
+    assembly: Optional[Assembly] = None  # assembly of the outermost model; None in the world
 
     def scoped(self, name: str) -> str:
         return f"{self.full_name}::{name}" if self.full_name else name
@@ -194,7 +194,7 @@ def _read_included(model: Model, place: _Place) -> None:
 
 
 def _read_model(model: Model, parent: _Place) -> None:
-    """Add the links of a model, which stands where the saved state says, else where its <pose> does."""
+    """Add the links of a model, which stands where the saved state says, otherwise by its <pose>."""
     assembly = parent.assembly
     assert assembly is not None
     node, names, name = model.node, model.node.load.names, model.name
@@ -238,7 +238,7 @@ def _read_model(model: Model, parent: _Place) -> None:
 
 
 def _is_set(node: Optional[Node]) -> bool:
-    """Whether a flag that changes little is set; one that cannot be read is not."""
+    """Return whether a minor flag is set; it is not if it cannot be read."""
     return bool(
         node and node.unless_broken(node.flag, False, f"a <{node.tag}> that cannot be read is left out")
     )
