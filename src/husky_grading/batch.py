@@ -92,7 +92,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     hand_ins = [each for each in find_hand_ins(batch.folder) if each.path.resolve() != batch.out]
     names = [each.name for each in hand_ins]
     if not names:
-        raise HuskyError(f"no hand-in in {batch.folder}: no folder, zip or tar archive")
+        raise HuskyError(f"no submission in {batch.folder}; it needs folders, zip or tar archives")
     for name in batch.only:
         if name not in names:
             raise HuskyError(f"--only {name}: not in {batch.folder}; there are: {', '.join(names)}")
@@ -119,7 +119,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
     jobs = batch.jobs
     if jobs > 1 and not private_network.can_be_made():  # one could forge another's ROS graph
         jobs = 1
-        print("one hand-in at a time: this machine makes no network namespaces", file=sys.stderr)
+        print("grading one submission at a time because network namespaces are unavailable", file=sys.stderr)
     try:
         with Workers(jobs, batch.cluster) as workers:
             marked = _marked_by(workers, waiting, bool(batch.cluster))
@@ -132,7 +132,7 @@ def mark_all(config: MarkingConfig, batch: Batch) -> List[MarkingResult]:
                     )
                     sys.stderr.flush()
     except (StoppedError, KeyboardInterrupt):
-        raise HuskyError("stopped; the same command goes on from here") from None
+        raise HuskyError("stopped; run the same command again to continue") from None
     ordered = [results[name] for name in names if name in results]
     write_class(ordered, {each.name: each.folder for each in hand_ins}, batch.out)
     for result in ordered:
@@ -153,7 +153,9 @@ def _overrides(folder: Path, names: Sequence[str]) -> Dict[str, Override]:
         return read_overrides(folder, names)
     if (folder / FILE).exists():
         problem = f"{folder} is itself a package, so its {FILE} is the student's, and does not count"
-        print(f"{problem}; put the package into a folder of your own, and {FILE} beside it", file=sys.stderr)
+        print(
+            f"{problem}; put the package into a folder of your own, with {FILE} next to it", file=sys.stderr
+        )
     return {}
 
 
@@ -171,9 +173,7 @@ def class_seed(out: Path) -> int:
         write_whole(path, f"{secrets.randbelow(SEEDS)}\n")
     text = read_text(path).strip()
     if not text.isdecimal() or int(text) >= SEEDS:
-        raise HuskyError(
-            f"{path}: {text[:80]!r} is not a seed; remove the file, so that another one is drawn"
-        )
+        raise HuskyError(f"{path}: {text[:80]!r} is not a valid seed. Remove the file to draw another one")
     return int(text)
 
 

@@ -13,12 +13,12 @@ HERE = Path(__file__).parent
 @pytest.mark.parametrize(
     ("fault", "why"),
     [
-        ("scans of NaN", "it has no valid range): turning to look around"),
-        ("scans of inf", "it has no valid range): turning to look around"),
-        ("scans of 0", "it has no valid range): turning to look around"),
+        ("scans of NaN", "turning to look around: no pillar in the scan (it has no valid range)"),
+        ("scans of inf", "turning to look around: no pillar in the scan (it has no valid range)"),
+        ("scans of 0", "turning to look around: no pillar in the scan (it has no valid range)"),
         ("no rotation", "standing still: no transform from odom to base_link any more"),
         ("an infinite place", "standing still: no transform from odom to base_link any more"),
-        ("velocities of NaN", "odometry says nan m/s, nan rad/s: stopped the controller"),
+        ("velocities of NaN", "odometry reports nan m/s, nan rad/s: stopped the controller"),
         ("an infinite lidar", "the robot stands still: no transform from 'front_laser' to 'base_link'"),
     ],
 )
@@ -50,4 +50,4 @@ def test_a_clock_that_is_set_back_is_told(ros):
     lights = ros.start("rostopic", "echo", "/diagnostics")
     launched.says("driving to the pillar")
     ros.start("rostopic", "pub", "-1", "/fault", "std_msgs/String", "data: 'a clock that is set back'")
-    lights.says("s ahead of this computer's clock: set the clocks")
+    lights.says("s ahead of this computer's clock; set the clocks")

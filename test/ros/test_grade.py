@@ -178,7 +178,7 @@ def test_a_class_is_marked_on_from_where_it_was_interrupted(tmp_path):
     first.send_signal(signal.SIGINT)
     printed, _ = first.communicate(timeout=600)
     assert first.returncode == 2, printed
-    assert "goes on from here" in printed
+    assert "run the same command again to continue" in printed
     assert not with_mounts_of(out), "nothing of it goes on"
     done = {path: path.stat().st_mtime_ns for path in out.glob("hand_ins/*/result.json")}
     assert len(done) == 1

@@ -76,7 +76,7 @@ def test_the_starts_of_a_class_are_drawn_once_and_the_teacher_s_own_seed_counts(
 @pytest.mark.parametrize("text", ["", "x", "-1", "1.5", str(2**40), "\u00b2"])
 def test_a_file_that_holds_no_seed_is_named(text, tmp_path):
     put(tmp_path / "seed", text)
-    with pytest.raises(HuskyError, match=r"seed: .* is not a seed; remove the file"):
+    with pytest.raises(HuskyError, match=r"seed: .* is not a valid seed. Remove the file"):
         class_seed(tmp_path)
 
 
@@ -326,7 +326,7 @@ def test_without_network_namespaces_hand_ins_are_marked_one_at_a_time(batch, mon
     monkeypatch.setattr(batch_module, "Workers", lambda jobs, cluster: numbers.append(jobs) or Workers(jobs))
     mark_all(MarkingConfig(), replace(batch, jobs=4))
     assert numbers == [1]
-    assert "one hand-in at a time" in capsys.readouterr().err
+    assert "grading one submission at a time" in capsys.readouterr().err
 
 
 def test_a_hand_in_is_marked_where_it_was_sent_and_its_results_come_back_but_not_what_it_made(
