@@ -166,7 +166,10 @@ class WebNode:
                     self._update_state(now)
                 if now >= readings_due:
                     with left_out("a reading"):
-                        self._update_readings()
+                        numbers = self._numbers
+                        readings = (numbers.bearing, numbers.clock.rate, numbers.scans.rate)
+                        self._drive.update(readings, self._is_paused)
+                        self._world.show_loaded(self._world_name)
                     readings_due = now + READINGS_PERIOD
                 if now >= curves_due:
                     with left_out("a curve or the log"):
@@ -266,12 +269,6 @@ class WebNode:
             Figures(numbers.distance, numbers.speed, numbers.time),
             now,
         )
-
-    def _update_readings(self) -> None:
-        numbers = self._numbers
-        readings = (numbers.bearing, numbers.clock.rate, numbers.scans.rate)
-        self._drive.update(readings, self._is_paused)
-        self._world.show_loaded(self._world_name)
 
     def _on_parameter(self, change: str) -> None:
         if self._numbers.time is not None:

@@ -50,7 +50,11 @@ def run_here(
     deaths: CounterType[int] = Counter()
     while todo:
         running: Dict[Future, int] = {}
-        executor = _executor(jobs, starts_programs)
+        executor: Executor
+        if starts_programs:
+            executor = ThreadPoolExecutor(jobs)
+        else:
+            executor = ProcessPoolExecutor(jobs, get_context("fork"), _obey_the_first)
         try:
             while todo or running:
                 # a group that may have ended a process is tried alone, so that no other gets the blame
@@ -82,12 +86,6 @@ def _end(executor: Executor) -> None:
     gh-94777).
     """
     executor.shutdown(**({"cancel_futures": True} if sys.version_info >= (3, 9) else {}))
-
-
-def _executor(jobs: int, starts_programs: bool) -> Executor:
-    if starts_programs:
-        return ThreadPoolExecutor(jobs)
-    return ProcessPoolExecutor(jobs, get_context("fork"), _obey_the_first)
 
 
 def _obey_the_first() -> None:

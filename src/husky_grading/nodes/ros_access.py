@@ -31,6 +31,7 @@ UNANSWERED = (
 )  # fmt: skip
 ANSWER_DEADLINE = 10.0  # [s] of wall time
 TYPE_CALLER = "/rosservice"  # name by which rosservice asks the master
+EVERY_NODES_SERVICES = ("/get_loggers", "/set_logger_level", "/set_parameters")  # of every ROS node
 MAX_SERVICES = 100  # of a submission that are looked at, each in a thread
 MAX_DESCRIPTION = 2_000_000  # letters of a URDF
 _LINK = re.compile(r"<link\s{1,20}name\s{0,5}=\s{0,5}[\"']([^\"'<]{1,200})[\"']")
@@ -59,7 +60,9 @@ class DriveAccess:
     def service_types(self, names: Collection[str]) -> Dict[str, str]:
         """Types of services as far as they are known; those of new names are asked for in threads."""
         for name in names:
-            if name not in self._asked and len(self._asked) < MAX_SERVICES and not _internal(name):
+            if name.endswith(EVERY_NODES_SERVICES):
+                continue
+            if name not in self._asked and len(self._asked) < MAX_SERVICES:
                 self._asked.add(name)
                 threading.Thread(target=self._ask_type, args=(name,), daemon=True).start()
         return dict(tuple(self._types))
@@ -125,7 +128,3 @@ class DriveAccess:
                     if set(_LINK.findall(text)) & set(frames):
                         names.append(name)
         return tuple(sorted(names))
-
-
-def _internal(name: str) -> bool:
-    return name.endswith(("/get_loggers", "/set_logger_level", "/set_parameters"))

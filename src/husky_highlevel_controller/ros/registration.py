@@ -97,12 +97,10 @@ class RegistrationWatch:
                     rospy.logerr(LOST)
                 if now - published_at >= PERIOD:
                     published_at = now
-                    self._publish()
+                    status = DiagnosticStatus(
+                        DiagnosticStatus.ERROR, rospy.get_name().strip("/"), LOST, "husky", []
+                    )
+                    array = DiagnosticArray(status=[status])
+                    array.header.stamp = rospy.Time.now()
+                    publish(self._diagnostics, array)
             time.sleep(STAND_PERIOD)
-
-    def _publish(self) -> None:
-        name = rospy.get_name().strip("/")
-        status = DiagnosticStatus(DiagnosticStatus.ERROR, name, LOST, "husky", [])
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = rospy.Time.now()
-        publish(self._diagnostics, array)
