@@ -34,15 +34,15 @@ class MarkerSample:
     namespace: str
     id: int
     at: float  # [s], simulated, when it came
-    stamp: float  # [s]; 0: the transforms of the moment it was sent
+    stamp: float  # [s] stamp; with 0, the transforms of the moment of sending count
     frame: str
-    position: Tuple[float, float, float]  # [m] in the world, see marker_shape; nan without
+    position: Tuple[float, float, float]  # [m] position in the world, see marker_shape; nan if there is none
     reach: float = inf  # [m], horizontally from the pillar's axis to the nearest point of what is drawn
     low: float = nan  # [m], height in the world of the lowest drawn point
-    high: float = nan  # [m], of the highest
+    high: float = nan  # [m] height of the highest drawn point
     until: float = inf  # [s], simulated: the end of its lifetime
     action: str = ADD
-    problem: str = ""  # why RViz would draw nothing
+    problem: str = ""  # reason why RViz would draw nothing
     finite: bool = True  # its numbers are neither inf nor NaN
 
 
@@ -50,7 +50,7 @@ class MarkerSample:
 class EstimatedPath:
     """Path of the robot as a submission estimates it."""
 
-    topic: str = ""  # of its odometry
+    topic: str = ""  # topic of its odometry
     points: np.ndarray = table("[s, m, m], x and y by stamps", 3)
 
 
@@ -59,15 +59,15 @@ class Closing:
     """Observations of a drive from outside, which are added to the recorder's."""
 
     notes: Tuple[Note, ...] = ()
-    ended: Optional[Note] = None  # why it was cut off
-    output: str = ""  # what the submission printed, shortened
+    ended: Optional[Note] = None  # reason why it was cut off
+    output: str = ""  # shortened output of the submission
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
     """Recording of one drive of one submission; arrays are read-only."""
 
-    start: Pose2D  # of base_link in the world
+    start: Pose2D  # pose of base_link in the world
     pillar: Tuple[float, float]  # [m], its centre in the world, before anybody pushes it
     deadline: float  # [s], simulated
     times: np.ndarray = table("(N,) [s], simulated, of the true poses")
@@ -75,7 +75,7 @@ class Recording:
     speeds: np.ndarray = table("[m/s, rad/s], true, in base_link", 2)
     commands: np.ndarray = table("[s], when commands came; one for each true pose")
     command_count: int = 0  # all of them
-    zero_count: int = 0  # of these, how many were zero in every component
+    zero_count: int = 0  # number of commands with all components zero
     fastest: Optional[float] = (
         None  # [m/s], the largest linear.x of all commands, either way; None if unknown
     )
@@ -83,23 +83,23 @@ class Recording:
     nearest: np.ndarray = table("[s, m], smallest valid range of each scan; inf for none", 2)
     hits: np.ndarray = table("[s, m, m], points in the world of some of the scans", 3)
     markers: Tuple[MarkerSample, ...] = ()
-    marker_topics: Tuple[str, ...] = ()  # that the submission publishes, whether or not anything came
+    marker_topics: Tuple[str, ...] = ()  # marker topics of the submission, with or without messages
     subscribed: bool = False  # the submission listens to the scans
     advertised: bool = True  # the submission has a publisher on a topic of velocity commands
-    silent_topics: Tuple[str, ...] = ()  # that the submission subscribes to and nothing publishes
+    silent_topics: Tuple[str, ...] = ()  # topics that the submission subscribes to and nothing publishes
     unread_topics: Tuple[str, ...] = ()  # geometry_msgs/Twist that it publishes and nothing subscribes to
-    violations: Tuple[str, ...] = ()  # that end the claim to points, in sentences
-    notes: Tuple[Note, ...] = ()  # what went wrong
-    ended: Optional[Note] = None  # why the drive ended
-    output: str = ""  # what the submission printed, shortened
+    violations: Tuple[str, ...] = ()  # violations that lose all points, in sentences
+    notes: Tuple[Note, ...] = ()  # problems
+    ended: Optional[Note] = None  # reason why the run ended
+    output: str = ""  # shortened output of the submission
     robot: str = "husky"  # one of ROBOTS
     simulated: str = "husky"  # a key of ROBOT_VERSIONS
     scan_topic: str = "/front/scan"
     uninitialised: str = ""  # a variable of the submission that is read before it is written, in a sentence
     frames: Mapping[str, str] = field(default_factory=dict)  # parent of each frame of TF
     descriptions: Tuple[str, ...] = ()  # parameters with a robot whose links are frames of TF
-    estimate: Optional[EstimatedPath] = None  # None: that is not the submission's task
-    watched: Mapping[str, Any] = field(default_factory=dict)  # that the exercise keeps, see `watched_as`
+    estimate: Optional[EstimatedPath] = None  # None if this is not the submission's task
+    watched: Mapping[str, Any] = field(default_factory=dict)  # record of the exercise, see `watched_as`
 
     def watched_as(self, kind: Type[Record]) -> Record:
         """Return the record that the exercise itself keeps of the drive.
@@ -132,7 +132,7 @@ class Recording:
 
 RECORDING = "recording.json"  # file in the folder of a drive
 FLOOD = 300.0  # commands a simulated second; 50 answer the scans
-CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")  # why a drive ended that the recorder did not end
+CUT_OFF = Note(Kind.CUT_OFF, "it was cut off")  # reason of an end that the recorder did not cause
 
 
 def drive_folders(out: Path) -> Dict[int, Path]:
@@ -189,12 +189,12 @@ def recording_to_json(recording: Recording) -> str:
     return json.dumps(to_plain(recording))
 
 
-TWIST_SIZE = 48  # [bytes] of a serialised geometry_msgs/Twist: six doubles
+TWIST_SIZE = 48  # [bytes] size of a serialised geometry_msgs/Twist: six doubles
 NOTHING = 1e-6  # [m/s] and [rad/s], as good as zero
 
 
 def is_zero(twist: bytes) -> bool:
-    """Whether a serialised geometry_msgs/Twist commands nothing; -0.0 has a bit set and is zero."""
+    """Return whether a serialised geometry_msgs/Twist commands nothing; -0.0 has a bit set and is zero."""
     if len(twist) != TWIST_SIZE:
         return not any(twist)
     return bool((np.abs(np.frombuffer(twist, "<f8")) <= NOTHING).all())
@@ -210,7 +210,7 @@ def ahead_and_turn(twist: bytes) -> Tuple[float, float]:
 
 
 MAX_ROBOT_SPEED = 4.0  # [m/s], four times the Husky's: contacts may push it
-JUMP_SLACK = 0.1  # [m], for one period's solver corrections
+JUMP_SLACK = 0.1  # [m] allowance for the solver's corrections in one period
 
 
 def pose_jumps(times: np.ndarray, poses: np.ndarray) -> List[str]:

@@ -300,6 +300,8 @@ PLAIN_ENGLISH = {
     "husky_web",
     "husky_grading/displays",
     "husky_grading/isolation",
+    "husky_grading/recording",
+    "husky_grading/reports",
 }
 UNIT = r"(?:\([^)]*\),? )?(?:\[[^]]*\][,;:]? )?"
 # first words of a comment without its noun; on a line of its own a sentence may begin with "in" or "to"

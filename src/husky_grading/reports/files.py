@@ -33,14 +33,14 @@ from husky_highlevel_controller.drawing.replay import Replay, to_html
 from husky_highlevel_controller.robot import load_robot
 
 PICTURES = ("drive.png", "moment.png")
-FINGERPRINT = "fingerprint"  # of what decided how it drove; its file is written last
+FINGERPRINT = "fingerprint"  # fingerprint of all causes of the result; its file is written last
 LOGS = (("build log", "build.log"), ("marking log", "mark.log"))
 HAND_INS = "hand_ins"  # folder of the class's results: one folder for each hand-in
-RESULT = "result.json"  # of a student
-JOB = "job.json"  # of the marking program, in the folder of a student's result
+RESULT = "result.json"  # result of a student
+JOB = "job.json"  # job of the marking program, in the folder of a student's result
 MAX_LOG = 5000  # letters of a log in the feedback
-COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # of rospy's warnings and errors
-REPLAY = "replay.html"  # in the folder of a drive
+COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # colour codes of rospy's warnings and errors
+REPLAY = "replay.html"  # file in the folder of a run
 SUMS = ("points", "max_points", "full")  # keys of result.json for other programs
 STEP_SUMMARY = "GITHUB_STEP_SUMMARY"  # variable with the file that GitHub Actions shows
 

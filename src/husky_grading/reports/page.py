@@ -11,7 +11,7 @@ from husky_grading.records import AUTO, Item, MarkingResult, ResultState
 from husky_highlevel_controller.drawing.templates import render
 
 LEAD = 1.0  # [s], simulated: a replay begins so long before the moment of an evidence
-BARS = 10  # of the histogram
+BARS = 10  # bars of the histogram
 BAR_HEIGHT = 60  # [pixels], the highest
 COLOURS = {ResultState.MARKED: "ok", ResultState.FOR_A_PERSON: "person", ResultState.NOT_MARKED: "unmarked"}
 
@@ -27,7 +27,7 @@ class Row:
     replays: Tuple[Tuple[int, str, float], ...] = ()  # number of the drive, HTML, and the moment it shows [s]
 
     def replay_of(self, item: Item) -> str:
-        """Address of the replay of an item's drive at its moment; empty: there is none."""
+        """Address of the replay of an item's drive at its moment; empty if there is none."""
         if item.at is None:
             return ""
         if item.drive in [number for number, _, _ in self.replays]:

@@ -21,7 +21,7 @@ from husky_highlevel_controller.drawing.plots import (
 )
 from husky_highlevel_controller.robot import load_robot
 
-COLORS = "viridis"  # of time
+COLORS = "viridis"  # colour map of time
 REACH = 40.0  # [m], a marker farther from the start is not drawn: it would shrink the rest to nothing
 MAX_MARKERS, MAX_RAYS = 500, 120
 SCAN = "#c2185b"
