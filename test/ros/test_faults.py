@@ -101,11 +101,11 @@ def test_a_second_simulator_is_refused_and_the_first_drives_on(ros):
     first.says("driving to the pillar")
     second = ros.roslaunch("simulator.launch")
     assert second.wait() != 0, second.output
-    assert "/husky_simulator simulates already on" in second.output
+    assert "/husky_simulator already runs on" in second.output
     assert "ROS_MASTER_URI=http://localhost:11312 roslaunch" in second.output
     by_hand = ros.start("rosrun", PACKAGE, "husky_simulator")
     assert by_hand.wait() == 1, by_hand.output
-    assert "/husky_simulator simulates already on" in by_hand.output
+    assert "/husky_simulator already runs on" in by_hand.output
     first.says("arrived after")
     assert "new node registered with same name" not in first.output, first.output
 
